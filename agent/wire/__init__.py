@@ -1,0 +1,1 @@
+"""The wire: the XITL dialect, its codec, and the transports that carry it."""
