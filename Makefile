@@ -1,0 +1,58 @@
+# Every target bootstraps what it needs from a stock python3 (3.11 or newer): a virtual environment in .venv, pinned by constraints.txt.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: run test test-fast lint format types dialect check-dialect bench wheel lock clean
+.DEFAULT_GOAL := run
+
+$(VENV)/.run: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "xitl needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) -V). Try: make PYTHON=python3.11" >&2; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' || \
+		{ echo "$(PYTHON) has no venv module. On Debian or Ubuntu: apt install python3-venv" >&2; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
+	$(BIN)/xitl sim --profile sitl
+
+test: $(VENV)/.dev  ## all tests
+	$(BIN)/python -m pytest
+
+test-fast: $(VENV)/.dev  ## the tests to run all day
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(VENV)/.dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+types: $(VENV)/.dev
+	$(BIN)/mypy
+
+dialect: $(VENV)/.dev  ## regenerate the codec after an edit of agent/wire/xitl.xml
+	$(BIN)/python tools/generate_dialect.py
+
+check-dialect: $(VENV)/.dev
+	$(BIN)/python tools/generate_dialect.py --check
+
+bench: $(VENV)/.dev  ## measure; asserts nothing
+	$(BIN)/python -m tests.bench
+
+wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
+	tools/check_wheel.sh
+
+lock: $(VENV)/.dev  ## pin today's versions
+	tools/lock.sh
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

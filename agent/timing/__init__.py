@@ -1,0 +1,1 @@
+"""Clocks, periodic tasks with deadlines, and the relation between the clocks of two machines."""

@@ -1,0 +1,123 @@
+"""Between the generated message classes and raw frames. The one place that meets the untyped generated code."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Protocol
+
+from agent.wire import dialect
+from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, SIGNATURE_BYTES, SIGNED
+
+
+class Message(Protocol):
+    """A message of the dialect. Its fields are attributes named as in xitl.xml.
+
+    `id` is no guide, as STATUSTEXT has a field of that name.
+    """
+
+    def get_msgId(self) -> int:  # noqa: N802  the generated name
+        """Number of the message."""
+
+    def get_type(self) -> str:
+        """Name of the message, for instance XITL_IMU."""
+
+    def get_srcSystem(self) -> int:  # noqa: N802
+        """System that sent it."""
+
+    def get_srcComponent(self) -> int:  # noqa: N802
+        """Component that sent it."""
+
+    def get_seq(self) -> int:
+        """Sequence number of the frame."""
+
+    def __getattr__(self, name: str) -> Any:
+        """A field."""
+
+
+class MessageRefusedError(ValueError):
+    """A message whose fields do not fit the wire."""
+
+
+class _Unsigned:
+    sign_outgoing = False
+
+
+class Packer:
+    """Makes frames of one sender. `sequence` is the number of the next frame."""
+
+    def __init__(self, system_id: int, component_id: int) -> None:
+        for what, value in (("system_id", system_id), ("component_id", component_id)):
+            if not 0 <= value <= 255:
+                raise ValueError(f"link: {what} = {value} does not fit a byte; use 1 to 255")
+        self.sequence = 0
+        self.system_id = system_id
+        self.component_id = component_id
+        # The names that the generated pack() looks up.
+        self.seq = 0
+        self.srcSystem = system_id
+        self.srcComponent = component_id
+        self.signing = _Unsigned
+
+    def pack(self, message: Message) -> bytes:
+        """The next frame. Raises MessageRefusedError when a field does not fit its type.
+
+        The sequence does not move then.
+        """
+        self.seq = self.sequence
+        try:
+            frame: bytes = message.pack(self)
+        except (struct.error, OverflowError, TypeError, IndexError) as error:
+            raise MessageRefusedError(
+                f"{message.get_type()}: a field does not fit the wire ({error}); check its value and length"
+            ) from error
+        self.sequence = (self.sequence + 1) & 0xFF
+        return frame
+
+
+Step = tuple[int, int, bool]  # where a field starts among the unpacked values, how many it takes, whether it is a text
+Plan = tuple[Any, Any, int, tuple[Step, ...], bool]
+
+
+def _plan(kind: Any) -> Plan:
+    steps = []
+    for order, wire_type in zip(kind.orders, kind.fieldtypes):
+        start = sum(kind.lengths[:order])
+        steps.append((start, kind.lengths[order], wire_type == "char"))
+    straight = all(step == (index, 1, False) for index, step in enumerate(steps))
+    return kind, kind.unpacker.unpack, kind.unpacker.size, tuple(steps), straight
+
+
+_PLANS: dict[int, Plan] = {number: _plan(kind) for number, kind in dialect.mavlink_map.items()}
+
+
+def decode(frame: bytes) -> Message:
+    """The message in a frame that a `Framer` found good; any values are possible in it.
+
+    Raises KeyError for an id the dialect does not have.
+    """
+    number = frame[7] | frame[8] << 8 | frame[9] << 16
+    kind, unpack, size, steps, straight = _PLANS[number]
+    end = -(CHECKSUM_BYTES + SIGNATURE_BYTES) if frame[2] & SIGNED else -CHECKSUM_BYTES
+    payload = frame[HEADER_BYTES:end]
+    length = len(payload)
+    if length != size:  # trailing zeros are not sent, and a newer sender may have more fields
+        payload = payload + bytes(size - length) if length < size else payload[:size]
+    values = unpack(payload)
+    if not straight:
+        values = [
+            values[start].rstrip(b"\x00")
+            if text
+            else values[start]
+            if count == 1
+            else list(values[start : start + count])
+            for start, count, text in steps
+        ]
+    message = kind(*values)
+    header = message._header
+    header.mlen, header.incompat_flags, header.compat_flags, header.seq, header.srcSystem, header.srcComponent = frame[
+        1:7
+    ]
+    message._msgbuf = frame
+    message._payload = payload
+    message._crc = frame[end] | frame[end + 1] << 8
+    return message  # type: ignore[no-any-return]

@@ -1,0 +1,144 @@
+"""Cuts bytes into MAVLink 2 frames; what is no good frame is skipped and counted, never raised.
+
+Frame: 0xFD, payload length, incompatibility flags, compatibility flags, sequence, system, component, message id (3
+bytes, little endian), payload, checksum (2 bytes), and 13 bytes of signature when incompatibility flag 1 is set
+(mavlink.io, "Packet Serialization").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from agent.wire import dialect
+from agent.wire.crc import x25crc
+
+MAGIC = 0xFD
+HEADER_BYTES = 10
+CHECKSUM_BYTES = 2
+SIGNATURE_BYTES = 13
+LARGEST_FRAME = HEADER_BYTES + 255 + CHECKSUM_BYTES + SIGNATURE_BYTES
+SIGNED = 0x01
+
+_MAGIC_BYTE = bytes([MAGIC])
+_CRC_EXTRA: dict[int, bytes] = {number: bytes([kind.crc_extra]) for number, kind in dialect.mavlink_map.items()}
+
+
+@dataclass(frozen=True)
+class FramingCounters:
+    """What became of the bytes.
+
+    bytes_in = bytes_good + bytes_dropped + those of an unfinished frame still held (streams only).
+    The dropped_ fields count events, not bytes; bytes inside the extent that a damaged frame claims for itself belong
+    to its one event.
+    """
+
+    bytes_in: int = 0
+    bytes_good: int = 0
+    bytes_dropped: int = 0
+    dropped_bad_crc: int = 0
+    dropped_unknown: int = 0
+    dropped_truncated: int = 0
+    dropped_noise: int = 0
+
+    @property
+    def dropped(self) -> int:
+        """All events."""
+        return self.dropped_bad_crc + self.dropped_unknown + self.dropped_truncated + self.dropped_noise
+
+
+class Framer:
+    """Finds the frames of the XITL dialect in chunks of bytes.
+
+    stream=False: every chunk is a datagram of whole frames, one cut off at its end is dropped as truncated.
+    stream=True: a frame may continue in the next chunk. At most `LARGEST_FRAME` bytes are held back; in a stream, a
+    frame behind a damaged one that claims to be long comes out when the claimed bytes have arrived.
+
+    - A wrong checksum, or a length damaged into it: dropped_bad_crc. The search goes on at the next 0xFD, also inside
+      the damaged frame, so a good frame is never lost to garbage before it.
+    - An id that the dialect does not have, or an incompatibility flag other than "signed": dropped_unknown, as the
+      checksum cannot be judged or the protocol forbids a guess.
+    - Bytes outside any frame, MAVLink 1 frames among them (XITL ids do not fit those): dropped_noise, one event per
+      run.
+    - Signed frames are accepted on their checksum; the signature is passed on in the raw frame, not verified here.
+    """
+
+    def __init__(self, stream: bool) -> None:
+        self._stream = stream
+        self._held = b""
+        self._claimed = 0  # bytes ahead of the held ones that a damaged frame claimed
+        self._in_noise = False
+        self._in = self._good = self._dropped = 0
+        self._bad_crc = self._unknown = self._truncated = self._noise = 0
+
+    @property
+    def held_bytes(self) -> int:
+        """Bytes of an unfinished frame."""
+        return len(self._held)
+
+    @property
+    def counters(self) -> FramingCounters:
+        """Counts so far."""
+        return FramingCounters(
+            self._in, self._good, self._dropped, self._bad_crc, self._unknown, self._truncated, self._noise
+        )
+
+    def reset_counters(self) -> None:
+        """Start counting again; an unfinished frame is kept and counts as new bytes."""
+        self._in, self._good, self._dropped = len(self._held), 0, 0
+        self._bad_crc = self._unknown = self._truncated = self._noise = 0
+
+    def feed(self, chunk: bytes) -> list[bytes]:
+        """Good frames that end in this chunk, in order."""
+        self._in += len(chunk)
+        data = self._held + chunk if self._held else chunk
+        size = len(data)
+        frames: list[bytes] = []
+        at, good = 0, 0
+        claimed_end = self._claimed
+        while at < size:
+            if data[at] != MAGIC:
+                start = at
+                at = data.find(_MAGIC_BYTE, at)
+                if at < 0:
+                    at = size
+                if at > claimed_end and not self._in_noise:
+                    self._noise += 1
+                    self._in_noise = True
+                self._dropped += at - start
+                continue
+            if size - at < HEADER_BYTES:
+                if self._stream:
+                    break
+                self._truncated += at >= claimed_end
+                claimed_end = size
+            else:
+                flags = data[at + 2]
+                extra = _CRC_EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
+                checksum = at + HEADER_BYTES + data[at + 1]
+                end = checksum + (CHECKSUM_BYTES + SIGNATURE_BYTES if flags & SIGNED else CHECKSUM_BYTES)
+                if extra is None or flags & ~SIGNED:
+                    self._unknown += at >= claimed_end
+                elif end > size:
+                    if self._stream:
+                        break
+                    self._truncated += at >= claimed_end
+                elif x25crc(data[at + 1 : checksum] + extra).crc == data[checksum] | data[checksum + 1] << 8:
+                    frames.append(data[at:end])
+                    good += end - at
+                    at = claimed_end = end
+                    self._in_noise = False
+                    continue
+                else:
+                    self._bad_crc += at >= claimed_end
+                if at >= claimed_end:
+                    claimed_end = end
+            self._in_noise = False
+            self._dropped += 1
+            at += 1
+        self._good += good
+        if self._stream:
+            self._held = data[at:]
+            self._claimed = max(0, claimed_end - at)
+        else:
+            self._in_noise = False
+        return frames

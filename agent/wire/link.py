@@ -1,0 +1,158 @@
+"""Messages over a transport, with every loss counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable
+
+from agent.wire.codec import Message, Packer, decode
+from agent.wire.dialect import MAVLINK_MSG_ID_XITL_RUN
+from agent.wire.framing import Framer
+from agent.wire.sequence import SequenceMonitor
+from agent.wire.transport import Transport
+
+DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tunnel
+
+Tap = Callable[[str, bytes], None]
+
+
+@dataclass(frozen=True)
+class LinkCounters:
+    """What a link has seen since it was made or its counters were reset.
+
+    sent: frames handed to the transport. unsent: frames it did not take (their sequence numbers are used again).
+    received: good frames. lost, late, repeated: from the sequence numbers, see `SequenceMonitor`. dropped_*: see
+    `Framer`. bytes_in, bytes_out: all bytes, good or not.
+    """
+
+    sent: int
+    unsent: int
+    received: int
+    lost: int
+    late: int
+    repeated: int
+    dropped_bad_crc: int
+    dropped_unknown: int
+    dropped_truncated: int
+    dropped_noise: int
+    bytes_in: int
+    bytes_out: int
+
+    @property
+    def dropped(self) -> int:
+        """Everything that arrived and was no good frame."""
+        return self.dropped_bad_crc + self.dropped_unknown + self.dropped_truncated + self.dropped_noise
+
+
+class Link:
+    """One end of a MAVLink 2 connection. The transport stays the caller's to close.
+
+    tap(direction, frame) is called with "tx" for every frame sent and "rx" for every good frame received, raw, in
+    order.
+    """
+
+    def __init__(self, transport: Transport, system_id: int, component_id: int, tap: Tap | None = None) -> None:
+        self.transport = transport
+        self.tap = tap
+        self._packer = Packer(system_id, component_id)
+        self._framer = Framer(transport.stream)
+        self._sequence = SequenceMonitor()
+        self._sent = self._unsent = self._received = self._bytes_out = 0
+
+    @property
+    def system_id(self) -> int:
+        """System that this end sends as."""
+        return self._packer.system_id
+
+    @property
+    def component_id(self) -> int:
+        """Component that this end sends as."""
+        return self._packer.component_id
+
+    def send(self, *messages: Message) -> bool:
+        """Send messages in order, as few datagrams as hold them. False when the transport did not take all.
+
+        Raises MessageRefusedError when a field does not fit the wire; the messages before it in the same call are then
+        not sent either.
+        """
+        packer = self._packer
+        start = packer.sequence
+        if len(messages) == 1:
+            frame = packer.pack(messages[0])
+            return self._hand_on([frame], frame, start)
+        try:
+            frames = [packer.pack(message) for message in messages]
+        except ValueError:
+            packer.sequence = start
+            raise
+        while frames:
+            size = count = 0
+            for frame in frames:
+                size += len(frame)
+                if count and size > DATAGRAM_BYTES:
+                    break
+                count += 1
+            if not self._hand_on(frames[:count], b"".join(frames[:count]), frames[0][4]):
+                self._unsent += len(frames) - count
+                return False
+            frames = frames[count:]
+        return True
+
+    def _hand_on(self, frames: list[bytes], data: bytes, start: int) -> bool:
+        if not self.transport.send(data):
+            self._packer.sequence = start
+            self._unsent += len(frames)
+            return False
+        self._sent += len(frames)
+        self._bytes_out += len(data)
+        if self.tap is not None:
+            for frame in frames:
+                self.tap("tx", frame)
+        return True
+
+    def receive(self, timeout_s: float = 0.0) -> list[Message]:
+        """Messages that have arrived, in order. Waits for bytes at most timeout_s; bytes that hold no good frame end the wait too.
+
+        No bytes from outside raise. Each message's sender and sequence number are in it (get_srcSystem(), ...).
+        """
+        transport, note, tap = self.transport, self._sequence.note, self.tap
+        messages: list[Message] = []
+        for index, chunk in enumerate(transport.receive(timeout_s)):
+            frames = self._framer.feed(chunk)
+            claim = False
+            for frame in frames:
+                note(frame[5], frame[6], frame[4])
+                if tap is not None:
+                    tap("rx", frame)
+                message = decode(frame)
+                claim = claim or message.get_msgId() == MAVLINK_MSG_ID_XITL_RUN
+                messages.append(message)
+            if frames and transport.learns_peer:
+                transport.credit(index, claim)
+        self._received += len(messages)
+        return messages
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Counts so far."""
+        framing, sequence = self._framer.counters, self._sequence
+        return LinkCounters(
+            sent=self._sent,
+            unsent=self._unsent,
+            received=self._received,
+            lost=sequence.lost,
+            late=sequence.late,
+            repeated=sequence.repeated,
+            dropped_bad_crc=framing.dropped_bad_crc,
+            dropped_unknown=framing.dropped_unknown,
+            dropped_truncated=framing.dropped_truncated,
+            dropped_noise=framing.dropped_noise,
+            bytes_in=framing.bytes_in,
+            bytes_out=self._bytes_out,
+        )
+
+    def reset_counters(self) -> None:
+        """Count from zero and forget the senders, as at the start of a run. The own sequence number goes on."""
+        self._sent = self._unsent = self._received = self._bytes_out = 0
+        self._framer.reset_counters()
+        self._sequence.reset()

@@ -1,0 +1,158 @@
+"""What carries the bytes of a link: one interface, one table of schemes, one tree of errors.
+
+    udp://host:port     datagrams over Ethernet, USB-Ethernet or loopback      agent.wire.udp
+    (no URL)            two ends in one process, see `memory_pair`             agent.wire.memory
+
+A new transport is a row in `SCHEMES`, a class, and a row in the contract test.
+
+    TransportError
+    ├── BadUrlError               the URL names no transport that can be opened
+    ├── UnknownHostError          the host name has no address
+    ├── AddressInUseError         another program holds the port
+    ├── AddressUnavailableError   this machine has no such address, or no route to it
+    ├── AddressDeniedError        this user may not open it
+    ├── DatagramTooLongError      more bytes than one datagram carries
+    └── TransportClosedError      used after close()
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from importlib import import_module
+from types import TracebackType
+from typing import TypeVar, cast
+from urllib.parse import SplitResult, urlsplit
+
+SCHEMES: dict[str, str] = {
+    "udp": "agent.wire.udp:UdpTransport",
+}
+
+Self = TypeVar("Self", bound="Transport")
+
+
+class TransportError(Exception):
+    """A transport cannot do what was asked. The text is one sentence: where, what, how to fix it."""
+
+    def __init__(self, where: str, what: str, fix: str) -> None:
+        super().__init__(f"{where}: {what}; {fix}")
+        self.where = where
+        self.what = what
+        self.fix = fix
+
+
+class BadUrlError(TransportError, ValueError):
+    """The URL names no transport that can be opened."""
+
+
+class UnknownHostError(TransportError):
+    """The host name has no address."""
+
+
+class AddressInUseError(TransportError):
+    """Another program holds the port."""
+
+
+class AddressUnavailableError(TransportError):
+    """This machine has no such address, or no route to it."""
+
+
+class AddressDeniedError(TransportError):
+    """This user may not open the address."""
+
+
+class DatagramTooLongError(TransportError):
+    """More bytes than one datagram carries."""
+
+
+class TransportClosedError(TransportError):
+    """Used after close()."""
+
+    def __init__(self, where: str) -> None:
+        super().__init__(where, "the transport is closed", "open it again")
+
+
+class Transport(ABC):
+    """Carries chunks of bytes both ways between this end and one peer. Not safe for use by several threads on one end.
+
+    name: the kind, for instance "udp". address: this end as a URL, for people. stream: False when each `send` arrives
+    as one chunk or not at all, True when chunks may be cut and joined on the way. unsent: sends that `send` could not
+    hand on. learns_peer: True when `credit` matters.
+    """
+
+    name: str = ""
+    stream: bool = False
+    learns_peer: bool = False
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self.unsent = 0
+
+    @classmethod
+    @abstractmethod
+    def open(cls: type[Self], url: SplitResult, listen: bool) -> Self:
+        """Open from a split URL. Raises a TransportError."""
+
+    @abstractmethod
+    def send(self, data: bytes) -> bool:
+        """Hand bytes on without waiting. False, and `unsent` counts, when there is no peer yet, no room or no way.
+
+        Never an exception for that.
+        """
+
+    @abstractmethod
+    def receive(self, timeout_s: float = 0.0) -> list[bytes]:
+        """All chunks that are there, up to a bound, oldest first. Waits for the first at most timeout_s.
+
+        0 does not wait.
+        """
+
+    @abstractmethod
+    def fileno(self) -> int | None:
+        """Descriptor that becomes readable with new bytes, or None when there is none."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give everything back. A second call does nothing."""
+
+    @property
+    def peer(self) -> str:
+        """The other end as a URL, or an empty text while it is not known."""
+        return ""
+
+    def credit(self, index: int, claim: bool) -> None:  # noqa: B027  most transports have one peer for life
+        """Chunk `index` of the last `receive` held a good frame; `claim` when its sender asked to be served.
+
+        A transport that takes bytes from anybody learns its peer from this, so that stray bytes never redirect the
+        answers.
+        """
+
+    def __enter__(self: Self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def open_transport(url: str, listen: bool) -> Transport:
+    """Open the transport a URL names: wait there for the peer (listen) or go to it.
+
+    Raises BadUrlError and the other TransportErrors. `port 0` asks for any free port when listening; `address` then
+    tells which.
+    """
+    scheme, found, _ = url.partition("://")
+    known = ", ".join(f"{name}://" for name in SCHEMES)
+    if not found:
+        raise BadUrlError(
+            url or "(empty)", "not a transport URL", f"write it like udp://192.168.7.2:14660 (known: {known})"
+        )
+    if scheme not in SCHEMES:
+        raise BadUrlError(url, f"unknown scheme {scheme}://", f"use one of: {known}")
+    try:
+        parts = urlsplit(url)
+    except ValueError as error:
+        raise BadUrlError(url, str(error), "write it like udp://192.168.7.2:14660 or udp://[fe80::1]:14660") from None
+    module, _, kind = SCHEMES[scheme].partition(":")
+    transport = cast(type[Transport], getattr(import_module(module), kind))
+    return transport.open(parts, listen)

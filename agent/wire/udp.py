@@ -1,0 +1,209 @@
+"""MAVLink over UDP: one datagram carries one or more whole frames."""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+from time import monotonic
+from typing import Any, Callable
+from urllib.parse import SplitResult
+
+from agent.wire.transport import (
+    AddressDeniedError,
+    AddressInUseError,
+    AddressUnavailableError,
+    BadUrlError,
+    DatagramTooLongError,
+    Transport,
+    TransportClosedError,
+    TransportError,
+    UnknownHostError,
+)
+
+BUFFER_BYTES = (
+    1 << 20
+)  # a second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max
+BATCH = 512  # datagrams of one receive(): a flood may not hold the caller
+LARGEST = 65507
+PEER_SILENCE_S = 2.0
+
+Address = tuple[Any, ...]  # what the socket module gives for IPv4 and IPv6
+
+
+class UdpTransport(Transport):
+    """A bound socket that learns its peer (listen), or a connected one.
+
+    Listening, datagrams of any sender are handed up, and answers go to the peer. The peer is the first sender of a good
+    frame. It changes when another sender's datagram holds a claim (the link decides; XITL_RUN is one), or a good frame
+    after the peer has been silent for `PEER_SILENCE_S`: garbage never moves it, a ground station that happens to send
+    heartbeats does not take the answers away from the host in mid-run, a host that restarts on another port is served
+    at once.
+
+    refused: how often the other machine said that nobody listens at the port (ICMP). peer_changes: how often the peer
+    moved after the first.
+    """
+
+    name = "udp"
+
+    def __init__(
+        self, sock: socket.socket, address: str, listen: bool, clock_s: Callable[[], float] = monotonic
+    ) -> None:
+        super().__init__(address)
+        self.learns_peer = listen
+        self.refused = 0
+        self.peer_changes = 0
+        self._socket = sock
+        self._listen = listen
+        self._clock_s = clock_s
+        self._peer: Address | None = None if listen else sock.getpeername()
+        self._peer_heard_s = 0.0
+        self._sources: list[Address] = []
+        self._buffer = bytearray(LARGEST + 29)
+        self._view = memoryview(self._buffer)
+        self._closed = False
+
+    @classmethod
+    def open(cls, url: SplitResult, listen: bool) -> UdpTransport:
+        where = url.geturl()
+        host, port = _host_port(url, listen)
+        try:
+            family, kind, protocol, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        except (socket.gaierror, UnicodeError):
+            raise UnknownHostError(
+                where, f"the host name {host} is not known", "check its spelling or write its IP address"
+            ) from None
+        sock = socket.socket(family, kind, protocol)
+        try:
+            sock.setblocking(False)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+            if listen:
+                sock.bind(target)
+            else:
+                sock.connect(target)
+        except OSError as error:
+            sock.close()
+            raise _explained(error, where, host, listen) from None
+        return cls(sock, _text(sock.getsockname()) if listen else where, listen)
+
+    @property
+    def peer(self) -> str:
+        return "" if self._peer is None else _text(self._peer)
+
+    def send(self, data: bytes) -> bool:
+        """See Transport. Raises DatagramTooLongError above 65507 bytes."""
+        if self._closed:
+            raise TransportClosedError(self.address)
+        try:
+            if not self._listen:
+                self._socket.send(data)
+                return True
+            if self._peer is not None:
+                self._socket.sendto(data, self._peer)
+                return True
+        except ConnectionRefusedError:
+            self.refused += 1  # the answer to an earlier datagram, and it took this one with it
+        except OSError as error:  # buffers full, cable out, interface down: the next one may get through
+            if error.errno == errno.EMSGSIZE:
+                raise DatagramTooLongError(
+                    self.address, f"{len(data)} bytes do not fit a datagram", f"send at most {LARGEST}"
+                ) from None
+        self.unsent += 1
+        return False
+
+    def receive(self, timeout_s: float = 0.0) -> list[bytes]:
+        if self._closed:
+            raise TransportClosedError(self.address)
+        chunks = self._drain()
+        if not chunks and timeout_s > 0.0:
+            until_s = monotonic() + timeout_s
+            left_s = timeout_s
+            while not chunks and left_s > 0.0:
+                select.select([self._socket], (), (), left_s)  # poll() would round up to whole milliseconds
+                chunks = self._drain()
+                left_s = until_s - monotonic()
+        return chunks
+
+    def _drain(self) -> list[bytes]:
+        chunks: list[bytes] = []
+        self._sources = sources = []
+        view, take = self._view, self._socket.recvfrom_into
+        for _ in range(BATCH):
+            try:
+                size, source = take(self._buffer)
+            except BlockingIOError:
+                break
+            except ConnectionRefusedError:
+                self.refused += 1
+                continue
+            except OSError:  # an interface that went down reports it here once
+                break
+            chunks.append(bytes(view[:size]))
+            sources.append(source)
+        return chunks
+
+    def credit(self, index: int, claim: bool) -> None:
+        source, now_s = self._sources[index], self._clock_s()
+        if source == self._peer:
+            self._peer_heard_s = now_s
+        elif self._peer is None or claim or now_s - self._peer_heard_s > PEER_SILENCE_S:
+            self.peer_changes += self._peer is not None
+            self._peer, self._peer_heard_s = source, now_s
+
+    def fileno(self) -> int | None:
+        return None if self._closed else self._socket.fileno()
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._socket.close()
+
+
+def _host_port(url: SplitResult, listen: bool) -> tuple[str, int]:
+    where = url.geturl()
+    example = "write it like udp://192.168.7.2:14660"
+    try:
+        port = url.port
+    except ValueError:
+        raise BadUrlError(where, "the port is not a number from 0 to 65535", example) from None
+    if not url.hostname:
+        raise BadUrlError(where, "the host is missing", example)
+    if port is None:
+        raise BadUrlError(where, "the port is missing", example)
+    if port == 0 and not listen:
+        raise BadUrlError(where, "port 0 cannot be reached", "give the port the other end listens on")
+    for part, text in (
+        ("path", url.path.strip("/")),
+        ("query", url.query),
+        ("fragment", url.fragment),
+        ("user", url.username),
+    ):
+        if text:
+            raise BadUrlError(where, f"udp:// takes no {part} ({text})", example)
+    return url.hostname, port
+
+
+def _explained(error: OSError, where: str, host: str, listen: bool) -> TransportError:
+    if error.errno == errno.EADDRINUSE:
+        return AddressInUseError(where, "the port is in use by another program", "stop it or choose another port")
+    if error.errno == errno.EADDRNOTAVAIL and listen:
+        return AddressUnavailableError(
+            where,
+            f"no interface of this machine has the address {host}",
+            "bring the interface up or listen on another address",
+        )
+    if error.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL):
+        return AddressUnavailableError(
+            where, f"this machine has no route to {host}", "check the cable, the interface and its address"
+        )
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return AddressDeniedError(
+            where, "this user may not open it", "choose a port above 1023 and an address that is not a broadcast"
+        )
+    return TransportError(where, f"cannot be opened ({error.strerror})", "check the address and the port")
+
+
+def _text(address: Address) -> str:
+    host, port = address[0], address[1]
+    return f"udp://[{host}]:{port}" if ":" in host else f"udp://{host}:{port}"

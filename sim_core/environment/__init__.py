@@ -1,0 +1,1 @@
+"""What surrounds the vessels: water, current, waves, wind. Null objects stand for what is absent."""

@@ -1,0 +1,118 @@
+"""Barometer in the International Standard Atmosphere.
+
+ISO 2533:1975 below 11 km, where temperature falls linearly. Altitude there is geopotential; at the height of a boat the
+difference from the geometric one (16 cm at 1 km) is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.random import Generator
+
+from sim_core.frames import Array
+from sim_core.kinematics import Kinematics
+from sim_core.sensors.checks import require_finite, require_non_negative, require_positive
+from sim_core.sensors.digitiser import Digitiser, digitiser
+from sim_core.sensors.noise import GaussMarkov, gauss_markov
+
+SEA_LEVEL_PRESSURE_PA = 101325.0
+SEA_LEVEL_TEMPERATURE_K = 288.15
+LAPSE_RATE_KPM = 0.0065
+PRESSURE_EXPONENT = 9.80665 / (287.05287 * LAPSE_RATE_KPM)
+
+_ZERO_CELSIUS_K = 273.15
+_TROPOPAUSE_M = 11000.0
+
+
+def pressure_pa(altitude_m: Array, sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA) -> Array:
+    """Pressure at an altitude above mean sea level, same shape."""
+    ratio: Array = (1.0 - (LAPSE_RATE_KPM / SEA_LEVEL_TEMPERATURE_K) * altitude_m) ** PRESSURE_EXPONENT
+    return ratio * sea_level_pressure_pa
+
+
+def altitude_m(pressure_pa: Array, sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA) -> Array:
+    """Altitude above mean sea level at a pressure, same shape; the inverse of `pressure_pa`."""
+    ratio: Array = (pressure_pa / sea_level_pressure_pa) ** (1.0 / PRESSURE_EXPONENT)
+    return (1.0 - ratio) * (SEA_LEVEL_TEMPERATURE_K / LAPSE_RATE_KPM)
+
+
+@dataclass(frozen=True, slots=True)
+class BarometerSample:
+    """pressure_pa (N,), temperature_degc (N,) of the air."""
+
+    pressure_pa: Array
+    temperature_degc: Array
+
+
+@dataclass(frozen=True, slots=True)
+class BarometerState:
+    """drift_pa (N, 1): the slowly varying pressure error."""
+
+    drift_pa: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Barometer:
+    """Static pressure at the body origin with white noise, drift and quantisation.
+
+    origin_altitude_m: of NED's origin above mean sea level, at most 11 km. noise_pa: deviation from one sample to the
+    next; drift_pa: deviation of the error correlated over drift_correlation_s. resolution_pa: step of the output, 0 for
+    none. Raises ValueError naming the field that cannot be.
+    """
+
+    origin_altitude_m: float = 0.0
+    rate_hz: float = 50.0
+    latency_s: float = 0.0
+    noise_pa: float = 0.0
+    drift_pa: float = 0.0
+    drift_correlation_s: float = 600.0
+    resolution_pa: float = 0.0
+    sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA
+    _drift: GaussMarkov = field(init=False, repr=False, compare=False)
+    _scale: Array = field(init=False, repr=False, compare=False)
+    _output: Digitiser = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_positive(
+            "barometer",
+            rate_hz=self.rate_hz,
+            drift_correlation_s=self.drift_correlation_s,
+            sea_level_pressure_pa=self.sea_level_pressure_pa,
+        )
+        require_non_negative(
+            "barometer",
+            latency_s=self.latency_s,
+            noise_pa=self.noise_pa,
+            drift_pa=self.drift_pa,
+            resolution_pa=self.resolution_pa,
+        )
+        require_finite("barometer", origin_altitude_m=self.origin_altitude_m)
+        if self.origin_altitude_m > _TROPOPAUSE_M:
+            raise ValueError(
+                f"barometer.origin_altitude_m = {self.origin_altitude_m} is above the troposphere; give at most 11000"
+            )
+        drift = gauss_markov([self.drift_pa], self.drift_correlation_s, self.rate_hz)
+        put = object.__setattr__
+        put(self, "_drift", drift)
+        put(self, "_scale", np.hstack([[[self.noise_pa]], drift.drive]))
+        put(self, "_output", digitiser(self.resolution_pa))
+
+    def initial(self, vessels: int, rng: Generator) -> BarometerState:
+        """`vessels` barometers whose drift is already at its stationary deviation."""
+        return BarometerState(self._drift.initial(rng.standard_normal((vessels, 1))))
+
+    def measure(
+        self, state: BarometerState, truth: Kinematics, rng: Generator
+    ) -> tuple[BarometerState, BarometerSample]:
+        """One sample at the height of `truth`; the returned state is that of the next sample."""
+        noise = self._scale * rng.standard_normal((len(truth.pos_ned_m), 2))
+        altitude = self.origin_altitude_m - truth.pos_ned_m[:, 2]
+        error = state.drift_pa[:, 0] + noise[:, 0]
+        measured = pressure_pa(altitude, self.sea_level_pressure_pa) + error
+        sample = BarometerSample(
+            pressure_pa=self._output.read(measured),
+            temperature_degc=(SEA_LEVEL_TEMPERATURE_K - _ZERO_CELSIUS_K) - LAPSE_RATE_KPM * altitude,
+        )
+        return BarometerState(self._drift.decay * state.drift_pa + noise[:, 1:]), sample

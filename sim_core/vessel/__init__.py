@@ -1,0 +1,1 @@
+"""The vessel: hydrodynamics, buoyancy, propulsion and windage of N rigid bodies."""

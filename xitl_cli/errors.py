@@ -1,0 +1,11 @@
+"""What a user can put right.
+
+    UserError
+    └── ProfileError    (xitl_cli.profile.problems: every problem of one profile)
+
+Libraries raise these with one sentence that says what, where and what to do; `xitl_cli.main` prints it and exits 2.
+"""
+
+
+class UserError(Exception):
+    """One line for the user: what is wrong, where, and how to put it right. No traceback is shown."""

@@ -1,0 +1,1 @@
+"""The node graph of a simulation, and how close it stands to a reference (WDRI)."""

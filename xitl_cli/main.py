@@ -1,0 +1,62 @@
+"""The `xitl` command: one line per command. The only place that turns an error into a line and an exit code."""
+
+from __future__ import annotations
+
+import sys
+from typing import NoReturn
+
+from xitl_cli.errors import UserError
+
+
+def main() -> NoReturn:
+    """Entry point of the console script."""
+    if sys.argv[1:2] == ["agent"]:  # the agent starts without the command-line library: it runs on small boards
+        from agent.__main__ import main as agent_main
+
+        sys.exit(agent_main(sys.argv[2:], program="xitl agent"))
+    try:
+        _app()()
+    except UserError as error:
+        fail(str(error))
+    sys.exit(0)
+
+
+def fail(message: str) -> NoReturn:
+    """One red line, exit code 2."""
+    from rich.console import Console
+
+    Console(stderr=True, soft_wrap=True, highlight=False).print(f"error: {message}", style="bold red", markup=False)
+    sys.exit(2)
+
+
+def _app():  # type: ignore[no-untyped-def]  # noqa: ANN202
+    import typer
+
+    from xitl_cli.commands import agent, profiles, sim, wdri
+
+    app = typer.Typer(
+        name="xitl",
+        help="X-in-the-loop simulation for autonomous boats and other MAVLink vehicles.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    profile_commands = typer.Typer(help="List, show and check profiles.", no_args_is_help=True)
+    profile_commands.command("list")(profiles.list_profiles)
+    profile_commands.command("show")(profiles.show)
+    profile_commands.command("check")(profiles.check)
+    app.command("sim")(sim.sim)
+    app.command("agent", context_settings={"ignore_unknown_options": True}, add_help_option=False)(agent.agent)
+    app.command("wdri")(wdri.wdri)
+    app.add_typer(profile_commands, name="profiles")
+    app.callback()(_options)
+    return app
+
+
+def _options() -> None:
+    """X-in-the-loop simulation for autonomous boats and other MAVLink vehicles."""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""From what a user calls a profile to its file: a path, or the name of a shipped one."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.shipped import profiles_dir
+
+SUFFIXES = (".yaml", ".yml")
+
+
+def shipped_profiles() -> dict[str, Path]:
+    """Every shipped profile by its name (`sitl`, `environments/calm`), sorted: the runnable top ones first."""
+    root = profiles_dir()
+    paths = sorted(root.rglob("*.yaml"), key=lambda path: (len(path.parts), path.parts))
+    return {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
+
+
+def find_profile(name: str, beside: Path | None = None) -> Path:
+    """The file of the profile `name`.
+
+    A name that ends in .yaml is a path, relative to the folder `beside` (default: the working directory). Any other is a
+    shipped profile, by its full name or, where that is unique, its last part; failing that, a path.
+    Raises UserError with suggestions.
+    """
+    path = (beside or Path()) / Path(name).expanduser()
+    if name.endswith(SUFFIXES):
+        if not path.is_file():
+            what = "is a folder" if path.is_dir() else "does not exist"
+            raise UserError(f"{shown_path(path)} {what}; check the path, or name a shipped profile (`xitl profiles list`)")
+        return path
+    shipped = shipped_profiles()
+    if name in shipped:
+        return shipped[name]
+    same = [full for full in shipped if full.rsplit("/", 1)[-1] == name]
+    if len(same) == 1:
+        return shipped[same[0]]
+    if same:
+        raise UserError(f"{name!r} names {len(same)} profiles; write {' or '.join(same)}")
+    if path.is_file():
+        return path
+    raise UserError(f"there is no profile {name!r};{_suggestion(name, shipped)} `xitl profiles list` shows all")
+
+
+def profile_name(path: Path) -> str:
+    """What to call the profile in the file at `path`: the shipped name, or the file's stem."""
+    try:
+        relative = path.resolve().relative_to(profiles_dir().resolve())
+    except (ValueError, UserError):
+        return path.stem
+    return relative.with_suffix("").as_posix()
+
+
+def shown_path(path: Path) -> str:
+    """`path` as errors show it: relative where it lies in the working directory."""
+    absolute = Path(os.path.abspath(path))  # noqa: PTH100 - resolve() would follow links away from what the user wrote
+    try:
+        return str(absolute.relative_to(Path.cwd()))
+    except (ValueError, OSError):
+        return str(absolute)
+
+
+def _suggestion(name: str, shipped: dict[str, Path]) -> str:
+    last_parts = {full.rsplit("/", 1)[-1]: full for full in shipped}
+    close = difflib.get_close_matches(name, shipped, n=2)
+    close += [last_parts[part] for part in difflib.get_close_matches(name.rsplit("/", 1)[-1], last_parts, n=2)]
+    close = list(dict.fromkeys(close))[:3]
+    return f" did you mean {' or '.join(repr(match) for match in close)}?" if close else ""

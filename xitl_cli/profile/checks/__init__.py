@@ -1,0 +1,20 @@
+"""Checks across the keys of a profile whose single values are right. Each finding is a key path and a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TypeAlias
+
+from xitl_cli.profile.checks import graph, operation, rates, vehicle
+from xitl_cli.profile.entry import KeyPath
+from xitl_cli.profile.schema import Profile
+
+Finding: TypeAlias = tuple[KeyPath, str]
+
+
+def check(profile: Profile) -> Iterator[Finding]:
+    """Everything in `profile` that does not go together."""
+    yield from rates.check(profile)
+    yield from vehicle.check(profile)
+    yield from operation.check(profile)
+    yield from graph.check(profile)

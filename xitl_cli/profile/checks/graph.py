@@ -1,0 +1,70 @@
+"""The graph's nodes and links: known names, no link to a node that is not there."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+
+from xitl_cli.errors import UserError
+from xitl_cli.graph.nodes import MEANINGS, architecture, is_node_name
+from xitl_cli.profile.catalogue import find_profile
+from xitl_cli.profile.entry import KeyPath, dotted
+from xitl_cli.profile.problems import shown
+from xitl_cli.profile.schema import Profile
+
+COMPLETE = "complete"
+
+
+def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Unknown nodes, links that lead nowhere, a count of vertices too small, a reference that does not exist."""
+    if profile.graph is None:
+        return
+    nodes = profile.graph.nodes
+    for name, node in nodes.items():
+        path = ("graph", "nodes", name)
+        if not is_node_name(name):
+            yield path, f"{dotted(path)} is not a node; {_suggestion(name)}"
+        elif node.kind == "absent" and node.weight:
+            yield (
+                (*path, "weight"),
+                f"{dotted(path)}.weight = {node.weight:g} is given to an absent node; make its kind real or virtual",
+            )
+    for name, others in profile.graph.links.items():
+        path = ("graph", "links", name)
+        yield from _link_end(profile, name, path, dotted(path))
+        for number, other in enumerate(others):
+            yield from _link_end(profile, other, (*path, number), f"{dotted(path)}: {shown(other)}")
+    reference = profile.graph.reference
+    if reference != COMPLETE:
+        try:
+            find_profile(reference)
+        except (UserError, ValueError, OSError) as error:
+            yield ("graph", "reference"), f"graph.reference = {shown(reference)}: {error}"
+    weighty = sum(node.kind != "absent" and node.weight != 0 for node in nodes.values())
+    vertices = profile.graph.vertices
+    if isinstance(vertices, int) and vertices < weighty:
+        yield (
+            ("graph", "vertices"),
+            f"graph.vertices = {vertices} is fewer than the {weighty} nodes present; use {weighty} or more",
+        )
+
+
+def _link_end(profile: Profile, name: str, path: KeyPath, where: str) -> Iterator[tuple[KeyPath, str]]:
+    assert profile.graph is not None
+    node = profile.graph.nodes.get(name)
+    if not is_node_name(name):
+        yield path, f"{where} is not a node; {_suggestion(name)}"
+    elif node is None or node.kind == "absent":
+        yield (
+            path,
+            f"{where} is an absent node; drop the link, or give graph.nodes.{name} a kind: real or virtual "
+            "(and weight: 0 where only its links count)",
+        )
+
+
+def _suggestion(name: str) -> str:
+    if name == "PS":
+        return "number the simulators: PS1, PS2, ..."
+    close = difflib.get_close_matches(name.upper(), [*MEANINGS, "PS1"], n=1)
+    hint = f"did you mean {close[0]!r}? " if close and is_node_name(close[0]) else ""
+    return f"{hint}the nodes are {', '.join(architecture())} (PS2, PS3, ... for more simulators)"

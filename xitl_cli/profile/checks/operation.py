@@ -1,0 +1,88 @@
+"""Driver, autopilot, link and technique must fit each other."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile.entry import KeyPath
+from xitl_cli.profile.parameter_files import find_parameter_file
+from xitl_cli.profile.problems import shown
+from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.operation import Autopilot, Driver
+
+_LINK = re.compile(r"udp://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]]+):([0-9]{1,5})")
+
+
+def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Everything about who steers that does not go together."""
+    if profile.autopilot is not None:
+        yield from _autopilot(profile.autopilot)
+    if profile.driver is not None:
+        yield from _driver(profile, profile.driver)
+    yield from _technique(profile)
+
+
+def _autopilot(autopilot: Autopilot) -> Iterator[tuple[KeyPath, str]]:
+    link = ("autopilot", "link")
+    if autopilot.link is not None:
+        match = _LINK.fullmatch(autopilot.link)
+        if match is None:
+            yield link, f"autopilot.link = {shown(autopilot.link)} is not a link; write udp://address:port"
+        elif not 0 < int(match[2]) < 65536:
+            yield link, f"autopilot.link = {shown(autopilot.link)} has no such port; use a port from 1 to 65535"
+    elif autopilot.kind != "none" and autopilot.runs != "in-process":
+        example = "udp://192.168.7.2:14660" if autopilot.runs == "board" else "udp://127.0.0.1:14660"
+        yield link, f"autopilot.link is missing with autopilot.runs = {autopilot.runs}; add one such as {example}"
+    for number, name in enumerate(autopilot.parameter_files):
+        try:
+            find_parameter_file(name)
+        except (UserError, ValueError, OSError) as error:
+            yield ("autopilot", "parameter_files", number), f"autopilot.parameter_files = {shown(name)}: {error}"
+
+
+def _driver(profile: Profile, driver: Driver) -> Iterator[tuple[KeyPath, str]]:
+    kind: KeyPath = ("driver", "kind")
+    autopilot = profile.autopilot
+    if driver.kind == "mission":
+        if profile.mission is None or not profile.mission.waypoints_ned_m:
+            yield kind, "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
+        if autopilot is not None and autopilot.kind == "none":
+            yield kind, "driver.kind = mission needs an autopilot; use autopilot.kind: embedded or driver.kind: script"
+    if driver.kind != "script":
+        return
+    if autopilot is not None and autopilot.kind != "none":
+        yield kind, "driver.kind = script drives the motors itself; use autopilot.kind: none or driver.kind: mission"
+    if not driver.script:
+        yield kind, "driver.kind = script has no steps; add driver.script, a list of {at_s: 0, motors: [0.3, 0.3]}"
+    before_s = -1.0
+    for number, step in enumerate(driver.script):
+        path = ("driver", "script", number)
+        if step.at_s <= before_s:
+            yield (
+                (*path, "at_s"),
+                f"driver.script.{number}.at_s = {step.at_s:g} is not after the step before it ({before_s:g}); "
+                "put the steps in order of time",
+            )
+        before_s = step.at_s
+        propellers = len(profile.vehicle.propellers) if profile.vehicle else len(step.motors)
+        if len(step.motors) != propellers:
+            yield (
+                (*path, "motors"),
+                f"driver.script.{number}.motors = {shown(step.motors)} does not fit a vessel with {propellers} "
+                f"propellers; give {propellers}",
+            )
+
+
+def _technique(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    autopilot, path = profile.autopilot, ("technique",)
+    if profile.technique is None or autopilot is None:
+        return
+    if profile.technique == "mitl" and autopilot.kind != "none":
+        yield path, "technique = mitl has no autopilot; use autopilot.kind: none, or technique: sitl"
+    if profile.technique == "sitl" and (autopilot.kind == "none" or autopilot.runs == "board"):
+        what = "mitl" if autopilot.kind == "none" else "hitl"
+        yield path, f"technique = sitl runs an autopilot on this machine; use technique: {what}"
+    if profile.technique == "hitl" and (autopilot.kind == "none" or autopilot.runs == "in-process"):
+        yield path, "technique = hitl runs an autopilot behind a link; use autopilot.runs: board (or process)"

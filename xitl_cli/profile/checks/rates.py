@@ -1,0 +1,70 @@
+"""Every rate must divide the physics rate: samples fall on physics steps, none is moved or dropped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from xitl_cli.profile.entry import KeyPath, dotted
+from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.session import Clock
+
+_NS = 1_000_000_000
+
+
+def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Rates that do not divide the physics rate, and a physics step that is not a whole number of nanoseconds."""
+    physics_hz = (profile.clock or Clock()).physics_rate_hz
+    step_ns = _NS / physics_hz
+    if not _is_whole(step_ns):
+        below, above = _step_rates(physics_hz)
+        yield (
+            ("clock", "physics_rate_hz"),
+            f"clock.physics_rate_hz = {physics_hz:g} has a step of {step_ns:.10g} ns, which is not a whole number; "
+            f"use {_one_of(below, above)}",
+        )
+        return
+    for path, rate_hz in _rates(profile):
+        if _is_whole(physics_hz / rate_hz):
+            continue
+        key = f"{dotted(path)} = {rate_hz:g}"
+        if rate_hz > physics_hz:
+            yield path, f"{key} is above the physics rate {physics_hz:g} Hz; use {physics_hz:g} or less"
+            continue
+        below, above = divisors_around(rate_hz, physics_hz)
+        yield path, f"{key} does not divide the physics rate {physics_hz:g} Hz; use {_one_of(below, above)}"
+
+
+def divisors_around(rate_hz: float, physics_hz: float) -> tuple[float | None, float]:
+    """The nearest rates below and above `rate_hz` that divide `physics_hz`, whole numbers where there are any."""
+    if physics_hz == int(physics_hz) and physics_hz >= rate_hz > 1:
+        whole = [divisor for divisor in range(1, int(physics_hz) + 1) if int(physics_hz) % divisor == 0]
+        return max(d for d in whole if d < rate_hz), min(d for d in whole if d > rate_hz)
+    steps = physics_hz / rate_hz
+    return physics_hz / math.ceil(steps), physics_hz / math.floor(steps)
+
+
+def _rates(profile: Profile) -> Iterator[tuple[KeyPath, float]]:
+    if profile.sensors is not None:
+        for sensor in type(profile.sensors).model_fields:
+            yield ("sensors", sensor, "rate_hz"), getattr(profile.sensors, sensor).rate_hz
+    if profile.clock is not None:
+        yield ("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz
+    if profile.recording is not None:
+        yield ("recording", "truth_rate_hz"), profile.recording.truth_rate_hz
+        yield ("recording", "estimate_rate_hz"), profile.recording.estimate_rate_hz
+
+
+def _step_rates(physics_hz: float) -> tuple[float | None, float | None]:
+    whole = sorted(2**i * 5**j for i in range(10) for j in range(10))
+    below = [rate for rate in whole if rate < physics_hz]
+    above = [rate for rate in whole if rate > physics_hz]
+    return (below[-1] if below else None), (above[0] if above else None)
+
+
+def _is_whole(number: float) -> bool:
+    return number >= 0.5 and abs(number - round(number)) <= 1e-9 * number
+
+
+def _one_of(below: float | None, above: float | None) -> str:
+    return " or ".join(f"{rate:g}" for rate in (below, above) if rate is not None)

@@ -1,0 +1,106 @@
+"""Composition: `extends:` (later ones win, the file itself wins over all) and `--set` overrides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile.catalogue import find_profile, profile_name, shown_path
+from xitl_cli.profile.entry import Entry, Origin, dotted, merge
+from xitl_cli.profile.problems import Problem, ProfileError, shown
+from xitl_cli.profile.yaml_file import parse_yaml, read_yaml
+
+OWN_KEYS = ("name", "description")  # what a profile says of itself; not inherited
+
+
+def compose(path: Path) -> Entry:
+    """The profile in the file at `path` with all it extends merged in, `extends` consumed and `name` filled in."""
+    name = profile_name(path)
+    merged = _composed(path, ())
+    assert isinstance(merged.value, dict)
+    return Entry({"name": Entry(name, merged.origin), **merged.value}, merged.origin)
+
+
+def override(profile: Entry, overrides: Iterable[str]) -> Entry:
+    """`profile` with each `KEY.PATH=VALUE` laid on top; VALUE is YAML, a number in the path is the index of a list."""
+    for text in overrides:
+        profile = _with_override(profile, text)
+    return profile
+
+
+def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
+    resolved = path.resolve()
+    entry = read_yaml(path, shown_path(path))
+    assert isinstance(entry.value, dict)
+    below: Entry | None = None
+    if "extends" in entry.value:
+        extends = entry.value["extends"]
+        for name in _names(extends):
+            base_path = _base(name, path)
+            if base_path.resolve() in (*chain, resolved):
+                turns = [*chain, resolved, base_path.resolve()]
+                loop = " -> ".join(shown_path(turn) for turn in turns[turns.index(base_path.resolve()) :])
+                raise _error(name.origin, f"extends = {shown(name.value)} goes round in a circle: {loop}; drop one of them")
+            base = _composed(base_path, (*chain, resolved))
+            below = base if below is None else merge(below, base)
+    own = Entry({key: value for key, value in entry.value.items() if key != "extends"}, entry.origin)
+    if below is None:
+        return own
+    assert isinstance(below.value, dict)
+    inherited = {key: value for key, value in below.value.items() if key not in OWN_KEYS}
+    return merge(Entry(inherited, below.origin), own)
+
+
+def _names(extends: Entry) -> tuple[Entry, ...]:
+    names = extends.value if isinstance(extends.value, tuple) else (extends,)
+    for name in names:
+        if not isinstance(name.value, str):
+            what = shown(name.plain())
+            raise _error(name.origin, f"extends = {what} is not a profile; write a name or a list of names")
+    return names
+
+
+def _base(name: Entry, path: Path) -> Path:
+    try:
+        return find_profile(str(name.value), beside=path.parent)
+    except (UserError, ValueError, OSError) as error:
+        raise _error(name.origin, f"extends = {shown(name.value)}: {error}") from None
+
+
+def _with_override(profile: Entry, text: str) -> Entry:
+    key, equals, value_text = text.partition("=")
+    origin = Origin(f"--set {key.strip()}")
+    keys = [part.strip() for part in key.split(".")]
+    if not equals or not all(keys):
+        raise UserError(f"--set {shown(text)} is not KEY=VALUE; write for example --set environment.wind.mean_mps=8")
+    if keys[0] == "extends":
+        raise _error(origin, "extends cannot be set from the command line; write a profile file that extends both")
+    value = parse_yaml(value_text, str(origin), first_line=None) or Entry(None, origin)
+    return _placed(profile, keys, 0, value)
+
+
+def _placed(entry: Entry, keys: list[str], depth: int, value: Entry) -> Entry:
+    """`entry` with `value` merged in at `keys[depth:]`."""
+    if depth == len(keys):
+        return merge(entry, value)
+    key, path = keys[depth], dotted(tuple(keys[:depth]))
+    if isinstance(entry.value, tuple):
+        count = len(entry.value)
+        if not key.isascii() or not key.isdigit() or int(key[:9]) >= count:
+            fix = {0: "give the whole list", 1: "use 0"}.get(count, f"use 0 to {count - 1}")
+            raise _error(value.origin, f"{path} is a list of {count}, without an entry {key!r}; {fix}")
+        index = int(key)
+        item = _placed(entry.value[index], keys, depth + 1, value)
+        return Entry((*entry.value[:index], item, *entry.value[index + 1 :]), entry.origin)
+    if entry.value is None:
+        entry = Entry({}, value.origin)
+    if not isinstance(entry.value, dict):
+        fix = f"set {path} itself" if path else "name a key"
+        raise _error(value.origin, f"{path} = {shown(entry.plain())} is a value, not a group; {fix}")
+    below = entry.value.get(key, Entry({} if depth + 1 < len(keys) else None, value.origin))
+    return Entry({**entry.value, key: _placed(below, keys, depth + 1, value)}, entry.origin)
+
+
+def _error(origin: Origin, sentence: str) -> ProfileError:
+    return ProfileError([Problem(origin, sentence)], origin.source)

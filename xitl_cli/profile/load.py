@@ -1,0 +1,95 @@
+"""From a profile's name to a checked profile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile import parameter_files
+from xitl_cli.profile.catalogue import SUFFIXES, find_profile
+from xitl_cli.profile.checks import check
+from xitl_cli.profile.compose import compose, override
+from xitl_cli.profile.entry import Entry, Key, KeyPath, Origin
+from xitl_cli.profile.problems import Problem, ProfileError
+from xitl_cli.profile.schema import Profile, RunProfile
+from xitl_cli.profile.sentences import problems_of
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedProfile:
+    """A checked profile, the file it came from, and where each of its values was written."""
+
+    profile: Profile
+    path: Path
+    entry: Entry
+
+    def origin(self, dotted_key: str) -> Origin:
+        """Where `a.b.0.c` was written, or the nearest group around it where it has its default."""
+        keys: list[Key] = [int(key) if key.isdigit() else key for key in dotted_key.split(".")]
+        return self.entry.nearest(tuple(keys))[0].origin
+
+    def runnable(self) -> RunProfile:
+        """The profile with every group a run needs; UserError with the file otherwise."""
+        try:
+            return self.profile.runnable()
+        except UserError as error:
+            raise UserError(f"{self.entry.origin.source}: {error}") from None
+
+
+def load_profile(name: str, overrides: Iterable[str] = ()) -> Profile:
+    """The checked profile `name` (a shipped name or a path) with `KEY.PATH=VALUE` overrides.
+
+    Raises UserError for an unknown name and ProfileError, with all problems, for a profile that is wrong.
+    """
+    return load_with_origins(name, overrides).profile
+
+
+def load_with_origins(name: str, overrides: Iterable[str] = ()) -> LoadedProfile:
+    """As `load_profile`, keeping where every value was written."""
+    path = find_profile(name)
+    try:
+        entry = _with_absolute_paths(override(compose(path), overrides))
+        return LoadedProfile(_validated(entry, name), path, entry)
+    except ProfileError as error:
+        raise ProfileError(error.problems, name) from None
+
+
+def _validated(entry: Entry, name: str) -> Profile:
+    try:
+        profile = Profile.model_validate(entry.plain())
+    except ValidationError as error:
+        raise ProfileError(problems_of(error, entry), name) from None
+    problems = [Problem(entry.nearest(path)[0].origin, sentence) for path, sentence in check(profile)]
+    if problems:
+        raise ProfileError(problems, name)
+    return profile
+
+
+def _with_absolute_paths(entry: Entry) -> Entry:
+    """Relative paths inside a profile are meant from its file: made absolute, so that the profile can be moved."""
+    entry = _rewritten(entry, ("graph", "reference"), SUFFIXES)
+    files = entry.nearest(("autopilot", "parameter_files"))
+    if files[1] == 2 and isinstance(files[0].value, tuple):
+        for number in range(len(files[0].value)):
+            entry = _rewritten(entry, ("autopilot", "parameter_files", number), parameter_files.SUFFIXES)
+    return entry
+
+
+def _rewritten(entry: Entry, path: KeyPath, suffixes: tuple[str, ...]) -> Entry:
+    if not path:
+        if not (isinstance(entry.value, str) and entry.value.endswith(suffixes)):
+            return entry
+        folder = Path() if entry.origin.line is None else Path(entry.origin.source).parent
+        return Entry(str((folder / Path(entry.value).expanduser()).absolute()), entry.origin)
+    below = entry.child(path[0])
+    if below is None:
+        return entry
+    below = _rewritten(below, path[1:], suffixes)
+    if isinstance(entry.value, dict):
+        return Entry({**entry.value, str(path[0]): below}, entry.origin)
+    assert isinstance(entry.value, tuple)
+    return Entry(tuple(below if key == path[0] else item for key, item in enumerate(entry.value)), entry.origin)

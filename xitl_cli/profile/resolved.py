@@ -1,0 +1,37 @@
+"""A checked profile back to YAML that loads to an equal one."""
+
+from __future__ import annotations
+
+import yaml
+
+from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.yaml_file import plain_scalar
+
+
+class _Dumper(yaml.SafeDumper):
+    """Short lists of numbers on one line, no aliases."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def _sequence(dumper: yaml.SafeDumper, items: tuple[object, ...] | list[object]) -> yaml.Node:
+    flow = all(isinstance(item, (int, float, str)) for item in items)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=flow)
+
+
+def _text(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    quotes = None if isinstance(plain_scalar(text), str) else "'"
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=quotes)
+
+
+_Dumper.add_representer(str, _text)
+_Dumper.add_representer(list, _sequence)
+_Dumper.add_representer(tuple, _sequence)
+
+
+def resolved_yaml(profile: Profile) -> str:
+    """`profile` with everything it extends, every override and every default written out."""
+    values = profile.model_dump(mode="python")
+    present = {key: value for key, value in values.items() if value is not None}
+    return yaml.dump(present, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)

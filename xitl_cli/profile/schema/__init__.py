@@ -1,0 +1,16 @@
+"""The schema of a profile, one file per group of keys.
+
+Profile
+├── name, description, technique
+├── site, world          place.py
+├── vehicle              vehicle.py
+├── environment          environment.py
+├── sensors              sensors.py
+├── mission, driver, autopilot   operation.py
+├── clock, recording     session.py
+└── graph                graph.py
+"""
+
+from xitl_cli.profile.schema.profile import Profile, RunProfile
+
+__all__ = ["Profile", "RunProfile"]

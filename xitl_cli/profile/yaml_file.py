@@ -1,0 +1,152 @@
+"""YAML text -> entries with origins.
+
+Scalars follow the YAML 1.2 core schema, so `no` and `on` are text, `1e-3` is a number and `1:30` is text. Refused:
+duplicate keys, keys that are not text, tags, merge keys (`extends` does that), aliases to themselves.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from xitl_cli.profile.entry import Entry, Origin, Scalar
+from xitl_cli.profile.problems import Problem, ProfileError, shown
+
+MAX_VALUES = 100_000  # an alias bomb ends here
+MAX_DEPTH = 60
+
+_NULL = re.compile(r"~|null|Null|NULL|")
+_BOOL = re.compile(r"true|True|TRUE|false|False|FALSE")
+_INT = re.compile(r"[-+]?[0-9]{1,400}|0x[0-9a-fA-F]{1,300}|0o[0-7]{1,300}")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
+
+
+class _Loader(yaml.SafeLoader):
+    """Composes nodes only; scalars are resolved here, by YAML 1.2."""
+
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 - PyYAML's own class attribute
+
+
+class _Refused(Exception):
+    def __init__(self, line: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.line = line
+        self.sentence = sentence
+
+
+def read_yaml(path: Path, shown_as: str) -> Entry:
+    """The mapping in the file at `path`, with origins that call it `shown_as`; ProfileError if it is not one."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise _error(shown_as, 1, f"is not UTF-8 text (byte {error.start}); save it as UTF-8") from None
+    except OSError as error:
+        reason = (error.strerror or "unknown reason").lower()
+        raise _error(shown_as, None, f"cannot be read: {reason}; check the path and its permissions") from None
+    entry = parse_yaml(text, shown_as)
+    if entry is None:
+        raise _error(shown_as, 1, "is empty; a profile is a mapping of keys such as `extends:` and `mission:`")
+    if not isinstance(entry.value, dict):
+        raise _error(shown_as, entry.origin.line, f"is {shown(entry.plain())}; a profile is a mapping of keys")
+    return entry
+
+
+def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | None:
+    """The value in `text`, None if there is none. With `first_line` None origins carry no line (an override)."""
+
+    def origin(line: int) -> Origin:
+        return Origin(source, None if first_line is None else first_line + line)
+
+    loader = None
+    try:
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        return None if node is None else _Reader(origin).entry(node, node.start_mark.line)
+    except _Refused as error:
+        raise ProfileError([Problem(origin(error.line), error.sentence)], source) from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        what = " ".join((error.problem or error.context or "syntax error").split())
+        column = f", column {mark.column + 1}" if mark else ""
+        sentence = f"is not valid YAML: {what}{column}; check indentation, quotes and colons"
+        raise ProfileError([Problem(origin(mark.line if mark else 0), sentence)], source) from None
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position)
+        sentence = f"holds the character {chr(error.character)!r}, which YAML does not allow; remove it"
+        raise ProfileError([Problem(origin(line), sentence)], source) from None
+    except RecursionError:
+        raise ProfileError([Problem(origin(0), "is nested too deeply; flatten it")], source) from None
+    finally:
+        if loader is not None:
+            loader.dispose()
+
+
+class _Reader:
+    """Turns nodes into entries, within bounds."""
+
+    def __init__(self, origin: Any) -> None:
+        self._origin = origin
+        self._values = 0
+
+    def entry(self, node: yaml.Node, line: int, depth: int = 0) -> Entry:
+        """The entry of `node`; `line` (0-based) is that of its key, or its own in a list."""
+        self._values += 1
+        if self._values > MAX_VALUES:
+            raise _Refused(line, f"expands to more than {MAX_VALUES} values; use fewer aliases")
+        if depth > MAX_DEPTH:
+            raise _Refused(line, "is nested too deeply, or an alias holds itself; flatten it")
+        if isinstance(node, yaml.MappingNode):
+            _refuse_tag(node, "tag:yaml.org,2002:map")
+            return Entry(self._mapping(node, depth), self._origin(line))
+        if isinstance(node, yaml.SequenceNode):
+            _refuse_tag(node, "tag:yaml.org,2002:seq")
+            items = tuple(self.entry(item, item.start_mark.line, depth + 1) for item in node.value)
+            return Entry(items, self._origin(line))
+        _refuse_tag(node, "tag:yaml.org,2002:str")
+        return Entry(_scalar(node), self._origin(line))
+
+    def _mapping(self, node: yaml.MappingNode, depth: int) -> dict[str, Entry]:
+        entries: dict[str, Entry] = {}
+        for key_node, value_node in node.value:
+            line = key_node.start_mark.line
+            key = _scalar(key_node) if isinstance(key_node, yaml.ScalarNode) else None
+            if not isinstance(key, str):
+                raise _Refused(line, f"the key {shown(getattr(key_node, 'value', key))} is not text; put it in quotes")
+            if key == "<<":
+                raise _Refused(line, "merge keys (<<) are not used in profiles; name a profile under `extends:`")
+            if key in entries:
+                before = entries[key].origin
+                raise _Refused(line, f"the key {key!r} was given already ({before}); keep one of the two")
+            entries[key] = self.entry(value_node, line, depth + 1)
+        return entries
+
+
+def _refuse_tag(node: yaml.Node, plain: str) -> None:
+    if node.tag not in (plain, "!"):
+        line = node.start_mark.line
+        raise _Refused(line, f"the tag {shown(node.tag)} is not used in profiles; remove it")
+
+
+def plain_scalar(text: str) -> Scalar:
+    """What `text` without quotes means."""
+    if _NULL.fullmatch(text):
+        return None
+    if _BOOL.fullmatch(text):
+        return text.lower() == "true"
+    if _INT.fullmatch(text):
+        return int(text, {"0x": 16, "0o": 8}.get(text[:2], 10))
+    if _FLOAT.fullmatch(text):
+        return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+    return text
+
+
+def _scalar(node: yaml.ScalarNode) -> Scalar:
+    text: str = node.value
+    return plain_scalar(text) if node.style is None else text  # quoted or block: text, whatever it looks like
+
+
+def _error(source: str, line: int | None, sentence: str) -> ProfileError:
+    return ProfileError([Problem(Origin(source, line), sentence)], source)

@@ -1,0 +1,60 @@
+"""The run directory: run.mcap, summary.json and the profile as resolved."""
+
+from __future__ import annotations
+
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from xitl_cli.errors import UserError
+
+RECORDING = "run.mcap"
+SUMMARY = "summary.json"
+PROFILE = "profile.yaml"
+_FILES = (RECORDING, SUMMARY, PROFILE)
+
+
+def check_writable(path: Path) -> None:
+    """Raise UserError when a run cannot be kept in `path`; makes nothing."""
+    folder = path
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise UserError(f"{folder}: is a file, not a directory; choose another --out")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise UserError(f"{folder}: is not writable; choose another --out or change its permissions")
+
+
+def create(path: Path, overwrite: bool) -> Path:
+    """Make `path` and see that it holds no earlier run, or clear that run away."""
+    check_writable(path)
+    present = [name for name in _FILES if (path / name).exists()]
+    if present and not overwrite:
+        raise UserError(f"{path}: already holds a run ({', '.join(present)}); choose another --out or add --overwrite")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        for name in present:
+            (path / name).unlink()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
+    return path
+
+
+def default_path(profile: str, started: datetime | None = None) -> Path:
+    """`runs/<profile>-<UTC time>`, with a number behind it when it is taken."""
+    stamp = (started or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
+    base = Path("runs") / f"{Path(profile).name}-{stamp}"
+    path, number = base, 1
+    while path.exists():
+        number += 1
+        path = base.with_name(f"{base.name}-{number}")
+    return path
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file whole or not at all."""
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+    temporary.replace(path)

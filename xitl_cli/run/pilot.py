@@ -1,0 +1,77 @@
+"""Who turns sensors into motor commands: one interface for an autopilot anywhere, a script, or an ideal pilot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from sim_core.kinematics import Kinematics
+from xitl_cli.recording.records import MotorCommand, Task
+from xitl_cli.run.histogram import Histogram
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the pilot says it is: `target` is the index of the waypoint it heads for, None when it heads for none."""
+
+    mode: str
+    armed: bool = False
+    target: int | None = None
+    reached: int = 0
+    finished: bool = False
+    messages: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LinkReport:
+    """One direction of a link over a whole run; counts the other end keeps are None until it has told them."""
+
+    name: str
+    sent: int | None
+    received: int | None
+    lost: int | None
+    dropped: int
+    latency: Histogram = field(default_factory=Histogram)
+
+
+@dataclass(frozen=True, slots=True)
+class ClockReport:
+    """A node's clock against the host's at the end of a run; None where nothing was measured."""
+
+    node: str
+    offset_us: float | None
+    drift_ppm: float | None
+    asymmetry_bound_us: float | None = None
+    samples: int = 0
+
+
+class Pilot(Protocol):
+    """Sensors in, motor commands out, its time beside ours."""
+
+    def prepare(self) -> None:
+        """Reach whatever is needed, before anything is recorded. Raises UserError when that fails."""
+
+    def begin(self) -> None:
+        """The run starts: simulation time is 0."""
+
+    def sense(self, sim_ns: int, motion: Kinematics) -> None:
+        """After every physics step: measure and send what is due."""
+
+    def exchange(self, sim_ns: int, motion: Kinematics) -> MotorCommand:
+        """At the exchange rate: the motor commands from now on."""
+
+    def progress(self) -> Progress:
+        """How far it is."""
+
+    def position_error_m(self) -> float | None:
+        """Latest horizontal error of its estimate, None where it has none."""
+
+    def end(self) -> None:
+        """The run is over: ask for final counts."""
+
+    def close(self) -> None:
+        """Give back processes and sockets. Safe to call at any time."""
+
+    def links(self) -> list[LinkReport]: ...
+    def tasks(self) -> list[Task]: ...
+    def clocks(self) -> list[ClockReport]: ...

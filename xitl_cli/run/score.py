@@ -1,0 +1,114 @@
+"""How well the run went, judged by the truth: cross-track error, waypoints passed, estimation error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Point = tuple[float, float]
+
+
+class _Rms:
+    def __init__(self) -> None:
+        self._sum = 0.0
+        self._count = 0
+
+    def add(self, square: float) -> None:
+        self._sum += square
+        self._count += 1
+
+    def value(self) -> float | None:
+        return math.sqrt(self._sum / self._count) if self._count else None
+
+
+class MissionScore:
+    """Cross-track error of the true track against the true legs, and how close it came to each waypoint.
+
+    The first leg starts where the vessel was when the mission began. Waypoints are (north, east) in metres.
+    """
+
+    def __init__(self, waypoints: Sequence[Point]) -> None:
+        self._waypoints = list(waypoints)
+        self._start: Point | None = None
+        self._cross_track = _Rms()
+        self.cross_track_max_m = 0.0
+        self.closest_m: list[float | None] = [None] * len(self._waypoints)
+        self.reached = 0
+
+    def add(self, position: Point, target: int, reached: int) -> None:
+        """One look at the vessel: its true position, the index of the waypoint it heads for, and how many are behind it."""
+        self._start = self._start or position
+        self.reached = max(self.reached, reached)
+        if not 0 <= target < len(self._waypoints):
+            return
+        goal = self._waypoints[target]
+        distance = math.dist(position, goal)
+        closest = self.closest_m[target]
+        self.closest_m[target] = distance if closest is None else min(closest, distance)
+        origin = self._waypoints[target - 1] if target else self._start
+        error = cross_track_m(position, origin, goal)
+        self._cross_track.add(error * error)
+        self.cross_track_max_m = max(self.cross_track_max_m, abs(error))
+
+    @property
+    def total(self) -> int:
+        """Number of waypoints."""
+        return len(self._waypoints)
+
+    @property
+    def completed(self) -> bool:
+        """Every waypoint was reached; a mission without waypoints is never complete."""
+        return 0 < self.total == self.reached
+
+    @property
+    def cross_track_rms_m(self) -> float | None:
+        """None before the mission began."""
+        return self._cross_track.value()
+
+
+def cross_track_m(position: Point, origin: Point, goal: Point) -> float:
+    """Distance to the right of the line from origin to goal; from the goal itself when the leg has no length."""
+    along_n, along_e = goal[0] - origin[0], goal[1] - origin[1]
+    length = math.hypot(along_n, along_e)
+    if length < 1e-6:
+        return math.dist(position, goal)
+    return (along_n * (position[1] - origin[1]) - along_e * (position[0] - origin[0])) / length
+
+
+class EstimationScore:
+    """Horizontal position error and heading error of the autopilot's estimate against the truth."""
+
+    def __init__(self) -> None:
+        self._position = _Rms()
+        self._heading = _Rms()
+
+    def add(
+        self,
+        true_pos_ned_m: NDArray[np.float64],
+        true_quat_ned_frd: NDArray[np.float64],
+        pos_ned_m: NDArray[np.float64],
+        quat_ned_frd: NDArray[np.float64],
+    ) -> None:
+        """One estimate beside the truth of the same instant; positions (3,), quaternions (4,)."""
+        north, east = (pos_ned_m - true_pos_ned_m)[:2].tolist()
+        self._position.add(north * north + east * east)
+        error = math.remainder(_yaw_rad(quat_ned_frd) - _yaw_rad(true_quat_ned_frd), math.tau)
+        self._heading.add(math.degrees(error) ** 2)
+
+    @property
+    def position_rms_m(self) -> float | None:
+        """None when there was no estimate."""
+        return self._position.value()
+
+    @property
+    def heading_rms_deg(self) -> float | None:
+        """None when there was no estimate."""
+        return self._heading.value()
+
+
+def _yaw_rad(quat: NDArray[np.float64]) -> float:
+    w, x, y, z = quat.tolist()
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

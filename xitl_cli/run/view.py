@@ -1,0 +1,161 @@
+"""What a person sees while a run goes on: a live panel in a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+LIVE_INTERVAL_S = 0.2
+PLAIN_INTERVAL_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Glance:
+    """The state of a run at a glance."""
+
+    sim_s: float
+    duration_s: float
+    mode: str
+    armed: bool
+    waypoints_reached: int
+    waypoints_total: int
+    speed_mps: float
+    heading_deg: float
+    cross_track_m: float | None
+    position_error_m: float | None
+    current_mps: float
+    wind_mps: float
+    motors: tuple[float, ...]
+    sent: int = 0
+    received: int = 0
+    lost: int = 0
+    missed: int = 0
+    messages: tuple[str, ...] = field(default=())
+
+
+class View(Protocol):
+    """Shown now and then; `due` is asked on every exchange and must be cheap."""
+
+    def due(self) -> bool: ...
+    def show(self, glance: Glance) -> None: ...
+    def close(self) -> None: ...
+
+
+class NoView:
+    """Shows nothing."""
+
+    def due(self) -> bool:
+        return False
+
+    def show(self, glance: Glance) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class PlainView:
+    """One line now and then, for logs and pipes."""
+
+    def __init__(self, console: Console, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._console = console
+        self._now_s = now_s
+        self._next_s = 0.0
+
+    def due(self) -> bool:
+        return self._now_s() >= self._next_s
+
+    def show(self, glance: Glance) -> None:
+        self._next_s = self._now_s() + PLAIN_INTERVAL_S
+        error = "" if glance.position_error_m is None else f"  estimate off {glance.position_error_m:.2f} m"
+        self._console.print(
+            f"t {glance.sim_s:6.1f} s  {_state(glance):<14} waypoint {glance.waypoints_reached}/{glance.waypoints_total}"
+            f"  {glance.speed_mps:4.1f} m/s  heading {glance.heading_deg:3.0f}°  cross-track {_metres(glance.cross_track_m)}"
+            f"{error}  lost {glance.lost}  missed {glance.missed}",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
+
+    def close(self) -> None:
+        pass
+
+
+class LiveView:
+    """A panel that redraws itself a few times a second."""
+
+    def __init__(self, console: Console, title: str, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._title = title
+        self._now_s = now_s
+        self._next_s = 0.0
+        self._last: tuple[float, Glance] | None = None
+        self._live = Live(console=console, auto_refresh=False, transient=True)
+        self._live.start()
+
+    def due(self) -> bool:
+        return self._now_s() >= self._next_s
+
+    def show(self, glance: Glance) -> None:
+        now_s = self._now_s()
+        self._next_s = now_s + LIVE_INTERVAL_S
+        self._live.update(self._panel(glance, now_s), refresh=True)
+        self._last = (now_s, glance)
+
+    def close(self) -> None:
+        self._live.stop()
+
+    def _panel(self, glance: Glance, now_s: float) -> RenderableType:
+        factor = sent_rate = received_rate = 0.0
+        if self._last is not None and now_s > self._last[0]:
+            before_s, before = self._last
+            wall_s = now_s - before_s
+            factor = (glance.sim_s - before.sim_s) / wall_s
+            sim_s = max(glance.sim_s - before.sim_s, 1e-9)
+            sent_rate = (glance.sent - before.sent) / sim_s
+            received_rate = (glance.received - before.received) / sim_s
+        progress = Table.grid(padding=(0, 1), expand=True)
+        progress.add_column(ratio=1)
+        progress.add_column(justify="right")
+        share = glance.waypoints_reached / max(glance.waypoints_total, 1)
+        progress.add_row(
+            ProgressBar(total=1.0, completed=share),
+            f"waypoint {glance.waypoints_reached}/{glance.waypoints_total}   {glance.sim_s:.1f} s   {factor:.1f}× real time",
+        )
+        state = Table.grid(padding=(0, 2))
+        for _ in range(4):
+            state.add_column()
+        state.add_row("mode", Text(_state(glance), style="bold"), "speed", f"{glance.speed_mps:.2f} m/s")
+        state.add_row("heading", f"{glance.heading_deg:.0f}°", "cross-track", _metres(glance.cross_track_m))
+        state.add_row("current", f"{glance.current_mps:.2f} m/s", "wind", f"{glance.wind_mps:.1f} m/s")
+        state.add_row(
+            "motors", "  ".join(f"{motor:+.2f}" for motor in glance.motors), "estimate off", _metres(glance.position_error_m)
+        )
+        state.add_row("to agent", f"{sent_rate:.0f} msg/s", "from agent", f"{received_rate:.0f} msg/s")
+        trouble = Text(f"{glance.lost} lost, {glance.missed} missed", style="red" if glance.lost or glance.missed else "green")
+        state.add_row("link", trouble, "", "")
+        lines = [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in glance.messages[-3:]]
+        return Panel(Group(progress, state, *lines), title=self._title, title_align="left", border_style="cyan")
+
+
+def make_view(console: Console, title: str, quiet: bool) -> View:
+    """The view that suits where the output goes."""
+    if quiet:
+        return NoView()
+    return LiveView(console, title) if console.is_terminal else PlainView(console)
+
+
+def _state(glance: Glance) -> str:
+    return f"{glance.mode} {'armed' if glance.armed else 'disarmed'}"
+
+
+def _metres(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f} m"

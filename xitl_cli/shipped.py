@@ -1,0 +1,25 @@
+"""Where the files that come with xitl are: inside the package when installed, beside it in a source tree."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+
+
+def profiles_dir() -> Path:
+    """The folder of the shipped profiles."""
+    return _shipped("profiles")
+
+
+def firmware_params_dir() -> Path:
+    """The folder of the shipped parameter files (`*.parm`)."""
+    return _shipped("firmware_params")
+
+
+def _shipped(folder: str) -> Path:
+    package = Path(__file__).resolve().parent
+    for candidate in (package / "shipped" / folder, package.parent / folder):
+        if candidate.is_dir():
+            return candidate
+    raise UserError(f"{package / 'shipped' / folder}: the {folder} that come with xitl are missing; install xitl again")
