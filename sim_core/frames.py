@@ -82,7 +82,8 @@ def quat_multiply(left: Array, right: Array) -> Array:
 
 def quat_conjugate(quat: Array) -> Array:
     """(..., 4) inverse of a unit quaternion."""
-    return quat * np.array([1.0, -1.0, -1.0, -1.0])
+    conjugate: Array = quat * np.array([1.0, -1.0, -1.0, -1.0])
+    return conjugate
 
 
 def quat_normalize(quat: Array) -> Array:
@@ -93,8 +94,9 @@ def quat_normalize(quat: Array) -> Array:
 
 def quat_to_matrix(quat: Array) -> Array:
     """(..., 4) unit quaternion -> (..., 3, 3) rotation matrix, `v_ned = matrix @ v_frd`."""
-    products = quat[..., :, None] * quat[..., None, :]
-    matrix: Array = (products.reshape(*quat.shape[:-1], 16) @ _ROTATION).reshape(*quat.shape[:-1], 3, 3)
+    q = quat.reshape(-1, 4)
+    products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
+    matrix: Array = (products @ _ROTATION).reshape((*quat.shape[:-1], 3, 3))
     return matrix
 
 

@@ -1,1 +1,1 @@
-"""The embedded autopilot: sensing (LS), control (LC) and actuation (LA), its parameters, missions and MAVLink services."""
+"""The embedded autopilot: sensing (LS), control (LC), actuation (LA), parameters, missions, MAVLink services."""

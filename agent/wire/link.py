@@ -6,14 +6,23 @@ from dataclasses import dataclass
 from typing import Callable
 
 from agent.wire.codec import Message, Packer, decode
-from agent.wire.dialect import MAVLINK_MSG_ID_XITL_RUN
+from agent.wire.dialect import MAVLINK_MSG_ID_XITL_RUN, XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP
 from agent.wire.framing import Framer
 from agent.wire.sequence import SequenceMonitor
-from agent.wire.transport import Transport
+from agent.wire.transport import Standing, Transport
 
 DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tunnel
 
 Tap = Callable[[str, bytes], None]
+
+_STANDING = {XITL_RUN_COMMAND_START: Standing.STARTS, XITL_RUN_COMMAND_STOP: Standing.LEAVES}
+
+
+def _standing(messages: list[Message]) -> Standing:
+    for message in messages:
+        if message.get_msgId() == MAVLINK_MSG_ID_XITL_RUN:
+            return _STANDING.get(message.command, Standing.HEARD)
+    return Standing.HEARD
 
 
 @dataclass(frozen=True)
@@ -111,24 +120,22 @@ class Link:
         return True
 
     def receive(self, timeout_s: float = 0.0) -> list[Message]:
-        """Messages that have arrived, in order. Waits for bytes at most timeout_s; bytes that hold no good frame end the wait too.
+        """Messages that have arrived, in order. Waits for bytes at most timeout_s.
 
-        No bytes from outside raise. Each message's sender and sequence number are in it (get_srcSystem(), ...).
+        Bytes that hold no good frame end the wait too. No bytes from outside raise. Each message knows its sender and
+        sequence number (get_srcSystem(), ...).
         """
         transport, note, tap = self.transport, self._sequence.note, self.tap
         messages: list[Message] = []
         for index, chunk in enumerate(transport.receive(timeout_s)):
             frames = self._framer.feed(chunk)
-            claim = False
             for frame in frames:
                 note(frame[5], frame[6], frame[4])
                 if tap is not None:
                     tap("rx", frame)
-                message = decode(frame)
-                claim = claim or message.get_msgId() == MAVLINK_MSG_ID_XITL_RUN
-                messages.append(message)
+                messages.append(decode(frame))
             if frames and transport.learns_peer:
-                transport.credit(index, claim)
+                transport.credit(index, _standing(messages[-len(frames) :]))
         self._received += len(messages)
         return messages
 

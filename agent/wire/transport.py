@@ -18,6 +18,7 @@ A new transport is a row in `SCHEMES`, a class, and a row in the contract test.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from enum import Enum
 from importlib import import_module
 from types import TracebackType
 from typing import TypeVar, cast
@@ -28,6 +29,14 @@ SCHEMES: dict[str, str] = {
 }
 
 Self = TypeVar("Self", bound="Transport")
+
+
+class Standing(Enum):
+    """What the sender of a chunk with a good frame is to this end."""
+
+    HEARD = 0  # somebody who speaks the dialect
+    STARTS = 1  # asks to be served from now on, and nobody else
+    LEAVES = 2  # wants nothing more
 
 
 class TransportError(Exception):
@@ -119,8 +128,8 @@ class Transport(ABC):
         """The other end as a URL, or an empty text while it is not known."""
         return ""
 
-    def credit(self, index: int, claim: bool) -> None:  # noqa: B027  most transports have one peer for life
-        """Chunk `index` of the last `receive` held a good frame; `claim` when its sender asked to be served.
+    def credit(self, index: int, standing: Standing) -> None:  # noqa: B027  most transports have one peer for life
+        """Chunk `index` of the last `receive` held a good frame, which makes its sender what `standing` says.
 
         A transport that takes bytes from anybody learns its peer from this, so that stray bytes never redirect the
         answers.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import select
 import socket
+from math import inf
 from time import monotonic
 from typing import Any, Callable
 from urllib.parse import SplitResult
@@ -15,6 +16,7 @@ from agent.wire.transport import (
     AddressUnavailableError,
     BadUrlError,
     DatagramTooLongError,
+    Standing,
     Transport,
     TransportClosedError,
     TransportError,
@@ -26,7 +28,7 @@ BUFFER_BYTES = (
 )  # a second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max
 BATCH = 512  # datagrams of one receive(): a flood may not hold the caller
 LARGEST = 65507
-PEER_SILENCE_S = 2.0
+PEER_SILENCE_S = 1.0
 
 Address = tuple[Any, ...]  # what the socket module gives for IPv4 and IPv6
 
@@ -34,11 +36,10 @@ Address = tuple[Any, ...]  # what the socket module gives for IPv4 and IPv6
 class UdpTransport(Transport):
     """A bound socket that learns its peer (listen), or a connected one.
 
-    Listening, datagrams of any sender are handed up, and answers go to the peer. The peer is the first sender of a good
-    frame. It changes when another sender's datagram holds a claim (the link decides; XITL_RUN is one), or a good frame
-    after the peer has been silent for `PEER_SILENCE_S`: garbage never moves it, a ground station that happens to send
-    heartbeats does not take the answers away from the host in mid-run, a host that restarts on another port is served
-    at once.
+    Listening, datagrams of any sender are handed up, and answers go to the peer: the first sender of a good frame. It
+    gives way to another sender that starts a run, and to any other sender of a good frame once it has left or has been
+    silent for `PEER_SILENCE_S`. So garbage never moves it, a ground station or a second host that asks around does not
+    take the answers away in mid-run, and a host that restarts on another port is served.
 
     refused: how often the other machine said that nobody listens at the port (ICMP). peer_changes: how often the peer
     moved after the first.
@@ -143,11 +144,11 @@ class UdpTransport(Transport):
             sources.append(source)
         return chunks
 
-    def credit(self, index: int, claim: bool) -> None:
+    def credit(self, index: int, standing: Standing) -> None:
         source, now_s = self._sources[index], self._clock_s()
         if source == self._peer:
-            self._peer_heard_s = now_s
-        elif self._peer is None or claim or now_s - self._peer_heard_s > PEER_SILENCE_S:
+            self._peer_heard_s = now_s if standing is not Standing.LEAVES else -inf
+        elif self._peer is None or standing is Standing.STARTS or now_s - self._peer_heard_s > PEER_SILENCE_S:
             self.peer_changes += self._peer is not None
             self._peer, self._peer_heard_s = source, now_s
 

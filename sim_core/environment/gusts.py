@@ -84,8 +84,13 @@ class SpectralGust:
     def from_spectrum(
         cls, name: str, mean_mps: float, height_m: float, deviation_mps: float | None = None, components: int = 48
     ) -> SpectralGust:
-        """Harmonics on logarithmic bands, each with its band's energy; scaled to `deviation_mps` unless that is None."""
+        """Harmonics on logarithmic bands, each with its band's energy; scaled to `deviation_mps` if given."""
         density = gust_density(name)
+        if not (mean_mps > 0.0 and height_m > 0.0 and components >= 8):
+            raise ValueError(
+                f"wind.gust.spectrum = {name!r} needs a positive mean_mps and height and 8 components or more; "
+                f"got {mean_mps}, {height_m}, {components}"
+            )
         edges_hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, components + 1)
         fine_hz = np.geomspace(edges_hz[:-1], edges_hz[1:], 17, axis=1)
         variance = np.trapezoid(density(fine_hz, mean_mps, height_m), fine_hz, axis=1)
@@ -135,9 +140,7 @@ def npd_density(frequency_hz: Array, mean_mps: float, height_m: float) -> Array:
     """Norwegian Petroleum Directorate (NORSOK N-003, ISO 19901-1), valid for the 1 h mean at 10 m."""
     n = 0.468
     x = 172.0 * frequency_hz * (height_m / 10.0) ** (2.0 / 3.0) * (mean_mps / 10.0) ** -0.75
-    density: Array = (
-        320.0 * (mean_mps / 10.0) ** 2 * (height_m / 10.0) ** 0.45 / (1.0 + x**n) ** (5.0 / (3.0 * n))
-    )
+    density: Array = 320.0 * (mean_mps / 10.0) ** 2 * (height_m / 10.0) ** 0.45 / (1.0 + x**n) ** (5.0 / (3.0 * n))
     return density
 
 

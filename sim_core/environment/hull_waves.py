@@ -56,10 +56,10 @@ class HullWaves:
     turns_per_m: Array  # (2, W)
     turns_per_s: Array  # (W,)
     turns: Array  # (W,)
-    lever: Array32  # (6, S W)
+    lever: Array32  # (6, (1 + S) W), the origin first
     at_point: Array32  # (W, 4): elevation, vertical acceleration, orbital north, orbital east
-    over_hull: Array32  # (4 S, 8)
-    at_origin: Array32  # (2 W, 8)
+    over_hull: Array32  # (4 (1 + S), 8)
+    at_origin: Array32  # (W, 8)
 
     @classmethod
     def bind(
@@ -71,22 +71,22 @@ class HullWaves:
         drift_mps: Array,
         points_frd_m: Array,
     ) -> HullWaves:
-        """Constants of `sample`, whose eight columns are orbital velocity (3), slope (3), vertical acceleration, elevation.
+        """Constants of `sample`; its eight columns: orbital velocity (3), slope (3), vertical acceleration, elevation.
 
         amplitude, omega, phase: (W,); wave vectors and drift (amplitude of the horizontal velocity): (W, 2) north,
         east; points: (S, 3).
         """
         components, points = len(amplitude_m), len(points_frd_m)
-        lever = np.einsum("wi,sj->ijsw", wave_vector_radpm, points_frd_m).reshape(6, points * components)
+        origin_too = np.concatenate([np.zeros((1, 3)), points_frd_m])
+        lever = np.einsum("wi,sj->ijsw", wave_vector_radpm, origin_too).reshape(6, -1)
         at_point = np.column_stack([amplitude_m, -amplitude_m * omega_radps**2, drift_mps])
-        over_hull = np.zeros((points, 4, 8))
-        over_hull[:, 2, 0] = over_hull[:, 3, 1] = over_hull[:, 1, 6] = 1.0 / points
+        over_hull = np.zeros((1 + points, 4, 8))
+        over_hull[1:, 2, 0] = over_hull[1:, 3, 1] = over_hull[1:, 1, 6] = 1.0 / points
         # Least-squares plane through the points' elevations: rows 1 and 2 of the pseudo-inverse are its slopes.
-        plane = np.linalg.pinv(np.column_stack([np.ones(points), points_frd_m[:, :2]]))
-        over_hull[:, 0, 3:5] = plane[1:].T
-        at_origin = np.zeros((2, components, 8))
-        at_origin[0, :, 7] = amplitude_m  # of cos theta
-        at_origin[1, :, 2] = -amplitude_m * omega_radps  # of sin theta: the surface rises, down is positive
+        over_hull[1:, 0, 3:5] = np.linalg.pinv(np.column_stack([np.ones(points), points_frd_m[:, :2]]))[1:].T
+        over_hull[0, 0, 7] = 1.0
+        at_origin = np.zeros((components, 8))
+        at_origin[:, 2] = -amplitude_m * omega_radps  # of sin theta: the surface rises, down is positive
         turn = 2.0 * math.pi
         return cls(
             turns_per_m=wave_vector_radpm.T / turn,
@@ -94,28 +94,23 @@ class HullWaves:
             turns=phase_rad / turn,
             lever=lever.astype(float32),
             at_point=at_point.astype(float32),
-            over_hull=over_hull.reshape(4 * points, 8).astype(float32),
-            at_origin=at_origin.reshape(2 * components, 8).astype(float32),
+            over_hull=over_hull.reshape(-1, 8).astype(float32),
+            at_origin=at_origin.astype(float32),
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
         """The surface at time_s under N vessels at (N, 3) positions with (N, 3, 3) attitudes."""
         vessels, components = len(pos_ned_m), len(self.turns)
         phase = self._phase_at_origin(time_s, pos_ned_m)
-        cos_sin = np.empty((vessels, 2 * components), dtype=float32)
-        np.cos(phase, out=cos_sin[:, :components])
-        np.sin(phase, out=cos_sin[:, components:])
-
         lever = rot_ned_frd.reshape(vessels, 9)[:, :6].astype(float32) @ self.lever
         wave = lever.reshape(vessels, -1, components)
         wave += phase[:, None, :]
         np.cos(wave, out=wave)
         point = wave @ self.at_point
-
         summed = point.reshape(vessels, -1) @ self.over_hull
-        summed += cos_sin @ self.at_origin
+        summed += np.sin(phase) @ self.at_origin
         hull = summed.astype(float64)
-        return HullSurface(hull[:, 7], point[:, :, 0], hull[:, :3], hull[:, 3:6], hull[:, 6:7])
+        return HullSurface(hull[:, 7], point[:, 1:, 0].astype(float64), hull[:, :3], hull[:, 3:6], hull[:, 6:7])
 
     def _phase_at_origin(self, time_s: float, pos_ned_m: Array) -> Array32:
         """(N, W) theta in (-pi, pi]."""
@@ -124,5 +119,3 @@ class HullWaves:
         turns -= np.rint(turns)
         turns *= 2.0 * math.pi
         return turns.astype(float32)
-
-

@@ -31,7 +31,7 @@ def pierson_moskowitz(omega_radps: Array, significant_height_m: float, peak_peri
 
 
 def jonswap(omega_radps: Array, significant_height_m: float, peak_period_s: float, gamma: float = 3.3) -> Array:
-    """JONSWAP, normalised numerically to Hs (DNV-RP-C205, 3.5.5, whose factor 1 - 0.287 ln(gamma) is an approximation)."""
+    """JONSWAP, normalised to Hs numerically; DNV-RP-C205 3.5.5 has the same shape with an approximate factor."""
 
     def shape(omega: Array) -> Array:
         peak_radps = 2.0 * np.pi / peak_period_s

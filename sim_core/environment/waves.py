@@ -67,7 +67,7 @@ class WaveField:
         return slope
 
     def orbital_velocity_ned_mps(self, time_s: float, pos_ne_m: Array) -> Array:
-        """(..., 3) velocity of the water at the surface, a omega coth(k d) along the wave and the surface's own rise."""
+        """(..., 3) velocity of the water at the surface: a omega coth(k d) along the wave, and its rise."""
         phase = self.phase_at(time_s, pos_ne_m)
         horizontal = np.cos(phase) @ self.drift_mps
         rise = np.sin(phase) @ (self.amplitude_m * self.omega_radps)

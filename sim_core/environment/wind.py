@@ -69,7 +69,7 @@ class Wind:
     direction_deg: float
     direction_deviation_deg: float = 0.0
     direction_correlation_s: float = 300.0
-    gust: Gust = NoGust()
+    gust: Gust = field(default_factory=NoGust)
     discrete_gusts: tuple[DiscreteGust, ...] = ()
     _veer: GaussMarkov = field(init=False, repr=False, compare=False)
     _course_rad: float = field(init=False, repr=False, compare=False)

@@ -86,7 +86,7 @@ class AddedMass:
 
 @dataclass(frozen=True, slots=True)
 class Damping:
-    """One coefficient per degree of freedom: N s/m and N m s/rad when linear, N s2/m2 and N m s2/rad2 when quadratic."""
+    """One coefficient per axis: linear in N s/m and N m s/rad, quadratic in N s2/m2 and N m s2/rad2."""
 
     surge: float = 0.0
     sway: float = 0.0

@@ -27,10 +27,8 @@ def graph_of(nodes: NodeGraph) -> Graph:
     return build_graph(vertices, [(one, other) for one, others in nodes.links.items() for other in others])
 
 
-def wdri_of(
-    profile: Profile | RunProfile, reference: str | None = None, vertices: Vertices | None = None
-) -> Wdri:
-    """The WDRI of `profile` against `reference` (a profile's name or path, or `complete`; default: as the profile says).
+def wdri_of(profile: Profile | RunProfile, reference: str | None = None, vertices: Vertices | None = None) -> Wdri:
+    """The WDRI of `profile` against `reference`: a profile's name or path, or `complete` (default: the profile's own).
 
     `vertices` is the count that averages the degrees of `profile` (default: as the profile says); a reference profile
     keeps its own. Raises UserError where a graph is missing or the index is undefined.
@@ -46,7 +44,7 @@ def wdri_of(
     else:
         other = load_profile(reference)
         if other.graph is None:
-            raise UserError(f"{other.name}: has no graph, so it cannot be a reference; name one that has, or {COMPLETE!r}")
+            raise UserError(f"{other.name}: has no graph to be held against; name a profile that has, or {COMPLETE!r}")
         reference = other.name
         reference_graph = graph_of(other.graph)
         n_ref = vertex_count(reference_graph, other.graph.vertices, other.name)

@@ -15,22 +15,24 @@ SUFFIXES = (".yaml", ".yml")
 def shipped_profiles() -> dict[str, Path]:
     """Every shipped profile by its name (`sitl`, `environments/calm`), sorted: the runnable top ones first."""
     root = profiles_dir()
-    paths = sorted(root.rglob("*.yaml"), key=lambda path: (len(path.parts), path.parts))
-    return {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
+    names = {path.relative_to(root).with_suffix("").as_posix(): path for path in root.rglob("*.yaml")}
+    return dict(sorted(names.items(), key=lambda item: (item[0].count("/"), item[0])))
 
 
 def find_profile(name: str, beside: Path | None = None) -> Path:
     """The file of the profile `name`.
 
-    A name that ends in .yaml is a path, relative to the folder `beside` (default: the working directory). Any other is a
-    shipped profile, by its full name or, where that is unique, its last part; failing that, a path.
+    A name that ends in .yaml is a path, relative to the folder `beside` (default: the working directory). Any other is
+    a shipped profile, by its full name or, where that is unique, its last part; failing that, a path.
     Raises UserError with suggestions.
     """
     path = (beside or Path()) / Path(name).expanduser()
     if name.endswith(SUFFIXES):
         if not path.is_file():
             what = "is a folder" if path.is_dir() else "does not exist"
-            raise UserError(f"{shown_path(path)} {what}; check the path, or name a shipped profile (`xitl profiles list`)")
+            raise UserError(
+                f"{shown_path(path)} {what}; check the path, or name a shipped profile (`xitl profiles list`)"
+            )
         return path
     shipped = shipped_profiles()
     if name in shipped:

@@ -41,7 +41,8 @@ def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
             if base_path.resolve() in (*chain, resolved):
                 turns = [*chain, resolved, base_path.resolve()]
                 loop = " -> ".join(shown_path(turn) for turn in turns[turns.index(base_path.resolve()) :])
-                raise _error(name.origin, f"extends = {shown(name.value)} goes round in a circle: {loop}; drop one of them")
+                what = f"extends = {shown(name.value)} goes round in a circle: {loop}; drop one of them"
+                raise _error(name.origin, what)
             base = _composed(base_path, (*chain, resolved))
             below = base if below is None else merge(below, base)
     own = Entry({key: value for key, value in entry.value.items() if key != "extends"}, entry.origin)

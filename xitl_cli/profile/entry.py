@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -54,18 +53,6 @@ class Entry:
                 break
             entry, depth = below, depth + 1
         return entry, depth
-
-    def leaves(self, path: KeyPath = ()) -> Iterator[tuple[KeyPath, Entry]]:
-        """Every scalar (and empty mapping or list) below, with its key path."""
-        items: list[tuple[Key, Entry]] = []
-        if isinstance(self.value, dict):
-            items = list(self.value.items())
-        elif isinstance(self.value, tuple):
-            items = list(enumerate(self.value))
-        if not items:
-            yield path, self
-        for key, entry in items:
-            yield from entry.leaves((*path, key))
 
 
 def merge(base: Entry, over: Entry) -> Entry:

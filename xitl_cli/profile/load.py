@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,12 +51,14 @@ def load_profile(name: str, overrides: Iterable[str] = ()) -> Profile:
 
 def load_with_origins(name: str, overrides: Iterable[str] = ()) -> LoadedProfile:
     """As `load_profile`, keeping where every value was written."""
+    overrides = tuple(overrides)
     path = find_profile(name)
     try:
         entry = _with_absolute_paths(override(compose(path), overrides))
         return LoadedProfile(_validated(entry, name), path, entry)
     except ProfileError as error:
-        raise ProfileError(error.problems, name) from None
+        called = " ".join([shlex.quote(name), *(f"--set {shlex.quote(text)}" for text in overrides)])
+        raise ProfileError(error.problems, called) from None
 
 
 def _validated(entry: Entry, name: str) -> Profile:

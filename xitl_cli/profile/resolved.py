@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 import yaml
 
+from xitl_cli.profile.entry import Entry, KeyPath, dotted
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.yaml_file import plain_scalar
+from xitl_cli.profile.yaml_file import parse_yaml, plain_scalar
+
+if TYPE_CHECKING:
+    from xitl_cli.profile.load import LoadedProfile
 
 
 class _Dumper(yaml.SafeDumper):
@@ -35,3 +43,23 @@ def resolved_yaml(profile: Profile) -> str:
     values = profile.model_dump(mode="python")
     present = {key: value for key, value in values.items() if value is not None}
     return yaml.dump(present, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def values_with_origins(loaded: LoadedProfile) -> Iterator[tuple[str, str, str]]:
+    """Every value of a profile as (dotted key, value, where it was written or `default`)."""
+    resolved = parse_yaml(resolved_yaml(loaded.profile), "resolved")
+    if resolved is None:
+        return
+    for path, leaf in _rows(resolved, ()):
+        found, depth = loaded.entry.nearest(path)
+        text = leaf.value if isinstance(leaf.value, str) else json.dumps(leaf.plain(), ensure_ascii=False)
+        yield dotted(path), text, str(found.origin) if depth == len(path) else "default"
+
+
+def _rows(entry: Entry, path: KeyPath) -> Iterator[tuple[KeyPath, Entry]]:
+    """Scalars, and lists as wholes."""
+    if isinstance(entry.value, dict) and entry.value:
+        for key, below in entry.value.items():
+            yield from _rows(below, (*path, key))
+    else:
+        yield path, entry

@@ -64,12 +64,12 @@ def problems_of(error: ValidationError, entry: Entry) -> list[Problem]:
 def _unknown(path: KeyPath, entry: Entry) -> tuple[Problem, list[KeyPath]]:
     group = group_at(Profile, path[:-1])
     known = list(group.model_fields) if group else []
-    close = difflib.get_close_matches(str(path[-1]), known, n=1)
-    elsewhere = [] if close else paths_to(Profile, str(path[-1]))
+    elsewhere = paths_to(Profile, str(path[-1]))
+    close = difflib.get_close_matches(str(path[-1]), known, n=1, cutoff=0.8 if elsewhere else 0.6)
     if close:
         fix = f"did you mean {close[0]!r}?"
     elif elsewhere:
-        fix = f"did you mean {dotted(elsewhere[0])!r}?"
+        fix = f"did you mean {' or '.join(repr(dotted(place)) for place in elsewhere[:2])}?"
     else:
         fix = f"known keys: {', '.join(known)}"
     sentence = f"{dotted(path)} is not a known key; {fix}"

@@ -30,7 +30,7 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 - PyYAML's own class attribute
 
 
-class _Refused(Exception):
+class _RefusedError(Exception):
     def __init__(self, line: int, sentence: str) -> None:
         super().__init__(sentence)
         self.line = line
@@ -65,7 +65,7 @@ def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | No
         loader = _Loader(text)
         node = loader.get_single_node()
         return None if node is None else _Reader(origin).entry(node, node.start_mark.line)
-    except _Refused as error:
+    except _RefusedError as error:
         raise ProfileError([Problem(origin(error.line), error.sentence)], source) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -95,9 +95,9 @@ class _Reader:
         """The entry of `node`; `line` (0-based) is that of its key, or its own in a list."""
         self._values += 1
         if self._values > MAX_VALUES:
-            raise _Refused(line, f"expands to more than {MAX_VALUES} values; use fewer aliases")
+            raise _RefusedError(line, f"expands to more than {MAX_VALUES} values; use fewer aliases")
         if depth > MAX_DEPTH:
-            raise _Refused(line, "is nested too deeply, or an alias holds itself; flatten it")
+            raise _RefusedError(line, "is nested too deeply, or an alias holds itself; flatten it")
         if isinstance(node, yaml.MappingNode):
             _refuse_tag(node, "tag:yaml.org,2002:map")
             return Entry(self._mapping(node, depth), self._origin(line))
@@ -105,6 +105,7 @@ class _Reader:
             _refuse_tag(node, "tag:yaml.org,2002:seq")
             items = tuple(self.entry(item, item.start_mark.line, depth + 1) for item in node.value)
             return Entry(items, self._origin(line))
+        assert isinstance(node, yaml.ScalarNode)
         _refuse_tag(node, "tag:yaml.org,2002:str")
         return Entry(_scalar(node), self._origin(line))
 
@@ -114,12 +115,14 @@ class _Reader:
             line = key_node.start_mark.line
             key = _scalar(key_node) if isinstance(key_node, yaml.ScalarNode) else None
             if not isinstance(key, str):
-                raise _Refused(line, f"the key {shown(getattr(key_node, 'value', key))} is not text; put it in quotes")
+                raise _RefusedError(
+                    line, f"the key {shown(getattr(key_node, 'value', key))} is not text; put it in quotes"
+                )
             if key == "<<":
-                raise _Refused(line, "merge keys (<<) are not used in profiles; name a profile under `extends:`")
+                raise _RefusedError(line, "merge keys (<<) are not used in profiles; name a profile under `extends:`")
             if key in entries:
                 before = entries[key].origin
-                raise _Refused(line, f"the key {key!r} was given already ({before}); keep one of the two")
+                raise _RefusedError(line, f"the key {key!r} was given already ({before}); keep one of the two")
             entries[key] = self.entry(value_node, line, depth + 1)
         return entries
 
@@ -127,7 +130,7 @@ class _Reader:
 def _refuse_tag(node: yaml.Node, plain: str) -> None:
     if node.tag not in (plain, "!"):
         line = node.start_mark.line
-        raise _Refused(line, f"the tag {shown(node.tag)} is not used in profiles; remove it")
+        raise _RefusedError(line, f"the tag {shown(node.tag)} is not used in profiles; remove it")
 
 
 def plain_scalar(text: str) -> Scalar:

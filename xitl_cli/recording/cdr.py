@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+
 _LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
 _CODES = {"f64": "d", "f32": "f", "i64": "q", "u64": "Q", "u32": "I", "u8": "B"}
 

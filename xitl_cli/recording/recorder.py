@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from foxglove import channels, messages
+from foxglove import messages
 from numpy.typing import NDArray
 
 from sim_core import frames
@@ -39,20 +39,20 @@ class Recorder:
         self._task_layouts: dict[tuple[str, str], Layout] = {}
         self._clock_layouts: dict[str, Layout] = {}
         self._frame_head = Layout("u32")
-        self._state = file.channel("/truth/state", "xitl_msgs/msg/VesselState", schemas.VESSEL_STATE)
-        self._odometry = file.channel("/truth/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
-        self._estimate = file.channel("/estimate/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
-        self._environment = file.channel("/environment", "xitl_msgs/msg/Environment", schemas.ENVIRONMENT)
-        self._actuators = file.channel("/actuators", "xitl_msgs/msg/Actuators", schemas.ACTUATORS)
-        self._tasks = file.channel("/tasks", "xitl_msgs/msg/Task", schemas.TASK)
-        self._clocks = file.channel("/clocks", "xitl_msgs/msg/Clock", schemas.CLOCK)
-        self._sent = file.channel(f"/link/{link}/tx", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
-        self._received = file.channel(f"/link/{link}/rx", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
-        self._tf = file.typed(channels.FrameTransformsChannel, "/tf")
-        self._pose = file.typed(channels.PoseInFrameChannel, "/truth/pose")
-        self._fix = file.typed(channels.LocationFixChannel, "/truth/fix")
-        self._scene = file.typed(channels.SceneUpdateChannel, "/scene")
-        self._log = file.typed(channels.LogChannel, "/log")
+        self._state = file.ros_channel("/truth/state", "xitl_msgs/msg/VesselState", schemas.VESSEL_STATE)
+        self._odometry = file.ros_channel("/truth/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
+        self._estimate = file.ros_channel("/estimate/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
+        self._environment = file.ros_channel("/environment", "xitl_msgs/msg/Environment", schemas.ENVIRONMENT)
+        self._actuators = file.ros_channel("/actuators", "xitl_msgs/msg/Actuators", schemas.ACTUATORS)
+        self._tasks = file.ros_channel("/tasks", "xitl_msgs/msg/Task", schemas.TASK)
+        self._clocks = file.ros_channel("/clocks", "xitl_msgs/msg/Clock", schemas.CLOCK)
+        self._sent = file.ros_channel(f"/link/{link}/tx", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
+        self._received = file.ros_channel(f"/link/{link}/rx", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
+        self._tf = file.foxglove_channel("/tf", messages.FrameTransforms)
+        self._pose = file.foxglove_channel("/truth/pose", messages.PoseInFrame)
+        self._fix = file.foxglove_channel("/truth/fix", messages.LocationFix)
+        self._scene = file.foxglove_channel("/scene", messages.SceneUpdate)
+        self._log = file.foxglove_channel("/log", messages.Log)
 
     def truth(self, stamp_ns: int, motion: Kinematics, rotor: NDArray[np.float64]) -> None:
         """The true state of the first vessel: state, odometry, pose and transform."""
@@ -77,11 +77,11 @@ class Recorder:
         stamp = _timestamp(stamp_ns)
         translation = messages.Vector3(x=x, y=y, z=z)
         rotation = messages.Quaternion(x=qx, y=qy, z=qz, w=qw)
-        self._pose.log(
+        self._pose(
             messages.PoseInFrame(
                 timestamp=stamp, frame_id=MAP_FRAME, pose=messages.Pose(position=translation, orientation=rotation)
             ),
-            log_time=stamp_ns,
+            stamp_ns,
         )
         self._transform(stamp_ns, VESSEL_FRAME, translation, rotation)
 
@@ -90,7 +90,7 @@ class Recorder:
         fix = messages.LocationFix(
             timestamp=_timestamp(stamp_ns), frame_id=VESSEL_FRAME, latitude=lat_deg, longitude=lon_deg, altitude=alt_m
         )
-        self._fix.log(fix, log_time=stamp_ns)
+        self._fix(fix, stamp_ns)
 
     def environment(
         self, stamp_ns: int, current_ned_mps: NDArray[np.float64], wind_ned_mps: NDArray[np.float64], surface_m: float
@@ -164,15 +164,19 @@ class Recorder:
         """A sentence from a node; `severity` is MAV_SEVERITY."""
         level = _LEVELS[min(max(severity, 0), 7)]
         entry = messages.Log(timestamp=_timestamp(stamp_ns), level=level, name=source, message=text)
-        self._log.log(entry, log_time=stamp_ns)
+        self._log(entry, stamp_ns)
 
     def scene(self, update: messages.SceneUpdate) -> None:
         """The surroundings to draw, once."""
-        self._scene.log(update, log_time=0)
+        self._scene(update, 0)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file inside the recording."""
         self._file.attach(name, media_type, data)
+
+    def metadata(self, name: str, values: dict[str, str]) -> None:
+        """Keep named texts inside the recording."""
+        self._file.metadata(name, values)
 
     def flush_if_due(self) -> None:
         """Hand what was recorded to the operating system about once a second."""
@@ -192,7 +196,7 @@ class Recorder:
             translation=translation,
             rotation=rotation,
         )
-        self._tf.log(messages.FrameTransforms(transforms=[transform]), log_time=stamp_ns)
+        self._tf(messages.FrameTransforms(transforms=[transform]), stamp_ns)
 
     @staticmethod
     def _odometry_payload(

@@ -15,8 +15,8 @@ class Pace(Protocol):
     def wait_until(self, sim_ns: int) -> None:
         """Return when it is time for the step that ends at `sim_ns`."""
 
-    def host_ns(self, sim_ns: int) -> int:
-        """The host's clock when simulation time is `sim_ns`."""
+    def sim_of_host(self, host_ns: int) -> int:
+        """Simulation time when the host's monotonic clock shows `host_ns`."""
 
     def now_sim_ns(self, sim_ns: int) -> int:
         """Simulation time right now, while the step that ended at `sim_ns` is being worked on."""
@@ -34,8 +34,8 @@ class Lockstep:
     def wait_until(self, sim_ns: int) -> None:
         self._cycles += 1
 
-    def host_ns(self, sim_ns: int) -> int:
-        return sim_ns
+    def sim_of_host(self, host_ns: int) -> int:
+        return host_ns
 
     def now_sim_ns(self, sim_ns: int) -> int:
         return sim_ns
@@ -79,11 +79,11 @@ class Realtime:
         self._missed += late_ns > self._period_ns
         self._began_ns = now_ns
 
-    def host_ns(self, sim_ns: int) -> int:
-        return (self._start_ns or 0) + sim_ns
+    def sim_of_host(self, host_ns: int) -> int:
+        return max(host_ns - (host_ns if self._start_ns is None else self._start_ns), 0)
 
     def now_sim_ns(self, sim_ns: int) -> int:
-        return time.monotonic_ns() - (self._start_ns or 0)
+        return self.sim_of_host(time.monotonic_ns())
 
     def task(self, rate_hz: float) -> Task:
         return Task(

@@ -6,8 +6,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from sim_core.kinematics import Kinematics
+from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import MotorCommand, Task
 from xitl_cli.run.histogram import Histogram
+from xitl_cli.run.pace import Pace
+from xitl_cli.run.score import EstimationScore
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +49,18 @@ class ClockReport:
 
 
 class Pilot(Protocol):
-    """Sensors in, motor commands out, its time beside ours."""
+    """Sensors in, motor commands out, its time beside ours.
+
+    estimation: error of its estimate, None where it knows the truth. stale_exchanges: exchanges at which no new command had come.
+    """
+
+    estimation: EstimationScore | None
+    stale_exchanges: int
 
     def prepare(self) -> None:
         """Reach whatever is needed, before anything is recorded. Raises UserError when that fails."""
 
-    def begin(self) -> None:
+    def begin(self, recorder: Recorder, pace: Pace) -> None:
         """The run starts: simulation time is 0."""
 
     def sense(self, sim_ns: int, motion: Kinematics) -> None:

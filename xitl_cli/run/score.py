@@ -35,6 +35,7 @@ class MissionScore:
         self._start: Point | None = None
         self._cross_track = _Rms()
         self.cross_track_max_m = 0.0
+        self.latest_m: float | None = None
         self.closest_m: list[float | None] = [None] * len(self._waypoints)
         self.reached = 0
 
@@ -50,6 +51,7 @@ class MissionScore:
         self.closest_m[target] = distance if closest is None else min(closest, distance)
         origin = self._waypoints[target - 1] if target else self._start
         error = cross_track_m(position, origin, goal)
+        self.latest_m = error
         self._cross_track.add(error * error)
         self.cross_track_max_m = max(self.cross_track_max_m, abs(error))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TypeAlias
 
-from xitl_cli.profile.checks import graph, operation, rates, vehicle
+from xitl_cli.profile.checks import autopilot, environment, graph, operation, rates, vehicle
 from xitl_cli.profile.entry import KeyPath
 from xitl_cli.profile.schema import Profile
 
@@ -16,5 +16,7 @@ def check(profile: Profile) -> Iterator[Finding]:
     """Everything in `profile` that does not go together."""
     yield from rates.check(profile)
     yield from vehicle.check(profile)
+    yield from environment.check(profile)
     yield from operation.check(profile)
+    yield from autopilot.check(profile)
     yield from graph.check(profile)

@@ -1,45 +1,20 @@
-"""Driver, autopilot, link and technique must fit each other."""
+"""Driver, autopilot and technique must fit each other."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
-from xitl_cli.errors import UserError
 from xitl_cli.profile.entry import KeyPath
-from xitl_cli.profile.parameter_files import find_parameter_file
 from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.operation import Autopilot, Driver
-
-_LINK = re.compile(r"udp://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]]+):([0-9]{1,5})")
+from xitl_cli.profile.schema.operation import Driver
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Everything about who steers that does not go together."""
-    if profile.autopilot is not None:
-        yield from _autopilot(profile.autopilot)
     if profile.driver is not None:
         yield from _driver(profile, profile.driver)
     yield from _technique(profile)
-
-
-def _autopilot(autopilot: Autopilot) -> Iterator[tuple[KeyPath, str]]:
-    link = ("autopilot", "link")
-    if autopilot.link is not None:
-        match = _LINK.fullmatch(autopilot.link)
-        if match is None:
-            yield link, f"autopilot.link = {shown(autopilot.link)} is not a link; write udp://address:port"
-        elif not 0 < int(match[2]) < 65536:
-            yield link, f"autopilot.link = {shown(autopilot.link)} has no such port; use a port from 1 to 65535"
-    elif autopilot.kind != "none" and autopilot.runs != "in-process":
-        example = "udp://192.168.7.2:14660" if autopilot.runs == "board" else "udp://127.0.0.1:14660"
-        yield link, f"autopilot.link is missing with autopilot.runs = {autopilot.runs}; add one such as {example}"
-    for number, name in enumerate(autopilot.parameter_files):
-        try:
-            find_parameter_file(name)
-        except (UserError, ValueError, OSError) as error:
-            yield ("autopilot", "parameter_files", number), f"autopilot.parameter_files = {shown(name)}: {error}"
 
 
 def _driver(profile: Profile, driver: Driver) -> Iterator[tuple[KeyPath, str]]:

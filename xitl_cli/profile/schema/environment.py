@@ -14,28 +14,34 @@ class Water(Group):
 
     density_kgpm3: Positive = 997.8
     level_m: float = -0.01
-    depth_m: Positive = 20.0
+    depth_m: Annotated[float, Field(ge=0.1, le=12_000)] = 20.0
 
 
 class Current(Group):
-    """A uniform current toward `direction_deg`, its speed a first-order Gauss-Markov process."""
+    """A current toward `direction_deg`, its speed a first-order Gauss-Markov process.
 
-    speed_mps: NonNegative = 0.0
+    With a `channel_width_m` it slackens to `channel_bank_ratio` of its speed toward two straight banks along it.
+    """
+
+    speed_mps: Annotated[float, Field(ge=0, le=20)] = 0.0
     direction_deg: Direction = 0.0
     deviation_mps: NonNegative = 0.0
-    correlation_s: Positive = 120.0
+    correlation_s: Positive = 60.0
     channel_width_m: Positive | None = None
+    channel_centre_ned_m: tuple[float, float] = (0.0, 0.0)
+    channel_bank_ratio: Annotated[float, Field(ge=0, le=1)] = 0.3
+    channel_bank_exponent: Positive = 4.0
 
 
 class Waves(Group):
     """A random sea toward `direction_deg`."""
 
     spectrum: Literal["none", "regular", "pierson-moskowitz", "jonswap"] = "none"
-    significant_height_m: NonNegative = 0.0
-    peak_period_s: Positive = 3.0
+    significant_height_m: Annotated[float, Field(ge=0, le=30)] = 0.0
+    peak_period_s: Annotated[float, Field(ge=0.1, le=60)] = 3.0
     direction_deg: Direction = 0.0
     gamma: Annotated[float, Field(ge=1, le=20)] = 3.3
-    spreading: Positive | None = None
+    spreading: Annotated[float, Field(gt=0, le=200)] | None = None
     components: Annotated[int, Field(ge=1, le=4096)] = 32
 
 
@@ -60,7 +66,7 @@ class DiscreteGust(Group):
 class Wind(Group):
     """Wind from `direction_deg` at the reference height."""
 
-    mean_mps: NonNegative = 0.0
+    mean_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
     direction_deg: Direction = 0.0
     direction_deviation_deg: Annotated[float, Field(ge=0, le=180)] = 0.0
     direction_correlation_s: Positive = 60.0

@@ -75,10 +75,17 @@ class Profile(Group):
             graph=self.graph,
         )
 
+    def role(self) -> Literal["runs", "graph only", "part"]:
+        """What the profile is good for: a run, its graph, or as a part of other profiles."""
+        if not self.missing_for_run():
+            return "runs"
+        groups = set(type(self).model_fields) - {"name", "description", "technique"}
+        present = {group for group in groups if getattr(self, group) is not None}
+        return "graph only" if present == {"graph"} else "part"
+
     def _lack(self, missing: tuple[str, ...]) -> str:
         needs = ", ".join(missing)
-        present = {group for group in type(self).model_fields if getattr(self, group) is not None}
-        if self.graph is not None and not present - {"name", "description", "technique", "graph"}:
+        if self.role() == "graph only":
             return f"describes a graph only; `xitl wdri {self.name}` shows it, a run also needs {needs}"
         return f"is a part of a profile; a run also needs {needs}"
 

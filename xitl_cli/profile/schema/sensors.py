@@ -19,11 +19,13 @@ class Imu(Group):
     gyro_bias_correlation_s: Positive
     gyro_turn_on_bias_radps: NonNegative
     gyro_resolution_radps: NonNegative
+    gyro_range_radps: Positive | None = None
     accel_noise_density_mps2prthz: NonNegative
     accel_bias_instability_mps2: NonNegative
     accel_bias_correlation_s: Positive
     accel_turn_on_bias_mps2: NonNegative
     accel_resolution_mps2: NonNegative
+    accel_range_mps2: Positive | None = None
     position_frd_m: Vector = (0.0, 0.0, 0.0)
 
 

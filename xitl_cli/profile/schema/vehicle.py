@@ -15,8 +15,8 @@ class Hull(Group):
     length_m: Positive
     width_m: Positive
     radius_m: Positive
-    strips: Annotated[int, Field(ge=1, le=1000)] = 6
-    keel_below_cg_m: Positive
+    strips: Annotated[int, Field(ge=2, le=1000)] = 6
+    keel_below_cg_m: float
 
 
 class AddedMass(Group):
@@ -47,8 +47,8 @@ class Propeller(Group):
     position_frd_m: Vector
     max_thrust_n: Positive
     max_reverse_thrust_n: NonNegative
-    spin_up_s: NonNegative
-    spin_down_s: NonNegative
+    spin_up_s: Positive
+    spin_down_s: Positive
 
 
 class Windage(Group):
@@ -56,7 +56,7 @@ class Windage(Group):
 
     frontal_area_m2: NonNegative
     lateral_area_m2: NonNegative
-    length_m: Positive
+    length_m: NonNegative
     surge_coefficient: NonNegative
     sway_coefficient: NonNegative
     yaw_coefficient: float

@@ -1,0 +1,63 @@
+"""Allocation (LA): thrust and steering demands to the commands of two propellers, port and starboard."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from agent.fcu.parameters import Parameters
+
+NEUTRAL = (0.0, 0.0)
+
+
+class AllocationGains(NamedTuple):
+    """`astern` is full thrust astern as part of full thrust ahead; `slew_per_s` 0 means no limit."""
+
+    astern: float
+    expo: float
+    slew_per_s: float
+
+    @classmethod
+    def of(cls, p: Parameters) -> AllocationGains:
+        """From the table."""
+        return cls(
+            astern=1.0 / p["MOT_THST_ASYM"], expo=p["MOT_THST_EXPO"], slew_per_s=p["MOT_SLEWRATE"] / 100.0
+        )
+
+
+class Allocation(NamedTuple):
+    """Commands (port, starboard) in [-1, 1], and whether each demand had to be cut."""
+
+    command: tuple[float, float] = NEUTRAL
+    thrust_limited: bool = False
+    steering_limited: bool = False
+
+
+def allocate(gains: AllocationGains, last: Allocation, thrust: float, steering: float, dt_s: float) -> Allocation:
+    """Share the demands out; steering goes first when both do not fit.
+
+    `thrust` 1 is both propellers full ahead; `steering` 1 is port ahead and starboard astern by full thrust each, which
+    the weaker thrust astern may cut.
+    """
+    widest = 0.5 * (1.0 + gains.astern)
+    turn = min(max(steering, -widest), widest)
+    surge = min(max(thrust, abs(turn) - gains.astern), 1.0 - abs(turn))
+    wanted = (_command(gains, surge + turn), _command(gains, surge - turn))
+    command = wanted
+    if gains.slew_per_s > 0.0:
+        step = gains.slew_per_s * dt_s
+        command = (_stepped(last.command[0], wanted[0], step), _stepped(last.command[1], wanted[1], step))
+    return Allocation(command, surge != thrust, turn != steering)
+
+
+def _command(gains: AllocationGains, thrust: float) -> float:
+    """Invert the thrust curve: thrust = (1 - expo) c + expo c², as ArduPilot's MOT_THST_EXPO has it."""
+    part = min(thrust if thrust >= 0.0 else -thrust / gains.astern, 1.0)
+    if gains.expo != 0.0:
+        linear = 1.0 - gains.expo
+        part = (math.sqrt(linear * linear + 4.0 * gains.expo * part) - linear) / (2.0 * gains.expo)
+    return min(part, 1.0) if thrust >= 0.0 else -min(part, 1.0)
+
+
+def _stepped(last: float, wanted: float, step: float) -> float:
+    return min(max(wanted, last - step), last + step)

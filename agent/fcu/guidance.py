@@ -1,0 +1,152 @@
+"""Guidance (LC): from a leg and an estimate to a desired heading and speed over ground.
+
+Integral line of sight (Børhaug, Pavlov and Pettersen 2008; Fossen 2021, eq 12.108): the integral finds the crab angle
+that holds the leg in a cross current or wind without being told of either.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from agent.fcu.parameters import Parameters
+
+_GRAVITY_MPS2 = 9.80665
+_CRAB_LIMIT = math.tan(math.radians(50.0))  # no more than this from the integral
+_LEAST_SPEED_MPS = 0.3  # slower, and the integral would learn from standing still
+_STRAIGHT_RAD = math.radians(20.0)  # full speed up to here off the desired heading
+_PIVOT_RAD = math.radians(90.0)  # and none beyond here
+
+
+class GuidanceGains(NamedTuple):
+    """Parameters of the guidance, in SI units."""
+
+    lookahead_m: float
+    kappa_mps: float
+    radius_m: float
+    speed_min_mps: float
+    deceleration_mps2: float
+    lateral_acceleration_mps2: float
+    turn_rate_radps: float
+
+    @classmethod
+    def of(cls, p: Parameters) -> GuidanceGains:
+        """From the table."""
+        return cls(
+            lookahead_m=p["LOS_LOOKAHEAD"],
+            kappa_mps=p["LOS_KAPPA"],
+            radius_m=p["WP_RADIUS"],
+            speed_min_mps=p["WP_SPEED_MIN"],
+            deceleration_mps2=p["ATC_DECEL_MAX"],
+            lateral_acceleration_mps2=p["ATC_TURN_MAX_G"] * _GRAVITY_MPS2,
+            turn_rate_radps=math.radians(p["ATC_STR_RAT_MAX"]),
+        )
+
+
+class Leg(NamedTuple):
+    """A straight line from start to end, metres north and east of the origin; precomputed by `leg`.
+
+    `turn_rad` is the change of course at the end, in [-pi, pi], None when there is nothing after it.
+    """
+
+    start_north_m: float
+    start_east_m: float
+    end_north_m: float
+    end_east_m: float
+    course_rad: float
+    length_m: float
+    turn_rad: float | None
+
+
+class GuidanceState(NamedTuple):
+    """The integral of the cross-track error as Fossen defines it, s."""
+
+    integral_s: float = 0.0
+
+
+class GuidanceOutput(NamedTuple):
+    """Cross-track is positive to the right of the leg; `reached` asks for the next leg."""
+
+    heading_rad: float
+    speed_mps: float
+    cross_track_m: float
+    distance_m: float
+    bearing_rad: float
+    reached: bool
+
+
+def leg(start: tuple[float, float], end: tuple[float, float], after: tuple[float, float] | None) -> Leg:
+    """The leg between two (north, east) points; `after` is where the next leg goes. A leg of no length heads north."""
+    north_m, east_m = end[0] - start[0], end[1] - start[1]
+    course_rad = math.atan2(east_m, north_m)
+    turn_rad: float | None = None
+    if after is not None:
+        turn_rad = 0.0
+        if after != end:
+            turn_rad = wrapped(math.atan2(after[1] - end[1], after[0] - end[0]) - course_rad)
+    return Leg(start[0], start[1], end[0], end[1], course_rad, math.hypot(north_m, east_m), turn_rad)
+
+
+def guide(
+    gains: GuidanceGains,
+    state: GuidanceState,
+    line: Leg,
+    pos_ne_m: tuple[float, float],
+    yaw_rad: float,
+    speed_mps: float,
+    desired_speed_mps: float,
+    dt_s: float,
+) -> tuple[GuidanceState, GuidanceOutput]:
+    """One step: `speed_mps` is the measured speed over ground, `desired_speed_mps` that of the leg."""
+    cos_course, sin_course = math.cos(line.course_rad), math.sin(line.course_rad)
+    north_m, east_m = pos_ne_m[0] - line.start_north_m, pos_ne_m[1] - line.start_east_m
+    along_m = north_m * cos_course + east_m * sin_course
+    cross_m = east_m * cos_course - north_m * sin_course
+    to_go_m = line.length_m - along_m
+    distance_m = math.hypot(to_go_m, cross_m)
+    bearing_rad = math.atan2(line.end_east_m - pos_ne_m[1], line.end_north_m - pos_ne_m[0])
+
+    lookahead_m, kappa_mps = gains.lookahead_m, gains.kappa_mps
+    aim_m = cross_m + kappa_mps * state.integral_s
+    heading_rad = line.course_rad - math.atan(aim_m / lookahead_m)
+    integral_s = state.integral_s
+    if kappa_mps > 0.0 and speed_mps > _LEAST_SPEED_MPS:
+        integral_s += dt_s * lookahead_m * cross_m / (lookahead_m * lookahead_m + aim_m * aim_m)
+        limit_s = _CRAB_LIMIT * lookahead_m / kappa_mps
+        integral_s = min(max(integral_s, -limit_s), limit_s)
+
+    allowed_mps = min(desired_speed_mps, _approach_speed_mps(gains, line.turn_rad, to_go_m, desired_speed_mps))
+    off_rad = abs(wrapped(heading_rad - yaw_rad))
+    if off_rad > _STRAIGHT_RAD:
+        allowed_mps *= max(0.0, (_PIVOT_RAD - off_rad) / (_PIVOT_RAD - _STRAIGHT_RAD))
+    reached = distance_m <= gains.radius_m or to_go_m <= 0.0
+    output = GuidanceOutput(wrapped(heading_rad), allowed_mps, cross_m, distance_m, bearing_rad, reached)
+    return GuidanceState(integral_s), output
+
+
+def carried_over(state: GuidanceState, turn_rad: float) -> GuidanceState:
+    """The integral for the next leg: the same crosswise push, seen from a course `turn_rad` further on."""
+    return GuidanceState(state.integral_s * math.cos(turn_rad))
+
+
+def wrapped(angle_rad: float) -> float:
+    """The same angle in [-pi, pi]."""
+    return math.remainder(angle_rad, 2.0 * math.pi)
+
+
+def _approach_speed_mps(gains: GuidanceGains, turn_rad: float | None, to_go_m: float, desired_mps: float) -> float:
+    """Speed that leaves room to slow down for what comes at the end of the leg.
+
+    A corner is a circular arc that touches both legs WP_RADIUS from it: radius WP_RADIUS / tan(turn/2), taken within
+    the turn rate and the lateral acceleration allowed. The last waypoint is approached at WP_SPEED_MIN.
+    """
+    corner_mps = gains.speed_min_mps
+    if turn_rad is not None:
+        tangent = math.tan(0.5 * min(abs(turn_rad), math.radians(179.0)))
+        if tangent * desired_mps <= 1e-6 * gains.radius_m:
+            return desired_mps
+        arc_m = gains.radius_m / tangent
+        within_mps = min(gains.turn_rate_radps * arc_m, math.sqrt(gains.lateral_acceleration_mps2 * arc_m))
+        corner_mps = max(corner_mps, within_mps)
+    room_m = max(0.0, to_go_m - gains.radius_m)
+    return math.sqrt(corner_mps * corner_mps + 2.0 * gains.deceleration_mps2 * room_m)

@@ -1,0 +1,176 @@
+"""Parameters: name, default, range, unit and meaning; a store that refuses nonsense; ArduPilot's .parm files.
+
+Where ArduRover has a parameter of the same purpose, the name, unit and meaning are ArduRover's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+
+
+class Parameter(NamedTuple):
+    """One row of the table; `low` and `high` are inclusive."""
+
+    name: str
+    default: float
+    low: float
+    high: float
+    unit: str
+    meaning: str
+
+
+TABLE: Tuple[Parameter, ...] = (
+    Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "fewest satellites of a fix in use"),
+    Parameter("AHRS_RP_P", 0.2, 0.02, 2.0, "1/s", "how fast gravity and GNSS velocity correct roll and pitch"),
+    Parameter("AHRS_YAW_P", 0.2, 0.02, 2.0, "1/s", "how fast the compass corrects the heading"),
+    Parameter("ARMING_CHECK", 1, 0, 1, "", "0 arms without checks, 1 with all of them"),
+    Parameter("ATC_ACCEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest rise of the desired speed"),
+    Parameter("ATC_DECEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest fall of the desired speed"),
+    Parameter("ATC_SPEED_I", 0.1, 0.0, 2.0, "1/m", "speed integral gain"),
+    Parameter("ATC_SPEED_IMAX", 0.5, 0.0, 1.0, "", "limit of the speed integral, part of full thrust"),
+    Parameter("ATC_SPEED_P", 0.4, 0.0, 4.0, "s/m", "speed proportional gain"),
+    Parameter("ATC_STR_ACC_MAX", 90.0, 0.0, 1000.0, "deg/s/s", "largest change of the desired turn rate, 0 for none"),
+    Parameter("ATC_STR_ANG_P", 1.5, 0.1, 10.0, "1/s", "desired turn rate per heading error"),
+    Parameter("ATC_STR_RAT_D", 0.0, 0.0, 1.0, "s^2/rad", "turn rate derivative gain"),
+    Parameter("ATC_STR_RAT_FF", 0.8, 0.0, 10.0, "s/rad", "steering per desired turn rate"),
+    Parameter("ATC_STR_RAT_FLTD", 5.0, 0.1, 100.0, "Hz", "low pass of the turn rate derivative"),
+    Parameter("ATC_STR_RAT_I", 0.6, 0.0, 10.0, "1/rad", "turn rate integral gain"),
+    Parameter("ATC_STR_RAT_IMAX", 0.5, 0.0, 1.0, "", "limit of the turn rate integral"),
+    Parameter("ATC_STR_RAT_MAX", 30.0, 1.0, 360.0, "deg/s", "largest desired turn rate"),
+    Parameter("ATC_STR_RAT_P", 0.6, 0.0, 10.0, "s/rad", "turn rate proportional gain"),
+    Parameter("ATC_TURN_MAX_G", 0.15, 0.01, 1.0, "g", "largest lateral acceleration in a turn"),
+    Parameter("COMPASS_DEC", 0.0, -math.pi, math.pi, "rad", "magnetic declination, east positive"),
+    Parameter("COMPASS_OFS_X", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, forward"),
+    Parameter("COMPASS_OFS_Y", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),
+    Parameter("COMPASS_OFS_Z", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, down"),
+    Parameter("CRUISE_SPEED", 3.0, 0.1, 30.0, "m/s", "speed through still water at CRUISE_THROTTLE"),
+    Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of both propellers', at CRUISE_SPEED"),
+    Parameter("EK3_ABIAS_P_NSE", 0.02, 0.00001, 0.2, "m/s^3", "acceleration bias process noise, at 100 Hz"),
+    Parameter("EK3_ACC_P_NSE", 0.35, 0.01, 5.0, "m/s/s", "acceleration process noise, at 100 Hz"),
+    Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 50.0, "m", "barometer height noise"),
+    Parameter("EK3_HGT_I_GATE", 500.0, 100.0, 5000.0, "", "height innovation gate, hundredths of sigma"),
+    Parameter("EK3_POSNE_M_NSE", 0.5, 0.01, 10.0, "m", "least horizontal GNSS position noise"),
+    Parameter("EK3_POS_I_GATE", 500.0, 100.0, 5000.0, "", "position innovation gate, hundredths of sigma"),
+    Parameter("EK3_VELD_M_NSE", 0.3, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),
+    Parameter("EK3_VELNE_M_NSE", 0.1, 0.01, 5.0, "m/s", "least horizontal GNSS velocity noise"),
+    Parameter("EK3_VEL_I_GATE", 500.0, 100.0, 5000.0, "", "velocity innovation gate, hundredths of sigma"),
+    Parameter("FS_EKF_ACTION", 1, 0, 1, "", "0 none, 1 HOLD when the position is lost while steering by it"),
+    Parameter("FS_IMU_TIMEOUT", 0.25, 0.02, 10.0, "s", "outputs go neutral when no IMU sample came for so long"),
+    Parameter("FS_TIMEOUT", 1.5, 0.1, 100.0, "s", "manual input older than this counts as neutral"),
+    Parameter("GPS1_POS_X", 0.0, -50.0, 50.0, "m", "GNSS antenna forward of the body origin"),
+    Parameter("GPS1_POS_Y", 0.0, -50.0, 50.0, "m", "GNSS antenna right of the body origin"),
+    Parameter("GPS1_POS_Z", 0.0, -50.0, 50.0, "m", "GNSS antenna below the body origin"),
+    Parameter("INITIAL_MODE", 4, 0, 10, "", "mode after start: 0 MANUAL, 4 HOLD, 10 AUTO"),
+    Parameter("INS_POS1_X", 0.0, -50.0, 50.0, "m", "IMU forward of the body origin"),
+    Parameter("INS_POS1_Y", 0.0, -50.0, 50.0, "m", "IMU right of the body origin"),
+    Parameter("INS_POS1_Z", 0.0, -50.0, 50.0, "m", "IMU below the body origin"),
+    Parameter("LOS_KAPPA", 0.8, 0.0, 10.0, "m/s", "integral gain of the line-of-sight guidance"),
+    Parameter("LOS_LOOKAHEAD", 6.0, 0.5, 500.0, "m", "look-ahead distance of the line-of-sight guidance"),
+    Parameter("MIS_DONE_BEHAVE", 0, 0, 0, "", "after the last waypoint: 0 HOLD"),
+    Parameter("MOT_SLEWRATE", 500.0, 0.0, 1000.0, "%/s", "largest change of a motor command, 0 for none"),
+    Parameter("MOT_THST_ASYM", 1.0, 1.0, 10.0, "", "thrust ahead over thrust astern at full command"),
+    Parameter("MOT_THST_EXPO", 1.0, -1.0, 1.0, "", "thrust curve: 0 linear, 1 square of the command"),
+    Parameter("WP_RADIUS", 2.0, 0.1, 100.0, "m", "distance at which a waypoint counts as reached"),
+    Parameter("WP_SPEED", 3.0, 0.1, 100.0, "m/s", "speed over ground between waypoints"),
+    Parameter("WP_SPEED_MIN", 1.0, 0.1, 100.0, "m/s", "corners are not taken slower than this"),
+)
+
+_BY_NAME: Dict[str, Parameter] = {row.name: row for row in TABLE}
+_INDEX: Dict[str, int] = {row.name: index for index, row in enumerate(TABLE)}
+
+
+class ParameterError(ValueError):
+    """A parameter or a parameter file was refused; the message says what, where and how to fix it."""
+
+
+class Parameters:
+    """Values of all parameters. `version` counts changes, so that who caches values knows when to look again."""
+
+    def __init__(self, values: Optional[Mapping[str, float]] = None) -> None:
+        self.version = 0
+        self._values = {row.name: float(row.default) for row in TABLE}
+        for name, value in (values or {}).items():
+            self.set(name, value)
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def set(self, name: str, value: float) -> float:
+        """Set one parameter and return the stored value; raises ParameterError and changes nothing when refused."""
+        stored = checked(name, value)
+        if stored != self._values[name]:
+            self._values[name] = stored
+            self.version += 1
+        return stored
+
+    def load(self, text: str, source: str = "parameters") -> None:
+        """Set what a .parm text says; all of it or, when one line is refused, nothing. `source` names the file."""
+        values: List[Tuple[str, float]] = []
+        for line, name, value in parm_lines(text, source):
+            try:
+                values.append((name, checked(name, value)))
+            except ParameterError as error:
+                raise ParameterError(f"{source}:{line}: {error}") from None
+        for name, value in values:
+            self.set(name, value)
+
+    def as_parm(self) -> str:
+        """All values as the text of a .parm file."""
+        return "".join(f"{name} {value:.9g}\n" for name, value in self._values.items())
+
+
+def checked(name: str, value: float) -> float:
+    """The value as it would be stored; raises ParameterError for an unknown name, NaN or a value out of range."""
+    row = _BY_NAME.get(name)
+    if row is None:
+        raise ParameterError(f"{name} is not a parameter{_hint(name)}")
+    # A limit that went through a 32-bit float on the wire is still the limit.
+    slack = 1e-6 * max(1.0, abs(row.low), abs(row.high))
+    if not row.low - slack <= value <= row.high + slack:
+        unit = f" {row.unit}" if row.unit else ""
+        raise ParameterError(f"{name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
+    return float(min(max(value, row.low), row.high))
+
+
+def index_of(name: str) -> int:
+    """Place in the table, or -1."""
+    return _INDEX.get(name, -1)
+
+
+def load_parm(text: str, source: str = "parameters") -> Dict[str, float]:
+    """Names and values of an ArduPilot .parm text, not yet held against the table; the last of a repeated name wins.
+
+    A line is `NAME value` or `NAME,value`; what follows `#` is a comment. Raises ParameterError with file and line.
+    """
+    return {name: value for _, name, value in parm_lines(text, source)}
+
+
+def parm_lines(text: str, source: str) -> Iterator[Tuple[int, str, float]]:
+    """(line number, name, value) of each line of a .parm text that sets something."""
+    for line, raw in enumerate(text.splitlines(), start=1):
+        fields = raw.split("#", 1)[0].replace(",", " ").split()
+        if not fields:
+            continue
+        if len(fields) != 2:
+            raise ParameterError(f"{source}:{line}: expected NAME value, found {raw.strip()[:60]!r}")
+        try:
+            value = float(fields[1])
+        except ValueError:
+            raise ParameterError(f"{source}:{line}: {fields[0]} = {fields[1][:40]!r} is not a number") from None
+        if not math.isfinite(value):
+            raise ParameterError(f"{source}:{line}: {fields[0]} = {fields[1]} is not a finite number")
+        yield line, fields[0].upper(), value
+
+
+def _hint(name: str) -> str:
+    from difflib import get_close_matches  # only when somebody mistyped
+
+    close = get_close_matches(name, _BY_NAME, n=1, cutoff=0.7)
+    return f"; did you mean {close[0]}?" if close else ""

@@ -1,0 +1,53 @@
+"""The environment as a whole: water, current, waves and wind, and their state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from numpy import float64
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sim_core.environment.current import Current, StillWater
+from sim_core.environment.water import Water
+from sim_core.environment.waves import FlatWater, WaveField
+from sim_core.environment.wind import Air, StillAir, WindState
+
+Array = NDArray[float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Environment:
+    """Environment(water=Water(), current=StillWater(), waves=FlatWater(), wind=StillAir()).
+
+    The wave field is one sea that all vessels share; current and wind fluctuate independently for each vessel.
+    """
+
+    water: Water = field(default_factory=Water)
+    current: Current = field(default_factory=StillWater)
+    waves: WaveField | FlatWater = field(default_factory=FlatWater)
+    wind: Air = field(default_factory=StillAir)
+
+    def surface_ned_z_m(self, time_s: float, pos_ne_m: Array) -> Array:
+        """(...,) down coordinate of the water's surface at (..., 2) positions, for scenes and range sensors."""
+        return -(self.water.level_m + self.waves.elevation_m(time_s, pos_ne_m))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EnvironmentState:
+    """What fluctuates, (N, ...): `current` as the current's own state, `wind` as the wind's."""
+
+    current: Array
+    wind: WindState
+
+
+def initial(environment: Environment, vessels: int, rng: Generator) -> EnvironmentState:
+    """Drawn from the stationary distributions."""
+    return EnvironmentState(environment.current.initial(vessels, rng), environment.wind.initial(vessels, rng))
+
+
+def step(environment: Environment, state: EnvironmentState, dt_s: float, rng: Generator) -> EnvironmentState:
+    """One step later."""
+    return EnvironmentState(
+        environment.current.step(state.current, dt_s, rng), environment.wind.step(state.wind, dt_s, rng)
+    )

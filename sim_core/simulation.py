@@ -1,0 +1,90 @@
+"""One step of the world: environment, surroundings of each vessel, vessel.
+
+simulation = Simulation.of(vessel_model, environment, dt_s=0.0025)
+state = initial(simulation, north_east_m, yaw_rad, rng)
+state = step(simulation, state, command, rng)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numpy import float64
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sim_core.environment import environment as surroundings_model
+from sim_core.environment.environment import Environment, EnvironmentState
+from sim_core.environment.hull_waves import HullWaves, StillHull
+from sim_core.kinematics import Kinematics
+from sim_core.vessel import vessel as vessel_motion
+from sim_core.vessel.model import VesselModel
+from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
+
+Array = NDArray[float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation:
+    """Everything that does not change during a run; made by `of`."""
+
+    vessel: Vessel
+    environment: Environment
+    hull_waves: HullWaves | StillHull
+    dt_s: float
+    dt_ns: int
+
+    @classmethod
+    def of(cls, model: VesselModel, environment: Environment, dt_s: float) -> Simulation:
+        """Raises ValueError when dt_s is no whole number of nanoseconds or the vessel does not float."""
+        dt_ns = round(dt_s * 1e9)
+        if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
+            raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
+        vessel = Vessel.of(model, environment.water, dt_s)
+        return cls(vessel, environment, environment.waves.at_hull(vessel.buoyancy.axes_frd_m), dt_s, dt_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SimulationState:
+    """The world at time_ns. current_ned_mps, wind_ned_mps (N, 3) and elevation_m (N,) are those of the vessels' places
+
+    as the last step felt them: current without the waves' orbital motion, elevation up positive over the still level.
+    """
+
+    time_ns: int
+    vessel: VesselState
+    environment: EnvironmentState
+    current_ned_mps: Array
+    wind_ned_mps: Array
+    elevation_m: Array
+
+
+def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Generator) -> SimulationState:
+    """Vessels at rest at (N, 2) places and (N,) headings; environment drawn from its stationary state."""
+    vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
+    environment = surroundings_model.initial(simulation.environment, len(north_east_m), rng)
+    current, wind, around = _surroundings(simulation, environment, vessel.motion, 0.0)
+    return SimulationState(0, vessel, environment, current, wind, around.surface.elevation_m)
+
+
+def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
+    """One dt_s later, under (N, P) propeller commands in [-1, 1], (1, P) for the same on all vessels."""
+    environment = surroundings_model.step(simulation.environment, state.environment, simulation.dt_s, rng)
+    current, wind, around = _surroundings(simulation, environment, state.vessel.motion, state.time_ns * 1e-9)
+    vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around)
+    time_ns = state.time_ns + simulation.dt_ns
+    return SimulationState(time_ns, vessel, environment, current, wind, around.surface.elevation_m)
+
+
+def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:
+    """True motion of the vessels, for sensors and recorder."""
+    return state.vessel.motion
+
+
+def _surroundings(
+    simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float
+) -> tuple[Array, Array, Surroundings]:
+    current = simulation.environment.current.velocity_ned_mps(state.current, motion.pos_ned_m)
+    wind = simulation.environment.wind.velocity_ned_mps(state.wind, time_s)
+    surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
+    return current, wind, Surroundings(current + surface.orbital_ned_mps, wind, surface)

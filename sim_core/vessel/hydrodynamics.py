@@ -1,0 +1,84 @@
+"""Inertia, added mass, Coriolis terms and damping of a vessel in moving water.
+
+Fossen's vectorial form (Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., 2021, ch. 6), with the
+centre of gravity as origin and nu_r the velocity relative to the water, solved for the inertial acceleration. With
+M = M_RB + M_A, v_r and w the linear and angular parts of nu_r, and a_f the acceleration of the water:
+
+    M x = tau - D(nu_r) nu_r - C(nu_r) nu_r + M [w x v_r; 0] + M_A [a_f; 0]
+
+where x holds the acceleration against NED, expressed in the body, and the angular acceleration. In a steady uniform
+current this is his M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau (eq 6.119), since nu_r' = x - [w x v_r; 0].
+"""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.vessel.model import VesselModel
+
+Array = NDArray[float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hydrodynamics:
+    """Constants of one vessel: its (6, 6) mass matrices and what each of the `terms` contributes to the force."""
+
+    rigid_mass: Array
+    added_mass: Array
+    inverse_mass: Array
+    wrench: Array  # (48, 6)
+    water_wrench: Array  # (3, 6) force of the water's acceleration in body axes: M_A [a_f; 0]
+
+    @classmethod
+    def of(cls, model: VesselModel) -> Hydrodynamics:
+        """Matrices from the vessel's data."""
+        rigid_mass = np.diag([model.mass_kg] * 3 + list(model.inertia_kgm2))
+        added_mass = np.diag(astuple(model.added_mass))
+        mass = rigid_mass + added_mass
+        linear = np.diag(astuple(model.damping_linear))
+        quadratic = np.diag(astuple(model.damping_quadratic))
+        return cls(
+            rigid_mass=rigid_mass,
+            added_mass=added_mass,
+            inverse_mass=np.linalg.inv(mass),
+            wrench=np.concatenate([transport_products(mass) - coriolis_products(mass), -linear, -quadratic]),
+            water_wrench=added_mass[:3],
+        )
+
+    def terms(self, nu_r: Array) -> tuple[Array, Array, Array]:
+        """(N, 36), (N, 6), (N, 6): what the forces are linear in, for (N, 6) relative velocities."""
+        products = (nu_r[:, :, None] * nu_r[:, None, :]).reshape(-1, 36)
+        return products, nu_r, nu_r * np.abs(nu_r)
+
+
+def _skew() -> Array:
+    """(3, 3, 3) epsilon: (a x b)_i = epsilon_ijk a_j b_k."""
+    epsilon = np.zeros((3, 3, 3))
+    epsilon[(0, 1, 2), (1, 2, 0), (2, 0, 1)] = 1.0
+    epsilon[(0, 2, 1), (2, 1, 0), (1, 0, 2)] = -1.0
+    return epsilon
+
+
+def coriolis_products(mass: Array) -> Array:
+    """(36, 6) constant with C(nu) nu = vec(nu nu^T) @ constant, for a symmetric (6, 6) mass matrix.
+
+    C(nu) nu = [w x (M11 v + M12 w); v x (M11 v + M12 w) + w x (M21 v + M22 w)], Fossen 2021, theorem 3.2.
+    """
+    skew = _skew()
+    constant = np.zeros((6, 6, 6))
+    # Axes: left factor (velocity that turns), right factor (velocity of the momentum), component of the result.
+    constant[3:, :, :3] = np.einsum("ijk,kb->jbi", skew, mass[:3])
+    constant[:3, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[:3])
+    constant[3:, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[3:])
+    return constant.reshape(36, 6)
+
+
+def transport_products(mass: Array) -> Array:
+    """(36, 6) constant with M [w x v; 0] = vec(nu nu^T) @ constant."""
+    constant = np.zeros((6, 6, 6))
+    constant[3:, :3, :] = np.einsum("ijk,ci->jkc", _skew(), mass[:, :3])
+    return constant.reshape(36, 6)

@@ -1,0 +1,152 @@
+"""The vessel's motion: forces, acceleration, one step of the rigid body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.environment.hull_waves import HullSurface
+from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.kinematics import Kinematics
+from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
+from sim_core.vessel.hydrodynamics import Hydrodynamics
+from sim_core.vessel.model import VesselModel
+from sim_core.vessel.propulsion import Propulsion
+from sim_core.vessel.windage import WindDrag
+
+Array = NDArray[float64]
+
+# Rows: outer(q, (p, q, r)); q' = 1/2 q * (0, p, q, r), Fossen 2021, eq 2.78.
+_HALF_RATES = 0.5 * np.array(
+    [
+        [[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        [[-1, 0, 0, 0], [0, 0, 0, 1], [0, 0, -1, 0]],
+        [[0, 0, 0, -1], [-1, 0, 0, 0], [0, 1, 0, 0]],
+        [[0, 0, 1, 0], [0, -1, 0, 0], [-1, 0, 0, 0]],
+    ]
+).reshape(12, 4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VesselState:
+    """motion: of N vessels; rotor_speed: (N, P) fraction of full speed, negative in reverse."""
+
+    motion: Kinematics
+    rotor_speed: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surroundings:
+    """What N vessels feel: velocities of water, waves included, and air (N, 3), and the surface under the hulls."""
+
+    water_ned_mps: Array
+    wind_ned_mps: Array
+    surface: HullSurface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vessel:
+    """A vessel model made ready for one water and one step length."""
+
+    model: VesselModel
+    dt_s: float
+    hydrodynamics: Hydrodynamics
+    buoyancy: Buoyancy
+    propulsion: Propulsion
+    windage: WindDrag
+    acceleration_per_term: Array  # (terms, 6), in the order of `accelerate`
+    draft_m: float
+    level_m: float
+
+    @classmethod
+    def of(cls, model: VesselModel, water: Water, dt_s: float) -> Vessel:
+        """Matrices of all parts. Raises ValueError when the vessel does not float."""
+        hydrodynamics = Hydrodynamics.of(model)
+        buoyancy = Buoyancy.of(model, water)
+        propulsion = Propulsion.of(model, dt_s)
+        windage = WindDrag.of(model)
+        # The water at the surface slides down its slope with g, and rises with it: a_f = g (down + normal) - rise down.
+        of_water = hydrodynamics.water_wrench
+        weight = model.mass_kg * GRAVITY_MPS2 * np.eye(3, 6)
+        per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench]
+        per_term += [weight + GRAVITY_MPS2 * of_water, GRAVITY_MPS2 * of_water, -of_water]
+        return cls(
+            model=model,
+            dt_s=dt_s,
+            hydrodynamics=hydrodynamics,
+            buoyancy=buoyancy,
+            propulsion=propulsion,
+            windage=windage,
+            acceleration_per_term=np.concatenate(per_term) @ hydrodynamics.inverse_mass,
+            draft_m=floating_draft_m(model, water),
+            level_m=water.level_m,
+        )
+
+
+def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
+    """Vessels afloat in still water at (N, 2) places, heading (N,); engines stopped."""
+    vessels = len(north_east_m)
+    pos_ned_m = np.empty((vessels, 3))
+    pos_ned_m[:, :2] = north_east_m
+    pos_ned_m[:, 2] = vessel.draft_m - vessel.level_m - vessel.model.hull.keel_below_cg_m
+    euler_rad = np.zeros((vessels, 3))
+    euler_rad[:, 2] = yaw_rad
+    quat = euler_to_quat(euler_rad)
+    zero = np.zeros((vessels, 3))
+    motion = Kinematics(pos_ned_m, zero, zero, quat, quat_to_matrix(quat), zero, zero)
+    return VesselState(motion, np.zeros((vessels, len(vessel.model.propellers))))
+
+
+def step(vessel: Vessel, state: VesselState, command: Array, around: Surroundings) -> VesselState:
+    """One step under (N, P) commands in [-1, 1]."""
+    rotor_speed = vessel.propulsion.spin(state.rotor_speed, command)
+    acceleration_frd = accelerate(vessel, state.motion, rotor_speed, around)
+    return VesselState(advance(state.motion, acceleration_frd, vessel.dt_s), rotor_speed)
+
+
+def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: Surroundings) -> Array:
+    """(N, 6) acceleration against NED and angular acceleration, both in body axes.
+
+    Every force is linear in some terms: the terms side by side times one constant matrix is the acceleration.
+    """
+    surface = around.surface
+    relative_ned_mps = np.empty((len(motion.pos_ned_m), 2, 3))
+    np.subtract(motion.vel_ned_mps, around.water_ned_mps, out=relative_ned_mps[:, 0])
+    np.subtract(motion.vel_ned_mps, around.wind_ned_mps, out=relative_ned_mps[:, 1])
+    relative_frd_mps = relative_ned_mps @ motion.rot_ned_frd  # row vectors: v @ R is R^T v
+    nu_r = np.concatenate((relative_frd_mps[:, 0], motion.gyro_frd_radps), axis=1)
+    down_frd = motion.rot_ned_frd[:, 2]
+    normal_frd = -surface.slope_frd - down_frd
+
+    terms = (
+        *vessel.hydrodynamics.terms(nu_r),
+        *vessel.buoyancy.terms(motion.pos_ned_m, down_frd, normal_frd, surface),
+        *vessel.propulsion.terms(rotor_speed),
+        *vessel.windage.terms(relative_frd_mps[:, 1]),
+        down_frd,
+        normal_frd,
+        surface.rise_mps2 * down_frd,
+    )
+    acceleration: Array = np.concatenate(terms, axis=1) @ vessel.acceleration_per_term
+    return acceleration
+
+
+def advance(motion: Kinematics, acceleration_frd: Array, dt_s: float) -> Kinematics:
+    """Semi-implicit Euler: velocities first, then pose with the new velocities.
+
+    acceleration_frd: (N, 6) as `accelerate` gives it. The result's accelerations are those of this step: its velocity
+    is the old one plus dt_s times them.
+    """
+    acc_ned_mps2 = (motion.rot_ned_frd @ acceleration_frd[:, :3, None])[:, :, 0]
+    angular_acc = acceleration_frd[:, 3:]
+    vel_ned_mps = motion.vel_ned_mps + dt_s * acc_ned_mps2
+    gyro = motion.gyro_frd_radps + dt_s * angular_acc
+    pos_ned_m = motion.pos_ned_m + dt_s * vel_ned_mps
+    old = motion.quat_ned_frd
+    quat = old + ((old[:, :, None] * gyro[:, None, :]).reshape(-1, 12) @ _HALF_RATES) * dt_s
+    quat /= np.sqrt(np.vecdot(quat, quat))[:, None]
+    return Kinematics(pos_ned_m, vel_ned_mps, acc_ned_mps2, quat, quat_to_matrix(quat), gyro, angular_acc)

@@ -1,0 +1,301 @@
+"""One contract for every transport. A new transport is a row in `PAIRS`."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from agent.wire.memory import memory_pair
+from agent.wire.transport import (
+    AddressInUseError,
+    AddressUnavailableError,
+    BadUrlError,
+    DatagramTooLongError,
+    Standing,
+    Transport,
+    TransportClosedError,
+    UnknownHostError,
+    open_transport,
+)
+
+WAIT_S = 5.0  # only ever waited out by a failure
+
+
+def udp_pair() -> tuple[Transport, Transport]:
+    listener = open_transport("udp://127.0.0.1:0", listen=True)
+    return listener, open_transport(listener.address, listen=False)
+
+
+PAIRS: dict[str, Callable[[], tuple[Transport, Transport]]] = {"memory": memory_pair, "udp": udp_pair}
+LISTENING: dict[str, str] = {"udp": "udp://127.0.0.1:0"}
+
+
+def take(transport: Transport, count: int, standing: Standing = Standing.HEARD) -> list[bytes]:
+    """The next `count` chunks, as a link takes them: each credited to its sender."""
+    chunks: list[bytes] = []
+    until_s = time.monotonic() + WAIT_S
+    while len(chunks) < count and time.monotonic() < until_s:
+        new = transport.receive(0.2)
+        for index in range(len(new)):
+            transport.credit(index, standing)
+        chunks += new
+    return chunks
+
+
+@pytest.fixture(params=PAIRS)
+def pair(request: pytest.FixtureRequest) -> Iterator[tuple[Transport, Transport]]:
+    """A listening end that knows its peer, and that peer."""
+    listening, calling = PAIRS[request.param]()
+    assert calling.send(b"hello")
+    assert take(listening, 1) == [b"hello"]
+    with listening, calling:
+        yield listening, calling
+
+
+def test_back_to_back_in_both_directions(pair: tuple[Transport, Transport]) -> None:
+    for there, here in (pair, pair[::-1]):
+        for payload in (b"\x00", b"\xfd" * 20, bytes(range(256))):
+            assert here.send(payload)
+            assert take(there, 1) == [payload]
+
+
+def test_order_is_kept(pair: tuple[Transport, Transport]) -> None:
+    listening, calling = pair
+    sent = [index.to_bytes(2, "big") for index in range(200)]
+    assert all(calling.send(chunk) for chunk in sent)
+    assert b"".join(take(listening, 200)) == b"".join(sent)
+
+
+def test_nothing_there_returns_at_once_or_after_the_timeout(pair: tuple[Transport, Transport]) -> None:
+    for end in pair:
+        assert end.receive() == []
+        assert end.receive(-1.0) == []
+        assert end.receive(0.01) == []
+
+
+def test_a_waiting_receive_is_woken_by_bytes(pair: tuple[Transport, Transport]) -> None:
+    listening, calling = pair
+    timer = threading.Timer(0.05, calling.send, (b"late",))
+    timer.start()
+    assert listening.receive(WAIT_S) == [b"late"]
+    timer.join()
+
+
+def test_a_full_datagram_arrives_whole(pair: tuple[Transport, Transport]) -> None:
+    listening, calling = pair
+    payload = bytes(range(256)) * 250
+    assert calling.send(payload)
+    assert b"".join(take(listening, 1)) == payload
+
+
+def test_queues_are_bounded_and_losses_do_not_raise(pair: tuple[Transport, Transport]) -> None:
+    listening, calling = pair
+    payload = bytes(4000)
+    for _ in range(5000):
+        calling.send(payload)
+    arrived = []
+    while chunks := listening.receive(0.05):
+        arrived += chunks
+    assert 0 < len(arrived) < 5000
+    assert calling.send(b"again")
+    assert listening.receive(WAIT_S) == [b"again"]
+
+
+def test_close_is_final_and_can_be_repeated(pair: tuple[Transport, Transport]) -> None:
+    for end in pair:
+        end.close()
+        end.close()
+        assert end.fileno() is None
+        with pytest.raises(TransportClosedError, match="the transport is closed; open it again"):
+            end.send(b"x")
+        with pytest.raises(TransportClosedError):
+            end.receive()
+
+
+def test_ends_have_names_for_people(pair: tuple[Transport, Transport]) -> None:
+    for end in pair:
+        assert end.address.startswith(f"{end.name}://")
+        assert end.peer.startswith(f"{end.name}://")
+
+
+def test_the_descriptor_if_any_is_readable_with_bytes(pair: tuple[Transport, Transport]) -> None:
+    import select
+
+    listening, calling = pair
+    descriptor = listening.fileno()
+    if descriptor is None:
+        return
+    assert select.select([descriptor], [], [], 0.0)[0] == []
+    calling.send(b"x")
+    assert select.select([descriptor], [], [], WAIT_S)[0] == [descriptor]
+
+
+@pytest.mark.parametrize("scheme", LISTENING)
+def test_an_address_in_use_is_said_in_one_sentence(scheme: str) -> None:
+    with open_transport(LISTENING[scheme], listen=True) as first:
+        with pytest.raises(AddressInUseError) as caught:
+            open_transport(first.address, listen=True)
+        assert str(caught.value) == (
+            f"{first.address}: the port is in use by another program; stop it or choose another port"
+        )
+    open_transport(first.address, listen=True).close()
+
+
+@pytest.mark.parametrize("scheme", LISTENING)
+def test_a_restarted_listener_is_reached_again(scheme: str) -> None:
+    listening = open_transport(LISTENING[scheme], listen=True)
+    with open_transport(listening.address, listen=False) as calling:
+        listening.close()
+        for _ in range(4):  # refusals come back as errors of a later call; none may surface
+            calling.send(b"nobody")
+            assert calling.receive(0.01) == []
+        with open_transport(listening.address, listen=True) as again:
+            while not calling.send(b"here"):
+                pass
+            assert take(again, 1)[-1] == b"here"
+            assert again.send(b"welcome back")
+            assert calling.receive(WAIT_S) == [b"welcome back"]
+
+
+@pytest.mark.parametrize("scheme", LISTENING)
+def test_without_a_peer_nothing_is_sent_and_that_is_counted(scheme: str) -> None:
+    with open_transport(LISTENING[scheme], listen=True) as listening:
+        assert listening.peer == ""
+        assert not listening.send(b"to whom?")
+        assert listening.unsent == 1
+
+
+def test_a_full_memory_queue_refuses_and_counts() -> None:
+    here, there = memory_pair(capacity=2)
+    assert [here.send(b"1"), here.send(b"2"), here.send(b"3")] == [True, True, False]
+    assert here.unsent == 1
+    assert there.receive() == [b"1", b"2"]
+    with pytest.raises(ValueError, match="capacity = 0"):
+        memory_pair(capacity=0)
+
+
+class Strangers:
+    """A listener under a clock of ours, its peer, and somebody else."""
+
+    def __init__(self) -> None:
+        from agent.wire.udp import UdpTransport
+
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        sock.setblocking(False)
+        sock.bind(("127.0.0.1", 0))
+        self.now_s = 100.0
+        self.url = f"udp://127.0.0.1:{sock.getsockname()[1]}"
+        self.listening = UdpTransport(sock, self.url, listen=True, clock_s=lambda: self.now_s)
+        self.host = open_transport(self.url, listen=False)
+        self.stranger = open_transport(self.url, listen=False)
+        self.host.send(b"good")
+        take(self.listening, 1)
+
+    def answered(self) -> list[bool]:
+        self.listening.send(b"answer")
+        time.sleep(0.01)
+        return [bool(self.host.receive()), bool(self.stranger.receive())]
+
+
+@pytest.fixture
+def strangers() -> Iterator[Strangers]:
+    made = Strangers()
+    with made.listening, made.host, made.stranger:
+        yield made
+
+
+def test_udp_garbage_never_moves_the_peer(strangers: Strangers) -> None:
+    strangers.now_s += 3600.0
+    strangers.stranger.send(b"garbage")
+    assert strangers.listening.receive(WAIT_S) == [b"garbage"]  # a link credits no datagram without a good frame
+    assert strangers.answered() == [True, False]
+
+
+def test_udp_a_second_sender_does_not_take_the_answers_away(strangers: Strangers) -> None:
+    strangers.stranger.send(b"heartbeat")
+    assert take(strangers.listening, 1) == [b"heartbeat"]
+    assert strangers.answered() == [True, False]
+    assert strangers.listening.peer_changes == 0
+
+
+@pytest.mark.parametrize("how", ["starts a run", "peer left", "peer silent"])
+def test_udp_the_peer_gives_way(strangers: Strangers, how: str) -> None:
+    if how == "peer left":
+        strangers.host.send(b"stop")
+        take(strangers.listening, 1, Standing.LEAVES)
+        assert strangers.answered() == [True, False]  # the last words still go to the one who left
+    if how == "peer silent":
+        strangers.now_s += 1.1
+    strangers.stranger.send(b"mine now")
+    take(strangers.listening, 1, Standing.STARTS if how == "starts a run" else Standing.HEARD)
+    assert strangers.answered() == [False, True]
+    assert strangers.listening.peer_changes == 1
+
+
+def test_udp_counts_refusals() -> None:
+    with open_transport("udp://127.0.0.1:0", listen=True) as listening:
+        url = listening.address
+    with open_transport(url, listen=False) as calling:
+        calling.send(b"anyone?")
+        assert calling.receive(0.05) == []
+        assert vars(calling)["refused"] >= 1
+
+
+def test_udp_takes_no_more_than_a_datagram_holds() -> None:
+    listening, calling = udp_pair()
+    with listening, calling:
+        assert calling.send(bytes(65507))
+        assert [len(chunk) for chunk in take(listening, 1)] == [65507]
+        with pytest.raises(DatagramTooLongError, match="65508 bytes do not fit a datagram; send at most 65507"):
+            calling.send(bytes(65508))
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6 here")
+def test_udp_over_ipv6() -> None:
+    try:
+        listening = open_transport("udp://[::1]:0", listen=True)
+    except AddressUnavailableError:
+        pytest.skip("no IPv6 loopback here")
+    with listening, open_transport(listening.address, listen=False) as calling:
+        assert listening.address.startswith("udp://[::1]:")
+        calling.send(b"six")
+        assert take(listening, 1) == [b"six"]
+
+
+@pytest.mark.parametrize(
+    ("url", "listen", "sentence"),
+    [
+        ("", True, "(empty): not a transport URL; write it like udp://192.168.7.2:14660 (known: udp://"),
+        ("192.168.7.2:14660", True, "192.168.7.2:14660: not a transport URL; write it like udp://"),
+        ("smoke://hill", True, "smoke://hill: unknown scheme smoke://; use one of: udp://"),
+        ("udp://:14660", True, "udp://:14660: the host is missing; write it like udp://192.168.7.2:14660"),
+        ("udp://h", True, "udp://h: the port is missing; write it like udp://192.168.7.2:14660"),
+        ("udp://h:70000", True, "udp://h:70000: the port is not a number from 0 to 65535; write it like"),
+        ("udp://h:x", True, "udp://h:x: the port is not a number from 0 to 65535; write it like"),
+        ("udp://h:0", False, "udp://h:0: port 0 cannot be reached; give the port the other end listens on"),
+        ("udp://h:1/x", True, "udp://h:1/x: udp:// takes no path (x); write it like"),
+        ("udp://h:1?baud=9", True, "udp://h:1?baud=9: udp:// takes no query (baud=9); write it like"),
+        ("udp://me@h:1", True, "udp://me@h:1: udp:// takes no user (me); write it like"),
+        ("udp://[::1:5", True, "udp://[::1:5: Invalid IPv6 URL; write it like"),
+    ],
+)
+def test_a_bad_url_is_said_in_one_sentence(url: str, listen: bool, sentence: str) -> None:
+    with pytest.raises(BadUrlError) as caught:
+        open_transport(url, listen)
+    assert str(caught.value).startswith(sentence)
+
+
+def test_an_address_that_is_not_ours() -> None:
+    with pytest.raises(
+        AddressUnavailableError, match=r"no interface of this machine has the address 192\.0\.2\.7; bring"
+    ):
+        open_transport("udp://192.0.2.7:14660", listen=True)  # TEST-NET-1, RFC 5737
+
+
+def test_a_host_name_that_nobody_knows() -> None:
+    with pytest.raises(UnknownHostError, match=r"the host name board\.invalid is not known; check its spelling"):
+        open_transport("udp://board.invalid:14660", listen=False)  # RFC 2606

@@ -1,0 +1,160 @@
+"""The executor under a clock that only moves when the test or a task says so."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.timing.clock import TickClock
+from agent.timing.tasks import Executor
+
+MS = 1_000_000
+
+
+def spend(clock: TickClock, duration_ns: int) -> None:
+    clock.advance_to(clock.now_ns() + duration_ns)
+
+
+def run_until(executor: Executor, clock: TickClock, end_ns: int, late_ns: int = 0) -> None:
+    """Sleep to each deadline, wake `late_ns` after it, run."""
+    while (due_ns := executor.next_due_ns) is not None and due_ns < end_ns:
+        clock.advance_to(due_ns + late_ns)
+        executor.run_due(clock.now_ns())
+
+
+def test_cycles_are_due_at_start_plus_k_over_rate() -> None:
+    clock = TickClock(7)
+    executor = Executor(clock)
+    starts: list[int] = []
+    executor.add("thirty", 30.0, starts.append)
+    run_until(executor, clock, 7 + 1000 * MS)
+    assert starts == [7 + round(k * 1e9 / 30) for k in range(30)]
+    (stats,) = executor.stats
+    assert (stats.cycles, stats.missed, stats.start_jitter_max_ns, stats.run_max_ns) == (30, 0, 0, 0)
+
+
+def test_rounding_does_not_add_up_in_an_hour() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    executor.add("thirds", 3.0, lambda now_ns: None)
+    run_until(executor, clock, 3600 * 1000 * MS)
+    assert executor.next_due_ns == 3600 * 1000 * MS
+    assert executor.stats[0].cycles == 3 * 3600
+
+
+def test_late_wake_ups_are_jitter_and_do_not_shift_the_phase() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    executor.add("loop", 100.0, lambda now_ns: None)
+    run_until(executor, clock, 1000 * MS, late_ns=3 * MS)
+    (stats,) = executor.stats
+    assert (stats.cycles, stats.missed) == (100, 0)
+    assert stats.start_jitter_max_ns == 3 * MS
+    assert stats.start_jitter_mean_ns == 3 * MS
+
+
+def test_run_times_and_the_worst_instant() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    durations_ns = iter([MS, 2 * MS, 4 * MS, MS])
+    executor.add("loop", 100.0, lambda now_ns: spend(clock, next(durations_ns)))
+    run_until(executor, clock, 40 * MS)
+    (stats,) = executor.stats
+    assert (stats.run_max_ns, stats.run_mean_ns, stats.worst_ns) == (4 * MS, 2 * MS, 20 * MS)
+    assert stats.missed == 0
+
+
+def test_an_overrun_skips_what_it_slept_through() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    starts: list[int] = []
+
+    def task(now_ns: int) -> None:
+        starts.append(now_ns)
+        spend(clock, 35 * MS if len(starts) == 2 else MS)
+
+    executor.add("loop", 100.0, task)
+    run_until(executor, clock, 100 * MS)
+    # Cycle 1 runs from 10 to 45 ms and is late; 2 and 3 are skipped; 4 starts at 45 ms; 5 is on time again.
+    assert [start // MS for start in starts] == [0, 10, 45, 50, 60, 70, 80, 90]
+    (stats,) = executor.stats
+    assert (stats.cycles, stats.skipped, stats.missed) == (8, 2, 3)
+    assert stats.start_jitter_max_ns == 25 * MS  # cycle 2 was due at 20 ms
+
+
+def test_a_task_that_always_overruns_does_not_pile_up_or_starve_others() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    quick: list[int] = []
+    executor.add("slow", 100.0, lambda now_ns: spend(clock, 15 * MS))
+    executor.add("quick", 50.0, quick.append)
+    run_until(executor, clock, 3000 * MS)
+    slow = executor.stats[0]
+    assert slow.cycles == pytest.approx(200, abs=2)
+    assert slow.cycles + slow.skipped == pytest.approx(300, abs=2)
+    assert slow.missed == slow.cycles + slow.skipped
+    assert len(quick) >= 100
+    assert slow.start_jitter_max_ns < 20 * MS
+
+
+def test_a_long_sleep_costs_one_run() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    executor.add("loop", 400.0, lambda now_ns: None)
+    clock.advance_to(3600 * 1000 * MS)
+    assert executor.run_due(clock.now_ns()) == 1
+    (stats,) = executor.stats
+    assert (stats.cycles, stats.skipped) == (1, 3600 * 400)
+    assert executor.next_due_ns == 3600 * 1000 * MS + 2_500_000
+
+
+@given(
+    rate_hz=st.floats(0.1, 5000.0),
+    steps_ns=st.lists(st.integers(0, 50 * MS), min_size=1, max_size=60),
+)
+def test_every_cycle_due_is_run_or_skipped(rate_hz: float, steps_ns: list[int]) -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    executor.add("loop", rate_hz, lambda now_ns: None)
+    for step_ns in steps_ns:
+        spend(clock, step_ns)
+        executor.run_due(clock.now_ns())
+        due_ns = executor.next_due_ns
+        assert due_ns is not None
+        assert clock.now_ns() < due_ns <= clock.now_ns() + round(1e9 / rate_hz) + 1
+        assert executor.run_due(clock.now_ns()) == 0
+    (stats,) = executor.stats
+    assert executor.next_due_ns == round((stats.cycles + stats.skipped) * 1e9 / rate_hz)
+    assert stats.missed == stats.skipped
+
+
+def test_what_is_due_together_runs_in_the_order_added() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    order: list[str] = []
+    for name in ("sense", "control", "send"):
+        executor.add(name, 50.0, lambda now_ns, name=name: order.append(name))
+    executor.run_due(0)
+    assert order == ["sense", "control", "send"]
+
+
+def test_restart_is_a_new_phase_and_empty_statistics() -> None:
+    clock = TickClock()
+    executor = Executor(clock)
+    executor.add("loop", 100.0, lambda now_ns: None)
+    run_until(executor, clock, 95 * MS)
+    executor.restart(123 * MS)
+    assert executor.next_due_ns == 123 * MS
+    assert executor.stats[0].cycles == 0
+
+
+def test_tasks_that_make_no_sense_are_refused() -> None:
+    executor = Executor(TickClock())
+    assert executor.next_due_ns is None
+    for rate_hz in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match=r"task loop: rate_hz = .* is not a rate"):
+            executor.add("loop", rate_hz, lambda now_ns: None)
+    executor.add("loop", 1.0, lambda now_ns: None)
+    with pytest.raises(ValueError, match="task loop: the name is taken"):
+        executor.add("loop", 2.0, lambda now_ns: None)

@@ -1,0 +1,166 @@
+"""Good frames come out, everything else is counted, nothing raises, nothing grows."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from messages import FRAMES, garbage_free_of_frames, imu
+
+from agent.wire import dialect
+from agent.wire.codec import Packer, decode
+from agent.wire.framing import LARGEST_FRAME, Framer
+
+FLUSH = bytes(LARGEST_FRAME)  # completes whatever a damaged frame in a stream claims
+
+
+def adds_up(framer: Framer) -> bool:
+    counters = framer.counters
+    return counters.bytes_in == counters.bytes_good + counters.bytes_dropped + framer.held_bytes
+
+
+def frame_of(message: Any) -> bytes:
+    return Packer(1, 1).pack(message)
+
+
+@given(st.lists(st.one_of(st.binary(max_size=600), garbage_free_of_frames()), max_size=6), st.booleans())
+def test_any_bytes(chunks: list[bytes], stream: bool) -> None:
+    framer = Framer(stream)
+    for chunk in chunks:
+        for frame in framer.feed(chunk):
+            decode(frame)
+        assert adds_up(framer)
+        assert framer.held_bytes < LARGEST_FRAME
+    assert (framer.counters.dropped > 0) >= (framer.counters.bytes_dropped > 0)
+
+
+@given(st.lists(st.tuples(garbage_free_of_frames(), FRAMES), min_size=1, max_size=5))
+def test_every_good_frame_in_a_datagram_of_garbage_is_found(parts: list[tuple[bytes, bytes]]) -> None:
+    framer = Framer(stream=False)
+    found = framer.feed(b"".join(garbage + frame for garbage, frame in parts))
+    assert found == [frame for _, frame in parts]
+    assert framer.counters.bytes_dropped == sum(len(garbage) for garbage, _ in parts)
+    assert adds_up(framer)
+
+
+@given(st.lists(st.tuples(garbage_free_of_frames(), FRAMES), min_size=1, max_size=5), st.data())
+def test_every_good_frame_in_a_stream_of_garbage_is_found(
+    parts: list[tuple[bytes, bytes]], data: st.DataObject
+) -> None:
+    framer = Framer(stream=True)
+    stream = b"".join(garbage + frame for garbage, frame in parts) + FLUSH
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=8)))
+    found = []
+    for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+        found += framer.feed(stream[start:end])
+        assert adds_up(framer)
+    assert found == [frame for _, frame in parts]
+
+
+@given(st.lists(FRAMES, min_size=1, max_size=6), st.data())
+def test_mutated_and_truncated_frames_are_dropped_and_counted(frames: list[bytes], data: st.DataObject) -> None:
+    index = data.draw(st.integers(0, len(frames) - 1))
+    frame = frames[index]
+    if data.draw(st.booleans()):
+        at, bit = data.draw(st.integers(0, len(frame) - 1)), data.draw(st.integers(0, 7))
+        damaged = frame[:at] + bytes([frame[at] ^ 1 << bit]) + frame[at + 1 :]
+    else:
+        damaged = frame[: data.draw(st.integers(1, len(frame) - 1))]
+    framer = Framer(stream=False)
+    found = framer.feed(b"".join([*frames[:index], damaged, *frames[index + 1 :]]))
+    assert found == frames[:index] + frames[index + 1 :]
+    assert framer.counters.dropped >= 1
+    assert framer.counters.bytes_dropped == len(damaged)
+    assert adds_up(framer)
+
+
+def counts(framer: Framer) -> tuple[int, int, int, int]:
+    counters = framer.counters
+    return counters.dropped_bad_crc, counters.dropped_unknown, counters.dropped_truncated, counters.dropped_noise
+
+
+def flipped(frame: bytes, at: int) -> bytes:
+    return frame[:at] + bytes([frame[at] ^ 0xFF]) + frame[at + 1 :]
+
+
+PLAIN = frame_of(imu())
+LONG = frame_of(dialect.MAVLink_statustext_message(6, b"a sentence that holds \xfd\xfd\xfd in the middle"))
+
+
+@pytest.mark.parametrize(
+    ("damaged", "expected"),
+    [
+        (flipped(PLAIN, 20), (1, 0, 0, 0)),
+        (flipped(PLAIN, len(PLAIN) - 1), (1, 0, 0, 0)),
+        (flipped(LONG, 11), (1, 0, 0, 0)),  # 0xFD in the payload of a damaged frame is no second event
+        (flipped(PLAIN, 8), (0, 1, 0, 0)),
+        (PLAIN[:2] + b"\x02" + PLAIN[3:], (0, 1, 0, 0)),  # an incompatibility flag that nobody has defined
+        (PLAIN[:-1], (0, 0, 1, 0)),
+        (PLAIN[:5], (0, 0, 1, 0)),
+        (b"\xfd", (0, 0, 1, 0)),
+        (b"hello", (0, 0, 0, 1)),
+        (b"\xfe\x09\x00\x01\x01\x00" + bytes(11), (0, 0, 0, 1)),  # a MAVLink 1 heartbeat
+        (b"hello" + flipped(PLAIN, 20), (1, 0, 0, 1)),
+        (flipped(PLAIN, 20) * 3, (3, 0, 0, 0)),
+    ],
+)
+def test_each_kind_of_damage_has_its_counter(damaged: bytes, expected: tuple[int, int, int, int]) -> None:
+    framer = Framer(stream=False)
+    assert framer.feed(damaged) == []
+    assert counts(framer) == expected
+    assert framer.feed(PLAIN) == [PLAIN]
+    assert counts(framer) == expected
+
+
+def test_signed_frames_are_accepted_and_kept_whole() -> None:
+    from pymavlink.dialects.v20 import common
+
+    sender = common.MAVLink(None, 3, 4)
+    sender.signing.secret_key = b"k" * 32
+    sender.signing.sign_outgoing = True
+    frame = common.MAVLink_heartbeat_message(11, 0, 0, 5, 4, 3).pack(sender)
+    framer = Framer(stream=False)
+    assert framer.feed(frame + PLAIN) == [frame, PLAIN]
+    message = decode(frame)
+    assert (message.get_srcSystem(), message.custom_mode, message.mavlink_version) == (3, 5, 3)
+
+
+def test_a_frame_longer_or_shorter_than_we_know_it() -> None:
+    """Newer senders append fields; trailing zeros are cut, down to nothing for those that send an empty payload."""
+    from agent.wire.crc import x25crc
+
+    tick = dialect.MAVLink_xitl_tick_message
+    for payload, expected in ((bytes([7] * 12 + [1, 2, 3]), 0x07070707), (b"", 0)):
+        body = bytes([len(payload), 0, 0, 0, 1, 1]) + tick.id.to_bytes(3, "little") + payload
+        checksum = x25crc(body + bytes([tick.crc_extra])).crc
+        frame = b"\xfd" + body + checksum.to_bytes(2, "little")
+        assert Framer(stream=False).feed(frame) == [frame]
+        assert decode(frame).tick == expected
+
+
+def test_texts_of_any_bytes_decode() -> None:
+    message = decode(frame_of(dialect.MAVLink_statustext_message(6, b"\xff\x00\xfe")))
+    assert message.text == "\N{REPLACEMENT CHARACTER}"
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_endless_garbage_takes_bounded_memory(stream: bool) -> None:
+    rng = random.Random(5)
+    framer = Framer(stream)
+    for _ in range(400):
+        framer.feed(bytes(rng.choices((0xFD, 0x00, 0x01, 0xD2, 0xF2), k=1000)))
+        assert framer.held_bytes < LARGEST_FRAME
+    assert adds_up(framer)
+    assert framer.feed(FLUSH + PLAIN)[-1:] == [PLAIN]
+
+
+def test_reset_counts_from_zero_and_keeps_an_unfinished_frame() -> None:
+    framer = Framer(stream=True)
+    framer.feed(b"noise" + PLAIN[:20])
+    framer.reset_counters()
+    assert framer.counters.dropped == 0
+    assert framer.feed(PLAIN[20:]) == [PLAIN]
+    assert framer.counters.bytes_in == framer.counters.bytes_good == len(PLAIN)

@@ -1,0 +1,202 @@
+"""Two links over memory: counters, taps, batches, and a network that damages what it carries."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+import pytest
+from messages import imu
+
+from agent.wire import dialect
+from agent.wire.codec import MessageRefusedError
+from agent.wire.link import DATAGRAM_BYTES, Link
+from agent.wire.memory import memory_pair
+from agent.wire.transport import Standing, Transport, open_transport
+
+
+def links(capacity: int = 4096) -> tuple[Link, Link]:
+    here, there = memory_pair(capacity=capacity)
+    return Link(here, 1, 1), Link(there, 2, 1)
+
+
+def test_messages_arrive_in_order_with_sender_and_sequence() -> None:
+    here, there = links()
+    assert here.send(imu(5), dialect.MAVLink_xitl_tick_message(5, 1))
+    assert here.send(dialect.MAVLink_xitl_tick_message(6, 2))
+    got = there.receive()
+    assert [message.get_type() for message in got] == ["XITL_IMU", "XITL_TICK", "XITL_TICK"]
+    assert [message.get_seq() for message in got] == [0, 1, 2]
+    assert {(message.get_srcSystem(), message.get_srcComponent()) for message in got} == {(1, 1)}
+    assert got[0].gyro == pytest.approx([0.1, -0.2, 0.3], abs=1e-7)
+    assert there.receive() == []
+
+
+def test_several_frames_share_datagrams_of_limited_size() -> None:
+    here, there = memory_pair()
+    link = Link(here, 1, 1)
+    assert link.send(*[imu(index + 1) for index in range(100)])
+    chunks = there.receive()
+    frame_bytes = link.counters.bytes_out // 100
+    assert len(chunks) == math.ceil(100 / (DATAGRAM_BYTES // frame_bytes))
+    assert max(len(chunk) for chunk in chunks) <= DATAGRAM_BYTES
+    other = Link(there, 2, 1)
+    for chunk in chunks:
+        assert here.send(chunk)
+    assert [message.time_usec for message in other.receive()] == [*range(1, 101)]
+
+
+def test_taps_see_every_good_frame_raw() -> None:
+    here, there = memory_pair()
+    seen: list[tuple[str, bytes]] = []
+    link = Link(here, 1, 1, tap=lambda direction, frame: seen.append((direction, frame)))
+    echo = Link(there, 2, 1, tap=lambda direction, frame: seen.append((direction, frame)))
+    link.send(imu(1), imu(2))
+    here.send(b"junk")
+    echo.receive()
+    assert [direction for direction, _ in seen] == ["tx", "tx", "rx", "rx"]
+    assert seen[0][1] == seen[2][1]
+    assert seen[1][1] == seen[3][1]
+    assert echo.counters.dropped == echo.counters.dropped_noise == 1
+
+
+def test_what_the_transport_does_not_take_is_no_gap() -> None:
+    here, there = links(capacity=3)
+    sent = [here.send(imu(index + 1)) for index in range(5)]
+    assert sent == [True, True, True, False, False]
+    assert len(there.receive()) == 3
+    assert not here.send(*[imu(index + 1) for index in range(200)])  # needs more datagrams than there is room for
+    there.receive()
+    assert here.send(imu(1))
+    there.receive()
+    assert here.counters.sent == there.counters.received
+    assert here.counters.sent + here.counters.unsent == 5 + 200 + 1
+    assert there.counters.lost == 0
+
+
+def test_a_refused_message_sends_nothing_of_its_batch() -> None:
+    here, there = links()
+    with pytest.raises(MessageRefusedError):
+        here.send(imu(), dialect.MAVLink_xitl_tick_message(-1, 0))
+    assert there.receive() == []
+    here.send(imu())
+    assert [message.get_seq() for message in there.receive()] == [0]
+
+
+def test_counters_add_up_over_a_bad_network() -> None:
+    rng = random.Random(11)
+    here, wire_in = memory_pair()
+    wire_out, there = memory_pair()
+    sender, receiver = Link(here, 1, 1), Link(there, 2, 1)
+    vanished = damaged = repeated = 0
+    for index in range(3000):
+        sender.send(imu(index + 1))
+        for chunk in wire_in.receive():
+            fate = rng.random() if index not in (0, 2999) else 1.0
+            if fate < 0.02:
+                vanished += 1
+            elif fate < 0.04:
+                damaged += 1
+                wire_out.send(chunk[:30] + bytes([chunk[30] ^ 0x10]) + chunk[31:])
+            elif fate < 0.06:
+                repeated += 1
+                wire_out.send(chunk + chunk)
+            else:
+                wire_out.send(chunk)
+        receiver.receive()
+    counters = receiver.counters
+    assert sender.counters.sent == 3000
+    assert counters.lost == vanished + damaged
+    assert counters.dropped == counters.dropped_bad_crc == damaged
+    assert counters.repeated == repeated
+    assert counters.received - counters.repeated + counters.lost == 3000
+    assert min(vanished, damaged, repeated) > 20
+
+
+def test_reset_counters_starts_a_new_account() -> None:
+    here, there = links()
+    here.send(imu())
+    there.receive()
+    for _ in range(3):
+        here.send(imu())
+    there.transport.receive()  # three frames vanish
+    there.reset_counters()
+    here.send(imu())
+    there.receive()
+    assert (there.counters.received, there.counters.lost) == (1, 0)
+    here.reset_counters()
+    assert here.counters.sent == here.counters.bytes_out == 0
+
+
+class Credits(Transport):
+    """A transport that plays back chunks and notes whom the link credits."""
+
+    learns_peer = True
+
+    def __init__(self, chunks: list[bytes]) -> None:
+        super().__init__("credits://")
+        self.chunks = chunks
+        self.noted: list[tuple[int, Standing]] = []
+
+    @classmethod
+    def open(cls, url: Any, listen: bool) -> Credits:
+        raise NotImplementedError
+
+    def send(self, data: bytes) -> bool:
+        return True
+
+    def receive(self, timeout_s: float = 0.0) -> list[bytes]:
+        return self.chunks
+
+    def fileno(self) -> None:
+        return None
+
+    def close(self) -> None:
+        pass
+
+    def credit(self, index: int, standing: Standing) -> None:
+        self.noted.append((index, standing))
+
+
+def run_message(command: int) -> Any:
+    return dialect.MAVLink_xitl_run_message(0, b"r", command, 0, 1)
+
+
+def test_only_good_frames_earn_credit_and_runs_claim_the_link() -> None:
+    here, there = memory_pair()
+    sender = Link(here, 1, 1)
+    for command in (
+        dialect.XITL_RUN_COMMAND_START,
+        dialect.XITL_RUN_COMMAND_HELLO,
+        dialect.XITL_RUN_COMMAND_STOP,
+    ):
+        sender.send(imu(), run_message(command))
+    sender.send(imu())
+    good = there.receive()
+    transport = Credits([b"garbage", *good, good[0][:-1]])
+    Link(transport, 2, 1).receive()
+    assert transport.noted[:4] == [
+        (1, Standing.STARTS),
+        (2, Standing.HEARD),
+        (3, Standing.LEAVES),
+        (4, Standing.HEARD),
+    ]
+
+
+def test_over_udp_the_listener_answers_the_one_who_speaks_the_dialect() -> None:
+    listening = open_transport("udp://127.0.0.1:0", listen=True)
+    calling = open_transport(listening.address, listen=False)
+    noisy = open_transport(listening.address, listen=False)
+    with listening, calling, noisy:
+        agent, host = Link(listening, 1, 1), Link(calling, 2, 1)
+        noisy.send(b"\xfd garbage")
+        agent.receive(5.0)
+        assert listening.peer == ""
+        host.send(imu())
+        assert agent.receive(5.0)
+        noisy.send(b"more garbage")
+        agent.receive(5.0)
+        assert agent.send(dialect.MAVLink_xitl_tick_message(1, 1))
+        assert [message.get_type() for message in host.receive(5.0)] == ["XITL_TICK"]
+        assert agent.counters.dropped == 2

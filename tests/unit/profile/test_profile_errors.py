@@ -1,0 +1,393 @@
+"""Every error names file, line, key, value and the fix, in plain words."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
+from xitl_cli.profile.checks.rates import divisors_around
+
+Write = Callable[..., Path]
+
+
+def _problems(path: Path) -> list[str]:
+    with pytest.raises(ProfileError) as caught:
+        load_profile(str(path))
+    return [str(problem) for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("environment:\n  wnd: {}", "boat.yaml:2: environment.wnd is not a known key; did you mean 'wind'?"),
+        (
+            "clock:\n  speed_mps: 3",
+            "boat.yaml:2: clock.speed_mps is not a known key; did you mean 'mission.speed_mps' or "
+            "'environment.current.speed_mps'?",
+        ),
+        (
+            "recording: {zzz: 1}",
+            "boat.yaml:1: recording.zzz is not a known key; "
+            "known keys: compression, truth_rate_hz, estimate_rate_hz, scene",
+        ),
+        (
+            "environment:\n  wind:\n    mean_mps: 8 m/s",
+            "boat.yaml:3: environment.wind.mean_mps = '8 m/s' is not a number; write a number in m/s",
+        ),
+        (
+            "environment: {wind: {mean_mps: true}}",
+            "boat.yaml:1: environment.wind.mean_mps = true is not a number; write a number in m/s",
+        ),
+        (
+            "environment: {wind: {mean_mps: }}",
+            "boat.yaml:1: environment.wind.mean_mps = null is not a number; write a number in m/s",
+        ),
+        (
+            "environment: {wind: {mean_mps: .nan}}",
+            "boat.yaml:1: environment.wind.mean_mps = nan is not finite; write a finite number in m/s",
+        ),
+        (
+            "environment: {wind: {mean_mps: -1}}",
+            "boat.yaml:1: environment.wind.mean_mps = -1 is too small; use a value of at least 0 in m/s",
+        ),
+        (
+            "environment: {water: {density_kgpm3: 0}}",
+            "boat.yaml:1: environment.water.density_kgpm3 = 0 is too small; use a value above 0 in kg/m³",
+        ),
+        (
+            "environment: {wind: {direction_deg: 400}}",
+            "boat.yaml:1: environment.wind.direction_deg = 400 is too large; use a value of at most 360 in degrees",
+        ),
+        (
+            "recording: {scene: yes}",
+            "boat.yaml:1: recording.scene = 'yes' is neither true nor false; write true or false",
+        ),
+        ("clock: {seed: 1.5}", "boat.yaml:1: clock.seed = 1.5 is not a whole number; write a whole number"),
+        ("description: 5", "boat.yaml:1: description = 5 is not text; put it in quotes"),
+        (
+            "clock:\n  mode: lockstp",
+            "boat.yaml:2: clock.mode = 'lockstp' is not one of the choices; "
+            "did you mean 'lockstep'? use lockstep or realtime",
+        ),
+        (
+            "technique: flying",
+            "boat.yaml:1: technique = 'flying' is not one of the choices; use mitl, sitl, hitl, huitl, ritl or syitl",
+        ),
+        (
+            "clock: fast",
+            "boat.yaml:1: clock = 'fast' is not a group; indent keys under it: "
+            "mode, physics_rate_hz, exchange_rate_hz, duration_s, seed",
+        ),
+        (
+            "mission: {waypoints_ned_m: 5}",
+            "boat.yaml:1: mission.waypoints_ned_m = 5 is not a list; write [a, b, ...]",
+        ),
+        (
+            "mission:\n  waypoints_ned_m:\n    - [1, 2]\n    - [1]",
+            "boat.yaml:4: mission.waypoints_ned_m.1 = a list of 1 is too short; give every entry, "
+            "as in the shipped profiles",
+        ),
+        (
+            "mission:\n  waypoints_ned_m:\n    - [1, 2, 3]",
+            "boat.yaml:3: mission.waypoints_ned_m.0 = a list of 3 is too long; give 2",
+        ),
+        (
+            "site:\n  name: here\n  latitude_deg: 1\n  longitude_deg: 2",
+            "boat.yaml:1: site needs 'altitude_m'; add it in m",
+        ),
+        (
+            "graph:\n  vertices: all",
+            "boat.yaml:2: graph.vertices = 'all' is not a count of vertices; write architecture, present or 1 to 1000",
+        ),
+        (
+            "world: {log_boom: {points_ned_m: [[0, 0, 0]], float_length_m: 1, float_radius_m: 1}}",
+            "boat.yaml:1: world.log_boom.points_ned_m = a list of 1 is too short; give at least 2",
+        ),
+    ],
+)
+def test_values(write: Write, text: str, problem: str) -> None:
+    assert _problems(write(text)) == [problem]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (
+            "extends: sitl\nsensors:\n  imu:\n    rate_hz: 333\n",
+            "boat.yaml:4: sensors.imu.rate_hz = 333 does not divide the physics rate 400 Hz; use 200 or 400",
+        ),
+        (
+            "clock:\n  exchange_rate_hz: 60",
+            "boat.yaml:2: clock.exchange_rate_hz = 60 does not divide the physics rate 400 Hz; use 50 or 80",
+        ),
+        (
+            "extends: sitl\nrecording:\n  truth_rate_hz: 800",
+            "boat.yaml:3: recording.truth_rate_hz = 800 is above the physics rate 400 Hz; use 400 or less",
+        ),
+        (
+            "clock: {physics_rate_hz: 300}",
+            "boat.yaml:1: clock.physics_rate_hz = 300 has a step of 3333333.333 ns, which is not a whole number; "
+            "use 256 or 320",
+        ),
+        (
+            "extends: sitl\nvehicle:\n  mass_kg: 900",
+            "boat.yaml:3: vehicle.mass_kg = 900 sinks: the two hulls carry 576.8 kg; "
+            "use less mass or a larger vehicle.hull",
+        ),
+        (
+            "extends: sitl\nvehicle: {hull: {width_m: 0.7}}",
+            "boat.yaml:2: vehicle.hull.width_m = 0.7 is too narrow for two hulls of radius 0.2 m; use at least 0.8",
+        ),
+        (
+            "extends: sitl\nvehicle: {inertia_kgm2: [10, 20, 64]}",
+            "boat.yaml:2: vehicle.inertia_kgm2 = [10, 20, 64] belongs to no body: one moment exceeds the sum of the "
+            "other two; lower it to 30 or less",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  runs: process\ntechnique: hitl",
+            "boat.yaml:2: autopilot.link is missing with autopilot.runs = process; "
+            "add one such as udp://127.0.0.1:14660",
+        ),
+        (
+            "extends: hitl-loopback\nautopilot:\n  link: 192.168.7.2",
+            "boat.yaml:3: autopilot.link = '192.168.7.2' is not a link; write udp://address:port",
+        ),
+        (
+            "extends: hitl-loopback\nautopilot:\n  link: udp://192.168.7.2:99999",
+            "boat.yaml:3: autopilot.link = 'udp://192.168.7.2:99999' has no such port; use a port from 1 to 65535",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  parameter_files: [gone.parm]",
+            "boat.yaml:3: autopilot.parameter_files.0: {tmp}/gone.parm does not exist; "
+            "check the path, or name a shipped parameter file",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  parameters:\n    WP_SPEED: 1000",
+            "boat.yaml:4: autopilot.parameters: WP_SPEED = 1000 is out of range; use 0.1 to 100 m/s",
+        ),
+        (
+            "extends: sitl\nenvironment: {waves: {components: 3}}",
+            "boat.yaml:2: environment.waves.components = 3 is too few for an irregular sea; "
+            "use 8 or more, or spectrum: regular",
+        ),
+        (
+            "extends: sitl\nenvironment: {wind: {mean_mps: 0}}",
+            "boat.yaml:2: environment.wind.mean_mps = 0 gives the gust spectrum davenport nothing to scale with; "
+            "use a mean above 0, or gust.spectrum: none or ornstein-uhlenbeck",
+        ),
+        (
+            "driver:\n  kind: mission",
+            "boat.yaml:2: driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site",
+        ),
+        (
+            "driver:\n  kind: script",
+            "boat.yaml:2: driver.kind = script has no steps; "
+            "add driver.script, a list of {at_s: 0, motors: [0.3, 0.3]}",
+        ),
+        (
+            "extends: mitl\ndriver:\n  script:\n    - {at_s: 1, motors: [0, 0]}\n    - {at_s: 1, motors: [1, 1]}",
+            "boat.yaml:5: driver.script.1.at_s = 1 is not after the step before it (1); put the steps in order of time",
+        ),
+        (
+            "extends: mitl\ndriver:\n  script:\n    - {at_s: 1, motors: [0]}",
+            "boat.yaml:4: driver.script.0.motors = a list of 1 does not fit a vessel with 2 propellers; give 2",
+        ),
+        (
+            "extends: mitl\ndriver:\n  kind: mission",
+            "boat.yaml:3: driver.kind = mission needs an autopilot; "
+            "use autopilot.kind: embedded or driver.kind: script",
+        ),
+        (
+            "extends: sitl\ndriver: {kind: script, script: [{at_s: 0, motors: [0, 0]}]}",
+            "boat.yaml:2: driver.kind = script drives the motors itself; "
+            "use autopilot.kind: none or driver.kind: mission",
+        ),
+        (
+            "extends: sitl\ntechnique: mitl",
+            "boat.yaml:2: technique = mitl has no autopilot; use autopilot.kind: none, or technique: sitl",
+        ),
+        (
+            "extends: mitl\ntechnique: sitl",
+            "boat.yaml:2: technique = sitl runs an autopilot on this machine; use technique: mitl",
+        ),
+        (
+            "extends: sitl\ntechnique: hitl",
+            "boat.yaml:2: technique = hitl runs an autopilot behind a link; use autopilot.runs: board (or process)",
+        ),
+        (
+            "graph:\n  nodes:\n    LSS: {kind: real}",
+            "boat.yaml:3: graph.nodes.LSS is not a node; did you mean 'LS'? "
+            "the nodes are D, PS1, LS, LC, LA, HS, HC, HA, M (PS2, PS3, ... for more simulators)",
+        ),
+        (
+            "graph:\n  nodes:\n    PS: {kind: real}",
+            "boat.yaml:3: graph.nodes.PS is not a node; number the simulators: PS1, PS2, ...",
+        ),
+        (
+            "graph:\n  nodes:\n    D: {kind: real}\n  links:\n    D: [LC]",
+            "boat.yaml:5: graph.links.D: 'LC' is an absent node; drop the link, or give graph.nodes.LC a kind: "
+            "real or virtual (and weight: 0 where only its links count)",
+        ),
+        (
+            "graph:\n  nodes:\n    D: {kind: real}\n    M: {kind: real}\n  vertices: 1",
+            "boat.yaml:5: graph.vertices = 1 is fewer than the 2 nodes present; use 2 or more",
+        ),
+        (
+            "graph:\n  nodes:\n    D: {kind: absent, weight: 0.5}",
+            "boat.yaml:3: graph.nodes.D.weight = 0.5 is given to an absent node; make its kind real or virtual",
+        ),
+        (
+            "graph:\n  reference: eq24",
+            "boat.yaml:2: graph.reference = 'eq24': there is no profile 'eq24'; `xitl profiles list` shows all",
+        ),
+    ],
+)
+def test_values_that_do_not_go_together(write: Write, tmp_path: Path, text: str, problem: str) -> None:
+    assert _problems(write(text)) == [problem.replace("{tmp}", str(tmp_path))]
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "physics_hz", "around"),
+    [(333, 400, (200, 400)), (7, 400, (5, 8)), (150, 1000, (125, 200)), (0.3, 400, (400 / 1334, 400 / 1333))],
+)
+def test_the_rates_offered_are_the_nearest_that_divide(
+    rate_hz: float, physics_hz: float, around: tuple[float, float]
+) -> None:
+    assert divisors_around(rate_hz, physics_hz) == pytest.approx(around, rel=1e-12)
+
+
+def test_a_fraction_of_a_hertz_may_divide() -> None:
+    sensors = load_profile("sitl", ["sensors.gnss.rate_hz=0.5", "sensors.imu.rate_hz=400"]).sensors
+    assert sensors is not None
+    assert sensors.gnss.rate_hz == 0.5
+
+
+def test_the_first_problem_is_the_line_and_the_rest_are_counted(write: Write) -> None:
+    path = write("environment:\n  wnd: {}\n  wind: {mean_mps: -1}\nclock: {seed: x}\n")
+    with pytest.raises(ProfileError) as caught:
+        load_profile(str(path), ["recording.scene=1"])
+    assert len(caught.value.problems) == 4
+    assert str(caught.value) == (
+        "boat.yaml:2: environment.wnd is not a known key; did you mean 'wind'? "
+        "(and 3 more: run `xitl profiles check boat.yaml --set recording.scene=1`)"
+    )
+
+
+def test_a_misspelt_key_is_not_reported_as_missing_too(write: Write) -> None:
+    problems = _problems(write("site:\n  name: here\n  latitude_deg: 1\n  longitud_deg: 2\n  altitude_m: 0\n"))
+    assert problems == ["boat.yaml:4: site.longitud_deg is not a known key; did you mean 'longitude_deg'?"]
+
+
+def test_errors_stay_on_one_line_and_short_whatever_the_value(write: Write) -> None:
+    path = write('"a\\nb c": 1\nclock: {mode: "x\\n' + "y" * 500 + '"}\nrecording: {scene: ' + "9" * 300 + "}\n")
+    problems = _problems(path)
+    assert problems[0].startswith("boat.yaml:1: 'a\\nb c' is not a known key")
+    assert all("\n" not in problem and len(problem) < 400 for problem in problems)
+    assert len(problems) == 3
+
+
+def test_huge_numbers_are_refused(write: Write) -> None:
+    path = write(f"environment: {{wind: {{mean_mps: {'9' * 390}}}}}\nclock: {{seed: {'9' * 5000}}}\n")
+    problems = _problems(path)
+    assert problems[0].startswith(
+        "boat.yaml:1: environment.wind.mean_mps = an integer of more than 64 bits is not a number"
+    )
+    assert problems[1].startswith("boat.yaml:2: clock.seed = inf is not a whole number")
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        (
+            "eq24-general-use",
+            "paper/eq24-general-use: describes a graph only; `xitl wdri paper/eq24-general-use` shows it, a run also "
+            "needs technique, site, vehicle, environment, mission, driver, autopilot; "
+            "`xitl profiles list` marks those that run",
+        ),
+        (
+            "calm",
+            "environments/calm: is a part of a profile; a run also needs technique, site, vehicle, mission, driver, "
+            "autopilot, graph; `xitl profiles list` marks those that run",
+        ),
+    ],
+)
+def test_what_a_run_lacks(name: str, sentence: str) -> None:
+    with pytest.raises(UserError) as caught:
+        load_profile(name).runnable()
+    assert str(caught.value) == sentence
+
+
+def test_an_autopilot_needs_sensors(write: Write) -> None:
+    write("extends: mitl")
+    assert load_profile("boat.yaml").runnable().sensors is None
+    write(
+        "extends: mitl\ntechnique: sitl\nautopilot: {kind: embedded}\ndriver: {kind: mission}",
+    )
+    with pytest.raises(UserError, match="a run also needs sensors"):
+        load_profile("boat.yaml").runnable()
+
+
+VALID: dict[str, Any] = yaml.safe_load(resolved_yaml(load_profile("hitl-beaglebone")))
+JUNK = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(),
+    st.just(10**400),
+    st.floats(),
+    st.text(max_size=8),
+    st.lists(st.one_of(st.integers(), st.text(max_size=3)), max_size=4),
+    st.dictionaries(st.text(max_size=4), st.integers(), max_size=2),
+)
+
+
+def _groups(value: Any) -> list[Any]:
+    found = [value] if isinstance(value, (dict, list)) else []
+    children = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return found + [group for child in children for group in _groups(child)]
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_mutation_loads_or_is_a_user_error_with_its_place(write: Write, data: st.DataObject) -> None:
+    profile = copy.deepcopy(VALID)
+    for _ in range(data.draw(st.integers(1, 3))):
+        group = data.draw(st.sampled_from(_groups(profile)))
+        junk = data.draw(JUNK)
+        if isinstance(group, list):
+            index = data.draw(st.integers(0, len(group)))
+            group[index : index + data.draw(st.integers(0, 1))] = [junk]
+            continue
+        key = data.draw(
+            st.one_of(st.sampled_from(sorted(group)), st.text(max_size=6)) if group else st.text(max_size=6)
+        )
+        if data.draw(st.booleans()):
+            group.pop(key, None)
+        else:
+            group[key] = junk
+    path = write(yaml.safe_dump(profile, allow_unicode=True))
+    try:
+        loaded = load_profile(str(path))
+    except ProfileError as error:
+        for problem in error.problems:
+            assert str(problem).startswith("boat.yaml:")
+            assert problem.origin.line is not None
+            assert "\n" not in str(problem)
+    else:
+        assert load_profile(str(write(resolved_yaml(loaded)))) == loaded
+
+
+def test_a_parameter_file_is_read_when_the_profile_is(write: Write) -> None:
+    write("WP_SPEED 3\nWP_SPED 3\n", "tune.parm")
+    path = write("extends: sitl\nautopilot:\n  parameter_files:\n    - tune.parm\n")
+    (problem,) = _problems(path)
+    assert problem.startswith("boat.yaml:4: autopilot.parameter_files.0: ")
+    assert "tune.parm:2: WP_SPED is not a parameter" in problem

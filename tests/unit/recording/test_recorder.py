@@ -1,0 +1,141 @@
+"""A recording written here and read back by the `mcap` library and its ROS 2 decoder."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+
+from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.kinematics import Kinematics
+from xitl_cli.errors import UserError
+from xitl_cli.recording.mcap_file import McapFile
+from xitl_cli.recording.recorder import Recorder
+from xitl_cli.recording.records import Clock, Estimate, MotorCommand, Task
+
+
+def motion(north: float = 3.0) -> Kinematics:
+    quat = euler_to_quat(np.array([[0.0, 0.0, np.pi / 2]]))  # heading east
+    zero = np.zeros((1, 3))
+    return Kinematics(
+        pos_ned_m=np.array([[north, 4.0, -0.5]]),
+        vel_ned_mps=np.array([[0.0, 2.0, 0.0]]),
+        acc_ned_mps2=zero,
+        quat_ned_frd=quat,
+        rot_ned_frd=quat_to_matrix(quat),
+        gyro_frd_radps=np.array([[0.0, 0.0, 0.1]]),
+        angular_acc_frd_radps2=zero,
+    )
+
+
+def everything(recorder: Recorder, stamp_ns: int = 2_500_000_000) -> None:
+    recorder.truth(stamp_ns, motion(), np.array([[0.25, -0.5]]))
+    recorder.fix(stamp_ns, -8.8, -63.95, 70.0)
+    recorder.environment(stamp_ns, np.array([0.5, 0.0, 0.0]), np.array([-3.0, 1.0, 0.0]), 0.07)
+    recorder.estimate(
+        stamp_ns, Estimate(np.array([3.1, 4.0, -0.5]), np.zeros(3), motion().quat_ned_frd[0], np.zeros(3))
+    )
+    recorder.actuators(stamp_ns, MotorCommand((0.3, -0.6), armed=True, failsafe=False, age_s=0.02))
+    recorder.frame_sent(stamp_ns, b"\xfd123")
+    recorder.frame_received(stamp_ns, b"\xfd45")
+    recorder.task(stamp_ns, Task("LC", "control", 50.0, 100, 2, 0.001, 0.0002, 0.0009))
+    recorder.clock(stamp_ns, Clock("LC", 7, 11, 12, 0.0005, 0.25, -3.5))
+    recorder.say(stamp_ns, 4, "autopilot", "GNSS lost")
+    recorder.flush_if_due()
+
+
+def read_all(path: Path) -> dict[str, list]:
+    with path.open("rb") as file:
+        topics: dict[str, list] = {}
+        for _, channel, message, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory(), _Raw()]
+        ).iter_decoded_messages():
+            topics.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return topics
+
+
+class _Raw:
+    def decoder_for(self, encoding, schema):
+        return bytes
+
+
+def test_every_topic_reads_back_with_its_values(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    everything(recorder)
+    recorder.close()
+    topics = read_all(tmp_path / "run.mcap")
+    assert all(stamp == 2_500_000_000 for messages in topics.values() for stamp, _ in messages)
+    state = topics["/truth/state"][0][1]
+    assert (state.stamp.sec, state.stamp.nanosec) == (2, 500_000_000)
+    assert list(state.position_ned_m) == [3.0, 4.0, -0.5]
+    assert list(state.rotor) == [0.25, -0.5]
+    odometry = topics["/truth/odometry"][0][1]
+    assert odometry.header.frame_id == "map"
+    position, attitude = odometry.pose.pose.position, odometry.pose.pose.orientation
+    assert (position.x, position.y, position.z) == (4.0, 3.0, 0.5)  # ENU
+    # A vessel that heads east looks along x of ENU: no rotation, and it moves straight ahead in its own frame.
+    assert (abs(attitude.w), attitude.x, attitude.y, attitude.z) == pytest.approx((1, 0, 0, 0), abs=1e-12)
+    assert odometry.twist.twist.linear.x == pytest.approx(2.0)
+    assert odometry.twist.twist.angular.z == pytest.approx(-0.1)  # to starboard is clockwise, z is up
+    assert list(topics["/environment"][0][1].wind_ned_mps) == [-3.0, 1.0, 0.0]
+    actuators = topics["/actuators"][0][1]
+    assert (list(actuators.command), actuators.armed, actuators.age_s) == ([0.3, -0.6], 1, 0.02)
+    assert bytes(topics["/link/agent/tx"][0][1].frame) == b"\xfd123"
+    assert bytes(topics["/link/agent/rx"][0][1].frame) == b"\xfd45"
+    task = topics["/tasks"][0][1]
+    assert (task.node, task.task, task.missed, task.run_max_s) == ("LC", "control", 2, 0.0009)
+    clock = topics["/clocks"][0][1]
+    assert (clock.node, clock.sample, clock.host_ns, clock.node_ns, clock.drift_ppm) == ("LC", 7, 11, 12, -3.5)
+    assert {"/tf", "/truth/pose", "/truth/fix", "/log"} <= topics.keys()
+
+
+def test_what_was_flushed_survives_a_kill(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    now_s = [0.0]
+    file = McapFile(path, "lz4", now_s=lambda: now_s[0])
+    log = file.ros_channel("/x", "t/msg/X", "float64 x")
+    log(b"first", 1)
+    now_s[0] = 1.0
+    file.flush_if_due()
+    log(b"second", 2)
+    now_s[0] = 1.9
+    file.flush_if_due()  # not due: the second message is still only in memory
+    copy = tmp_path / "killed.mcap"
+    copy.write_bytes(path.read_bytes())
+    kept = []
+    with copy.open("rb") as stream:
+        try:
+            for record in StreamReader(stream).records:
+                if isinstance(record, Message):
+                    kept.append(record.data)
+        except EndOfFile:
+            pass
+    assert kept == [b"first"]
+    file.close()
+
+
+def test_an_existing_recording_is_never_written_over(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"precious")
+    with pytest.raises(UserError, match="File exists"):
+        McapFile(tmp_path / "run.mcap")
+    assert (tmp_path / "run.mcap").read_bytes() == b"precious"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    original = Path.open
+    monkeypatch.setattr(Path, "open", lambda self, mode: original(Path("/dev/full"), "wb"))
+    file = McapFile(tmp_path / "run.mcap")
+    log = file.ros_channel("/x", "t/msg/X", "float64 x")
+    with pytest.raises(UserError, match=r"run.mcap: .*No space left on device.*free space"):
+        for stamp in range(100_000):
+            log(os.urandom(32), stamp)
+    with pytest.raises(UserError, match="No space left on device"):
+        file.close()

@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from xitl_cli.errors import UserError
+from xitl_cli.run import directory
+
+
+def test_a_directory_with_a_run_is_refused_and_replaced_only_when_asked(tmp_path: Path) -> None:
+    (tmp_path / directory.RECORDING).write_bytes(b"old")
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(UserError, match=r"already holds a run \(run.mcap\).*--overwrite"):
+        directory.create(tmp_path, overwrite=False)
+    directory.create(tmp_path, overwrite=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt"]
+
+
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(UserError, match="taken: is a file, not a directory"):
+        directory.check_writable(tmp_path / "taken" / "deeper")
+
+
+def test_checking_makes_nothing(tmp_path: Path) -> None:
+    directory.check_writable(tmp_path / "a" / "b")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_default_names_never_collide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    now = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+    first = directory.default_path("paper/sitl", now)
+    assert first == Path("runs/sitl-20260102T030405Z")
+    first.mkdir(parents=True)
+    assert directory.default_path("sitl", now) == Path("runs/sitl-20260102T030405Z-2")
+
+
+def test_json_is_written_whole(tmp_path: Path) -> None:
+    directory.write_json(tmp_path / "s.json", {"a": 1})
+    assert json.loads((tmp_path / "s.json").read_text()) == {"a": 1}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        directory.write_json(tmp_path / "s.json", {"a": float("nan")})
+    assert json.loads((tmp_path / "s.json").read_text()) == {"a": 1}

@@ -1,0 +1,105 @@
+"""`xitl wdri`: the node graph of a profile and its index against a reference."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from xitl_cli.graph.wdri import Vertices, Wdri
+
+
+def wdri(
+    name: Annotated[str, typer.Argument(metavar="PROFILE", help="A shipped profile's name, or a path to a .yaml.")],
+    reference: Annotated[
+        str | None, typer.Option(help="A profile, or `complete`: every node real and linked to every node.")
+    ] = None,
+    vertices: Annotated[
+        str | None,
+        typer.Option(help="Count that averages the degrees of PROFILE: architecture, present or a number."),
+    ] = None,
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of PROFILE.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object; numbers are not rounded.")] = False,
+) -> None:
+    """Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1."""
+    from xitl_cli.graph.of_profile import wdri_of
+    from xitl_cli.profile import load_with_origins
+
+    count = _count(vertices)
+    result = wdri_of(load_with_origins(name, overrides or ()).profile, reference, count)
+    if as_json:
+        import json
+
+        typer.echo(json.dumps(result.as_json(), ensure_ascii=False))
+        return
+    console = Console(highlight=False)
+    console.print(_nodes(result))
+    console.print(_links(result))
+    console.print(_index(result))
+
+
+def _count(text: str | None) -> Vertices | None:
+    if text is None:
+        return None
+    if text == "architecture":
+        return "architecture"
+    if text == "present":
+        return "present"
+    if text.isascii() and text.isdigit() and 0 < int(text[:6]) <= 1000:
+        return int(text)
+    raise UserError(f"--vertices = {text!r} is not a count of vertices; write architecture, present or 1 to 1000")
+
+
+def _nodes(result: Wdri) -> Table:
+    from xitl_cli.graph.nodes import meaning
+
+    table = Table(title="Nodes", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("node", no_wrap=True)
+    table.add_column("is", ratio=3)
+    table.add_column("kind", no_wrap=True)
+    table.add_column("runs on", ratio=2)
+    table.add_column("weight", justify="right", no_wrap=True)
+    table.add_column("degree", justify="right", no_wrap=True)
+    for vertex, degree in zip(result.graph.vertices, result.graph.degrees(), strict=True):
+        table.add_row(
+            vertex.name,
+            Text(vertex.does or meaning(vertex.name)),
+            vertex.kind,
+            Text(vertex.runs_on or "-"),
+            f"{vertex.weight:g}",
+            str(degree),
+            style="dim" if vertex.kind == "absent" else None,
+        )
+    return table
+
+
+def _links(result: Wdri) -> Table:
+    table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for vertex in result.graph.vertices:
+        table.add_column(vertex.name, justify="right", no_wrap=True)
+    for vertex, row in zip(result.graph.vertices, result.graph.adjacency, strict=True):
+        table.add_row(vertex.name, *("1" if linked else "·" for linked in row))
+    return table
+
+
+def _index(result: Wdri) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column()
+    table.add_row("weighted degree", f"{result.d_w_sim:.4f}", f"over n = {result.n} vertices")
+    table.add_row(
+        "of the reference", f"{result.d_w_ref:.4f}", Text(f"over n = {result.n_ref} vertices: {result.reference}")
+    )
+    table.add_row(Text("WDRI", style="bold"), Text(f"{result.wdri:.4f}", style="bold"), "1 - |sim - ref| / ref")
+    return table

@@ -1,0 +1,124 @@
+"""The host's picture of an agent, from the messages it sends."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from agent.wire import dialect
+from sim_core.geodesy import LocalFrame
+from xitl_cli.recording.records import Estimate, Task
+
+MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
+RECENT_TEXTS = 20
+
+
+class AgentView:
+    """Takes every message; keeps the latest of what matters.
+
+    `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come.
+    """
+
+    def __init__(
+        self,
+        frame: LocalFrame,
+        on_text: Callable[[int, str], None],
+        on_estimate: Callable[[int, Estimate], None],
+    ) -> None:
+        self.status: Any = None
+        self.mode = "–"
+        self.armed = False
+        self.ready_to_arm = False
+        self.target_seq: int | None = None
+        self.reached_seqs: set[int] = set()
+        self.acks: dict[int, int] = {}
+        self.tasks: dict[str, Task] = {}
+        self.texts: deque[str] = deque(maxlen=RECENT_TEXTS)
+        self._frame = frame
+        self._on_text = on_text
+        self._on_estimate = on_estimate
+        self._origin_ned_m: np.ndarray[Any, np.dtype[np.float64]] | None = None
+        self._attitude: Any = None
+        self._handlers: dict[int, Callable[[Any], None]] = {
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
+            dialect.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
+            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
+            dialect.MAVLINK_MSG_ID_MISSION_CURRENT: self._mission_current,
+            dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: self._mission_item_reached,
+            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
+            dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
+            dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self._task_stats,
+        }
+
+    def take(self, message: Any) -> None:
+        """Note one message; kinds it has no use for are passed over."""
+        handler = self._handlers.get(message.get_msgId())
+        if handler is not None:
+            handler(message)
+
+    def _heartbeat(self, message: Any) -> None:
+        self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.mode = MODES.get(message.custom_mode, f"mode {message.custom_mode}")
+
+    def _sys_status(self, message: Any) -> None:
+        self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)
+
+    def _statustext(self, message: Any) -> None:
+        text = _text(message.text)
+        self.texts.append(text)
+        self._on_text(message.severity, text)
+
+    def _command_ack(self, message: Any) -> None:
+        self.acks[message.command] = message.result
+
+    def _mission_current(self, message: Any) -> None:
+        self.target_seq = message.seq
+
+    def _mission_item_reached(self, message: Any) -> None:
+        self.reached_seqs.add(message.seq)
+
+    def _origin(self, message: Any) -> None:
+        place = (np.array([value]) for value in (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3))
+        self._origin_ned_m = self._frame.ned(*place)[0]
+
+    def _attitude_quaternion(self, message: Any) -> None:
+        self._attitude = message
+
+    def _local_position(self, message: Any) -> None:
+        attitude = self._attitude
+        if self._origin_ned_m is None or attitude is None or attitude.time_boot_ms != message.time_boot_ms:
+            return
+        estimate = Estimate(
+            pos_ned_m=self._origin_ned_m + (message.x, message.y, message.z),
+            vel_ned_mps=np.array([message.vx, message.vy, message.vz]),
+            quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
+            gyro_frd_radps=np.array([attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed]),
+        )
+        self._on_estimate(message.time_boot_ms * 1000, estimate)
+
+    def _node_status(self, message: Any) -> None:
+        self.status = message
+
+    def _task_stats(self, message: Any) -> None:
+        name = _text(message.task)
+        self.tasks[name] = Task(
+            node="LC",
+            task=name,
+            rate_hz=message.rate_hz,
+            cycles=message.cycles,
+            missed=message.missed,
+            start_jitter_max_s=message.start_jitter_max_usec * 1e-6,
+            run_mean_s=message.run_mean_usec * 1e-6,
+            run_max_s=message.run_max_usec * 1e-6,
+        )
+
+
+def _text(raw: bytes | str) -> str:
+    data = raw if isinstance(raw, str) else raw.decode("utf-8", "replace")
+    return data.rstrip("\0")

@@ -1,0 +1,167 @@
+"""Where the agent runs: in this process, in one of its own on this machine, or on a board. One interface for all."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from agent.fcu.parameters import Parameters
+from agent.fcu.services import Services
+from agent.node import AgentNode
+from agent.wire.link import Link
+from agent.wire.memory import memory_pair
+from agent.wire.transport import Transport, TransportError, open_transport
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema.operation import Autopilot
+
+HOST_SYSTEM_ID = 255
+HOST_COMPONENT_ID = 190
+AGENT_SYSTEM_ID = 1
+AGENT_COMPONENT_ID = 1
+_STOP_S = 2.0
+
+
+class Peer(Protocol):
+    """An agent that can be talked to through `transport`."""
+
+    transport: Transport
+
+    def pump(self) -> None:
+        """Let the agent work; does nothing where it has a processor of its own."""
+
+    def check(self) -> None:
+        """Raise UserError when the agent is known to be gone."""
+
+    def unreachable(self, waited_s: float) -> UserError:
+        """What to say when it does not answer."""
+
+    def close(self) -> None:
+        """Stop what was started."""
+
+
+class InProcess:
+    """The same agent code in the host's process, over the in-memory transport."""
+
+    def __init__(self) -> None:
+        self.transport, theirs = memory_pair("agent")
+        link = Link(theirs, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        node = AgentNode(link, lambda: Services.with_parameters(Parameters()), machine="in-process")
+        self.pump: Callable[[], None] = node.poll
+
+    def check(self) -> None:
+        pass
+
+    def unreachable(self, waited_s: float) -> UserError:
+        return UserError("the agent in this process did not answer; this is a fault of xitl, please report it")
+
+    def close(self) -> None:
+        self.transport.close()
+
+
+class OwnProcess:
+    """The agent as a process of its own on this machine."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "agent", "--link", url],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # a Ctrl-C at the terminal is the host's to pass on
+        )
+        assert self._process.stdout is not None
+        if not self._process.stdout.readline():  # its first line says that it listens
+            raise self._gone()
+        try:
+            self.transport = open_transport(url, listen=False)
+        except TransportError as error:
+            self.close()
+            raise UserError(f"autopilot.link: {error}") from error
+
+    def pump(self) -> None:
+        pass
+
+    def check(self) -> None:
+        if self._process.poll() is not None:
+            raise self._gone()
+
+    def unreachable(self, waited_s: float) -> UserError:
+        return UserError(
+            f"{self._url}: the agent process started but did not answer for {waited_s:.0f} s; "
+            "check that no firewall filters this port on the loopback interface"
+        )
+
+    def close(self) -> None:
+        transport = getattr(self, "transport", None)
+        if transport is not None:
+            transport.close()
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(_STOP_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        for stream in (self._process.stdout, self._process.stderr):
+            if stream is not None:
+                stream.close()
+
+    def _gone(self) -> UserError:
+        code = self._process.wait()
+        stderr = self._process.stderr
+        lines = stderr.read().strip().splitlines() if stderr is not None and not stderr.closed else []
+        reason = lines[-1].removeprefix("error: ") if lines else f"exit code {code}"
+        self.close()
+        return UserError(f"the agent process ended: {reason}")
+
+
+class Board:
+    """An agent that somebody started on a board."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        try:
+            self.transport = open_transport(url, listen=False)
+        except TransportError as error:
+            raise UserError(f"autopilot.link: {error}") from error
+
+    def pump(self) -> None:
+        pass
+
+    def check(self) -> None:
+        pass
+
+    def unreachable(self, waited_s: float) -> UserError:
+        host, _, port = self._url.removeprefix("udp://").rpartition(":")
+        return UserError(
+            f"{self._url}: no agent answered within {waited_s:.0f} s; check that {host} answers a ping (cable, power, "
+            f"address of this machine's USB-Ethernet interface) and that the board runs `xitl agent --link udp://0.0.0.0:{port}`"
+        )
+
+    def close(self) -> None:
+        self.transport.close()
+
+
+def open_peer(autopilot: Autopilot) -> Peer:
+    """The peer that the profile asks for. Raises UserError when it cannot be opened."""
+    if autopilot.runs == "in-process":
+        return InProcess()
+    if autopilot.link is None:
+        raise UserError(f"autopilot.runs = {autopilot.runs} needs autopilot.link, for instance udp://127.0.0.1:14660")
+    return OwnProcess(autopilot.link) if autopilot.runs == "process" else Board(autopilot.link)
+
+
+def wait_for(condition: Callable[[], bool], timeout_s: float, pump: Callable[[float], None]) -> bool:
+    """Pump until the condition holds, at most `timeout_s` of wall time."""
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        left_s = deadline_s - time.monotonic()
+        if left_s <= 0:
+            return False
+        pump(min(left_s, 0.1))
+    return True

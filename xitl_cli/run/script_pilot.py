@@ -1,0 +1,57 @@
+"""No autopilot: motor commands by the clock, straight to the vessel."""
+
+from __future__ import annotations
+
+from sim_core.kinematics import Kinematics
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.recording.recorder import Recorder
+from xitl_cli.recording.records import MotorCommand, Task
+from xitl_cli.run.pace import Pace
+from xitl_cli.run.pilot import ClockReport, LinkReport, Progress
+
+
+class ScriptPilot:
+    """Holds each step of the script until the next; knows no waypoints and so never completes a mission."""
+
+    def __init__(self, profile: RunProfile) -> None:
+        self._steps = sorted(profile.driver.script, key=lambda step: step.at_s)
+        self._motors: tuple[float, ...] = (0.0,) * len(profile.vehicle.propellers)
+        self._next = 0
+        self.estimation = None
+        self.stale_exchanges = 0
+
+    def prepare(self) -> None:
+        pass
+
+    def begin(self, recorder: Recorder, pace: Pace) -> None:
+        pass
+
+    def sense(self, sim_ns: int, motion: Kinematics) -> None:
+        pass
+
+    def exchange(self, sim_ns: int, motion: Kinematics) -> MotorCommand:
+        while self._next < len(self._steps) and self._steps[self._next].at_s * 1e9 <= sim_ns:
+            self._motors = self._steps[self._next].motors
+            self._next += 1
+        return MotorCommand(self._motors, armed=True)
+
+    def progress(self) -> Progress:
+        return Progress(mode="SCRIPT", armed=True)
+
+    def position_error_m(self) -> float | None:
+        return None
+
+    def end(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def links(self) -> list[LinkReport]:
+        return []
+
+    def tasks(self) -> list[Task]:
+        return []
+
+    def clocks(self) -> list[ClockReport]:
+        return []

@@ -1,0 +1,147 @@
+"""A run from profile to summary: reach the pilot, open the directory, fly, close everything whatever happens."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from agent import __version__
+from xitl_cli.errors import UserError
+from xitl_cli.profile import Profile, resolved_yaml
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.recording.recorder import Recorder
+from xitl_cli.run import directory
+from xitl_cli.run.agent_pilot import AgentPilot
+from xitl_cli.run.ideal_pilot import IdealPilot
+from xitl_cli.run.loop import Ending, Loop
+from xitl_cli.run.pace import Lockstep, Pace, Realtime
+from xitl_cli.run.pilot import Pilot
+from xitl_cli.run.scene import scene_of
+from xitl_cli.run.score import MissionScore
+from xitl_cli.run.script_pilot import ScriptPilot
+from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.summary import Outcome, summary_of
+from xitl_cli.run.view import View
+from xitl_cli.run.world import build
+
+COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What the command needs to say how it went."""
+
+    summary: dict[str, Any]
+    directory: Path
+    exit_code: int
+
+
+def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], View]) -> Result:
+    """One run, kept in `out`.
+
+    Raises UserError, and leaves nothing behind, when the profile cannot run, the pilot cannot be reached or `out` cannot be used. What goes
+    wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code say so.
+    """
+    ready = profile.runnable()
+    directory.check_writable(out)
+    seeds = Seeds(ready.clock.seed)
+    simulation, state = build(ready, seeds)
+    pilot = make_pilot(ready, seeds)
+    with closing(pilot):
+        pilot.prepare()
+        directory.create(out, overwrite)
+        (out / directory.PROFILE).write_text(resolved_yaml(profile))
+        recorder = Recorder(out / directory.RECORDING, ready.recording.compression, len(ready.vehicle.propellers))
+        pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(simulation.dt_s)
+        with closing(make_view()) as view, _interrupts() as interrupted:
+            score = MissionScore(ready.mission.waypoints_ned_m)
+            loop = Loop(ready, simulation, state, pilot, pace, recorder, view, score, interrupted)
+            outcome = _fly(loop, profile, seeds)
+    summary = summary_of(ready, outcome)
+    directory.write_json(out / directory.SUMMARY, summary)
+    return Result(summary, out, _exit_code(outcome))
+
+
+def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
+    started = datetime.now(UTC).isoformat(timespec="seconds")
+    ending, error = Ending.FAILED, None
+    begun_s = time.perf_counter()
+    try:
+        try:
+            _write_head(loop.recorder, profile, loop.profile, started)
+            loop.pilot.begin(loop.recorder, loop.pace)
+            begun_s = time.perf_counter()
+            ending = loop.run(seeds)
+        finally:
+            wall_s = time.perf_counter() - begun_s
+            loop.pilot.end()
+            loop.recorder.close()
+    except UserError as problem:
+        ending, error = Ending.FAILED, str(problem)
+    return Outcome(
+        ending=ending,
+        error=error,
+        started_utc=started,
+        duration_s=loop.state.time_ns * 1e-9,
+        wall_s=wall_s,
+        mission=loop.score,
+        estimation=loop.pilot.estimation,
+        links=loop.pilot.links(),
+        tasks=[loop.pace.task(loop.profile.clock.physics_rate_hz), *loop.pilot.tasks()],
+        clocks=loop.pilot.clocks(),
+        stale_exchanges=loop.pilot.stale_exchanges,
+    )
+
+
+def make_pilot(profile: RunProfile, seeds: Seeds) -> Pilot:
+    """Who steers in this profile."""
+    if profile.autopilot.kind == "embedded":
+        return AgentPilot(profile, seeds)
+    if profile.driver.kind == "script":
+        return ScriptPilot(profile)
+    return IdealPilot(profile)
+
+
+def _write_head(recorder: Recorder, profile: Profile, ready: RunProfile, started: str) -> None:
+    """What a reader needs to understand the rest: the profile, the dialect of the raw frames, the scene."""
+    recorder.metadata(
+        "xitl", {"version": __version__, "profile": profile.name, "seed": str(ready.clock.seed), "started_utc": started}
+    )
+    recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
+    recorder.attach("xitl.xml", "application/xml", files("agent.wire").joinpath("xitl.xml").read_bytes())
+    if ready.recording.scene:
+        recorder.scene(scene_of(ready))
+
+
+def _exit_code(outcome: Outcome) -> int:
+    if outcome.error is not None:
+        return USER_ERROR
+    if outcome.ending is Ending.INTERRUPTED:
+        return INTERRUPTED
+    return COMPLETED if outcome.mission.completed else INCOMPLETE
+
+
+@contextmanager
+def _interrupts() -> Iterator[Callable[[], bool]]:
+    """Ctrl-C and SIGTERM end the run at the next exchange instead of anywhere; a second Ctrl-C acts as usual."""
+    seen: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if seen and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        seen.append(number)
+
+    previous = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(seen)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
