@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import agent
+from agent.fcu.autopilot import Autopilot
 from agent.fcu.parameters import ParameterError, Parameters
 from agent.fcu.services import Services
 from agent.node import AgentNode
@@ -23,8 +24,9 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
     """Serve until interrupted. Returns the exit code: 0 after an interrupt, 2 when it could not start."""
     options = _parser(program).parse_args(arguments)
     try:
-        text = options.parameters.read_text() if options.parameters else ""
-        parameters = Parameters.from_parm(text, str(options.parameters))
+        parameters = Parameters()
+        if options.parameters:
+            parameters.load(options.parameters.read_text(), str(options.parameters))
         transport = open_transport(options.link, listen=True)
     except OSError as error:
         return _refuse(f"{options.parameters}: cannot be read ({error.strerror}); check the path")
@@ -37,7 +39,9 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
         sys.stdout.write(f"xitl agent {agent.__version__}: embedded autopilot waits at {transport.address}\n")
         sys.stdout.flush()
         link = Link(transport, SYSTEM_ID, COMPONENT_ID)
-        AgentNode(link, lambda: Services.with_parameters(parameters)).serve(lambda: not stop)
+        AgentNode(link, lambda: Services(Autopilot(Parameters({name: parameters[name] for name in parameters})))).serve(
+            lambda: not stop
+        )
     return 0
 
 

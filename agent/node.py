@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Callable
 
 import agent
+from agent.fcu.autopilot import LOOP_HZ
+from agent.fcu.samples import Actuators
 from agent.fcu.services import Services
 from agent.timing.clock import MonotonicClock, TickClock
 from agent.timing.tasks import Executor, TaskStats
@@ -17,8 +19,6 @@ from agent.wire.link import Link
 
 PROTOCOL = 1
 NODES = "LS,LC,LA"
-CONTROL_RATE_HZ = 50.0
-TELEMETRY_RATE_HZ = 50.0
 STATUS_RATE_HZ = 1.0
 IDLE_WAIT_S = 0.5
 MOTORS_ON_WIRE = 8
@@ -33,8 +33,9 @@ class _LatestImu:
 class AgentNode:
     """Serves one host over one link.
 
-    In real time the tasks run on this machine's monotonic clock. In lockstep they run on XITL_TICK alone, and each tick is answered by
-    XITL_ACTUATORS, so that a run repeats bit for bit. `make_services` builds a fresh autopilot for every run.
+    In real time the tasks run on this machine's monotonic clock. In lockstep they run on XITL_TICK alone, and each tick
+    is answered by XITL_ACTUATORS, so that a run repeats bit for bit. `make_services` builds a fresh autopilot for every
+    run.
     """
 
     def __init__(self, link: Link, make_services: Callable[[], Services], machine: str = "") -> None:
@@ -74,12 +75,12 @@ class AgentNode:
         self._clock: MonotonicClock | TickClock = self._ticks if lockstep else self._monotonic
         self._services = self._make_services()
         self._imu = _LatestImu()
-        self._actuators = self._services.autopilot.neutral()
+        self._actuators = Actuators()
         self._count = 0
         self._last_tick: int | None = None
         self._executor = Executor(self._clock)
-        self._executor.add("control", CONTROL_RATE_HZ, self._control)
-        self._executor.add("telemetry", TELEMETRY_RATE_HZ, self._telemetry)
+        self._executor.add("control", LOOP_HZ, self._control)
+        self._executor.add("telemetry", LOOP_HZ, self._telemetry)
         self._executor.add("status", STATUS_RATE_HZ, self._status)
 
     # Messages
@@ -104,9 +105,11 @@ class AgentNode:
             self._link.reset_counters()
             self._reset(message.clock_mode == dialect.XITL_CLOCK_MODE_LOCKSTEP, message.time_usec * 1000)
             self._running = True
+            if self._lockstep:
+                self._executor.run_due(self._clock.now_ns())
         elif message.command == dialect.XITL_RUN_COMMAND_STOP and self._running:
             self._running = False
-            self._actuators = self._services.autopilot.neutral()
+            self._actuators = Actuators()
             self._send_actuators(self._clock.now_ns())
             self._send_task_stats(self._clock.now_ns())
         self._send_node_status(self._clock.now_ns())

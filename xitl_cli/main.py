@@ -29,7 +29,7 @@ def fail(message: str) -> NoReturn:
     sys.exit(2)
 
 
-def _app():  # type: ignore[no-untyped-def]  # noqa: ANN202
+def _app():  # type: ignore[no-untyped-def]
     import typer
 
     from xitl_cli.commands import agent, profiles, sim, wdri

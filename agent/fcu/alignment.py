@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Optional
 
 from agent.fcu.inertial import InertialState, frd_to_ned, quaternion
 from agent.fcu.samples import ImuSample, Vector3
@@ -25,9 +24,9 @@ class Alignment:
         self._last_ns = 0
         self._count = 0
         self._sum: Vector3 = (0.0, 0.0, 0.0)
-        self.field_frd_gauss: Optional[Vector3] = None
+        self.field_frd_gauss: Vector3 | None = None
 
-    def add(self, sample: ImuSample, declination_rad: float) -> Optional[InertialState]:
+    def add(self, sample: ImuSample, declination_rad: float) -> InertialState | None:
         """The first state once there is one. Samples that go back in time start the average again."""
         if self._count == 0 or not 0 < sample.stamp_ns - self._last_ns <= _DURATION_NS:
             self._start_ns = sample.stamp_ns

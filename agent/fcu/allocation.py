@@ -20,9 +20,7 @@ class AllocationGains(NamedTuple):
     @classmethod
     def of(cls, p: Parameters) -> AllocationGains:
         """From the table."""
-        return cls(
-            astern=1.0 / p["MOT_THST_ASYM"], expo=p["MOT_THST_EXPO"], slew_per_s=p["MOT_SLEWRATE"] / 100.0
-        )
+        return cls(astern=1.0 / p["MOT_THST_ASYM"], expo=p["MOT_THST_EXPO"], slew_per_s=p["MOT_SLEWRATE"] / 100.0)
 
 
 class Allocation(NamedTuple):

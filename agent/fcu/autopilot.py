@@ -75,9 +75,13 @@ class Autopilot:
             self.mode = modes.HOLD
         self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
         self.events_lost = 0
+        self.reached: deque[int] = deque(maxlen=_MOST_EVENTS)
         self.pilot = Pilot(self.mission, self.parameters["WP_SPEED"])
         self._configure()
-        self._restart_controllers()
+        self._steering = SteeringState()
+        self._speed: SpeedState | None = None
+        self._allocation = Allocation()
+        self.speed_error_mps = 0.0
         self._last_control_ns: int | None = None
         self._imu_accepted = 0
         self._imu_noticed = 0
@@ -140,9 +144,8 @@ class Autopilot:
         thrust = steering = 0.0
         if self.mode == modes.AUTO and estimate.position_valid:
             thrust, steering = self._follow(estimate, dt_s)
-        elif self.mode == modes.MANUAL and self._manual_ns is not None:
-            if 0 <= now_ns - self._manual_ns <= self._manual_timeout_ns:
-                thrust, steering = self._manual
+        elif self.mode == modes.MANUAL and self._manual_is_fresh(now_ns):
+            thrust, steering = self._manual
         self._allocation = allocate(self._allocation_gains, self._allocation, thrust, steering, dt_s)
         return Actuators(self._allocation.command, True, False)
 
@@ -156,6 +159,7 @@ class Autopilot:
         speed_mps = ground_speed_mps(yaw_rad, vn, ve)
         course = self.pilot.steer(self._guidance_gains, frame, (north_m, east_m), yaw_rad, speed_mps, dt_s)
         for seq in self.pilot.take_reached():
+            self.reached.append(seq)
             self._say(INFO, f"Reached waypoint {seq}")
         if course is None:
             self._say(NOTICE, "Mission complete: HOLD")
@@ -177,6 +181,7 @@ class Autopilot:
         self._speed, thrust = propel(
             self._speed_gains, self._speed, course.speed_mps, speed_mps, last.thrust_limited, dt_s
         )
+        self.speed_error_mps = course.speed_mps - speed_mps
         return thrust, steering
 
     def _watch_imu(self, now_ns: int) -> None:
@@ -196,10 +201,14 @@ class Autopilot:
             self._say(CRITICAL, "EKF failsafe: position lost, HOLD")
             self.mode = modes.HOLD
 
+    def _manual_is_fresh(self, now_ns: int) -> bool:
+        return self._manual_ns is not None and 0 <= now_ns - self._manual_ns <= self._manual_timeout_ns
+
     def _restart_controllers(self) -> None:
         self._steering = SteeringState()
-        self._speed: SpeedState | None = None
+        self._speed = None
         self._allocation = Allocation()
+        self.speed_error_mps = 0.0
 
     # -- commands
 
@@ -291,6 +300,12 @@ class Autopilot:
         self.events.clear()
         return taken
 
+    def take_reached(self) -> list[int]:
+        """Sequence numbers of the waypoints reached since the last call."""
+        taken = list(self.reached)
+        self.reached.clear()
+        return taken
+
     def _set_home(self) -> None:
         frame = self.estimator.frame
         if frame is not None:
@@ -301,7 +316,11 @@ class Autopilot:
         self._say(WARNING, reason)
         return reason
 
-    def _say(self, severity: int, text: str) -> None:
+    def say(self, event: Event) -> None:
+        """Queue an event; when nobody takes them the oldest are lost and counted."""
         if len(self.events) == _MOST_EVENTS:
             self.events_lost += 1
-        self.events.append(Event(severity, text))
+        self.events.append(event)
+
+    def _say(self, severity: int, text: str) -> None:
+        self.say(Event(severity, text))

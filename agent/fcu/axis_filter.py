@@ -6,9 +6,9 @@ have the same noise, so one covariance serves both. `p' = v, v' = a - b, b' = 0`
 
 from __future__ import annotations
 
-from typing import NamedTuple, Tuple
+from typing import NamedTuple
 
-Gain = Tuple[float, float, float]
+Gain = tuple[float, float, float]
 
 
 class AxisCovariance(NamedTuple):
@@ -42,7 +42,7 @@ def predicted(c: AxisCovariance, dt_s: float, acceleration_psd: float, bias_psd:
     )
 
 
-def position_update(c: AxisCovariance, variance_m2: float) -> Tuple[AxisCovariance, Gain]:
+def position_update(c: AxisCovariance, variance_m2: float) -> tuple[AxisCovariance, Gain]:
     """Covariance and gain of a position measurement."""
     pp, pv, pb, vv, vb, bb = c
     k0, k1, k2 = pp / (pp + variance_m2), pv / (pp + variance_m2), pb / (pp + variance_m2)
@@ -50,7 +50,7 @@ def position_update(c: AxisCovariance, variance_m2: float) -> Tuple[AxisCovarian
     return updated, (k0, k1, k2)
 
 
-def velocity_update(c: AxisCovariance, variance_m2ps2: float) -> Tuple[AxisCovariance, Gain]:
+def velocity_update(c: AxisCovariance, variance_m2ps2: float) -> tuple[AxisCovariance, Gain]:
     """Covariance and gain of a velocity measurement."""
     pp, pv, pb, vv, vb, bb = c
     k0, k1, k2 = pv / (vv + variance_m2ps2), vv / (vv + variance_m2ps2), vb / (vv + variance_m2ps2)

@@ -16,14 +16,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Deque, Dict, List, NamedTuple, Optional, Tuple
+from typing import NamedTuple
 
-from agent.fcu.alignment import Alignment, heading_error_rad, turned
+from agent.fcu.alignment import Alignment, turned
 from agent.fcu.attitude_aid import AttitudeAid
 from agent.fcu.inertial import InertialState, euler, frd_to_ned, propagated, shifted
 from agent.fcu.local_frame import LocalFrame
 from agent.fcu.parameters import Parameters
-from agent.fcu.position_filter import Correction, PositionFilter, InnovationRatios
+from agent.fcu.position_filter import Correction, InnovationRatios, PositionFilter
 from agent.fcu.samples import BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample, Vector3
 
 _ZERO: Vector3 = (0.0, 0.0, 0.0)
@@ -67,7 +67,7 @@ class Estimator:
     """Feed samples, read `estimate()`. A sample that cannot be true is refused (False) and counted in `refused`."""
 
     def __init__(self, parameters: Parameters) -> None:
-        self.refused: Dict[str, int] = {"imu": 0, "gnss": 0, "magnetometer": 0, "barometer": 0}
+        self.refused: dict[str, int] = {"imu": 0, "gnss": 0, "magnetometer": 0, "barometer": 0}
         self.restarts = 0
         self._parameters = parameters
         self._begin()
@@ -91,30 +91,30 @@ class Estimator:
 
     def _begin(self) -> None:
         p = self._parameters
-        self.frame: Optional[LocalFrame] = None
+        self.frame: LocalFrame | None = None
         self._alignment = Alignment()
         self._attitude = AttitudeAid(p["AHRS_RP_P"], p["AHRS_YAW_P"])
         self._filter = PositionFilter(p)
         self.configure()
-        self._state: Optional[InertialState] = None
-        self._history: Deque[InertialState] = deque(maxlen=_HISTORY)
+        self._state: InertialState | None = None
+        self._history: deque[InertialState] = deque(maxlen=_HISTORY)
         self._acceleration_bias_ned: Vector3 = _ZERO
         self._gravity_mps2 = _STANDARD_GRAVITY_MPS2
         self._stamps_refused = 0
         self._levelled_ns = 0
         self._housekeeping_ns = 0
-        self._fix: Optional[_Fix] = None
-        self._fix_used_ns: Optional[int] = None
-        self._fix_seen_ns: Optional[int] = None
+        self._fix: _Fix | None = None
+        self._fix_used_ns: int | None = None
+        self._fix_seen_ns: int | None = None
         self._fix_usable = False
-        self._origin_fixes: List[Tuple[float, float, float]] = []
-        self._heading_ns: Optional[int] = None
-        self._heading_used_ns: Optional[int] = None
+        self._origin_fixes: list[tuple[float, float, float]] = []
+        self._heading_ns: int | None = None
+        self._heading_used_ns: int | None = None
         self._pressure_sum_pa = 0.0
         self._pressure_count = 0
-        self._barometer_ns: Optional[int] = None
-        self._barometer_offset_m: Optional[float] = None
-        self._barometer_height_m: Optional[float] = None
+        self._barometer_ns: int | None = None
+        self._barometer_offset_m: float | None = None
+        self._barometer_height_m: float | None = None
 
     # -- IMU
 
@@ -227,7 +227,7 @@ class Estimator:
             self._fuse_fix(then, sample)
         return True
 
-    def _remembered(self, stamp_ns: int) -> Optional[InertialState]:
+    def _remembered(self, stamp_ns: int) -> InertialState | None:
         """The last state not newer than `stamp_ns`, or None when it has been forgotten."""
         for state in reversed(self._history):
             if state.stamp_ns <= stamp_ns:
@@ -450,7 +450,7 @@ class Estimator:
             self.position_valid(),
         )
 
-    def problems(self) -> Tuple[str, ...]:
+    def problems(self) -> tuple[str, ...]:
         """Why the estimate is not to be armed on, each by name; empty when it is ready."""
         state = self._state
         if state is None:

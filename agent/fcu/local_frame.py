@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Tuple
 
 _EQUATORIAL_RADIUS_M = 6378137.0  # WGS 84
 _ECCENTRICITY_SQUARED = 6.69437999014e-3
@@ -29,12 +28,12 @@ class LocalFrame:
         cos_lat = max(math.cos(math.radians(lat_deg)), 1e-4)
         self._east_m_per_deg = math.radians((prime_vertical_m + alt_m) * cos_lat)
 
-    def to_local(self, lat_deg: float, lon_deg: float) -> Tuple[float, float]:
+    def to_local(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """Metres (north, east) of the origin."""
         lon_difference_deg = (lon_deg - self.lon_deg + 180.0) % 360.0 - 180.0
         return (lat_deg - self.lat_deg) * self._north_m_per_deg, lon_difference_deg * self._east_m_per_deg
 
-    def to_geodetic(self, north_m: float, east_m: float) -> Tuple[float, float]:
+    def to_geodetic(self, north_m: float, east_m: float) -> tuple[float, float]:
         """Degrees (latitude, longitude)."""
         lon_deg = self.lon_deg + east_m / self._east_m_per_deg
         return self.lat_deg + north_m / self._north_m_per_deg, (lon_deg + 180.0) % 360.0 - 180.0

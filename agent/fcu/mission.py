@@ -11,13 +11,17 @@ MOST_ITEMS = 724  # as ArduRover on a board of 16 KiB of storage
 
 
 class MissionItem(NamedTuple):
-    """One item. `speed_mps` counts for CHANGE_SPEED only; position and altitude (above home) for WAYPOINT only."""
+    """One item. `speed_mps` counts for CHANGE_SPEED only; position and altitude for WAYPOINT only.
+
+    `frame` (MAV_FRAME) says what the altitude is above: 0 mean sea level, 3 home. A boat does not look at it.
+    """
 
     command: int
     lat_deg: float = 0.0
     lon_deg: float = 0.0
     alt_m: float = 0.0
     speed_mps: float = 0.0
+    frame: int = 3
 
 
 class MissionError(ValueError):

@@ -6,7 +6,8 @@ Where ArduRover has a parameter of the same purpose, the name, unit and meaning 
 from __future__ import annotations
 
 import math
-from typing import Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 
 class Parameter(NamedTuple):
@@ -20,7 +21,7 @@ class Parameter(NamedTuple):
     meaning: str
 
 
-TABLE: Tuple[Parameter, ...] = (
+TABLE: tuple[Parameter, ...] = (
     Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "fewest satellites of a fix in use"),
     Parameter("AHRS_RP_P", 0.2, 0.02, 2.0, "1/s", "how fast gravity and GNSS velocity correct roll and pitch"),
     Parameter("AHRS_YAW_P", 0.2, 0.02, 2.0, "1/s", "how fast the compass corrects the heading"),
@@ -76,8 +77,8 @@ TABLE: Tuple[Parameter, ...] = (
     Parameter("WP_SPEED_MIN", 1.0, 0.1, 100.0, "m/s", "corners are not taken slower than this"),
 )
 
-_BY_NAME: Dict[str, Parameter] = {row.name: row for row in TABLE}
-_INDEX: Dict[str, int] = {row.name: index for index, row in enumerate(TABLE)}
+_BY_NAME: dict[str, Parameter] = {row.name: row for row in TABLE}
+_INDEX: dict[str, int] = {row.name: index for index, row in enumerate(TABLE)}
 
 
 class ParameterError(ValueError):
@@ -87,7 +88,7 @@ class ParameterError(ValueError):
 class Parameters:
     """Values of all parameters. `version` counts changes, so that who caches values knows when to look again."""
 
-    def __init__(self, values: Optional[Mapping[str, float]] = None) -> None:
+    def __init__(self, values: Mapping[str, float] | None = None) -> None:
         self.version = 0
         self._values = {row.name: float(row.default) for row in TABLE}
         for name, value in (values or {}).items():
@@ -112,7 +113,7 @@ class Parameters:
 
     def load(self, text: str, source: str = "parameters") -> None:
         """Set what a .parm text says; all of it or, when one line is refused, nothing. `source` names the file."""
-        values: List[Tuple[str, float]] = []
+        values: list[tuple[str, float]] = []
         for line, name, value in parm_lines(text, source):
             try:
                 values.append((name, checked(name, value)))
@@ -144,7 +145,7 @@ def index_of(name: str) -> int:
     return _INDEX.get(name, -1)
 
 
-def load_parm(text: str, source: str = "parameters") -> Dict[str, float]:
+def load_parm(text: str, source: str = "parameters") -> dict[str, float]:
     """Names and values of an ArduPilot .parm text, not yet held against the table; the last of a repeated name wins.
 
     A line is `NAME value` or `NAME,value`; what follows `#` is a comment. Raises ParameterError with file and line.
@@ -152,7 +153,7 @@ def load_parm(text: str, source: str = "parameters") -> Dict[str, float]:
     return {name: value for _, name, value in parm_lines(text, source)}
 
 
-def parm_lines(text: str, source: str) -> Iterator[Tuple[int, str, float]]:
+def parm_lines(text: str, source: str) -> Iterator[tuple[int, str, float]]:
     """(line number, name, value) of each line of a .parm text that sets something."""
     for line, raw in enumerate(text.splitlines(), start=1):
         fields = raw.split("#", 1)[0].replace(",", " ").split()

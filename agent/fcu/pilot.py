@@ -56,11 +56,9 @@ class Pilot:
         line = self._leg
         if line is None or frame is not self._frame:
             self._frame = frame
-            line = self._leg = self._leg_from(pos_ne_m)
+            line = self._leg = self._leg_from(frame, pos_ne_m)
         desired_mps = self.default_speed_mps if self.speed_mps is None else self.speed_mps
-        self._guidance, output = guide(
-            gains, self._guidance, line, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s
-        )
+        self._guidance, output = guide(gains, self._guidance, line, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s)
         self.output = output
         if not output.reached:
             return output
@@ -70,7 +68,7 @@ class Pilot:
         if self.current == 0:
             self.state = COMPLETE
             return None
-        self._leg = self._leg_from((line.end_north_m, line.end_east_m))
+        self._leg = self._leg_from(frame, (line.end_north_m, line.end_east_m))
         self._guidance = carried_over(self._guidance, self._leg.course_rad - line.course_rad)
         return output
 
@@ -87,12 +85,11 @@ class Pilot:
                 self.speed_mps = item.speed_mps
         self.current = 0 if ahead is None else ahead
 
-    def _leg_from(self, start_ne_m: tuple[float, float]) -> Leg:
+    def _leg_from(self, frame: LocalFrame, start_ne_m: tuple[float, float]) -> Leg:
         after = self.mission.next_waypoint(self.current + 1)
-        end = self._local(self.current)
-        return leg(start_ne_m, end, None if after is None else self._local(after))
+        end = self._local(frame, self.current)
+        return leg(start_ne_m, end, None if after is None else self._local(frame, after))
 
-    def _local(self, seq: int) -> tuple[float, float]:
-        assert self._frame is not None
+    def _local(self, frame: LocalFrame, seq: int) -> tuple[float, float]:
         item = self.mission.items[seq]
-        return self._frame.to_local(item.lat_deg, item.lon_deg)
+        return frame.to_local(item.lat_deg, item.lon_deg)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Optional
+from typing import NamedTuple
 
 from agent.fcu.axis_filter import AxisCovariance, position_update, predicted, velocity_update
 from agent.fcu.parameters import Parameters
@@ -36,8 +36,8 @@ class PositionFilter:
     def __init__(self, parameters: Parameters) -> None:
         self.configure(parameters)
         self.ratios = InnovationRatios()
-        self._horizontal_ns: Optional[int] = None
-        self._vertical_ns: Optional[int] = None
+        self._horizontal_ns: int | None = None
+        self._vertical_ns: int | None = None
         self.restart()
 
     def configure(self, parameters: Parameters) -> None:
@@ -124,5 +124,5 @@ class PositionFilter:
         self._vertical_ns = stamp_ns if self._vertical_ns is None else max(stamp_ns, self._vertical_ns)
 
 
-def _step_s(last_ns: Optional[int], stamp_ns: int) -> float:
+def _step_s(last_ns: int | None, stamp_ns: int) -> float:
     return 0.0 if last_ns is None else min(max((stamp_ns - last_ns) * 1e-9, 0.0), _STEP_LIMIT_S)

@@ -6,10 +6,10 @@ is made 200 times a second on a slow board and a tuple costs a third.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Tuple
+from typing import NamedTuple
 
-Vector3 = Tuple[float, float, float]
-Quaternion = Tuple[float, float, float, float]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 
 class ImuSample(NamedTuple):
@@ -73,6 +73,6 @@ class Estimate(NamedTuple):
 class Actuators(NamedTuple):
     """Motor commands in [-1, 1], full astern to full ahead, in the order (port, starboard)."""
 
-    command: Tuple[float, ...] = (0.0, 0.0)
+    command: tuple[float, ...] = (0.0, 0.0)
     armed: bool = False
     failsafe: bool = False

@@ -74,17 +74,14 @@ class Packer:
         return frame
 
 
-Step = tuple[int, int, bool]  # where a field starts among the unpacked values, how many it takes, whether it is a text
+Step = tuple[int, int]  # where a field starts among the unpacked values, how many it takes
 Plan = tuple[Any, Any, int, tuple[Step, ...], bool]
 
 
 def _plan(kind: Any) -> Plan:
-    steps = []
-    for order, wire_type in zip(kind.orders, kind.fieldtypes):
-        start = sum(kind.lengths[:order])
-        steps.append((start, kind.lengths[order], wire_type == "char"))
-    straight = all(step == (index, 1, False) for index, step in enumerate(steps))
-    return kind, kind.unpacker.unpack, kind.unpacker.size, tuple(steps), straight
+    steps = tuple((sum(kind.lengths[:order]), kind.lengths[order]) for order in kind.orders)
+    straight = all(step == (index, 1) for index, step in enumerate(steps))
+    return kind, kind.unpacker.unpack, kind.unpacker.size, steps, straight
 
 
 _PLANS: dict[int, Plan] = {number: _plan(kind) for number, kind in dialect.mavlink_map.items()}
@@ -104,19 +101,11 @@ def decode(frame: bytes) -> Message:
         payload = payload + bytes(size - length) if length < size else payload[:size]
     values = unpack(payload)
     if not straight:
-        values = [
-            values[start].rstrip(b"\x00")
-            if text
-            else values[start]
-            if count == 1
-            else list(values[start : start + count])
-            for start, count, text in steps
-        ]
+        values = [values[start] if count == 1 else list(values[start : start + count]) for start, count in steps]
     message = kind(*values)
     header = message._header
-    header.mlen, header.incompat_flags, header.compat_flags, header.seq, header.srcSystem, header.srcComponent = frame[
-        1:7
-    ]
+    _, header.mlen, header.incompat_flags, header.compat_flags = frame[:4]
+    header.seq, header.srcSystem, header.srcComponent = frame[4:7]
     message._msgbuf = frame
     message._payload = payload
     message._crc = frame[end] | frame[end + 1] << 8

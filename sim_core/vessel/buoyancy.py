@@ -1,8 +1,8 @@
 """Buoyancy of two round demi-hulls, strip by strip, on the local surface of the water.
 
 Pressure on a circular section points at the section's centre, so each strip's lift acts on the hull's axis whatever
-the roll; what it amounts to depends on the depth of that axis alone. The lift is normal to the surface: its
-horizontal part is the Froude-Krylov force of the waves.
+the roll; what it amounts to depends on the depth of that axis alone. Along the hull it acts at the centre of buoyancy,
+taken at the draft of rest. The lift is normal to the surface: its horizontal part is the waves' Froude-Krylov force.
 """
 
 from __future__ import annotations
@@ -33,8 +33,16 @@ def segment_area_m2(submerged_m: Array, radius_m: float) -> Array:
 
 def _unit_segment(cosine: Array) -> Array:
     """Segment of the unit circle whose half angle has this cosine."""
-    area: Array = np.arccos(cosine) - cosine * np.sqrt(1.0 - cosine * cosine)
+    area: Array = np.arccos(cosine)
+    area -= cosine * np.sqrt(1.0 - cosine * cosine)
     return area
+
+
+def _centroid_below_axis_m(submerged_m: Array, radius_m: float) -> Array:
+    """Depth of the segment's centroid below the centre of the circle: 2/3 (half width)^3 / area."""
+    half_width = np.sqrt(submerged_m * (2.0 * radius_m - submerged_m))
+    below: Array = (2.0 / 3.0) * half_width**3 / segment_area_m2(submerged_m, radius_m)
+    return below
 
 
 def strip_axes_frd_m(hull: Hull) -> Array:
@@ -81,10 +89,12 @@ class Buoyancy:
         hull = model.hull
         axes = strip_axes_frd_m(hull)
         strip_n = water.density_kgpm3 * GRAVITY_MPS2 * hull.length_m / hull.strips * hull.radius_m**2
+        draft = np.array([floating_draft_m(model, water)])
         wrench = np.zeros((4, 3, 6))
         wrench[0, (0, 1, 2), (0, 1, 2)] = 1.0
         for i, j, k, sign in ((0, 1, 2, 1), (1, 2, 0, 1), (2, 0, 1, 1), (0, 2, 1, -1), (2, 1, 0, -1), (1, 0, 2, -1)):
             wrench[1 + i, j, 3 + k] = sign  # position x force
+        wrench[0, 0, 4] = _centroid_below_axis_m(draft, hull.radius_m)[0]
         return cls(
             axes_frd_m=axes,
             level_m=water.level_m,

@@ -80,8 +80,10 @@ def test_nothing_there_returns_at_once_or_after_the_timeout(pair: tuple[Transpor
 def test_a_waiting_receive_is_woken_by_bytes(pair: tuple[Transport, Transport]) -> None:
     listening, calling = pair
     timer = threading.Timer(0.05, calling.send, (b"late",))
+    before_s = time.monotonic()
     timer.start()
     assert listening.receive(WAIT_S) == [b"late"]
+    assert time.monotonic() - before_s < WAIT_S  # not by the timeout
     timer.join()
 
 

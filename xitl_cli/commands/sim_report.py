@@ -17,11 +17,17 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
     summary = result.summary
     mission, estimation = summary["mission"], summary["estimation"]
     table = Table.grid(padding=(0, 2))
-    table.add_row("profile", f"{summary['profile']} ({summary['technique']}, {summary['clock']}, seed {summary['seed']})")
+    table.add_row(
+        "profile", f"{summary['profile']} ({summary['technique']}, {summary['clock']}, seed {summary['seed']})"
+    )
     table.add_row("realism", f"WDRI {summary['wdri']:.2f}")
     table.add_row("ended", summary["ended"])
     factor = summary["real_time_factor"]
-    table.add_row("time", f"{summary['duration_s']:.1f} s in {summary['wall_s']:.1f} s" + (f", {factor:.1f}× real time" if factor else ""))
+    table.add_row(
+        "time",
+        f"{summary['duration_s']:.1f} s in {summary['wall_s']:.1f} s"
+        + (f", {factor:.1f}× real time" if factor else ""),
+    )
     if mission["waypoints_total"]:
         state = "completed" if mission["completed"] else "not completed"
         table.add_row(

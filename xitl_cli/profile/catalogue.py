@@ -28,8 +28,8 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
     """
     path = (beside or Path()) / Path(name).expanduser()
     if name.endswith(SUFFIXES):
-        if not path.is_file():
-            what = "is a folder" if path.is_dir() else "does not exist"
+        if not _is_file(path):
+            what = "is a folder" if os.path.isdir(path) else "does not exist"  # noqa: PTH112 - never raises
             raise UserError(
                 f"{shown_path(path)} {what}; check the path, or name a shipped profile (`xitl profiles list`)"
             )
@@ -42,7 +42,7 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
         return shipped[same[0]]
     if same:
         raise UserError(f"{name!r} names {len(same)} profiles; write {' or '.join(same)}")
-    if path.is_file():
+    if _is_file(path):
         return path
     raise UserError(f"there is no profile {name!r};{_suggestion(name, shipped)} `xitl profiles list` shows all")
 
@@ -63,6 +63,13 @@ def shown_path(path: Path) -> str:
         return str(absolute.relative_to(Path.cwd()))
     except (ValueError, OSError):
         return str(absolute)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # no name of a file at all: too long, or with a null byte
+        return False
 
 
 def _suggestion(name: str, shipped: dict[str, Path]) -> str:

@@ -19,7 +19,7 @@ from xitl_cli.recording.records import Clock, Estimate, MotorCommand, Task
 from xitl_cli.run.agent_setup import Setup, mission_of, parameters_of
 from xitl_cli.run.agent_view import AgentView
 from xitl_cli.run.histogram import Histogram
-from xitl_cli.run.mission_driver import MissionDriver
+from xitl_cli.run.mission_driver import MissionDriver, Phase
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.peer import (
     AGENT_COMPONENT_ID,
@@ -97,10 +97,10 @@ class AgentPilot:
     def begin(self, recorder: Recorder, pace: Pace) -> None:
         self._recorder = recorder
         self._pace = pace
-        self._link.reset_counters()
         self._link.tap = self._on_frame
         self._view.status = None
         self._send_run(dialect.XITL_RUN_COMMAND_START)
+        self._link.reset_counters()  # both ends count from behind the start message
         setup = Setup(self._link.send, self._receive, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
         setup.set_parameters(parameters_of(self._profile))
         waypoints = self._profile.mission.waypoints_ned_m
@@ -174,14 +174,14 @@ class AgentPilot:
         )
 
     def progress(self) -> Progress:
-        view = self._view
+        view, driver = self._view, self._driver
         total = len(self._profile.mission.waypoints_ned_m)
         reached = len({seq for seq in view.reached_seqs if 1 <= seq <= total})
-        under_way = view.mode == "AUTO" and view.target_seq is not None and view.target_seq >= 1 and reached < total
+        under_way = driver is not None and driver.phase is Phase.ARRIVED and reached < total
         return Progress(
             mode=view.mode,
             armed=view.armed,
-            target=view.target_seq - 1 if under_way and view.target_seq is not None else None,
+            target=reached if under_way else None,
             reached=reached,
             finished=0 < total == reached,
             messages=tuple(view.texts),
@@ -211,7 +211,7 @@ class AgentPilot:
                 name="sensors",
                 sent=counters.sent,
                 received=None if status is None else status.frames_received,
-                lost=None if status is None else max(counters.sent - status.frames_received, 0),
+                lost=None if status is None else status.frames_lost,
                 dropped=0 if status is None else status.frames_dropped,
                 latency=self._sensor_latency,
             ),

@@ -80,7 +80,9 @@ class Setup:
                 raise UserError(f"autopilot.parameters.{name}: the agent did not take it{reason}; check the name")
             if not math.isclose(answer.param_value, value, rel_tol=1e-6, abs_tol=1e-9):
                 reason = f" ({texts[-1]})" if texts else ""
-                raise UserError(f"autopilot.parameters.{name} = {value:g}: the agent keeps {answer.param_value:g}{reason}")
+                raise UserError(
+                    f"autopilot.parameters.{name} = {value:g}: the agent keeps {answer.param_value:g}{reason}"
+                )
 
     def upload_mission(self, items: Sequence[tuple[int, int, float]]) -> None:
         """Upload the mission as waypoints. Raises UserError when the agent refuses it or goes silent."""

@@ -84,7 +84,9 @@ class AgentView:
         self.reached_seqs.add(message.seq)
 
     def _origin(self, message: Any) -> None:
-        place = (np.array([value]) for value in (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3))
+        place = (
+            np.array([value]) for value in (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        )
         self._origin_ned_m = self._frame.ned(*place)[0]
 
     def _attitude_quaternion(self, message: Any) -> None:
@@ -95,7 +97,7 @@ class AgentView:
         if self._origin_ned_m is None or attitude is None or attitude.time_boot_ms != message.time_boot_ms:
             return
         estimate = Estimate(
-            pos_ned_m=self._origin_ned_m + (message.x, message.y, message.z),
+            pos_ned_m=self._origin_ned_m + np.array([message.x, message.y, message.z]),
             vel_ned_mps=np.array([message.vx, message.vy, message.vz]),
             quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
             gyro_frd_radps=np.array([attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed]),

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from typing import Protocol
 
-from agent.fcu.parameters import Parameters
+from agent.fcu.autopilot import Autopilot as EmbeddedAutopilot
 from agent.fcu.services import Services
 from agent.node import AgentNode
 from agent.wire.link import Link
@@ -48,7 +47,7 @@ class InProcess:
     def __init__(self) -> None:
         self.transport, theirs = memory_pair("agent")
         link = Link(theirs, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
-        node = AgentNode(link, lambda: Services.with_parameters(Parameters()), machine="in-process")
+        node = AgentNode(link, lambda: Services(EmbeddedAutopilot()), machine="in-process")
         self.pump: Callable[[], None] = node.poll
 
     def check(self) -> None:
@@ -154,14 +153,3 @@ def open_peer(autopilot: Autopilot) -> Peer:
     if autopilot.link is None:
         raise UserError(f"autopilot.runs = {autopilot.runs} needs autopilot.link, for instance udp://127.0.0.1:14660")
     return OwnProcess(autopilot.link) if autopilot.runs == "process" else Board(autopilot.link)
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float, pump: Callable[[float], None]) -> bool:
-    """Pump until the condition holds, at most `timeout_s` of wall time."""
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        left_s = deadline_s - time.monotonic()
-        if left_s <= 0:
-            return False
-        pump(min(left_s, 0.1))
-    return True

@@ -119,7 +119,9 @@ def _log_boom(boom: LogBoom) -> messages.SceneEntity:
             floats.append(
                 messages.CylinderPrimitive(
                     pose=_pose(place, _quaternion(pitch_rad=math.pi / 2, yaw_rad=heading)),
-                    size=messages.Vector3(x=2 * boom.float_radius_m, y=2 * boom.float_radius_m, z=0.95 * length / count),
+                    size=messages.Vector3(
+                        x=2 * boom.float_radius_m, y=2 * boom.float_radius_m, z=0.95 * length / count
+                    ),
                     bottom_scale=1.0,
                     top_scale=1.0,
                     color=_ORANGE,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from agent import __version__
-from xitl_cli.graph import wdri_of
+from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.records import Task
 from xitl_cli.run.histogram import Histogram

@@ -137,10 +137,15 @@ class LiveView:
         state.add_row("heading", f"{glance.heading_deg:.0f}°", "cross-track", _metres(glance.cross_track_m))
         state.add_row("current", f"{glance.current_mps:.2f} m/s", "wind", f"{glance.wind_mps:.1f} m/s")
         state.add_row(
-            "motors", "  ".join(f"{motor:+.2f}" for motor in glance.motors), "estimate off", _metres(glance.position_error_m)
+            "motors",
+            "  ".join(f"{motor:+.2f}" for motor in glance.motors),
+            "estimate off",
+            _metres(glance.position_error_m),
         )
         state.add_row("to agent", f"{sent_rate:.0f} msg/s", "from agent", f"{received_rate:.0f} msg/s")
-        trouble = Text(f"{glance.lost} lost, {glance.missed} missed", style="red" if glance.lost or glance.missed else "green")
+        trouble = Text(
+            f"{glance.lost} lost, {glance.missed} missed", style="red" if glance.lost or glance.missed else "green"
+        )
         state.add_row("link", trouble, "", "")
         lines = [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in glance.messages[-3:]]
         return Panel(Group(progress, state, *lines), title=self._title, title_align="left", border_style="cyan")

@@ -43,9 +43,8 @@ def test_the_resolved_profile_loads_to_an_equal_one(name: str, write: Write) -> 
 def test_the_resolved_profile_keeps_awkward_text_and_numbers(write: Write) -> None:
     awkward = ["1e3", "0o7", "null", "true", "yes", "12", "a: b", "# c", "", " x ", "é", "line\nbreak", "'", ".5"]
     for text in awkward:
-        profile = Profile(
-            name=text, description=text, autopilot={"parameters": {"A": 1e-300, "B": 1e22, text: 0.1}, "kind": "none"}
-        )  # type: ignore[arg-type]
+        parameters = {"A": 1e-300, "B": 1e22, text: 0.1}
+        profile = Profile.model_validate({"name": text, "description": text, "autopilot": {"parameters": parameters}})
         assert load_profile(str(write(resolved_yaml(profile)))) == profile
 
 

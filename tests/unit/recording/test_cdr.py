@@ -17,9 +17,7 @@ def test_numbers_strings_and_sequences_land_on_their_alignment() -> None:
         "builtin_interfaces/Time stamp\nuint8 flag\nstring name\nfloat64 x\nuint32 n\nfloat64[] many\nfloat32[2] pair\n"
         "string tail\nint64 big\n" + "=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
     )
-    layout = Layout(
-        "u8", ("string", "odd"), "f64", "u32", ("f64[]", 3), ("f32", 2), ("string", "a longer one"), "i64"
-    )
+    layout = Layout("u8", ("string", "odd"), "f64", "u32", ("f64[]", 3), ("f32", 2), ("string", "a longer one"), "i64")
     message = decode("t/msg/T", definition, layout.pack(3_000_000_007, 9, 1.5, 77, 1.0, 2.0, 3.0, 0.25, -4.0, -(2**60)))
     assert (message.stamp.sec, message.stamp.nanosec) == (3, 7)
     assert (message.flag, message.name, message.x, message.n) == (9, "odd", 1.5, 77)

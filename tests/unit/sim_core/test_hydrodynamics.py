@@ -66,6 +66,8 @@ def test_equation_of_motion_agrees_with_fossen_in_a_current() -> None:
     motion = Kinematics(pos, vel, zero, np.zeros((n, 4)), rot, gyro, zero)
     surface = StillHull(12).sample(0.0, pos, rot)
     around = Surroundings(np.tile(current, (n, 1)), vel, surface)  # air that moves along: no wind force
+    at_rest = np.arccos(1.0 - vessel.draft_m / 0.2)
+    centroid_below_axis = 2.0 / 3.0 * (0.2 * np.sin(at_rest)) ** 3 / (113.0 / (997.8 * 2 * 2.3))
     acceleration = accelerate(vessel, motion, rotor, around)
     for i in range(n):
         R = rot[i]
@@ -77,6 +79,7 @@ def test_equation_of_motion_agrees_with_fossen_in_a_current() -> None:
             area = 0.04 * np.arccos((0.2 - h) / 0.2) - (0.2 - h) * np.sqrt(0.4 * h - h * h)
             lift = R.T @ [0.0, 0.0, -997.8 * GRAVITY_MPS2 * 2.3 / 6 * area]
             tau += np.concatenate([lift, np.cross(point, lift)])
+            tau[4] += centroid_below_axis * lift[0]
         for propeller, speed in zip(FULL.propellers, rotor[i], strict=True):
             thrust = speed * abs(speed) * (250.0 if speed > 0 else 150.0)
             pushed = np.array([thrust, 0.0, 0.0])

@@ -115,6 +115,17 @@ def test_each_kind_of_damage_has_its_counter(damaged: bytes, expected: tuple[int
     assert counts(framer) == expected
 
 
+@pytest.mark.parametrize("cut", [1, 12, 20, 40, len(LONG) - 1])
+@pytest.mark.parametrize(("at", "expected"), [(11, (1, 0, 0, 1)), (8, (0, 1, 0, 1))])
+def test_a_damaged_frame_in_a_stream_is_one_event_wherever_it_is_cut(
+    cut: int, at: int, expected: tuple[int, int, int, int]
+) -> None:
+    stream = flipped(LONG, at) + PLAIN + FLUSH
+    framer = Framer(stream=True)
+    assert framer.feed(stream[:cut]) + framer.feed(stream[cut : cut + 60]) + framer.feed(stream[cut + 60 :]) == [PLAIN]
+    assert counts(framer) == expected  # the flush is the noise
+
+
 def test_signed_frames_are_accepted_and_kept_whole() -> None:
     from pymavlink.dialects.v20 import common
 

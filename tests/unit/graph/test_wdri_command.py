@@ -1,0 +1,49 @@
+"""`xitl wdri` as a user sees it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from xitl_cli.commands.wdri import wdri
+from xitl_cli.errors import UserError
+from xitl_cli.graph.of_profile import wdri_of
+from xitl_cli.profile import load_profile
+
+
+def test_json_is_one_object_of_unrounded_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+    wdri("paper/eq35-full-hitl", as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert {"wdri", "d_w_sim", "d_w_ref", "n", "reference", "nodes", "adjacency"} <= set(document)
+    assert document == wdri_of(load_profile("paper/eq35-full-hitl")).as_json()
+
+
+@pytest.mark.parametrize("name", ["sitl", "paper/eq33-hitl-injected", "paper/eq24-general-use"])
+def test_tables_fit_80_columns_and_need_no_colour(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for variable in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(variable, raising=False)
+    wdri(name)
+    text = capsys.readouterr().out
+    result = wdri_of(load_profile(name))
+    assert "\x1b" not in text
+    assert "…" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    for expected in (f"{result.wdri:.4f}", f"{result.d_w_sim:.4f}", f"{result.d_w_ref:.4f}", result.reference):
+        assert expected in text
+
+
+def test_options_reach_the_index(capsys: pytest.CaptureFixture[str]) -> None:
+    wdri("sitl", reference="complete", vertices="present", overrides=["graph.nodes.M.kind=real"], as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert (document["n"], document["reference"], document["d_w_ref"]) == (6, "complete", 8.0)
+    assert document["d_w_sim"] == pytest.approx(7.5 / 6)  # 6 and another half of M's 4 - 1
+
+
+@pytest.mark.parametrize("vertices", ["0", "-1", "all", "1001", "9.0", ""])
+def test_counts_that_are_none(vertices: str) -> None:
+    with pytest.raises(UserError, match="is not a count of vertices; write architecture, present or 1 to 1000"):
+        wdri("sitl", vertices=vertices)
