@@ -1,6 +1,7 @@
-"""Generate agent/wire/dialect.py from agent/wire/xitl.xml with pymavlink's mavgen; `--check` says whether it is current.
+"""Generate agent/wire/dialect.py from agent/wire/xitl.xml with mavgen; `--check` says whether it is current.
 
-mavgen's output brings a checksum that is slow without a compiled package; that one block is replaced by `agent.wire.crc`.
+mavgen's output brings a checksum that is slow without a compiled package; that one block is replaced by
+`agent.wire.crc`.
 """
 
 from __future__ import annotations

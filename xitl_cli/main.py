@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    import typer
 
 
 def main() -> NoReturn:
@@ -29,7 +32,7 @@ def fail(message: str) -> NoReturn:
     sys.exit(2)
 
 
-def _app():  # type: ignore[no-untyped-def]
+def _app() -> typer.Typer:
     import typer
 
     from xitl_cli.commands import agent, profiles, sim, wdri

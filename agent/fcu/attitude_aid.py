@@ -15,7 +15,8 @@ _BIAS_LIMIT_RADPS = math.radians(3.0)
 _ERROR_LIMIT_RAD = 0.3
 _BOOST = 4.0
 _BOOST_DECAY_S = 6.0
-_BIAS_DAMPING = 1.2  # ratio of the pair of poles at -P/2 (1 -+ sqrt(1 - 1/ratio²))
+_BIAS_DAMPING = 0.9  # damping ratio of attitude and bias error together
+_BIAS_WAIT_S = 2.0  # the error of levelling is not to be learnt as a bias
 
 
 class AttitudeAid:
@@ -28,6 +29,7 @@ class AttitudeAid:
         self._tilt_rate = _ZERO
         self._yaw_rate = _ZERO
         self._boost = 1.0 + _BOOST
+        self._learns = False
 
     def configure(self, tilt_gain_per_s: float, yaw_gain_per_s: float) -> None:
         """Take new gains over."""
@@ -37,6 +39,7 @@ class AttitudeAid:
     def settle(self, since_levelled_s: float) -> None:
         """Set the gains for the time since levelling."""
         self._boost = 1.0 + _BOOST * math.exp(-since_levelled_s / _BOOST_DECAY_S)
+        self._learns = since_levelled_s >= _BIAS_WAIT_S
 
     def tilt(self, state: InertialState, north_rad: float, east_rad: float, dt_s: float, trust: float = 1.0) -> None:
         """The estimate is tilted too far by a rotation about north and east; found over the last `dt_s`."""
@@ -57,7 +60,10 @@ class AttitudeAid:
         self._sum_up()
 
     def _learn(self, gain: float, rate: Vector3, dt_s: float) -> None:
-        """Integral gain P²/4/ratio²; `rate` already holds one P."""
+        """Integral gain P²/4/damping²; `rate` already holds one P."""
+        if not self._learns:
+            self._sum_up()
+            return
         share = 0.25 / (_BIAS_DAMPING * _BIAS_DAMPING) * gain * dt_s
         bx, by, bz = self.bias_frd_radps
         self.bias_frd_radps = (

@@ -122,7 +122,10 @@ def propel(
     desired = max(desired, state.desired_mps - gains.deceleration_max_mps2 * dt_s)
     ratio = desired / gains.cruise_speed_mps
     error = desired - speed_mps
-    integral = _integrated(state.integral, gains.i * error * dt_s, gains.integral_max, limited)
+    ramping = desired != target_mps  # what is missing then is the vessel's inertia, which is not to be learnt
+    integral = state.integral
+    if not ramping:
+        integral = _integrated(integral, gains.i * error * dt_s, gains.integral_max, limited)
     demand = gains.cruise_thrust * ratio * abs(ratio) + gains.p * error + integral
     return SpeedState(desired, integral), _clamped(demand, 1.0)
 

@@ -14,32 +14,27 @@ The estimator holds state, unlike guidance and control, because a history at 200
 
 from __future__ import annotations
 
-import math
-from collections import deque
-from typing import NamedTuple
-
-from agent.fcu.alignment import Alignment, turned
+from agent.fcu.alignment import Alignment, heading_error_rad, turned
 from agent.fcu.attitude_aid import AttitudeAid
+from agent.fcu.barometer_height import PRESSURE_RANGE_PA, BarometerHeight
+from agent.fcu.fixes import TiltReference, is_plausible
+from agent.fcu.history import History
 from agent.fcu.inertial import InertialState, euler, frd_to_ned, propagated, shifted
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.local_frame import STANDARD_GRAVITY_MPS2, LocalFrame, normal_gravity_mps2
 from agent.fcu.parameters import Parameters
 from agent.fcu.position_filter import Correction, InnovationRatios, PositionFilter
 from agent.fcu.samples import BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample, Vector3
 
 _ZERO: Vector3 = (0.0, 0.0, 0.0)
 _SECOND_NS = 1_000_000_000
-_STANDARD_GRAVITY_MPS2 = 9.80665
 _GYRO_LIMIT2 = 35.0**2  # 2000 deg/s
 _ACCEL_LIMIT2 = 160.0**2  # 16 g
 _FIELD_LIMITS2_GAUSS2 = (0.1**2, 1.2**2)  # the Earth's field is 0.22 to 0.67 gauss
 _LEAST_HORIZONTAL_GAUSS2 = 0.05**2
-_PRESSURE_RANGE_PA = (30_000.0, 120_000.0)
-_SPEED_LIMIT2 = 100.0**2
 _ACCURACY_LIMIT_M = 10.0
 _GAP_NS = _SECOND_NS // 4  # longer without IMU, and the attitude is no longer integrated across
 _JUMP_NS = 60 * _SECOND_NS
 _RESTART_AFTER = 200  # samples refused in a row for their stamps: the clock was set
-_HISTORY = 256
 _HOUSEKEEPING_NS = _SECOND_NS // 5
 _FIX_TIMEOUT_NS = 6 * _SECOND_NS // 10
 _COMPASS_TIMEOUT_NS = _SECOND_NS // 2
@@ -47,20 +42,8 @@ _DEAD_RECKONING_NS = 5 * _SECOND_NS
 _RESET_NS = 5 * _SECOND_NS
 _SETTLE_NS = 8 * _SECOND_NS
 _ORIGIN_FIXES = 5
-_BAROMETER_NS = _SECOND_NS // 10
-_BAROMETER_OFFSET_S = 60.0
 _HEADING_GATE_RAD = 0.5
 _TRUST_WITHOUT_FIX = 0.25
-
-
-class _Fix(NamedTuple):
-    """What the tilt reference remembers of a fix."""
-
-    stamp_ns: int
-    vel_north_mps: float
-    vel_east_mps: float
-    sum_north_mps: float
-    sum_east_mps: float
 
 
 class Estimator:
@@ -97,24 +80,20 @@ class Estimator:
         self._filter = PositionFilter(p)
         self.configure()
         self._state: InertialState | None = None
-        self._history: deque[InertialState] = deque(maxlen=_HISTORY)
+        self._history = History()
         self._acceleration_bias_ned: Vector3 = _ZERO
-        self._gravity_mps2 = _STANDARD_GRAVITY_MPS2
+        self._gravity_mps2 = STANDARD_GRAVITY_MPS2
         self._stamps_refused = 0
         self._levelled_ns = 0
         self._housekeeping_ns = 0
-        self._fix: _Fix | None = None
+        self._fix: TiltReference | None = None
         self._fix_used_ns: int | None = None
         self._fix_seen_ns: int | None = None
         self._fix_usable = False
         self._origin_fixes: list[tuple[float, float, float]] = []
         self._heading_ns: int | None = None
         self._heading_used_ns: int | None = None
-        self._pressure_sum_pa = 0.0
-        self._pressure_count = 0
-        self._barometer_ns: int | None = None
-        self._barometer_offset_m: float | None = None
-        self._barometer_height_m: float | None = None
+        self._barometer = BarometerHeight()
 
     # -- IMU
 
@@ -145,7 +124,7 @@ class Estimator:
         state = self._alignment.add(sample, self._declination_rad)
         if state is not None:
             self._state = state
-            self._history.append(state)
+            self._history.restart(state)
             self._levelled_ns = state.stamp_ns
             self._housekeeping_ns = state.stamp_ns + _HOUSEKEEPING_NS
             if self._alignment.field_frd_gauss is not None:
@@ -166,8 +145,7 @@ class Estimator:
         gx, gy, gz = sample.gyro_frd_radps
         moved = shifted(state, _ZERO, travelled)
         self._state = moved._replace(stamp_ns=sample.stamp_ns, gyro_x_radps=gx, gyro_y_radps=gy, gyro_z_radps=gz)
-        self._history.clear()
-        self._history.append(self._state)
+        self._history.restart(self._state)
         self._fix = None
         self._filter.loosen(gap_s)
         self._levelled_ns = sample.stamp_ns  # high gains again
@@ -183,7 +161,7 @@ class Estimator:
         if self._fix is not None and stamp_ns - self._fix.stamp_ns <= _FIX_TIMEOUT_NS:
             return
         # Without a measured velocity change the best guess is that there is none.
-        before = self._history[max(0, len(self._history) - 41)]
+        before = self._history.recent()
         dt_s = (stamp_ns - before.stamp_ns) * 1e-9
         if dt_s > 0.05:
             north_mps2 = (state.sum_north_mps - before.sum_north_mps) / dt_s
@@ -199,19 +177,8 @@ class Estimator:
     def on_gnss(self, sample: GnssSample) -> bool:
         """One fix, fused at the instant it was taken."""
         state = self._state
-        vn, ve, vd = sample.vel_ned_mps
-        plausible = (
-            abs(sample.lat_deg) <= 90.0
-            and abs(sample.lon_deg) <= 180.0
-            and abs(sample.alt_m) < 10_000.0
-            and vn * vn + ve * ve + vd * vd < _SPEED_LIMIT2
-            and 0.0 <= sample.horizontal_accuracy_m < 1e6
-            and 0.0 <= sample.vertical_accuracy_m < 1e6
-            and 0.0 <= sample.speed_accuracy_mps < 1e6
-            and (self._fix_seen_ns is None or sample.stamp_ns > self._fix_seen_ns)
-            and (state is None or sample.stamp_ns <= state.stamp_ns + _GAP_NS)
-        )
-        if not plausible:
+        in_order = self._fix_seen_ns is None or sample.stamp_ns > self._fix_seen_ns
+        if not (in_order and is_plausible(sample)) or _is_ahead(sample.stamp_ns, state):
             self.refused["gnss"] += 1
             return False
         if state is None:
@@ -222,17 +189,10 @@ class Estimator:
             and sample.satellites >= self._least_satellites
             and sample.horizontal_accuracy_m <= _ACCURACY_LIMIT_M
         )
-        then = self._remembered(sample.stamp_ns)
+        then = self._history.at(sample.stamp_ns)
         if then is not None and self._fix_usable:
             self._fuse_fix(then, sample)
         return True
-
-    def _remembered(self, stamp_ns: int) -> InertialState | None:
-        """The last state not newer than `stamp_ns`, or None when it has been forgotten."""
-        for state in reversed(self._history):
-            if state.stamp_ns <= stamp_ns:
-                return state
-        return None
 
     def _fuse_fix(self, then: InertialState, sample: GnssSample) -> None:
         arm_frd = self._antenna_from_imu_frd_m
@@ -250,7 +210,7 @@ class Estimator:
             lat, lon, alt = (sum(column) / _ORIGIN_FIXES for column in zip(*self._origin_fixes))
             # A mean across the date line would lie on the other side of the Earth.
             self.frame = LocalFrame(lat, lon if abs(lon - first_lon) < 1.0 else first_lon, alt)
-            self._gravity_mps2 = _gravity_mps2(lat)
+            self._gravity_mps2 = normal_gravity_mps2(lat)
         frame = self.frame
         north, east = frame.to_local(sample.lat_deg, sample.lon_deg)
         late_s = (sample.stamp_ns - then.stamp_ns) * 1e-9
@@ -281,37 +241,20 @@ class Estimator:
         else:
             self._fix = None
         if ratios.height <= 1.0:
-            self._calibrate_barometer(sample.alt_m)
+            self._barometer.calibrate(sample.alt_m, stamp_ns)
 
     def _tilt_from(self, then: InertialState, stamp_ns: int, vel: Vector3) -> None:
         """Hold the velocity change since the last fix against the one the attitude explains."""
-        late_s = (stamp_ns - then.stamp_ns) * 1e-9
-        sum_north = then.sum_north_mps + late_s * then.acc_north_mps2
-        sum_east = then.sum_east_mps + late_s * then.acc_east_mps2
-        last, self._fix = self._fix, _Fix(stamp_ns, vel[0], vel[1], sum_north, sum_east)
-        if last is None or self._state is None:
-            return
-        dt_s = (stamp_ns - last.stamp_ns) * 1e-9
-        if 0.02 < dt_s < 2.0:
-            north_mps2 = (sum_north - last.sum_north_mps - vel[0] + last.vel_north_mps) / dt_s
-            east_mps2 = (sum_east - last.sum_east_mps - vel[1] + last.vel_east_mps) / dt_s
-            self._tilt(self._state, north_mps2, east_mps2, dt_s, 1.0)
+        last, self._fix = self._fix, TiltReference.of(then, stamp_ns, vel)
+        unexplained = None if last is None else self._fix.unexplained(last)
+        if unexplained is not None and self._state is not None:
+            self._tilt(self._state, *unexplained, 1.0)
 
     def _apply(self, correction: Correction, stamp_ns: int) -> None:
-        """Carry a correction at `stamp_ns` forward to every state since, as the filter's own model does."""
-        (pn, pe, pd), (vn, ve, vd), (bn, be, bd) = correction
-        history = self._history
-        for index in range(len(history) - 1, -1, -1):
-            lag_s = (history[index].stamp_ns - stamp_ns) * 1e-9
-            if lag_s < 0.0 and index < len(history) - 1:
-                break
-            half = 0.5 * lag_s * lag_s
-            vel = (vn - bn * lag_s, ve - be * lag_s, vd - bd * lag_s)
-            pos = (pn + vn * lag_s - bn * half, pe + ve * lag_s - be * half, pd + vd * lag_s - bd * half)
-            history[index] = shifted(history[index], vel, pos)
-        self._state = history[-1]
-        bias = self._acceleration_bias_ned
-        self._acceleration_bias_ned = (bias[0] + bn, bias[1] + be, bias[2] + bd)
+        """Correct the state, the remembered ones and the acceleration bias."""
+        self._state = self._history.correct(correction, stamp_ns)
+        bias, change = self._acceleration_bias_ned, correction.bias_ned_mps2
+        self._acceleration_bias_ned = (bias[0] + change[0], bias[1] + change[1], bias[2] + change[2])
 
     # -- magnetometer
 
@@ -326,21 +269,21 @@ class Estimator:
         if (
             not _FIELD_LIMITS2_GAUSS2[0] < total2 < _FIELD_LIMITS2_GAUSS2[1]
             or (last_ns is not None and sample.stamp_ns <= last_ns)
-            or (state is not None and sample.stamp_ns > state.stamp_ns + _GAP_NS)
+            or _is_ahead(sample.stamp_ns, state)
         ):
             self.refused["magnetometer"] += 1
             return False
         if state is None:
             self._alignment.field_frd_gauss = field
             return True
-        then = self._remembered(sample.stamp_ns)
+        then = self._history.at(sample.stamp_ns)
         if then is None:
             return True
         self._heading_ns = sample.stamp_ns
         north, east, _ = frd_to_ned(then, field)
         if north * north + east * east < _LEAST_HORIZONTAL_GAUSS2:
             return True
-        error_rad = math.remainder(self._declination_rad - math.atan2(east, north), 2.0 * math.pi)
+        error_rad = heading_error_rad(then, field, self._declination_rad)
         ratio = (error_rad / _HEADING_GATE_RAD) ** 2
         self._filter.ratios = self._filter.ratios._replace(heading=ratio)
         used_ns = self._heading_used_ns
@@ -358,46 +301,29 @@ class Estimator:
         """Set the heading: the remembered accelerations and sums no longer belong to it."""
         if self._state is not None:
             self._state = turned(self._state, angle_rad)
-            self._history.clear()
-            self._history.append(self._state)
+            self._history.restart(self._state)
             self._fix = None
 
     # -- barometer
 
     def on_barometer(self, sample: BarometerSample) -> bool:
-        """Pressure, averaged over a tenth of a second, as a height beside that of the GNSS."""
+        """Pressure, as a height beside that of the GNSS."""
         state = self._state
+        last_ns = self._barometer.stamp_ns
         if (
-            not _PRESSURE_RANGE_PA[0] < sample.pressure_pa < _PRESSURE_RANGE_PA[1]
-            or (self._barometer_ns is not None and sample.stamp_ns <= self._barometer_ns)
-            or (state is not None and sample.stamp_ns > state.stamp_ns + _GAP_NS)
+            not PRESSURE_RANGE_PA[0] < sample.pressure_pa < PRESSURE_RANGE_PA[1]
+            or (last_ns is not None and sample.stamp_ns <= last_ns)
+            or _is_ahead(sample.stamp_ns, state)
         ):
             self.refused["barometer"] += 1
             return False
         if state is None:
             return True
-        if self._barometer_ns is None:
-            self._barometer_ns = sample.stamp_ns
-        self._pressure_sum_pa += sample.pressure_pa
-        self._pressure_count += 1
-        if sample.stamp_ns - self._barometer_ns < _BAROMETER_NS:
-            return True
-        self._barometer_height_m = _height_m(self._pressure_sum_pa / self._pressure_count)
-        self._pressure_sum_pa, self._pressure_count, self._barometer_ns = 0.0, 0, sample.stamp_ns
-        if self.frame is not None and self._barometer_offset_m is not None and self._fix_used_ns is not None:
-            height_m = self._barometer_height_m + self._barometer_offset_m
-            innovation_m = self.frame.alt_m - height_m - state.down_m
-            self._apply(self._filter.fuse_height(sample.stamp_ns, innovation_m), state.stamp_ns)
+        alt_m = self._barometer.add(sample)
+        if alt_m is not None and self.frame is not None and self._fix_used_ns is not None:
+            correction = self._filter.fuse_height(sample.stamp_ns, self.frame.alt_m - alt_m - state.down_m)
+            self._apply(correction, state.stamp_ns)
         return True
-
-    def _calibrate_barometer(self, alt_m: float) -> None:
-        """The offset between barometer and GNSS follows slowly: weather, and the standard atmosphere's error."""
-        if self._barometer_height_m is None:
-            return
-        offset_m = alt_m - self._barometer_height_m
-        if self._barometer_offset_m is None:
-            self._barometer_offset_m = offset_m
-        self._barometer_offset_m += 0.2 / _BAROMETER_OFFSET_S * (offset_m - self._barometer_offset_m)
 
     # -- reading
 
@@ -471,7 +397,7 @@ class Estimator:
             found.append("EKF: no position")
         elif max(self._filter.ratios[:3]) > 1.0:
             found.append("EKF: GPS innovations too large")
-        if self._barometer_ns is None or now_ns - self._barometer_ns > _SECOND_NS:
+        if self._barometer.stamp_ns is None or now_ns - self._barometer.stamp_ns > _SECOND_NS:
             found.append("Baro: no data")
         return tuple(found)
 
@@ -484,12 +410,6 @@ def _cross(a: Vector3, b: Vector3) -> Vector3:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def _gravity_mps2(lat_deg: float) -> float:
-    """Normal gravity on the WGS 84 ellipsoid (Somigliana)."""
-    sin2 = math.sin(math.radians(lat_deg)) ** 2
-    return 9.7803253359 * (1.0 + 1.931852652e-3 * sin2) / math.sqrt(1.0 - 6.69437999014e-3 * sin2)
-
-
-def _height_m(pressure_pa: float) -> float:
-    """Height in the ICAO standard atmosphere below 11 km."""
-    return float(44_330.769 * (1.0 - (pressure_pa / 101_325.0) ** 0.190263))
+def _is_ahead(stamp_ns: int, state: InertialState | None) -> bool:
+    """Whether a stamp lies further ahead of the IMU than any order of arrival explains."""
+    return state is not None and stamp_ns > state.stamp_ns + _GAP_NS

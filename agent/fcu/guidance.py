@@ -14,8 +14,10 @@ from agent.fcu.parameters import Parameters
 _GRAVITY_MPS2 = 9.80665
 _CRAB_LIMIT = math.tan(math.radians(50.0))  # no more than this from the integral
 _LEAST_SPEED_MPS = 0.3  # slower, and the integral would learn from standing still
-_STRAIGHT_RAD = math.radians(20.0)  # full speed up to here off the desired heading
-_PIVOT_RAD = math.radians(90.0)  # and none beyond here
+_BRAKING_LAG_S = 0.6  # from the wish to slow down to slowing down: propellers and speed loop
+# Speed against how far the bow is off: the leg's up to 20 degrees, WP_SPEED_MIN from 60 to 90, none from 120.
+_FULL_RAD, _SLOW_RAD = math.radians(20.0), math.radians(60.0)
+_TURNING_RAD, _PIVOT_RAD = math.radians(90.0), math.radians(120.0)
 
 
 class GuidanceGains(NamedTuple):
@@ -116,9 +118,7 @@ def guide(
         integral_s = min(max(integral_s, -limit_s), limit_s)
 
     allowed_mps = min(desired_speed_mps, _approach_speed_mps(gains, line.turn_rad, to_go_m, desired_speed_mps))
-    off_rad = abs(wrapped(heading_rad - yaw_rad))
-    if off_rad > _STRAIGHT_RAD:
-        allowed_mps *= max(0.0, (_PIVOT_RAD - off_rad) / (_PIVOT_RAD - _STRAIGHT_RAD))
+    allowed_mps = _turning_speed_mps(gains, abs(wrapped(heading_rad - yaw_rad)), allowed_mps)
     reached = distance_m <= gains.radius_m or to_go_m <= 0.0
     output = GuidanceOutput(wrapped(heading_rad), allowed_mps, cross_m, distance_m, bearing_rad, reached)
     return GuidanceState(integral_s), output
@@ -148,5 +148,15 @@ def _approach_speed_mps(gains: GuidanceGains, turn_rad: float | None, to_go_m: f
         arc_m = gains.radius_m / tangent
         within_mps = min(gains.turn_rate_radps * arc_m, math.sqrt(gains.lateral_acceleration_mps2 * arc_m))
         corner_mps = max(corner_mps, within_mps)
-    room_m = max(0.0, to_go_m - gains.radius_m)
+    room_m = max(0.0, to_go_m - gains.radius_m - _BRAKING_LAG_S * desired_mps)
     return math.sqrt(corner_mps * corner_mps + 2.0 * gains.deceleration_mps2 * room_m)
+
+
+def _turning_speed_mps(gains: GuidanceGains, off_rad: float, allowed_mps: float) -> float:
+    """Speed with the bow `off_rad` from the desired heading."""
+    slow_mps = min(gains.speed_min_mps, allowed_mps)
+    if off_rad <= _FULL_RAD:
+        return allowed_mps
+    if off_rad <= _SLOW_RAD:
+        return slow_mps + (allowed_mps - slow_mps) * (_SLOW_RAD - off_rad) / (_SLOW_RAD - _FULL_RAD)
+    return slow_mps * min(1.0, max(0.0, (_PIVOT_RAD - off_rad) / (_PIVOT_RAD - _TURNING_RAD)))

@@ -6,6 +6,13 @@ import math
 
 _EQUATORIAL_RADIUS_M = 6378137.0  # WGS 84
 _ECCENTRICITY_SQUARED = 6.69437999014e-3
+STANDARD_GRAVITY_MPS2 = 9.80665
+
+
+def normal_gravity_mps2(lat_deg: float) -> float:
+    """Gravity on the WGS 84 ellipsoid (Somigliana)."""
+    sin2 = math.sin(math.radians(lat_deg)) ** 2
+    return 9.7803253359 * (1.0 + 1.931852652e-3 * sin2) / math.sqrt(1.0 - _ECCENTRICITY_SQUARED * sin2)
 
 
 class LocalFrame:

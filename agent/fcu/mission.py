@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 WAYPOINT = 16  # MAV_CMD_NAV_WAYPOINT
@@ -77,8 +76,8 @@ def item_problem(item: MissionItem) -> str:
             return f"position {item.lat_deg:g}, {item.lon_deg:g} is not on Earth; use degrees"
         if item.lat_deg == 0.0 and item.lon_deg == 0.0:
             return "position 0, 0 is not set"
-        if not math.isfinite(item.alt_m):
-            return "altitude is not a number; use 0"
+        if not abs(item.alt_m) < 1e5:
+            return f"altitude {item.alt_m:g} m is not one; use 0"
         return ""
     if item.command == CHANGE_SPEED:
         return "" if 0.0 < item.speed_mps <= 100.0 else f"speed {item.speed_mps:g} m/s; use more than 0, at most 100"

@@ -179,8 +179,8 @@ def _item(message: Any) -> MissionItem:
     frame = _FRAMES.get(message.frame, 3)
     if message.command == CHANGE_SPEED:
         return MissionItem(CHANGE_SPEED, speed_mps=message.param2, frame=frame)
-    if message.seq == 0 and not abs(message.z) < 1e6:
-        return MissionItem(WAYPOINT, message.x * 1e-7, message.y * 1e-7, 0.0, frame=frame)
+    if message.seq == 0 and not abs(message.z) < 1e5:
+        return MissionItem(WAYPOINT, message.x / 1e7, message.y / 1e7, 0.0, frame=frame)
     return MissionItem(
         WAYPOINT if message.seq == 0 else message.command, message.x / 1e7, message.y / 1e7, message.z, frame=frame
     )

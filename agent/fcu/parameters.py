@@ -1,6 +1,7 @@
 """Parameters: name, default, range, unit and meaning; a store that refuses nonsense; ArduPilot's .parm files.
 
-Where ArduRover has a parameter of the same purpose, the name, unit and meaning are ArduRover's.
+Where ArduRover has a parameter of the same purpose, the name, unit and meaning are ArduRover's. Defaults suit the
+full-size vessel.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("ARMING_CHECK", 1, 0, 1, "", "0 arms without checks, 1 with all of them"),
     Parameter("ATC_ACCEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest rise of the desired speed"),
     Parameter("ATC_DECEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest fall of the desired speed"),
-    Parameter("ATC_SPEED_I", 0.1, 0.0, 2.0, "1/m", "speed integral gain"),
+    Parameter("ATC_SPEED_I", 0.25, 0.0, 2.0, "1/m", "speed integral gain"),
     Parameter("ATC_SPEED_IMAX", 0.5, 0.0, 1.0, "", "limit of the speed integral, part of full thrust"),
-    Parameter("ATC_SPEED_P", 0.4, 0.0, 4.0, "s/m", "speed proportional gain"),
+    Parameter("ATC_SPEED_P", 0.6, 0.0, 4.0, "s/m", "speed proportional gain"),
     Parameter("ATC_STR_ACC_MAX", 90.0, 0.0, 1000.0, "deg/s/s", "largest change of the desired turn rate, 0 for none"),
     Parameter("ATC_STR_ANG_P", 1.5, 0.1, 10.0, "1/s", "desired turn rate per heading error"),
     Parameter("ATC_STR_RAT_D", 0.0, 0.0, 1.0, "s^2/rad", "turn rate derivative gain"),
@@ -46,8 +47,8 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("COMPASS_OFS_Y", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),
     Parameter("COMPASS_OFS_Z", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, down"),
     Parameter("CRUISE_SPEED", 3.0, 0.1, 30.0, "m/s", "speed through still water at CRUISE_THROTTLE"),
-    Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of both propellers', at CRUISE_SPEED"),
-    Parameter("EK3_ABIAS_P_NSE", 0.02, 0.00001, 0.2, "m/s^3", "acceleration bias process noise, at 100 Hz"),
+    Parameter("CRUISE_THROTTLE", 59.0, 1.0, 100.0, "%", "thrust, part of both propellers', at CRUISE_SPEED"),
+    Parameter("EK3_ABIAS_P_NSE", 0.1, 0.00001, 1.0, "m/s^3", "acceleration bias process noise, at 100 Hz"),
     Parameter("EK3_ACC_P_NSE", 0.35, 0.01, 5.0, "m/s/s", "acceleration process noise, at 100 Hz"),
     Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 50.0, "m", "barometer height noise"),
     Parameter("EK3_HGT_I_GATE", 500.0, 100.0, 5000.0, "", "height innovation gate, hundredths of sigma"),
@@ -70,7 +71,7 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("LOS_LOOKAHEAD", 6.0, 0.5, 500.0, "m", "look-ahead distance of the line-of-sight guidance"),
     Parameter("MIS_DONE_BEHAVE", 0, 0, 0, "", "after the last waypoint: 0 HOLD"),
     Parameter("MOT_SLEWRATE", 500.0, 0.0, 1000.0, "%/s", "largest change of a motor command, 0 for none"),
-    Parameter("MOT_THST_ASYM", 1.0, 1.0, 10.0, "", "thrust ahead over thrust astern at full command"),
+    Parameter("MOT_THST_ASYM", 1.727, 1.0, 10.0, "", "thrust ahead over thrust astern at full command"),
     Parameter("MOT_THST_EXPO", 1.0, -1.0, 1.0, "", "thrust curve: 0 linear, 1 square of the command"),
     Parameter("WP_RADIUS", 2.0, 0.1, 100.0, "m", "distance at which a waypoint counts as reached"),
     Parameter("WP_SPEED", 3.0, 0.1, 100.0, "m/s", "speed over ground between waypoints"),

@@ -10,8 +10,8 @@ _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 class x25crc:  # noqa: N801  the name the generated codec asks for
     """Running checksum over bytes, in `crc`.
 
-    `binascii.crc_hqx` has the same polynomial (0x1021) with the bits the other way round: reflecting each byte on the way in and the 16-bit
-    result on the way out turns one into the other.
+    `binascii.crc_hqx` has the same polynomial (0x1021) with the bits the other way round: reflecting each byte on the
+    way in and the 16-bit result on the way out turns one into the other.
     """
 
     def __init__(self, buf: bytes | bytearray | None = None) -> None:

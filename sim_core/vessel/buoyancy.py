@@ -50,7 +50,8 @@ def strip_axes_frd_m(hull: Hull) -> Array:
     along = hull.length_m * ((np.arange(hull.strips) + 0.5) / hull.strips - 0.5)
     depth_m = hull.keel_below_cg_m - hull.radius_m
     sides = [np.column_stack([along, np.full(hull.strips, y), np.full(hull.strips, depth_m)]) for y in (-1.0, 1.0)]
-    return np.concatenate(sides) * np.array([1.0, hull.centreline_m, 1.0])
+    axes: Array = np.concatenate(sides) * np.array([1.0, hull.centreline_m, 1.0])
+    return axes
 
 
 def floating_draft_m(model: VesselModel, water: Water) -> float:

@@ -8,6 +8,10 @@ M = M_RB + M_A, v_r and w the linear and angular parts of nu_r, and a_f the acce
 
 where x holds the acceleration against NED, expressed in the body, and the angular acceleration. In a steady uniform
 current this is his M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau (eq 6.119), since nu_r' = x - [w x v_r; 0].
+
+The Munk moments within C_A belong to a flow that closes behind the stern. Blunt ends shed it, which leaves a side
+force and a moment there (slender-body theory with a trailing edge, Newman, Marine Hydrodynamics, 1977, ch. 7). Without
+them, and they are in no damping table, hulls like these would leave their course and bury their bows above 2 m/s.
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ class Hydrodynamics:
     rigid_mass: Array
     added_mass: Array
     inverse_mass: Array
-    wrench: Array  # (48, 6)
+    wrench: Array  # (54, 6)
     water_wrench: Array  # (3, 6) force of the water's acceleration in body axes: M_A [a_f; 0]
 
     @classmethod
@@ -39,20 +43,23 @@ class Hydrodynamics:
         rigid_mass = np.diag([model.mass_kg] * 3 + list(model.inertia_kgm2))
         added_mass = np.diag(astuple(model.added_mass))
         mass = rigid_mass + added_mass
+        stern_products, stern_lift = stern_forces(added_mass, model.hull.length_m)
+        products = transport_products(mass) - coriolis_products(mass) + stern_products
         linear = np.diag(astuple(model.damping_linear))
         quadratic = np.diag(astuple(model.damping_quadratic))
         return cls(
             rigid_mass=rigid_mass,
             added_mass=added_mass,
             inverse_mass=np.linalg.inv(mass),
-            wrench=np.concatenate([transport_products(mass) - coriolis_products(mass), -linear, -quadratic]),
+            wrench=np.concatenate([products, -linear, -quadratic, stern_lift]),
             water_wrench=added_mass[:3],
         )
 
-    def terms(self, nu_r: Array) -> tuple[Array, Array, Array]:
-        """(N, 36), (N, 6), (N, 6): what the forces are linear in, for (N, 6) relative velocities."""
+    def terms(self, nu_r: Array) -> tuple[Array, Array, Array, Array]:
+        """(N, 36), (N, 6), (N, 6), (N, 6): what the forces are linear in, for (N, 6) relative velocities."""
         products = (nu_r[:, :, None] * nu_r[:, None, :]).reshape(-1, 36)
-        return products, nu_r, nu_r * np.abs(nu_r)
+        magnitude = np.abs(nu_r)
+        return products, nu_r, nu_r * magnitude, nu_r * magnitude[:, :1]
 
 
 def _skew() -> Array:
@@ -82,3 +89,20 @@ def transport_products(mass: Array) -> Array:
     constant = np.zeros((6, 6, 6))
     constant[3:, :3, :] = np.einsum("ijk,ci->jkc", _skew(), mass[:, :3])
     return constant.reshape(36, 6)
+
+
+def stern_forces(added_mass: Array, length_m: float) -> tuple[Array, Array]:
+    """(36, 6) and (6, 6) constants of the force at the end that trails, on vec(nu nu^T) and |u| nu.
+
+    Per length the added mass is a = A / L. Its momentum, a (v + x r) across and a (w - x q) down, is shed at
+    x = -sign(u) L / 2 with speed |u|: force -|u| a (v + x r) and the moment x times that; likewise in heave.
+    """
+    half_m = 0.5 * length_m
+    across, down = added_mass[1, 1] / length_m, added_mass[2, 2] / length_m
+    products = np.zeros((6, 6, 6))
+    products[0, 5, 1] = across * half_m
+    products[0, 1, 5] = across * half_m
+    products[0, 4, 2] = -down * half_m
+    products[0, 2, 4] = -down * half_m
+    lift = -np.diag([0.0, across, down, 0.0, down * half_m**2, across * half_m**2])
+    return products.reshape(36, 6), lift

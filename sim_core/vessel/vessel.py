@@ -141,7 +141,7 @@ def advance(motion: Kinematics, acceleration_frd: Array, dt_s: float) -> Kinemat
     acceleration_frd: (N, 6) as `accelerate` gives it. The result's accelerations are those of this step: its velocity
     is the old one plus dt_s times them.
     """
-    acc_ned_mps2 = (motion.rot_ned_frd @ acceleration_frd[:, :3, None])[:, :, 0]
+    acc_ned_mps2 = np.vecdot(motion.rot_ned_frd, acceleration_frd[:, None, :3])
     angular_acc = acceleration_frd[:, 3:]
     vel_ned_mps = motion.vel_ned_mps + dt_s * acc_ned_mps2
     gyro = motion.gyro_frd_radps + dt_s * angular_acc

@@ -13,8 +13,8 @@ Field = str | tuple[str, int] | tuple[str, str]
 class Layout:
     """A stamped message as a flat struct.
 
-    Every message starts with its stamp, a builtin_interfaces/Time. `fields` are what follows, in order: `"f64"` one number, `("f64", 3)` a
-    fixed array, `("f64[]", 2)` a sequence of known length, `("string", "map")` a constant string.
+    Every message starts with its stamp, a builtin_interfaces/Time. `fields` are what follows, in order: `"f64"` one
+    number, `("f64", 3)` a fixed array, `("f64[]", 2)` a sequence of known length, `("string", "map")` a constant text.
     """
 
     def __init__(self, *fields: Field) -> None:

@@ -1,7 +1,8 @@
 """An MCAP file that keeps what was written when the process is killed.
 
-Written with the `mcap` package and not with foxglove-sdk's writer, which streams a chunk into the file under a placeholder length (a killed
-run then ends in a record that readers refuse) and logs a full disk instead of raising it. foxglove-sdk makes the well-known messages.
+Written with the `mcap` package and not with foxglove-sdk's writer, which streams a chunk into the file under a
+placeholder length (a killed run then ends in a record that readers refuse) and logs a full disk instead of raising it.
+foxglove-sdk makes the well-known messages.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ _COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none"
 
 
 class McapFile:
-    """Writes `path`, chunked and compressed; `flush_if_due` closes the chunk about once a second, so the file on disk ends with a whole one.
+    """Writes `path`, chunked and compressed.
 
+    `flush_if_due` closes the chunk about once a second; the file on disk always ends with a whole one.
     Raises UserError when the file cannot be made or the disk refuses a write.
     """
 

@@ -1,4 +1,4 @@
-"""The vocabulary of a recording: one row a topic's message, as ROS 2 definitions that any CDR reader can use without a plug-in.
+"""The vocabulary of a recording, as ROS 2 definitions that any CDR reader can use without a plug-in.
 
 docs/recording.md says what each topic carries.
 """

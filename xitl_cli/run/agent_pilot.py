@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
+from dataclasses import replace
 from typing import Any
 
 from agent.node import PROTOCOL
@@ -36,6 +37,7 @@ from xitl_cli.run.sensing import Sensing, local_frame
 from xitl_cli.run.truth_history import TruthHistory
 
 HELLO_INTERVAL_S = 0.5
+START_TRIES = 6
 TICK_REPEAT_S = 0.5
 SILENT_S = 5.0
 SYNC_RATE_HZ = 10.0
@@ -62,9 +64,9 @@ class AgentPilot:
         self._actuator_latency = Histogram()
         self._sent_at_ns: dict[int, int] = {}
         self._sent_stamps: deque[int] = deque()
-        self.estimation = EstimationScore()
+        self.estimation: EstimationScore | None = EstimationScore()
         self._position_error_m: float | None = None
-        self._command = MotorCommand((0.0,) * len(profile.vehicle.propellers))
+        self.command = MotorCommand((0.0,) * len(profile.vehicle.propellers))
         self._command_ns = 0
         self._fresh = False
         self.stale_exchanges = 0
@@ -90,17 +92,15 @@ class AgentPilot:
         protocol = self._view.status.protocol
         if protocol != PROTOCOL:
             raise UserError(
-                f"{peer.transport.peer}: the agent speaks version {protocol} of the XITL dialect, this host version {PROTOCOL}; "
-                "install the same release of xitl on both"
+                f"{peer.transport.peer}: the agent speaks version {protocol} of the XITL dialect, "
+                f"this host version {PROTOCOL}; install the same release of xitl on both"
             )
 
     def begin(self, recorder: Recorder, pace: Pace) -> None:
         self._recorder = recorder
         self._pace = pace
         self._link.tap = self._on_frame
-        self._view.status = None
-        self._send_run(dialect.XITL_RUN_COMMAND_START)
-        self._link.reset_counters()  # both ends count from behind the start message
+        self._start_agent()
         setup = Setup(self._link.send, self._receive, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
         setup.set_parameters(parameters_of(self._profile))
         waypoints = self._profile.mission.waypoints_ned_m
@@ -116,6 +116,19 @@ class AgentPilot:
             else None
         )
 
+    def _start_agent(self) -> None:
+        """Start, and wait for the answer: both ends count their frames from behind the start message."""
+        assert self._peer is not None
+        self._view.status = None
+        for _ in range(START_TRIES):
+            self._send_run(dialect.XITL_RUN_COMMAND_START)
+            self._link.reset_counters()
+            self._receive(HELLO_INTERVAL_S)
+            if self._view.status is not None and self._view.status.running:
+                return
+            self._peer.check()
+        raise self._peer.unreachable(START_TRIES * HELLO_INTERVAL_S)
+
     # In the run
 
     def sense(self, sim_ns: int, motion: Kinematics) -> None:
@@ -129,23 +142,25 @@ class AgentPilot:
             self._note_sent(messages)
         self._link.send(*messages)
 
-    def exchange(self, sim_ns: int, motion: Kinematics) -> MotorCommand:
+    def exchange(self, sim_ns: int, motion: Kinematics) -> None:
         if self._driver is not None:
             self._driver.update(sim_ns)
-        self._fresh = False
         if self._lockstep:
             self._tick_and_wait(sim_ns)
-        else:
-            if self._tick % self._sync_every == 0:
-                self._send_sync()
-            self._tick += 1
-            self._receive(0.0)
-            assert self._peer is not None
-            self._peer.check()
-            self.stale_exchanges += not self._fresh
-        age_s = 0.0 if self._fresh else (sim_ns - self._command_ns) * 1e-9
-        command = self._command
-        return MotorCommand(command.motors, command.armed, command.failsafe, age_s)
+            return
+        if self._tick % self._sync_every == 0:
+            self._send_sync()
+        self._tick += 1
+        self._receive(0.0)
+        assert self._peer is not None
+        self._peer.check()
+        if not self._fresh:
+            self.stale_exchanges += 1
+            self.command = replace(self.command, age_s=(sim_ns - self._command_ns) * 1e-9)
+        self._fresh = False
+
+    def idle(self, seconds: float) -> None:
+        self._receive(seconds)
 
     def _tick_and_wait(self, sim_ns: int) -> None:
         assert self._peer is not None
@@ -265,8 +280,8 @@ class AgentPilot:
 
     def _on_actuators(self, message: Any) -> None:
         flags = message.flags
-        self._command = MotorCommand(
-            motors=tuple(message.command[: len(self._command.motors)]),
+        self.command = MotorCommand(
+            motors=tuple(message.command[: len(self.command.motors)]),
             armed=bool(flags & dialect.XITL_ACTUATOR_FLAGS_ARMED),
             failsafe=bool(flags & dialect.XITL_ACTUATOR_FLAGS_FAILSAFE),
         )
@@ -329,7 +344,7 @@ class AgentPilot:
             return
         north, east = (estimate.pos_ned_m - truth.pos_ned_m[0])[:2].tolist()
         self._position_error_m = math.hypot(north, east)
-        if self._view.armed:
+        if self._view.armed and self.estimation is not None:
             self.estimation.add(truth.pos_ned_m[0], truth.quat_ned_frd[0], estimate.pos_ned_m, estimate.quat_ned_frd)
 
     def _sim_of_agent(self, agent_ns: int) -> int | None:

@@ -43,7 +43,7 @@ def parameters_of(profile: RunProfile) -> dict[str, float]:
 
 
 def mission_of(profile: RunProfile, frame: LocalFrame) -> list[tuple[int, int, float]]:
-    """Items as latitude and longitude in 1e-7 degrees and altitude in metres; item 0 is home, where the vessel starts."""
+    """Latitude and longitude in 1e-7 degrees, altitude in metres; item 0 is home, where the vessel starts."""
     start = profile.mission.start
     points = [(start.north_m, start.east_m), *profile.mission.waypoints_ned_m]
     lat, lon, alt = frame.geodetic(np.array([(north, east, 0.0) for north, east in points], dtype=float))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Histogram:
-    """Counts of non-negative nanoseconds in buckets 1/32 of their power of two wide: quantiles to 3 %, minimum and maximum exact."""
+    """Counts nanoseconds in buckets 1/32 of their power of two wide: quantiles to 3 %, the maximum exact."""
 
     def __init__(self) -> None:
         self._buckets: dict[int, int] = {}

@@ -14,7 +14,6 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, kinematics, step
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import MotorCommand
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.score import MissionScore
@@ -60,20 +59,22 @@ class Loop:
         every_task = round(clock.physics_rate_hz / TASK_RATE_HZ)
         last_step = round(clock.duration_s * clock.physics_rate_hz)
         frame = local_frame(self.profile.site)
-        command = MotorCommand((0.0,) * len(self.profile.vehicle.propellers))
+        command = pilot.command
         motors = np.array([command.motors])
         number = 0
         while number < last_step:
             number += 1
-            pace.wait_until(self.state.time_ns + simulation.dt_ns)
+            pace.wait_until(self.state.time_ns + simulation.dt_ns, pilot.idle)
+            if pilot.command is not command:
+                command = pilot.command
+                motors = np.array([command.motors])
             self.state = state = step(simulation, self.state, motors, rng)
             now_ns = state.time_ns
             motion = kinematics(simulation, state)
             pilot.sense(now_ns, motion)
             if number % every_exchange == 0:
-                command = pilot.exchange(now_ns, motion)
-                motors = np.array([command.motors])
-                recorder.actuators(now_ns, command)
+                pilot.exchange(now_ns, motion)
+                recorder.actuators(now_ns, pilot.command)
                 progress = pilot.progress()
                 if progress.target is not None:
                     north, east, _ = motion.pos_ned_m[0].tolist()
@@ -81,7 +82,7 @@ class Loop:
                 else:
                     self.score.reached = max(self.score.reached, progress.reached)
                 if self.view.due():
-                    self.view.show(self._glance(motion, command))
+                    self.view.show(self._glance(motion))
                 recorder.flush_if_due()
             if number % every_truth == 0:
                 recorder.truth(now_ns, motion, state.vessel.rotor_speed)
@@ -100,7 +101,7 @@ class Loop:
                     return Ending.INTERRUPTED
         return Ending.DURATION
 
-    def _glance(self, motion: Kinematics, command: MotorCommand) -> Glance:
+    def _glance(self, motion: Kinematics) -> Glance:
         progress = self.pilot.progress()
         north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
         rotation = motion.rot_ned_frd[0]
@@ -118,7 +119,7 @@ class Loop:
             position_error_m=self.pilot.position_error_m(),
             current_mps=float(np.linalg.norm(self.state.current_ned_mps[0])),
             wind_mps=float(np.linalg.norm(self.state.wind_ned_mps[0])),
-            motors=command.motors,
+            motors=self.pilot.command.motors,
             sent=sum(link.sent or 0 for link in links if link.name == "sensors"),
             received=sum(link.received or 0 for link in links if link.name == "actuators"),
             lost=sum(link.lost or 0 for link in links),

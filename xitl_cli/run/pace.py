@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 from xitl_cli.recording.records import Task
 from xitl_cli.run.histogram import Histogram
 
+Idle = Callable[[float], object]
+
 
 class Pace(Protocol):
     """Called before every physics step."""
 
-    def wait_until(self, sim_ns: int) -> None:
-        """Return when it is time for the step that ends at `sim_ns`."""
+    def wait_until(self, sim_ns: int, idle: Idle) -> None:
+        """Return when it is time for the step that ends at `sim_ns`; `idle` passes the time and may return early."""
 
     def sim_of_host(self, host_ns: int) -> int:
         """Simulation time when the host's monotonic clock shows `host_ns`."""
@@ -31,7 +34,7 @@ class Lockstep:
     def __init__(self) -> None:
         self._cycles = 0
 
-    def wait_until(self, sim_ns: int) -> None:
+    def wait_until(self, sim_ns: int, idle: Idle) -> None:
         self._cycles += 1
 
     def sim_of_host(self, host_ns: int) -> int:
@@ -47,8 +50,8 @@ class Lockstep:
 class Realtime:
     """Absolute deadlines on the monotonic clock.
 
-    A step that starts later than one period behind its deadline counts as missed. Nothing is skipped: physics has to take every step, so a
-    late host catches up, and the count says that it was late.
+    A step that starts later than one period behind its deadline counts as missed. Nothing is skipped: physics has to
+    take every step, so a late host catches up, and the count says that it was late.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -61,7 +64,7 @@ class Realtime:
         self._run_total_ns = 0
         self._run_max_ns = 0
 
-    def wait_until(self, sim_ns: int) -> None:
+    def wait_until(self, sim_ns: int, idle: Idle) -> None:
         now_ns = time.monotonic_ns()
         if self._start_ns is None:
             self._start_ns = now_ns - sim_ns
@@ -71,7 +74,7 @@ class Realtime:
             self._run_max_ns = max(self._run_max_ns, run_ns)
         due_ns = self._start_ns + sim_ns
         while now_ns < due_ns:
-            time.sleep((due_ns - now_ns) * 1e-9)
+            idle((due_ns - now_ns) * 1e-9)
             now_ns = time.monotonic_ns()
         late_ns = now_ns - due_ns
         self._jitter.add(late_ns)

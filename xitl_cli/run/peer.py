@@ -45,6 +45,7 @@ class InProcess:
     """The same agent code in the host's process, over the in-memory transport."""
 
     def __init__(self) -> None:
+        self.transport: Transport
         self.transport, theirs = memory_pair("agent")
         link = Link(theirs, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
         node = AgentNode(link, lambda: Services(EmbeddedAutopilot()), machine="in-process")
@@ -75,7 +76,9 @@ class OwnProcess:
         )
         assert self._process.stdout is not None
         if not self._process.stdout.readline():  # its first line says that it listens
-            raise self._gone()
+            error = self._gone()
+            self.close()
+            raise error
         try:
             self.transport = open_transport(url, listen=False)
         except TransportError as error:
@@ -115,7 +118,6 @@ class OwnProcess:
         stderr = self._process.stderr
         lines = stderr.read().strip().splitlines() if stderr is not None and not stderr.closed else []
         reason = lines[-1].removeprefix("error: ") if lines else f"exit code {code}"
-        self.close()
         return UserError(f"the agent process ended: {reason}")
 
 

@@ -51,9 +51,11 @@ class ClockReport:
 class Pilot(Protocol):
     """Sensors in, motor commands out, its time beside ours.
 
-    estimation: error of its estimate, None where it knows the truth. stale_exchanges: exchanges at which no new command had come.
+    command: the motor commands in force. estimation: error of its estimate, None where it knows the truth.
+    stale_exchanges: exchanges at which no new command had come.
     """
 
+    command: MotorCommand
     estimation: EstimationScore | None
     stale_exchanges: int
 
@@ -66,8 +68,11 @@ class Pilot(Protocol):
     def sense(self, sim_ns: int, motion: Kinematics) -> None:
         """After every physics step: measure and send what is due."""
 
-    def exchange(self, sim_ns: int, motion: Kinematics) -> MotorCommand:
-        """At the exchange rate: the motor commands from now on."""
+    def exchange(self, sim_ns: int, motion: Kinematics) -> None:
+        """At the exchange rate: ask for and take in commands."""
+
+    def idle(self, seconds: float) -> None:
+        """Nothing is due for so long; may return earlier."""
 
     def progress(self) -> Progress:
         """How far it is."""

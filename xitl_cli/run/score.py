@@ -40,7 +40,7 @@ class MissionScore:
         self.reached = 0
 
     def add(self, position: Point, target: int, reached: int) -> None:
-        """One look at the vessel: its true position, the index of the waypoint it heads for, and how many are behind it."""
+        """One look at the vessel: true position, index of the waypoint it heads for, how many are behind it."""
         self._start = self._start or position
         self.reached = max(self.reached, reached)
         if not 0 <= target < len(self._waypoints):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
+
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import MotorCommand, Task
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import ClockReport, LinkReport, Progress
+from xitl_cli.run.score import EstimationScore
 
 
 class ScriptPilot:
@@ -15,9 +18,9 @@ class ScriptPilot:
 
     def __init__(self, profile: RunProfile) -> None:
         self._steps = sorted(profile.driver.script, key=lambda step: step.at_s)
-        self._motors: tuple[float, ...] = (0.0,) * len(profile.vehicle.propellers)
+        self.command = MotorCommand((0.0,) * len(profile.vehicle.propellers), armed=True)
         self._next = 0
-        self.estimation = None
+        self.estimation: EstimationScore | None = None
         self.stale_exchanges = 0
 
     def prepare(self) -> None:
@@ -29,11 +32,13 @@ class ScriptPilot:
     def sense(self, sim_ns: int, motion: Kinematics) -> None:
         pass
 
-    def exchange(self, sim_ns: int, motion: Kinematics) -> MotorCommand:
+    def exchange(self, sim_ns: int, motion: Kinematics) -> None:
         while self._next < len(self._steps) and self._steps[self._next].at_s * 1e9 <= sim_ns:
-            self._motors = self._steps[self._next].motors
+            self.command = MotorCommand(self._steps[self._next].motors, armed=True)
             self._next += 1
-        return MotorCommand(self._motors, armed=True)
+
+    def idle(self, seconds: float) -> None:
+        time.sleep(seconds)
 
     def progress(self) -> Progress:
         return Progress(mode="SCRIPT", armed=True)

@@ -8,7 +8,7 @@ from numpy.random import SeedSequence
 
 
 class Seeds:
-    """`of(name)` depends on the run's seed and the name alone, so that a new sensor leaves the others' noise as it was."""
+    """`of(name)` depends on seed and name alone, so that a new sensor leaves the others' noise as it was."""
 
     def __init__(self, seed: int) -> None:
         self._seed = seed

@@ -47,8 +47,9 @@ class Result:
 def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], View]) -> Result:
     """One run, kept in `out`.
 
-    Raises UserError, and leaves nothing behind, when the profile cannot run, the pilot cannot be reached or `out` cannot be used. What goes
-    wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code say so.
+    Raises UserError, and leaves nothing behind, when the profile cannot run, the pilot cannot be reached or `out`
+    cannot be used. What goes wrong later ends the run: recording and summary are kept, the summary's `error` and the exit
+    code say so.
     """
     ready = profile.runnable()
     directory.check_writable(out)

@@ -78,9 +78,10 @@ class PlainView:
         self._next_s = self._now_s() + PLAIN_INTERVAL_S
         error = "" if glance.position_error_m is None else f"  estimate off {glance.position_error_m:.2f} m"
         self._console.print(
-            f"t {glance.sim_s:6.1f} s  {_state(glance):<14} waypoint {glance.waypoints_reached}/{glance.waypoints_total}"
-            f"  {glance.speed_mps:4.1f} m/s  heading {glance.heading_deg:3.0f}°  cross-track {_metres(glance.cross_track_m)}"
-            f"{error}  lost {glance.lost}  missed {glance.missed}",
+            f"t {glance.sim_s:6.1f} s  {_state(glance):<14} "
+            f"waypoint {glance.waypoints_reached}/{glance.waypoints_total}  {glance.speed_mps:4.1f} m/s  "
+            f"heading {glance.heading_deg:3.0f}°  cross-track {_metres(glance.cross_track_m)}{error}  "
+            f"lost {glance.lost}  missed {glance.missed}",
             highlight=False,
             markup=False,
             soft_wrap=True,
@@ -128,7 +129,7 @@ class LiveView:
         share = glance.waypoints_reached / max(glance.waypoints_total, 1)
         progress.add_row(
             ProgressBar(total=1.0, completed=share),
-            f"waypoint {glance.waypoints_reached}/{glance.waypoints_total}   {glance.sim_s:.1f} s   {factor:.1f}× real time",
+            f"{glance.waypoints_reached}/{glance.waypoints_total}  {glance.sim_s:.1f} s  {factor:.1f}× real time",
         )
         state = Table.grid(padding=(0, 2))
         for _ in range(4):

@@ -51,10 +51,11 @@ def test_transport_terms() -> None:
 
 
 def test_equation_of_motion_agrees_with_fossen_in_a_current() -> None:
-    """M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau, strip by strip and propeller by propeller."""
+    """M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau with the force at the stern, strip by strip."""
     water = Water(density_kgpm3=997.8, level_m=-0.01)
     vessel = Vessel.of(FULL, water, 0.0025)
     mass = vessel.hydrodynamics.rigid_mass + vessel.hydrodynamics.added_mass
+    added = np.array([5.1, 72.0, 216.0])
     linear = np.array([15.0, 250.0, 500.0, 50.0, 50.0, 150.0])
     quadratic = np.array([20.0, 150.0, 0.0, 0.0, 0.0, 200.0])
     n = 6
@@ -85,6 +86,10 @@ def test_equation_of_motion_agrees_with_fossen_in_a_current() -> None:
             pushed = np.array([thrust, 0.0, 0.0])
             tau += np.concatenate([pushed, np.cross(propeller.position_frd_m, pushed)])
         tau -= linear * nu_r + quadratic * np.abs(nu_r) * nu_r
+        trailing = -np.sign(nu_r[0]) * 2.3 / 2
+        side = -abs(nu_r[0]) * added[1] / 2.3 * (nu_r[1] + trailing * nu_r[5])
+        down = -abs(nu_r[0]) * added[2] / 2.3 * (nu_r[2] - trailing * nu_r[4])
+        tau += [0.0, side, down, 0.0, -trailing * down, trailing * side]
         nu_r_dot = np.linalg.solve(mass, tau - fossen_coriolis(mass, nu_r) @ nu_r)
         expected = nu_r_dot + np.concatenate([np.cross(nu_r[3:], nu_r[:3]), np.zeros(3)])
         np.testing.assert_allclose(acceleration[i], expected, rtol=1e-9, atol=1e-9)

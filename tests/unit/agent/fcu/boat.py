@@ -40,6 +40,23 @@ class Noise:
     pressure_pa: float = 3.0
 
 
+@dataclass(frozen=True)
+class Hull:
+    """Mass, drag (linear, quadratic), full thrust ahead and astern of one propeller, its arm and lag."""
+
+    mass_kg: float = 113.0
+    inertia_kgm2: float = 64.0
+    surge: tuple[float, float] = (15.0, 20.0)
+    sway: tuple[float, float] = (250.0, 150.0)
+    yaw: tuple[float, float] = (150.0, 200.0)
+    thrust_n: tuple[float, float] = (190.0, 110.0)
+    arm_m: float = 0.5
+    lag_s: float = 0.3
+
+
+THIRD = Hull(4.185, 0.2634, (0.962, 2.222), (16.04, 16.67), (1.069, 0.823), (7.04, 4.07), 0.167, 0.2)
+
+
 @dataclass
 class Boat:
     """State at `time_ns`; north and east of (LAT_DEG, LON_DEG), speeds in body axes over ground."""
@@ -59,22 +76,24 @@ class Boat:
     acc_ne_mps2: tuple[float, float] = (0.0, 0.0)
     vel_ne_mps: tuple[float, float] = (0.0, 0.0)
     yaw_acc_radps2: float = 0.0
+    hull: Hull = field(default_factory=Hull)
 
     def step(self, command: tuple[float, ...]) -> None:
         """5 ms of surge, sway and yaw relative to the water, by explicit Euler."""
-        dt = STEP_NS * 1e-9
+        hull, dt = self.hull, STEP_NS * 1e-9
         for i in range(2):
-            target = command[i] * abs(command[i]) * (190.0 if command[i] > 0.0 else 110.0)
-            self.thrust_n[i] += (target - self.thrust_n[i]) * dt / 0.3
+            target = command[i] * abs(command[i]) * hull.thrust_n[0 if command[i] > 0.0 else 1]
+            self.thrust_n[i] += (target - self.thrust_n[i]) * dt / hull.lag_s
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         push_n, push_e = self.push_ne_n(self.time_ns * 1e-9)
         water_u = self.current_ne_mps[0] * c + self.current_ne_mps[1] * s
         water_v = -self.current_ne_mps[0] * s + self.current_ne_mps[1] * c
         u, v, r = self.surge_mps - water_u, self.sway_mps - water_v, self.yaw_rate_radps
-        force_x = sum(self.thrust_n) - 15.0 * u - 20.0 * u * abs(u) + push_n * c + push_e * s
-        force_y = -250.0 * v - 150.0 * v * abs(v) - push_n * s + push_e * c
-        moment = 0.5 * (self.thrust_n[0] - self.thrust_n[1]) - 150.0 * r - 200.0 * r * abs(r)
-        acc_x, acc_y, self.yaw_acc_radps2 = force_x / 113.0, force_y / 113.0, moment / 64.0
+        force_x = sum(self.thrust_n) - _drag(hull.surge, u) + push_n * c + push_e * s
+        force_y = -_drag(hull.sway, v) - push_n * s + push_e * c
+        moment = hull.arm_m * (self.thrust_n[0] - self.thrust_n[1]) - _drag(hull.yaw, r)
+        acc_x, acc_y = force_x / hull.mass_kg, force_y / hull.mass_kg
+        self.yaw_acc_radps2 = moment / hull.inertia_kgm2
         self.acc_ne_mps2 = (acc_x * c - acc_y * s, acc_x * s + acc_y * c)
         self.vel_ne_mps = (
             self.surge_mps * c - self.sway_mps * s + self.acc_ne_mps2[0] * dt,
@@ -123,6 +142,10 @@ class Boat:
         x, y, z = v[0] * cy + v[1] * sy, -v[0] * sy + v[1] * cy, v[2]
         x, z = x * cp - z * sp, x * sp + z * cp
         return (x, y * cr + z * sr, -y * sr + z * cr)
+
+
+def _drag(coefficients: tuple[float, float], speed: float) -> float:
+    return coefficients[0] * speed + coefficients[1] * speed * abs(speed)
 
 
 class Sensors:

@@ -1,0 +1,73 @@
+"""The `xitl` command as a user runs it: a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+Xitl = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "xitl_cli.main", *arguments]
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "NO_COLOR": "1", "COLUMNS": "80"}
+
+
+@pytest.fixture
+def xitl(tmp_path: Path) -> Xitl:
+    """Run `xitl ARGUMENTS` in a temporary directory and wait for it."""
+
+    def run(*arguments: str, timeout_s: float = 120.0) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            command(*arguments),
+            cwd=tmp_path,
+            env=environment(),
+            capture_output=True,
+            text=True,
+            timeout=timeout_s,
+            check=False,
+        )
+
+    return run
+
+
+@pytest.fixture
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def summary(directory: Path) -> dict[str, Any]:
+    return json.loads((directory / "summary.json").read_text())
+
+
+def payloads(recording: Path) -> dict[str, list[tuple[int, bytes]]]:
+    """(stamp, payload) of every message by topic."""
+    topics: dict[str, list[tuple[int, bytes]]] = {}
+    with recording.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages():
+            topics.setdefault(channel.topic, []).append((message.log_time, message.data))
+    return topics
+
+
+def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str) -> None:
+    """Exit code 2, one line on stderr that holds the words, no traceback."""
+    assert result.returncode == 2, result.stderr
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("error: ")
+    for word in words:
+        assert word in lines[0], (word, lines[0])

@@ -1,0 +1,153 @@
+"""`xitl sim` from the command line to the recording."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Xitl, payloads, summary
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from pymavlink.dialects.v20 import common
+
+ENVIRONMENTS = {"calm": 2.0, "current-waves": 4.0, "current-waves-gusts": 4.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", ENVIRONMENTS)
+def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_path: Path, environment: str) -> None:
+    profile = tmp_path / "boat.yaml"
+    profile.write_text(f"extends: [sitl, environments/{environment}]\n")
+    result = xitl("sim", "--profile", str(profile), "--out", "run", "--json")
+    assert result.returncode == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert told == summary(tmp_path / "run")
+    mission, estimation = told["mission"], told["estimation"]
+    assert mission["completed"]
+    assert mission["waypoints_reached"] == mission["waypoints_total"] == 5
+    assert mission["cross_track_rms_m"] < ENVIRONMENTS[environment]
+    # Reached by the estimate within the radius of 3 m; the truth is off by the estimate's error, some 1 m.
+    assert max(mission["closest_m"]) < 3.0 + 1.5
+    assert estimation["position_rms_m"] < 1.5
+    assert estimation["heading_rms_deg"] < 3.0
+    assert [link["lost"] for link in told["links"]] == [0, 0]
+    assert [link["sent"] for link in told["links"]] == [link["received"] for link in told["links"]]
+    assert all(task["missed"] == 0 for task in told["tasks"])
+
+
+def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, tmp_path: Path) -> None:
+    for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
+        assert xitl("sim", "--seed", seed, "--duration", "25", "--out", name).returncode == 1
+    first, again, other = (payloads(tmp_path / name / "run.mcap") for name in "abc")
+    assert first == again
+    assert first["/truth/state"] != other["/truth/state"]
+    assert first["/link/agent/tx"] != other["/link/agent/tx"]
+
+
+def test_an_agent_in_its_own_process_flies_the_same_run_in_lockstep(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
+    """Where the autopilot runs changes the profile and nothing else: not one byte of the vessel's motion."""
+    assert xitl("sim", "--duration", "25", "--out", "here").returncode == 1
+    link = f"autopilot.link=udp://127.0.0.1:{free_port}"
+    away = ("sim", "--profile", "hitl-loopback", "--clock", "lockstep", "--set", link, "--duration", "25")
+    result = xitl(*away, "--out", "there")
+    assert result.returncode == 1, result.stderr
+    here, there = payloads(tmp_path / "here/run.mcap"), payloads(tmp_path / "there/run.mcap")
+    for topic in ("/truth/state", "/actuators", "/estimate/odometry", "/environment"):
+        assert here[topic] == there[topic], topic
+
+
+def test_real_time_over_udp_measures_the_link_and_the_clocks(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
+    link = f"autopilot.link=udp://127.0.0.1:{free_port}"
+    result = xitl("sim", "--profile", "hitl-loopback", "--set", link, "--duration", "4", "--out", "run")
+    assert result.returncode == 1, result.stderr
+    told = summary(tmp_path / "run")
+    assert told["real_time_factor"] == pytest.approx(1.0, rel=0.05)
+    sensors, actuators = told["links"]
+    assert sensors["name"] == "sensors"
+    assert sensors["received"] == sensors["sent"] > 4 * 300  # 200 + 50 + 50 + 5 samples a second, and more
+    assert actuators["received"] == actuators["sent"] > 4 * 45  # 50 a second
+    # Both processes read the clock of one machine: what is measured as drift or latency is the method's own error. The
+    # delay of one loop-back hop is tens of microseconds; the bound leaves room for a busy machine.
+    assert 0 < sensors["latency_us"]["p50"] < 20_000
+    clock = told["clocks"][0]
+    assert clock["samples"] > 20
+    assert abs(clock["drift_ppm"]) < 100
+    tasks = {task["task"]: task for task in told["tasks"]}
+    assert tasks["physics"]["cycles"] == 1600
+    assert tasks["control"]["cycles"] > 190
+    assert len(payloads(tmp_path / "run/run.mcap")["/clocks"]) > 30
+
+
+def test_the_recording_reads_back_in_standard_tools(xitl: Xitl, tmp_path: Path) -> None:
+    assert xitl("sim", "--duration", "20", "--out", "run").returncode == 1
+    path = tmp_path / "run/run.mcap"
+    topics = payloads(path)
+    wanted = {"/truth/state", "/truth/odometry", "/truth/pose", "/truth/fix", "/tf", "/scene", "/environment", "/log"}
+    assert wanted | {"/estimate/odometry", "/actuators", "/link/agent/tx", "/link/agent/rx", "/tasks"} <= topics.keys()
+    assert len(topics["/truth/state"]) == 20 * 50
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        assert {item.name for item in reader.iter_attachments()} == {"profile.yaml", "xitl.xml"}
+        states = [state for *_, state in reader.iter_decoded_messages(topics=["/truth/state"])]
+    position = np.array([state.position_ned_m for state in states])
+    velocity = np.array([state.velocity_ned_mps for state in states])
+    # The recorded velocity is the derivative of the recorded position: between samples 20 ms apart they differ by
+    # the acceleration (a few m/s² in waves) times half of that.
+    assert np.abs(np.diff(position, axis=0) / 0.02 - velocity[1:]).max() < 0.2
+    # pymavlink's own dialect reads the standard messages of the raw frames, checksum and all.
+    mav = common.MAVLink(None)
+    kinds = set()
+    for _, payload in topics["/link/agent/rx"]:
+        frame = payload[16:]  # encapsulation 4, stamp 8, length 4
+        if int.from_bytes(frame[7:10], "little") in common.mavlink_map:
+            kinds.add(mav.decode(bytearray(frame)).get_type())
+    assert {"HEARTBEAT", "SYS_STATUS", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "MISSION_ACK"} <= kinds
+
+
+def test_without_an_autopilot_the_driver_commands_the_vessel(xitl: Xitl, tmp_path: Path) -> None:
+    result = xitl("sim", "--profile", "mitl", "--out", "run", "--json")
+    told = json.loads(result.stdout)
+    assert result.returncode == 0, result.stderr
+    assert told["mission"]["completed"]
+    assert told["links"] == told["clocks"] == []
+    assert told["estimation"]["position_rms_m"] is None
+
+
+def test_a_resolved_profile_flies_the_same_run_again(xitl: Xitl, tmp_path: Path) -> None:
+    assert xitl("sim", "--set", "environment.wind.mean_mps=8", "--duration", "15", "--out", "one").returncode == 1
+    assert xitl("sim", "--profile", "one/profile.yaml", "--out", "two").returncode == 1
+    one, two = payloads(tmp_path / "one/run.mcap"), payloads(tmp_path / "two/run.mcap")
+    assert one == two
+
+
+def test_the_estimate_never_sees_the_truth(xitl: Xitl, tmp_path: Path) -> None:
+    """What goes to the agent are sensors, time and orders: no message carries the true state."""
+    from agent.wire import dialect
+
+    assert xitl("sim", "--duration", "10", "--out", "run").returncode == 1
+    sent = {int.from_bytes(data[23:26], "little") for _, data in payloads(tmp_path / "run/run.mcap")["/link/agent/tx"]}
+    names = {dialect.mavlink_map[number].msgname for number in sent}
+    sensors = {"XITL_IMU", "XITL_GNSS", "XITL_MAGNETOMETER", "XITL_BAROMETER"}
+    orders = {"XITL_TICK", "XITL_RUN", "PARAM_SET", "MISSION_COUNT", "MISSION_ITEM_INT", "COMMAND_LONG"}
+    assert sensors <= names <= sensors | orders
+
+
+def test_sensors_carry_noise_latency_and_rate(xitl: Xitl, tmp_path: Path) -> None:
+    from agent.wire import dialect
+
+    assert xitl("sim", "--duration", "10", "--out", "run").returncode == 1
+    arrivals: dict[int, list[int]] = {}
+    delays: dict[int, set[int]] = {}
+    for stamp_ns, data in payloads(tmp_path / "run/run.mcap")["/link/agent/tx"]:
+        number = int.from_bytes(data[23:26], "little")
+        if number in (dialect.MAVLINK_MSG_ID_XITL_IMU, dialect.MAVLINK_MSG_ID_XITL_GNSS):
+            sampled_us = int.from_bytes(data[26:34], "little")
+            arrivals.setdefault(number, []).append(stamp_ns)
+            delays.setdefault(number, set()).add(stamp_ns // 1000 - sampled_us)
+    assert len(arrivals[dialect.MAVLINK_MSG_ID_XITL_IMU]) == 10 * 200
+    assert delays[dialect.MAVLINK_MSG_ID_XITL_IMU] == {0}
+    assert len(arrivals[dialect.MAVLINK_MSG_ID_XITL_GNSS]) == math.floor((10 - 0.12) * 5)
+    assert delays[dialect.MAVLINK_MSG_ID_XITL_GNSS] == {120_000}

@@ -1,0 +1,93 @@
+"""The fast pass over all strips against the plain sum of cosines; vessels riding waves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from vessels import BARE, FULL
+
+from sim_core.environment.environment import Environment
+from sim_core.environment.water import Water
+from sim_core.environment.waves import FlatWater, IrregularWaves, RegularWave
+from sim_core.simulation import Simulation, initial, step
+from sim_core.vessel.buoyancy import strip_axes_frd_m
+from sim_core.vessel.model import Damping
+
+POINTS = strip_axes_frd_m(FULL.hull)
+HS_M = 0.25
+FIELD = IrregularWaves("jonswap", HS_M, 2.2, 35.0, spreading=6.0).realise(Water(depth_m=5.0), np.random.default_rng(8))
+TIME_S = 1234.5
+RNG = np.random.default_rng(9)
+POS = RNG.uniform(-2000.0, 2000.0, (40, 3))
+ROT = Rotation.from_euler("ZYX", RNG.uniform(-1.0, 1.0, (40, 3)) * [3.1, 0.3, 0.3]).as_matrix()
+SURFACE = FIELD.at_hull(POINTS).sample(TIME_S, POS, ROT)
+PLACES = (POS[:, None, :] + POINTS @ ROT.transpose(0, 2, 1))[:, :, :2]
+
+# Single precision: 2^-23 of a phase of up to 10 rad and of the sum, on amplitudes that add to about 3 Hs.
+TOLERANCE = 3e-6 * HS_M
+
+
+def test_elevation_at_the_strips_is_the_sum_of_cosines() -> None:
+    np.testing.assert_allclose(SURFACE.point_elevation_m, FIELD.elevation_m(TIME_S, PLACES), atol=TOLERANCE)
+    np.testing.assert_allclose(SURFACE.elevation_m, FIELD.elevation_m(TIME_S, POS[:, :2]), atol=TOLERANCE)
+
+
+def test_slope_is_the_plane_through_the_strips() -> None:
+    elevation = FIELD.elevation_m(TIME_S, PLACES)
+    matrix = np.column_stack([np.ones(12), POINTS[:, :2]])
+    slopes = np.linalg.lstsq(matrix, elevation.T, rcond=None)[0][1:].T
+    np.testing.assert_allclose(SURFACE.slope_frd[:, :2], slopes, atol=3 * TOLERANCE)
+    assert not SURFACE.slope_frd[:, 2].any()
+
+
+def test_slope_of_a_long_wave_is_its_gradient_in_the_body() -> None:
+    field = RegularWave(0.5, 8.0, 70.0).realise(Water(depth_m=50.0), RNG)
+    heading = Rotation.from_euler("Z", RNG.uniform(-3.0, 3.0, (40, 1))).as_matrix()
+    surface = field.at_hull(POINTS).sample(3.0, POS, heading)
+    gradient = field.slope(3.0, POS[:, :2])
+    in_body = np.einsum("ni,nij->nj", gradient, heading[:, :2, :2])
+    # 100 m long: over a hull of 2.3 m the gradient bends by (k L)^2 / 24 = 0.1 %.
+    np.testing.assert_allclose(surface.slope_frd[:, :2], in_body, atol=0.002 * np.abs(gradient).max() + 1e-6)
+
+
+def test_orbital_velocity_and_rise_are_means_over_the_hull() -> None:
+    orbital = FIELD.orbital_velocity_ned_mps(TIME_S, PLACES).mean(axis=1)
+    np.testing.assert_allclose(SURFACE.orbital_ned_mps[:, :2], orbital[:, :2], atol=10 * TOLERANCE)
+    at_origin = FIELD.orbital_velocity_ned_mps(TIME_S, POS[:, :2])
+    np.testing.assert_allclose(SURFACE.orbital_ned_mps[:, 2], at_origin[:, 2], atol=10 * TOLERANCE)
+    h = 1e-3
+    above, here, below = (FIELD.elevation_m(TIME_S + s, PLACES).mean(axis=1) for s in (h, 0.0, -h))
+    np.testing.assert_allclose(SURFACE.rise_mps2[:, 0], (above - 2 * here + below) / h**2, atol=1e-4)
+
+
+def test_flat_water_is_flat() -> None:
+    surface = FlatWater().at_hull(POINTS).sample(TIME_S, POS, ROT)
+    assert surface.point_elevation_m.shape == (40, 12)
+    for part in (surface.elevation_m, surface.point_elevation_m, surface.orbital_ned_mps, surface.slope_frd):
+        assert not part.any()
+    assert not FlatWater().elevation_m(1.0, PLACES).any()
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 0.7, np.pi / 2])
+def test_in_a_long_wave_the_vessel_moves_with_the_water(heading_rad: float) -> None:
+    """A frictionless hull without wind is a particle of the water, (k L)^2 and (omega / omega_heave)^2 apart."""
+    water = Water(depth_m=200.0)
+    field = RegularWave(0.3, 12.0, 0.0).realise(water, np.random.default_rng(1))
+    model = replace(FULL, wind=BARE.wind, damping_linear=Damping(30, 250, 500, 50, 50, 150))
+    simulation = Simulation.of(model, Environment(water=water, waves=field), 0.01)
+    rng = np.random.default_rng(0)
+    state = initial(simulation, np.zeros((1, 2)), np.array([heading_rad]), rng)
+    start_z = state.vessel.motion.pos_ned_m[0, 2]
+    height, orbital, motion = [], [], []
+    for i in range(9600):
+        state = step(simulation, state, np.zeros((1, 2)), rng)
+        if i >= 8400:  # the last wave of eight, when the start has faded
+            at = state.vessel.motion
+            height.append(start_z - at.pos_ned_m[0, 2] - field.elevation_m(state.time_ns * 1e-9, at.pos_ned_m[0, :2]))
+            orbital.append(field.orbital_velocity_ned_mps(state.time_ns * 1e-9, at.pos_ned_m[0, :2])[0])
+            motion.append(at.vel_ned_mps[0, 0])
+    assert np.abs(height).max() < 0.01 * 0.15
+    np.testing.assert_allclose(motion, orbital, atol=0.06 * np.max(orbital))
