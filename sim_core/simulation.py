@@ -46,9 +46,10 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulationState:
-    """The world at time_ns. current_ned_mps, wind_ned_mps (N, 3) and elevation_m (N,) are those of the vessels' places
+    """The world at time_ns.
 
-    as the last step felt them: current without the waves' orbital motion, elevation up positive over the still level.
+    What the last step felt at the vessels' places: current_ned_mps (N, 3) without the waves' orbital motion,
+    wind_ned_mps (N, 3), elevation_m (N,) of the waves, up positive over the still level.
     """
 
     time_ns: int

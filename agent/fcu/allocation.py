@@ -51,9 +51,11 @@ def allocate(gains: AllocationGains, last: Allocation, thrust: float, steering: 
 def _command(gains: AllocationGains, thrust: float) -> float:
     """Invert the thrust curve: thrust = (1 - expo) c + expo c², as ArduPilot's MOT_THST_EXPO has it."""
     part = min(thrust if thrust >= 0.0 else -thrust / gains.astern, 1.0)
-    if gains.expo != 0.0:
-        linear = 1.0 - gains.expo
-        part = (math.sqrt(linear * linear + 4.0 * gains.expo * part) - linear) / (2.0 * gains.expo)
+    if part <= 0.0:
+        return 0.0
+    linear = 1.0 - gains.expo
+    # The root in the form that also holds for an exponent near zero.
+    part = 2.0 * part / (linear + math.sqrt(max(0.0, linear * linear + 4.0 * gains.expo * part)))
     return min(part, 1.0) if thrust >= 0.0 else -min(part, 1.0)
 
 

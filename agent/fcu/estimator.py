@@ -128,7 +128,7 @@ class Estimator:
             self._levelled_ns = state.stamp_ns
             self._housekeeping_ns = state.stamp_ns + _HOUSEKEEPING_NS
             if self._alignment.field_frd_gauss is not None:
-                self._heading_ns = self._heading_used_ns = state.stamp_ns
+                self._heading_used_ns = state.stamp_ns
         return True
 
     def _bridge(self, state: InertialState, sample: ImuSample, step_ns: int) -> bool:

@@ -20,10 +20,10 @@ Array = NDArray[float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Propulsion:
-    """Constants of P propellers; `gain` arrays hold the share of the error that one step takes away."""
+    """Constants of P propellers; a gain is the share of the speed's error that one step takes away."""
 
-    spin_up_gain: Array  # (P,)
     spin_down_gain: Array  # (P,)
+    spin_up_extra: Array  # (P,) what speeding up adds to it
     wrench: Array  # (2 P, 6) force and moment per n |n|, then per n^2, which tells reverse from forward
 
     @classmethod
@@ -33,9 +33,11 @@ class Propulsion:
         reverse = np.array([propeller.max_reverse_thrust_n for propeller in model.propellers])
         ahead = np.array([1.0, 0.0, 0.0])
         per_newton = np.array([[*ahead, *np.cross(p.position_frd_m, ahead)] for p in model.propellers])
+        up_gain = 1.0 - np.exp([-dt_s / propeller.spin_up_s for propeller in model.propellers])
+        down_gain = 1.0 - np.exp([-dt_s / propeller.spin_down_s for propeller in model.propellers])
         return cls(
-            spin_up_gain=1.0 - np.exp([-dt_s / propeller.spin_up_s for propeller in model.propellers]),
-            spin_down_gain=1.0 - np.exp([-dt_s / propeller.spin_down_s for propeller in model.propellers]),
+            spin_down_gain=down_gain,
+            spin_up_extra=up_gain - down_gain,
             wrench=np.concatenate(
                 [0.5 * (forward + reverse)[:, None] * per_newton, 0.5 * (forward - reverse)[:, None] * per_newton]
             ),
@@ -45,7 +47,8 @@ class Propulsion:
         """(N, P) speeds one step later, for (N, P) commands, which are clamped to [-1, 1]; exact for a held command."""
         wanted = np.minimum(np.maximum(command, -1.0), 1.0)
         faster = np.abs(wanted) > np.abs(rotor_speed)
-        speed: Array = rotor_speed + (wanted - rotor_speed) * np.where(faster, self.spin_up_gain, self.spin_down_gain)
+        gain = self.spin_down_gain + faster * self.spin_up_extra
+        speed: Array = rotor_speed + (wanted - rotor_speed) * gain
         return speed
 
     def terms(self, rotor_speed: Array) -> tuple[Array, Array]:

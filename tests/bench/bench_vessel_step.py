@@ -1,4 +1,8 @@
-"""Cost of one vessel step with waves of 32 components, current and gusts: `python tests/bench/bench_vessel_step.py`."""
+"""Cost of one vessel step with waves of 32 components, current and gusts.
+
+Run by hand: `OPENBLAS_NUM_THREADS=1 python tests/bench/bench_vessel_step.py`. On a busy machine the threads of the
+linear algebra library wait for each other far longer than these small products take.
+"""
 
 from __future__ import annotations
 

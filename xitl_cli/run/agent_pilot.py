@@ -30,7 +30,7 @@ from xitl_cli.run.peer import (
     Peer,
     open_peer,
 )
-from xitl_cli.run.pilot import ClockReport, LinkReport, Progress
+from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport, Progress
 from xitl_cli.run.score import EstimationScore
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensing import Sensing, local_frame
@@ -247,6 +247,20 @@ class AgentPilot:
         if self._lockstep:
             return [ClockReport("LC", 0.0, 0.0, 0.0)]
         return [self._clock_report()]
+
+    def nodes(self) -> list[NodeReport]:
+        status = self._view.status
+        if status is None:
+            return []
+        return [
+            NodeReport(
+                nodes=status.nodes,
+                machine=status.machine,
+                version=status.version,
+                memory_mib=status.memory_kib / 1024 if status.memory_kib else None,
+                refused=status.messages_refused,
+            )
+        ]
 
     # Messages
 

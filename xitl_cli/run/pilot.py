@@ -48,6 +48,17 @@ class ClockReport:
     samples: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class NodeReport:
+    """What a machine in the loop says of itself. `memory_mib` is None where it does not tell."""
+
+    nodes: str
+    machine: str
+    version: str
+    memory_mib: float | None
+    refused: int
+
+
 class Pilot(Protocol):
     """Sensors in, motor commands out, its time beside ours.
 
@@ -89,3 +100,4 @@ class Pilot(Protocol):
     def links(self) -> list[LinkReport]: ...
     def tasks(self) -> list[Task]: ...
     def clocks(self) -> list[ClockReport]: ...
+    def nodes(self) -> list[NodeReport]: ...

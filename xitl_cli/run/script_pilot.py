@@ -9,7 +9,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import MotorCommand, Task
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.pilot import ClockReport, LinkReport, Progress
+from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport, Progress
 from xitl_cli.run.score import EstimationScore
 
 
@@ -59,4 +59,7 @@ class ScriptPilot:
         return []
 
     def clocks(self) -> list[ClockReport]:
+        return []
+
+    def nodes(self) -> list[NodeReport]:
         return []

@@ -47,8 +47,8 @@ class Result:
 def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], View]) -> Result:
     """One run, kept in `out`.
 
-    Raises UserError, and leaves nothing behind, when the profile cannot run, the pilot cannot be reached or `out`
-    cannot be used. What goes wrong later ends the run: recording and summary are kept, the summary's `error` and the exit
+    Raises UserError, leaving nothing behind, when the profile cannot run, the pilot cannot be reached or `out` cannot
+    be used. What goes wrong later ends the run: recording and summary are kept, `error` in the summary and the exit
     code say so.
     """
     ready = profile.runnable()
@@ -98,6 +98,7 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
         links=loop.pilot.links(),
         tasks=[loop.pace.task(loop.profile.clock.physics_rate_hz), *loop.pilot.tasks()],
         clocks=loop.pilot.clocks(),
+        nodes=loop.pilot.nodes(),
         stale_exchanges=loop.pilot.stale_exchanges,
     )
 

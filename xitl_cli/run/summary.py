@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from agent import __version__
@@ -11,7 +11,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.records import Task
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
-from xitl_cli.run.pilot import ClockReport, LinkReport
+from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport
 from xitl_cli.run.score import EstimationScore, MissionScore
 
 FORMAT = 1
@@ -31,6 +31,7 @@ class Outcome:
     links: list[LinkReport]
     tasks: list[Task]
     clocks: list[ClockReport]
+    nodes: list[NodeReport]
     stale_exchanges: int
 
 
@@ -65,16 +66,8 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         },
         "links": [_link(link) for link in outcome.links],
         "tasks": [_task(task) for task in outcome.tasks],
-        "clocks": [
-            {
-                "node": clock.node,
-                "offset_us": clock.offset_us,
-                "drift_ppm": clock.drift_ppm,
-                "asymmetry_bound_us": clock.asymmetry_bound_us,
-                "samples": clock.samples,
-            }
-            for clock in outcome.clocks
-        ],
+        "clocks": [asdict(clock) for clock in outcome.clocks],
+        "nodes": [asdict(node) for node in outcome.nodes],
         "stale_exchanges": outcome.stale_exchanges,
     }
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 from vessels import FULL
 
 from sim_core.environment.hull_waves import StillHull
 from sim_core.environment.water import GRAVITY_MPS2, Water
 from sim_core.kinematics import Kinematics
-from sim_core.vessel.hydrodynamics import coriolis_products, transport_products
+from sim_core.vessel.hydrodynamics import coriolis_products, stern_forces, transport_products
 from sim_core.vessel.vessel import Surroundings, Vessel, accelerate
 
 RNG = np.random.default_rng(7)
@@ -93,3 +94,15 @@ def test_equation_of_motion_agrees_with_fossen_in_a_current() -> None:
         nu_r_dot = np.linalg.solve(mass, tau - fossen_coriolis(mass, nu_r) @ nu_r)
         expected = nu_r_dot + np.concatenate([np.cross(nu_r[3:], nu_r[:3]), np.zeros(3)])
         np.testing.assert_allclose(acceleration[i], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_force_at_the_stern_only_sheds_energy_ahead_and_astern() -> None:
+    """Its power is that of the shed wake, -|u| a (v + x r)^2 - |u| b (w - x q)^2 with x the trailing end."""
+    added = np.diag([5.0, 72.0, 216.0, 78.0, 95.0, 34.0])
+    products, lift = stern_forces(added, 2.3)
+    for _ in range(20):
+        nu = RNG.standard_normal(6)
+        force = np.outer(nu, nu).reshape(36) @ products + abs(nu[0]) * nu @ lift
+        x = -np.sign(nu[0]) * 1.15
+        wake = 72.0 / 2.3 * (nu[1] + x * nu[5]) ** 2 + 216.0 / 2.3 * (nu[2] - x * nu[4]) ** 2
+        assert force @ nu == pytest.approx(-abs(nu[0]) * wake)

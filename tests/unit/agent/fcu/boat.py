@@ -199,9 +199,7 @@ class Sensors:
 
     def magnetometer(self, boat: Boat) -> MagnetometerSample:
         gauss, sigma = self.rng.gauss, self.noise.field_gauss
-        return MagnetometerSample(
-            boat.time_ns, tuple(m + gauss(0.0, sigma) for m in boat.to_body(FIELD_NED_GAUSS))
-        )
+        return MagnetometerSample(boat.time_ns, tuple(m + gauss(0.0, sigma) for m in boat.to_body(FIELD_NED_GAUSS)))
 
     def barometer(self, boat: Boat) -> BarometerSample:
         height_m = ALT_M - boat.down()[0]
@@ -217,7 +215,9 @@ def degrees(north_m: float, east_m: float) -> tuple[float, float]:
     return LAT_DEG + north_m / NORTH_M_PER_DEG, LON_DEG + east_m / EAST_M_PER_DEG
 
 
-def sail(boat: Boat, sensors: Sensors, autopilot: Autopilot, duration_s: float, look: Callable[[Actuators], bool]) -> None:
+def sail(
+    boat: Boat, sensors: Sensors, autopilot: Autopilot, duration_s: float, look: Callable[[Actuators], bool]
+) -> None:
     """Close the loop for so long, or until `look`, called at 50 Hz, says so."""
     command: tuple[float, ...] = (0.0, 0.0)
     end_ns = boat.time_ns + round(duration_s * 1e9)
