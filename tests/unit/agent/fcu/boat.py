@@ -175,8 +175,10 @@ class Sensors:
         force = boat.to_body((boat.acc_ne_mps2[0], boat.acc_ne_mps2[1], boat.down()[2] - GRAVITY_MPS2))
         return ImuSample(
             boat.time_ns,
-            tuple(w + b + gauss(0.0, noise.gyro_density * root) for w, b in zip(boat.gyro(), noise.gyro_bias)),
-            tuple(f + b + gauss(0.0, noise.accel_density * root) for f, b in zip(force, noise.accel_bias)),
+            tuple(
+                w + b + gauss(0.0, noise.gyro_density * root) for w, b in zip(boat.gyro(), noise.gyro_bias, strict=True)
+            ),
+            tuple(f + b + gauss(0.0, noise.accel_density * root) for f, b in zip(force, noise.accel_bias, strict=True)),
         )
 
     def gnss(self, boat: Boat) -> GnssSample:

@@ -45,5 +45,5 @@ def test_slew_limits_every_step(a: float, b: float, c: float, d: float) -> None:
     g = AllocationGains(astern=0.6, expo=1.0, slew_per_s=2.0)
     first = allocate(g, Allocation(), a, b, 0.02)
     second = allocate(g, first, c, d, 0.02)
-    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip((0.0, 0.0), first.command))
-    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip(first.command, second.command))
+    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip((0.0, 0.0), first.command, strict=True))
+    assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip(first.command, second.command, strict=True))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from agent.fcu.control import SpeedGains, SpeedState, SteeringGains, SteeringState, ground_speed_mps, propel, steer
 from agent.fcu.parameters import Parameters
+import itertools
 
 STEERING = SteeringGains.of(Parameters())
 SPEED = SpeedGains.of(Parameters())
@@ -34,7 +35,7 @@ def test_turn_rate_and_its_change_are_limited() -> None:
         state, _ = steer(STEERING, state, 3.0, 0.0, 0.0, False, DT)
         rates.append(state.desired_rate_radps)
     assert max(rates) == pytest.approx(math.radians(30.0))
-    assert max(b - a for a, b in zip(rates, rates[1:])) <= math.radians(90.0) * DT * 1.0001
+    assert max(b - a for a, b in itertools.pairwise(rates)) <= math.radians(90.0) * DT * 1.0001
 
 
 def test_speed_settles_in_a_head_current() -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from agent.fcu.guidance import GuidanceGains, GuidanceState, carried_over, guide, leg
 from agent.fcu.parameters import Parameters
+import itertools
 
 GAINS = GuidanceGains.of(Parameters())
 LINE = leg((0.0, 0.0), (400.0, 300.0), None)
@@ -60,7 +61,7 @@ def test_speed_comes_down_before_a_corner_and_not_before_a_straight_on() -> None
     arc_m = GAINS.radius_m / math.tan(math.radians(45.0))
     assert speed_at(2.0, (100.0, 50.0)) == pytest.approx(GAINS.turn_rate_radps * arc_m)
     speeds = [speed_at(to_go / 10.0, (100.0, 50.0)) for to_go in range(300, 20, -1)]
-    drops = [(a * a - b * b) / 0.2 for a, b in zip(speeds, speeds[1:])]
+    drops = [(a * a - b * b) / 0.2 for a, b in itertools.pairwise(speeds)]
     assert max(drops) <= GAINS.deceleration_mps2 * 1.001  # v dv = a ds
 
 
@@ -77,7 +78,7 @@ def test_the_bow_must_come_round_before_speed_is_made() -> None:
 def test_the_integral_is_bounded_and_turns_with_the_course() -> None:
     state = GuidanceState()
     for _ in range(100_000):
-        state, output = guide(GAINS, state, LINE, (30.0, 0.0), 0.0, 3.0, 3.0, 0.02)
+        state, _output = guide(GAINS, state, LINE, (30.0, 0.0), 0.0, 3.0, 3.0, 0.02)
     limit = math.tan(math.radians(50.0)) * GAINS.lookahead_m / GAINS.kappa_mps
     assert abs(state.integral_s) <= limit
     assert carried_over(state, math.pi).integral_s == pytest.approx(-state.integral_s)

@@ -239,7 +239,7 @@ def _value(kind: str) -> st.SearchStrategy[Any]:
 def _message(cls: type) -> st.SearchStrategy[Any]:
     """Any field values that the wire can carry; addressed to this vehicle."""
     fields = []
-    for name, kind in zip(cls.fieldnames, cls.fieldtypes):
+    for name, kind in zip(cls.fieldnames, cls.fieldtypes, strict=True):
         length = cls.array_lengths[cls.ordered_fieldnames.index(name)]
         if name in ("target_system", "target_component"):
             fields.append(st.just(1))
