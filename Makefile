@@ -46,7 +46,7 @@ check-dialect: $(VENV)/.dev
 	$(BIN)/python tools/generate_dialect.py --check
 
 bench: $(VENV)/.dev  ## measure; asserts nothing
-	$(BIN)/python -m tests.bench
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench
 
 wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
 	tools/check_wheel.sh

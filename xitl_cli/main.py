@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
 
 def main() -> NoReturn:
     """Entry point of the console script."""
+    # Before numpy is loaded: the matrices are small, and a second thread costs more than it brings.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if sys.argv[1:2] == ["agent"]:  # the agent starts without the command-line library: it runs on small boards
         from agent.__main__ import main as agent_main
 

@@ -37,7 +37,7 @@ def _problems(path: Path) -> list[str]:
         (
             "recording: {zzz: 1}",
             "boat.yaml:1: recording.zzz is not a known key; "
-            "known keys: compression, truth_rate_hz, estimate_rate_hz, scene",
+            "known keys: compression, truth_rate_hz, scene",
         ),
         (
             "environment:\n  wind:\n    mean_mps: 8 m/s",
@@ -180,7 +180,7 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "use 8 or more, or spectrum: regular",
         ),
         (
-            "extends: sitl\nenvironment: {wind: {mean_mps: 0}}",
+            "extends: sitl\nenvironment: {wind: {mean_mps: 0, gust: {spectrum: davenport}}}",
             "boat.yaml:2: environment.wind.mean_mps = 0 gives the gust spectrum davenport nothing to scale with; "
             "use a mean above 0, or gust.spectrum: none or ornstein-uhlenbeck",
         ),
@@ -194,17 +194,18 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "add driver.script, a list of {at_s: 0, motors: [0.3, 0.3]}",
         ),
         (
-            "extends: mitl\ndriver:\n  script:\n    - {at_s: 1, motors: [0, 0]}\n    - {at_s: 1, motors: [1, 1]}",
-            "boat.yaml:5: driver.script.1.at_s = 1 is not after the step before it (1); put the steps in order of time",
+            "extends: mitl\ndriver:\n  kind: script\n  script:\n    - {at_s: 1, motors: [0, 0]}\n    - {at_s: 1, motors: [1, 1]}",
+            "boat.yaml:6: driver.script.1.at_s = 1 is not after the step before it (1); put the steps in order of time",
         ),
         (
-            "extends: mitl\ndriver:\n  script:\n    - {at_s: 1, motors: [0]}",
-            "boat.yaml:4: driver.script.0.motors = a list of 1 does not fit a vessel with 2 propellers; give 2",
+            "extends: mitl\ndriver:\n  kind: script\n  script:\n    - {at_s: 1, motors: [0]}",
+            "boat.yaml:5: driver.script.0.motors = a list of 1 does not fit a vessel with 2 propellers; give 2",
         ),
         (
-            "extends: mitl\ndriver:\n  kind: mission",
-            "boat.yaml:3: driver.kind = mission needs an autopilot; "
-            "use autopilot.kind: embedded or driver.kind: script",
+            "extends: sitl\nvehicle:\n  propellers:\n    - {position_frd_m: [0, 0, 0], max_thrust_n: 9, "
+            "max_reverse_thrust_n: 9, spin_up_s: 1, spin_down_s: 1}",
+            "boat.yaml:3: vehicle.propellers has 1, but a mission is steered with 2: port, starboard; "
+            "give two or use driver.kind: script",
         ),
         (
             "extends: sitl\ndriver: {kind: script, script: [{at_s: 0, motors: [0, 0]}]}",

@@ -9,6 +9,8 @@ from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.operation import Driver
 
+STEERED_PROPELLERS = 2
+
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """Everything about who steers that does not go together."""
@@ -23,8 +25,12 @@ def _driver(profile: Profile, driver: Driver) -> Iterator[tuple[KeyPath, str]]:
     if driver.kind == "mission":
         if profile.mission is None or not profile.mission.waypoints_ned_m:
             yield kind, "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
-        if autopilot is not None and autopilot.kind == "none":
-            yield kind, "driver.kind = mission needs an autopilot; use autopilot.kind: embedded or driver.kind: script"
+        if profile.vehicle is not None and len(profile.vehicle.propellers) != STEERED_PROPELLERS:
+            yield (
+                ("vehicle", "propellers"),
+                f"vehicle.propellers has {len(profile.vehicle.propellers)}, but a mission is steered with "
+                f"{STEERED_PROPELLERS}: port, starboard; give two or use driver.kind: script",
+            )
     if driver.kind != "script":
         return
     if autopilot is not None and autopilot.kind != "none":

@@ -52,7 +52,6 @@ def _rates(profile: Profile) -> Iterator[tuple[KeyPath, float]]:
         yield ("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz
     if profile.recording is not None:
         yield ("recording", "truth_rate_hz"), profile.recording.truth_rate_hz
-        yield ("recording", "estimate_rate_hz"), profile.recording.estimate_rate_hz
 
 
 def _step_rates(physics_hz: float) -> tuple[float | None, float | None]:

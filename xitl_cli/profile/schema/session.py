@@ -24,5 +24,4 @@ class Recording(Group):
 
     compression: Literal["lz4", "zstd", "none"] = "lz4"
     truth_rate_hz: RateHz = 50.0
-    estimate_rate_hz: RateHz = 50.0
     scene: bool = True

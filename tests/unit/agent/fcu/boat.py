@@ -148,6 +148,10 @@ def _drag(coefficients: tuple[float, float], speed: float) -> float:
     return coefficients[0] * speed + coefficients[1] * speed * abs(speed)
 
 
+def _spoilt(true: Vector3, bias: Vector3, white: Callable[[], float]) -> Vector3:
+    return (true[0] + bias[0] + white(), true[1] + bias[1] + white(), true[2] + bias[2] + white())
+
+
 class Sensors:
     """Samples of a boat, delivered with the GNSS's latency."""
 

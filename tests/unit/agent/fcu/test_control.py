@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -10,7 +11,6 @@ from hypothesis import strategies as st
 
 from agent.fcu.control import SpeedGains, SpeedState, SteeringGains, SteeringState, ground_speed_mps, propel, steer
 from agent.fcu.parameters import Parameters
-import itertools
 
 STEERING = SteeringGains.of(Parameters())
 SPEED = SpeedGains.of(Parameters())

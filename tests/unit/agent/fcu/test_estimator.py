@@ -58,10 +58,11 @@ def test_a_late_fix_is_fused_where_it_was_taken(latency_s: float) -> None:
     assert max(abs(roll), abs(pitch), abs(yaw)) < 0.1
 
 
-def test_a_circle_does_not_tilt_the_estimate() -> None:
+@pytest.mark.parametrize("latency_s", [0.12, 0.6])
+def test_a_circle_does_not_tilt_the_estimate(latency_s: float) -> None:
     """u r = 0.5 m/s² of centripetal acceleration would look like 3 degrees of heel to an accelerometer alone."""
     boat = Boat()
-    sensors = Sensors(1, SILENT)
+    sensors = Sensors(1, SILENT, latency_ns=round(latency_s * 1e9))
     autopilot = disarmed()
     advance(boat, sensors, autopilot, 40.0, (0.9, 0.45))
     assert abs(boat.yaw_rate_radps * math.hypot(*boat.vel_ne_mps)) > 0.4

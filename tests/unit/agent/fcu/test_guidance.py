@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -10,7 +11,6 @@ from hypothesis import strategies as st
 
 from agent.fcu.guidance import GuidanceGains, GuidanceState, carried_over, guide, leg
 from agent.fcu.parameters import Parameters
-import itertools
 
 GAINS = GuidanceGains.of(Parameters())
 LINE = leg((0.0, 0.0), (400.0, 300.0), None)
