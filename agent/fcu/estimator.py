@@ -87,6 +87,7 @@ class Estimator:
         self._levelled_ns = 0
         self._housekeeping_ns = 0
         self._fix: TiltReference | None = None
+        self._fix_arrived_ns = 0  # by the newest IMU stamp then, since a fix may be late by any time
         self._fix_used_ns: int | None = None
         self._fix_seen_ns: int | None = None
         self._fix_usable = False
@@ -158,7 +159,7 @@ class Estimator:
         self._attitude.settle((stamp_ns - self._levelled_ns) * 1e-9)
         if self._heading_ns is None or stamp_ns - self._heading_ns > _COMPASS_TIMEOUT_NS:
             self._attitude.drop_heading()
-        if self._fix is not None and stamp_ns - self._fix.stamp_ns <= _FIX_TIMEOUT_NS:
+        if self._fix is not None and stamp_ns - self._fix_arrived_ns <= _FIX_TIMEOUT_NS:
             return
         # Without a measured velocity change the best guess is that there is none.
         before = self._history.recent()
@@ -246,6 +247,7 @@ class Estimator:
     def _tilt_from(self, then: InertialState, stamp_ns: int, vel: Vector3) -> None:
         """Hold the velocity change since the last fix against the one the attitude explains."""
         last, self._fix = self._fix, TiltReference.of(then, stamp_ns, vel)
+        self._fix_arrived_ns = self.stamp_ns
         unexplained = None if last is None else self._fix.unexplained(last)
         if unexplained is not None and self._state is not None:
             self._tilt(self._state, *unexplained, 1.0)

@@ -60,7 +60,10 @@ def test_a_late_fix_is_fused_where_it_was_taken(latency_s: float) -> None:
 
 @pytest.mark.parametrize("latency_s", [0.12, 0.6])
 def test_a_circle_does_not_tilt_the_estimate(latency_s: float) -> None:
-    """u r = 0.5 m/s² of centripetal acceleration would look like 3 degrees of heel to an accelerometer alone."""
+    """u r = 0.5 m/s² of centripetal acceleration would look like 3 degrees of heel to an accelerometer alone.
+
+    Taken for current, a fix would be wrong by 0.5 m/s per second of latency, and position by 2 m.
+    """
     boat = Boat()
     sensors = Sensors(1, SILENT, latency_ns=round(latency_s * 1e9))
     autopilot = disarmed()
@@ -73,7 +76,7 @@ def test_a_circle_does_not_tilt_the_estimate(latency_s: float) -> None:
     assert max(worst[:2]) < 0.3
     assert worst[2] < 0.3
     assert worst[3] < 0.05
-    assert worst[4] < 0.03
+    assert worst[4] < 0.02 + 0.1 * latency_s
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
