@@ -16,18 +16,13 @@ from collections import deque
 from typing import NamedTuple
 
 from agent.fcu import modes
-from agent.fcu.allocation import NEUTRAL, Allocation, AllocationGains, allocate
+from agent.fcu.allocation import NEUTRAL
 from agent.fcu.control import (
-    SpeedGains,
-    SpeedState,
-    SteeringGains,
-    SteeringState,
     ground_speed_mps,
-    propel,
-    steer,
 )
 from agent.fcu.estimator import Estimator
 from agent.fcu.guidance import GuidanceGains
+from agent.fcu.helm import Helm
 from agent.fcu.mission import Mission
 from agent.fcu.parameters import Parameters
 from agent.fcu.pilot import Pilot
@@ -77,11 +72,8 @@ class Autopilot:
         self.events_lost = 0
         self.reached: deque[int] = deque(maxlen=_MOST_EVENTS)
         self.pilot = Pilot(self.mission, self.parameters["WP_SPEED"])
+        self._helm = Helm(self.parameters)
         self._configure()
-        self._steering = SteeringState()
-        self._speed: SpeedState | None = None
-        self._allocation = Allocation()
-        self.speed_error_mps = 0.0
         self._last_control_ns: int | None = None
         self._imu_accepted = 0
         self._imu_noticed = 0
@@ -94,9 +86,7 @@ class Autopilot:
         p = self.parameters
         self._version = p.version
         self._guidance_gains = GuidanceGains.of(p)
-        self._steering_gains = SteeringGains.of(p)
-        self._speed_gains = SpeedGains.of(p)
-        self._allocation_gains = AllocationGains.of(p)
+        self._helm.configure()
         self._imu_timeout_ns = int(p["FS_IMU_TIMEOUT"] * 1e9)
         self._manual_timeout_ns = int(p["FS_TIMEOUT"] * 1e9)
         self._hold_without_position = p["FS_EKF_ACTION"] >= 1.0
@@ -138,7 +128,7 @@ class Autopilot:
         self._watch_imu(now_ns)
         self._watch_position(estimate)
         if not self.armed or self.failsafe:
-            self._restart_controllers()
+            self._helm.restart()
             return Actuators(NEUTRAL, self.armed, self.failsafe)
 
         thrust = steering = 0.0
@@ -146,8 +136,7 @@ class Autopilot:
             thrust, steering = self._follow(estimate, dt_s)
         elif self.mode == modes.MANUAL and self._manual_is_fresh(now_ns):
             thrust, steering = self._manual
-        self._allocation = allocate(self._allocation_gains, self._allocation, thrust, steering, dt_s)
-        return Actuators(self._allocation.command, True, False)
+        return Actuators(self._helm.drive(thrust, steering, dt_s), True, False)
 
     def _follow(self, estimate: Estimate, dt_s: float) -> tuple[float, float]:
         """Steer along the mission."""
@@ -164,25 +153,11 @@ class Autopilot:
         if course is None:
             self._say(NOTICE, "Mission complete: HOLD")
             self.mode = modes.HOLD
-            self._restart_controllers()
+            self._helm.restart()
             return NEUTRAL
-        if self._speed is None:
-            self._speed = SpeedState(desired_mps=speed_mps)
-        last = self._allocation
-        self._steering, steering = steer(
-            self._steering_gains,
-            self._steering,
-            course.heading_rad,
-            yaw_rad,
-            estimate.gyro_frd_radps[2],
-            last.steering_limited,
-            dt_s,
+        return self._helm.toward(
+            course.heading_rad, course.speed_mps, yaw_rad, estimate.gyro_frd_radps[2], speed_mps, dt_s
         )
-        self._speed, thrust = propel(
-            self._speed_gains, self._speed, course.speed_mps, speed_mps, last.thrust_limited, dt_s
-        )
-        self.speed_error_mps = course.speed_mps - speed_mps
-        return thrust, steering
 
     def _watch_imu(self, now_ns: int) -> None:
         if self._imu_accepted != self._imu_noticed or self._imu_seen_ns is None:
@@ -204,11 +179,10 @@ class Autopilot:
     def _manual_is_fresh(self, now_ns: int) -> bool:
         return self._manual_ns is not None and 0 <= now_ns - self._manual_ns <= self._manual_timeout_ns
 
-    def _restart_controllers(self) -> None:
-        self._steering = SteeringState()
-        self._speed = None
-        self._allocation = Allocation()
-        self.speed_error_mps = 0.0
+    @property
+    def speed_error_mps(self) -> float:
+        """Desired less measured speed over ground."""
+        return self._helm.speed_error_mps
 
     # -- commands
 
@@ -233,7 +207,7 @@ class Autopilot:
                 self._say(ERROR, f"PreArm: {problem}")
             return problems
         self.armed = True
-        self._restart_controllers()
+        self._helm.restart()
         self.pilot.depart()
         if self.estimate.position_valid:
             self._set_home()
@@ -259,7 +233,7 @@ class Autopilot:
             if self.armed and not self.estimator.position_valid():
                 return self._refused("AUTO needs a position")
             self.pilot.depart()
-        self._restart_controllers()
+        self._helm.restart()
         self.mode = mode
         self._say(INFO, f"Mode {modes.NAMES[mode]}")
         return ""

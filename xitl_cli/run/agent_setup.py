@@ -25,7 +25,7 @@ TRIES = 4
 
 
 def parameters_of(profile: RunProfile) -> dict[str, float]:
-    """Parameter files first, then what the site and the mission imply, then the profile's own."""
+    """Parameter files first, then what site, mission and sensors imply, then the profile's own."""
     values: dict[str, float] = {}
     for name in profile.autopilot.parameter_files:
         path = find_parameter_file(name)
@@ -39,18 +39,22 @@ def parameters_of(profile: RunProfile) -> dict[str, float]:
     values["COMPASS_DEC"] = math.atan2(east, north)
     values["WP_SPEED"] = profile.mission.speed_mps
     values["WP_RADIUS"] = profile.mission.acceptance_radius_m
+    if profile.sensors is not None:
+        values.update(_place("INS_POS1", profile.sensors.imu.position_frd_m))
+        values.update(_place("GPS1_POS", profile.sensors.gnss.antenna_frd_m))
     return values | dict(profile.autopilot.parameters)
 
 
-def mission_of(profile: RunProfile, frame: LocalFrame) -> list[tuple[int, int, float]]:
-    """Latitude and longitude in 1e-7 degrees, altitude in metres; item 0 is home, where the vessel starts."""
+def _place(name: str, position_frd_m: tuple[float, float, float]) -> dict[str, float]:
+    return {f"{name}_{axis}": value for axis, value in zip("XYZ", position_frd_m, strict=True)}
+
+
+def mission_of(profile: RunProfile, frame: LocalFrame) -> list[tuple[float, float, float]]:
+    """Latitude and longitude in degrees, altitude in metres; item 0 is home, where the vessel starts."""
     start = profile.mission.start
     points = [(start.north_m, start.east_m), *profile.mission.waypoints_ned_m]
     lat, lon, alt = frame.geodetic(np.array([(north, east, 0.0) for north, east in points], dtype=float))
-    return [
-        (round(one * 1e7), round(two * 1e7), float(three))
-        for one, two, three in zip(lat.tolist(), lon.tolist(), alt.tolist(), strict=True)
-    ]
+    return list(zip(lat.tolist(), lon.tolist(), alt.tolist(), strict=True))
 
 
 class Setup:
@@ -84,7 +88,7 @@ class Setup:
                     f"autopilot.parameters.{name} = {value:g}: the agent keeps {answer.param_value:g}{reason}"
                 )
 
-    def upload_mission(self, items: Sequence[tuple[int, int, float]]) -> None:
+    def upload_mission(self, items: Sequence[tuple[float, float, float]]) -> None:
         """Upload the mission as waypoints. Raises UserError when the agent refuses it or goes silent."""
         count = dialect.MAVLink_mission_count_message(*self._target, len(items), 0)
 
@@ -100,11 +104,11 @@ class Setup:
             name = dialect.enums["MAV_MISSION_RESULT"].get(answer.type)
             raise UserError(f"mission: the agent refused it ({name.name if name else answer.type})")
 
-    def _item(self, seq: int, place: tuple[int, int, float]) -> Any:
-        lat, lon, alt = place
+    def _item(self, seq: int, place: tuple[float, float, float]) -> Any:
+        lat, lon = (round(degrees * 1e7) for degrees in place[:2])
         frame, command = dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_NAV_WAYPOINT
         return dialect.MAVLink_mission_item_int_message(
-            *self._target, seq, frame, command, int(seq == 1), 1, 0.0, 0.0, 0.0, 0.0, lat, lon, alt, 0
+            *self._target, seq, frame, command, int(seq == 1), 1, 0.0, 0.0, 0.0, 0.0, lat, lon, place[2], 0
         )
 
     def _ask(self, message: Any, is_answer: Callable[[Any], bool], answer_s: float = ANSWER_S) -> Any:
