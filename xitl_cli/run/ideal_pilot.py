@@ -26,7 +26,7 @@ from xitl_cli.run.sensing import local_frame
 
 
 class IdealPilot:
-    """See Pilot. The same guidance, control and allocation as the embedded autopilot's, with the truth for an estimate."""
+    """See Pilot. Guidance, control and allocation of the embedded autopilot, with the truth for an estimate."""
 
     def __init__(self, profile: RunProfile) -> None:
         parameters = Parameters(parameters_of(profile))

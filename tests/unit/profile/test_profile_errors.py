@@ -36,8 +36,7 @@ def _problems(path: Path) -> list[str]:
         ),
         (
             "recording: {zzz: 1}",
-            "boat.yaml:1: recording.zzz is not a known key; "
-            "known keys: compression, truth_rate_hz, scene",
+            "boat.yaml:1: recording.zzz is not a known key; known keys: compression, truth_rate_hz, scene",
         ),
         (
             "environment:\n  wind:\n    mean_mps: 8 m/s",
@@ -194,7 +193,8 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "add driver.script, a list of {at_s: 0, motors: [0.3, 0.3]}",
         ),
         (
-            "extends: mitl\ndriver:\n  kind: script\n  script:\n    - {at_s: 1, motors: [0, 0]}\n    - {at_s: 1, motors: [1, 1]}",
+            "extends: mitl\ndriver:\n  kind: script\n  script:\n"
+            "    - {at_s: 1, motors: [0, 0]}\n    - {at_s: 1, motors: [1, 1]}",
             "boat.yaml:6: driver.script.1.at_s = 1 is not after the step before it (1); put the steps in order of time",
         ),
         (
