@@ -44,7 +44,7 @@ class Track:
         assert all(abs(command) <= 1.0 for command in actuators.command)
         place = (self.boat.north_m, self.boat.east_m)
         self.off_m.append(min(_distance(place, a, b) for a, b in zip(self.corners, self.corners[1:], strict=False)))
-        state, target = self.autopilot._speed, self.autopilot.parameters["WP_SPEED"]
+        state, target = self.autopilot._helm._speed, self.autopilot.parameters["WP_SPEED"]
         full = state is not None and state.desired_mps == target
         self.speeds = [*self.speeds, math.hypot(*self.boat.vel_ne_mps)] if full else []
         if len(self.speeds) > 200:  # four seconds at the desired speed: settled
