@@ -27,7 +27,7 @@ def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_pat
     assert told == summary(tmp_path / "run")
     mission, estimation = told["mission"], told["estimation"]
     assert mission["completed"]
-    assert mission["waypoints_reached"] == mission["waypoints_total"] == 5
+    assert mission["waypoints_reached"] == mission["waypoints_total"] == 6
     assert mission["cross_track_rms_m"] < ENVIRONMENTS[environment]
     # Reached by the estimate within the radius of 3 m; the truth is off by the estimate's error, some 1 m.
     assert max(mission["closest_m"]) < 3.0 + 1.5

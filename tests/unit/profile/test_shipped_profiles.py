@@ -66,8 +66,8 @@ def test_every_value_has_an_origin_or_is_a_default() -> None:
     loaded = load_with_origins("sitl", ["clock.seed=3"])
     origins = {key: (value, origin) for key, value, origin in values_with_origins(loaded)}
     assert origins["clock.seed"] == ("3", "--set clock.seed")
-    assert origins["autopilot.connect_timeout_s"] == ("8.0", "default")
-    assert origins["mission.waypoints_ned_m"][0].startswith("[[80.0, 60.0], ")
+    assert origins["autopilot.connect_timeout_s"] == ("6.0", "default")
+    assert origins["mission.waypoints_ned_m"][0].startswith("[[8.0, 6.0], ")
     assert "santo-antonio.yaml:" in origins["mission.waypoints_ned_m"][1]
 
 
@@ -76,12 +76,12 @@ def test_the_mission_is_some_400_m_along_the_log_boom() -> None:
     start = (run.mission.start.north_m, run.mission.start.east_m)
     points = [start, *run.mission.waypoints_ned_m]
     length_m = sum(math.dist(one, other) for one, other in itertools.pairwise(points))
-    assert length_m == pytest.approx(395, abs=5)
+    assert length_m == pytest.approx(407, abs=1)
     assert run.mission.speed_mps == 3.0
     assert run.world.log_boom is not None
     boom = [point[:2] for point in run.world.log_boom.points_ned_m]
     from_boom = [_distance(point, boom[0], boom[-1]) for point in points]
-    assert from_boom == pytest.approx([8, 8, 8, 23, 23, 23], abs=0.1)
+    assert from_boom == pytest.approx([28, 8, 8, 8, 23, 23, 23], abs=0.1)
 
 
 def _distance(point: tuple[float, float], one: tuple[float, ...], other: tuple[float, ...]) -> float:

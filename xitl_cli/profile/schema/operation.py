@@ -48,4 +48,4 @@ class Autopilot(Group):
     link: str | None = None
     parameter_files: tuple[str, ...] = ()
     parameters: dict[str, float] = {}  # noqa: RUF012 - pydantic copies it
-    connect_timeout_s: Annotated[float, Field(gt=0, le=600)] = 8.0
+    connect_timeout_s: Annotated[float, Field(gt=0, le=600)] = 6.0
