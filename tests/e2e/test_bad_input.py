@@ -87,15 +87,16 @@ def test_a_port_in_use(xitl: Xitl, tmp_path: Path) -> None:
 
 def test_a_board_that_does_not_answer(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     """Nobody listens at the port: what the profile's own address does depends on this machine's routes."""
-    started_s = time.monotonic()
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
-    result = xitl("sim", "--profile", "hitl-beaglebone", "--set", link, "--out", "run")
+    hurry = "autopilot.connect_timeout_s=1"
+    result = xitl("sim", "--profile", "hitl-beaglebone", "--set", link, "--set", hurry, "--out", "run")
     assert_one_line_error(result, f"127.0.0.1:{free_port}", "ping", "xitl agent --link")
-    assert time.monotonic() - started_s < 10.0
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_beaglebone_profile_names_its_address(xitl: Xitl, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_the_beaglebone_profile_gives_up_within_ten_seconds(xitl: Xitl, tmp_path: Path) -> None:
+    """The one time that is promised: a person waits for it."""
     started_s = time.monotonic()
     result = xitl("sim", "--profile", "hitl-beaglebone", "--out", "run")
     assert_one_line_error(result, "192.168.7.2")
@@ -172,3 +173,8 @@ def test_an_agent_that_dies_ends_the_run_with_a_summary(tmp_path: Path, free_por
     assert told["ended"] == "failed"
     assert "agent process ended" in told["error"]
     assert payloads(tmp_path / "run/run.mcap")["/truth/state"]
+
+
+def test_a_directory_that_cannot_be_made(xitl: Xitl) -> None:
+    """Not even root may make one there."""
+    assert_one_line_error(xitl("sim", "--out", "/proc/run"), "/proc/run", "cannot be made", "--out")

@@ -40,7 +40,7 @@ def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_pat
 
 def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, tmp_path: Path) -> None:
     for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
-        assert xitl("sim", "--seed", seed, "--duration", "25", "--out", name).returncode == 1
+        assert xitl("sim", "--seed", seed, "--duration", "15", "--out", name).returncode == 1
     first, again, other = (payloads(tmp_path / name / "run.mcap") for name in "abc")
     assert first == again
     assert first["/truth/state"] != other["/truth/state"]
@@ -49,9 +49,9 @@ def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, t
 
 def test_an_agent_in_its_own_process_flies_the_same_run_in_lockstep(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     """Where the autopilot runs changes the profile and nothing else: not one byte of the vessel's motion."""
-    assert xitl("sim", "--duration", "25", "--out", "here").returncode == 1
+    assert xitl("sim", "--duration", "15", "--out", "here").returncode == 1
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
-    away = ("sim", "--profile", "hitl-loopback", "--clock", "lockstep", "--set", link, "--duration", "25")
+    away = ("sim", "--profile", "hitl-loopback", "--clock", "lockstep", "--set", link, "--duration", "15")
     result = xitl(*away, "--out", "there")
     assert result.returncode == 1, result.stderr
     here, there = payloads(tmp_path / "here/run.mcap"), payloads(tmp_path / "there/run.mcap")
@@ -107,6 +107,7 @@ def test_the_recording_reads_back_in_standard_tools(xitl: Xitl, tmp_path: Path) 
     assert {"HEARTBEAT", "SYS_STATUS", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "MISSION_ACK"} <= kinds
 
 
+@pytest.mark.slow
 def test_without_an_autopilot_the_driver_commands_the_vessel(xitl: Xitl, tmp_path: Path) -> None:
     result = xitl("sim", "--profile", "mitl", "--out", "run", "--json")
     told = json.loads(result.stdout)
