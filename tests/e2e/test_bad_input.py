@@ -14,6 +14,7 @@ from conftest import Xitl, assert_one_line_error, command, environment, payloads
 from mcap.exceptions import EndOfFile
 from mcap.records import Chunk, DataEnd, Message
 from mcap.stream_reader import StreamReader
+from pymavlink.dialects.v20 import common
 
 
 @pytest.mark.parametrize(
@@ -157,6 +158,28 @@ def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
     assert Chunk not in records
     # A second between flushes, one exchange of slack, and what starting to print cost.
     assert newest_ns * 1e-9 > ran_s - 1.0 - 0.3
+
+
+def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_port: int) -> None:
+    """Noise, a frame cut short, one with a flipped bit and one of an unknown kind, from somebody who is not the host."""
+    whole = bytearray(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None)))
+    flipped, unknown = bytearray(whole), bytearray(whole)
+    flipped[12] ^= 0x10
+    unknown[7:10] = b"\xee\xee\xee"
+    garbage = [os.urandom(40).replace(b"\xfd", b"\0"), bytes(whole[:9]), bytes(flipped), bytes(unknown), b""]
+    link = f"autopilot.link=udp://127.0.0.1:{free_port}"
+    process = start(tmp_path, "--profile", "hitl-loopback", "--set", link, "--duration", "4")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.connect(("127.0.0.1", free_port))
+        for number in range(100):
+            stranger.send(garbage[number % len(garbage)])
+            time.sleep(0.01)
+    process.communicate(timeout=20)
+    assert process.returncode == 1
+    sensors, actuators = summary(tmp_path / "run")["links"]
+    assert sensors["dropped"] == 80  # an empty datagram has nothing to drop
+    assert sensors["lost"] == actuators["lost"] == actuators["dropped"] == 0
+    assert sensors["received"] == sensors["sent"]
 
 
 def test_an_agent_that_dies_ends_the_run_with_a_summary(tmp_path: Path, free_port: int) -> None:
