@@ -56,12 +56,23 @@ def _app() -> typer.Typer:
     app.command("agent", context_settings={"ignore_unknown_options": True}, add_help_option=False)(agent.agent)
     app.command("wdri")(wdri.wdri)
     app.add_typer(profile_commands, name="profiles")
-    app.callback()(_options)
+    version = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+
+    def options(version: bool = version) -> None:
+        """X-in-the-loop simulation for autonomous boats and other MAVLink vehicles."""
+
+    app.callback()(options)
     return app
 
 
-def _options() -> None:
-    """X-in-the-loop simulation for autonomous boats and other MAVLink vehicles."""
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        import typer
+
+        from agent import __version__
+
+        typer.echo(f"xitl {__version__}")
+        raise typer.Exit
 
 
 if __name__ == "__main__":
