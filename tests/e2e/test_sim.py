@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +59,35 @@ def test_an_agent_in_its_own_process_flies_the_same_run_in_lockstep(xitl: Xitl, 
     here, there = payloads(tmp_path / "here/run.mcap"), payloads(tmp_path / "there/run.mcap")
     for topic in ("/truth/state", "/actuators", "/estimate/odometry", "/environment"):
         assert here[topic] == there[topic], topic
+
+
+def python_of_a_board() -> str | None:
+    """A Python 3.9, the oldest an agent has to run on."""
+    pyenv = sorted(Path.home().glob(".pyenv/versions/3.9*/bin/python3.9"))
+    for candidate in [shutil.which("python3.9"), *map(str, pyenv)]:
+        if candidate and subprocess.run([candidate, "--version"], capture_output=True, check=False).returncode == 0:
+            return candidate
+    return None
+
+
+def test_a_bare_python_3_9_flies_the_same_run(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
+    """The agent as on a board: the oldest Python it supports, and no package but the standard library."""
+    python = python_of_a_board()
+    if python is None:
+        pytest.skip("there is no Python 3.9 on this machine")
+    assert xitl("sim", "--duration", "15", "--out", "here").returncode == 1
+    link = f"udp://127.0.0.1:{free_port}"
+    root = Path(__file__).parents[2]
+    with subprocess.Popen([python, "-S", "-m", "agent", "--link", link], cwd=root, stdout=subprocess.PIPE) as agent:
+        assert agent.stdout is not None
+        agent.stdout.readline()
+        board = ("--profile", "hitl-beaglebone", "--clock", "lockstep", "--set", f"autopilot.link={link}")
+        result = xitl("sim", *board, "--duration", "15", "--out", "there")
+        agent.terminate()
+    assert result.returncode == 1, result.stderr
+    here, there = payloads(tmp_path / "here/run.mcap"), payloads(tmp_path / "there/run.mcap")
+    assert here["/truth/state"] == there["/truth/state"]
+    assert here["/estimate/odometry"] == there["/estimate/odometry"]
 
 
 def test_real_time_over_udp_measures_the_link_and_the_clocks(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
