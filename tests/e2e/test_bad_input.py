@@ -161,7 +161,7 @@ def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
 
 
 def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_port: int) -> None:
-    """Noise, a frame cut short, one with a flipped bit and one of an unknown kind, from somebody who is not the host."""
+    """Noise, a frame cut short, one with a flipped bit, one of an unknown kind; from somebody who is not the host."""
     whole = bytearray(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None)))
     flipped, unknown = bytearray(whole), bytearray(whole)
     flipped[12] ^= 0x10

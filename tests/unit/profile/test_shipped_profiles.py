@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
+from pydantic import BaseModel
 
 from xitl_cli.profile import load_profile, load_with_origins, resolved_yaml
 from xitl_cli.profile.catalogue import shipped_profiles
@@ -123,3 +126,20 @@ def test_the_scale_vessel_is_the_full_one_by_froude() -> None:
     assert third.hull.length_m * 3 == pytest.approx(full.hull.length_m, rel=1e-2)
     assert third.propellers[0].max_thrust_n * 27 == pytest.approx(full.propellers[0].max_thrust_n, rel=1e-2)
     assert [moment * 243 for moment in third.inertia_kgm2] == pytest.approx(full.inertia_kgm2, rel=1e-2)
+
+
+def test_the_reference_names_every_key() -> None:
+    """docs/profiles.md, with the units that its sensor row leaves to the reader."""
+    text = (Path(__file__).parents[3] / "docs/profiles.md").read_text()
+    words = set(re.findall(r"\w+", text))
+
+    def keys(model: type[BaseModel]) -> Iterator[str]:
+        for name, field in model.model_fields.items():
+            yield name
+            for part in (field.annotation, *get_args(field.annotation)):
+                if isinstance(part, type) and issubclass(part, BaseModel):
+                    yield from keys(part)
+
+    whole = {key for key in keys(Profile) if not key.startswith(("gyro_", "accel_"))}
+    assert len(whole) > 90
+    assert whole - words - {"weight"} == set()
