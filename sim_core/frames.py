@@ -15,6 +15,11 @@ Array = NDArray[float64]
 
 _NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _FRD_FLU = np.diag([1.0, -1.0, -1.0])
+# q_enu_ned = (0, 1, 1, 0) / sqrt(2) on the left, q_frd_flu = (0, 1, 0, 0) on the right, multiplied out:
+# (w + z, x + y, x - y, w - z) / sqrt(2).
+_QUAT_ENU_FLU = np.sqrt(0.5) * np.array(
+    [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 0.0], [0.0, 1.0, -1.0, 0.0], [1.0, 0.0, 0.0, -1.0]]
+)
 
 
 def _matrix_of_products() -> Array:
@@ -60,9 +65,8 @@ def flu_to_frd(v_flu: Array) -> Array:
 
 def quat_ned_frd_to_enu_flu(quat_ned_frd: Array) -> Array:
     """(..., 4) attitude FRD -> NED rewritten as FLU -> ENU, for tools that draw in ENU (REP 103)."""
-    # q_enu_ned = (0, 1, 1, 0)/sqrt(2) on the left, q_frd_flu = (0, 1, 0, 0) on the right, multiplied out.
-    w, x, y, z = np.moveaxis(quat_ned_frd, -1, 0)
-    return np.stack([w + z, x + y, x - y, w - z], axis=-1) * float(np.sqrt(0.5))
+    quat_enu_flu: Array = quat_ned_frd @ _QUAT_ENU_FLU
+    return quat_enu_flu
 
 
 def quat_multiply(left: Array, right: Array) -> Array:

@@ -71,7 +71,12 @@ class Recorder:
         )
         position, attitude = motion.pos_ned_m[0], motion.quat_ned_frd[0]
         payload, (x, y, z), (qw, qx, qy, qz) = self._odometry_payload(
-            self._odometry_layout, stamp_ns, position, motion.vel_ned_mps[0], attitude, gyro_frd
+            self._odometry_layout,
+            stamp_ns,
+            position,
+            motion.vel_ned_mps[0] @ motion.rot_ned_frd[0],
+            attitude,
+            gyro_frd,
         )
         self._odometry(payload, stamp_ns)
         stamp = _timestamp(stamp_ns)
@@ -105,7 +110,7 @@ class Recorder:
             self._estimate_layout,
             stamp_ns,
             estimate.pos_ned_m,
-            estimate.vel_ned_mps,
+            estimate.vel_ned_mps @ frames.quat_to_matrix(estimate.quat_ned_frd),
             estimate.quat_ned_frd,
             estimate.gyro_frd_radps,
         )
@@ -203,15 +208,14 @@ class Recorder:
         layout: Layout,
         stamp_ns: int,
         pos_ned_m: NDArray[np.float64],
-        vel_ned_mps: NDArray[np.float64],
+        vel_frd_mps: NDArray[np.float64],
         quat_ned_frd: NDArray[np.float64],
         gyro_frd_radps: NDArray[np.float64],
     ) -> tuple[bytes, list[float], list[float]]:
         """nav_msgs/Odometry in ENU with a FLU body, as REP 103 asks; twist in the body frame."""
-        rotation = frames.quat_to_matrix(quat_ned_frd)
         position = frames.ned_to_enu(pos_ned_m).tolist()
         w, x, y, z = attitude = frames.quat_ned_frd_to_enu_flu(quat_ned_frd).tolist()
-        linear = frames.frd_to_flu(vel_ned_mps @ rotation).tolist()
+        linear = frames.frd_to_flu(vel_frd_mps).tolist()
         angular = frames.frd_to_flu(gyro_frd_radps).tolist()
         payload = layout.pack(stamp_ns, *position, x, y, z, w, *_ZEROS, *linear, *angular, *_ZEROS)
         return payload, position, attitude
