@@ -49,12 +49,12 @@ class Hull:
     surge: tuple[float, float] = (15.0, 20.0)
     sway: tuple[float, float] = (250.0, 150.0)
     yaw: tuple[float, float] = (150.0, 200.0)
-    thrust_n: tuple[float, float] = (190.0, 110.0)
+    thrust_n: tuple[float, float] = (250.0, 150.0)
     arm_m: float = 0.5
     lag_s: float = 0.3
 
 
-THIRD = Hull(4.185, 0.2634, (0.962, 2.222), (16.04, 16.67), (1.069, 0.823), (7.04, 4.07), 0.167, 0.2)
+THIRD = Hull(4.185, 0.2634, (0.962, 2.222), (16.04, 16.67), (1.069, 0.823), (9.26, 5.56), 0.167, 0.2)
 
 
 @dataclass

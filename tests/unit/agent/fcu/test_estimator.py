@@ -67,11 +67,11 @@ def test_a_circle_does_not_tilt_the_estimate(latency_s: float) -> None:
     boat = Boat()
     sensors = Sensors(1, SILENT, latency_ns=round(latency_s * 1e9))
     autopilot = disarmed()
-    advance(boat, sensors, autopilot, 40.0, (0.9, 0.45))
+    advance(boat, sensors, autopilot, 40.0, (0.785, 0.392))
     assert abs(boat.yaw_rate_radps * math.hypot(*boat.vel_ne_mps)) > 0.4
     worst = [0.0] * 5
     for _ in range(200):
-        advance(boat, sensors, autopilot, 0.1, (0.9, 0.45))
+        advance(boat, sensors, autopilot, 0.1, (0.785, 0.392))
         worst = [max(a, abs(b)) for a, b in zip(worst, read(boat, sensors, autopilot), strict=True)]
     assert max(worst[:2]) < 0.3
     assert worst[2] < 0.3
