@@ -38,7 +38,7 @@ def fail(message: str) -> NoReturn:
 def _app() -> typer.Typer:
     import typer
 
-    from xitl_cli.commands import agent, profiles, sim, wdri
+    from xitl_cli.commands import agent, params, profiles, sim, wdri
 
     app = typer.Typer(
         name="xitl",
@@ -52,10 +52,17 @@ def _app() -> typer.Typer:
     profile_commands.command("list")(profiles.list_profiles)
     profile_commands.command("show")(profiles.show)
     profile_commands.command("check")(profiles.check)
+    parameter_commands = typer.Typer(help="Read, compare and set parameters of a vehicle.", no_args_is_help=True)
+    parameter_commands.command("show")(params.show)
+    parameter_commands.command("diff")(params.diff)
+    parameter_commands.command("set")(params.set_values)
+    parameter_commands.command("push")(params.push)
+    parameter_commands.command("pull")(params.pull)
     app.command("sim")(sim.sim)
     app.command("agent", context_settings={"ignore_unknown_options": True}, add_help_option=False)(agent.agent)
     app.command("wdri")(wdri.wdri)
     app.add_typer(profile_commands, name="profiles")
+    app.add_typer(parameter_commands, name="params")
     version = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
 
     def options(version: bool = version) -> None:

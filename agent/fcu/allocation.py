@@ -10,6 +10,11 @@ from agent.fcu.parameters import Parameters
 NEUTRAL = (0.0, 0.0)
 
 
+def pulse_width_us(command: float) -> int:
+    """A motor command in [-1, 1] as a servo's pulse width: 1500 is neutral, 1100 full astern, 1900 full ahead."""
+    return 1500 + round(400.0 * command)
+
+
 class AllocationGains(NamedTuple):
     """`astern` is full thrust astern as part of full thrust ahead; `slew_per_s` 0 means no limit."""
 

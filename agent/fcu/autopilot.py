@@ -1,114 +1,42 @@
-"""The embedded autopilot: estimator (LS), guidance and control (LC) and allocation (LA) behind one interface.
+"""The embedded autopilot: estimator (LS), modes and controller (LC) and allocation (LA) behind one interface.
 
 Sensors in, actuators out. Two clocks meet here and are never mixed: samples carry the sensors' clock, `now_ns` is the
 agent's. Times on the agent's clock are only ever compared with each other.
 
-Failsafes:
-- No IMU sample for FS_IMU_TIMEOUT: outputs neutral, said once; when samples return, outputs go on in the same mode.
-- Position lost (no usable fix for five seconds) in AUTO with FS_EKF_ACTION 1: HOLD, and it stays there.
-
-After the last waypoint the mode is HOLD with neutral outputs: the vessel drifts. There is no station keeping.
+What a mode asks for is in `modes`, what is done about failures and the fence in `watchkeeper`, and who turns a heading
+and a speed into demands in `controller` and `helm`.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from typing import NamedTuple
-
 from agent.fcu import modes
 from agent.fcu.allocation import NEUTRAL
-from agent.fcu.control import (
-    ground_speed_mps,
-)
-from agent.fcu.estimator import Estimator
-from agent.fcu.guidance import GuidanceGains
-from agent.fcu.helm import Helm
+from agent.fcu.arming import in_force
+from agent.fcu.control import ground_speed_mps
+from agent.fcu.controller import STILL, Demand, Motors, Order
+from agent.fcu.events import CRITICAL, ERROR, INFO, NOTICE, WARNING, Event
+from agent.fcu.local_frame import LocalFrame
 from agent.fcu.mission import Mission
-from agent.fcu.parameters import Parameters
-from agent.fcu.pilot import Pilot
-from agent.fcu.samples import Actuators, BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample
+from agent.fcu.orders import Orders
+from agent.fcu.samples import Actuators, Estimate
+from agent.fcu.ship import Home
+from agent.fcu.voyage import Situation
+from agent.fcu.watchkeeper import Watchkeeper, fence_problems
+
+__all__ = ["CRITICAL", "ERROR", "INFO", "LOOP_HZ", "NOTICE", "WARNING", "Autopilot", "Event", "Home"]
 
 LOOP_HZ = 50
 _LOOP_S = 1.0 / LOOP_HZ
-_MOST_EVENTS = 64
-
-CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6  # MAV_SEVERITY
+_NOWHERE = LocalFrame(0.0, 0.0, 0.0)
 
 
-class Event(NamedTuple):
-    """A sentence for the person at the ground station, with a MAV_SEVERITY."""
-
-    severity: int
-    text: str
-
-
-class Home(NamedTuple):
-    """Where the vessel was armed, or first knew where it was."""
-
-    lat_deg: float
-    lon_deg: float
-    alt_m: float
-
-
-class Autopilot:
-    """Feed it samples, call `control` at LOOP_HZ. Methods that can be refused return the reason, empty when done."""
-
-    def __init__(self, parameters: Parameters | None = None) -> None:
-        self.parameters = Parameters() if parameters is None else parameters
-        self.mission = Mission()
-        self.reset()
+class Autopilot(Orders):
+    """Feed it samples, call `control` at LOOP_HZ. Orders return the reason when refused, empty when done."""
 
     def reset(self) -> None:
-        """Fresh state for a new run: disarmed, not aligned, no events. Parameters and mission are kept."""
-        self.estimator = Estimator(self.parameters)
-        self.estimate: Estimate = self.estimator.estimate()
-        self.armed = False
-        self.failsafe = False
-        self.home: Home | None = None
-        self.mode = int(self.parameters["INITIAL_MODE"])
-        if self.mode not in modes.NAMES:
-            self.mode = modes.HOLD
-        self.events: deque[Event] = deque(maxlen=_MOST_EVENTS)
-        self.events_lost = 0
-        self.reached: deque[int] = deque(maxlen=_MOST_EVENTS)
-        self.pilot = Pilot(self.mission, self.parameters["WP_SPEED"])
-        self._helm = Helm(self.parameters)
-        self._configure()
-        self._last_control_ns: int | None = None
-        self._imu_accepted = 0
-        self._imu_noticed = 0
-        self._imu_seen_ns: int | None = None
-        self._manual: tuple[float, float] = NEUTRAL
-        self._manual_ns: int | None = None
-
-    def _configure(self) -> None:
-        """Take changed parameters over."""
-        p = self.parameters
-        self._version = p.version
-        self._guidance_gains = GuidanceGains.of(p)
-        self._helm.configure()
-        self._imu_timeout_ns = int(p["FS_IMU_TIMEOUT"] * 1e9)
-        self._manual_timeout_ns = int(p["FS_TIMEOUT"] * 1e9)
-        self._hold_without_position = p["FS_EKF_ACTION"] >= 1.0
-        self.pilot.default_speed_mps = p["WP_SPEED"]
-        self.estimator.configure()
-
-    # -- sensors
-
-    def on_imu(self, sample: ImuSample) -> bool:
-        """Returns False when the sample was refused, as do the other three."""
-        accepted = self.estimator.on_imu(sample)
-        self._imu_accepted += accepted
-        return accepted
-
-    def on_gnss(self, sample: GnssSample) -> bool:
-        return self.estimator.on_gnss(sample)
-
-    def on_magnetometer(self, sample: MagnetometerSample) -> bool:
-        return self.estimator.on_magnetometer(sample)
-
-    def on_barometer(self, sample: BarometerSample) -> bool:
-        return self.estimator.on_barometer(sample)
+        """Fresh state for a new run: disarmed, not aligned, no events. Parameters, mission and fence are kept."""
+        super().reset()
+        self._watchkeeper = Watchkeeper(self, self.parameters, self.fence, self._failsafes)
 
     # -- the loop
 
@@ -119,132 +47,156 @@ class Autopilot:
             elapsed_s = (now_ns - self._last_control_ns) * 1e-9
             if 0.2 * _LOOP_S < elapsed_s < 10.0 * _LOOP_S:
                 dt_s = elapsed_s
-        self._last_control_ns = now_ns
+        self._last_control_ns = self._now_ns = now_ns
         if self.parameters.version != self._version:
             self._configure()
         estimate = self.estimate = self.estimator.estimate()
         if self.home is None and estimate.position_valid:
-            self._set_home()
-        self._watch_imu(now_ns)
-        self._watch_position(estimate)
+            self._home_is_here()
+        self._watchkeeper.look(self._imu_accepted, now_ns)
         if not self.armed or self.failsafe:
-            self._helm.restart()
+            self._restart()
             return Actuators(NEUTRAL, self.armed, self.failsafe)
+        return Actuators(self._outputs(estimate, now_ns, dt_s), True, False)
 
-        thrust = steering = 0.0
-        if self.mode == modes.AUTO and estimate.position_valid:
-            thrust, steering = self._follow(estimate, dt_s)
-        elif self.mode == modes.MANUAL and self._manual_is_fresh(now_ns):
-            thrust, steering = self._manual
-        return Actuators(self._helm.drive(thrust, steering, dt_s), True, False)
-
-    def _follow(self, estimate: Estimate, dt_s: float) -> tuple[float, float]:
-        """Steer along the mission."""
+    def _outputs(self, estimate: Estimate, now_ns: int, dt_s: float) -> tuple[float, float]:
+        mode = modes.BY_NUMBER[self.mode]
+        if mode.needs_position and not estimate.position_valid:
+            return self.propellers.drive(STILL, dt_s)
         (north_m, east_m, _), (vn, ve, _) = estimate.pos_ned_m, estimate.vel_ned_mps
-        frame = self.estimator.frame
-        if frame is None:
+        speed_mps = ground_speed_mps(estimate.yaw_rad, vn, ve)
+        now = Situation(
+            now_ns,
+            dt_s,
+            estimate,
+            self.estimator.frame or _NOWHERE,
+            (north_m, east_m),
+            speed_mps,
+            self.manual.sticks(now_ns),
+        )
+        wish = mode.steer(self.voyage, now)
+        if mode.number == modes.AUTO:
+            self._note_reached()
+        if wish is None:
+            self._end_mission()
             return NEUTRAL
-        yaw_rad = estimate.yaw_rad
-        speed_mps = ground_speed_mps(yaw_rad, vn, ve)
-        course = self.pilot.steer(self._guidance_gains, frame, (north_m, east_m), yaw_rad, speed_mps, dt_s)
+        if isinstance(wish, Demand):
+            self.controller.restart()
+            return self.propellers.drive(wish, dt_s)
+        return self._obey(wish, estimate, speed_mps, dt_s)
+
+    def _obey(self, order: Order, estimate: Estimate, speed_mps: float, dt_s: float) -> tuple[float, float]:
+        """What the controller makes of an order."""
+        last = self.propellers.last
+        self.speed_error_mps = order.speed_mps - speed_mps
+        answer = self.controller.control(
+            order._replace(
+                ground_speed_mps=speed_mps, thrust_limited=last.thrust_limited, steering_limited=last.steering_limited
+            ),
+            estimate,
+            dt_s,
+        )
+        if isinstance(answer, Motors):
+            return self.propellers.take(answer)
+        return self.propellers.drive(answer, dt_s)
+
+    def _note_reached(self) -> None:
         for seq in self.pilot.take_reached():
             self.reached.append(seq)
-            self._say(INFO, f"Reached waypoint {seq}")
-        if course is None:
-            self._say(NOTICE, "Mission complete: HOLD")
-            self.mode = modes.HOLD
-            self._helm.restart()
-            return NEUTRAL
-        return self._helm.toward(
-            course.heading_rad, course.speed_mps, yaw_rad, estimate.gyro_frd_radps[2], speed_mps, dt_s
-        )
+            self.events.say(INFO, f"Reached waypoint {seq}")
 
-    def _watch_imu(self, now_ns: int) -> None:
-        if self._imu_accepted != self._imu_noticed or self._imu_seen_ns is None:
-            self._imu_noticed = self._imu_accepted
-            self._imu_seen_ns = now_ns
-        silent = now_ns - self._imu_seen_ns > self._imu_timeout_ns
-        if silent and not self.failsafe and (self._imu_accepted > 0 or self.armed):
-            self.failsafe = True
-            self._say(CRITICAL, f"Failsafe: no IMU for {self._imu_timeout_ns * 1e-9:g} s, outputs neutral")
-        elif self.failsafe and not silent:
-            self.failsafe = False
-            self._say(NOTICE, "Failsafe over: IMU is back, outputs go on")
+    def _end_mission(self) -> None:
+        number = modes.LOITER if self.parameters["MIS_DONE_BEHAVE"] >= 1.0 else modes.HOLD
+        self.events.say(NOTICE, f"Mission complete: {modes.NAMES[number]}")
+        self.switch(number)
 
-    def _watch_position(self, estimate: Estimate) -> None:
-        if self.armed and self.mode == modes.AUTO and not estimate.position_valid and self._hold_without_position:
-            self._say(CRITICAL, "EKF failsafe: position lost, HOLD")
-            self.mode = modes.HOLD
-
-    def _manual_is_fresh(self, now_ns: int) -> bool:
-        return self._manual_ns is not None and 0 <= now_ns - self._manual_ns <= self._manual_timeout_ns
-
-    @property
-    def speed_error_mps(self) -> float:
-        """Desired less measured speed over ground."""
-        return self._helm.speed_error_mps
-
-    # -- commands
+    # -- arming
 
     def prearm_problems(self) -> tuple[str, ...]:
         """Why arming is refused, each by name; empty when ready."""
-        if self.parameters["ARMING_CHECK"] < 1.0:
+        checks = int(self.parameters["ARMING_CHECK"])
+        if checks == 0:
             return ()
         found = list(self.estimator.problems())
         if self.failsafe or self._imu_accepted == 0:
             found.insert(0, "IMU: no data")
         if self.mode == modes.AUTO and not self.mission.waypoints():
             found.append("Mission: no waypoint")
-        return tuple(found)
+        found += fence_problems(self.fence, self.fence_clearance_m(), self.estimate.position_valid)
+        found += self.manual.problems(self._now_ns)
+        if self.controller.problem:
+            found.append(f"Controller: {self.controller.problem}")
+        return tuple(in_force(found, checks, modes.BY_NUMBER[self.mode].needs_position))
 
-    def arm(self) -> tuple[str, ...]:
-        """Arm, or say why not. Home moves to where the vessel is."""
+    def arm(self, force: bool = False) -> tuple[str, ...]:
+        """Arm, or say why not; by force without the checks. Home moves to where the vessel is, unless it was set."""
         if self.armed:
             return ()
-        problems = self.prearm_problems()
+        problems = () if force else self.prearm_problems()
         if problems:
             for problem in problems:
-                self._say(ERROR, f"PreArm: {problem}")
+                self.events.say(ERROR, f"PreArm: {problem}")
             return problems
         self.armed = True
-        self._helm.restart()
-        self.pilot.depart()
-        if self.estimate.position_valid:
-            self._set_home()
-        self._say(INFO, "Armed")
+        self._restart()
+        if self.mode != modes.GUIDED:  # a target that was given already is kept
+            modes.BY_NUMBER[self.mode].enter(self.voyage)
+        if self.estimate.position_valid and not self._home_is_set:
+            self._home_is_here()
+        self._watchkeeper.armed()
+        if force:
+            self.events.say(WARNING, "Armed by force, checks skipped")
+        else:
+            self.events.say(INFO, "Armed")
         return ()
 
     def disarm(self) -> None:
         """Outputs are neutral from now on."""
         if self.armed:
             self.armed = False
-            self._say(INFO, "Disarmed")
+            self.voyage.output = None
+            self.events.say(INFO, "Disarmed")
+
+    # -- modes and mission
 
     def set_mode(self, mode: int) -> str:
         """Change the mode by its ArduRover number."""
-        if mode not in modes.NAMES:
-            known = ", ".join(f"{number} {name}" for number, name in modes.NAMES.items())
-            return self._refused(f"mode {mode} is not supported; use {known}")
-        if mode == self.mode:
-            return ""
-        if mode == modes.AUTO:
-            if not self.mission.waypoints():
-                return self._refused("AUTO needs a mission with a waypoint")
-            if self.armed and not self.estimator.position_valid():
-                return self._refused("AUTO needs a position")
-            self.pilot.depart()
-        self._helm.restart()
-        self.mode = mode
-        self._say(INFO, f"Mode {modes.NAMES[mode]}")
+        problem = self.mode_problem(mode)
+        if problem:
+            return self._refused(problem)
+        if mode != self.mode:
+            self.switch(mode)
+            self.events.say(INFO, f"Mode {modes.NAMES[mode]}")
         return ""
+
+    def mode_problem(self, mode: int) -> str:
+        """Why a mode cannot be had now, or nothing."""
+        if mode not in modes.BY_NUMBER:
+            known = ", ".join(f"{number} {name}" for number, name in modes.NAMES.items())
+            return f"mode {mode} is not supported; use {known}"
+        wanted = modes.BY_NUMBER[mode]
+        if mode == modes.AUTO and not self.mission.waypoints():
+            return "AUTO needs a mission with a waypoint"
+        if self.armed and wanted.needs_position and mode != self.mode and not self.estimator.position_valid():
+            return f"{wanted.name} needs a position: {', '.join(self.estimator.problems())}"
+        return ""
+
+    def switch(self, mode: int) -> None:
+        """Change to a mode that can be had; a mode in force goes on as it is."""
+        if mode != self.mode:
+            self.mode = mode
+            self.voyage.output = None
+            self.voyage.asked_mps = None
+            self._restart()
+            modes.BY_NUMBER[mode].enter(self.voyage)
 
     def set_mission(self, mission: Mission) -> None:
         """Replace the mission; in AUTO the new one starts from its first waypoint, an empty one ends in HOLD."""
         self.mission = mission
-        self.pilot = Pilot(mission, self.parameters["WP_SPEED"])
+        self.voyage.load(mission)
         if self.mode == modes.AUTO and not mission.waypoints():
-            self.mode = modes.HOLD
-            self._say(NOTICE, "Mission cleared: HOLD")
+            self.events.say(NOTICE, "Mission cleared: HOLD")
+            self.switch(modes.HOLD)
 
     def start_mission(self) -> str:
         """AUTO from the first waypoint; sails once armed."""
@@ -253,48 +205,21 @@ class Autopilot:
             self.pilot.restart()
         return refused
 
+    def set_current(self, seq: int) -> str:
+        """Go on from mission item `seq`, 0 for the first."""
+        if not 0 <= seq < len(self.mission.items):
+            return self._refused(f"mission item {seq} is not there; the mission has {len(self.mission.items)} items")
+        if self.mission.next_waypoint(seq) is None:
+            return self._refused(f"mission item {seq}: no waypoint comes after it")
+        self.pilot.go_on_from(max(seq, 1))
+        return ""
+
     def change_speed(self, speed_mps: float) -> str:
-        """Speed over ground of the mission from now on."""
+        """Speed over ground from now on: of the mission, or of RTL and GUIDED while they last."""
         if not 0.0 < speed_mps <= 100.0:
             return self._refused(f"speed {speed_mps:g} m/s; use more than 0, at most 100")
-        self.pilot.speed_mps = speed_mps
+        if self.mode in (modes.RTL, modes.GUIDED):
+            self.voyage.asked_mps = speed_mps
+        else:
+            self.pilot.speed_mps = speed_mps
         return ""
-
-    def manual_input(self, thrust: float, steering: float, now_ns: int) -> str:
-        """Demands in [-1, 1] for MANUAL; neutral again FS_TIMEOUT later."""
-        if not (abs(thrust) <= 1.0 and abs(steering) <= 1.0):
-            return self._refused(f"manual input {thrust:g}, {steering:g}; use -1 to 1")
-        self._manual = (thrust, steering)
-        self._manual_ns = now_ns
-        return ""
-
-    def take_events(self) -> list[Event]:
-        """Events since the last call, oldest first."""
-        taken = list(self.events)
-        self.events.clear()
-        return taken
-
-    def take_reached(self) -> list[int]:
-        """Sequence numbers of the waypoints reached since the last call."""
-        taken = list(self.reached)
-        self.reached.clear()
-        return taken
-
-    def _set_home(self) -> None:
-        frame = self.estimator.frame
-        if frame is not None:
-            north_m, east_m, down_m = self.estimator.estimate().pos_ned_m
-            self.home = Home(*frame.to_geodetic(north_m, east_m), frame.alt_m - down_m)
-
-    def _refused(self, reason: str) -> str:
-        self._say(WARNING, reason)
-        return reason
-
-    def say(self, event: Event) -> None:
-        """Queue an event; when nobody takes them the oldest are lost and counted."""
-        if len(self.events) == _MOST_EVENTS:
-            self.events_lost += 1
-        self.events.append(event)
-
-    def _say(self, severity: int, text: str) -> None:
-        self.say(Event(severity, text))

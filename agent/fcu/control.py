@@ -83,21 +83,19 @@ class SpeedState(NamedTuple):
     integral: float = 0.0
 
 
-def steer(
-    gains: SteeringGains,
-    state: SteeringState,
-    heading_rad: float,
-    yaw_rad: float,
-    rate_radps: float,
-    limited: bool,
-    dt_s: float,
+def heading_rate_radps(gains: SteeringGains, heading_rad: float, yaw_rad: float) -> float:
+    """The turn rate wanted for a heading error, before the limits that `turn` sets."""
+    return gains.angle_p * wrapped(heading_rad - yaw_rad)
+
+
+def turn(
+    gains: SteeringGains, state: SteeringState, wanted_radps: float, rate_radps: float, limited: bool, dt_s: float
 ) -> tuple[SteeringState, float]:
-    """Steering demand in [-1, 1], positive to starboard, toward `heading_rad`.
+    """Steering demand in [-1, 1], positive to starboard, toward a turn rate.
 
     `limited` says that the last demand could not be met: the integral then only falls.
     """
-    desired = gains.angle_p * wrapped(heading_rad - yaw_rad)
-    desired = _clamped(desired, gains.rate_max_radps)
+    desired = _clamped(wanted_radps, gains.rate_max_radps)
     if gains.acceleration_max_radps2 > 0.0:
         change = _clamped(desired - state.desired_rate_radps, gains.acceleration_max_radps2 * dt_s)
         desired = state.desired_rate_radps + change
@@ -110,10 +108,23 @@ def steer(
     return SteeringState(desired, integral, rate_radps, derivative), _clamped(direct + integral, 1.0)
 
 
+def steer(
+    gains: SteeringGains,
+    state: SteeringState,
+    heading_rad: float,
+    yaw_rad: float,
+    rate_radps: float,
+    limited: bool,
+    dt_s: float,
+) -> tuple[SteeringState, float]:
+    """Steering demand in [-1, 1] toward `heading_rad`; see `turn`."""
+    return turn(gains, state, heading_rate_radps(gains, heading_rad, yaw_rad), rate_radps, limited, dt_s)
+
+
 def propel(
     gains: SpeedGains, state: SpeedState, target_mps: float, speed_mps: float, limited: bool, dt_s: float
 ) -> tuple[SpeedState, float]:
-    """Thrust demand in [-1, 1] toward `target_mps` over ground; `limited` as for `steer`.
+    """Thrust demand in [-1, 1] toward `target_mps` over ground; `limited` as for `turn`.
 
     The feed-forward grows with the square of the speed, as a hull's drag does (ArduRover's is linear); both agree at
     CRUISE_SPEED.

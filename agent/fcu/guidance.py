@@ -30,6 +30,9 @@ class GuidanceGains(NamedTuple):
     deceleration_mps2: float
     lateral_acceleration_mps2: float
     turn_rate_radps: float
+    loiter_radius_m: float
+    loiter_per_s: float
+    loiter_type: int
 
     @classmethod
     def of(cls, p: Parameters) -> GuidanceGains:
@@ -42,6 +45,9 @@ class GuidanceGains(NamedTuple):
             deceleration_mps2=p["ATC_DECEL_MAX"],
             lateral_acceleration_mps2=p["ATC_TURN_MAX_G"] * _GRAVITY_MPS2,
             turn_rate_radps=math.radians(p["ATC_STR_RAT_MAX"]),
+            loiter_radius_m=p["LOIT_RADIUS"],
+            loiter_per_s=p["LOIT_SPEED_GAIN"],
+            loiter_type=int(p["LOIT_TYPE"]),
         )
 
 

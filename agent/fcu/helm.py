@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from agent.fcu.allocation import Allocation, AllocationGains, allocate
-from agent.fcu.control import SpeedGains, SpeedState, SteeringGains, SteeringState, propel, steer
+from agent.fcu.control import (
+    SpeedGains,
+    SpeedState,
+    SteeringGains,
+    SteeringState,
+    heading_rate_radps,
+    propel,
+    turn,
+)
+from agent.fcu.controller import Demand, Motors, Order
 from agent.fcu.parameters import Parameters
+from agent.fcu.samples import Estimate
 
 
 class Helm:
-    """Heading and speed loops with what they remember, and the allocation of their demands."""
+    """The built-in Controller: heading, turn rate and speed loops with what they remember."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
@@ -19,38 +29,51 @@ class Helm:
         """Take changed parameters over."""
         self._steering_gains = SteeringGains.of(self._parameters)
         self._speed_gains = SpeedGains.of(self._parameters)
-        self._allocation_gains = AllocationGains.of(self._parameters)
 
     def restart(self) -> None:
-        """Forget integrals and the last command."""
+        """Forget integrals."""
         self._steering = SteeringState()
         self._speed: SpeedState | None = None
-        self._allocation = Allocation()
-        self.speed_error_mps = 0.0
 
-    def toward(
-        self,
-        heading_rad: float,
-        speed_mps: float,
-        yaw_rad: float,
-        turn_rate_radps: float,
-        ground_speed_mps: float,
-        dt_s: float,
-    ) -> tuple[float, float]:
-        """Demands (thrust, steering) in [-1, 1] that bring the vessel to a heading and a speed over ground."""
+    def control(self, order: Order, estimate: Estimate, dt_s: float) -> Demand:
+        """Demands that bring the vessel to what is asked for."""
+        gains = self._steering_gains
+        rate_radps = order.turn_rate_radps
+        if order.heading_rad is not None:
+            rate_radps = heading_rate_radps(gains, order.heading_rad, estimate.yaw_rad)
         if self._speed is None:
-            self._speed = SpeedState(desired_mps=ground_speed_mps)
-        last = self._allocation
-        self._steering, steering = steer(
-            self._steering_gains, self._steering, heading_rad, yaw_rad, turn_rate_radps, last.steering_limited, dt_s
+            self._speed = SpeedState(desired_mps=order.ground_speed_mps)
+        self._steering, steering = turn(
+            gains, self._steering, rate_radps, estimate.gyro_frd_radps[2], order.steering_limited, dt_s
         )
         self._speed, thrust = propel(
-            self._speed_gains, self._speed, speed_mps, ground_speed_mps, last.thrust_limited, dt_s
+            self._speed_gains, self._speed, order.speed_mps, order.ground_speed_mps, order.thrust_limited, dt_s
         )
-        self.speed_error_mps = speed_mps - ground_speed_mps
-        return thrust, steering
+        return Demand(thrust, steering)
 
-    def drive(self, thrust: float, steering: float, dt_s: float) -> tuple[float, float]:
-        """Commands (port, starboard) in [-1, 1] for two demands."""
-        self._allocation = allocate(self._allocation_gains, self._allocation, thrust, steering, dt_s)
-        return self._allocation.command
+
+class Propellers:
+    """Allocation of demands with what it remembers."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self.configure()
+        self.restart()
+
+    def configure(self) -> None:
+        """Take changed parameters over."""
+        self._gains = AllocationGains.of(self._parameters)
+
+    def restart(self) -> None:
+        """The last command was neutral."""
+        self.last = Allocation()
+
+    def take(self, motors: Motors) -> tuple[float, float]:
+        """Commands that were made elsewhere."""
+        self.last = Allocation((motors.port, motors.starboard))
+        return self.last.command
+
+    def drive(self, demand: Demand, dt_s: float) -> tuple[float, float]:
+        """Commands (port, starboard) in [-1, 1]."""
+        self.last = allocate(self._gains, self.last, demand.thrust, demand.steering, dt_s)
+        return self.last.command

@@ -1,132 +1,158 @@
-"""The MAVLink mission protocol: upload with re-requests and time-out, download, clear.
+"""The MAVLink mission protocol: upload whole or in part with re-requests and time-out, download, clear, set current.
 
-A new mission replaces the old one only when its last item has arrived and the whole is accepted.
+A new plan replaces the old one only when its last item has arrived and the whole is accepted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from agent.fcu.autopilot import WARNING, Autopilot, Event
-from agent.fcu.mission import CHANGE_SPEED, MOST_ITEMS, WAYPOINT, Mission, MissionItem, item_problem, mission
+from agent.fcu.mission_plan import FencePlan, MissionPlan, Plan, Refused, wire_item
+from agent.fcu.reports import REPORTS
+from agent.fcu.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 _RETRY_NS = 500_000_000
 _RETRIES = 5
-_FRAMES = {0: 0, 3: 3, 5: 0, 6: 3}  # the _INT frames mean the same
+_MISSION, _FENCE, _RALLY, _ALL = 0, 1, 2, 255
 
 Messages = list[Any]
+Station = tuple[int, int]
 
 
 class _Upload:
-    """A transfer under way from one station."""
+    """A transfer under way from one station: the items from `first` on, `before` and `after` stay as they are."""
 
-    def __init__(self, station: tuple[int, int], count: int, now_ns: int) -> None:
+    def __init__(self, station: Station, kind: int, first: int, count: int, now_ns: int) -> None:
         self.station = station
+        self.kind = kind
+        self.first = first
         self.count = count
-        self.items: list[MissionItem] = []
+        self.items: list[Any] = []
+        self.before: list[Any] = []
+        self.after: list[Any] = []
         self.asked_ns = now_ns
         self.retries = 0
 
+    @property
+    def expected(self) -> int:
+        """Sequence number of the next item."""
+        return self.first + len(self.items)
+
+    def request(self) -> Any:
+        """Asks for it."""
+        return mav.MAVLink_mission_request_int_message(*self.station, self.expected, self.kind)
+
 
 class MissionTransfer:
-    """Answers mission messages that were already found to be addressed to this vehicle."""
+    """Answers mission messages that were already found to be addressed to this vehicle.
 
-    def __init__(self, autopilot: Autopilot) -> None:
-        self._autopilot = autopilot
+    There is no rally point: such a plan is always empty. `keeps`: whether what is uploaded here outlives a restart.
+    """
+
+    def __init__(self, vehicle: Vehicle, keeps: bool = True) -> None:
+        self._vehicle = vehicle
+        self._keeps = keeps
+        self._plans: dict[int, Plan] = {_MISSION: MissionPlan(vehicle), _FENCE: FencePlan(vehicle)}
         self._upload: _Upload | None = None
-        self._finished: tuple[tuple[int, int], int] | None = None  # station and last item of the last upload
+        self._finished: tuple[Station, int, int] | None = None  # station, kind and last item of the last upload
+        self.handlers: dict[int, Callable[[Any, int], Messages]] = {
+            mav.MAVLINK_MSG_ID_MISSION_COUNT: self._on_count,
+            mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: self._on_write_partial,
+            mav.MAVLINK_MSG_ID_MISSION_ITEM: self._on_item,
+            mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: self._on_item,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_request_list,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST: self._on_request,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._on_request,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: self._on_request_partial,
+            mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: self._on_clear,
+            mav.MAVLINK_MSG_ID_MISSION_SET_CURRENT: self._on_set_current,
+            mav.MAVLINK_MSG_ID_MISSION_ACK: self._on_ack,
+        }
 
-    def on_count(self, message: Any, now_ns: int) -> Messages:
+    # -- upload
+
+    def _on_count(self, message: Any, now_ns: int) -> Messages:
         """Start of an upload; one from the same station starts again."""
-        station = _station(message)
-        if message.mission_type != mav.MAV_MISSION_TYPE_MISSION:
-            return [_ack(station, mav.MAV_MISSION_UNSUPPORTED, message.mission_type)]
+        station, kind = _station(message), message.mission_type
+        plan = self._plans.get(kind)
+        if plan is None:
+            empty = kind == _RALLY and message.count == 0
+            return [_ack(station, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED, kind)]
         if self._upload is not None and self._upload.station != station:
-            return [_ack(station, mav.MAV_MISSION_ERROR)]
-        if message.count > MOST_ITEMS:
-            self._say(f"Mission of {message.count} items refused: at most {MOST_ITEMS} fit")
-            return [_ack(station, mav.MAV_MISSION_NO_SPACE)]
+            return [_ack(station, mav.MAV_MISSION_ERROR, kind)]
+        if message.count > plan.most:
+            self._warn(f"{plan.name} of {message.count} items refused: at most {plan.most} fit")
+            return [_ack(station, mav.MAV_MISSION_NO_SPACE, kind)]
         if message.count == 0:
             self._upload = None
-            self._autopilot.set_mission(Mission())
-            return [_ack(station, mav.MAV_MISSION_ACCEPTED)]
-        self._upload = _Upload(station, message.count, now_ns)
-        return [_request(self._upload)]
+            return [_ack(station, self._store(kind, []), kind)]
+        self._upload = _Upload(station, kind, 0, message.count, now_ns)
+        return [self._upload.request()]
 
-    def on_item(self, message: Any, now_ns: int) -> Messages:
+    def _on_write_partial(self, message: Any, now_ns: int) -> Messages:
+        """Items start_index to end_index of the plan in force are replaced."""
+        station, kind = _station(message), message.mission_type
+        plan = self._plans.get(kind)
+        if plan is None:
+            return [_ack(station, mav.MAV_MISSION_UNSUPPORTED, kind)]
+        if self._upload is not None and self._upload.station != station:
+            return [_ack(station, mav.MAV_MISSION_ERROR, kind)]
+        items, first, last = plan.items(), message.start_index, message.end_index
+        if not 0 <= first <= last < len(items):
+            self._warn(f"{plan.name} items {first} to {last} refused: there are {len(items)}")
+            return [_ack(station, mav.MAV_MISSION_INVALID_SEQUENCE, kind)]
+        self._upload = upload = _Upload(station, kind, first, last - first + 1, now_ns)
+        upload.before, upload.after = items[:first], items[last + 1 :]
+        return [upload.request()]
+
+    def _on_item(self, message: Any, now_ns: int) -> Messages:
         """One item. The one before is a duplicate and ignored; any other but the expected makes it be asked again."""
-        station = _station(message)
-        upload = self._upload
-        if message.mission_type != mav.MAV_MISSION_TYPE_MISSION:
-            return [_ack(station, mav.MAV_MISSION_UNSUPPORTED, message.mission_type)]
+        station, kind = _station(message), message.mission_type
+        upload, plan = self._upload, self._plans.get(kind)
+        if plan is None:
+            return [_ack(station, mav.MAV_MISSION_UNSUPPORTED, kind)]
         if upload is None:
-            repeated = self._finished == (station, message.seq)  # the acknowledgement was lost
-            return [_ack(station, mav.MAV_MISSION_ACCEPTED if repeated else mav.MAV_MISSION_ERROR)]
-        if upload.station != station:
-            return [_ack(station, mav.MAV_MISSION_ERROR)]
-        expected = len(upload.items)
-        if message.seq == expected - 1:
+            repeated = self._finished == (station, kind, message.seq)  # the acknowledgement was lost
+            if not repeated:
+                self._warn(f"{plan.name} item {message.seq} refused: no upload is under way")
+            return [_ack(station, mav.MAV_MISSION_ACCEPTED if repeated else mav.MAV_MISSION_ERROR, kind)]
+        if upload.station != station or upload.kind != kind:
+            return [_ack(station, mav.MAV_MISSION_ERROR, kind)]
+        if message.seq == upload.expected - 1 and upload.items:
             return []
         upload.asked_ns = now_ns
         upload.retries = 0
-        if message.seq != expected:
-            return [_request(upload)]
-        item = _item(message)
-        refused = self._refusal(message, item)
-        if refused is not None:
+        if message.seq != upload.expected:
+            self._warn(f"{plan.name} item {message.seq} out of order: {upload.expected} is next")
+            return [upload.request()]
+        item = plan.read(wire_item(message))
+        if isinstance(item, Refused):
             self._upload = None
-            return [_ack(station, refused)]
+            self._warn(f"{plan.name} item {message.seq} refused: {item.problem}")
+            return [_ack(station, item.result, kind)]
         upload.items.append(item)
         if len(upload.items) < upload.count:
-            return [_request(upload)]
+            return [upload.request()]
         self._upload = None
-        self._finished = (station, upload.count - 1)
-        self._autopilot.set_mission(mission(upload.items))
-        return [_ack(station, mav.MAV_MISSION_ACCEPTED)]
+        result = self._store(kind, [*upload.before, *upload.items, *upload.after], keep_current=upload.first)
+        self._finished = (station, kind, message.seq) if result == mav.MAV_MISSION_ACCEPTED else None
+        return [_ack(station, result, kind)]
 
-    def on_request_list(self, message: Any, now_ns: int) -> Messages:
-        """Start of a download."""
-        count = len(self._autopilot.mission.items) if message.mission_type == mav.MAV_MISSION_TYPE_MISSION else 0
-        return [mav.MAVLink_mission_count_message(*_station(message), count, message.mission_type)]
-
-    def on_request(self, message: Any, now_ns: int) -> Messages:
-        """One item of a download; item 0 is home."""
-        station = _station(message)
-        items = self._autopilot.mission.items
-        if message.mission_type != mav.MAV_MISSION_TYPE_MISSION or message.seq >= len(items):
-            return [_ack(station, mav.MAV_MISSION_INVALID_SEQUENCE, message.mission_type)]
-        item = items[message.seq]
-        home = self._autopilot.home
-        if message.seq == 0 and home is not None:
-            item = MissionItem(WAYPOINT, home.lat_deg, home.lon_deg, home.alt_m, frame=0)
-        current = int(message.seq == self._autopilot.pilot.current)
-        is_speed = item.command == CHANGE_SPEED
-        return [
-            mav.MAVLink_mission_item_int_message(
-                *station,
-                message.seq,
-                item.frame,
-                item.command,
-                current,
-                1,
-                1.0 if is_speed else 0.0,  # speed over ground
-                item.speed_mps,
-                -1.0 if is_speed else 0.0,  # throttle unchanged
-                0.0,
-                round(item.lat_deg * 1e7),
-                round(item.lon_deg * 1e7),
-                item.alt_m,
-            )
-        ]
-
-    def on_clear(self, message: Any, now_ns: int) -> Messages:
-        """Delete the mission."""
-        if message.mission_type != mav.MAV_MISSION_TYPE_MISSION:
-            return [_ack(_station(message), mav.MAV_MISSION_UNSUPPORTED, message.mission_type)]
-        self._upload = None
-        self._autopilot.set_mission(Mission())
-        return [_ack(_station(message), mav.MAV_MISSION_ACCEPTED)]
+    def _store(self, kind: int, items: list[Any], keep_current: int = 0) -> int:
+        """Put a plan in force. One that was changed in part goes on where the vessel is."""
+        plan = self._plans[kind]
+        current = plan.current()
+        problem = plan.store(items)
+        if problem:
+            self._warn(f"{plan.name} refused: {problem}")
+            return int(mav.MAV_MISSION_INVALID)
+        if keep_current and current > 0:
+            self._vehicle.autopilot.set_current(current)
+        if self._keeps and self._vehicle.keeper is not None:
+            self._vehicle.keeper.keep_plan(self._vehicle.autopilot)
+        return int(mav.MAV_MISSION_ACCEPTED)
 
     def poll(self, now_ns: int) -> Messages:
         """Ask again for an item that does not come; give up after five times."""
@@ -135,52 +161,72 @@ class MissionTransfer:
             return []
         if upload.retries >= _RETRIES:
             self._upload = None
-            self._say(f"Mission upload given up: item {len(upload.items)} did not come")
-            return [_ack(upload.station, mav.MAV_MISSION_OPERATION_CANCELLED)]
+            name = self._plans[upload.kind].name
+            self._warn(f"{name} upload given up: item {upload.expected} did not come")
+            return [_ack(upload.station, mav.MAV_MISSION_OPERATION_CANCELLED, upload.kind)]
         upload.retries += 1
         upload.asked_ns = now_ns
-        return [_request(upload)]
+        return [upload.request()]
 
-    def _refusal(self, message: Any, item: MissionItem) -> int | None:
-        """The MAV_MISSION_RESULT to refuse an item with. Home is replaced by the real one, so anything will do."""
-        if message.seq == 0:
-            return None
-        if message.command not in (WAYPOINT, CHANGE_SPEED):
-            result = mav.MAV_MISSION_UNSUPPORTED
-            problem = item_problem(item)
-        elif message.command == WAYPOINT and message.frame not in _FRAMES:
-            result = mav.MAV_MISSION_UNSUPPORTED_FRAME
-            problem = f"frame {message.frame} is not supported; use 0, 3, 5 or 6"
-        else:
-            result = mav.MAV_MISSION_INVALID
-            problem = item_problem(item)
-        if not problem:
-            return None
-        self._say(f"Mission item {message.seq} refused: {problem}")
-        return int(result)
+    # -- download
 
-    def _say(self, text: str) -> None:
-        self._autopilot.say(Event(WARNING, text))
+    def _on_request_list(self, message: Any, now_ns: int) -> Messages:
+        """Start of a download."""
+        plan = self._plans.get(message.mission_type)
+        count = 0 if plan is None else len(plan.items())
+        return [mav.MAVLink_mission_count_message(*_station(message), count, message.mission_type)]
+
+    def _on_request(self, message: Any, now_ns: int) -> Messages:
+        """One item of a download, in the form it was asked for; item 0 of a mission is home."""
+        station, kind = _station(message), message.mission_type
+        plan = self._plans.get(kind)
+        if plan is None or message.seq >= len(plan.items()):
+            return [_ack(station, mav.MAV_MISSION_INVALID_SEQUENCE, kind)]
+        item = plan.write(message.seq)
+        current = int(item.seq == plan.current())
+        head = (*station, item.seq, item.frame, item.command, current, 1, *item.parameters)
+        if message.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_REQUEST:
+            return [mav.MAVLink_mission_item_message(*head, item.lat_deg, item.lon_deg, item.alt_m, kind)]
+        lat, lon = round(item.lat_deg * 1e7), round(item.lon_deg * 1e7)
+        return [mav.MAVLink_mission_item_int_message(*head, lat, lon, item.alt_m, kind)]
+
+    def _on_request_partial(self, message: Any, now_ns: int) -> Messages:
+        """ArduPilot does not do this either: a station asks for the items one by one."""
+        return [_ack(_station(message), mav.MAV_MISSION_UNSUPPORTED, message.mission_type)]
+
+    def _on_ack(self, message: Any, now_ns: int) -> Messages:
+        """A station ends its upload, or has all that it asked for."""
+        upload = self._upload
+        ends = upload is not None and upload.station == _station(message) and upload.kind == message.mission_type
+        if ends and message.type != mav.MAV_MISSION_ACCEPTED:
+            self._upload = None
+        return []
+
+    # -- the rest
+
+    def _on_clear(self, message: Any, now_ns: int) -> Messages:
+        """Delete a plan, or all."""
+        station, kind = _station(message), message.mission_type
+        if kind == _RALLY:
+            return [_ack(station, mav.MAV_MISSION_ACCEPTED, kind)]
+        if kind != _ALL and kind not in self._plans:
+            return [_ack(station, mav.MAV_MISSION_UNSUPPORTED, kind)]
+        self._upload = None
+        results = [self._store(one, []) for one in self._plans if kind in (one, _ALL)]
+        return [_ack(station, max(results), kind)]
+
+    def _on_set_current(self, message: Any, now_ns: int) -> Messages:
+        """Go on from an item; MISSION_CURRENT says where it goes on, and a sentence why it does not."""
+        self._vehicle.autopilot.set_current(message.seq)
+        return [m for m in [REPORTS[mav.MAVLINK_MSG_ID_MISSION_CURRENT](self._vehicle, now_ns)] if m is not None]
+
+    def _warn(self, text: str) -> None:
+        self._vehicle.warn(text)
 
 
-def _station(message: Any) -> tuple[int, int]:
+def _station(message: Any) -> Station:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _ack(station: tuple[int, int], result: int, mission_type: int = 0) -> Any:
-    return mav.MAVLink_mission_ack_message(*station, result, mission_type)
-
-
-def _request(upload: _Upload) -> Any:
-    return mav.MAVLink_mission_request_int_message(*upload.station, len(upload.items))
-
-
-def _item(message: Any) -> MissionItem:
-    frame = _FRAMES.get(message.frame, 3)
-    if message.command == CHANGE_SPEED:
-        return MissionItem(CHANGE_SPEED, speed_mps=message.param2, frame=frame)
-    if message.seq == 0 and not abs(message.z) < 1e5:
-        return MissionItem(WAYPOINT, message.x / 1e7, message.y / 1e7, 0.0, frame=frame)
-    return MissionItem(
-        WAYPOINT if message.seq == 0 else message.command, message.x / 1e7, message.y / 1e7, message.z, frame=frame
-    )
+def _ack(station: Station, result: int, kind: int = 0) -> Any:
+    return mav.MAVLink_mission_ack_message(*station, result, kind)

@@ -22,11 +22,21 @@ class Parameter(NamedTuple):
     meaning: str
 
 
-TABLE: tuple[Parameter, ...] = (
+RC_CHANNELS = 4  # those that a stick can be mapped to
+
+_ROWS: tuple[Parameter, ...] = (
+    Parameter("ACRO_TURN_RATE", 30.0, 1.0, 360.0, "deg/s", "turn rate at full steering stick in ACRO and STEERING"),
     Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "fewest satellites of a fix in use"),
     Parameter("AHRS_RP_P", 0.2, 0.02, 2.0, "1/s", "how fast gravity and GNSS velocity correct roll and pitch"),
     Parameter("AHRS_YAW_P", 0.2, 0.02, 2.0, "1/s", "how fast the compass corrects the heading"),
-    Parameter("ARMING_CHECK", 1, 0, 1, "", "0 arms without checks, 1 with all of them"),
+    Parameter(
+        "ARMING_CHECK",
+        1,
+        0,
+        2097151,
+        "",
+        "0 none, 1 all, or a sum: 2 baro, 4 compass, 8 GPS, 16 INS, 64 RC, 16384 mission",
+    ),
     Parameter("ATC_ACCEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest rise of the desired speed"),
     Parameter("ATC_DECEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest fall of the desired speed"),
     Parameter("ATC_SPEED_I", 0.25, 0.0, 2.0, "1/m", "speed integral gain"),
@@ -57,25 +67,61 @@ TABLE: tuple[Parameter, ...] = (
     Parameter("EK3_VELD_M_NSE", 0.3, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),
     Parameter("EK3_VELNE_M_NSE", 0.1, 0.01, 5.0, "m/s", "least horizontal GNSS velocity noise"),
     Parameter("EK3_VEL_I_GATE", 500.0, 100.0, 5000.0, "", "velocity innovation gate, hundredths of sigma"),
-    Parameter("FS_EKF_ACTION", 1, 0, 1, "", "0 none, 1 HOLD when the position is lost while steering by it"),
+    Parameter("FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 or 3 RTL or HOLD, 2 or 4 HOLD"),
+    Parameter("FENCE_ENABLE", 0, 0, 1, "", "1 watches the fence"),
+    Parameter("FENCE_MARGIN", 2.0, 0.0, 100.0, "m", "GUIDED keeps so far inside; a breach is over so far inside"),
+    Parameter("FENCE_RADIUS", 300.0, 1.0, 10000.0, "m", "circle around home to stay in"),
+    Parameter("FENCE_TYPE", 6, 0, 7, "", "sum of: 2 circle around home, 4 polygons and circles drawn"),
+    Parameter("FS_ACTION", 2, 0, 6, "", "0 none, 1 or 3 RTL or HOLD, 2 or 4 HOLD, 5 disarm, 6 LOITER or HOLD"),
+    Parameter("FS_EKF_ACTION", 1, 0, 2, "", "estimate bad while steering by it: 0 nothing, 1 HOLD, 2 report"),
+    Parameter("FS_EKF_THRESH", 0.8, 0.0, 10.0, "", "test ratio of GNSS or compass that counts as bad, 0 for none"),
+    Parameter("FS_GCS_ENABLE", 0, 0, 2, "", "act when the ground station falls silent: 0 no, 1 yes, 2 but not in AUTO"),
+    Parameter("FS_GCS_TIMEOUT", 5.0, 1.0, 120.0, "s", "without a ground station's heartbeat for so long it is silent"),
     Parameter("FS_IMU_TIMEOUT", 0.25, 0.02, 10.0, "s", "outputs go neutral when no IMU sample came for so long"),
-    Parameter("FS_TIMEOUT", 1.5, 0.1, 100.0, "s", "manual input older than this counts as neutral"),
+    Parameter("FS_TIMEOUT", 1.5, 0.0, 100.0, "s", "a failsafe acts when its cause has lasted for so long"),
     Parameter("GPS1_POS_X", 0.0, -50.0, 50.0, "m", "GNSS antenna forward of the body origin"),
     Parameter("GPS1_POS_Y", 0.0, -50.0, 50.0, "m", "GNSS antenna right of the body origin"),
     Parameter("GPS1_POS_Z", 0.0, -50.0, 50.0, "m", "GNSS antenna below the body origin"),
-    Parameter("INITIAL_MODE", 4, 0, 10, "", "mode after start: 0 MANUAL, 4 HOLD, 10 AUTO"),
+    Parameter("GUID_TIMEOUT", 3.0, 0.1, 60.0, "s", "velocity and course targets of GUIDED hold for so long"),
+    Parameter("INITIAL_MODE", 4, 0, 15, "", "number of the mode after start"),
     Parameter("INS_POS1_X", 0.0, -50.0, 50.0, "m", "IMU forward of the body origin"),
     Parameter("INS_POS1_Y", 0.0, -50.0, 50.0, "m", "IMU right of the body origin"),
     Parameter("INS_POS1_Z", 0.0, -50.0, 50.0, "m", "IMU below the body origin"),
+    Parameter("LOIT_RADIUS", 2.0, 0.1, 100.0, "m", "how far from its place a loitering vessel may drift"),
+    Parameter("LOIT_SPEED_GAIN", 0.5, 0.0, 5.0, "1/s", "speed back to its place per distance"),
+    Parameter("LOIT_TYPE", 0, 0, 2, "", "back to its place: 0 bow or stern first, 1 bow first, 2 stern first"),
     Parameter("LOS_KAPPA", 0.8, 0.0, 10.0, "m/s", "integral gain of the line-of-sight guidance"),
     Parameter("LOS_LOOKAHEAD", 6.0, 0.5, 500.0, "m", "look-ahead distance of the line-of-sight guidance"),
-    Parameter("MIS_DONE_BEHAVE", 0, 0, 0, "", "after the last waypoint: 0 HOLD"),
+    Parameter("MIS_DONE_BEHAVE", 0, 0, 1, "", "after the last waypoint: 0 HOLD, 1 LOITER"),
     Parameter("MOT_SLEWRATE", 500.0, 0.0, 1000.0, "%/s", "largest change of a motor command, 0 for none"),
     Parameter("MOT_THST_ASYM", 1.667, 1.0, 10.0, "", "thrust ahead over thrust astern at full command"),
     Parameter("MOT_THST_EXPO", 1.0, -1.0, 1.0, "", "thrust curve: 0 linear, 1 square of the command"),
+    Parameter("RCMAP_ROLL", 1, 1, 4, "", "RC channel of the steering stick"),
+    Parameter("RCMAP_THROTTLE", 3, 1, 4, "", "RC channel of the throttle stick"),
+    Parameter("RC_OVERRIDE_TIME", 3.0, -1.0, 120.0, "s", "RC overrides hold for so long, 0 never, -1 until released"),
+    Parameter("RTL_SPEED", 0.0, 0.0, 100.0, "m/s", "speed over ground on the way home, 0 for WP_SPEED"),
+    Parameter("SPEED_MAX", 0.0, 0.0, 30.0, "m/s", "speed at full throttle stick, 0 for what CRUISE_THROTTLE says"),
+    Parameter("SYSID_MYGCS", 255, 0, 255, "", "the ground station whose silence counts, 0 for any"),
+    Parameter("TURN_RADIUS", 3.0, 0.1, 100.0, "m", "tightest turn under way, at full steering stick in STEERING"),
     Parameter("WP_RADIUS", 2.0, 0.1, 100.0, "m", "distance at which a waypoint counts as reached"),
     Parameter("WP_SPEED", 3.0, 0.1, 100.0, "m/s", "speed over ground between waypoints"),
     Parameter("WP_SPEED_MIN", 1.0, 0.1, 100.0, "m/s", "corners are not taken slower than this"),
+)
+
+
+def _channel_rows(number: int) -> tuple[Parameter, ...]:
+    name = f"RC{number}"
+    return (
+        Parameter(f"{name}_DZ", 30, 0, 200, "us", "no deflection within so much of the trim"),
+        Parameter(f"{name}_MAX", 1900, 1600, 2200, "us", "widest pulse"),
+        Parameter(f"{name}_MIN", 1100, 800, 1400, "us", "narrowest pulse"),
+        Parameter(f"{name}_REVERSED", 0, 0, 1, "", "1 turns the direction round"),
+        Parameter(f"{name}_TRIM", 1500, 800, 2200, "us", "pulse of the centred stick"),
+    )
+
+
+TABLE: tuple[Parameter, ...] = tuple(
+    sorted((*_ROWS, *(row for number in range(1, RC_CHANNELS + 1) for row in _channel_rows(number))))
 )
 
 _BY_NAME: dict[str, Parameter] = {row.name: row for row in TABLE}

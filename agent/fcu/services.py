@@ -1,25 +1,30 @@
-"""The MAVLink side of the autopilot: sensor samples in; parameters, mission, commands and telemetry in and out."""
+"""The MAVLink side of the autopilot: sensor samples in; parameters, plans, commands and telemetry in and out."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from agent.fcu.autopilot import Autopilot
+from agent.fcu.commands import Commands
 from agent.fcu.mission_transfer import MissionTransfer
-from agent.fcu.parameters import TABLE, ParameterError, index_of
+from agent.fcu.parameter_service import ParameterService
 from agent.fcu.samples import BarometerSample, GnssSample, ImuSample, MagnetometerSample
-from agent.fcu.telemetry import RATES_HZ, Telemetry
+from agent.fcu.targets import Targets
+from agent.fcu.telemetry import RATES_HZ, STATION_RATES_HZ, Telemetry
+from agent.fcu.texts import Texts
+from agent.fcu.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 Messages = list[Any]
 
-_PARAMETERS_PER_POLL = 10
-
 
 class Services:
-    """`handle` what arrives, send what it returns; call `telemetry` once per control cycle and send that too.
+    """What one station is served: `handle` what arrives, and send what that and, once a cycle, `telemetry` return.
+
+    Several stations are served by as many of these on one `vehicle`. The host is the one that brings the sensors'
+    samples; a ground station (`ground=True`) brings none, is told of changes that it did not make, and what it sets
+    outlives a restart.
 
     Field values never raise: a sample that cannot be true is counted in `refused`, a request that cannot be met is
     answered by its protocol and a STATUSTEXT. Messages for another system or component are ignored.
@@ -30,36 +35,54 @@ class Services:
         autopilot: Autopilot,
         system_id: int = 1,
         component_id: int = 1,
-        rates_hz: Mapping[int, float] = RATES_HZ,
+        rates_hz: Mapping[int, float] | None = None,
+        vehicle: Vehicle | None = None,
+        ground: bool = False,
     ) -> None:
         self.autopilot = autopilot
+        self.vehicle = Vehicle(autopilot) if vehicle is None else vehicle
         self._systems = (0, system_id)
         self._components = (0, component_id)
-        self._missions = MissionTransfer(autopilot)
-        self._telemetry = Telemetry(autopilot, rates_hz)
-        self._parameter_queue: deque[int] = deque()
-        self._samples: dict[int, Callable[[Any], bool]] = {
-            mav.MAVLINK_MSG_ID_XITL_IMU: self._on_imu,
-            mav.MAVLINK_MSG_ID_XITL_GNSS: self._on_gnss,
-            mav.MAVLINK_MSG_ID_XITL_MAGNETOMETER: self._on_magnetometer,
-            mav.MAVLINK_MSG_ID_XITL_BAROMETER: self._on_barometer,
-        }
+        self._mailbox = self.vehicle.mailbox()
+        texts = Texts()
+        if rates_hz is None:
+            rates_hz = STATION_RATES_HZ if ground else RATES_HZ
+        self.stream = Telemetry(self.vehicle, self._mailbox, texts, rates_hz, announces_changes=ground)
+        self._missions = MissionTransfer(self.vehicle, keeps=ground)
+        self._parameters = ParameterService(self.vehicle, texts, self._mailbox, keeps=ground, announces_changes=ground)
+        commands = Commands(self.vehicle, self.stream, keeps=ground)
+        targets = Targets(self.vehicle, system_id)
+        self._samples: dict[int, Callable[[Any], bool]] = (
+            {}
+            if ground
+            else {
+                mav.MAVLINK_MSG_ID_XITL_IMU: self._on_imu,
+                mav.MAVLINK_MSG_ID_XITL_GNSS: self._on_gnss,
+                mav.MAVLINK_MSG_ID_XITL_MAGNETOMETER: self._on_magnetometer,
+                mav.MAVLINK_MSG_ID_XITL_BAROMETER: self._on_barometer,
+            }
+        )
         self._requests: dict[int, Callable[[Any, int], Messages]] = {
-            mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter_list,
-            mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter_read,
-            mav.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter_set,
-            mav.MAVLINK_MSG_ID_MISSION_COUNT: self._missions.on_count,
-            mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: self._missions.on_item,
-            mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._missions.on_request_list,
-            mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._missions.on_request,
-            mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: self._missions.on_clear,
-            mav.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
+            mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._parameters.on_list,
+            mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._parameters.on_read,
+            mav.MAVLINK_MSG_ID_PARAM_SET: self._parameters.on_set,
+            **self._missions.handlers,
+            mav.MAVLINK_MSG_ID_COMMAND_LONG: commands.on_long,
+            mav.MAVLINK_MSG_ID_COMMAND_INT: commands.on_int,
+            mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self.stream.on_request_data_stream,
+            mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: targets.on_local,
+            mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: targets.on_global,
+            mav.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: targets.on_override,
+            mav.MAVLINK_MSG_ID_SETUP_SIGNING: self._on_setup_signing,
         }
-        self._commands: dict[int, Callable[[Any, int], int]] = {
-            mav.MAV_CMD_COMPONENT_ARM_DISARM: self._arm_or_disarm,
-            mav.MAV_CMD_DO_SET_MODE: self._set_mode,
-            mav.MAV_CMD_MISSION_START: self._start_mission,
-            mav.MAV_CMD_DO_CHANGE_SPEED: self._change_speed,
+        self._system_requests: dict[int, Callable[[Any, int], Messages]] = {
+            mav.MAVLINK_MSG_ID_SET_MODE: commands.on_set_mode,
+        }
+        self._unaddressed: dict[int, Callable[[Any, int], Messages]] = {
+            mav.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            mav.MAVLINK_MSG_ID_PING: self._on_ping,
+            mav.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
+            mav.MAVLINK_MSG_ID_MANUAL_CONTROL: targets.on_manual,
         }
 
     @property
@@ -75,27 +98,34 @@ class Services:
             on_sample(message)
             return []
         on_request = self._requests.get(message_id)
-        if on_request is None:
-            return []
-        if message.target_system not in self._systems or message.target_component not in self._components:
-            return []
-        return on_request(message, now_ns)
+        if on_request is not None:
+            if message.target_system not in self._systems or message.target_component not in self._components:
+                return []
+            return on_request(message, now_ns)
+        on_request = self._system_requests.get(message_id)
+        if on_request is not None:
+            return on_request(message, now_ns) if message.target_system in self._systems else []
+        on_message = self._unaddressed.get(message_id)
+        return [] if on_message is None else on_message(message, now_ns)
 
     def telemetry(self, now_ns: int) -> Messages:
         """All that is due: telemetry, events, queued parameters, repeated mission requests."""
-        messages = self._telemetry.due(now_ns)
+        messages = self.stream.due(now_ns)
         messages.extend(self._missions.poll(now_ns))
-        for _ in range(min(_PARAMETERS_PER_POLL, len(self._parameter_queue))):
-            messages.append(self._parameter_value(self._parameter_queue.popleft()))
+        messages.extend(self._parameters.poll())
         return messages
+
+    def close(self) -> None:
+        """The station has left."""
+        self.vehicle.remove(self._mailbox)
 
     # -- samples
 
     def _on_imu(self, m: Any) -> bool:
-        return self.autopilot.on_imu(ImuSample(m.time_usec * 1000, m.gyro, m.accel, m.temperature))
+        return self.vehicle.on_imu(ImuSample(m.time_usec * 1000, m.gyro, m.accel, m.temperature))
 
     def _on_gnss(self, m: Any) -> bool:
-        return self.autopilot.on_gnss(
+        return self.vehicle.on_gnss(
             GnssSample(
                 m.time_usec * 1000,
                 m.lat / 1e7,
@@ -111,79 +141,28 @@ class Services:
         )
 
     def _on_magnetometer(self, m: Any) -> bool:
-        return self.autopilot.on_magnetometer(MagnetometerSample(m.time_usec * 1000, m.field))
+        return self.vehicle.on_magnetometer(MagnetometerSample(m.time_usec * 1000, m.field))
 
     def _on_barometer(self, m: Any) -> bool:
-        return self.autopilot.on_barometer(BarometerSample(m.time_usec * 1000, m.pressure, m.temperature))
+        return self.vehicle.on_barometer(BarometerSample(m.time_usec * 1000, m.pressure, m.temperature))
 
-    # -- parameters
+    # -- who is there
 
-    def _on_parameter_list(self, message: Any, now_ns: int) -> Messages:
-        self._parameter_queue = deque(range(len(TABLE)))
+    def _on_heartbeat(self, m: Any, now_ns: int) -> Messages:
+        if m.type == mav.MAV_TYPE_GCS:
+            self.autopilot.heard_ground_station(m.get_srcSystem(), now_ns)
         return []
 
-    def _on_parameter_read(self, message: Any, now_ns: int) -> Messages:
-        index = message.param_index if message.param_index >= 0 else index_of(message.param_id)
-        return [self._parameter_value(index)] if 0 <= index < len(TABLE) else []
+    def _on_ping(self, m: Any, now_ns: int) -> Messages:
+        """A request goes to everybody, an answer to one: that one is not answered again."""
+        if m.target_system != 0 or m.target_component != 0:
+            return []
+        return [mav.MAVLink_ping_message(m.time_usec, m.seq, m.get_srcSystem(), m.get_srcComponent())]
 
-    def _on_parameter_set(self, message: Any, now_ns: int) -> Messages:
-        """Answered by the value in force; when refused, by the old one and a sentence."""
-        name = message.param_id
-        replies: Messages = []
-        try:
-            self.autopilot.parameters.set(name, message.param_value)
-        except ParameterError as error:
-            replies += self._telemetry.statustext(mav.MAV_SEVERITY_WARNING, str(error))
-        index = index_of(name)
-        if index >= 0:
-            replies.append(self._parameter_value(index))
-        return replies
+    def _on_timesync(self, m: Any, now_ns: int) -> Messages:
+        return [mav.MAVLink_timesync_message(now_ns, m.ts1)] if m.tc1 == 0 else []
 
-    def _parameter_value(self, index: int) -> Any:
-        name = TABLE[index].name
-        value = self.autopilot.parameters[name]
-        kind = mav.MAV_PARAM_TYPE_REAL32
-        return mav.MAVLink_param_value_message(name.encode("ascii"), value, kind, len(TABLE), index)
-
-    # -- commands
-
-    def _on_command(self, message: Any, now_ns: int) -> Messages:
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        replies: Messages = []
-        if message.command == mav.MAV_CMD_REQUEST_MESSAGE:
-            wanted = self._telemetry.one(_whole(message.param1), now_ns)
-            result = mav.MAV_RESULT_UNSUPPORTED if wanted is None else mav.MAV_RESULT_ACCEPTED
-            replies = [] if wanted is None else [wanted]
-        else:
-            command = self._commands.get(message.command)
-            result = mav.MAV_RESULT_UNSUPPORTED if command is None else command(message, now_ns)
-        return [mav.MAVLink_command_ack_message(message.command, result, 0, 0, *source), *replies]
-
-    def _arm_or_disarm(self, message: Any, now_ns: int) -> int:
-        wanted = _whole(message.param1)
-        if wanted == 1:
-            return _result(not self.autopilot.arm(), mav.MAV_RESULT_FAILED)
-        if wanted == 0:
-            self.autopilot.disarm()
-            return int(mav.MAV_RESULT_ACCEPTED)
-        return int(mav.MAV_RESULT_DENIED)
-
-    def _set_mode(self, message: Any, now_ns: int) -> int:
-        if not _whole(message.param1) & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED or _whole(message.param1) < 0:
-            return int(mav.MAV_RESULT_DENIED)
-        return _result(not self.autopilot.set_mode(_whole(message.param2)), mav.MAV_RESULT_FAILED)
-
-    def _start_mission(self, message: Any, now_ns: int) -> int:
-        return _result(not self.autopilot.start_mission(), mav.MAV_RESULT_FAILED)
-
-    def _change_speed(self, message: Any, now_ns: int) -> int:
-        return _result(not self.autopilot.change_speed(message.param2), mav.MAV_RESULT_DENIED)
-
-
-def _whole(value: float) -> int:
-    """A command's parameter as the whole number it stands for, -1 when it is none."""
-    return int(value) if 0.0 <= value <= 1e9 and value == int(value) else -1
-
-
-def _result(done: bool, otherwise: int) -> int:
-    return int(mav.MAV_RESULT_ACCEPTED) if done else int(otherwise)
+    def _on_setup_signing(self, m: Any, now_ns: int) -> Messages:
+        """A key that comes over the link it is to guard guards nothing."""
+        self.vehicle.warn("SETUP_SIGNING refused: the key is the agent's --signing-key FILE")
+        return []

@@ -38,14 +38,29 @@ class MessageRefusedError(ValueError):
     """A message whose fields do not fit the wire."""
 
 
+class Outgoing(Protocol):
+    """How frames are signed, see `agent.wire.signing`."""
+
+    sign_outgoing: bool
+
+    def advance(self) -> None:
+        """Called before each frame."""
+
+
 class _Unsigned:
     sign_outgoing = False
+
+    def advance(self) -> None:
+        pass
+
+
+_UNSIGNED = _Unsigned()
 
 
 class Packer:
     """Makes frames of one sender. `sequence` is the number of the next frame."""
 
-    def __init__(self, system_id: int, component_id: int) -> None:
+    def __init__(self, system_id: int, component_id: int, signing: Outgoing = _UNSIGNED) -> None:
         for what, value in (("system_id", system_id), ("component_id", component_id)):
             if not 0 <= value <= 255:
                 raise ValueError(f"link: {what} = {value} does not fit a byte; use 1 to 255")
@@ -56,7 +71,7 @@ class Packer:
         self.seq = 0
         self.srcSystem = system_id
         self.srcComponent = component_id
-        self.signing = _Unsigned
+        self.signing = signing
 
     def pack(self, message: Message) -> bytes:
         """The next frame. Raises MessageRefusedError when a field does not fit its type.
@@ -64,6 +79,8 @@ class Packer:
         The sequence does not move then.
         """
         self.seq = self.sequence
+        if self.signing.sign_outgoing:
+            self.signing.advance()
         try:
             frame: bytes = message.pack(self)
         except (struct.error, OverflowError, TypeError, IndexError) as error:

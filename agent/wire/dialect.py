@@ -389,8 +389,14 @@ MAV_RESULT_UNSUPPORTED = 3
 enums["MAV_RESULT"][3] = EnumEntry("MAV_RESULT_UNSUPPORTED", """Command not known""")
 MAV_RESULT_FAILED = 4
 enums["MAV_RESULT"][4] = EnumEntry("MAV_RESULT_FAILED", """Tried and failed""")
-MAV_RESULT_ENUM_END = 5
-enums["MAV_RESULT"][5] = EnumEntry("MAV_RESULT_ENUM_END", """""")
+MAV_RESULT_IN_PROGRESS = 5
+enums["MAV_RESULT"][5] = EnumEntry("MAV_RESULT_IN_PROGRESS", """Under way""")
+MAV_RESULT_COMMAND_LONG_ONLY = 7
+enums["MAV_RESULT"][7] = EnumEntry("MAV_RESULT_COMMAND_LONG_ONLY", """Send it as COMMAND_LONG""")
+MAV_RESULT_COMMAND_INT_ONLY = 8
+enums["MAV_RESULT"][8] = EnumEntry("MAV_RESULT_COMMAND_INT_ONLY", """Send it as COMMAND_INT""")
+MAV_RESULT_ENUM_END = 9
+enums["MAV_RESULT"][9] = EnumEntry("MAV_RESULT_ENUM_END", """""")
 
 # MAV_MISSION_RESULT
 enums["MAV_MISSION_RESULT"] = Enum()
@@ -407,8 +413,24 @@ MAV_MISSION_NO_SPACE = 4
 enums["MAV_MISSION_RESULT"][4] = EnumEntry("MAV_MISSION_NO_SPACE", """More items than the autopilot can hold""")
 MAV_MISSION_INVALID = 5
 enums["MAV_MISSION_RESULT"][5] = EnumEntry("MAV_MISSION_INVALID", """A parameter is invalid""")
+MAV_MISSION_INVALID_PARAM1 = 6
+enums["MAV_MISSION_RESULT"][6] = EnumEntry("MAV_MISSION_INVALID_PARAM1", """Parameter 1 is invalid""")
+MAV_MISSION_INVALID_PARAM2 = 7
+enums["MAV_MISSION_RESULT"][7] = EnumEntry("MAV_MISSION_INVALID_PARAM2", """Parameter 2 is invalid""")
+MAV_MISSION_INVALID_PARAM3 = 8
+enums["MAV_MISSION_RESULT"][8] = EnumEntry("MAV_MISSION_INVALID_PARAM3", """Parameter 3 is invalid""")
+MAV_MISSION_INVALID_PARAM4 = 9
+enums["MAV_MISSION_RESULT"][9] = EnumEntry("MAV_MISSION_INVALID_PARAM4", """Parameter 4 is invalid""")
+MAV_MISSION_INVALID_PARAM5_X = 10
+enums["MAV_MISSION_RESULT"][10] = EnumEntry("MAV_MISSION_INVALID_PARAM5_X", """x is invalid""")
+MAV_MISSION_INVALID_PARAM6_Y = 11
+enums["MAV_MISSION_RESULT"][11] = EnumEntry("MAV_MISSION_INVALID_PARAM6_Y", """y is invalid""")
+MAV_MISSION_INVALID_PARAM7 = 12
+enums["MAV_MISSION_RESULT"][12] = EnumEntry("MAV_MISSION_INVALID_PARAM7", """z is invalid""")
 MAV_MISSION_INVALID_SEQUENCE = 13
 enums["MAV_MISSION_RESULT"][13] = EnumEntry("MAV_MISSION_INVALID_SEQUENCE", """Item out of order""")
+MAV_MISSION_DENIED = 14
+enums["MAV_MISSION_RESULT"][14] = EnumEntry("MAV_MISSION_DENIED", """Not from here""")
 MAV_MISSION_OPERATION_CANCELLED = 15
 enums["MAV_MISSION_RESULT"][15] = EnumEntry("MAV_MISSION_OPERATION_CANCELLED", """Transfer given up""")
 MAV_MISSION_RESULT_ENUM_END = 16
@@ -419,14 +441,28 @@ enums["MAV_FRAME"] = Enum()
 enums["MAV_FRAME"].bitmask = False
 MAV_FRAME_GLOBAL = 0
 enums["MAV_FRAME"][0] = EnumEntry("MAV_FRAME_GLOBAL", """Latitude, longitude, altitude above mean sea level""")
+MAV_FRAME_LOCAL_NED = 1
+enums["MAV_FRAME"][1] = EnumEntry("MAV_FRAME_LOCAL_NED", """North, east, down from the origin""")
 MAV_FRAME_GLOBAL_RELATIVE_ALT = 3
 enums["MAV_FRAME"][3] = EnumEntry("MAV_FRAME_GLOBAL_RELATIVE_ALT", """Latitude, longitude, altitude above home""")
 MAV_FRAME_GLOBAL_INT = 5
 enums["MAV_FRAME"][5] = EnumEntry("MAV_FRAME_GLOBAL_INT", """As 0, scaled integers""")
 MAV_FRAME_GLOBAL_RELATIVE_ALT_INT = 6
 enums["MAV_FRAME"][6] = EnumEntry("MAV_FRAME_GLOBAL_RELATIVE_ALT_INT", """As 3, scaled integers""")
-MAV_FRAME_ENUM_END = 7
-enums["MAV_FRAME"][7] = EnumEntry("MAV_FRAME_ENUM_END", """""")
+MAV_FRAME_LOCAL_OFFSET_NED = 7
+enums["MAV_FRAME"][7] = EnumEntry("MAV_FRAME_LOCAL_OFFSET_NED", """North, east, down from the vehicle""")
+MAV_FRAME_BODY_NED = 8
+enums["MAV_FRAME"][8] = EnumEntry("MAV_FRAME_BODY_NED", """Forward, right, down from the vehicle""")
+MAV_FRAME_BODY_OFFSET_NED = 9
+enums["MAV_FRAME"][9] = EnumEntry("MAV_FRAME_BODY_OFFSET_NED", """As 8""")
+MAV_FRAME_GLOBAL_TERRAIN_ALT = 10
+enums["MAV_FRAME"][10] = EnumEntry("MAV_FRAME_GLOBAL_TERRAIN_ALT", """Altitude above ground""")
+MAV_FRAME_GLOBAL_TERRAIN_ALT_INT = 11
+enums["MAV_FRAME"][11] = EnumEntry("MAV_FRAME_GLOBAL_TERRAIN_ALT_INT", """As 10, scaled integers""")
+MAV_FRAME_BODY_FRD = 12
+enums["MAV_FRAME"][12] = EnumEntry("MAV_FRAME_BODY_FRD", """As 8""")
+MAV_FRAME_ENUM_END = 13
+enums["MAV_FRAME"][13] = EnumEntry("MAV_FRAME_ENUM_END", """""")
 
 # MAV_SEVERITY
 enums["MAV_SEVERITY"] = Enum()
@@ -453,6 +489,12 @@ enums["MAV_SEVERITY"][8] = EnumEntry("MAV_SEVERITY_ENUM_END", """""")
 # MAV_PARAM_TYPE
 enums["MAV_PARAM_TYPE"] = Enum()
 enums["MAV_PARAM_TYPE"].bitmask = False
+MAV_PARAM_TYPE_INT8 = 2
+enums["MAV_PARAM_TYPE"][2] = EnumEntry("MAV_PARAM_TYPE_INT8", """8-bit integer""")
+MAV_PARAM_TYPE_INT16 = 4
+enums["MAV_PARAM_TYPE"][4] = EnumEntry("MAV_PARAM_TYPE_INT16", """16-bit integer""")
+MAV_PARAM_TYPE_INT32 = 6
+enums["MAV_PARAM_TYPE"][6] = EnumEntry("MAV_PARAM_TYPE_INT32", """32-bit integer""")
 MAV_PARAM_TYPE_REAL32 = 9
 enums["MAV_PARAM_TYPE"][9] = EnumEntry("MAV_PARAM_TYPE_REAL32", """32-bit float""")
 MAV_PARAM_TYPE_ENUM_END = 10
@@ -463,8 +505,14 @@ enums["MAV_MISSION_TYPE"] = Enum()
 enums["MAV_MISSION_TYPE"].bitmask = False
 MAV_MISSION_TYPE_MISSION = 0
 enums["MAV_MISSION_TYPE"][0] = EnumEntry("MAV_MISSION_TYPE_MISSION", """The waypoint mission""")
-MAV_MISSION_TYPE_ENUM_END = 1
-enums["MAV_MISSION_TYPE"][1] = EnumEntry("MAV_MISSION_TYPE_ENUM_END", """""")
+MAV_MISSION_TYPE_FENCE = 1
+enums["MAV_MISSION_TYPE"][1] = EnumEntry("MAV_MISSION_TYPE_FENCE", """The geofence""")
+MAV_MISSION_TYPE_RALLY = 2
+enums["MAV_MISSION_TYPE"][2] = EnumEntry("MAV_MISSION_TYPE_RALLY", """Rally points, not served""")
+MAV_MISSION_TYPE_ALL = 255
+enums["MAV_MISSION_TYPE"][255] = EnumEntry("MAV_MISSION_TYPE_ALL", """All plans""")
+MAV_MISSION_TYPE_ENUM_END = 256
+enums["MAV_MISSION_TYPE"][256] = EnumEntry("MAV_MISSION_TYPE_ENUM_END", """""")
 
 # MAV_MODE_FLAG
 enums["MAV_MODE_FLAG"] = Enum()
@@ -497,8 +545,14 @@ MAV_SYS_STATUS_SENSOR_GPS = 32
 enums["MAV_SYS_STATUS_SENSOR"][32] = EnumEntry("MAV_SYS_STATUS_SENSOR_GPS", """GNSS""")
 MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS = 32768
 enums["MAV_SYS_STATUS_SENSOR"][32768] = EnumEntry("MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS", """Motor outputs""")
+MAV_SYS_STATUS_SENSOR_RC_RECEIVER = 65536
+enums["MAV_SYS_STATUS_SENSOR"][65536] = EnumEntry("MAV_SYS_STATUS_SENSOR_RC_RECEIVER", """Manual input""")
+MAV_SYS_STATUS_GEOFENCE = 1048576
+enums["MAV_SYS_STATUS_SENSOR"][1048576] = EnumEntry("MAV_SYS_STATUS_GEOFENCE", """Geofence""")
 MAV_SYS_STATUS_AHRS = 2097152
 enums["MAV_SYS_STATUS_SENSOR"][2097152] = EnumEntry("MAV_SYS_STATUS_AHRS", """Attitude and position estimate""")
+MAV_SYS_STATUS_LOGGING = 16777216
+enums["MAV_SYS_STATUS_SENSOR"][16777216] = EnumEntry("MAV_SYS_STATUS_LOGGING", """DataFlash log""")
 MAV_SYS_STATUS_PREARM_CHECK = 268435456
 enums["MAV_SYS_STATUS_SENSOR"][268435456] = EnumEntry("MAV_SYS_STATUS_PREARM_CHECK", """Ready to arm""")
 MAV_SYS_STATUS_SENSOR_ENUM_END = 268435457
@@ -516,6 +570,24 @@ enums["MAV_CMD"][16].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][16].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][16].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][16].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_LOITER_UNLIM = 17
+enums["MAV_CMD"][17] = EnumEntry("MAV_CMD_NAV_LOITER_UNLIM", """Stay at a place""")
+enums["MAV_CMD"][17].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][17].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][17].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][17].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][17].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][17].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][17].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_LOITER_TIME = 19
+enums["MAV_CMD"][19] = EnumEntry("MAV_CMD_NAV_LOITER_TIME", """Stay at a place for a time""")
+enums["MAV_CMD"][19].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][19].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][19].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][19].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][19].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][19].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][19].param[7] = """Reserved (default:0)"""
 MAV_CMD_NAV_RETURN_TO_LAUNCH = 20
 enums["MAV_CMD"][20] = EnumEntry("MAV_CMD_NAV_RETURN_TO_LAUNCH", """Go home""")
 enums["MAV_CMD"][20].param[1] = """Reserved (default:0)"""
@@ -525,6 +597,15 @@ enums["MAV_CMD"][20].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][20].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][20].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][20].param[7] = """Reserved (default:0)"""
+MAV_CMD_CONDITION_YAW = 115
+enums["MAV_CMD"][115] = EnumEntry("MAV_CMD_CONDITION_YAW", """Turn to a heading""")
+enums["MAV_CMD"][115].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][115].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][115].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][115].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][115].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][115].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][115].param[7] = """Reserved (default:0)"""
 MAV_CMD_DO_SET_MODE = 176
 enums["MAV_CMD"][176] = EnumEntry("MAV_CMD_DO_SET_MODE", """Set base mode and custom mode""")
 enums["MAV_CMD"][176].param[1] = """Reserved (default:0)"""
@@ -534,6 +615,15 @@ enums["MAV_CMD"][176].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][176].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][176].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][176].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_JUMP = 177
+enums["MAV_CMD"][177] = EnumEntry("MAV_CMD_DO_JUMP", """Go on from another item""")
+enums["MAV_CMD"][177].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][177].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][177].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][177].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][177].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][177].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][177].param[7] = """Reserved (default:0)"""
 MAV_CMD_DO_CHANGE_SPEED = 178
 enums["MAV_CMD"][178] = EnumEntry("MAV_CMD_DO_CHANGE_SPEED", """Set the speed of the legs that follow""")
 enums["MAV_CMD"][178].param[1] = """Reserved (default:0)"""
@@ -543,6 +633,60 @@ enums["MAV_CMD"][178].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][178].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][178].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][178].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_HOME = 179
+enums["MAV_CMD"][179] = EnumEntry("MAV_CMD_DO_SET_HOME", """Set home""")
+enums["MAV_CMD"][179].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][179].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][179].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][179].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][179].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][179].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][179].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_REPOSITION = 192
+enums["MAV_CMD"][192] = EnumEntry("MAV_CMD_DO_REPOSITION", """Go to a place in GUIDED""")
+enums["MAV_CMD"][192].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][192].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][192].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][192].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][192].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][192].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][192].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_FENCE_ENABLE = 207
+enums["MAV_CMD"][207] = EnumEntry("MAV_CMD_DO_FENCE_ENABLE", """Switch the fence on or off""")
+enums["MAV_CMD"][207].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][207].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][207].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][207].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][207].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][207].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][207].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_MISSION_CURRENT = 224
+enums["MAV_CMD"][224] = EnumEntry("MAV_CMD_DO_SET_MISSION_CURRENT", """Go on from an item""")
+enums["MAV_CMD"][224].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][224].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][224].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][224].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][224].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][224].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][224].param[7] = """Reserved (default:0)"""
+MAV_CMD_PREFLIGHT_STORAGE = 245
+enums["MAV_CMD"][245] = EnumEntry("MAV_CMD_PREFLIGHT_STORAGE", """Store or reset parameters""")
+enums["MAV_CMD"][245].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][245].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][245].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][245].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][245].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][245].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][245].param[7] = """Reserved (default:0)"""
+MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN = 246
+enums["MAV_CMD"][246] = EnumEntry("MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN", """Restart""")
+enums["MAV_CMD"][246].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][246].param[7] = """Reserved (default:0)"""
 MAV_CMD_MISSION_START = 300
 enums["MAV_CMD"][300] = EnumEntry("MAV_CMD_MISSION_START", """Start the mission""")
 enums["MAV_CMD"][300].param[1] = """Reserved (default:0)"""
@@ -561,6 +705,33 @@ enums["MAV_CMD"][400].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][400].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][400].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][400].param[7] = """Reserved (default:0)"""
+MAV_CMD_GET_HOME_POSITION = 410
+enums["MAV_CMD"][410] = EnumEntry("MAV_CMD_GET_HOME_POSITION", """Send HOME_POSITION""")
+enums["MAV_CMD"][410].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][410].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][410].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][410].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][410].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][410].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][410].param[7] = """Reserved (default:0)"""
+MAV_CMD_GET_MESSAGE_INTERVAL = 510
+enums["MAV_CMD"][510] = EnumEntry("MAV_CMD_GET_MESSAGE_INTERVAL", """Tell the interval of a message""")
+enums["MAV_CMD"][510].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][510].param[7] = """Reserved (default:0)"""
+MAV_CMD_SET_MESSAGE_INTERVAL = 511
+enums["MAV_CMD"][511] = EnumEntry("MAV_CMD_SET_MESSAGE_INTERVAL", """Set the interval of a message""")
+enums["MAV_CMD"][511].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][511].param[7] = """Reserved (default:0)"""
 MAV_CMD_REQUEST_MESSAGE = 512
 enums["MAV_CMD"][512] = EnumEntry("MAV_CMD_REQUEST_MESSAGE", """Send one message now""")
 enums["MAV_CMD"][512].param[1] = """Reserved (default:0)"""
@@ -570,21 +741,173 @@ enums["MAV_CMD"][512].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][512].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][512].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][512].param[7] = """Reserved (default:0)"""
-MAV_CMD_ENUM_END = 513
-enums["MAV_CMD"][513] = EnumEntry("MAV_CMD_ENUM_END", """""")
+MAV_CMD_REQUEST_PROTOCOL_VERSION = 519
+enums["MAV_CMD"][519] = EnumEntry("MAV_CMD_REQUEST_PROTOCOL_VERSION", """Tell the protocol version""")
+enums["MAV_CMD"][519].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][519].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][519].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][519].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][519].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][519].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][519].param[7] = """Reserved (default:0)"""
+MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES = 520
+enums["MAV_CMD"][520] = EnumEntry("MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES", """Send AUTOPILOT_VERSION""")
+enums["MAV_CMD"][520].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][520].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_RETURN_POINT = 5000
+enums["MAV_CMD"][5000] = EnumEntry("MAV_CMD_NAV_FENCE_RETURN_POINT", """Where to go after a breach""")
+enums["MAV_CMD"][5000].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
+enums["MAV_CMD"][5001] = EnumEntry("MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION", """Corner of a polygon to stay in""")
+enums["MAV_CMD"][5001].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5002
+enums["MAV_CMD"][5002] = EnumEntry("MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION", """Corner of a polygon to stay out of""")
+enums["MAV_CMD"][5002].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION = 5003
+enums["MAV_CMD"][5003] = EnumEntry("MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION", """Circle to stay in""")
+enums["MAV_CMD"][5003].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION = 5004
+enums["MAV_CMD"][5004] = EnumEntry("MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION", """Circle to stay out of""")
+enums["MAV_CMD"][5004].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[7] = """Reserved (default:0)"""
+MAV_CMD_ENUM_END = 5005
+enums["MAV_CMD"][5005] = EnumEntry("MAV_CMD_ENUM_END", """""")
+
+# MAV_DATA_STREAM
+enums["MAV_DATA_STREAM"] = Enum()
+enums["MAV_DATA_STREAM"].bitmask = False
+MAV_DATA_STREAM_ALL = 0
+enums["MAV_DATA_STREAM"][0] = EnumEntry("MAV_DATA_STREAM_ALL", """All""")
+MAV_DATA_STREAM_RAW_SENSORS = 1
+enums["MAV_DATA_STREAM"][1] = EnumEntry("MAV_DATA_STREAM_RAW_SENSORS", """Sensor samples""")
+MAV_DATA_STREAM_EXTENDED_STATUS = 2
+enums["MAV_DATA_STREAM"][2] = EnumEntry("MAV_DATA_STREAM_EXTENDED_STATUS", """Status""")
+MAV_DATA_STREAM_RC_CHANNELS = 3
+enums["MAV_DATA_STREAM"][3] = EnumEntry("MAV_DATA_STREAM_RC_CHANNELS", """Manual input and outputs""")
+MAV_DATA_STREAM_RAW_CONTROLLER = 4
+enums["MAV_DATA_STREAM"][4] = EnumEntry("MAV_DATA_STREAM_RAW_CONTROLLER", """Controller""")
+MAV_DATA_STREAM_POSITION = 6
+enums["MAV_DATA_STREAM"][6] = EnumEntry("MAV_DATA_STREAM_POSITION", """Position""")
+MAV_DATA_STREAM_EXTRA1 = 10
+enums["MAV_DATA_STREAM"][10] = EnumEntry("MAV_DATA_STREAM_EXTRA1", """Attitude""")
+MAV_DATA_STREAM_EXTRA2 = 11
+enums["MAV_DATA_STREAM"][11] = EnumEntry("MAV_DATA_STREAM_EXTRA2", """Head-up display""")
+MAV_DATA_STREAM_EXTRA3 = 12
+enums["MAV_DATA_STREAM"][12] = EnumEntry("MAV_DATA_STREAM_EXTRA3", """Clocks and the rest""")
+MAV_DATA_STREAM_ENUM_END = 13
+enums["MAV_DATA_STREAM"][13] = EnumEntry("MAV_DATA_STREAM_ENUM_END", """""")
+
+# MAV_PROTOCOL_CAPABILITY
+enums["MAV_PROTOCOL_CAPABILITY"] = Enum()
+enums["MAV_PROTOCOL_CAPABILITY"].bitmask = True
+MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT = 1
+enums["MAV_PROTOCOL_CAPABILITY"][1] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT", """Mission items as floats""")
+MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT = 2
+enums["MAV_PROTOCOL_CAPABILITY"][2] = EnumEntry("MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT", """Parameters""")
+MAV_PROTOCOL_CAPABILITY_MISSION_INT = 4
+enums["MAV_PROTOCOL_CAPABILITY"][4] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_INT", """Mission items as integers""")
+MAV_PROTOCOL_CAPABILITY_COMMAND_INT = 8
+enums["MAV_PROTOCOL_CAPABILITY"][8] = EnumEntry("MAV_PROTOCOL_CAPABILITY_COMMAND_INT", """COMMAND_INT""")
+MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED = 128
+enums["MAV_PROTOCOL_CAPABILITY"][128] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED", """Local targets""")
+MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT = 256
+enums["MAV_PROTOCOL_CAPABILITY"][256] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT", """Global targets""")
+MAV_PROTOCOL_CAPABILITY_MAVLINK2 = 8192
+enums["MAV_PROTOCOL_CAPABILITY"][8192] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MAVLINK2", """MAVLink 2""")
+MAV_PROTOCOL_CAPABILITY_MISSION_FENCE = 16384
+enums["MAV_PROTOCOL_CAPABILITY"][16384] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_FENCE", """Geofence as a plan""")
+MAV_PROTOCOL_CAPABILITY_ENUM_END = 16385
+enums["MAV_PROTOCOL_CAPABILITY"][16385] = EnumEntry("MAV_PROTOCOL_CAPABILITY_ENUM_END", """""")
+
+# POSITION_TARGET_TYPEMASK
+enums["POSITION_TARGET_TYPEMASK"] = Enum()
+enums["POSITION_TARGET_TYPEMASK"].bitmask = True
+POSITION_TARGET_TYPEMASK_X_IGNORE = 1
+enums["POSITION_TARGET_TYPEMASK"][1] = EnumEntry("POSITION_TARGET_TYPEMASK_X_IGNORE", """Ignore x""")
+POSITION_TARGET_TYPEMASK_Y_IGNORE = 2
+enums["POSITION_TARGET_TYPEMASK"][2] = EnumEntry("POSITION_TARGET_TYPEMASK_Y_IGNORE", """Ignore y""")
+POSITION_TARGET_TYPEMASK_Z_IGNORE = 4
+enums["POSITION_TARGET_TYPEMASK"][4] = EnumEntry("POSITION_TARGET_TYPEMASK_Z_IGNORE", """Ignore z""")
+POSITION_TARGET_TYPEMASK_VX_IGNORE = 8
+enums["POSITION_TARGET_TYPEMASK"][8] = EnumEntry("POSITION_TARGET_TYPEMASK_VX_IGNORE", """Ignore vx""")
+POSITION_TARGET_TYPEMASK_VY_IGNORE = 16
+enums["POSITION_TARGET_TYPEMASK"][16] = EnumEntry("POSITION_TARGET_TYPEMASK_VY_IGNORE", """Ignore vy""")
+POSITION_TARGET_TYPEMASK_VZ_IGNORE = 32
+enums["POSITION_TARGET_TYPEMASK"][32] = EnumEntry("POSITION_TARGET_TYPEMASK_VZ_IGNORE", """Ignore vz""")
+POSITION_TARGET_TYPEMASK_AX_IGNORE = 64
+enums["POSITION_TARGET_TYPEMASK"][64] = EnumEntry("POSITION_TARGET_TYPEMASK_AX_IGNORE", """Ignore ax""")
+POSITION_TARGET_TYPEMASK_AY_IGNORE = 128
+enums["POSITION_TARGET_TYPEMASK"][128] = EnumEntry("POSITION_TARGET_TYPEMASK_AY_IGNORE", """Ignore ay""")
+POSITION_TARGET_TYPEMASK_AZ_IGNORE = 256
+enums["POSITION_TARGET_TYPEMASK"][256] = EnumEntry("POSITION_TARGET_TYPEMASK_AZ_IGNORE", """Ignore az""")
+POSITION_TARGET_TYPEMASK_FORCE_SET = 512
+enums["POSITION_TARGET_TYPEMASK"][512] = EnumEntry("POSITION_TARGET_TYPEMASK_FORCE_SET", """Acceleration is force""")
+POSITION_TARGET_TYPEMASK_YAW_IGNORE = 1024
+enums["POSITION_TARGET_TYPEMASK"][1024] = EnumEntry("POSITION_TARGET_TYPEMASK_YAW_IGNORE", """Ignore yaw""")
+POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE = 2048
+enums["POSITION_TARGET_TYPEMASK"][2048] = EnumEntry("POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE", """Ignore yaw rate""")
+POSITION_TARGET_TYPEMASK_ENUM_END = 2049
+enums["POSITION_TARGET_TYPEMASK"][2049] = EnumEntry("POSITION_TARGET_TYPEMASK_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
 MAVLINK_MSG_ID_UNKNOWN = -2
 MAVLINK_MSG_ID_HEARTBEAT = 0
 MAVLINK_MSG_ID_SYS_STATUS = 1
+MAVLINK_MSG_ID_SYSTEM_TIME = 2
+MAVLINK_MSG_ID_PING = 4
+MAVLINK_MSG_ID_SET_MODE = 11
 MAVLINK_MSG_ID_PARAM_REQUEST_READ = 20
 MAVLINK_MSG_ID_PARAM_REQUEST_LIST = 21
 MAVLINK_MSG_ID_PARAM_VALUE = 22
 MAVLINK_MSG_ID_PARAM_SET = 23
+MAVLINK_MSG_ID_GPS_RAW_INT = 24
+MAVLINK_MSG_ID_RAW_IMU = 27
+MAVLINK_MSG_ID_SCALED_PRESSURE = 29
+MAVLINK_MSG_ID_ATTITUDE = 30
 MAVLINK_MSG_ID_ATTITUDE_QUATERNION = 31
 MAVLINK_MSG_ID_LOCAL_POSITION_NED = 32
 MAVLINK_MSG_ID_GLOBAL_POSITION_INT = 33
+MAVLINK_MSG_ID_SERVO_OUTPUT_RAW = 36
+MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST = 37
+MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST = 38
+MAVLINK_MSG_ID_MISSION_ITEM = 39
+MAVLINK_MSG_ID_MISSION_REQUEST = 40
+MAVLINK_MSG_ID_MISSION_SET_CURRENT = 41
 MAVLINK_MSG_ID_MISSION_CURRENT = 42
 MAVLINK_MSG_ID_MISSION_REQUEST_LIST = 43
 MAVLINK_MSG_ID_MISSION_COUNT = 44
@@ -594,10 +917,29 @@ MAVLINK_MSG_ID_MISSION_ACK = 47
 MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN = 49
 MAVLINK_MSG_ID_MISSION_REQUEST_INT = 51
 MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT = 62
+MAVLINK_MSG_ID_RC_CHANNELS = 65
+MAVLINK_MSG_ID_REQUEST_DATA_STREAM = 66
+MAVLINK_MSG_ID_MANUAL_CONTROL = 69
+MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE = 70
 MAVLINK_MSG_ID_MISSION_ITEM_INT = 73
+MAVLINK_MSG_ID_VFR_HUD = 74
+MAVLINK_MSG_ID_COMMAND_INT = 75
 MAVLINK_MSG_ID_COMMAND_LONG = 76
 MAVLINK_MSG_ID_COMMAND_ACK = 77
+MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED = 84
+MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED = 85
+MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT = 86
+MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT = 87
+MAVLINK_MSG_ID_TIMESYNC = 111
+MAVLINK_MSG_ID_BATTERY_STATUS = 147
+MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
+MAVLINK_MSG_ID_FENCE_STATUS = 162
+MAVLINK_MSG_ID_EKF_STATUS_REPORT = 193
+MAVLINK_MSG_ID_HOME_POSITION = 242
+MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
+MAVLINK_MSG_ID_EXTENDED_SYS_STATE = 245
 MAVLINK_MSG_ID_STATUSTEXT = 253
+MAVLINK_MSG_ID_SETUP_SIGNING = 256
 MAVLINK_MSG_ID_XITL_RUN = 54000
 MAVLINK_MSG_ID_XITL_TICK = 54001
 MAVLINK_MSG_ID_XITL_IMU = 54002
@@ -701,6 +1043,126 @@ class MAVLink_sys_status_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_sys_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_system_time_message(MAVLink_message):
+    """
+    UTC and time since start.
+    """
+
+    id = MAVLINK_MSG_ID_SYSTEM_TIME
+    msgname = "SYSTEM_TIME"
+    fieldnames = ["time_unix_usec", "time_boot_ms"]
+    ordered_fieldnames = ["time_unix_usec", "time_boot_ms"]
+    fieldtypes = ["uint64_t", "uint32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_unix_usec": "us", "time_boot_ms": "ms"}
+    native_format = bytearray(b"<QI")
+    orders = [0, 1]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 137
+    unpacker = struct.Struct("<QI")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_unix_usec: int, time_boot_ms: int):
+        MAVLink_message.__init__(self, MAVLink_system_time_message.id, MAVLink_system_time_message.msgname)
+        self._fieldnames = MAVLink_system_time_message.fieldnames
+        self._instance_field = MAVLink_system_time_message.instance_field
+        self._instance_offset = MAVLink_system_time_message.instance_offset
+        self.time_unix_usec = time_unix_usec
+        self.time_boot_ms = time_boot_ms
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_unix_usec, self.time_boot_ms), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_system_time_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_ping_message(MAVLink_message):
+    """
+    Round trip: a request has target 0, the answer names who asked.
+    """
+
+    id = MAVLINK_MSG_ID_PING
+    msgname = "PING"
+    fieldnames = ["time_usec", "seq", "target_system", "target_component"]
+    ordered_fieldnames = ["time_usec", "seq", "target_system", "target_component"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us"}
+    native_format = bytearray(b"<QIBB")
+    orders = [0, 1, 2, 3]
+    lengths = [1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0]
+    crc_extra = 237
+    unpacker = struct.Struct("<QIBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, seq: int, target_system: int, target_component: int):
+        MAVLink_message.__init__(self, MAVLink_ping_message.id, MAVLink_ping_message.msgname)
+        self._fieldnames = MAVLink_ping_message.fieldnames
+        self._instance_field = MAVLink_ping_message.instance_field
+        self._instance_offset = MAVLink_ping_message.instance_offset
+        self.time_usec = time_usec
+        self.seq = seq
+        self.target_system = target_system
+        self.target_component = target_component
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.seq, self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_ping_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_set_mode_message(MAVLink_message):
+    """
+    Set the mode, the old way.
+    """
+
+    id = MAVLINK_MSG_ID_SET_MODE
+    msgname = "SET_MODE"
+    fieldnames = ["target_system", "base_mode", "custom_mode"]
+    ordered_fieldnames = ["custom_mode", "target_system", "base_mode"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<IBB")
+    orders = [1, 2, 0]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 0]
+    crc_extra = 89
+    unpacker = struct.Struct("<IBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, base_mode: int, custom_mode: int):
+        MAVLink_message.__init__(self, MAVLink_set_mode_message.id, MAVLink_set_mode_message.msgname)
+        self._fieldnames = MAVLink_set_mode_message.fieldnames
+        self._instance_field = MAVLink_set_mode_message.instance_field
+        self._instance_offset = MAVLink_set_mode_message.instance_offset
+        self.target_system = target_system
+        self.base_mode = base_mode
+        self.custom_mode = custom_mode
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.custom_mode, self.target_system, self.base_mode), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_set_mode_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_param_request_read_message(MAVLink_message):
@@ -870,6 +1332,194 @@ class MAVLink_param_set_message(MAVLink_message):
 setattr(MAVLink_param_set_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_gps_raw_int_message(MAVLink_message):
+    """
+    What the GNSS receiver says.
+    """
+
+    id = MAVLINK_MSG_ID_GPS_RAW_INT
+    msgname = "GPS_RAW_INT"
+    fieldnames = ["time_usec", "fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "satellites_visible", "alt_ellipsoid", "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw"]
+    ordered_fieldnames = ["time_usec", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "fix_type", "satellites_visible", "alt_ellipsoid", "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw"]
+    fieldtypes = ["uint64_t", "uint8_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "int32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "lat": "degE7", "lon": "degE7", "alt": "mm", "vel": "cm/s", "cog": "cdeg", "alt_ellipsoid": "mm", "h_acc": "mm", "v_acc": "mm", "vel_acc": "mm", "hdg_acc": "degE5", "yaw": "cdeg"}
+    native_format = bytearray(b"<QiiiHHHHBBiIIIIH")
+    orders = [0, 8, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 24
+    unpacker = struct.Struct("<QiiiHHHHBBiIIIIH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, fix_type: int, lat: int, lon: int, alt: int, eph: int, epv: int, vel: int, cog: int, satellites_visible: int, alt_ellipsoid: int = 0, h_acc: int = 0, v_acc: int = 0, vel_acc: int = 0, hdg_acc: int = 0, yaw: int = 0):
+        MAVLink_message.__init__(self, MAVLink_gps_raw_int_message.id, MAVLink_gps_raw_int_message.msgname)
+        self._fieldnames = MAVLink_gps_raw_int_message.fieldnames
+        self._instance_field = MAVLink_gps_raw_int_message.instance_field
+        self._instance_offset = MAVLink_gps_raw_int_message.instance_offset
+        self.time_usec = time_usec
+        self.fix_type = fix_type
+        self.lat = lat
+        self.lon = lon
+        self.alt = alt
+        self.eph = eph
+        self.epv = epv
+        self.vel = vel
+        self.cog = cog
+        self.satellites_visible = satellites_visible
+        self.alt_ellipsoid = alt_ellipsoid
+        self.h_acc = h_acc
+        self.v_acc = v_acc
+        self.vel_acc = vel_acc
+        self.hdg_acc = hdg_acc
+        self.yaw = yaw
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.lat, self.lon, self.alt, self.eph, self.epv, self.vel, self.cog, self.fix_type, self.satellites_visible, self.alt_ellipsoid, self.h_acc, self.v_acc, self.vel_acc, self.hdg_acc, self.yaw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_gps_raw_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_raw_imu_message(MAVLink_message):
+    """
+    Inertial and magnetic samples as integers.
+    """
+
+    id = MAVLINK_MSG_ID_RAW_IMU
+    msgname = "RAW_IMU"
+    fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "id", "temperature"]
+    ordered_fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "id", "temperature"]
+    fieldtypes = ["uint64_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint8_t", "int16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "temperature": "cdegC"}
+    native_format = bytearray(b"<QhhhhhhhhhBh")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 144
+    unpacker = struct.Struct("<QhhhhhhhhhBh")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, xacc: int, yacc: int, zacc: int, xgyro: int, ygyro: int, zgyro: int, xmag: int, ymag: int, zmag: int, id: int = 0, temperature: int = 0):
+        MAVLink_message.__init__(self, MAVLink_raw_imu_message.id, MAVLink_raw_imu_message.msgname)
+        self._fieldnames = MAVLink_raw_imu_message.fieldnames
+        self._instance_field = MAVLink_raw_imu_message.instance_field
+        self._instance_offset = MAVLink_raw_imu_message.instance_offset
+        self.time_usec = time_usec
+        self.xacc = xacc
+        self.yacc = yacc
+        self.zacc = zacc
+        self.xgyro = xgyro
+        self.ygyro = ygyro
+        self.zgyro = zgyro
+        self.xmag = xmag
+        self.ymag = ymag
+        self.zmag = zmag
+        self.id = id
+        self.temperature = temperature
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.xacc, self.yacc, self.zacc, self.xgyro, self.ygyro, self.zgyro, self.xmag, self.ymag, self.zmag, self.id, self.temperature), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_raw_imu_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_scaled_pressure_message(MAVLink_message):
+    """
+    Barometer.
+    """
+
+    id = MAVLINK_MSG_ID_SCALED_PRESSURE
+    msgname = "SCALED_PRESSURE"
+    fieldnames = ["time_boot_ms", "press_abs", "press_diff", "temperature", "temperature_press_diff"]
+    ordered_fieldnames = ["time_boot_ms", "press_abs", "press_diff", "temperature", "temperature_press_diff"]
+    fieldtypes = ["uint32_t", "float", "float", "int16_t", "int16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "press_abs": "hPa", "press_diff": "hPa", "temperature": "cdegC", "temperature_press_diff": "cdegC"}
+    native_format = bytearray(b"<Iffhh")
+    orders = [0, 1, 2, 3, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 115
+    unpacker = struct.Struct("<Iffhh")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, press_abs: float, press_diff: float, temperature: int, temperature_press_diff: int = 0):
+        MAVLink_message.__init__(self, MAVLink_scaled_pressure_message.id, MAVLink_scaled_pressure_message.msgname)
+        self._fieldnames = MAVLink_scaled_pressure_message.fieldnames
+        self._instance_field = MAVLink_scaled_pressure_message.instance_field
+        self._instance_offset = MAVLink_scaled_pressure_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.press_abs = press_abs
+        self.press_diff = press_diff
+        self.temperature = temperature
+        self.temperature_press_diff = temperature_press_diff
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.press_abs, self.press_diff, self.temperature, self.temperature_press_diff), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_scaled_pressure_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_attitude_message(MAVLink_message):
+    """
+    Estimated attitude as Euler angles.
+    """
+
+    id = MAVLINK_MSG_ID_ATTITUDE
+    msgname = "ATTITUDE"
+    fieldnames = ["time_boot_ms", "roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"]
+    ordered_fieldnames = ["time_boot_ms", "roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"]
+    fieldtypes = ["uint32_t", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "roll": "rad", "pitch": "rad", "yaw": "rad", "rollspeed": "rad/s", "pitchspeed": "rad/s", "yawspeed": "rad/s"}
+    native_format = bytearray(b"<Iffffff")
+    orders = [0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 39
+    unpacker = struct.Struct("<Iffffff")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, roll: float, pitch: float, yaw: float, rollspeed: float, pitchspeed: float, yawspeed: float):
+        MAVLink_message.__init__(self, MAVLink_attitude_message.id, MAVLink_attitude_message.msgname)
+        self._fieldnames = MAVLink_attitude_message.fieldnames
+        self._instance_field = MAVLink_attitude_message.instance_field
+        self._instance_offset = MAVLink_attitude_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.roll = roll
+        self.pitch = pitch
+        self.yaw = yaw
+        self.rollspeed = rollspeed
+        self.pitchspeed = pitchspeed
+        self.yawspeed = yawspeed
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.roll, self.pitch, self.yaw, self.rollspeed, self.pitchspeed, self.yawspeed), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_attitude_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_attitude_quaternion_message(MAVLink_message):
     """
     Estimated attitude, body FRD to NED, and body rates.
@@ -1003,6 +1653,278 @@ class MAVLink_global_position_int_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_global_position_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_servo_output_raw_message(MAVLink_message):
+    """
+    Motor outputs as pulse widths.
+    """
+
+    id = MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
+    msgname = "SERVO_OUTPUT_RAW"
+    fieldnames = ["time_usec", "port", "servo1_raw", "servo2_raw", "servo3_raw", "servo4_raw", "servo5_raw", "servo6_raw", "servo7_raw", "servo8_raw", "servo9_raw", "servo10_raw", "servo11_raw", "servo12_raw", "servo13_raw", "servo14_raw", "servo15_raw", "servo16_raw"]
+    ordered_fieldnames = ["time_usec", "servo1_raw", "servo2_raw", "servo3_raw", "servo4_raw", "servo5_raw", "servo6_raw", "servo7_raw", "servo8_raw", "port", "servo9_raw", "servo10_raw", "servo11_raw", "servo12_raw", "servo13_raw", "servo14_raw", "servo15_raw", "servo16_raw"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "servo1_raw": "us", "servo2_raw": "us", "servo3_raw": "us", "servo4_raw": "us", "servo5_raw": "us", "servo6_raw": "us", "servo7_raw": "us", "servo8_raw": "us", "servo9_raw": "us", "servo10_raw": "us", "servo11_raw": "us", "servo12_raw": "us", "servo13_raw": "us", "servo14_raw": "us", "servo15_raw": "us", "servo16_raw": "us"}
+    native_format = bytearray(b"<IHHHHHHHHBHHHHHHHH")
+    orders = [0, 9, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 12, 13, 14, 15, 16, 17]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 222
+    unpacker = struct.Struct("<IHHHHHHHHBHHHHHHHH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, port: int, servo1_raw: int, servo2_raw: int, servo3_raw: int, servo4_raw: int, servo5_raw: int, servo6_raw: int, servo7_raw: int, servo8_raw: int, servo9_raw: int = 0, servo10_raw: int = 0, servo11_raw: int = 0, servo12_raw: int = 0, servo13_raw: int = 0, servo14_raw: int = 0, servo15_raw: int = 0, servo16_raw: int = 0):
+        MAVLink_message.__init__(self, MAVLink_servo_output_raw_message.id, MAVLink_servo_output_raw_message.msgname)
+        self._fieldnames = MAVLink_servo_output_raw_message.fieldnames
+        self._instance_field = MAVLink_servo_output_raw_message.instance_field
+        self._instance_offset = MAVLink_servo_output_raw_message.instance_offset
+        self.time_usec = time_usec
+        self.port = port
+        self.servo1_raw = servo1_raw
+        self.servo2_raw = servo2_raw
+        self.servo3_raw = servo3_raw
+        self.servo4_raw = servo4_raw
+        self.servo5_raw = servo5_raw
+        self.servo6_raw = servo6_raw
+        self.servo7_raw = servo7_raw
+        self.servo8_raw = servo8_raw
+        self.servo9_raw = servo9_raw
+        self.servo10_raw = servo10_raw
+        self.servo11_raw = servo11_raw
+        self.servo12_raw = servo12_raw
+        self.servo13_raw = servo13_raw
+        self.servo14_raw = servo14_raw
+        self.servo15_raw = servo15_raw
+        self.servo16_raw = servo16_raw
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.servo1_raw, self.servo2_raw, self.servo3_raw, self.servo4_raw, self.servo5_raw, self.servo6_raw, self.servo7_raw, self.servo8_raw, self.port, self.servo9_raw, self.servo10_raw, self.servo11_raw, self.servo12_raw, self.servo13_raw, self.servo14_raw, self.servo15_raw, self.servo16_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_servo_output_raw_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_mission_request_partial_list_message(MAVLink_message):
+    """
+    Ask for a part of the plan.
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST
+    msgname = "MISSION_REQUEST_PARTIAL_LIST"
+    fieldnames = ["target_system", "target_component", "start_index", "end_index", "mission_type"]
+    ordered_fieldnames = ["start_index", "end_index", "target_system", "target_component", "mission_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "int16_t", "int16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<hhBBB")
+    orders = [2, 3, 0, 1, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 212
+    unpacker = struct.Struct("<hhBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0):
+        MAVLink_message.__init__(self, MAVLink_mission_request_partial_list_message.id, MAVLink_mission_request_partial_list_message.msgname)
+        self._fieldnames = MAVLink_mission_request_partial_list_message.fieldnames
+        self._instance_field = MAVLink_mission_request_partial_list_message.instance_field
+        self._instance_offset = MAVLink_mission_request_partial_list_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.start_index = start_index
+        self.end_index = end_index
+        self.mission_type = mission_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.start_index, self.end_index, self.target_system, self.target_component, self.mission_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_request_partial_list_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_mission_write_partial_list_message(MAVLink_message):
+    """
+    Announce that a part of the plan will be written over.
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
+    msgname = "MISSION_WRITE_PARTIAL_LIST"
+    fieldnames = ["target_system", "target_component", "start_index", "end_index", "mission_type"]
+    ordered_fieldnames = ["start_index", "end_index", "target_system", "target_component", "mission_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "int16_t", "int16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<hhBBB")
+    orders = [2, 3, 0, 1, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 9
+    unpacker = struct.Struct("<hhBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0):
+        MAVLink_message.__init__(self, MAVLink_mission_write_partial_list_message.id, MAVLink_mission_write_partial_list_message.msgname)
+        self._fieldnames = MAVLink_mission_write_partial_list_message.fieldnames
+        self._instance_field = MAVLink_mission_write_partial_list_message.instance_field
+        self._instance_offset = MAVLink_mission_write_partial_list_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.start_index = start_index
+        self.end_index = end_index
+        self.mission_type = mission_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.start_index, self.end_index, self.target_system, self.target_component, self.mission_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_write_partial_list_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_mission_item_message(MAVLink_message):
+    """
+    One plan item with positions as floats, the old way.
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_ITEM
+    msgname = "MISSION_ITEM"
+    fieldnames = ["target_system", "target_component", "seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z", "mission_type"]
+    ordered_fieldnames = ["param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command", "target_system", "target_component", "frame", "current", "autocontinue", "mission_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t", "uint16_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "float", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<fffffffHHBBBBBB")
+    orders = [9, 10, 7, 11, 8, 12, 13, 0, 1, 2, 3, 4, 5, 6, 14]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 254
+    unpacker = struct.Struct("<fffffffHHBBBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: float, y: float, z: float, mission_type: int = 0):
+        MAVLink_message.__init__(self, MAVLink_mission_item_message.id, MAVLink_mission_item_message.msgname)
+        self._fieldnames = MAVLink_mission_item_message.fieldnames
+        self._instance_field = MAVLink_mission_item_message.instance_field
+        self._instance_offset = MAVLink_mission_item_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.seq = seq
+        self.frame = frame
+        self.command = command
+        self.current = current
+        self.autocontinue = autocontinue
+        self.param1 = param1
+        self.param2 = param2
+        self.param3 = param3
+        self.param4 = param4
+        self.x = x
+        self.y = y
+        self.z = z
+        self.mission_type = mission_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param1, self.param2, self.param3, self.param4, self.x, self.y, self.z, self.seq, self.command, self.target_system, self.target_component, self.frame, self.current, self.autocontinue, self.mission_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_item_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_mission_request_message(MAVLink_message):
+    """
+    Ask for one item, the old way.
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_REQUEST
+    msgname = "MISSION_REQUEST"
+    fieldnames = ["target_system", "target_component", "seq", "mission_type"]
+    ordered_fieldnames = ["seq", "target_system", "target_component", "mission_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<HBBB")
+    orders = [1, 2, 0, 3]
+    lengths = [1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0]
+    crc_extra = 230
+    unpacker = struct.Struct("<HBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, seq: int, mission_type: int = 0):
+        MAVLink_message.__init__(self, MAVLink_mission_request_message.id, MAVLink_mission_request_message.msgname)
+        self._fieldnames = MAVLink_mission_request_message.fieldnames
+        self._instance_field = MAVLink_mission_request_message.instance_field
+        self._instance_offset = MAVLink_mission_request_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.seq = seq
+        self.mission_type = mission_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.seq, self.target_system, self.target_component, self.mission_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_request_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_mission_set_current_message(MAVLink_message):
+    """
+    Go on from this item.
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_SET_CURRENT
+    msgname = "MISSION_SET_CURRENT"
+    fieldnames = ["target_system", "target_component", "seq"]
+    ordered_fieldnames = ["seq", "target_system", "target_component"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<HBB")
+    orders = [1, 2, 0]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 0]
+    crc_extra = 28
+    unpacker = struct.Struct("<HBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, seq: int):
+        MAVLink_message.__init__(self, MAVLink_mission_set_current_message.id, MAVLink_mission_set_current_message.msgname)
+        self._fieldnames = MAVLink_mission_set_current_message.fieldnames
+        self._instance_field = MAVLink_mission_set_current_message.instance_field
+        self._instance_offset = MAVLink_mission_set_current_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.seq = seq
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.seq, self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_set_current_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_mission_current_message(MAVLink_message):
@@ -1373,6 +2295,217 @@ class MAVLink_nav_controller_output_message(MAVLink_message):
 setattr(MAVLink_nav_controller_output_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_rc_channels_message(MAVLink_message):
+    """
+    Manual input in force.
+    """
+
+    id = MAVLINK_MSG_ID_RC_CHANNELS
+    msgname = "RC_CHANNELS"
+    fieldnames = ["time_boot_ms", "chancount", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw", "rssi"]
+    ordered_fieldnames = ["time_boot_ms", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw", "chancount", "rssi"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "chan1_raw": "us", "chan2_raw": "us", "chan3_raw": "us", "chan4_raw": "us", "chan5_raw": "us", "chan6_raw": "us", "chan7_raw": "us", "chan8_raw": "us", "chan9_raw": "us", "chan10_raw": "us", "chan11_raw": "us", "chan12_raw": "us", "chan13_raw": "us", "chan14_raw": "us", "chan15_raw": "us", "chan16_raw": "us", "chan17_raw": "us", "chan18_raw": "us"}
+    native_format = bytearray(b"<IHHHHHHHHHHHHHHHHHHBB")
+    orders = [0, 19, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 20]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 118
+    unpacker = struct.Struct("<IHHHHHHHHHHHHHHHHHHBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, chancount: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int, chan10_raw: int, chan11_raw: int, chan12_raw: int, chan13_raw: int, chan14_raw: int, chan15_raw: int, chan16_raw: int, chan17_raw: int, chan18_raw: int, rssi: int):
+        MAVLink_message.__init__(self, MAVLink_rc_channels_message.id, MAVLink_rc_channels_message.msgname)
+        self._fieldnames = MAVLink_rc_channels_message.fieldnames
+        self._instance_field = MAVLink_rc_channels_message.instance_field
+        self._instance_offset = MAVLink_rc_channels_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.chancount = chancount
+        self.chan1_raw = chan1_raw
+        self.chan2_raw = chan2_raw
+        self.chan3_raw = chan3_raw
+        self.chan4_raw = chan4_raw
+        self.chan5_raw = chan5_raw
+        self.chan6_raw = chan6_raw
+        self.chan7_raw = chan7_raw
+        self.chan8_raw = chan8_raw
+        self.chan9_raw = chan9_raw
+        self.chan10_raw = chan10_raw
+        self.chan11_raw = chan11_raw
+        self.chan12_raw = chan12_raw
+        self.chan13_raw = chan13_raw
+        self.chan14_raw = chan14_raw
+        self.chan15_raw = chan15_raw
+        self.chan16_raw = chan16_raw
+        self.chan17_raw = chan17_raw
+        self.chan18_raw = chan18_raw
+        self.rssi = rssi
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.chan1_raw, self.chan2_raw, self.chan3_raw, self.chan4_raw, self.chan5_raw, self.chan6_raw, self.chan7_raw, self.chan8_raw, self.chan9_raw, self.chan10_raw, self.chan11_raw, self.chan12_raw, self.chan13_raw, self.chan14_raw, self.chan15_raw, self.chan16_raw, self.chan17_raw, self.chan18_raw, self.chancount, self.rssi), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_rc_channels_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_request_data_stream_message(MAVLink_message):
+    """
+    Ask for a group of messages at a rate, the old way.
+    """
+
+    id = MAVLINK_MSG_ID_REQUEST_DATA_STREAM
+    msgname = "REQUEST_DATA_STREAM"
+    fieldnames = ["target_system", "target_component", "req_stream_id", "req_message_rate", "start_stop"]
+    ordered_fieldnames = ["req_message_rate", "target_system", "target_component", "req_stream_id", "start_stop"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"req_message_rate": "Hz"}
+    native_format = bytearray(b"<HBBBB")
+    orders = [1, 2, 3, 0, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 148
+    unpacker = struct.Struct("<HBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, req_stream_id: int, req_message_rate: int, start_stop: int):
+        MAVLink_message.__init__(self, MAVLink_request_data_stream_message.id, MAVLink_request_data_stream_message.msgname)
+        self._fieldnames = MAVLink_request_data_stream_message.fieldnames
+        self._instance_field = MAVLink_request_data_stream_message.instance_field
+        self._instance_offset = MAVLink_request_data_stream_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.req_stream_id = req_stream_id
+        self.req_message_rate = req_message_rate
+        self.start_stop = start_stop
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.req_message_rate, self.target_system, self.target_component, self.req_stream_id, self.start_stop), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_request_data_stream_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_manual_control_message(MAVLink_message):
+    """
+    Joystick, normalised to thousandths.
+    """
+
+    id = MAVLINK_MSG_ID_MANUAL_CONTROL
+    msgname = "MANUAL_CONTROL"
+    fieldnames = ["target", "x", "y", "z", "r", "buttons", "buttons2", "enabled_extensions", "s", "t", "aux1", "aux2", "aux3", "aux4", "aux5", "aux6"]
+    ordered_fieldnames = ["x", "y", "z", "r", "buttons", "target", "buttons2", "enabled_extensions", "s", "t", "aux1", "aux2", "aux3", "aux4", "aux5", "aux6"]
+    fieldtypes = ["uint8_t", "int16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "uint8_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t", "int16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<hhhhHBHBhhhhhhhh")
+    orders = [5, 0, 1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 243
+    unpacker = struct.Struct("<hhhhHBHBhhhhhhhh")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target: int, x: int, y: int, z: int, r: int, buttons: int, buttons2: int = 0, enabled_extensions: int = 0, s: int = 0, t: int = 0, aux1: int = 0, aux2: int = 0, aux3: int = 0, aux4: int = 0, aux5: int = 0, aux6: int = 0):
+        MAVLink_message.__init__(self, MAVLink_manual_control_message.id, MAVLink_manual_control_message.msgname)
+        self._fieldnames = MAVLink_manual_control_message.fieldnames
+        self._instance_field = MAVLink_manual_control_message.instance_field
+        self._instance_offset = MAVLink_manual_control_message.instance_offset
+        self.target = target
+        self.x = x
+        self.y = y
+        self.z = z
+        self.r = r
+        self.buttons = buttons
+        self.buttons2 = buttons2
+        self.enabled_extensions = enabled_extensions
+        self.s = s
+        self.t = t
+        self.aux1 = aux1
+        self.aux2 = aux2
+        self.aux3 = aux3
+        self.aux4 = aux4
+        self.aux5 = aux5
+        self.aux6 = aux6
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.x, self.y, self.z, self.r, self.buttons, self.target, self.buttons2, self.enabled_extensions, self.s, self.t, self.aux1, self.aux2, self.aux3, self.aux4, self.aux5, self.aux6), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_manual_control_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_rc_channels_override_message(MAVLink_message):
+    """
+    Manual input as pulse widths; 0 gives a channel back, 65535 leaves
+    it.
+    """
+
+    id = MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE
+    msgname = "RC_CHANNELS_OVERRIDE"
+    fieldnames = ["target_system", "target_component", "chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw"]
+    ordered_fieldnames = ["chan1_raw", "chan2_raw", "chan3_raw", "chan4_raw", "chan5_raw", "chan6_raw", "chan7_raw", "chan8_raw", "target_system", "target_component", "chan9_raw", "chan10_raw", "chan11_raw", "chan12_raw", "chan13_raw", "chan14_raw", "chan15_raw", "chan16_raw", "chan17_raw", "chan18_raw"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"chan1_raw": "us", "chan2_raw": "us", "chan3_raw": "us", "chan4_raw": "us", "chan5_raw": "us", "chan6_raw": "us", "chan7_raw": "us", "chan8_raw": "us", "chan9_raw": "us", "chan10_raw": "us", "chan11_raw": "us", "chan12_raw": "us", "chan13_raw": "us", "chan14_raw": "us", "chan15_raw": "us", "chan16_raw": "us", "chan17_raw": "us", "chan18_raw": "us"}
+    native_format = bytearray(b"<HHHHHHHHBBHHHHHHHHHH")
+    orders = [8, 9, 0, 1, 2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 124
+    unpacker = struct.Struct("<HHHHHHHHBBHHHHHHHHHH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int = 0, chan10_raw: int = 0, chan11_raw: int = 0, chan12_raw: int = 0, chan13_raw: int = 0, chan14_raw: int = 0, chan15_raw: int = 0, chan16_raw: int = 0, chan17_raw: int = 0, chan18_raw: int = 0):
+        MAVLink_message.__init__(self, MAVLink_rc_channels_override_message.id, MAVLink_rc_channels_override_message.msgname)
+        self._fieldnames = MAVLink_rc_channels_override_message.fieldnames
+        self._instance_field = MAVLink_rc_channels_override_message.instance_field
+        self._instance_offset = MAVLink_rc_channels_override_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.chan1_raw = chan1_raw
+        self.chan2_raw = chan2_raw
+        self.chan3_raw = chan3_raw
+        self.chan4_raw = chan4_raw
+        self.chan5_raw = chan5_raw
+        self.chan6_raw = chan6_raw
+        self.chan7_raw = chan7_raw
+        self.chan8_raw = chan8_raw
+        self.chan9_raw = chan9_raw
+        self.chan10_raw = chan10_raw
+        self.chan11_raw = chan11_raw
+        self.chan12_raw = chan12_raw
+        self.chan13_raw = chan13_raw
+        self.chan14_raw = chan14_raw
+        self.chan15_raw = chan15_raw
+        self.chan16_raw = chan16_raw
+        self.chan17_raw = chan17_raw
+        self.chan18_raw = chan18_raw
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.chan1_raw, self.chan2_raw, self.chan3_raw, self.chan4_raw, self.chan5_raw, self.chan6_raw, self.chan7_raw, self.chan8_raw, self.target_system, self.target_component, self.chan9_raw, self.chan10_raw, self.chan11_raw, self.chan12_raw, self.chan13_raw, self.chan14_raw, self.chan15_raw, self.chan16_raw, self.chan17_raw, self.chan18_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_rc_channels_override_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_mission_item_int_message(MAVLink_message):
     """
     One mission item.
@@ -1423,6 +2556,99 @@ class MAVLink_mission_item_int_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_mission_item_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_vfr_hud_message(MAVLink_message):
+    """
+    Figures for a head-up display.
+    """
+
+    id = MAVLINK_MSG_ID_VFR_HUD
+    msgname = "VFR_HUD"
+    fieldnames = ["airspeed", "groundspeed", "heading", "throttle", "alt", "climb"]
+    ordered_fieldnames = ["airspeed", "groundspeed", "alt", "climb", "heading", "throttle"]
+    fieldtypes = ["float", "float", "int16_t", "uint16_t", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"airspeed": "m/s", "groundspeed": "m/s", "heading": "deg", "throttle": "%", "alt": "m", "climb": "m/s"}
+    native_format = bytearray(b"<ffffhH")
+    orders = [0, 1, 4, 5, 2, 3]
+    lengths = [1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0]
+    crc_extra = 20
+    unpacker = struct.Struct("<ffffhH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float):
+        MAVLink_message.__init__(self, MAVLink_vfr_hud_message.id, MAVLink_vfr_hud_message.msgname)
+        self._fieldnames = MAVLink_vfr_hud_message.fieldnames
+        self._instance_field = MAVLink_vfr_hud_message.instance_field
+        self._instance_offset = MAVLink_vfr_hud_message.instance_offset
+        self.airspeed = airspeed
+        self.groundspeed = groundspeed
+        self.heading = heading
+        self.throttle = throttle
+        self.alt = alt
+        self.climb = climb
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.airspeed, self.groundspeed, self.alt, self.climb, self.heading, self.throttle), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_vfr_hud_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_command_int_message(MAVLink_message):
+    """
+    A command with a position as integers.
+    """
+
+    id = MAVLINK_MSG_ID_COMMAND_INT
+    msgname = "COMMAND_INT"
+    fieldnames = ["target_system", "target_component", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z"]
+    ordered_fieldnames = ["param1", "param2", "param3", "param4", "x", "y", "z", "command", "target_system", "target_component", "frame", "current", "autocontinue"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "int32_t", "int32_t", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<ffffiifHBBBBB")
+    orders = [8, 9, 10, 7, 11, 12, 0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 158
+    unpacker = struct.Struct("<ffffiifHBBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float):
+        MAVLink_message.__init__(self, MAVLink_command_int_message.id, MAVLink_command_int_message.msgname)
+        self._fieldnames = MAVLink_command_int_message.fieldnames
+        self._instance_field = MAVLink_command_int_message.instance_field
+        self._instance_offset = MAVLink_command_int_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.frame = frame
+        self.command = command
+        self.current = current
+        self.autocontinue = autocontinue
+        self.param1 = param1
+        self.param2 = param2
+        self.param3 = param3
+        self.param4 = param4
+        self.x = x
+        self.y = y
+        self.z = z
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param1, self.param2, self.param3, self.param4, self.x, self.y, self.z, self.command, self.target_system, self.target_component, self.frame, self.current, self.autocontinue), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_command_int_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_command_long_message(MAVLink_message):
@@ -1516,6 +2742,565 @@ class MAVLink_command_ack_message(MAVLink_message):
 setattr(MAVLink_command_ack_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_set_position_target_local_ned_message(MAVLink_message):
+    """
+    GUIDED target relative to the origin or the vehicle.
+    """
+
+    id = MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    msgname = "SET_POSITION_TARGET_LOCAL_NED"
+    fieldnames = ["time_boot_ms", "target_system", "target_component", "coordinate_frame", "type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    ordered_fieldnames = ["time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "target_system", "target_component", "coordinate_frame"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint16_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "x": "m", "y": "m", "z": "m", "vx": "m/s", "vy": "m/s", "vz": "m/s", "afx": "m/s/s", "afy": "m/s/s", "afz": "m/s/s", "yaw": "rad", "yaw_rate": "rad/s"}
+    native_format = bytearray(b"<IfffffffffffHBBB")
+    orders = [0, 13, 14, 15, 12, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 143
+    unpacker = struct.Struct("<IfffffffffffHBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
+        MAVLink_message.__init__(self, MAVLink_set_position_target_local_ned_message.id, MAVLink_set_position_target_local_ned_message.msgname)
+        self._fieldnames = MAVLink_set_position_target_local_ned_message.fieldnames
+        self._instance_field = MAVLink_set_position_target_local_ned_message.instance_field
+        self._instance_offset = MAVLink_set_position_target_local_ned_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.target_system = target_system
+        self.target_component = target_component
+        self.coordinate_frame = coordinate_frame
+        self.type_mask = type_mask
+        self.x = x
+        self.y = y
+        self.z = z
+        self.vx = vx
+        self.vy = vy
+        self.vz = vz
+        self.afx = afx
+        self.afy = afy
+        self.afz = afz
+        self.yaw = yaw
+        self.yaw_rate = yaw_rate
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.x, self.y, self.z, self.vx, self.vy, self.vz, self.afx, self.afy, self.afz, self.yaw, self.yaw_rate, self.type_mask, self.target_system, self.target_component, self.coordinate_frame), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_set_position_target_local_ned_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_position_target_local_ned_message(MAVLink_message):
+    """
+    GUIDED target in force.
+    """
+
+    id = MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
+    msgname = "POSITION_TARGET_LOCAL_NED"
+    fieldnames = ["time_boot_ms", "coordinate_frame", "type_mask", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    ordered_fieldnames = ["time_boot_ms", "x", "y", "z", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "coordinate_frame"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "x": "m", "y": "m", "z": "m", "vx": "m/s", "vy": "m/s", "vz": "m/s", "afx": "m/s/s", "afy": "m/s/s", "afz": "m/s/s", "yaw": "rad", "yaw_rate": "rad/s"}
+    native_format = bytearray(b"<IfffffffffffHB")
+    orders = [0, 13, 12, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 140
+    unpacker = struct.Struct("<IfffffffffffHB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
+        MAVLink_message.__init__(self, MAVLink_position_target_local_ned_message.id, MAVLink_position_target_local_ned_message.msgname)
+        self._fieldnames = MAVLink_position_target_local_ned_message.fieldnames
+        self._instance_field = MAVLink_position_target_local_ned_message.instance_field
+        self._instance_offset = MAVLink_position_target_local_ned_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.coordinate_frame = coordinate_frame
+        self.type_mask = type_mask
+        self.x = x
+        self.y = y
+        self.z = z
+        self.vx = vx
+        self.vy = vy
+        self.vz = vz
+        self.afx = afx
+        self.afy = afy
+        self.afz = afz
+        self.yaw = yaw
+        self.yaw_rate = yaw_rate
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.x, self.y, self.z, self.vx, self.vy, self.vz, self.afx, self.afy, self.afz, self.yaw, self.yaw_rate, self.type_mask, self.coordinate_frame), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_position_target_local_ned_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_set_position_target_global_int_message(MAVLink_message):
+    """
+    GUIDED target on the Earth.
+    """
+
+    id = MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
+    msgname = "SET_POSITION_TARGET_GLOBAL_INT"
+    fieldnames = ["time_boot_ms", "target_system", "target_component", "coordinate_frame", "type_mask", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    ordered_fieldnames = ["time_boot_ms", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "target_system", "target_component", "coordinate_frame"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint16_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat_int": "degE7", "lon_int": "degE7", "alt": "m", "vx": "m/s", "vy": "m/s", "vz": "m/s", "afx": "m/s/s", "afy": "m/s/s", "afz": "m/s/s", "yaw": "rad", "yaw_rate": "rad/s"}
+    native_format = bytearray(b"<IiifffffffffHBBB")
+    orders = [0, 13, 14, 15, 12, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 5
+    unpacker = struct.Struct("<IiifffffffffHBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
+        MAVLink_message.__init__(self, MAVLink_set_position_target_global_int_message.id, MAVLink_set_position_target_global_int_message.msgname)
+        self._fieldnames = MAVLink_set_position_target_global_int_message.fieldnames
+        self._instance_field = MAVLink_set_position_target_global_int_message.instance_field
+        self._instance_offset = MAVLink_set_position_target_global_int_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.target_system = target_system
+        self.target_component = target_component
+        self.coordinate_frame = coordinate_frame
+        self.type_mask = type_mask
+        self.lat_int = lat_int
+        self.lon_int = lon_int
+        self.alt = alt
+        self.vx = vx
+        self.vy = vy
+        self.vz = vz
+        self.afx = afx
+        self.afy = afy
+        self.afz = afz
+        self.yaw = yaw
+        self.yaw_rate = yaw_rate
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat_int, self.lon_int, self.alt, self.vx, self.vy, self.vz, self.afx, self.afy, self.afz, self.yaw, self.yaw_rate, self.type_mask, self.target_system, self.target_component, self.coordinate_frame), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_set_position_target_global_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_position_target_global_int_message(MAVLink_message):
+    """
+    GUIDED target in force.
+    """
+
+    id = MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT
+    msgname = "POSITION_TARGET_GLOBAL_INT"
+    fieldnames = ["time_boot_ms", "coordinate_frame", "type_mask", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate"]
+    ordered_fieldnames = ["time_boot_ms", "lat_int", "lon_int", "alt", "vx", "vy", "vz", "afx", "afy", "afz", "yaw", "yaw_rate", "type_mask", "coordinate_frame"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint16_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat_int": "degE7", "lon_int": "degE7", "alt": "m", "vx": "m/s", "vy": "m/s", "vz": "m/s", "afx": "m/s/s", "afy": "m/s/s", "afz": "m/s/s", "yaw": "rad", "yaw_rate": "rad/s"}
+    native_format = bytearray(b"<IiifffffffffHB")
+    orders = [0, 13, 12, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 150
+    unpacker = struct.Struct("<IiifffffffffHB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float):
+        MAVLink_message.__init__(self, MAVLink_position_target_global_int_message.id, MAVLink_position_target_global_int_message.msgname)
+        self._fieldnames = MAVLink_position_target_global_int_message.fieldnames
+        self._instance_field = MAVLink_position_target_global_int_message.instance_field
+        self._instance_offset = MAVLink_position_target_global_int_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.coordinate_frame = coordinate_frame
+        self.type_mask = type_mask
+        self.lat_int = lat_int
+        self.lon_int = lon_int
+        self.alt = alt
+        self.vx = vx
+        self.vy = vy
+        self.vz = vz
+        self.afx = afx
+        self.afy = afy
+        self.afz = afz
+        self.yaw = yaw
+        self.yaw_rate = yaw_rate
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat_int, self.lon_int, self.alt, self.vx, self.vy, self.vz, self.afx, self.afy, self.afz, self.yaw, self.yaw_rate, self.type_mask, self.coordinate_frame), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_position_target_global_int_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_timesync_message(MAVLink_message):
+    """
+    Time stamps there and back; tc1 is 0 in a request.
+    """
+
+    id = MAVLINK_MSG_ID_TIMESYNC
+    msgname = "TIMESYNC"
+    fieldnames = ["tc1", "ts1"]
+    ordered_fieldnames = ["tc1", "ts1"]
+    fieldtypes = ["int64_t", "int64_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"tc1": "ns", "ts1": "ns"}
+    native_format = bytearray(b"<qq")
+    orders = [0, 1]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 34
+    unpacker = struct.Struct("<qq")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, tc1: int, ts1: int):
+        MAVLink_message.__init__(self, MAVLink_timesync_message.id, MAVLink_timesync_message.msgname)
+        self._fieldnames = MAVLink_timesync_message.fieldnames
+        self._instance_field = MAVLink_timesync_message.instance_field
+        self._instance_offset = MAVLink_timesync_message.instance_offset
+        self.tc1 = tc1
+        self.ts1 = ts1
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.tc1, self.ts1), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_timesync_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_battery_status_message(MAVLink_message):
+    """
+    Battery, all unknown on a simulated vessel without one.
+    """
+
+    id = MAVLINK_MSG_ID_BATTERY_STATUS
+    msgname = "BATTERY_STATUS"
+    fieldnames = ["id", "battery_function", "type", "temperature", "voltages", "current_battery", "current_consumed", "energy_consumed", "battery_remaining", "time_remaining", "charge_state", "voltages_ext", "mode", "fault_bitmask"]
+    ordered_fieldnames = ["current_consumed", "energy_consumed", "temperature", "voltages", "current_battery", "id", "battery_function", "type", "battery_remaining", "time_remaining", "charge_state", "voltages_ext", "mode", "fault_bitmask"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "int16_t", "uint16_t", "int16_t", "int32_t", "int32_t", "int8_t", "int32_t", "uint8_t", "uint16_t", "uint8_t", "uint32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"temperature": "cdegC", "voltages": "mV", "current_battery": "cA", "current_consumed": "mAh", "energy_consumed": "hJ", "battery_remaining": "%", "time_remaining": "s", "voltages_ext": "mV"}
+    native_format = bytearray(b"<iihHhBBBbiBHBI")
+    orders = [5, 6, 7, 2, 3, 4, 0, 1, 8, 9, 10, 11, 12, 13]
+    lengths = [1, 1, 1, 10, 1, 1, 1, 1, 1, 1, 1, 4, 1, 1]
+    array_lengths = [0, 0, 0, 10, 0, 0, 0, 0, 0, 0, 0, 4, 0, 0]
+    crc_extra = 154
+    unpacker = struct.Struct("<iih10HhBBBbiB4HBI")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, id: int, battery_function: int, type: int, temperature: int, voltages: Sequence[int], current_battery: int, current_consumed: int, energy_consumed: int, battery_remaining: int, time_remaining: int = 0, charge_state: int = 0, voltages_ext: Sequence[int] = (0, 0, 0, 0), mode: int = 0, fault_bitmask: int = 0):
+        MAVLink_message.__init__(self, MAVLink_battery_status_message.id, MAVLink_battery_status_message.msgname)
+        self._fieldnames = MAVLink_battery_status_message.fieldnames
+        self._instance_field = MAVLink_battery_status_message.instance_field
+        self._instance_offset = MAVLink_battery_status_message.instance_offset
+        self.id = id
+        self.battery_function = battery_function
+        self.type = type
+        self.temperature = temperature
+        self.voltages = voltages
+        self.current_battery = current_battery
+        self.current_consumed = current_consumed
+        self.energy_consumed = energy_consumed
+        self.battery_remaining = battery_remaining
+        self.time_remaining = time_remaining
+        self.charge_state = charge_state
+        self.voltages_ext = voltages_ext
+        self.mode = mode
+        self.fault_bitmask = fault_bitmask
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.current_consumed, self.energy_consumed, self.temperature, self.voltages[0], self.voltages[1], self.voltages[2], self.voltages[3], self.voltages[4], self.voltages[5], self.voltages[6], self.voltages[7], self.voltages[8], self.voltages[9], self.current_battery, self.id, self.battery_function, self.type, self.battery_remaining, self.time_remaining, self.charge_state, self.voltages_ext[0], self.voltages_ext[1], self.voltages_ext[2], self.voltages_ext[3], self.mode, self.fault_bitmask), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_battery_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_autopilot_version_message(MAVLink_message):
+    """
+    Who the autopilot is and what it can do.
+    """
+
+    id = MAVLINK_MSG_ID_AUTOPILOT_VERSION
+    msgname = "AUTOPILOT_VERSION"
+    fieldnames = ["capabilities", "flight_sw_version", "middleware_sw_version", "os_sw_version", "board_version", "flight_custom_version", "middleware_custom_version", "os_custom_version", "vendor_id", "product_id", "uid", "uid2"]
+    ordered_fieldnames = ["capabilities", "uid", "flight_sw_version", "middleware_sw_version", "os_sw_version", "board_version", "vendor_id", "product_id", "flight_custom_version", "middleware_custom_version", "os_custom_version", "uid2"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint8_t", "uint8_t", "uint8_t", "uint16_t", "uint16_t", "uint64_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<QQIIIIHHBBBB")
+    orders = [0, 2, 3, 4, 5, 8, 9, 10, 6, 7, 1, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 8, 8, 8, 18]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 8, 8, 8, 18]
+    crc_extra = 178
+    unpacker = struct.Struct("<QQIIIIHH8B8B8B18B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)):
+        MAVLink_message.__init__(self, MAVLink_autopilot_version_message.id, MAVLink_autopilot_version_message.msgname)
+        self._fieldnames = MAVLink_autopilot_version_message.fieldnames
+        self._instance_field = MAVLink_autopilot_version_message.instance_field
+        self._instance_offset = MAVLink_autopilot_version_message.instance_offset
+        self.capabilities = capabilities
+        self.flight_sw_version = flight_sw_version
+        self.middleware_sw_version = middleware_sw_version
+        self.os_sw_version = os_sw_version
+        self.board_version = board_version
+        self.flight_custom_version = flight_custom_version
+        self.middleware_custom_version = middleware_custom_version
+        self.os_custom_version = os_custom_version
+        self.vendor_id = vendor_id
+        self.product_id = product_id
+        self.uid = uid
+        self.uid2 = uid2
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.capabilities, self.uid, self.flight_sw_version, self.middleware_sw_version, self.os_sw_version, self.board_version, self.vendor_id, self.product_id, self.flight_custom_version[0], self.flight_custom_version[1], self.flight_custom_version[2], self.flight_custom_version[3], self.flight_custom_version[4], self.flight_custom_version[5], self.flight_custom_version[6], self.flight_custom_version[7], self.middleware_custom_version[0], self.middleware_custom_version[1], self.middleware_custom_version[2], self.middleware_custom_version[3], self.middleware_custom_version[4], self.middleware_custom_version[5], self.middleware_custom_version[6], self.middleware_custom_version[7], self.os_custom_version[0], self.os_custom_version[1], self.os_custom_version[2], self.os_custom_version[3], self.os_custom_version[4], self.os_custom_version[5], self.os_custom_version[6], self.os_custom_version[7], self.uid2[0], self.uid2[1], self.uid2[2], self.uid2[3], self.uid2[4], self.uid2[5], self.uid2[6], self.uid2[7], self.uid2[8], self.uid2[9], self.uid2[10], self.uid2[11], self.uid2[12], self.uid2[13], self.uid2[14], self.uid2[15], self.uid2[16], self.uid2[17]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_autopilot_version_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_fence_status_message(MAVLink_message):
+    """
+    Geofence.
+    """
+
+    id = MAVLINK_MSG_ID_FENCE_STATUS
+    msgname = "FENCE_STATUS"
+    fieldnames = ["breach_status", "breach_count", "breach_type", "breach_time", "breach_mitigation"]
+    ordered_fieldnames = ["breach_time", "breach_count", "breach_status", "breach_type", "breach_mitigation"]
+    fieldtypes = ["uint8_t", "uint16_t", "uint8_t", "uint32_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"breach_time": "ms"}
+    native_format = bytearray(b"<IHBBB")
+    orders = [2, 1, 3, 0, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 189
+    unpacker = struct.Struct("<IHBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, breach_status: int, breach_count: int, breach_type: int, breach_time: int, breach_mitigation: int = 0):
+        MAVLink_message.__init__(self, MAVLink_fence_status_message.id, MAVLink_fence_status_message.msgname)
+        self._fieldnames = MAVLink_fence_status_message.fieldnames
+        self._instance_field = MAVLink_fence_status_message.instance_field
+        self._instance_offset = MAVLink_fence_status_message.instance_offset
+        self.breach_status = breach_status
+        self.breach_count = breach_count
+        self.breach_type = breach_type
+        self.breach_time = breach_time
+        self.breach_mitigation = breach_mitigation
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.breach_time, self.breach_count, self.breach_status, self.breach_type, self.breach_mitigation), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_fence_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_ekf_status_report_message(MAVLink_message):
+    """
+    Health of the estimator as ArduPilot reports it.
+    """
+
+    id = MAVLINK_MSG_ID_EKF_STATUS_REPORT
+    msgname = "EKF_STATUS_REPORT"
+    fieldnames = ["flags", "velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance", "terrain_alt_variance", "airspeed_variance"]
+    ordered_fieldnames = ["velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance", "terrain_alt_variance", "flags", "airspeed_variance"]
+    fieldtypes = ["uint16_t", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<fffffHf")
+    orders = [5, 0, 1, 2, 3, 4, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 71
+    unpacker = struct.Struct("<fffffHf")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, flags: int, velocity_variance: float, pos_horiz_variance: float, pos_vert_variance: float, compass_variance: float, terrain_alt_variance: float, airspeed_variance: float = 0):
+        MAVLink_message.__init__(self, MAVLink_ekf_status_report_message.id, MAVLink_ekf_status_report_message.msgname)
+        self._fieldnames = MAVLink_ekf_status_report_message.fieldnames
+        self._instance_field = MAVLink_ekf_status_report_message.instance_field
+        self._instance_offset = MAVLink_ekf_status_report_message.instance_offset
+        self.flags = flags
+        self.velocity_variance = velocity_variance
+        self.pos_horiz_variance = pos_horiz_variance
+        self.pos_vert_variance = pos_vert_variance
+        self.compass_variance = compass_variance
+        self.terrain_alt_variance = terrain_alt_variance
+        self.airspeed_variance = airspeed_variance
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.velocity_variance, self.pos_horiz_variance, self.pos_vert_variance, self.compass_variance, self.terrain_alt_variance, self.flags, self.airspeed_variance), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_ekf_status_report_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_home_position_message(MAVLink_message):
+    """
+    Where home is.
+    """
+
+    id = MAVLINK_MSG_ID_HOME_POSITION
+    msgname = "HOME_POSITION"
+    fieldnames = ["latitude", "longitude", "altitude", "x", "y", "z", "q", "approach_x", "approach_y", "approach_z", "time_usec"]
+    ordered_fieldnames = ["latitude", "longitude", "altitude", "x", "y", "z", "q", "approach_x", "approach_y", "approach_z", "time_usec"]
+    fieldtypes = ["int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "uint64_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"latitude": "degE7", "longitude": "degE7", "altitude": "mm", "x": "m", "y": "m", "z": "m", "approach_x": "m", "approach_y": "m", "approach_z": "m", "time_usec": "us"}
+    native_format = bytearray(b"<iiifffffffQ")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    lengths = [1, 1, 1, 1, 1, 1, 4, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0]
+    crc_extra = 104
+    unpacker = struct.Struct("<iiifff4ffffQ")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, latitude: int, longitude: int, altitude: int, x: float, y: float, z: float, q: Sequence[float], approach_x: float, approach_y: float, approach_z: float, time_usec: int = 0):
+        MAVLink_message.__init__(self, MAVLink_home_position_message.id, MAVLink_home_position_message.msgname)
+        self._fieldnames = MAVLink_home_position_message.fieldnames
+        self._instance_field = MAVLink_home_position_message.instance_field
+        self._instance_offset = MAVLink_home_position_message.instance_offset
+        self.latitude = latitude
+        self.longitude = longitude
+        self.altitude = altitude
+        self.x = x
+        self.y = y
+        self.z = z
+        self.q = q
+        self.approach_x = approach_x
+        self.approach_y = approach_y
+        self.approach_z = approach_z
+        self.time_usec = time_usec
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.latitude, self.longitude, self.altitude, self.x, self.y, self.z, self.q[0], self.q[1], self.q[2], self.q[3], self.approach_x, self.approach_y, self.approach_z, self.time_usec), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_home_position_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_message_interval_message(MAVLink_message):
+    """
+    At what interval a message is sent.
+    """
+
+    id = MAVLINK_MSG_ID_MESSAGE_INTERVAL
+    msgname = "MESSAGE_INTERVAL"
+    fieldnames = ["message_id", "interval_us"]
+    ordered_fieldnames = ["interval_us", "message_id"]
+    fieldtypes = ["uint16_t", "int32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"interval_us": "us"}
+    native_format = bytearray(b"<iH")
+    orders = [1, 0]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 95
+    unpacker = struct.Struct("<iH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, message_id: int, interval_us: int):
+        MAVLink_message.__init__(self, MAVLink_message_interval_message.id, MAVLink_message_interval_message.msgname)
+        self._fieldnames = MAVLink_message_interval_message.fieldnames
+        self._instance_field = MAVLink_message_interval_message.instance_field
+        self._instance_offset = MAVLink_message_interval_message.instance_offset
+        self.message_id = message_id
+        self.interval_us = interval_us
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.interval_us, self.message_id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_message_interval_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_extended_sys_state_message(MAVLink_message):
+    """
+    Whether it flies; a vessel is on the ground.
+    """
+
+    id = MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+    msgname = "EXTENDED_SYS_STATE"
+    fieldnames = ["vtol_state", "landed_state"]
+    ordered_fieldnames = ["vtol_state", "landed_state"]
+    fieldtypes = ["uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<BB")
+    orders = [0, 1]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 130
+    unpacker = struct.Struct("<BB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, vtol_state: int, landed_state: int):
+        MAVLink_message.__init__(self, MAVLink_extended_sys_state_message.id, MAVLink_extended_sys_state_message.msgname)
+        self._fieldnames = MAVLink_extended_sys_state_message.fieldnames
+        self._instance_field = MAVLink_extended_sys_state_message.instance_field
+        self._instance_offset = MAVLink_extended_sys_state_message.instance_offset
+        self.vtol_state = vtol_state
+        self.landed_state = landed_state
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.vtol_state, self.landed_state), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_extended_sys_state_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_statustext_message(MAVLink_message):
     """
     A sentence for the person at the ground station.
@@ -1556,6 +3341,48 @@ class MAVLink_statustext_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_statustext_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_setup_signing_message(MAVLink_message):
+    """
+    A key for MAVLink 2 signing; refused here, the key comes from the
+    configuration.
+    """
+
+    id = MAVLINK_MSG_ID_SETUP_SIGNING
+    msgname = "SETUP_SIGNING"
+    fieldnames = ["target_system", "target_component", "secret_key", "initial_timestamp"]
+    ordered_fieldnames = ["initial_timestamp", "target_system", "target_component", "secret_key"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint64_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<QBBB")
+    orders = [1, 2, 3, 0]
+    lengths = [1, 1, 1, 32]
+    array_lengths = [0, 0, 0, 32]
+    crc_extra = 71
+    unpacker = struct.Struct("<QBB32B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int):
+        MAVLink_message.__init__(self, MAVLink_setup_signing_message.id, MAVLink_setup_signing_message.msgname)
+        self._fieldnames = MAVLink_setup_signing_message.fieldnames
+        self._instance_field = MAVLink_setup_signing_message.instance_field
+        self._instance_offset = MAVLink_setup_signing_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.secret_key = secret_key
+        self.initial_timestamp = initial_timestamp
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.initial_timestamp, self.target_system, self.target_component, self.secret_key[0], self.secret_key[1], self.secret_key[2], self.secret_key[3], self.secret_key[4], self.secret_key[5], self.secret_key[6], self.secret_key[7], self.secret_key[8], self.secret_key[9], self.secret_key[10], self.secret_key[11], self.secret_key[12], self.secret_key[13], self.secret_key[14], self.secret_key[15], self.secret_key[16], self.secret_key[17], self.secret_key[18], self.secret_key[19], self.secret_key[20], self.secret_key[21], self.secret_key[22], self.secret_key[23], self.secret_key[24], self.secret_key[25], self.secret_key[26], self.secret_key[27], self.secret_key[28], self.secret_key[29], self.secret_key[30], self.secret_key[31]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_setup_signing_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_xitl_run_message(MAVLink_message):
@@ -2000,13 +3827,26 @@ setattr(MAVLink_xitl_node_status_message, "name", mavlink_msg_deprecated_name_pr
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
+    MAVLINK_MSG_ID_SYSTEM_TIME: MAVLink_system_time_message,
+    MAVLINK_MSG_ID_PING: MAVLink_ping_message,
+    MAVLINK_MSG_ID_SET_MODE: MAVLink_set_mode_message,
     MAVLINK_MSG_ID_PARAM_REQUEST_READ: MAVLink_param_request_read_message,
     MAVLINK_MSG_ID_PARAM_REQUEST_LIST: MAVLink_param_request_list_message,
     MAVLINK_MSG_ID_PARAM_VALUE: MAVLink_param_value_message,
     MAVLINK_MSG_ID_PARAM_SET: MAVLink_param_set_message,
+    MAVLINK_MSG_ID_GPS_RAW_INT: MAVLink_gps_raw_int_message,
+    MAVLINK_MSG_ID_RAW_IMU: MAVLink_raw_imu_message,
+    MAVLINK_MSG_ID_SCALED_PRESSURE: MAVLink_scaled_pressure_message,
+    MAVLINK_MSG_ID_ATTITUDE: MAVLink_attitude_message,
     MAVLINK_MSG_ID_ATTITUDE_QUATERNION: MAVLink_attitude_quaternion_message,
     MAVLINK_MSG_ID_LOCAL_POSITION_NED: MAVLink_local_position_ned_message,
     MAVLINK_MSG_ID_GLOBAL_POSITION_INT: MAVLink_global_position_int_message,
+    MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: MAVLink_servo_output_raw_message,
+    MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: MAVLink_mission_request_partial_list_message,
+    MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: MAVLink_mission_write_partial_list_message,
+    MAVLINK_MSG_ID_MISSION_ITEM: MAVLink_mission_item_message,
+    MAVLINK_MSG_ID_MISSION_REQUEST: MAVLink_mission_request_message,
+    MAVLINK_MSG_ID_MISSION_SET_CURRENT: MAVLink_mission_set_current_message,
     MAVLINK_MSG_ID_MISSION_CURRENT: MAVLink_mission_current_message,
     MAVLINK_MSG_ID_MISSION_REQUEST_LIST: MAVLink_mission_request_list_message,
     MAVLINK_MSG_ID_MISSION_COUNT: MAVLink_mission_count_message,
@@ -2016,10 +3856,29 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MAVLink_gps_global_origin_message,
     MAVLINK_MSG_ID_MISSION_REQUEST_INT: MAVLink_mission_request_int_message,
     MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: MAVLink_nav_controller_output_message,
+    MAVLINK_MSG_ID_RC_CHANNELS: MAVLink_rc_channels_message,
+    MAVLINK_MSG_ID_REQUEST_DATA_STREAM: MAVLink_request_data_stream_message,
+    MAVLINK_MSG_ID_MANUAL_CONTROL: MAVLink_manual_control_message,
+    MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: MAVLink_rc_channels_override_message,
     MAVLINK_MSG_ID_MISSION_ITEM_INT: MAVLink_mission_item_int_message,
+    MAVLINK_MSG_ID_VFR_HUD: MAVLink_vfr_hud_message,
+    MAVLINK_MSG_ID_COMMAND_INT: MAVLink_command_int_message,
     MAVLINK_MSG_ID_COMMAND_LONG: MAVLink_command_long_message,
     MAVLINK_MSG_ID_COMMAND_ACK: MAVLink_command_ack_message,
+    MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: MAVLink_set_position_target_local_ned_message,
+    MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: MAVLink_position_target_local_ned_message,
+    MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: MAVLink_set_position_target_global_int_message,
+    MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: MAVLink_position_target_global_int_message,
+    MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
+    MAVLINK_MSG_ID_BATTERY_STATUS: MAVLink_battery_status_message,
+    MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
+    MAVLINK_MSG_ID_FENCE_STATUS: MAVLink_fence_status_message,
+    MAVLINK_MSG_ID_EKF_STATUS_REPORT: MAVLink_ekf_status_report_message,
+    MAVLINK_MSG_ID_HOME_POSITION: MAVLink_home_position_message,
+    MAVLINK_MSG_ID_MESSAGE_INTERVAL: MAVLink_message_interval_message,
+    MAVLINK_MSG_ID_EXTENDED_SYS_STATE: MAVLink_extended_sys_state_message,
     MAVLINK_MSG_ID_STATUSTEXT: MAVLink_statustext_message,
+    MAVLINK_MSG_ID_SETUP_SIGNING: MAVLink_setup_signing_message,
     MAVLINK_MSG_ID_XITL_RUN: MAVLink_xitl_run_message,
     MAVLINK_MSG_ID_XITL_TICK: MAVLink_xitl_tick_message,
     MAVLINK_MSG_ID_XITL_IMU: MAVLink_xitl_imu_message,
@@ -2496,6 +4355,72 @@ class MAVLink(object):
         """
         self.send(self.sys_status_encode(onboard_control_sensors_present, onboard_control_sensors_enabled, onboard_control_sensors_health, load, voltage_battery, current_battery, battery_remaining, drop_rate_comm, errors_comm, errors_count1, errors_count2, errors_count3, errors_count4), force_mavlink1=force_mavlink1)
 
+    def system_time_encode(self, time_unix_usec: int, time_boot_ms: int) -> MAVLink_system_time_message:
+        """
+        UTC and time since start.
+
+        time_unix_usec            : UTC since 1970, 0 when unknown [us] (type:uint64_t)
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+
+        """
+        return MAVLink_system_time_message(time_unix_usec, time_boot_ms)
+
+    def system_time_send(self, time_unix_usec: int, time_boot_ms: int, force_mavlink1: bool = False) -> None:
+        """
+        UTC and time since start.
+
+        time_unix_usec            : UTC since 1970, 0 when unknown [us] (type:uint64_t)
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+
+        """
+        self.send(self.system_time_encode(time_unix_usec, time_boot_ms), force_mavlink1=force_mavlink1)
+
+    def ping_encode(self, time_usec: int, seq: int, target_system: int, target_component: int) -> MAVLink_ping_message:
+        """
+        Round trip: a request has target 0, the answer names who asked.
+
+        time_usec                 : Time of the sender [us] (type:uint64_t)
+        seq                       : Counts up (type:uint32_t)
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+
+        """
+        return MAVLink_ping_message(time_usec, seq, target_system, target_component)
+
+    def ping_send(self, time_usec: int, seq: int, target_system: int, target_component: int, force_mavlink1: bool = False) -> None:
+        """
+        Round trip: a request has target 0, the answer names who asked.
+
+        time_usec                 : Time of the sender [us] (type:uint64_t)
+        seq                       : Counts up (type:uint32_t)
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+
+        """
+        self.send(self.ping_encode(time_usec, seq, target_system, target_component), force_mavlink1=force_mavlink1)
+
+    def set_mode_encode(self, target_system: int, base_mode: int, custom_mode: int) -> MAVLink_set_mode_message:
+        """
+        Set the mode, the old way.
+
+        target_system             : System addressed (type:uint8_t)
+        base_mode                 : Mode flags (type:uint8_t)
+        custom_mode               : Mode number of the autopilot (type:uint32_t)
+
+        """
+        return MAVLink_set_mode_message(target_system, base_mode, custom_mode)
+
+    def set_mode_send(self, target_system: int, base_mode: int, custom_mode: int, force_mavlink1: bool = False) -> None:
+        """
+        Set the mode, the old way.
+
+        target_system             : System addressed (type:uint8_t)
+        base_mode                 : Mode flags (type:uint8_t)
+        custom_mode               : Mode number of the autopilot (type:uint32_t)
+
+        """
+        self.send(self.set_mode_encode(target_system, base_mode, custom_mode), force_mavlink1=force_mavlink1)
+
     def param_request_read_encode(self, target_system: int, target_component: int, param_id: bytes, param_index: int) -> MAVLink_param_request_read_message:
         """
         Ask for one parameter by name or index.
@@ -2592,6 +4517,150 @@ class MAVLink(object):
         """
         self.send(self.param_set_encode(target_system, target_component, param_id, param_value, param_type), force_mavlink1=force_mavlink1)
 
+    def gps_raw_int_encode(self, time_usec: int, fix_type: int, lat: int, lon: int, alt: int, eph: int, epv: int, vel: int, cog: int, satellites_visible: int, alt_ellipsoid: int = 0, h_acc: int = 0, v_acc: int = 0, vel_acc: int = 0, hdg_acc: int = 0, yaw: int = 0) -> MAVLink_gps_raw_int_message:
+        """
+        What the GNSS receiver says.
+
+        time_usec                 : Agent clock [us] (type:uint64_t)
+        fix_type                  : 0 no GNSS, 1 no fix, 2 two-dimensional, 3 three-dimensional (type:uint8_t)
+        lat                       : Latitude [degE7] (type:int32_t)
+        lon                       : Longitude [degE7] (type:int32_t)
+        alt                       : Altitude above mean sea level [mm] (type:int32_t)
+        eph                       : Horizontal dilution of precision times 100 (type:uint16_t)
+        epv                       : Vertical dilution of precision times 100 (type:uint16_t)
+        vel                       : Speed over ground [cm/s] (type:uint16_t)
+        cog                       : Course over ground [cdeg] (type:uint16_t)
+        satellites_visible        : Satellites used (type:uint8_t)
+        alt_ellipsoid             : Altitude above the ellipsoid [mm] (type:int32_t)
+        h_acc                     : Horizontal accuracy [mm] (type:uint32_t)
+        v_acc                     : Vertical accuracy [mm] (type:uint32_t)
+        vel_acc                   : Speed accuracy, mm/s [mm] (type:uint32_t)
+        hdg_acc                   : Heading accuracy [degE5] (type:uint32_t)
+        yaw                       : Heading of the receiver, 0 when it has none [cdeg] (type:uint16_t)
+
+        """
+        return MAVLink_gps_raw_int_message(time_usec, fix_type, lat, lon, alt, eph, epv, vel, cog, satellites_visible, alt_ellipsoid, h_acc, v_acc, vel_acc, hdg_acc, yaw)
+
+    def gps_raw_int_send(self, time_usec: int, fix_type: int, lat: int, lon: int, alt: int, eph: int, epv: int, vel: int, cog: int, satellites_visible: int, alt_ellipsoid: int = 0, h_acc: int = 0, v_acc: int = 0, vel_acc: int = 0, hdg_acc: int = 0, yaw: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        What the GNSS receiver says.
+
+        time_usec                 : Agent clock [us] (type:uint64_t)
+        fix_type                  : 0 no GNSS, 1 no fix, 2 two-dimensional, 3 three-dimensional (type:uint8_t)
+        lat                       : Latitude [degE7] (type:int32_t)
+        lon                       : Longitude [degE7] (type:int32_t)
+        alt                       : Altitude above mean sea level [mm] (type:int32_t)
+        eph                       : Horizontal dilution of precision times 100 (type:uint16_t)
+        epv                       : Vertical dilution of precision times 100 (type:uint16_t)
+        vel                       : Speed over ground [cm/s] (type:uint16_t)
+        cog                       : Course over ground [cdeg] (type:uint16_t)
+        satellites_visible        : Satellites used (type:uint8_t)
+        alt_ellipsoid             : Altitude above the ellipsoid [mm] (type:int32_t)
+        h_acc                     : Horizontal accuracy [mm] (type:uint32_t)
+        v_acc                     : Vertical accuracy [mm] (type:uint32_t)
+        vel_acc                   : Speed accuracy, mm/s [mm] (type:uint32_t)
+        hdg_acc                   : Heading accuracy [degE5] (type:uint32_t)
+        yaw                       : Heading of the receiver, 0 when it has none [cdeg] (type:uint16_t)
+
+        """
+        self.send(self.gps_raw_int_encode(time_usec, fix_type, lat, lon, alt, eph, epv, vel, cog, satellites_visible, alt_ellipsoid, h_acc, v_acc, vel_acc, hdg_acc, yaw), force_mavlink1=force_mavlink1)
+
+    def raw_imu_encode(self, time_usec: int, xacc: int, yacc: int, zacc: int, xgyro: int, ygyro: int, zgyro: int, xmag: int, ymag: int, zmag: int, id: int = 0, temperature: int = 0) -> MAVLink_raw_imu_message:
+        """
+        Inertial and magnetic samples as integers.
+
+        time_usec                 : Agent clock [us] (type:uint64_t)
+        xacc                      : Specific force, mG (type:int16_t)
+        yacc                      : Specific force, mG (type:int16_t)
+        zacc                      : Specific force, mG (type:int16_t)
+        xgyro                     : Angular rate, mrad/s (type:int16_t)
+        ygyro                     : Angular rate, mrad/s (type:int16_t)
+        zgyro                     : Angular rate, mrad/s (type:int16_t)
+        xmag                      : Magnetic field, mgauss (type:int16_t)
+        ymag                      : Magnetic field, mgauss (type:int16_t)
+        zmag                      : Magnetic field, mgauss (type:int16_t)
+        id                        : Which unit (type:uint8_t)
+        temperature               : Temperature [cdegC] (type:int16_t)
+
+        """
+        return MAVLink_raw_imu_message(time_usec, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, id, temperature)
+
+    def raw_imu_send(self, time_usec: int, xacc: int, yacc: int, zacc: int, xgyro: int, ygyro: int, zgyro: int, xmag: int, ymag: int, zmag: int, id: int = 0, temperature: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Inertial and magnetic samples as integers.
+
+        time_usec                 : Agent clock [us] (type:uint64_t)
+        xacc                      : Specific force, mG (type:int16_t)
+        yacc                      : Specific force, mG (type:int16_t)
+        zacc                      : Specific force, mG (type:int16_t)
+        xgyro                     : Angular rate, mrad/s (type:int16_t)
+        ygyro                     : Angular rate, mrad/s (type:int16_t)
+        zgyro                     : Angular rate, mrad/s (type:int16_t)
+        xmag                      : Magnetic field, mgauss (type:int16_t)
+        ymag                      : Magnetic field, mgauss (type:int16_t)
+        zmag                      : Magnetic field, mgauss (type:int16_t)
+        id                        : Which unit (type:uint8_t)
+        temperature               : Temperature [cdegC] (type:int16_t)
+
+        """
+        self.send(self.raw_imu_encode(time_usec, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, id, temperature), force_mavlink1=force_mavlink1)
+
+    def scaled_pressure_encode(self, time_boot_ms: int, press_abs: float, press_diff: float, temperature: int, temperature_press_diff: int = 0) -> MAVLink_scaled_pressure_message:
+        """
+        Barometer.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        press_abs                 : Static pressure [hPa] (type:float)
+        press_diff                : Differential pressure [hPa] (type:float)
+        temperature               : Temperature [cdegC] (type:int16_t)
+        temperature_press_diff        : Temperature of the differential sensor [cdegC] (type:int16_t)
+
+        """
+        return MAVLink_scaled_pressure_message(time_boot_ms, press_abs, press_diff, temperature, temperature_press_diff)
+
+    def scaled_pressure_send(self, time_boot_ms: int, press_abs: float, press_diff: float, temperature: int, temperature_press_diff: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Barometer.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        press_abs                 : Static pressure [hPa] (type:float)
+        press_diff                : Differential pressure [hPa] (type:float)
+        temperature               : Temperature [cdegC] (type:int16_t)
+        temperature_press_diff        : Temperature of the differential sensor [cdegC] (type:int16_t)
+
+        """
+        self.send(self.scaled_pressure_encode(time_boot_ms, press_abs, press_diff, temperature, temperature_press_diff), force_mavlink1=force_mavlink1)
+
+    def attitude_encode(self, time_boot_ms: int, roll: float, pitch: float, yaw: float, rollspeed: float, pitchspeed: float, yawspeed: float) -> MAVLink_attitude_message:
+        """
+        Estimated attitude as Euler angles.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        roll                      : Roll [rad] (type:float)
+        pitch                     : Pitch [rad] (type:float)
+        yaw                       : Yaw [rad] (type:float)
+        rollspeed                 : Body rate [rad/s] (type:float)
+        pitchspeed                : Body rate [rad/s] (type:float)
+        yawspeed                  : Body rate [rad/s] (type:float)
+
+        """
+        return MAVLink_attitude_message(time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed)
+
+    def attitude_send(self, time_boot_ms: int, roll: float, pitch: float, yaw: float, rollspeed: float, pitchspeed: float, yawspeed: float, force_mavlink1: bool = False) -> None:
+        """
+        Estimated attitude as Euler angles.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        roll                      : Roll [rad] (type:float)
+        pitch                     : Pitch [rad] (type:float)
+        yaw                       : Yaw [rad] (type:float)
+        rollspeed                 : Body rate [rad/s] (type:float)
+        pitchspeed                : Body rate [rad/s] (type:float)
+        yawspeed                  : Body rate [rad/s] (type:float)
+
+        """
+        self.send(self.attitude_encode(time_boot_ms, roll, pitch, yaw, rollspeed, pitchspeed, yawspeed), force_mavlink1=force_mavlink1)
+
     def attitude_quaternion_encode(self, time_boot_ms: int, q1: float, q2: float, q3: float, q4: float, rollspeed: float, pitchspeed: float, yawspeed: float) -> MAVLink_attitude_quaternion_message:
         """
         Estimated attitude, body FRD to NED, and body rates.
@@ -2687,6 +4756,202 @@ class MAVLink(object):
 
         """
         self.send(self.global_position_int_encode(time_boot_ms, lat, lon, alt, relative_alt, vx, vy, vz, hdg), force_mavlink1=force_mavlink1)
+
+    def servo_output_raw_encode(self, time_usec: int, port: int, servo1_raw: int, servo2_raw: int, servo3_raw: int, servo4_raw: int, servo5_raw: int, servo6_raw: int, servo7_raw: int, servo8_raw: int, servo9_raw: int = 0, servo10_raw: int = 0, servo11_raw: int = 0, servo12_raw: int = 0, servo13_raw: int = 0, servo14_raw: int = 0, servo15_raw: int = 0, servo16_raw: int = 0) -> MAVLink_servo_output_raw_message:
+        """
+        Motor outputs as pulse widths.
+
+        time_usec                 : Agent clock [us] (type:uint32_t)
+        port                      : Which set of outputs (type:uint8_t)
+        servo1_raw                : Output 1 [us] (type:uint16_t)
+        servo2_raw                : Output 2 [us] (type:uint16_t)
+        servo3_raw                : Output 3 [us] (type:uint16_t)
+        servo4_raw                : Output 4 [us] (type:uint16_t)
+        servo5_raw                : Output 5 [us] (type:uint16_t)
+        servo6_raw                : Output 6 [us] (type:uint16_t)
+        servo7_raw                : Output 7 [us] (type:uint16_t)
+        servo8_raw                : Output 8 [us] (type:uint16_t)
+        servo9_raw                : Output 9 [us] (type:uint16_t)
+        servo10_raw               : Output 10 [us] (type:uint16_t)
+        servo11_raw               : Output 11 [us] (type:uint16_t)
+        servo12_raw               : Output 12 [us] (type:uint16_t)
+        servo13_raw               : Output 13 [us] (type:uint16_t)
+        servo14_raw               : Output 14 [us] (type:uint16_t)
+        servo15_raw               : Output 15 [us] (type:uint16_t)
+        servo16_raw               : Output 16 [us] (type:uint16_t)
+
+        """
+        return MAVLink_servo_output_raw_message(time_usec, port, servo1_raw, servo2_raw, servo3_raw, servo4_raw, servo5_raw, servo6_raw, servo7_raw, servo8_raw, servo9_raw, servo10_raw, servo11_raw, servo12_raw, servo13_raw, servo14_raw, servo15_raw, servo16_raw)
+
+    def servo_output_raw_send(self, time_usec: int, port: int, servo1_raw: int, servo2_raw: int, servo3_raw: int, servo4_raw: int, servo5_raw: int, servo6_raw: int, servo7_raw: int, servo8_raw: int, servo9_raw: int = 0, servo10_raw: int = 0, servo11_raw: int = 0, servo12_raw: int = 0, servo13_raw: int = 0, servo14_raw: int = 0, servo15_raw: int = 0, servo16_raw: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Motor outputs as pulse widths.
+
+        time_usec                 : Agent clock [us] (type:uint32_t)
+        port                      : Which set of outputs (type:uint8_t)
+        servo1_raw                : Output 1 [us] (type:uint16_t)
+        servo2_raw                : Output 2 [us] (type:uint16_t)
+        servo3_raw                : Output 3 [us] (type:uint16_t)
+        servo4_raw                : Output 4 [us] (type:uint16_t)
+        servo5_raw                : Output 5 [us] (type:uint16_t)
+        servo6_raw                : Output 6 [us] (type:uint16_t)
+        servo7_raw                : Output 7 [us] (type:uint16_t)
+        servo8_raw                : Output 8 [us] (type:uint16_t)
+        servo9_raw                : Output 9 [us] (type:uint16_t)
+        servo10_raw               : Output 10 [us] (type:uint16_t)
+        servo11_raw               : Output 11 [us] (type:uint16_t)
+        servo12_raw               : Output 12 [us] (type:uint16_t)
+        servo13_raw               : Output 13 [us] (type:uint16_t)
+        servo14_raw               : Output 14 [us] (type:uint16_t)
+        servo15_raw               : Output 15 [us] (type:uint16_t)
+        servo16_raw               : Output 16 [us] (type:uint16_t)
+
+        """
+        self.send(self.servo_output_raw_encode(time_usec, port, servo1_raw, servo2_raw, servo3_raw, servo4_raw, servo5_raw, servo6_raw, servo7_raw, servo8_raw, servo9_raw, servo10_raw, servo11_raw, servo12_raw, servo13_raw, servo14_raw, servo15_raw, servo16_raw), force_mavlink1=force_mavlink1)
+
+    def mission_request_partial_list_encode(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0) -> MAVLink_mission_request_partial_list_message:
+        """
+        Ask for a part of the plan.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        start_index               : First item (type:int16_t)
+        end_index                 : Last item (type:int16_t)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        return MAVLink_mission_request_partial_list_message(target_system, target_component, start_index, end_index, mission_type)
+
+    def mission_request_partial_list_send(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Ask for a part of the plan.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        start_index               : First item (type:int16_t)
+        end_index                 : Last item (type:int16_t)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        self.send(self.mission_request_partial_list_encode(target_system, target_component, start_index, end_index, mission_type), force_mavlink1=force_mavlink1)
+
+    def mission_write_partial_list_encode(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0) -> MAVLink_mission_write_partial_list_message:
+        """
+        Announce that a part of the plan will be written over.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        start_index               : First item (type:int16_t)
+        end_index                 : Last item (type:int16_t)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        return MAVLink_mission_write_partial_list_message(target_system, target_component, start_index, end_index, mission_type)
+
+    def mission_write_partial_list_send(self, target_system: int, target_component: int, start_index: int, end_index: int, mission_type: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Announce that a part of the plan will be written over.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        start_index               : First item (type:int16_t)
+        end_index                 : Last item (type:int16_t)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        self.send(self.mission_write_partial_list_encode(target_system, target_component, start_index, end_index, mission_type), force_mavlink1=force_mavlink1)
+
+    def mission_item_encode(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: float, y: float, z: float, mission_type: int = 0) -> MAVLink_mission_item_message:
+        """
+        One plan item with positions as floats, the old way.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        seq                       : Item (type:uint16_t)
+        frame                     : Frame of x, y, z (type:uint8_t)
+        command                   : What to do (type:uint16_t)
+        current                   : 1 for the current item, 2 for a guided target (type:uint8_t)
+        autocontinue              : 1 to go on (type:uint8_t)
+        param1                    : Parameter 1 (type:float)
+        param2                    : Parameter 2 (type:float)
+        param3                    : Parameter 3 (type:float)
+        param4                    : Parameter 4 (type:float)
+        x                         : Latitude (type:float)
+        y                         : Longitude (type:float)
+        z                         : Altitude (type:float)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        return MAVLink_mission_item_message(target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z, mission_type)
+
+    def mission_item_send(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: float, y: float, z: float, mission_type: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        One plan item with positions as floats, the old way.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        seq                       : Item (type:uint16_t)
+        frame                     : Frame of x, y, z (type:uint8_t)
+        command                   : What to do (type:uint16_t)
+        current                   : 1 for the current item, 2 for a guided target (type:uint8_t)
+        autocontinue              : 1 to go on (type:uint8_t)
+        param1                    : Parameter 1 (type:float)
+        param2                    : Parameter 2 (type:float)
+        param3                    : Parameter 3 (type:float)
+        param4                    : Parameter 4 (type:float)
+        x                         : Latitude (type:float)
+        y                         : Longitude (type:float)
+        z                         : Altitude (type:float)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        self.send(self.mission_item_encode(target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z, mission_type), force_mavlink1=force_mavlink1)
+
+    def mission_request_encode(self, target_system: int, target_component: int, seq: int, mission_type: int = 0) -> MAVLink_mission_request_message:
+        """
+        Ask for one item, the old way.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        seq                       : Item (type:uint16_t)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        return MAVLink_mission_request_message(target_system, target_component, seq, mission_type)
+
+    def mission_request_send(self, target_system: int, target_component: int, seq: int, mission_type: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Ask for one item, the old way.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        seq                       : Item (type:uint16_t)
+        mission_type              : Kind of plan: 0 mission, 1 fence (type:uint8_t)
+
+        """
+        self.send(self.mission_request_encode(target_system, target_component, seq, mission_type), force_mavlink1=force_mavlink1)
+
+    def mission_set_current_encode(self, target_system: int, target_component: int, seq: int) -> MAVLink_mission_set_current_message:
+        """
+        Go on from this item.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        seq                       : Item (type:uint16_t)
+
+        """
+        return MAVLink_mission_set_current_message(target_system, target_component, seq)
+
+    def mission_set_current_send(self, target_system: int, target_component: int, seq: int, force_mavlink1: bool = False) -> None:
+        """
+        Go on from this item.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        seq                       : Item (type:uint16_t)
+
+        """
+        self.send(self.mission_set_current_encode(target_system, target_component, seq), force_mavlink1=force_mavlink1)
 
     def mission_current_encode(self, seq: int, total: int = 0, mission_state: int = 0, mission_mode: int = 0) -> MAVLink_mission_current_message:
         """
@@ -2902,6 +5167,194 @@ class MAVLink(object):
         """
         self.send(self.nav_controller_output_encode(nav_roll, nav_pitch, nav_bearing, target_bearing, wp_dist, alt_error, aspd_error, xtrack_error), force_mavlink1=force_mavlink1)
 
+    def rc_channels_encode(self, time_boot_ms: int, chancount: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int, chan10_raw: int, chan11_raw: int, chan12_raw: int, chan13_raw: int, chan14_raw: int, chan15_raw: int, chan16_raw: int, chan17_raw: int, chan18_raw: int, rssi: int) -> MAVLink_rc_channels_message:
+        """
+        Manual input in force.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        chancount                 : Channels in use (type:uint8_t)
+        chan1_raw                 : Channel 1, 65535 when unused [us] (type:uint16_t)
+        chan2_raw                 : Channel 2, 65535 when unused [us] (type:uint16_t)
+        chan3_raw                 : Channel 3, 65535 when unused [us] (type:uint16_t)
+        chan4_raw                 : Channel 4, 65535 when unused [us] (type:uint16_t)
+        chan5_raw                 : Channel 5, 65535 when unused [us] (type:uint16_t)
+        chan6_raw                 : Channel 6, 65535 when unused [us] (type:uint16_t)
+        chan7_raw                 : Channel 7, 65535 when unused [us] (type:uint16_t)
+        chan8_raw                 : Channel 8, 65535 when unused [us] (type:uint16_t)
+        chan9_raw                 : Channel 9, 65535 when unused [us] (type:uint16_t)
+        chan10_raw                : Channel 10, 65535 when unused [us] (type:uint16_t)
+        chan11_raw                : Channel 11, 65535 when unused [us] (type:uint16_t)
+        chan12_raw                : Channel 12, 65535 when unused [us] (type:uint16_t)
+        chan13_raw                : Channel 13, 65535 when unused [us] (type:uint16_t)
+        chan14_raw                : Channel 14, 65535 when unused [us] (type:uint16_t)
+        chan15_raw                : Channel 15, 65535 when unused [us] (type:uint16_t)
+        chan16_raw                : Channel 16, 65535 when unused [us] (type:uint16_t)
+        chan17_raw                : Channel 17, 65535 when unused [us] (type:uint16_t)
+        chan18_raw                : Channel 18, 65535 when unused [us] (type:uint16_t)
+        rssi                      : Signal strength, 255 when unknown (type:uint8_t)
+
+        """
+        return MAVLink_rc_channels_message(time_boot_ms, chancount, chan1_raw, chan2_raw, chan3_raw, chan4_raw, chan5_raw, chan6_raw, chan7_raw, chan8_raw, chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw, chan17_raw, chan18_raw, rssi)
+
+    def rc_channels_send(self, time_boot_ms: int, chancount: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int, chan10_raw: int, chan11_raw: int, chan12_raw: int, chan13_raw: int, chan14_raw: int, chan15_raw: int, chan16_raw: int, chan17_raw: int, chan18_raw: int, rssi: int, force_mavlink1: bool = False) -> None:
+        """
+        Manual input in force.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        chancount                 : Channels in use (type:uint8_t)
+        chan1_raw                 : Channel 1, 65535 when unused [us] (type:uint16_t)
+        chan2_raw                 : Channel 2, 65535 when unused [us] (type:uint16_t)
+        chan3_raw                 : Channel 3, 65535 when unused [us] (type:uint16_t)
+        chan4_raw                 : Channel 4, 65535 when unused [us] (type:uint16_t)
+        chan5_raw                 : Channel 5, 65535 when unused [us] (type:uint16_t)
+        chan6_raw                 : Channel 6, 65535 when unused [us] (type:uint16_t)
+        chan7_raw                 : Channel 7, 65535 when unused [us] (type:uint16_t)
+        chan8_raw                 : Channel 8, 65535 when unused [us] (type:uint16_t)
+        chan9_raw                 : Channel 9, 65535 when unused [us] (type:uint16_t)
+        chan10_raw                : Channel 10, 65535 when unused [us] (type:uint16_t)
+        chan11_raw                : Channel 11, 65535 when unused [us] (type:uint16_t)
+        chan12_raw                : Channel 12, 65535 when unused [us] (type:uint16_t)
+        chan13_raw                : Channel 13, 65535 when unused [us] (type:uint16_t)
+        chan14_raw                : Channel 14, 65535 when unused [us] (type:uint16_t)
+        chan15_raw                : Channel 15, 65535 when unused [us] (type:uint16_t)
+        chan16_raw                : Channel 16, 65535 when unused [us] (type:uint16_t)
+        chan17_raw                : Channel 17, 65535 when unused [us] (type:uint16_t)
+        chan18_raw                : Channel 18, 65535 when unused [us] (type:uint16_t)
+        rssi                      : Signal strength, 255 when unknown (type:uint8_t)
+
+        """
+        self.send(self.rc_channels_encode(time_boot_ms, chancount, chan1_raw, chan2_raw, chan3_raw, chan4_raw, chan5_raw, chan6_raw, chan7_raw, chan8_raw, chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw, chan17_raw, chan18_raw, rssi), force_mavlink1=force_mavlink1)
+
+    def request_data_stream_encode(self, target_system: int, target_component: int, req_stream_id: int, req_message_rate: int, start_stop: int) -> MAVLink_request_data_stream_message:
+        """
+        Ask for a group of messages at a rate, the old way.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        req_stream_id             : Group (type:uint8_t)
+        req_message_rate          : Rate [Hz] (type:uint16_t)
+        start_stop                : 1 to start, 0 to stop (type:uint8_t)
+
+        """
+        return MAVLink_request_data_stream_message(target_system, target_component, req_stream_id, req_message_rate, start_stop)
+
+    def request_data_stream_send(self, target_system: int, target_component: int, req_stream_id: int, req_message_rate: int, start_stop: int, force_mavlink1: bool = False) -> None:
+        """
+        Ask for a group of messages at a rate, the old way.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        req_stream_id             : Group (type:uint8_t)
+        req_message_rate          : Rate [Hz] (type:uint16_t)
+        start_stop                : 1 to start, 0 to stop (type:uint8_t)
+
+        """
+        self.send(self.request_data_stream_encode(target_system, target_component, req_stream_id, req_message_rate, start_stop), force_mavlink1=force_mavlink1)
+
+    def manual_control_encode(self, target: int, x: int, y: int, z: int, r: int, buttons: int, buttons2: int = 0, enabled_extensions: int = 0, s: int = 0, t: int = 0, aux1: int = 0, aux2: int = 0, aux3: int = 0, aux4: int = 0, aux5: int = 0, aux6: int = 0) -> MAVLink_manual_control_message:
+        """
+        Joystick, normalised to thousandths.
+
+        target                    : System addressed (type:uint8_t)
+        x                         : Forward, 32767 when unused (type:int16_t)
+        y                         : To the right (type:int16_t)
+        z                         : Thrust (type:int16_t)
+        r                         : Turn to the right (type:int16_t)
+        buttons                   : One bit a button (type:uint16_t)
+        buttons2                  : More buttons (type:uint16_t)
+        enabled_extensions        : Which of the following count (type:uint8_t)
+        s                         : Pitch (type:int16_t)
+        t                         : Roll (type:int16_t)
+        aux1                      : Auxiliary 1 (type:int16_t)
+        aux2                      : Auxiliary 2 (type:int16_t)
+        aux3                      : Auxiliary 3 (type:int16_t)
+        aux4                      : Auxiliary 4 (type:int16_t)
+        aux5                      : Auxiliary 5 (type:int16_t)
+        aux6                      : Auxiliary 6 (type:int16_t)
+
+        """
+        return MAVLink_manual_control_message(target, x, y, z, r, buttons, buttons2, enabled_extensions, s, t, aux1, aux2, aux3, aux4, aux5, aux6)
+
+    def manual_control_send(self, target: int, x: int, y: int, z: int, r: int, buttons: int, buttons2: int = 0, enabled_extensions: int = 0, s: int = 0, t: int = 0, aux1: int = 0, aux2: int = 0, aux3: int = 0, aux4: int = 0, aux5: int = 0, aux6: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Joystick, normalised to thousandths.
+
+        target                    : System addressed (type:uint8_t)
+        x                         : Forward, 32767 when unused (type:int16_t)
+        y                         : To the right (type:int16_t)
+        z                         : Thrust (type:int16_t)
+        r                         : Turn to the right (type:int16_t)
+        buttons                   : One bit a button (type:uint16_t)
+        buttons2                  : More buttons (type:uint16_t)
+        enabled_extensions        : Which of the following count (type:uint8_t)
+        s                         : Pitch (type:int16_t)
+        t                         : Roll (type:int16_t)
+        aux1                      : Auxiliary 1 (type:int16_t)
+        aux2                      : Auxiliary 2 (type:int16_t)
+        aux3                      : Auxiliary 3 (type:int16_t)
+        aux4                      : Auxiliary 4 (type:int16_t)
+        aux5                      : Auxiliary 5 (type:int16_t)
+        aux6                      : Auxiliary 6 (type:int16_t)
+
+        """
+        self.send(self.manual_control_encode(target, x, y, z, r, buttons, buttons2, enabled_extensions, s, t, aux1, aux2, aux3, aux4, aux5, aux6), force_mavlink1=force_mavlink1)
+
+    def rc_channels_override_encode(self, target_system: int, target_component: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int = 0, chan10_raw: int = 0, chan11_raw: int = 0, chan12_raw: int = 0, chan13_raw: int = 0, chan14_raw: int = 0, chan15_raw: int = 0, chan16_raw: int = 0, chan17_raw: int = 0, chan18_raw: int = 0) -> MAVLink_rc_channels_override_message:
+        """
+        Manual input as pulse widths; 0 gives a channel back, 65535 leaves it.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        chan1_raw                 : Channel 1 [us] (type:uint16_t)
+        chan2_raw                 : Channel 2 [us] (type:uint16_t)
+        chan3_raw                 : Channel 3 [us] (type:uint16_t)
+        chan4_raw                 : Channel 4 [us] (type:uint16_t)
+        chan5_raw                 : Channel 5 [us] (type:uint16_t)
+        chan6_raw                 : Channel 6 [us] (type:uint16_t)
+        chan7_raw                 : Channel 7 [us] (type:uint16_t)
+        chan8_raw                 : Channel 8 [us] (type:uint16_t)
+        chan9_raw                 : Channel 9 [us] (type:uint16_t)
+        chan10_raw                : Channel 10 [us] (type:uint16_t)
+        chan11_raw                : Channel 11 [us] (type:uint16_t)
+        chan12_raw                : Channel 12 [us] (type:uint16_t)
+        chan13_raw                : Channel 13 [us] (type:uint16_t)
+        chan14_raw                : Channel 14 [us] (type:uint16_t)
+        chan15_raw                : Channel 15 [us] (type:uint16_t)
+        chan16_raw                : Channel 16 [us] (type:uint16_t)
+        chan17_raw                : Channel 17 [us] (type:uint16_t)
+        chan18_raw                : Channel 18 [us] (type:uint16_t)
+
+        """
+        return MAVLink_rc_channels_override_message(target_system, target_component, chan1_raw, chan2_raw, chan3_raw, chan4_raw, chan5_raw, chan6_raw, chan7_raw, chan8_raw, chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw, chan17_raw, chan18_raw)
+
+    def rc_channels_override_send(self, target_system: int, target_component: int, chan1_raw: int, chan2_raw: int, chan3_raw: int, chan4_raw: int, chan5_raw: int, chan6_raw: int, chan7_raw: int, chan8_raw: int, chan9_raw: int = 0, chan10_raw: int = 0, chan11_raw: int = 0, chan12_raw: int = 0, chan13_raw: int = 0, chan14_raw: int = 0, chan15_raw: int = 0, chan16_raw: int = 0, chan17_raw: int = 0, chan18_raw: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Manual input as pulse widths; 0 gives a channel back, 65535 leaves it.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        chan1_raw                 : Channel 1 [us] (type:uint16_t)
+        chan2_raw                 : Channel 2 [us] (type:uint16_t)
+        chan3_raw                 : Channel 3 [us] (type:uint16_t)
+        chan4_raw                 : Channel 4 [us] (type:uint16_t)
+        chan5_raw                 : Channel 5 [us] (type:uint16_t)
+        chan6_raw                 : Channel 6 [us] (type:uint16_t)
+        chan7_raw                 : Channel 7 [us] (type:uint16_t)
+        chan8_raw                 : Channel 8 [us] (type:uint16_t)
+        chan9_raw                 : Channel 9 [us] (type:uint16_t)
+        chan10_raw                : Channel 10 [us] (type:uint16_t)
+        chan11_raw                : Channel 11 [us] (type:uint16_t)
+        chan12_raw                : Channel 12 [us] (type:uint16_t)
+        chan13_raw                : Channel 13 [us] (type:uint16_t)
+        chan14_raw                : Channel 14 [us] (type:uint16_t)
+        chan15_raw                : Channel 15 [us] (type:uint16_t)
+        chan16_raw                : Channel 16 [us] (type:uint16_t)
+        chan17_raw                : Channel 17 [us] (type:uint16_t)
+        chan18_raw                : Channel 18 [us] (type:uint16_t)
+
+        """
+        self.send(self.rc_channels_override_encode(target_system, target_component, chan1_raw, chan2_raw, chan3_raw, chan4_raw, chan5_raw, chan6_raw, chan7_raw, chan8_raw, chan9_raw, chan10_raw, chan11_raw, chan12_raw, chan13_raw, chan14_raw, chan15_raw, chan16_raw, chan17_raw, chan18_raw), force_mavlink1=force_mavlink1)
+
     def mission_item_int_encode(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float, mission_type: int = 0) -> MAVLink_mission_item_int_message:
         """
         One mission item.
@@ -2947,6 +5400,76 @@ class MAVLink(object):
 
         """
         self.send(self.mission_item_int_encode(target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z, mission_type), force_mavlink1=force_mavlink1)
+
+    def vfr_hud_encode(self, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float) -> MAVLink_vfr_hud_message:
+        """
+        Figures for a head-up display.
+
+        airspeed                  : Speed through the water, here as groundspeed [m/s] (type:float)
+        groundspeed               : Speed over ground [m/s] (type:float)
+        heading                   : Heading [deg] (type:int16_t)
+        throttle                  : Thrust demanded [%] (type:uint16_t)
+        alt                       : Altitude [m] (type:float)
+        climb                     : Rate of climb [m/s] (type:float)
+
+        """
+        return MAVLink_vfr_hud_message(airspeed, groundspeed, heading, throttle, alt, climb)
+
+    def vfr_hud_send(self, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float, force_mavlink1: bool = False) -> None:
+        """
+        Figures for a head-up display.
+
+        airspeed                  : Speed through the water, here as groundspeed [m/s] (type:float)
+        groundspeed               : Speed over ground [m/s] (type:float)
+        heading                   : Heading [deg] (type:int16_t)
+        throttle                  : Thrust demanded [%] (type:uint16_t)
+        alt                       : Altitude [m] (type:float)
+        climb                     : Rate of climb [m/s] (type:float)
+
+        """
+        self.send(self.vfr_hud_encode(airspeed, groundspeed, heading, throttle, alt, climb), force_mavlink1=force_mavlink1)
+
+    def command_int_encode(self, target_system: int, target_component: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float) -> MAVLink_command_int_message:
+        """
+        A command with a position as integers.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        frame                     : Frame of x, y, z (type:uint8_t)
+        command                   : What to do (type:uint16_t)
+        current                   : Unused (type:uint8_t)
+        autocontinue              : Unused (type:uint8_t)
+        param1                    : Parameter 1 of the command (type:float)
+        param2                    : Parameter 2 of the command (type:float)
+        param3                    : Parameter 3 of the command (type:float)
+        param4                    : Parameter 4 of the command (type:float)
+        x                         : Latitude times 1e7 or local x times 1e4 (type:int32_t)
+        y                         : Longitude times 1e7 or local y times 1e4 (type:int32_t)
+        z                         : Altitude (type:float)
+
+        """
+        return MAVLink_command_int_message(target_system, target_component, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z)
+
+    def command_int_send(self, target_system: int, target_component: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float, force_mavlink1: bool = False) -> None:
+        """
+        A command with a position as integers.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        frame                     : Frame of x, y, z (type:uint8_t)
+        command                   : What to do (type:uint16_t)
+        current                   : Unused (type:uint8_t)
+        autocontinue              : Unused (type:uint8_t)
+        param1                    : Parameter 1 of the command (type:float)
+        param2                    : Parameter 2 of the command (type:float)
+        param3                    : Parameter 3 of the command (type:float)
+        param4                    : Parameter 4 of the command (type:float)
+        x                         : Latitude times 1e7 or local x times 1e4 (type:int32_t)
+        y                         : Longitude times 1e7 or local y times 1e4 (type:int32_t)
+        z                         : Altitude (type:float)
+
+        """
+        self.send(self.command_int_encode(target_system, target_component, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z), force_mavlink1=force_mavlink1)
 
     def command_long_encode(self, target_system: int, target_component: int, command: int, confirmation: int, param1: float, param2: float, param3: float, param4: float, param5: float, param6: float, param7: float) -> MAVLink_command_long_message:
         """
@@ -3014,6 +5537,428 @@ class MAVLink(object):
         """
         self.send(self.command_ack_encode(command, result, progress, result_param2, target_system, target_component), force_mavlink1=force_mavlink1)
 
+    def set_position_target_local_ned_encode(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float) -> MAVLink_set_position_target_local_ned_message:
+        """
+        GUIDED target relative to the origin or the vehicle.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        x                         : Position [m] (type:float)
+        y                         : Position [m] (type:float)
+        z                         : Position [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        return MAVLink_set_position_target_local_ned_message(time_boot_ms, target_system, target_component, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz, yaw, yaw_rate)
+
+    def set_position_target_local_ned_send(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float, force_mavlink1: bool = False) -> None:
+        """
+        GUIDED target relative to the origin or the vehicle.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        x                         : Position [m] (type:float)
+        y                         : Position [m] (type:float)
+        z                         : Position [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        self.send(self.set_position_target_local_ned_encode(time_boot_ms, target_system, target_component, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz, yaw, yaw_rate), force_mavlink1=force_mavlink1)
+
+    def position_target_local_ned_encode(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float) -> MAVLink_position_target_local_ned_message:
+        """
+        GUIDED target in force.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        x                         : Position [m] (type:float)
+        y                         : Position [m] (type:float)
+        z                         : Position [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        return MAVLink_position_target_local_ned_message(time_boot_ms, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz, yaw, yaw_rate)
+
+    def position_target_local_ned_send(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, x: float, y: float, z: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float, force_mavlink1: bool = False) -> None:
+        """
+        GUIDED target in force.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        x                         : Position [m] (type:float)
+        y                         : Position [m] (type:float)
+        z                         : Position [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        self.send(self.position_target_local_ned_encode(time_boot_ms, coordinate_frame, type_mask, x, y, z, vx, vy, vz, afx, afy, afz, yaw, yaw_rate), force_mavlink1=force_mavlink1)
+
+    def set_position_target_global_int_encode(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float) -> MAVLink_set_position_target_global_int_message:
+        """
+        GUIDED target on the Earth.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        lat_int                   : Latitude [degE7] (type:int32_t)
+        lon_int                   : Longitude [degE7] (type:int32_t)
+        alt                       : Altitude [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        return MAVLink_set_position_target_global_int_message(time_boot_ms, target_system, target_component, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx, afy, afz, yaw, yaw_rate)
+
+    def set_position_target_global_int_send(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float, force_mavlink1: bool = False) -> None:
+        """
+        GUIDED target on the Earth.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        lat_int                   : Latitude [degE7] (type:int32_t)
+        lon_int                   : Longitude [degE7] (type:int32_t)
+        alt                       : Altitude [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        self.send(self.set_position_target_global_int_encode(time_boot_ms, target_system, target_component, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx, afy, afz, yaw, yaw_rate), force_mavlink1=force_mavlink1)
+
+    def position_target_global_int_encode(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float) -> MAVLink_position_target_global_int_message:
+        """
+        GUIDED target in force.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        lat_int                   : Latitude [degE7] (type:int32_t)
+        lon_int                   : Longitude [degE7] (type:int32_t)
+        alt                       : Altitude [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        return MAVLink_position_target_global_int_message(time_boot_ms, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx, afy, afz, yaw, yaw_rate)
+
+    def position_target_global_int_send(self, time_boot_ms: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float, force_mavlink1: bool = False) -> None:
+        """
+        GUIDED target in force.
+
+        time_boot_ms              : Agent clock [ms] (type:uint32_t)
+        coordinate_frame          : Frame (type:uint8_t)
+        type_mask                 : Which fields to ignore (type:uint16_t)
+        lat_int                   : Latitude [degE7] (type:int32_t)
+        lon_int                   : Longitude [degE7] (type:int32_t)
+        alt                       : Altitude [m] (type:float)
+        vx                        : Velocity [m/s] (type:float)
+        vy                        : Velocity [m/s] (type:float)
+        vz                        : Velocity [m/s] (type:float)
+        afx                       : Acceleration [m/s/s] (type:float)
+        afy                       : Acceleration [m/s/s] (type:float)
+        afz                       : Acceleration [m/s/s] (type:float)
+        yaw                       : Heading [rad] (type:float)
+        yaw_rate                  : Turn rate [rad/s] (type:float)
+
+        """
+        self.send(self.position_target_global_int_encode(time_boot_ms, coordinate_frame, type_mask, lat_int, lon_int, alt, vx, vy, vz, afx, afy, afz, yaw, yaw_rate), force_mavlink1=force_mavlink1)
+
+    def timesync_encode(self, tc1: int, ts1: int) -> MAVLink_timesync_message:
+        """
+        Time stamps there and back; tc1 is 0 in a request.
+
+        tc1                       : Time at which the request arrived [ns] (type:int64_t)
+        ts1                       : Time of the request [ns] (type:int64_t)
+
+        """
+        return MAVLink_timesync_message(tc1, ts1)
+
+    def timesync_send(self, tc1: int, ts1: int, force_mavlink1: bool = False) -> None:
+        """
+        Time stamps there and back; tc1 is 0 in a request.
+
+        tc1                       : Time at which the request arrived [ns] (type:int64_t)
+        ts1                       : Time of the request [ns] (type:int64_t)
+
+        """
+        self.send(self.timesync_encode(tc1, ts1), force_mavlink1=force_mavlink1)
+
+    def battery_status_encode(self, id: int, battery_function: int, type: int, temperature: int, voltages: Sequence[int], current_battery: int, current_consumed: int, energy_consumed: int, battery_remaining: int, time_remaining: int = 0, charge_state: int = 0, voltages_ext: Sequence[int] = (0, 0, 0, 0), mode: int = 0, fault_bitmask: int = 0) -> MAVLink_battery_status_message:
+        """
+        Battery, all unknown on a simulated vessel without one.
+
+        id                        : Which battery (type:uint8_t)
+        battery_function          : What it feeds (type:uint8_t)
+        type                      : Chemistry (type:uint8_t)
+        temperature               : Temperature, 32767 unknown [cdegC] (type:int16_t)
+        voltages                  : Cells, 65535 unknown [mV] (type:uint16_t)
+        current_battery           : Current, -1 unknown [cA] (type:int16_t)
+        current_consumed          : Charge used, -1 unknown [mAh] (type:int32_t)
+        energy_consumed           : Energy used, -1 unknown [hJ] (type:int32_t)
+        battery_remaining         : Charge left, -1 unknown [%] (type:int8_t)
+        time_remaining            : Time left, 0 unknown [s] (type:int32_t)
+        charge_state              : State, 0 unknown (type:uint8_t)
+        voltages_ext              : More cells [mV] (type:uint16_t)
+        mode                      : Mode, 0 unknown (type:uint8_t)
+        fault_bitmask             : Faults (type:uint32_t)
+
+        """
+        return MAVLink_battery_status_message(id, battery_function, type, temperature, voltages, current_battery, current_consumed, energy_consumed, battery_remaining, time_remaining, charge_state, voltages_ext, mode, fault_bitmask)
+
+    def battery_status_send(self, id: int, battery_function: int, type: int, temperature: int, voltages: Sequence[int], current_battery: int, current_consumed: int, energy_consumed: int, battery_remaining: int, time_remaining: int = 0, charge_state: int = 0, voltages_ext: Sequence[int] = (0, 0, 0, 0), mode: int = 0, fault_bitmask: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Battery, all unknown on a simulated vessel without one.
+
+        id                        : Which battery (type:uint8_t)
+        battery_function          : What it feeds (type:uint8_t)
+        type                      : Chemistry (type:uint8_t)
+        temperature               : Temperature, 32767 unknown [cdegC] (type:int16_t)
+        voltages                  : Cells, 65535 unknown [mV] (type:uint16_t)
+        current_battery           : Current, -1 unknown [cA] (type:int16_t)
+        current_consumed          : Charge used, -1 unknown [mAh] (type:int32_t)
+        energy_consumed           : Energy used, -1 unknown [hJ] (type:int32_t)
+        battery_remaining         : Charge left, -1 unknown [%] (type:int8_t)
+        time_remaining            : Time left, 0 unknown [s] (type:int32_t)
+        charge_state              : State, 0 unknown (type:uint8_t)
+        voltages_ext              : More cells [mV] (type:uint16_t)
+        mode                      : Mode, 0 unknown (type:uint8_t)
+        fault_bitmask             : Faults (type:uint32_t)
+
+        """
+        self.send(self.battery_status_encode(id, battery_function, type, temperature, voltages, current_battery, current_consumed, energy_consumed, battery_remaining, time_remaining, charge_state, voltages_ext, mode, fault_bitmask), force_mavlink1=force_mavlink1)
+
+    def autopilot_version_encode(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> MAVLink_autopilot_version_message:
+        """
+        Who the autopilot is and what it can do.
+
+        capabilities              : Bits of what it can do (type:uint64_t)
+        flight_sw_version         : Version, a byte each for major, minor, patch, type (type:uint32_t)
+        middleware_sw_version        : Unused (type:uint32_t)
+        os_sw_version             : Unused (type:uint32_t)
+        board_version             : Unused (type:uint32_t)
+        flight_custom_version        : Unused (type:uint8_t)
+        middleware_custom_version        : Unused (type:uint8_t)
+        os_custom_version         : Unused (type:uint8_t)
+        vendor_id                 : Unused (type:uint16_t)
+        product_id                : Unused (type:uint16_t)
+        uid                       : Number of this autopilot (type:uint64_t)
+        uid2                      : Longer number (type:uint8_t)
+
+        """
+        return MAVLink_autopilot_version_message(capabilities, flight_sw_version, middleware_sw_version, os_sw_version, board_version, flight_custom_version, middleware_custom_version, os_custom_version, vendor_id, product_id, uid, uid2)
+
+    def autopilot_version_send(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int] = (0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), force_mavlink1: bool = False) -> None:
+        """
+        Who the autopilot is and what it can do.
+
+        capabilities              : Bits of what it can do (type:uint64_t)
+        flight_sw_version         : Version, a byte each for major, minor, patch, type (type:uint32_t)
+        middleware_sw_version        : Unused (type:uint32_t)
+        os_sw_version             : Unused (type:uint32_t)
+        board_version             : Unused (type:uint32_t)
+        flight_custom_version        : Unused (type:uint8_t)
+        middleware_custom_version        : Unused (type:uint8_t)
+        os_custom_version         : Unused (type:uint8_t)
+        vendor_id                 : Unused (type:uint16_t)
+        product_id                : Unused (type:uint16_t)
+        uid                       : Number of this autopilot (type:uint64_t)
+        uid2                      : Longer number (type:uint8_t)
+
+        """
+        self.send(self.autopilot_version_encode(capabilities, flight_sw_version, middleware_sw_version, os_sw_version, board_version, flight_custom_version, middleware_custom_version, os_custom_version, vendor_id, product_id, uid, uid2), force_mavlink1=force_mavlink1)
+
+    def fence_status_encode(self, breach_status: int, breach_count: int, breach_type: int, breach_time: int, breach_mitigation: int = 0) -> MAVLink_fence_status_message:
+        """
+        Geofence.
+
+        breach_status             : 1 outside (type:uint8_t)
+        breach_count              : Breaches so far (type:uint16_t)
+        breach_type               : Kind of the last one (type:uint8_t)
+        breach_time               : When [ms] (type:uint32_t)
+        breach_mitigation         : What is done about it (type:uint8_t)
+
+        """
+        return MAVLink_fence_status_message(breach_status, breach_count, breach_type, breach_time, breach_mitigation)
+
+    def fence_status_send(self, breach_status: int, breach_count: int, breach_type: int, breach_time: int, breach_mitigation: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Geofence.
+
+        breach_status             : 1 outside (type:uint8_t)
+        breach_count              : Breaches so far (type:uint16_t)
+        breach_type               : Kind of the last one (type:uint8_t)
+        breach_time               : When [ms] (type:uint32_t)
+        breach_mitigation         : What is done about it (type:uint8_t)
+
+        """
+        self.send(self.fence_status_encode(breach_status, breach_count, breach_type, breach_time, breach_mitigation), force_mavlink1=force_mavlink1)
+
+    def ekf_status_report_encode(self, flags: int, velocity_variance: float, pos_horiz_variance: float, pos_vert_variance: float, compass_variance: float, terrain_alt_variance: float, airspeed_variance: float = 0) -> MAVLink_ekf_status_report_message:
+        """
+        Health of the estimator as ArduPilot reports it.
+
+        flags                     : Bits of what is good (type:uint16_t)
+        velocity_variance         : Test ratio (type:float)
+        pos_horiz_variance        : Test ratio (type:float)
+        pos_vert_variance         : Test ratio (type:float)
+        compass_variance          : Test ratio (type:float)
+        terrain_alt_variance        : Unused (type:float)
+        airspeed_variance         : Unused (type:float)
+
+        """
+        return MAVLink_ekf_status_report_message(flags, velocity_variance, pos_horiz_variance, pos_vert_variance, compass_variance, terrain_alt_variance, airspeed_variance)
+
+    def ekf_status_report_send(self, flags: int, velocity_variance: float, pos_horiz_variance: float, pos_vert_variance: float, compass_variance: float, terrain_alt_variance: float, airspeed_variance: float = 0, force_mavlink1: bool = False) -> None:
+        """
+        Health of the estimator as ArduPilot reports it.
+
+        flags                     : Bits of what is good (type:uint16_t)
+        velocity_variance         : Test ratio (type:float)
+        pos_horiz_variance        : Test ratio (type:float)
+        pos_vert_variance         : Test ratio (type:float)
+        compass_variance          : Test ratio (type:float)
+        terrain_alt_variance        : Unused (type:float)
+        airspeed_variance         : Unused (type:float)
+
+        """
+        self.send(self.ekf_status_report_encode(flags, velocity_variance, pos_horiz_variance, pos_vert_variance, compass_variance, terrain_alt_variance, airspeed_variance), force_mavlink1=force_mavlink1)
+
+    def home_position_encode(self, latitude: int, longitude: int, altitude: int, x: float, y: float, z: float, q: Sequence[float], approach_x: float, approach_y: float, approach_z: float, time_usec: int = 0) -> MAVLink_home_position_message:
+        """
+        Where home is.
+
+        latitude                  : Latitude [degE7] (type:int32_t)
+        longitude                 : Longitude [degE7] (type:int32_t)
+        altitude                  : Altitude above mean sea level [mm] (type:int32_t)
+        x                         : North of the origin [m] (type:float)
+        y                         : East of the origin [m] (type:float)
+        z                         : Below the origin [m] (type:float)
+        q                         : Attitude at home (type:float)
+        approach_x                : Unused [m] (type:float)
+        approach_y                : Unused [m] (type:float)
+        approach_z                : Unused [m] (type:float)
+        time_usec                 : Agent clock [us] (type:uint64_t)
+
+        """
+        return MAVLink_home_position_message(latitude, longitude, altitude, x, y, z, q, approach_x, approach_y, approach_z, time_usec)
+
+    def home_position_send(self, latitude: int, longitude: int, altitude: int, x: float, y: float, z: float, q: Sequence[float], approach_x: float, approach_y: float, approach_z: float, time_usec: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        Where home is.
+
+        latitude                  : Latitude [degE7] (type:int32_t)
+        longitude                 : Longitude [degE7] (type:int32_t)
+        altitude                  : Altitude above mean sea level [mm] (type:int32_t)
+        x                         : North of the origin [m] (type:float)
+        y                         : East of the origin [m] (type:float)
+        z                         : Below the origin [m] (type:float)
+        q                         : Attitude at home (type:float)
+        approach_x                : Unused [m] (type:float)
+        approach_y                : Unused [m] (type:float)
+        approach_z                : Unused [m] (type:float)
+        time_usec                 : Agent clock [us] (type:uint64_t)
+
+        """
+        self.send(self.home_position_encode(latitude, longitude, altitude, x, y, z, q, approach_x, approach_y, approach_z, time_usec), force_mavlink1=force_mavlink1)
+
+    def message_interval_encode(self, message_id: int, interval_us: int) -> MAVLink_message_interval_message:
+        """
+        At what interval a message is sent.
+
+        message_id                : Message (type:uint16_t)
+        interval_us               : Interval, -1 not sent, 0 not known [us] (type:int32_t)
+
+        """
+        return MAVLink_message_interval_message(message_id, interval_us)
+
+    def message_interval_send(self, message_id: int, interval_us: int, force_mavlink1: bool = False) -> None:
+        """
+        At what interval a message is sent.
+
+        message_id                : Message (type:uint16_t)
+        interval_us               : Interval, -1 not sent, 0 not known [us] (type:int32_t)
+
+        """
+        self.send(self.message_interval_encode(message_id, interval_us), force_mavlink1=force_mavlink1)
+
+    def extended_sys_state_encode(self, vtol_state: int, landed_state: int) -> MAVLink_extended_sys_state_message:
+        """
+        Whether it flies; a vessel is on the ground.
+
+        vtol_state                : 0 (type:uint8_t)
+        landed_state              : 1 on ground (type:uint8_t)
+
+        """
+        return MAVLink_extended_sys_state_message(vtol_state, landed_state)
+
+    def extended_sys_state_send(self, vtol_state: int, landed_state: int, force_mavlink1: bool = False) -> None:
+        """
+        Whether it flies; a vessel is on the ground.
+
+        vtol_state                : 0 (type:uint8_t)
+        landed_state              : 1 on ground (type:uint8_t)
+
+        """
+        self.send(self.extended_sys_state_encode(vtol_state, landed_state), force_mavlink1=force_mavlink1)
+
     def statustext_encode(self, severity: int, text: bytes, id: int = 0, chunk_seq: int = 0) -> MAVLink_statustext_message:
         """
         A sentence for the person at the ground station.
@@ -3037,6 +5982,32 @@ class MAVLink(object):
 
         """
         self.send(self.statustext_encode(severity, text, id, chunk_seq), force_mavlink1=force_mavlink1)
+
+    def setup_signing_encode(self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int) -> MAVLink_setup_signing_message:
+        """
+        A key for MAVLink 2 signing; refused here, the key comes from the
+        configuration.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        secret_key                : Key (type:uint8_t)
+        initial_timestamp         : Time stamp to start from (type:uint64_t)
+
+        """
+        return MAVLink_setup_signing_message(target_system, target_component, secret_key, initial_timestamp)
+
+    def setup_signing_send(self, target_system: int, target_component: int, secret_key: Sequence[int], initial_timestamp: int, force_mavlink1: bool = False) -> None:
+        """
+        A key for MAVLink 2 signing; refused here, the key comes from the
+        configuration.
+
+        target_system             : System addressed, 0 for all (type:uint8_t)
+        target_component          : Component addressed, 0 for all (type:uint8_t)
+        secret_key                : Key (type:uint8_t)
+        initial_timestamp         : Time stamp to start from (type:uint64_t)
+
+        """
+        self.send(self.setup_signing_encode(target_system, target_component, secret_key, initial_timestamp), force_mavlink1=force_mavlink1)
 
     def xitl_run_encode(self, time_usec: int, run_id: bytes, command: int, clock_mode: int, protocol: int) -> MAVLink_xitl_run_message:
         """

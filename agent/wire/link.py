@@ -9,6 +9,7 @@ from agent.wire.codec import Message, Packer, decode
 from agent.wire.dialect import MAVLINK_MSG_ID_XITL_RUN, XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP
 from agent.wire.framing import Framer
 from agent.wire.sequence import SequenceMonitor
+from agent.wire.signing import Signing
 from agent.wire.transport import Standing, Transport
 
 DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tunnel
@@ -57,13 +58,28 @@ class Link:
     """One end of a MAVLink 2 connection. The transport stays the caller's to close.
 
     tap(direction, frame) is called with "tx" for every frame sent and "rx" for every good frame received, raw, in
-    order.
+    order. With `signing`, frames go out signed as from link `link_id`, and frames that it does not accept are counted
+    in `refused_signature` and go no further.
     """
 
-    def __init__(self, transport: Transport, system_id: int, component_id: int, tap: Tap | None = None) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        system_id: int,
+        component_id: int,
+        tap: Tap | None = None,
+        signing: Signing | None = None,
+        link_id: int = 0,
+    ) -> None:
         self.transport = transport
         self.tap = tap
-        self._packer = Packer(system_id, component_id)
+        self.refused_signature = 0
+        self._signing = signing
+        self._packer = (
+            Packer(system_id, component_id)
+            if signing is None
+            else Packer(system_id, component_id, signing.outgoing(link_id))
+        )
         self._framer = Framer(transport.stream)
         self._sequence = SequenceMonitor()
         self._sent = self._unsent = self._received = self._bytes_out = 0
@@ -129,6 +145,10 @@ class Link:
         messages: list[Message] = []
         for index, chunk in enumerate(transport.receive(timeout_s)):
             frames = self._framer.feed(chunk)
+            if self._signing is not None:
+                accepted = [frame for frame in frames if self._signing.accepts(frame)]
+                self.refused_signature += len(frames) - len(accepted)
+                frames = accepted
             for frame in frames:
                 note(frame[5], frame[6], frame[4])
                 if tap is not None:

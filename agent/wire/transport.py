@@ -1,6 +1,7 @@
 """What carries the bytes of a link: one interface, one table of schemes, one tree of errors.
 
     udp://host:port     datagrams over Ethernet, USB-Ethernet or loopback      agent.wire.udp
+    tcp://host:port     a stream of bytes; listening, one peer after the other agent.wire.tcp
     (no URL)            two ends in one process, see `memory_pair`             agent.wire.memory
 
 A new transport is a row in `SCHEMES`, a class, and a row in the contract test.
@@ -26,6 +27,7 @@ from urllib.parse import SplitResult, urlsplit
 
 SCHEMES: dict[str, str] = {
     "udp": "agent.wire.udp:UdpTransport",
+    "tcp": "agent.wire.tcp:TcpTransport",
 }
 
 Self = TypeVar("Self", bound="Transport")

@@ -7,21 +7,11 @@ import select
 import socket
 from math import inf
 from time import monotonic
-from typing import Any, Callable
+from typing import Callable
 from urllib.parse import SplitResult
 
-from agent.wire.transport import (
-    AddressDeniedError,
-    AddressInUseError,
-    AddressUnavailableError,
-    BadUrlError,
-    DatagramTooLongError,
-    Standing,
-    Transport,
-    TransportClosedError,
-    TransportError,
-    UnknownHostError,
-)
+from agent.wire.address import Address, address_url, explained, resolve
+from agent.wire.transport import DatagramTooLongError, Standing, Transport, TransportClosedError
 
 BUFFER_BYTES = (
     1 << 20
@@ -29,8 +19,6 @@ BUFFER_BYTES = (
 BATCH = 512  # datagrams of one receive(): a flood may not hold the caller
 LARGEST = 65507
 PEER_SILENCE_S = 1.0
-
-Address = tuple[Any, ...]  # what the socket module gives for IPv4 and IPv6
 
 
 class UdpTransport(Transport):
@@ -42,7 +30,7 @@ class UdpTransport(Transport):
     take the answers away in mid-run, and a host that restarts on another port is served.
 
     refused: how often the other machine said that nobody listens at the port (ICMP). peer_changes: how often the peer
-    moved after the first.
+    moved after the first. batch: the most datagrams that one `receive` takes.
     """
 
     name = "udp"
@@ -52,6 +40,7 @@ class UdpTransport(Transport):
     ) -> None:
         super().__init__(address)
         self.learns_peer = listen
+        self.batch = BATCH
         self.refused = 0
         self.peer_changes = 0
         self._socket = sock
@@ -66,14 +55,7 @@ class UdpTransport(Transport):
 
     @classmethod
     def open(cls, url: SplitResult, listen: bool) -> UdpTransport:
-        where = url.geturl()
-        host, port = _host_port(url, listen)
-        try:
-            family, kind, protocol, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        except (socket.gaierror, UnicodeError):
-            raise UnknownHostError(
-                where, f"the host name {host} is not known", "check its spelling or write its IP address"
-            ) from None
+        family, kind, protocol, _, target = resolve(url, listen, socket.SOCK_DGRAM)
         sock = socket.socket(family, kind, protocol)
         try:
             sock.setblocking(False)
@@ -85,12 +67,12 @@ class UdpTransport(Transport):
                 sock.connect(target)
         except OSError as error:
             sock.close()
-            raise _explained(error, where, host, listen) from None
-        return cls(sock, _text(sock.getsockname()) if listen else where, listen)
+            raise explained(error, url, listen) from None
+        return cls(sock, address_url("udp", sock.getsockname()) if listen else url.geturl(), listen)
 
     @property
     def peer(self) -> str:
-        return "" if self._peer is None else _text(self._peer)
+        return "" if self._peer is None else address_url("udp", self._peer)
 
     def send(self, data: bytes) -> bool:
         """See Transport. Raises DatagramTooLongError above 65507 bytes."""
@@ -130,7 +112,7 @@ class UdpTransport(Transport):
         chunks: list[bytes] = []
         self._sources = sources = []
         view, take = self._view, self._socket.recvfrom_into
-        for _ in range(BATCH):
+        for _ in range(self.batch):
             try:
                 size, source = take(self._buffer)
             except BlockingIOError:
@@ -159,52 +141,3 @@ class UdpTransport(Transport):
         if not self._closed:
             self._closed = True
             self._socket.close()
-
-
-def _host_port(url: SplitResult, listen: bool) -> tuple[str, int]:
-    where = url.geturl()
-    example = "write it like udp://192.168.7.2:14660"
-    try:
-        port = url.port
-    except ValueError:
-        raise BadUrlError(where, "the port is not a number from 0 to 65535", example) from None
-    if not url.hostname:
-        raise BadUrlError(where, "the host is missing", example)
-    if port is None:
-        raise BadUrlError(where, "the port is missing", example)
-    if port == 0 and not listen:
-        raise BadUrlError(where, "port 0 cannot be reached", "give the port the other end listens on")
-    for part, text in (
-        ("path", url.path.strip("/")),
-        ("query", url.query),
-        ("fragment", url.fragment),
-        ("user", url.username),
-    ):
-        if text:
-            raise BadUrlError(where, f"udp:// takes no {part} ({text})", example)
-    return url.hostname, port
-
-
-def _explained(error: OSError, where: str, host: str, listen: bool) -> TransportError:
-    if error.errno == errno.EADDRINUSE:
-        return AddressInUseError(where, "the port is in use by another program", "stop it or choose another port")
-    if error.errno == errno.EADDRNOTAVAIL and listen:
-        return AddressUnavailableError(
-            where,
-            f"no interface of this machine has the address {host}",
-            "bring the interface up or listen on another address",
-        )
-    if error.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EADDRNOTAVAIL):
-        return AddressUnavailableError(
-            where, f"this machine has no route to {host}", "check the cable, the interface and its address"
-        )
-    if error.errno in (errno.EACCES, errno.EPERM):
-        return AddressDeniedError(
-            where, "this user may not open it", "choose a port above 1023 and an address that is not a broadcast"
-        )
-    return TransportError(where, f"cannot be opened ({error.strerror})", "check the address and the port")
-
-
-def _text(address: Address) -> str:
-    host, port = address[0], address[1]
-    return f"udp://[{host}]:{port}" if ":" in host else f"udp://{host}:{port}"

@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from tests.bench.bench_ground import attitude_gap_ms, parameter_list_s
 from tests.bench.bench_vessel_step import median_step_us
 
 RUNS = 5
@@ -105,6 +106,8 @@ FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("a vessel of 1024 is cheaper by", ">= 50", "x", batch_ratios),
     ("xitl --help", "< 0.5", "s", help_s),
     ("agent process until it listens", "< 0.5", "s", agent_start_s),
+    ("all parameters to a ground station", "< 2", "s", parameter_list_s),
+    ("longest gap of 50 Hz attitude to three stations", "< 60", "ms", attitude_gap_ms),
     ("agent process resident, waiting", "< 40", "MiB", agent_resident_mib),
     ("agent process resident, flying in real time", "< 40", "MiB", agent_flying_mib),
 ]

@@ -6,10 +6,12 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from urllib.parse import urlsplit
 
 import pytest
 
 from agent.wire.memory import memory_pair
+from agent.wire.tcp import TcpAccepted, TcpListener
 from agent.wire.transport import (
     AddressInUseError,
     AddressUnavailableError,
@@ -30,8 +32,17 @@ def udp_pair() -> tuple[Transport, Transport]:
     return listener, open_transport(listener.address, listen=False)
 
 
-PAIRS: dict[str, Callable[[], tuple[Transport, Transport]]] = {"memory": memory_pair, "udp": udp_pair}
-LISTENING: dict[str, str] = {"udp": "udp://127.0.0.1:0"}
+def tcp_pair() -> tuple[Transport, Transport]:
+    listener = open_transport("tcp://127.0.0.1:0", listen=True)
+    return listener, open_transport(listener.address, listen=False)
+
+
+PAIRS: dict[str, Callable[[], tuple[Transport, Transport]]] = {
+    "memory": memory_pair,
+    "udp": udp_pair,
+    "tcp": tcp_pair,
+}
+LISTENING: dict[str, str] = {"udp": "udp://127.0.0.1:0", "tcp": "tcp://127.0.0.1:0"}
 
 
 def take(transport: Transport, count: int, standing: Standing = Standing.HEARD) -> list[bytes]:
@@ -44,6 +55,15 @@ def take(transport: Transport, count: int, standing: Standing = Standing.HEARD) 
             transport.credit(index, standing)
         chunks += new
     return chunks
+
+
+def take_bytes(transport: Transport, size: int) -> bytes:
+    """So many bytes; a stream cuts and joins chunks as it likes."""
+    data = b""
+    until_s = time.monotonic() + WAIT_S
+    while len(data) < size and time.monotonic() < until_s:
+        data += b"".join(take(transport, 1))
+    return data
 
 
 @pytest.fixture(params=PAIRS)
@@ -67,7 +87,7 @@ def test_order_is_kept(pair: tuple[Transport, Transport]) -> None:
     listening, calling = pair
     sent = [index.to_bytes(2, "big") for index in range(200)]
     assert all(calling.send(chunk) for chunk in sent)
-    assert b"".join(take(listening, 200)) == b"".join(sent)
+    assert take_bytes(listening, 400) == b"".join(sent)
 
 
 def test_nothing_there_returns_at_once_or_after_the_timeout(pair: tuple[Transport, Transport]) -> None:
@@ -91,7 +111,7 @@ def test_a_full_datagram_arrives_whole(pair: tuple[Transport, Transport]) -> Non
     listening, calling = pair
     payload = bytes(range(256)) * 250
     assert calling.send(payload)
-    assert b"".join(take(listening, 1)) == payload
+    assert take_bytes(listening, len(payload)) == payload
 
 
 def test_queues_are_bounded_and_losses_do_not_raise(pair: tuple[Transport, Transport]) -> None:
@@ -103,7 +123,16 @@ def test_queues_are_bounded_and_losses_do_not_raise(pair: tuple[Transport, Trans
     while chunks := listening.receive(0.05):
         arrived += chunks
     assert 0 < len(arrived) < 5000
+    assert calling.unsent > 0 or not calling.stream
     assert calling.send(b"again")
+    if calling.stream:  # the rest of the chunk that was taken in part goes first, so that chunks arrive whole
+        data = b"".join(arrived)
+        while not data.endswith(b"again"):
+            more = listening.receive(WAIT_S)
+            assert more
+            data += b"".join(more)
+        assert (len(data) - 5) % 4000 == 0
+        return
     assert listening.receive(WAIT_S) == [b"again"]
 
 
@@ -256,6 +285,41 @@ def test_udp_takes_no_more_than_a_datagram_holds() -> None:
             calling.send(bytes(65508))
 
 
+def test_tcp_serves_the_next_when_the_peer_has_left() -> None:
+    listening, first = tcp_pair()
+    with listening:
+        assert first.send(b"first")
+        assert take(listening, 1) == [b"first"]
+        with open_transport(listening.address, listen=False) as second:
+            assert second.send(b"second")
+            assert listening.receive(0.05) == []
+            first.close()
+            assert take_bytes(listening, 6) == b"second"
+            assert listening.send(b"hello")
+            assert take(second, 1) == [b"hello"]
+        assert vars(listening)["losses"] == 1
+
+
+def test_tcp_many_call_one_listener() -> None:
+    listener = TcpListener(urlsplit("tcp://127.0.0.1:0"))
+    callers = [open_transport(listener.address, listen=False) for _ in range(5)]
+    served = []
+    for caller in callers:
+        assert caller.send(b"hello")
+    while called := listener.accept():
+        served.append(TcpAccepted(called[0], listener.address, called[1]))
+    assert len(served) == 5
+    assert len({end.peer for end in served}) == 5
+    for end in served:
+        assert take(end, 1) == [b"hello"]
+    callers[2].close()
+    assert all(end.receive(0.02) == [] for end in served)
+    assert [end.connected for end in served] == [True, True, False, True, True]
+    for end in (*callers, *served):
+        end.close()
+    listener.close()
+
+
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6 here")
 def test_udp_over_ipv6() -> None:
     try:
@@ -282,6 +346,8 @@ def test_udp_over_ipv6() -> None:
         ("udp://h:1/x", True, "udp://h:1/x: udp:// takes no path (x); write it like"),
         ("udp://h:1?baud=9", True, "udp://h:1?baud=9: udp:// takes no query (baud=9); write it like"),
         ("udp://me@h:1", True, "udp://me@h:1: udp:// takes no user (me); write it like"),
+        ("tcp://h", True, "tcp://h: the port is missing; write it like tcp://192.168.7.2:5760"),
+        ("tcp://h:1/x", False, "tcp://h:1/x: tcp:// takes no path (x); write it like"),
         ("udp://[::1:5", True, "udp://[::1:5: Invalid IPv6 URL; write it like"),
     ],
 )

@@ -30,7 +30,7 @@ def sim(
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run in the same DIR.")] = False,
 ) -> None:
-    """Run a simulation. Exit code: 0 mission completed, 1 not completed, 2 something to put right, 130 interrupted."""
+    """Run a simulation. Exit code: 0 completed, 1 not completed, 2 something to put right, 130 interrupted."""
     from rich.console import Console
 
     from xitl_cli.commands.sim_report import show_result

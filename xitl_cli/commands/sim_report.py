@@ -28,6 +28,9 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
         f"{summary['duration_s']:.1f} s in {summary['wall_s']:.1f} s"
         + (f", {factor:.1f}× real time" if factor else ""),
     )
+    driver = summary["driver"]
+    if driver["kind"] in ("script", "replay"):
+        table.add_row(driver["kind"], "played to its end" if driver["completed"] else "not played to its end")
     if mission["waypoints_total"]:
         state = "completed" if mission["completed"] else "not completed"
         table.add_row(
@@ -47,7 +50,8 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
             console.print(rows, highlight=False)
     console.print(
         f"{result.directory}/: {directory.RECORDING} (opens in Foxglove and Lichtblick), "
-        f"{directory.SUMMARY}, {directory.PROFILE}",
+        f"{directory.SUMMARY}, {directory.PROFILE}"
+        + (f", {directory.DATAFLASH}" if (result.directory / directory.DATAFLASH).exists() else ""),
         highlight=False,
         markup=False,
         soft_wrap=True,

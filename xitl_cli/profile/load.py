@@ -19,6 +19,8 @@ from xitl_cli.profile.problems import Problem, ProfileError
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.sentences import problems_of
 
+_ANY_FILE: tuple[KeyPath, ...] = (("driver", "file"), ("autopilot", "signing_key_file"))
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedProfile:
@@ -75,6 +77,9 @@ def _validated(entry: Entry, name: str) -> Profile:
 def _with_absolute_paths(entry: Entry) -> Entry:
     """Relative paths inside a profile are meant from its file: made absolute, so that the profile can be moved."""
     entry = _rewritten(entry, ("graph", "reference"), SUFFIXES)
+    for path in _ANY_FILE:
+        entry = _rewritten(entry, path, ("",))
+    entry = _rewritten(entry, ("autopilot", "controller"), (".py",), behind=":")
     files = entry.nearest(("autopilot", "parameter_files"))
     if files[1] == 2 and isinstance(files[0].value, tuple):
         for number in range(len(files[0].value)):
@@ -82,16 +87,20 @@ def _with_absolute_paths(entry: Entry) -> Entry:
     return entry
 
 
-def _rewritten(entry: Entry, path: KeyPath, suffixes: tuple[str, ...]) -> Entry:
+def _rewritten(entry: Entry, path: KeyPath, suffixes: tuple[str, ...], behind: str = "") -> Entry:
+    """With an absolute path where `path` leads, if one of `suffixes` is there; `behind` begins what follows it."""
     if not path:
-        if not (isinstance(entry.value, str) and entry.value.endswith(suffixes)):
+        if not isinstance(entry.value, str):
+            return entry
+        file, mark, rest = entry.value.rpartition(behind) if behind else (entry.value, "", "")
+        if not file.endswith(suffixes):
             return entry
         folder = Path() if entry.origin.line is None else Path(entry.origin.source).parent
-        return Entry(str((folder / Path(entry.value).expanduser()).absolute()), entry.origin)
+        return Entry(f"{(folder / Path(file).expanduser()).absolute()}{mark}{rest}", entry.origin)
     below = entry.child(path[0])
     if below is None:
         return entry
-    below = _rewritten(below, path[1:], suffixes)
+    below = _rewritten(below, path[1:], suffixes, behind)
     if isinstance(entry.value, dict):
         return Entry({**entry.value, str(path[0]): below}, entry.origin)
     assert isinstance(entry.value, tuple)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections import deque
 from dataclasses import replace
 from typing import Any
 
 from agent.node import PROTOCOL
-from agent.timing.sync import ClockSync
 from agent.wire import dialect
 from agent.wire.link import Link
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Clock, Estimate, MotorCommand, Task
+from xitl_cli.recording.records import Estimate, MotorCommand, Task
+from xitl_cli.run.agent_options import AgentOptions, missing_addresses
 from xitl_cli.run.agent_setup import Setup, mission_of, parameters_of
 from xitl_cli.run.agent_view import AgentView
-from xitl_cli.run.histogram import Histogram
-from xitl_cli.run.mission_driver import MissionDriver, Phase
+from xitl_cli.run.driver import make_driver
+from xitl_cli.run.link_timing import LinkTiming, LockstepTiming
+from xitl_cli.run.orders import Orders
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.peer import (
     AGENT_COMPONENT_ID,
@@ -43,27 +43,25 @@ SILENT_S = 5.0
 SYNC_RATE_HZ = 10.0
 SYNC_BURST = 10
 END_WAIT_S = 1.0
-STAMPS_KEPT = 4096
+WARNING = 4  # MAV_SEVERITY_WARNING
 
 
 class AgentPilot:
     """See Pilot. In lockstep every exchange is a tick and its answer; in real time both sides go on their own."""
 
-    def __init__(self, profile: RunProfile, seeds: Seeds) -> None:
+    def __init__(self, profile: RunProfile, seeds: Seeds, options: AgentOptions | None = None) -> None:
         assert profile.sensors is not None
         self._profile = profile
+        self._options = options or AgentOptions()
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
         self._sensing = Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds)
         self._view = AgentView(self._frame, self._on_text, self._on_estimate)
+        orders = Orders(self._view, self._send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        self._driver = make_driver(profile, orders, self._frame)
         self._truth = TruthHistory(profile.clock.physics_rate_hz)
-        self._sync = ClockSync()
-        self._sync_sequence = 0
+        self._timing = LockstepTiming() if self._lockstep else LinkTiming()
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
-        self._sensor_latency = Histogram()
-        self._actuator_latency = Histogram()
-        self._sent_at_ns: dict[int, int] = {}
-        self._sent_stamps: deque[int] = deque()
         self.estimation: EstimationScore | None = EstimationScore()
         self._position_error_m: float | None = None
         self.command = MotorCommand((0.0,) * len(profile.vehicle.propellers))
@@ -79,7 +77,7 @@ class AgentPilot:
     # Before the run
 
     def prepare(self) -> None:
-        self._peer = peer = open_peer(self._profile.autopilot)
+        self._peer = peer = open_peer(self._profile.autopilot, self._options)
         self._link = Link(peer.transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID)
         started_s = time.monotonic()
         timeout_s = self._profile.autopilot.connect_timeout_s
@@ -108,13 +106,10 @@ class AgentPilot:
             setup.upload_mission(mission_of(self._profile, self._frame))
         if not self._lockstep:
             for _ in range(SYNC_BURST):
-                self._send_sync()
+                self._send(self._timing.request())
                 self._receive(0.02)
-        self._driver = (
-            MissionDriver(self._view, self._link.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
-            if self._profile.driver.kind == "mission"
-            else None
-        )
+        for address in missing_addresses(self._profile, self._options):
+            self._recorder.say(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
 
     def _start_agent(self) -> None:
         """Start, and wait for the answer: both ends count their frames from behind the start message."""
@@ -138,18 +133,16 @@ class AgentPilot:
         messages = self._sensing.due(self._step, sim_ns, motion)
         if not messages:
             return
-        if not self._lockstep:
-            self._note_sent(messages)
+        self._timing.sent(messages)
         self._link.send(*messages)
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:
-        if self._driver is not None:
-            self._driver.update(sim_ns)
+        self._driver.update(sim_ns)
         if self._lockstep:
             self._tick_and_wait(sim_ns)
             return
         if self._tick % self._sync_every == 0:
-            self._send_sync()
+            self._send(self._timing.request())
         self._tick += 1
         self._receive(0.0)
         assert self._peer is not None
@@ -189,18 +182,8 @@ class AgentPilot:
         )
 
     def progress(self) -> Progress:
-        view, driver = self._view, self._driver
-        total = len(self._profile.mission.waypoints_ned_m)
-        reached = len({seq for seq in view.reached_seqs if 1 <= seq <= total})
-        under_way = driver is not None and driver.phase is Phase.ARRIVED and reached < total
-        return Progress(
-            mode=view.mode,
-            armed=view.armed,
-            target=reached if under_way else None,
-            reached=reached,
-            finished=0 < total == reached,
-            messages=tuple(view.texts),
-        )
+        view = self._view
+        return replace(self._driver.progress(), mode=view.mode, armed=view.armed, messages=tuple(view.texts))
 
     def position_error_m(self) -> float | None:
         return self._position_error_m
@@ -227,16 +210,18 @@ class AgentPilot:
                 sent=counters.sent,
                 received=None if status is None else status.frames_received,
                 lost=None if status is None else status.frames_lost,
+                unsent=counters.unsent,
                 dropped=0 if status is None else status.frames_dropped,
-                latency=self._sensor_latency,
+                latency=self._timing.sensors,
             ),
             LinkReport(
                 name="actuators",
                 sent=None if status is None else counters.received + counters.lost,
                 received=counters.received,
                 lost=counters.lost,
+                unsent=None,
                 dropped=counters.dropped,
-                latency=self._actuator_latency,
+                latency=self._timing.actuators,
             ),
         ]
 
@@ -244,9 +229,7 @@ class AgentPilot:
         return list(self._view.tasks.values())
 
     def clocks(self) -> list[ClockReport]:
-        if self._lockstep:
-            return [ClockReport("LC", 0.0, 0.0, 0.0)]
-        return [self._clock_report()]
+        return [self._timing.report()]
 
     def nodes(self) -> list[NodeReport]:
         status = self._view.status
@@ -276,10 +259,14 @@ class AgentPilot:
                 self._on_timesync(message)
             else:
                 self._view.take(message)
+                self._driver.take(message)
                 if number == dialect.MAVLINK_MSG_ID_XITL_TASK_STATS and self._link.tap is not None:
                     for task in self._view.tasks.values():
                         self._recorder.task(self._now_ns(), task)
         return messages
+
+    def _send(self, message: Any) -> None:
+        self._link.send(message)
 
     def _send_run(self, command: int) -> None:
         mode = dialect.XITL_CLOCK_MODE_LOCKSTEP if self._lockstep else dialect.XITL_CLOCK_MODE_REALTIME
@@ -302,50 +289,12 @@ class AgentPilot:
         self._command_ns = self._now_ns()
         self._fresh = True
         self._answered_tick = message.tick
-        if self._lockstep:
-            self._sensor_latency.add(0)
-            self._actuator_latency.add(0)
-        elif self._sync.ready:
-            self._actuator_latency.add(time.monotonic_ns() - self._sync.to_local(message.time_usec * 1000))
-            sent_ns = self._sent_at_ns.pop(message.imu_time_usec, None)
-            if sent_ns is not None:
-                self._sensor_latency.add(self._sync.to_local(message.imu_receive_usec * 1000) - sent_ns)
-
-    def _note_sent(self, messages: list[Any]) -> None:
-        for message in messages:
-            if message.get_msgId() == dialect.MAVLINK_MSG_ID_XITL_IMU:
-                self._sent_at_ns[message.time_usec] = time.monotonic_ns()
-                self._sent_stamps.append(message.time_usec)
-                if len(self._sent_stamps) > STAMPS_KEPT:
-                    self._sent_at_ns.pop(self._sent_stamps.popleft(), None)
-
-    def _send_sync(self) -> None:
-        self._sync_sequence += 1
-        self._link.send(dialect.MAVLink_xitl_timesync_message(time.monotonic_ns(), 0, 0, self._sync_sequence))
+        self._timing.arrived(message)
 
     def _on_timesync(self, message: Any) -> None:
-        returned_ns = time.monotonic_ns()
-        if not self._sync.add(message.t1_ns, message.t2_ns, message.t3_ns, returned_ns):
-            return
-        estimate = self._sync.estimate
-        clock = Clock(
-            node="LC",
-            sample=message.sequence,
-            host_ns=message.t1_ns,
-            node_ns=message.t2_ns,
-            round_trip_s=(returned_ns - message.t1_ns - (message.t3_ns - message.t2_ns)) * 1e-9,
-            offset_s=estimate.offset_ns * 1e-9,
-            drift_ppm=estimate.drift_ppm,
-        )
-        self._recorder.clock(self._now_ns(), clock)
-
-    def _clock_report(self) -> ClockReport:
-        if not self._sync.ready:
-            return ClockReport("LC", None, None)
-        estimate = self._sync.estimate
-        return ClockReport(
-            "LC", estimate.offset_ns * 1e-3, estimate.drift_ppm, estimate.asymmetry_bound_ns * 1e-3, estimate.used
-        )
+        clock = self._timing.answered(message)
+        if clock is not None:
+            self._recorder.clock(self._now_ns(), clock)
 
     def _on_text(self, severity: int, text: str) -> None:
         self._recorder.say(self._now_ns(), severity, "autopilot", text)
@@ -365,9 +314,8 @@ class AgentPilot:
         """Simulation time of an instant on the agent's clock, None while the clocks' relation is unknown."""
         if self._lockstep:
             return agent_ns
-        if not self._sync.ready:
-            return None
-        return self._pace.sim_of_host(self._sync.to_local(agent_ns))
+        host_ns = self._timing.host_ns(agent_ns)
+        return None if host_ns is None else self._pace.sim_of_host(host_ns)
 
     def _now_ns(self) -> int:
         return self._pace.now_sim_ns(self._sim_ns)

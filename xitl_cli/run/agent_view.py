@@ -14,6 +14,7 @@ from xitl_cli.recording.records import Estimate, Task
 
 MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
 RECENT_TEXTS = 20
+STATUSTEXT_BYTES = 50
 
 
 class AgentView:
@@ -38,6 +39,7 @@ class AgentView:
         self.tasks: dict[str, Task] = {}
         self.texts: deque[str] = deque(maxlen=RECENT_TEXTS)
         self._frame = frame
+        self._chunks: dict[int, str] = {}
         self._on_text = on_text
         self._on_estimate = on_estimate
         self._origin_ned_m: np.ndarray[Any, np.dtype[np.float64]] | None = None
@@ -70,9 +72,15 @@ class AgentView:
         self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)
 
     def _statustext(self, message: Any) -> None:
-        text = _text(message.text)
-        self.texts.append(text)
-        self._on_text(message.severity, text)
+        """A sentence may come in chunks of 50 characters; the one that is not full ends it."""
+        sentence = message.id
+        chunk = _text(message.text)
+        whole = self._chunks.pop(sentence, "") + chunk if sentence else chunk
+        if sentence and len(chunk) == STATUSTEXT_BYTES:
+            self._chunks = {sentence: whole}
+            return
+        self.texts.append(whole)
+        self._on_text(message.severity, whole)
 
     def _command_ack(self, message: Any) -> None:
         self.acks[message.command] = message.result

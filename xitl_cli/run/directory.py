@@ -1,4 +1,4 @@
-"""The run directory: run.mcap, summary.json and the profile as resolved."""
+"""The run directory: run.mcap, summary.json, the profile as resolved, and the autopilot's own log."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from xitl_cli.errors import UserError
 RECORDING = "run.mcap"
 SUMMARY = "summary.json"
 PROFILE = "profile.yaml"
-_FILES = (RECORDING, SUMMARY, PROFILE)
+DATAFLASH = "autopilot.bin"
+_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH)
 
 
 def check_writable(path: Path) -> None:
@@ -40,6 +41,14 @@ def create(path: Path, overwrite: bool) -> Path:
     except OSError as error:
         raise UserError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
     return path
+
+
+def keep_dataflash(path: Path) -> None:
+    """Give the newest DataFlash log in the directory, which the agent numbered, its name."""
+    (path / "LASTLOG.TXT").unlink(missing_ok=True)
+    logs = [log for log in path.iterdir() if log.suffix.lower() == ".bin" and log.name != DATAFLASH]
+    if logs:
+        max(logs, key=lambda log: (log.stat().st_mtime_ns, log.name)).replace(path / DATAFLASH)
 
 
 def default_path(profile: str, started: datetime | None = None) -> Path:

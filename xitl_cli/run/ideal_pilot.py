@@ -7,13 +7,15 @@ import time
 
 from agent.fcu.allocation import NEUTRAL
 from agent.fcu.control import ground_speed_mps
+from agent.fcu.controller import Order
 from agent.fcu.guidance import GuidanceGains
-from agent.fcu.helm import Helm
+from agent.fcu.helm import Helm, Propellers
 from agent.fcu.local_frame import LocalFrame
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.pilot import COMPLETE
 from agent.fcu.pilot import Pilot as MissionPilot
+from agent.fcu.samples import Estimate
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
@@ -35,6 +37,7 @@ class IdealPilot:
         self._mission = MissionPilot(mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
         self._gains = GuidanceGains.of(parameters)
         self._helm = Helm(parameters)
+        self._propellers = Propellers(parameters)
         self._frame = LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._total = len(profile.mission.waypoints_ned_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
@@ -52,20 +55,19 @@ class IdealPilot:
         pass
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:
-        north_m, east_m, _ = motion.pos_ned_m[0].tolist()
-        north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
-        rotation = motion.rot_ned_frd[0]
-        yaw_rad = math.atan2(float(rotation[1, 0]), float(rotation[0, 0]))
-        turn_rate_radps = float(motion.gyro_frd_radps[0, 2])
-        speed_mps = ground_speed_mps(yaw_rad, north_mps, east_mps)
-        course = self._mission.steer(self._gains, self._frame, (north_m, east_m), yaw_rad, speed_mps, self._dt_s)
+        estimate = _truth(sim_ns, motion)
+        (north_m, east_m, _), (north_mps, east_mps, _) = estimate.pos_ned_m, estimate.vel_ned_mps
+        speed_mps = ground_speed_mps(estimate.yaw_rad, north_mps, east_mps)
+        course = self._mission.steer(
+            self._gains, self._frame, (north_m, east_m), estimate.yaw_rad, speed_mps, self._dt_s
+        )
         if course is None:
             self.command = MotorCommand(NEUTRAL, armed=True)
             return
-        thrust, steering = self._helm.toward(
-            course.heading_rad, course.speed_mps, yaw_rad, turn_rate_radps, speed_mps, self._dt_s
-        )
-        self.command = MotorCommand(self._helm.drive(thrust, steering, self._dt_s), armed=True)
+        last = self._propellers.last
+        order = Order(course.heading_rad, 0.0, course.speed_mps, speed_mps, last.thrust_limited, last.steering_limited)
+        demand = self._helm.control(order, estimate, self._dt_s)
+        self.command = MotorCommand(self._propellers.drive(demand, self._dt_s), armed=True)
 
     def idle(self, seconds: float) -> None:
         time.sleep(seconds)
@@ -78,6 +80,7 @@ class IdealPilot:
             target=None if finished else reached,
             reached=reached,
             finished=finished,
+            completed=finished,
         )
 
     def position_error_m(self) -> float | None:
@@ -100,3 +103,24 @@ class IdealPilot:
 
     def nodes(self) -> list[NodeReport]:
         return []
+
+
+def _truth(sim_ns: int, motion: Kinematics) -> Estimate:
+    """What an estimator without errors would say."""
+    rotation = motion.rot_ned_frd[0].tolist()
+    w, x, y, z = motion.quat_ned_frd[0].tolist()
+    p, q, r = motion.gyro_frd_radps[0].tolist()
+    north_m, east_m, down_m = motion.pos_ned_m[0].tolist()
+    vn, ve, vd = motion.vel_ned_mps[0].tolist()
+    return Estimate(
+        sim_ns,
+        (w, x, y, z),
+        math.atan2(rotation[2][1], rotation[2][2]),
+        -math.asin(min(max(rotation[2][0], -1.0), 1.0)),
+        math.atan2(rotation[1][0], rotation[0][0]),
+        (p, q, r),
+        (north_m, east_m, down_m),
+        (vn, ve, vd),
+        True,
+        True,
+    )

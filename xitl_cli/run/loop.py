@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -36,7 +36,10 @@ class Ending(Enum):
 
 @dataclass(slots=True)
 class Loop:
-    """Everything a run moves along; `run` goes on until the pilot has finished, time is up or `interrupted` says so."""
+    """Everything a run moves along; `run` goes on until the pilot has finished, time is up or `interrupted` says so.
+
+    While the pilot waits for somebody, the vessel lies moored where it was and the duration does not run.
+    """
 
     profile: RunProfile
     simulation: Simulation
@@ -47,6 +50,8 @@ class Loop:
     view: View
     score: MissionScore
     interrupted: Callable[[], bool]
+    moored_steps: int = 0
+    completed: bool = False
 
     def run(self, seeds: Seeds) -> Ending:
         """Raises UserError when the pilot is lost or the recording cannot be written; `state` is then the last one."""
@@ -61,14 +66,19 @@ class Loop:
         frame = local_frame(self.profile.site)
         command = pilot.command
         motors = np.array([command.motors])
+        moored = bool(pilot.progress().waits_for)
         number = 0
-        while number < last_step:
+        while number - self.moored_steps < last_step:
             number += 1
             pace.wait_until(self.state.time_ns + simulation.dt_ns, pilot.idle)
             if pilot.command is not command:
                 command = pilot.command
                 motors = np.array([command.motors])
+            before = self.state.vessel
             self.state = state = step(simulation, self.state, motors, rng)
+            if moored:
+                self.moored_steps += 1
+                self.state = state = replace(state, vessel=before)
             now_ns = state.time_ns
             motion = kinematics(simulation, state)
             pilot.sense(now_ns, motion)
@@ -76,6 +86,9 @@ class Loop:
                 pilot.exchange(now_ns, motion)
                 recorder.actuators(now_ns, pilot.command)
                 progress = pilot.progress()
+                moored, self.completed = bool(progress.waits_for), progress.completed
+                if progress.waypoints is not None:
+                    self.score.follow(progress.waypoints)
                 if progress.target is not None:
                     north, east, _ = motion.pos_ned_m[0].tolist()
                     self.score.add((north, east), progress.target, progress.reached)
@@ -126,4 +139,5 @@ class Loop:
             missed=self.pace.task(self.profile.clock.physics_rate_hz).missed
             + sum(task.missed for task in self.pilot.tasks()),
             messages=progress.messages,
+            waits_for=progress.waits_for,
         )

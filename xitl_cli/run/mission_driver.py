@@ -2,69 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from enum import Enum
 from typing import Any
 
-from agent.wire import dialect
 from xitl_cli.errors import UserError
-from xitl_cli.run.agent_view import AgentView
+from xitl_cli.run.orders import Orders
+from xitl_cli.run.pilot import Progress
 
-AUTO_MODE = 10
 READY_TIMEOUT_S = 60.0
-REPEAT_S = 1.0
+ASK_WHY_S = 55.0
+PREARM = "PreArm: "
 
 
 class Phase(Enum):
-    """What the driver waits for."""
+    """What is waited for."""
 
     READY = "the autopilot to become ready to arm"
     ARMED = "the autopilot to arm"
-    STARTED = "the autopilot to start the mission"
-    ARRIVED = "the mission to end"
+    STARTED = "the autopilot to change its mode"
+    UNDER_WAY = "nothing"
+
+
+class Departure:
+    """Arms the autopilot when it is ready and sets a mode.
+
+    Raises UserError from `update` when that is not done `READY_TIMEOUT_S` after the start.
+    """
+
+    def __init__(self, orders: Orders, mode: str) -> None:
+        self._orders = orders
+        self._mode = mode
+        self.phase = Phase.READY
+
+    def update(self, sim_ns: int) -> bool:
+        """One look at the autopilot; sends the next command when it is time. True once it is under way."""
+        orders = self._orders
+        if self.phase is Phase.READY and orders.view.ready_to_arm:
+            orders.forget()
+            self.phase = Phase.ARMED
+        if self.phase is Phase.READY and sim_ns > ASK_WHY_S * 1e9:
+            orders.arm(sim_ns)  # refused, with the reasons
+        if self.phase is Phase.ARMED and orders.arm(sim_ns):
+            self.phase = Phase.STARTED
+        if self.phase is Phase.STARTED and orders.set_mode(sim_ns, self._mode):
+            self.phase = Phase.UNDER_WAY
+        if self.phase is not Phase.UNDER_WAY and sim_ns > READY_TIMEOUT_S * 1e9:
+            said = f"; it said: {', '.join(_latest_reasons(orders.view.texts))}" if orders.view.texts else ""
+            raise UserError(f"gave up after {READY_TIMEOUT_S:.0f} s of waiting for {self.phase.value}{said}")
+        return self.phase is Phase.UNDER_WAY
+
+
+def _latest_reasons(texts: Iterable[str]) -> list[str]:
+    """What keeps it from arming, each once, else the last thing it said."""
+    said = list(texts)
+    return list(dict.fromkeys(text for text in said if text.startswith(PREARM))) or said[-1:]
 
 
 class MissionDriver:
-    """Sends the commands a person at a ground station would, on simulation time.
+    """Sends the commands a person at a ground station would; the mission has `waypoints` items after home."""
 
-    Raises UserError from `update` when the autopilot is not under way `READY_TIMEOUT_S` after the start.
-    """
-
-    def __init__(self, view: AgentView, send: Callable[[Any], object], system_id: int, component_id: int) -> None:
-        self._view = view
-        self._send = send
-        self._target = (system_id, component_id)
-        self._sent_ns: int | None = None
-        self.phase = Phase.READY
+    def __init__(self, orders: Orders, waypoints: int) -> None:
+        self._view = orders.view
+        self._departure = Departure(orders, "AUTO")
+        self._total = waypoints
+        self._under_way = False
 
     def update(self, sim_ns: int) -> None:
-        """One look at the autopilot; sends the next command when it is time."""
-        accepted = dialect.MAV_RESULT_ACCEPTED
-        if self.phase is Phase.READY and self._view.ready_to_arm:
-            self._enter(Phase.ARMED)
-        if self.phase is Phase.ARMED:
-            if self._view.acks.get(dialect.MAV_CMD_COMPONENT_ARM_DISARM) == accepted:
-                self._enter(Phase.STARTED)
-            else:
-                self._command(sim_ns, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-        if self.phase is Phase.STARTED:
-            if self._view.acks.get(dialect.MAV_CMD_DO_SET_MODE) == accepted:
-                self._enter(Phase.ARRIVED)
-            else:
-                flag = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-                self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, flag, float(AUTO_MODE))
-        if self.phase is not Phase.ARRIVED and sim_ns > READY_TIMEOUT_S * 1e9:
-            said = f"; it last said: {self._view.texts[-1]}" if self._view.texts else ""
-            raise UserError(f"gave up after {READY_TIMEOUT_S:.0f} s of waiting for {self.phase.value}{said}")
+        self._under_way = self._under_way or self._departure.update(sim_ns)
 
-    def _enter(self, phase: Phase) -> None:
-        self.phase = phase
-        self._sent_ns = None
+    def take(self, message: Any) -> None:
+        pass
 
-    def _command(self, sim_ns: int, command: int, *parameters: float) -> None:
-        if self._sent_ns is not None and sim_ns - self._sent_ns < REPEAT_S * 1e9:
-            return
-        self._sent_ns = sim_ns
-        self._view.acks.pop(command, None)
-        values = [*parameters, *[0.0] * (7 - len(parameters))]
-        self._send(dialect.MAVLink_command_long_message(*self._target, command, 0, *values))
+    def progress(self) -> Progress:
+        reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
+        done = 0 < self._total == reached
+        target = reached if self._under_way and not done else None
+        return Progress("", target=target, reached=reached, finished=done, completed=done)

@@ -5,16 +5,27 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Protocol
 
+from agent.dataflash.files import at
 from agent.fcu.autopilot import Autopilot as EmbeddedAutopilot
+from agent.fcu.controller import ControllerError
+from agent.fcu.controller import load as load_controller
+from agent.fcu.flight_log import FlightLog
+from agent.fcu.parameters import Parameters
 from agent.fcu.services import Services
+from agent.ground.stations import GroundStations
 from agent.node import AgentNode
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
+from agent.wire.signing import Signing
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.operation import Autopilot
+from xitl_cli.run.agent_options import AgentOptions
+from xitl_cli.run.directory import DATAFLASH
+from xitl_cli.signing import read_key_file
 
 HOST_SYSTEM_ID = 255
 HOST_COMPONENT_ID = 190
@@ -44,11 +55,15 @@ class Peer(Protocol):
 class InProcess:
     """The same agent code in the host's process, over the in-memory transport."""
 
-    def __init__(self) -> None:
+    def __init__(self, options: AgentOptions) -> None:
         self.transport: Transport
         self.transport, theirs = memory_pair("agent")
-        link = Link(theirs, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
-        node = AgentNode(link, lambda: Services(EmbeddedAutopilot()), machine="in-process")
+        self._opened = ExitStack()
+        try:
+            node = _node(Link(theirs, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID), options, self._opened)
+        except (TransportError, ControllerError) as error:
+            self._opened.close()
+            raise UserError(str(error)) from error
         self.pump: Callable[[], None] = node.poll
 
     def check(self) -> None:
@@ -58,16 +73,39 @@ class InProcess:
         return UserError("the agent in this process did not answer; this is a fault of xitl, please report it")
 
     def close(self) -> None:
+        self._opened.close()
         self.transport.close()
+
+
+def _node(link: Link, options: AgentOptions, opened: ExitStack) -> AgentNode:
+    """What `xitl agent` makes of the same options. Raises TransportError, ControllerError and UserError."""
+    make_controller = None if options.controller is None else load_controller(options.controller)
+    signing = None if options.signing_key_file is None else Signing(read_key_file(options.signing_key_file))
+    ground = None
+    if options.ground_stations:
+        ground = GroundStations(options.ground_stations, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID, signing)
+        opened.callback(ground.close)
+    log_file = None if options.log_dir is None else options.log_dir / DATAFLASH
+
+    def services() -> Services:
+        return Services(EmbeddedAutopilot(Parameters(), make_controller), AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+
+    def log(now_ns: Callable[[], int]) -> FlightLog:
+        assert log_file is not None
+        made = FlightLog(at(log_file), now_ns)
+        opened.callback(made.close)
+        return made
+
+    return AgentNode(link, services, "in-process", ground, make_log=None if log_file is None else log)
 
 
 class OwnProcess:
     """The agent as a process of its own on this machine."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, options: AgentOptions) -> None:
         self._url = url
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "agent", "--link", url],
+            [sys.executable, "-m", "agent", "--link", url, *options.arguments()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -148,10 +186,10 @@ class Board:
         self.transport.close()
 
 
-def open_peer(autopilot: Autopilot) -> Peer:
+def open_peer(autopilot: Autopilot, options: AgentOptions) -> Peer:
     """The peer that the profile asks for. Raises UserError when it cannot be opened."""
     if autopilot.runs == "in-process":
-        return InProcess()
+        return InProcess(options)
     if autopilot.link is None:
         raise UserError(f"autopilot.runs = {autopilot.runs} needs autopilot.link, for instance udp://127.0.0.1:14660")
-    return OwnProcess(autopilot.link) if autopilot.runs == "process" else Board(autopilot.link)
+    return OwnProcess(autopilot.link, options) if autopilot.runs == "process" else Board(autopilot.link)

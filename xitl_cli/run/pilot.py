@@ -15,24 +15,38 @@ from xitl_cli.run.score import EstimationScore
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the pilot says it is: `target` is the index of the waypoint it heads for, None when it heads for none."""
+    """How far the pilot says it is.
+
+    target: index of the waypoint it heads for, None when it heads for none. finished: there is nothing more to do.
+    completed: what the driver was there for is done: every waypoint reached, a script or recording played to its end.
+    waypoints: the mission under way as (north, east), None for the profile's. waits_for: why the vessel is still
+    moored; empty once it may move.
+    """
 
     mode: str
     armed: bool = False
     target: int | None = None
     reached: int = 0
     finished: bool = False
+    completed: bool = False
+    waypoints: tuple[tuple[float, float], ...] | None = None
+    waits_for: str = ""
     messages: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
-    """One direction of a link over a whole run; counts the other end keeps are None until it has told them."""
+    """One direction of a link over a whole run; counts the other end keeps are None until it has told them.
+
+    lost: missing from the sequence at the receiver. unsent: not taken by the transport of the sender. dropped: damaged
+    or unknown ones.
+    """
 
     name: str
     sent: int | None
     received: int | None
     lost: int | None
+    unsent: int | None
     dropped: int
     latency: Histogram = field(default_factory=Histogram)
 

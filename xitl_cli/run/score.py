@@ -31,6 +31,14 @@ class MissionScore:
     """
 
     def __init__(self, waypoints: Sequence[Point]) -> None:
+        self._begin(waypoints)
+
+    def follow(self, waypoints: Sequence[Point]) -> None:
+        """Judge by these waypoints from now on; from the beginning when they are not the ones judged by so far."""
+        if list(waypoints) != self._waypoints:
+            self._begin(waypoints)
+
+    def _begin(self, waypoints: Sequence[Point]) -> None:
         self._waypoints = list(waypoints)
         self._start: Point | None = None
         self._cross_track = _Rms()

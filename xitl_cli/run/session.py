@@ -18,7 +18,9 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
+from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
+from xitl_cli.run.agent_options import options_of
 from xitl_cli.run.agent_pilot import AgentPilot
 from xitl_cli.run.ideal_pilot import IdealPilot
 from xitl_cli.run.loop import Ending, Loop
@@ -26,9 +28,9 @@ from xitl_cli.run.pace import Lockstep, Pace, Realtime
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.scene import scene_of
 from xitl_cli.run.score import MissionScore
-from xitl_cli.run.script_pilot import ScriptPilot
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.summary import Outcome, summary_of
+from xitl_cli.run.track_pilot import TrackPilot
 from xitl_cli.run.view import View
 from xitl_cli.run.world import build
 
@@ -55,7 +57,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     directory.check_writable(out)
     seeds = Seeds(ready.clock.seed)
     simulation, state = build(ready, seeds)
-    pilot = make_pilot(ready, seeds)
+    pilot = make_pilot(ready, seeds, out)
     with closing(pilot):
         pilot.prepare()
         directory.create(out, overwrite)
@@ -66,6 +68,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
             score = MissionScore(ready.mission.waypoints_ned_m)
             loop = Loop(ready, simulation, state, pilot, pace, recorder, view, score, interrupted)
             outcome = _fly(loop, profile, seeds)
+    directory.keep_dataflash(out)
     summary = summary_of(ready, outcome)
     directory.write_json(out / directory.SUMMARY, summary)
     return Result(summary, out, _exit_code(outcome))
@@ -94,6 +97,8 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
         duration_s=loop.state.time_ns * 1e-9,
         wall_s=wall_s,
         mission=loop.score,
+        completed=loop.completed,
+        moored_s=loop.moored_steps * loop.simulation.dt_s,
         estimation=loop.pilot.estimation,
         links=loop.pilot.links(),
         tasks=[loop.pace.task(loop.profile.clock.physics_rate_hz), *loop.pilot.tasks()],
@@ -103,12 +108,16 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
     )
 
 
-def make_pilot(profile: RunProfile, seeds: Seeds) -> Pilot:
-    """Who steers in this profile."""
+def make_pilot(profile: RunProfile, seeds: Seeds, out: Path | None = None) -> Pilot:
+    """Who steers in this profile. `out` is where an autopilot's own log goes. Raises UserError for a file to replay."""
     if profile.autopilot.kind == "embedded":
-        return AgentPilot(profile, seeds)
-    if profile.driver.kind == "script":
-        return ScriptPilot(profile)
+        return AgentPilot(profile, seeds, options_of(profile, out))
+    driver, propellers = profile.driver, len(profile.vehicle.propellers)
+    if driver.kind == "script":
+        return TrackPilot(track_of_script(driver.script), "SCRIPT", propellers)
+    if driver.kind == "replay":
+        assert driver.file is not None
+        return TrackPilot(track_of_file(driver.file, driver.replay, propellers), "REPLAY", propellers)
     return IdealPilot(profile)
 
 
@@ -128,7 +137,7 @@ def _exit_code(outcome: Outcome) -> int:
         return USER_ERROR
     if outcome.ending is Ending.INTERRUPTED:
         return INTERRUPTED
-    return COMPLETED if outcome.mission.completed else INCOMPLETE
+    return COMPLETED if outcome.completed else INCOMPLETE
 
 
 @contextmanager

@@ -19,7 +19,11 @@ FORMAT = 1
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """All that a finished run knows about itself. `estimation` is None where nothing estimates."""
+    """All that a finished run knows about itself.
+
+    completed: the driver did all it was there for. moored_s: how long the vessel lay moored. `estimation` is None where
+    nothing estimates.
+    """
 
     ending: Ending
     error: str | None
@@ -27,6 +31,8 @@ class Outcome:
     duration_s: float
     wall_s: float
     mission: MissionScore
+    completed: bool
+    moored_s: float
     estimation: EstimationScore | None
     links: list[LinkReport]
     tasks: list[Task]
@@ -52,6 +58,7 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "duration_s": outcome.duration_s,
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
+        "driver": {"kind": profile.driver.kind, "completed": outcome.completed, "moored_s": outcome.moored_s},
         "mission": {
             "completed": mission.completed,
             "waypoints_reached": mission.reached,
@@ -78,6 +85,7 @@ def _link(link: LinkReport) -> dict[str, Any]:
         "sent": link.sent,
         "received": link.received,
         "lost": link.lost,
+        "unsent": link.unsent,
         "dropped": link.dropped,
         "latency_us": _quantiles_us(link.latency),
     }

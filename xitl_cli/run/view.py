@@ -40,6 +40,7 @@ class Glance:
     lost: int = 0
     missed: int = 0
     messages: tuple[str, ...] = field(default=())
+    waits_for: str = ""
 
 
 class View(Protocol):
@@ -76,6 +77,11 @@ class PlainView:
 
     def show(self, glance: Glance) -> None:
         self._next_s = self._now_s() + PLAIN_INTERVAL_S
+        if glance.waits_for:
+            self._console.print(
+                f"t {glance.sim_s:6.1f} s  waits for {glance.waits_for}", highlight=False, markup=False, soft_wrap=True
+            )
+            return
         error = "" if glance.position_error_m is None else f"  estimate off {glance.position_error_m:.2f} m"
         self._console.print(
             f"t {glance.sim_s:6.1f} s  {_state(glance):<14} "
@@ -148,8 +154,10 @@ class LiveView:
             f"{glance.lost} lost, {glance.missed} missed", style="red" if glance.lost or glance.missed else "green"
         )
         state.add_row("link", trouble, "", "")
+        waiting = [Text(f"waits for {glance.waits_for}", style="bold yellow")] if glance.waits_for else []
         lines = [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in glance.messages[-3:]]
-        return Panel(Group(progress, state, *lines), title=self._title, title_align="left", border_style="cyan")
+        content = Group(*waiting, progress, state, *lines)
+        return Panel(content, title=self._title, title_align="left", border_style="cyan")
 
 
 def make_view(console: Console, title: str, quiet: bool) -> View:

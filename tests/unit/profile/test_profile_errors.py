@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from xitl_cli.errors import UserError
 from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
 from xitl_cli.profile.checks.rates import divisors_around
+from xitl_cli.profile.problems import shown
 
 Write = Callable[..., Path]
 
@@ -36,7 +37,7 @@ def _problems(path: Path) -> list[str]:
         ),
         (
             "recording: {zzz: 1}",
-            "boat.yaml:1: recording.zzz is not a known key; known keys: compression, truth_rate_hz, scene",
+            "boat.yaml:1: recording.zzz is not a known key; known keys: compression, truth_rate_hz, scene, dataflash",
         ),
         (
             "environment:\n  wind:\n    mean_mps: 8 m/s",
@@ -209,8 +210,95 @@ def test_values(write: Write, text: str, problem: str) -> None:
         ),
         (
             "extends: sitl\ndriver: {kind: script, script: [{at_s: 0, motors: [0, 0]}]}",
-            "boat.yaml:2: driver.kind = script drives the motors itself; "
-            "use autopilot.kind: none or driver.kind: mission",
+            "boat.yaml:2: driver.script.0.motors goes straight to the vessel, which an autopilot steers; "
+            "use mode, arm, rc_us, goto_ned_m, or autopilot.kind: none",
+        ),
+        (
+            "extends: mitl\ndriver:\n  kind: script\n  script:\n    - {at_s: 0, mode: AUTO}",
+            "boat.yaml:5: driver.script.0.mode is an order to an autopilot, and there is none; "
+            "use motors, or autopilot.kind: embedded",
+        ),
+        (
+            "extends: sitl\ndriver:\n  kind: script\n  script:\n    - {at_s: 0}",
+            "boat.yaml:5: driver.script.0 does nothing; give it mode, arm, rc_us, goto_ned_m or end",
+        ),
+        (
+            "extends: sitl\ndriver:\n  kind: script\n  script:\n    - {at_s: 0, end: true}\n    - {at_s: 1, arm: true}",
+            "boat.yaml:5: driver.script.0.end ends the run before the steps after it; put it into the last step",
+        ),
+        (
+            "extends: sitl\ndriver:\n  kind: script\n  script:\n    - {at_s: 0, rc_us: [1500, 3]}",
+            "boat.yaml:5: driver.script.0.rc_us.1 = 3 is no pulse width; use 800 to 2200 µs, "
+            "null to leave the channel alone or 0 to give it back",
+        ),
+        (
+            "extends: sitl\ndriver:\n  kind: script\n  script: [{at_s: 0, mode: AUT0}]",
+            "boat.yaml:4: driver.script.0.mode = 'AUT0' is not one of the choices; did you mean 'AUTO'? "
+            "use MANUAL, ACRO, STEERING, HOLD, LOITER, AUTO, RTL or GUIDED",
+        ),
+        (
+            "extends: sitl\ndriver:\n  kind: ground-station",
+            "boat.yaml:3: driver.kind = ground-station has nowhere to connect to; use clock.mode: realtime, "
+            "or give autopilot.ground_stations a list such as [udp://127.0.0.1:14550]",
+        ),
+        (
+            "extends: mitl\ndriver:\n  kind: ground-station",
+            "boat.yaml:3: driver.kind = ground-station has no autopilot to talk to; use autopilot.kind: embedded",
+        ),
+        (
+            "extends: mitl\ndriver:\n  kind: replay",
+            "boat.yaml:3: driver.kind = replay has no file; add driver.file, a DataFlash .bin or a .csv",
+        ),
+        (
+            "extends: mitl\ndriver: {kind: replay, file: gone.csv}",
+            "boat.yaml:2: driver.file: {tmp}/gone.csv does not exist; check the path",
+        ),
+        (
+            "extends: mitl-replay\ndriver: {file: boat.yaml}",
+            "boat.yaml:2: driver.file = {tmp_shown} is neither a .bin nor a .csv; "
+            "give a DataFlash log or a table of pulse widths",
+        ),
+        (
+            "extends: mitl-replay\ndriver: {replay: {start_s: 5, end_s: 5}}",
+            "boat.yaml:2: driver.replay.end_s = 5 is not after start_s (5); use a later end",
+        ),
+        (
+            "extends: mitl-replay\ndriver: {replay: {outputs: [1]}}",
+            "boat.yaml:2: driver.replay.outputs = a list of 1 does not fit a vessel with 2 propellers; give 2",
+        ),
+        (
+            "extends: mitl-replay\ndriver: {replay: {rc_channels: [2, 2]}}",
+            "boat.yaml:2: driver.replay.rc_channels gives steering and throttle the one channel 2; use two",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  ground_stations:\n    - udp://127.0.0.1:14550\n    - 127.0.0.1",
+            "boat.yaml:5: autopilot.ground_stations.1 = '127.0.0.1' is not an address; "
+            "write udp://host:port (sent to) or tcp://host:port (listened at)",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  ground_stations: [tcp://0.0.0.0:70000]",
+            "boat.yaml:3: autopilot.ground_stations.0 = 'tcp://0.0.0.0:70000' has no such port; "
+            "use a port from 1 to 65535",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  ground_stations:\n    - tcp://0.0.0.0:5760\n    - tcp://127.0.0.1:5760",
+            "boat.yaml:5: autopilot.ground_stations.1 = 'tcp://127.0.0.1:5760' is there twice, first as number 0; "
+            "drop one",
+        ),
+        (
+            "extends: hitl-beaglebone\nautopilot:\n  ground_stations: [udp://127.0.0.1:14550]",
+            "boat.yaml:3: autopilot.ground_stations cannot be given to a board from here; "
+            "start the agent there with --gcs, once for each address",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  controller: heading",
+            "boat.yaml:3: autopilot.controller = 'heading' is not a class; "
+            "write package.module:Class or path/to/file.py:Class",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  signing_key_file: key.txt",
+            "boat.yaml:3: autopilot.signing_key_file: {tmp}/key.txt: cannot be read (No such file or directory); "
+            "check the path, or use no signing",
         ),
         (
             "extends: sitl\ntechnique: mitl",
@@ -253,7 +341,8 @@ def test_values(write: Write, text: str, problem: str) -> None:
     ],
 )
 def test_values_that_do_not_go_together(write: Write, tmp_path: Path, text: str, problem: str) -> None:
-    assert _problems(write(text)) == [problem.replace("{tmp}", str(tmp_path))]
+    said = problem.replace("{tmp_shown}", shown(str(tmp_path / "boat.yaml"))).replace("{tmp}", str(tmp_path))
+    assert _problems(write(text)) == [said]
 
 
 @pytest.mark.parametrize(

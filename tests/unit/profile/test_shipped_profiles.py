@@ -20,7 +20,7 @@ from xitl_cli.profile.schema import Profile
 Write = Callable[..., Path]
 
 
-RUNNABLE = ["hitl-beaglebone", "hitl-loopback", "mitl", "sitl"]
+RUNNABLE = ["ground-station", "hitl-beaglebone", "hitl-loopback", "mitl", "mitl-replay", "sitl"]
 
 
 @pytest.mark.parametrize("name", shipped_profiles())
@@ -63,6 +63,22 @@ def test_relative_paths_are_meant_from_the_file_and_survive_a_move(write: Write,
     assert load_profile(str(write(resolved_yaml(profile), "elsewhere/profile.yaml"))) == profile.model_copy(
         update={"name": "mine"}
     )
+
+
+def test_the_file_to_replay_is_meant_from_the_profile_that_names_it(write: Write, tmp_path: Path) -> None:
+    write("time_s,C1,C3\n0,1500,1500\n", "boats/mine.csv")
+    write(
+        "extends: mitl\ndriver: {kind: replay, file: mine.csv}\nautopilot: {controller: 'fast.py:Fast'}",
+        "boats/mine.yaml",
+    )
+    profile = load_profile("boats/mine.yaml")
+    assert profile.driver is not None
+    assert profile.autopilot is not None
+    assert profile.autopilot.controller == f"{tmp_path}/boats/fast.py:Fast"
+    assert profile.driver.file == str(tmp_path / "boats/mine.csv")
+    shipped = load_profile("mitl-replay").driver
+    assert shipped is not None
+    assert Path(shipped.file or "").is_file()
 
 
 def test_every_value_has_an_origin_or_is_a_default() -> None:

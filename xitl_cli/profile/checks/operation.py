@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 from xitl_cli.profile.entry import KeyPath
+from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.operation import Driver
 
 STEERED_PROPELLERS = 2
+SHORTEST_PULSE_US = 800
+FILE_SUFFIXES = (".bin", ".csv")
+_ORDERS = ("mode", "arm", "rc_us", "goto_ned_m")
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -31,29 +36,127 @@ def _driver(profile: Profile, driver: Driver) -> Iterator[tuple[KeyPath, str]]:
                 f"vehicle.propellers has {len(profile.vehicle.propellers)}, but a mission is steered with "
                 f"{STEERED_PROPELLERS}: port, starboard; give two or use driver.kind: script",
             )
-    if driver.kind != "script":
+    embedded = autopilot is not None and autopilot.kind != "none"
+    if driver.kind == "ground-station":
+        yield from _ground_station(profile, embedded)
+    elif driver.kind == "script":
+        yield from _script(profile, driver, embedded)
+    elif driver.kind == "replay":
+        yield from _replay(profile, driver, embedded)
+
+
+def _ground_station(profile: Profile, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
+    if profile.autopilot is None:
         return
-    if autopilot is not None and autopilot.kind != "none":
-        yield kind, "driver.kind = script drives the motors itself; use autopilot.kind: none or driver.kind: mission"
+    if not embedded:
+        yield (
+            ("driver", "kind"),
+            "driver.kind = ground-station has no autopilot to talk to; use autopilot.kind: embedded",
+        )
+    elif profile.autopilot.runs != "board" and not ground_stations_of(profile):
+        yield (
+            ("driver", "kind"),
+            "driver.kind = ground-station has nowhere to connect to; use clock.mode: realtime, "
+            "or give autopilot.ground_stations a list such as [udp://127.0.0.1:14550]",
+        )
+
+
+def _script(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
     if not driver.script:
-        yield kind, "driver.kind = script has no steps; add driver.script, a list of {at_s: 0, motors: [0.3, 0.3]}"
+        example = "{at_s: 0, mode: MANUAL, arm: true}" if embedded else "{at_s: 0, motors: [0.3, 0.3]}"
+        yield ("driver", "kind"), f"driver.kind = script has no steps; add driver.script, a list of {example}"
     before_s = -1.0
+    last = len(driver.script) - 1
     for number, step in enumerate(driver.script):
         path = ("driver", "script", number)
+        key = f"driver.script.{number}"
         if step.at_s <= before_s:
             yield (
                 (*path, "at_s"),
-                f"driver.script.{number}.at_s = {step.at_s:g} is not after the step before it ({before_s:g}); "
+                f"{key}.at_s = {step.at_s:g} is not after the step before it ({before_s:g}); "
                 "put the steps in order of time",
             )
         before_s = step.at_s
-        propellers = len(profile.vehicle.propellers) if profile.vehicle else len(step.motors)
-        if len(step.motors) != propellers:
+        orders = [name for name in _ORDERS if getattr(step, name) is not None]
+        if not orders and step.motors is None and not step.end:
+            yield path, f"{key} does nothing; give it {', '.join(_ORDERS) if embedded else 'motors'} or end"
+        if step.end and number != last:
+            yield (*path, "end"), f"{key}.end ends the run before the steps after it; put it into the last step"
+        if step.motors is not None and embedded:
             yield (
                 (*path, "motors"),
-                f"driver.script.{number}.motors = {shown(step.motors)} does not fit a vessel with {propellers} "
-                f"propellers; give {propellers}",
+                f"{key}.motors goes straight to the vessel, which an autopilot steers; "
+                f"use {', '.join(_ORDERS)}, or autopilot.kind: none",
             )
+        elif step.motors is not None:
+            yield from _motors(profile, path, key, step.motors)
+        if orders and not embedded and profile.autopilot is not None:
+            yield (
+                (*path, orders[0]),
+                f"{key}.{orders[0]} is an order to an autopilot, and there is none; "
+                "use motors, or autopilot.kind: embedded",
+            )
+        for channel, pulse in enumerate(step.rc_us or ()):
+            if pulse is not None and 0 < pulse < SHORTEST_PULSE_US:
+                yield (
+                    (*path, "rc_us", channel),
+                    f"{key}.rc_us.{channel} = {pulse} is no pulse width; use {SHORTEST_PULSE_US} to 2200 µs, "
+                    "null to leave the channel alone or 0 to give it back",
+                )
+
+
+def _motors(profile: Profile, path: KeyPath, key: str, motors: tuple[float, ...]) -> Iterator[tuple[KeyPath, str]]:
+    propellers = len(profile.vehicle.propellers) if profile.vehicle else len(motors)
+    if len(motors) != propellers:
+        yield (
+            (*path, "motors"),
+            f"{key}.motors = {shown(motors)} does not fit a vessel with {propellers} propellers; give {propellers}",
+        )
+
+
+def _replay(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
+    replay = driver.replay
+    if driver.file is None:
+        yield ("driver", "kind"), "driver.kind = replay has no file; add driver.file, a DataFlash .bin or a .csv"
+    elif not driver.file.lower().endswith(FILE_SUFFIXES):
+        yield (
+            ("driver", "file"),
+            f"driver.file = {shown(driver.file)} is neither a .bin nor a .csv; "
+            "give a DataFlash log or a table of pulse widths",
+        )
+    elif not _is_file(driver.file):
+        yield ("driver", "file"), f"driver.file: {driver.file} does not exist; check the path"
+    if replay.start_s is not None and replay.end_s is not None and replay.end_s <= replay.start_s:
+        yield (
+            ("driver", "replay", "end_s"),
+            f"driver.replay.end_s = {replay.end_s:g} is not after start_s ({replay.start_s:g}); use a later end",
+        )
+    needed = len(profile.vehicle.propellers) if profile.vehicle else STEERED_PROPELLERS
+    mixed = replay.outputs_are == "steering-throttle"
+    if (embedded or mixed) and needed != STEERED_PROPELLERS:
+        yield (
+            ("vehicle", "propellers"),
+            f"vehicle.propellers has {needed}, but steering and throttle drive {STEERED_PROPELLERS}: port, starboard; "
+            "give two, or replay motors with autopilot.kind: none",
+        )
+    elif replay.outputs is not None and len(replay.outputs) != needed:
+        what = "steering and throttle" if mixed else f"a vessel with {needed} propellers"
+        yield (
+            ("driver", "replay", "outputs"),
+            f"driver.replay.outputs = {shown(replay.outputs)} does not fit {what}; give {needed}",
+        )
+    if replay.rc_channels[0] == replay.rc_channels[1]:
+        yield (
+            ("driver", "replay", "rc_channels"),
+            f"driver.replay.rc_channels gives steering and throttle the one channel {replay.rc_channels[0]}; use two",
+        )
+
+
+def _is_file(path: str) -> bool:
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _technique(profile: Profile) -> Iterator[tuple[KeyPath, str]]:

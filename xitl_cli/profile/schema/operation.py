@@ -8,6 +8,9 @@ from pydantic import Field
 
 from xitl_cli.profile.schema.group import Direction, Group, NonNegative, Positive
 
+RcChannel = Annotated[int, Field(ge=1, le=18)]
+RcPulse = Annotated[int, Field(ge=0, le=2200)]
+
 
 class Start(Group):
     """Where the vessel lies at the start, at rest."""
@@ -27,25 +30,68 @@ class Mission(Group):
 
 
 class ScriptStep(Group):
-    """From `at_s` on, these motor commands in [-1, 1], one per propeller."""
+    """What happens at `at_s`.
+
+    Without an autopilot: motor commands in [-1, 1], one per propeller, in force until the next. With one, orders by
+    MAVLink: `mode` by name, `arm`, `rc_us` (pulse widths of RC channels 1 to 18, null leaves a channel alone, 0 gives
+    it back) and `goto_ned_m` (a GUIDED target, north and east from the local origin). `end` ends the run.
+    """
 
     at_s: NonNegative
-    motors: Annotated[tuple[Annotated[float, Field(ge=-1, le=1)], ...], Field(min_length=1)]
+    motors: Annotated[tuple[Annotated[float, Field(ge=-1, le=1)], ...], Field(min_length=1)] | None = None
+    arm: bool | None = None
+    mode: Literal["MANUAL", "ACRO", "STEERING", "HOLD", "LOITER", "AUTO", "RTL", "GUIDED"] | None = None
+    rc_us: Annotated[tuple[RcPulse | None, ...], Field(min_length=1, max_length=18)] | None = None
+    goto_ned_m: tuple[float, float] | None = None
+    end: bool = False
+
+
+class Replay(Group):
+    """How the outputs of a recording become commands.
+
+    `outputs` are the recorded output channels: of the motors in the order of the propellers, or of steering and
+    throttle, as `outputs_are` says; null takes what a DataFlash log says of itself (SERVOn_FUNCTION), else channels 1
+    and 3 as motors. A command is (pulse - trim) / span, limited to [-1, 1]. `start_s` and `end_s` are on the clock of
+    the recording; null starts at the first armed output and plays to the end. With an autopilot, `rc_channels` take
+    steering and throttle.
+    """
+
+    outputs: Annotated[tuple[Annotated[int, Field(ge=1, le=32)], ...], Field(min_length=1)] | None = None
+    outputs_are: Literal["motors", "steering-throttle"] | None = None
+    trim_us: Annotated[float, Field(ge=800, le=2200)] = 1500.0
+    span_us: Annotated[float, Field(gt=0, le=1000)] = 400.0
+    start_s: float | None = None
+    end_s: float | None = None
+    rc_channels: tuple[RcChannel, RcChannel] = (1, 3)
 
 
 class Driver(Group):
-    """Who gives the orders: a mission, a timed script of motor commands, or nobody."""
+    """Who gives the orders: a mission, a person at a ground station, a timed script, a recording, or nobody.
 
-    kind: Literal["mission", "script", "none"] = "none"
+    `stay` keeps a run with a ground station going after its mission has ended.
+    """
+
+    kind: Literal["mission", "ground-station", "script", "replay", "none"] = "none"
+    stay: bool = False
     script: tuple[ScriptStep, ...] = ()
+    file: str | None = None
+    replay: Replay = Replay()
 
 
 class Autopilot(Group):
-    """The autopilot, where it runs, and the link to it."""
+    """The autopilot, where it runs, the link to it, and who else may talk to it.
+
+    `ground_stations`: `udp://host:port` is sent to, `tcp://host:port` is listened at; null is the usual pair in real
+    time and nobody in lockstep. `controller` is a `module:Class`, or `file.py:Class`, in place of the
+    built-in one.
+    """
 
     kind: Literal["none", "embedded"] = "none"
     runs: Literal["in-process", "process", "board"] = "in-process"
     link: str | None = None
+    ground_stations: tuple[str, ...] | None = None
+    controller: str | None = None
+    signing_key_file: str | None = None
     parameter_files: tuple[str, ...] = ()
     parameters: dict[str, float] = {}  # noqa: RUF012 - pydantic copies it
     connect_timeout_s: Annotated[float, Field(gt=0, le=600)] = 6.0

@@ -20,8 +20,9 @@ class Clock(Group):
 
 
 class Recording(Group):
-    """What goes into run.mcap."""
+    """What goes into run.mcap, and whether the autopilot's own log is kept beside it."""
 
     compression: Literal["lz4", "zstd", "none"] = "lz4"
     truth_rate_hz: RateHz = 50.0
     scene: bool = True
+    dataflash: bool = True

@@ -5,10 +5,31 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from agent.fcu.guidance import GuidanceGains
 from agent.fcu.local_frame import LocalFrame
-from agent.fcu.mission import MOST_ITEMS, Mission, MissionError, MissionItem, change_speed, mission, waypoint
+from agent.fcu.mission import (
+    CHANGE_SPEED,
+    FOREVER,
+    JUMP,
+    LOITER_TIME,
+    LOITER_UNLIMITED,
+    MOST_ITEMS,
+    RETURN_HOME,
+    WAYPOINT,
+    Mission,
+    MissionError,
+    MissionItem,
+    change_speed,
+    item_parameters,
+    item_problem,
+    jump,
+    mission,
+    mission_item,
+    waypoint,
+)
 from agent.fcu.parameters import Parameters
 from agent.fcu.pilot import COMPLETE, Pilot
 
@@ -30,6 +51,12 @@ def at(north_m: float, east_m: float) -> MissionItem:
         (change_speed(0.0), "speed 0 m/s"),
         (change_speed(math.nan), "speed nan m/s"),
         (MissionItem(21), "command 21 is not supported"),
+        (waypoint(1.0, 1.0, hold_s=-1.0), "time -1 s; use 0 to 65535"),
+        (waypoint(1.0, 1.0, hold_s=math.nan), "time nan s"),
+        (MissionItem(LOITER_TIME, 95.0, 1.0), "not on Earth"),
+        (jump(0, 1), "jump to item 0; use 1 to 1"),
+        (jump(2, 1), "jump to item 2"),
+        (jump(1, -2), "jump -2 times"),
     ],
 )
 def test_a_bad_item_is_named(item: MissionItem, words: str) -> None:
@@ -77,3 +104,113 @@ def test_waypoints_on_top_of_each_other_are_ticked_off() -> None:
     outputs = [pilot.steer(GAINS, FRAME, (5.0, 5.0), 0.0, 0.0, 0.02) for _ in range(4)]
     assert outputs[-1] is None
     assert pilot.take_reached() == [1, 2, 3]
+
+
+def visited(items: list[MissionItem], most: int = 50) -> list[int]:
+    """What is sailed to, in order, by a vessel that is always there already."""
+    pilot = Pilot(mission(items), 3.0)
+    order: list[int] = []
+    while len(order) < most and pilot.current:
+        order.append(pilot.current)
+        item = items[pilot.current]
+        pilot.steer(GAINS, FRAME, FRAME.to_local(item.lat_deg, item.lon_deg), 0.0, 0.0, 0.02)
+    return order
+
+
+def test_jumps_are_made_so_often() -> None:
+    items = [at(0, 0), at(10, 0), at(20, 0), jump(1, 2), at(30, 0)]
+    assert visited(items) == [1, 2, 1, 2, 1, 2, 4]
+    assert visited([*items[:3], jump(1, 0), items[4]]) == [1, 2, 4]
+    assert visited([*items[:3], jump(1, FOREVER), items[4]], 20) == [1, 2] * 10
+    assert visited([at(0, 0), at(10, 0), jump(4, 1), at(20, 0), at(30, 0)]) == [1, 4]
+    nested = [at(0, 0), at(10, 0), jump(1, 1), at(20, 0), jump(3, 1)]
+    assert visited(nested) == [1, 1, 3, 3]
+
+
+def test_jumps_in_a_ring_end_the_mission() -> None:
+    assert visited([at(0, 0), at(10, 0), jump(3, FOREVER), jump(2, FOREVER)]) == [1]
+    assert visited([at(0, 0), jump(1, FOREVER), at(10, 0)]) == []
+
+
+def test_looking_ahead_for_the_corner_makes_no_jump() -> None:
+    pilot = Pilot(mission([at(0, 0), at(50, 0), at(50, 50), jump(1, 1)]), 3.0)
+    for _ in range(10):
+        pilot.steer(GAINS, FRAME, (10.0, 0.0), 0.0, 1.0, 0.02)
+    assert pilot._jumps == {}
+
+
+def test_holding_takes_its_time_and_counts_as_reached_then() -> None:
+    items = [at(0, 0), waypoint(*FRAME.to_geodetic(10.0, 0.0), hold_s=2.0), at(20.0, 0.0)]
+    pilot = Pilot(mission(items), 3.0)
+    seconds = 0.0
+    while pilot.current == 1:
+        output = pilot.steer(GAINS, FRAME, (10.0, 0.0), 0.3, 0.0, 0.02)
+        assert output is not None
+        assert output.speed_mps >= 0.0
+        seconds += 0.02
+    assert seconds == pytest.approx(2.0, abs=0.06)
+    assert pilot.take_reached() == [1]
+
+
+def test_loitering_here_for_ever_and_going_home() -> None:
+    pilot = Pilot(mission([at(0, 0), MissionItem(LOITER_UNLIMITED)]), 3.0)
+    for _ in range(2000):
+        output = pilot.steer(GAINS, FRAME, (7.0, 7.0), 0.0, 0.0, 0.02)
+        assert output is not None
+    assert output.distance_m < 1e-6
+    assert pilot.current == 1
+    pilot = Pilot(mission([at(0, 0), MissionItem(RETURN_HOME)]), 3.0)
+    assert pilot.steer(GAINS, FRAME, (30.0, 40.0), 0.0, 0.0, 0.02).distance_m == pytest.approx(50.0)
+    pilot.depart()
+    pilot.home = FRAME.to_geodetic(30.0, 0.0)
+    assert pilot.steer(GAINS, FRAME, (30.0, 40.0), 0.0, 0.0, 0.02).distance_m == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize(
+    "item",
+    [
+        waypoint(1.0, 2.0, 3.0, hold_s=4.0),
+        MissionItem(LOITER_UNLIMITED, 1.0, 2.0, 3.0),
+        MissionItem(LOITER_TIME, 1.0, 2.0, 3.0, hold_s=30.0),
+        MissionItem(RETURN_HOME),
+        change_speed(2.5),
+        jump(1, FOREVER),
+        jump(1, 7),
+    ],
+)
+def test_wire_fields_and_back(item: MissionItem) -> None:
+    fields = item_parameters(item)
+    assert mission_item(item.command, fields, item.lat_deg, item.lon_deg, item.alt_m, item.frame) == item
+    assert item_problem(item, 2) == ""
+
+
+@given(
+    st.sampled_from([WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, RETURN_HOME, JUMP, CHANGE_SPEED, 21]),
+    st.tuples(*[st.floats()] * 4),
+    st.tuples(*[st.floats()] * 3),
+)
+def test_any_fields_make_an_item_that_is_checked(command: int, parameters, place) -> None:
+    item = mission_item(command, parameters, *place, 3)
+    assert item_problem(item) or all(math.isfinite(value) for value in item_parameters(item))
+
+
+STEPS = st.one_of(
+    st.builds(waypoint, st.floats(-8.81, -8.79), st.floats(-63.96, -63.94), hold_s=st.sampled_from([0.0, 0.1])),
+    st.builds(jump, st.integers(1, 5), st.integers(-1, 3)),
+    st.builds(change_speed, st.floats(0.1, 5.0)),
+    st.just(MissionItem(RETURN_HOME)),
+)
+
+
+@given(st.lists(STEPS, min_size=5, max_size=12), st.lists(st.integers(1, 5), max_size=4))
+def test_any_mission_can_be_sailed_from_anywhere(items: list[MissionItem], starts: list[int]) -> None:
+    pilot = Pilot(mission([at(0, 0), *items]), 3.0)
+    for start in (1, *starts):
+        pilot.go_on_from(start)
+        for _ in range(30):
+            output = pilot.steer(GAINS, FRAME, (0.0, 0.0), 0.0, 1.0, 0.05)
+            if output is None:
+                assert pilot.state == COMPLETE
+                break
+            assert math.isfinite(output.heading_rad + output.speed_mps)
+            assert pilot.current in pilot.mission.waypoints()

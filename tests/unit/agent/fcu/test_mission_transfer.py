@@ -7,6 +7,8 @@ import random
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from agent.fcu.autopilot import Autopilot
 from agent.fcu.services import Services
@@ -155,7 +157,10 @@ def test_home_may_be_anything() -> None:
 def test_clear_empty_too_large_and_other_plans() -> None:
     services = uploaded(3)
     assert acks(services.handle(count(4000), 0)) == [mav.MAV_MISSION_NO_SPACE]
-    assert acks(services.handle(count(3, mission_type=1), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
+    assert "Mission of 4000 items refused: at most 724 fit" in texts(services.telemetry(0))
+    assert acks(services.handle(count(3, mission_type=7), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
+    assert acks(services.handle(count(3, mission_type=2), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
+    assert acks(services.handle(count(0, mission_type=2), 0)) == [mav.MAV_MISSION_ACCEPTED]
     assert len(services.autopilot.mission.items) == 3
     (reply,) = services.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
     assert (reply.count, reply.mission_type) == (0, 1)
@@ -173,3 +178,172 @@ def test_another_station_does_not_disturb_a_transfer() -> None:
     assert acks(services.handle(sent(count(5), 254), 0)) == [mav.MAV_MISSION_ERROR]
     assert acks(services.handle(sent(item(1), 254), 0)) == [mav.MAV_MISSION_ERROR]
     assert acks(services.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
+
+
+def float_item(seq: int, x: float, y: float, **kind: int) -> Any:
+    message = mav.MAVLink_mission_item_message(1, 1, seq, 3, 16, 0, 1, 0.0, 0.0, 0.0, 0.0, x, y, 0.0, **kind)
+    return sent(message)
+
+
+def request(seq: int, kind: int = 0) -> Any:
+    return sent(mav.MAVLink_mission_request_int_message(1, 1, seq, kind))
+
+
+def test_the_float_form_comes_and_goes_in_degrees() -> None:
+    services = Services(Autopilot())
+    services.handle(count(2), 0)
+    services.handle(float_item(0, -8.8, -63.95), 0)
+    assert acks(services.handle(float_item(1, -8.79, -63.94), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    (reply,) = services.handle(sent(mav.MAVLink_mission_request_message(1, 1, 1)), 0)
+    assert reply.get_type() == "MISSION_ITEM"
+    assert (reply.x, reply.y) == (-8.79, -63.94)
+    assert services.handle(request(1), 0)[0].x == -87900000
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e30])
+def test_a_float_item_that_is_nowhere_is_refused(bad: float) -> None:
+    services = uploaded(3)
+    old = services.autopilot.mission
+    services.handle(count(2), 0)
+    services.handle(float_item(0, bad, bad), 0)
+    assert acks(services.handle(float_item(1, bad, 0.0), 0)) == [mav.MAV_MISSION_INVALID]
+    assert "Mission item 1 refused: position " in texts(services.telemetry(0))
+    assert services.autopilot.mission == old
+
+
+def partial(first: int, last: int, kind: int = 0) -> Any:
+    return sent(mav.MAVLink_mission_write_partial_list_message(1, 1, first, last, kind))
+
+
+def test_a_part_is_replaced_and_the_mission_goes_on_where_it_was() -> None:
+    services = uploaded(4)
+    services.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 3)), 0)
+    old = services.autopilot.mission.items
+    assert requests(services.handle(partial(1, 2), 0)) == [1]
+    assert requests(services.handle(item(1, x=-87000000), 0)) == [2]
+    assert requests(services.handle(item(3), 0)) == [2]
+    assert services.autopilot.mission.items == old
+    assert acks(services.handle(item(2, x=-87000001), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    new = services.autopilot.mission.items
+    assert [one.lat_deg for one in new[1:3]] == [-8.7, -8.7000001]
+    assert (new[0], new[3]) == (old[0], old[3])
+    assert services.autopilot.pilot.current == 3
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 4), (2, 1), (-1, 2), (4, 4), (3, 32767)])
+def test_a_part_that_is_not_there_is_refused(first: int, last: int) -> None:
+    services = uploaded(4)
+    assert acks(services.handle(partial(first, last), 0)) == [mav.MAV_MISSION_INVALID_SEQUENCE]
+    assert f"Mission items {first} to {last} refused: there are 4" in texts(services.telemetry(0))
+
+
+def test_set_current_is_answered_and_refused_in_words() -> None:
+    services = uploaded(4)
+    (reply,) = services.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 2)), 0)
+    assert (reply.get_type(), reply.seq) == ("MISSION_CURRENT", 2)
+    (reply,) = services.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 9)), 0)
+    assert reply.seq == 2
+    assert "mission item 9 is not there" in texts(services.telemetry(0))
+
+
+def test_a_station_may_end_its_upload() -> None:
+    services = uploaded(3)
+    services.handle(count(2), 0)
+    services.handle(sent(mav.MAVLink_mission_ack_message(1, 1, mav.MAV_MISSION_OPERATION_CANCELLED)), 0)
+    assert acks(services.handle(item(0), 0)) == [mav.MAV_MISSION_ERROR]
+    assert "Mission item 0 refused: no upload is under way" in texts(services.telemetry(0))
+    assert len(services.autopilot.mission.items) == 3
+
+
+CORNERS = [(-87000000, -640000000), (-87000000, -639000000), (-89000000, -639000000)]
+
+
+def fence_item(seq: int, command: int = 5001, p1: float = 3.0, place: tuple[int, int] | None = None) -> Any:
+    x, y = place or CORNERS[seq % 3]
+    return sent(
+        mav.MAVLink_mission_item_int_message(1, 1, seq, 0, command, 0, 1, p1, 0.0, 0.0, 0.0, x, y, 0.0, mission_type=1)
+    )
+
+
+def test_a_fence_goes_up_beside_the_mission_and_comes_down() -> None:
+    services = uploaded(3)
+    assert requests(services.handle(count(4, mission_type=1), 0)) == [0]
+    for seq in range(3):
+        services.handle(fence_item(seq), 0)
+    (ack,) = services.handle(fence_item(3, command=5004, p1=25.0), 0)
+    assert (ack.type, ack.mission_type) == (mav.MAV_MISSION_ACCEPTED, 1)
+    assert len(services.autopilot.mission.items) == 3
+    (reply,) = services.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
+    assert (reply.count, reply.mission_type) == (4, 1)
+    got = [services.handle(request(seq, 1), 0)[0] for seq in range(4)]
+    assert [(one.command, one.param1) for one in got] == [(5001, 3.0)] * 3 + [(5004, 25.0)]
+    assert [(one.x, one.y) for one in got[:3]] == CORNERS
+    assert acks(services.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 1)), 0)) == [0]
+    assert not services.autopilot.fence.items
+    assert len(services.autopilot.mission.items) == 3
+
+
+@pytest.mark.parametrize(
+    ("bad", "result"),
+    [
+        (fence_item(0, command=16), mav.MAV_MISSION_UNSUPPORTED),
+        (fence_item(0, place=(910000000, 0)), mav.MAV_MISSION_INVALID),
+        (fence_item(0, p1=2.0), mav.MAV_MISSION_INVALID),
+        (fence_item(0, command=5003, p1=math.nan), mav.MAV_MISSION_INVALID),
+        (fence_item(0, command=5003, p1=-1.0), mav.MAV_MISSION_INVALID),
+    ],
+)
+def test_a_fence_that_is_none_is_refused(bad: Any, result: int) -> None:
+    services = Services(Autopilot())
+    services.handle(count(1, mission_type=1), 0)
+    assert acks(services.handle(bad, 0)) == [result]
+    assert "fence" in texts(services.telemetry(0)).lower()
+    assert not services.autopilot.fence.items
+
+
+def test_clear_all_kinds() -> None:
+    services = uploaded(3)
+    services.handle(count(1, mission_type=1), 0)
+    services.handle(fence_item(0, command=5003, p1=50.0), 0)
+    assert services.autopilot.fence.items
+    (ack,) = services.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 255)), 0)
+    assert (ack.type, ack.mission_type) == (0, 255)
+    assert not services.autopilot.fence.items
+    assert services.autopilot.mission.items == ()
+
+
+@settings(max_examples=150)
+@given(st.data())
+def test_any_order_and_any_loss_leave_a_valid_state(data: st.DataObject) -> None:
+    """Whatever comes in whatever order: no exception, every plan is whole or the old one, and a transfer ends."""
+    services = uploaded(3)
+    step = st.one_of(
+        st.builds(count, st.integers(0, 5), mission_type=st.integers(0, 3)),
+        st.builds(item, st.integers(0, 5), mission_type=st.integers(0, 1)),
+        st.builds(fence_item, st.integers(0, 4), command=st.sampled_from([16, 5000, 5001, 5003])),
+        st.builds(partial, st.integers(-1, 4), st.integers(-1, 4), st.integers(0, 2)),
+        st.builds(request, st.integers(0, 6), st.integers(0, 3)),
+        st.builds(
+            lambda kind: sent(mav.MAVLink_mission_clear_all_message(1, 1, kind)), st.sampled_from([0, 1, 2, 255])
+        ),
+        st.builds(lambda seq: sent(mav.MAVLink_mission_set_current_message(1, 1, seq)), st.integers(0, 6)),
+        st.builds(lambda kind: sent(mav.MAVLink_mission_ack_message(1, 1, kind)), st.integers(0, 15)),
+        st.integers(0, 3 * SECOND),
+    )
+    now = 0
+    for one in data.draw(st.lists(step, max_size=40)):
+        if isinstance(one, int):
+            now += one
+            services.telemetry(now)
+        else:
+            for reply in services.handle(one, now):
+                assert reply.get_type() in ANSWERS
+        items = services.autopilot.mission.items
+        assert len(items) != 1
+        assert 0 <= services.autopilot.pilot.current < max(len(items), 1)
+    late = [m for tick in range(300) for m in services.telemetry(now + tick * SECOND // 50)]
+    assert len(requests(late)) <= 6
+    assert requests(services.telemetry(now + 20 * SECOND)) == []
+
+
+ANSWERS = ("MISSION_ACK", "MISSION_REQUEST_INT", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_COUNT", "MISSION_CURRENT")

@@ -31,7 +31,7 @@ def test_the_table_is_sound() -> None:
         ("WP_SPEED", math.nan, "WP_SPEED = nan is out of range; use 0.1 to 100 m/s"),
         ("WP_SPEED", math.inf, "out of range"),
         ("WP_SPEED", 0.0, "out of range"),
-        ("MIS_DONE_BEHAVE", 1.0, "MIS_DONE_BEHAVE = 1 is out of range; use 0 to 0"),
+        ("MIS_DONE_BEHAVE", 2.0, "MIS_DONE_BEHAVE = 2 is out of range; use 0 to 1"),
     ],
 )
 def test_nonsense_is_refused_and_nothing_changes(name: str, value: float, words: str) -> None:

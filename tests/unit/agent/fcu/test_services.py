@@ -236,15 +236,20 @@ def _value(kind: str) -> st.SearchStrategy[Any]:
     return st.sampled_from([0, 1, high, low]) | st.integers(0, min(high, 20)) | st.integers(low, high)
 
 
+COMMANDS = sorted(number for number, entry in mav.enums["MAV_CMD"].items() if not entry.name.endswith("_ENUM_END"))
+
+
 def _message(cls: type) -> st.SearchStrategy[Any]:
     """Any field values that the wire can carry; addressed to this vehicle."""
     fields = []
     for name, kind in zip(cls.fieldnames, cls.fieldtypes, strict=True):
         length = cls.array_lengths[cls.ordered_fieldnames.index(name)]
         if name in ("target_system", "target_component"):
-            fields.append(st.just(1))
+            fields.append(st.sampled_from([0, 1]))
         elif name == "command":
-            fields.append(st.sampled_from([16, 178, 400, 176, 300, 512]) | _value(kind))
+            fields.append(st.sampled_from(COMMANDS) | _value(kind))
+        elif name in ("custom_mode", "coordinate_frame", "frame", "mission_type"):
+            fields.append(st.integers(0, 15) | _value(kind))
         elif kind == "char":
             known = st.sampled_from([row.name.encode() for row in TABLE])
             fields.append(known | st.binary(max_size=length))
@@ -256,28 +261,33 @@ def _message(cls: type) -> st.SearchStrategy[Any]:
 
 
 HANDLED = [
-    mav.MAVLink_param_request_list_message,
-    mav.MAVLink_param_request_read_message,
-    mav.MAVLink_param_set_message,
-    mav.MAVLink_mission_count_message,
-    mav.MAVLink_mission_item_int_message,
-    mav.MAVLink_mission_request_list_message,
-    mav.MAVLink_mission_request_int_message,
-    mav.MAVLink_mission_clear_all_message,
-    mav.MAVLink_command_long_message,
-    mav.MAVLink_xitl_imu_message,
-    mav.MAVLink_xitl_gnss_message,
-    mav.MAVLink_xitl_magnetometer_message,
-    mav.MAVLink_xitl_barometer_message,
-    mav.MAVLink_heartbeat_message,
+    mav.mavlink_map[number]
+    for number in (
+        *(mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST, mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ, mav.MAVLINK_MSG_ID_PARAM_SET),
+        *(mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT),
+        *(mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST, mav.MAVLINK_MSG_ID_MISSION_REQUEST),
+        *(mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT, mav.MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST),
+        *(mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST, mav.MAVLINK_MSG_ID_MISSION_SET_CURRENT),
+        *(mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL, mav.MAVLINK_MSG_ID_MISSION_ACK),
+        *(mav.MAVLINK_MSG_ID_COMMAND_LONG, mav.MAVLINK_MSG_ID_COMMAND_INT, mav.MAVLINK_MSG_ID_SET_MODE),
+        *(mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED, mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT),
+        *(mav.MAVLINK_MSG_ID_MANUAL_CONTROL, mav.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE),
+        *(mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM, mav.MAVLINK_MSG_ID_SETUP_SIGNING),
+        *(mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC),
+        *(mav.MAVLINK_MSG_ID_XITL_IMU, mav.MAVLINK_MSG_ID_XITL_GNSS),
+        *(mav.MAVLINK_MSG_ID_XITL_MAGNETOMETER, mav.MAVLINK_MSG_ID_XITL_BAROMETER),
+    )
 ]
 
 
 @settings(max_examples=300)
 @given(st.lists(st.one_of([_message(cls) for cls in HANDLED]), max_size=30), st.booleans())
 def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], imu_runs: bool) -> None:
+    """A host and a ground station send anything to one vehicle."""
     boat, sensors = Boat(), Sensors(1, Noise())
     services = Services(Autopilot())
+    station = Services(services.autopilot, vehicle=services.vehicle, ground=True)
+    station.handle(sent(mav.MAVLink_request_data_stream_message(1, 1, 0, 50, 1)), 0)
     packer = mav.MAVLink(io.BytesIO(), 1, 1)
     if imu_runs:
         for _ in range(450):
@@ -286,12 +296,17 @@ def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], i
     now = boat.time_ns
     for message in messages:
         now += TICK
-        for reply in services.handle(message, now) + services.telemetry(now):
+        replies = services.handle(message, now) + station.handle(message, now)
+        for reply in replies + services.telemetry(now) + station.telemetry(now):
             assert len(reply.pack(packer)) >= 12
+        if services.vehicle.reboot_asked:
+            services.vehicle.reboot()
         services.autopilot.on_imu(sensors.imu(boat))
         boat.step((0.0, 0.0))
         actuators = services.autopilot.control(now)
+        services.vehicle.actuators = actuators
         assert all(abs(value) <= 1.0 for value in actuators.command)
+        assert services.autopilot.mode in modes.NAMES
     estimate = services.autopilot.estimate
     for value in (*estimate.quat_ned_frd, *estimate.pos_ned_m, *estimate.vel_ned_mps, *estimate.gyro_frd_radps):
         assert math.isfinite(value)

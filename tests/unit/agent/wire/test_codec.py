@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from messages import KINDS, MESSAGES, imu, same
-from pymavlink.dialects.v20 import common
+from pymavlink.dialects.v20 import ardupilotmega as common
 from pymavlink.generator import mavgen
 
 from agent.wire import dialect

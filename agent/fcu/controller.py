@@ -1,0 +1,208 @@
+"""The controller: what steers toward the heading and speed that the modes ask for. It can be replaced.
+
+A controller is a class built with the Parameters; see `Controller` for its methods and docs/controller.md for how to
+write one. The autopilot's own is `agent.fcu.helm.Helm`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable, NamedTuple, Protocol, Union
+
+from agent.fcu.events import CRITICAL, NOTICE, Events
+from agent.fcu.parameters import Parameters
+from agent.fcu.samples import Estimate
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+METHODS = ("configure", "restart", "control")
+
+
+class Order(NamedTuple):
+    """What is asked for. A heading, or a turn rate when `heading_rad` is None; speed over ground, negative astern.
+
+    `ground_speed_mps` is the measured speed over ground, negative astern, as the built-in controller uses it.
+    `thrust_limited` and `steering_limited` say that the last Demand did not fit the propellers: do not integrate on.
+    """
+
+    heading_rad: float | None
+    turn_rate_radps: float
+    speed_mps: float
+    ground_speed_mps: float = 0.0
+    thrust_limited: bool = False
+    steering_limited: bool = False
+
+
+class Demand(NamedTuple):
+    """Parts of full thrust and full steering in [-1, 1], steering positive to starboard; allocated by the autopilot."""
+
+    thrust: float
+    steering: float
+
+
+class Motors(NamedTuple):
+    """Motor commands in [-1, 1], full astern to full ahead; they go out as they are."""
+
+    port: float
+    starboard: float
+
+
+Answer = Union[Demand, Motors]
+STILL = Demand(0.0, 0.0)
+
+
+class Controller(Protocol):
+    """Called from one thread. `control` runs at 50 Hz while armed in a mode that asks for a heading or turn rate."""
+
+    def configure(self) -> None:
+        """Parameters have changed."""
+
+    def restart(self) -> None:
+        """It steered, and does not now: forget integrals."""
+
+    def control(self, order: Order, estimate: Estimate, dt_s: float) -> Answer:
+        """One step. Raising or a number that is not finite makes the outputs neutral for this step."""
+
+
+MakeController = Callable[[Parameters], Controller]
+
+
+class ControllerError(ValueError):
+    """A controller cannot be used; the message says which, why and what to write instead."""
+
+
+def load(spec: str) -> MakeController:
+    """The class that `module:Class` or `path/to/file.py:Class` names; raises ControllerError."""
+    where, colon, name = spec.rpartition(":")
+    if not (colon and where and name.isidentifier()):
+        raise ControllerError(f"controller {spec!r} is not one; write module:Class or path/to/file.py:Class")
+    module = _module(where, spec)
+    found: Any = getattr(module, name, None)
+    if found is None:
+        there = ", ".join(key for key, value in vars(module).items() if _is_controller(value)) or "no controller"
+        raise ControllerError(f"controller {spec!r}: {where} has no {name}; it has {there}")
+    made: Any = found
+    if not inspect.isclass(found):
+        raise ControllerError(f"controller {spec!r}: {name} is not a class; name one with {', '.join(METHODS)}")
+    missing = [method for method in METHODS if not callable(getattr(found, method, None))]
+    if missing:
+        raise ControllerError(f"controller {spec!r}: {name} lacks {', '.join(missing)}; see agent.fcu.controller")
+    for function, given in ((made, ("parameters",)), (made.control, ("self", "order", "estimate", "dt_s"))):
+        try:
+            inspect.signature(function).bind(*given)
+        except (TypeError, ValueError):
+            takes = "parameters" if function is made else "order, estimate, dt_s"
+            what = name if function is made else f"{name}.control"
+            raise ControllerError(
+                f"controller {spec!r}: {what} has to take ({takes}); see docs/controller.md"
+            ) from None
+    make: MakeController = made
+    return make
+
+
+def _module(where: str, spec: str) -> ModuleType:
+    try:
+        if not where.endswith(".py"):
+            return importlib.import_module(where)
+        path = Path(where).resolve()
+        if not path.is_file():
+            raise ControllerError(f"controller {spec!r}: there is no file {where}; check the path")
+        file = importlib.util.spec_from_file_location(path.stem, path)
+        if file is None or file.loader is None:
+            raise ControllerError(f"controller {spec!r}: {where} is not Python; name a .py file")
+        module = importlib.util.module_from_spec(file)
+        sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
+        file.loader.exec_module(module)
+        return module
+    except ControllerError:
+        raise
+    except ModuleNotFoundError as error:
+        raise ControllerError(
+            f"controller {spec!r}: no module {error.name!r}; check the spelling, or write path/to/file.py:Class"
+        ) from None
+    except Exception as error:
+        raise ControllerError(f"controller {spec!r}: {where} cannot be loaded ({_sentence(error)}); mend it") from error
+
+
+def _is_controller(value: object) -> bool:
+    return inspect.isclass(value) and value is not Controller and all(hasattr(value, method) for method in METHODS)
+
+
+class Guard:
+    """Stands between the autopilot and a controller: what it does wrong costs neutral outputs, nothing else.
+
+    `failures` counts; each spell of them is said once, and its end. `problem` says why there is no controller at all.
+    """
+
+    def __init__(self, make: MakeController, parameters: Parameters, events: Events) -> None:
+        self.failures = 0
+        self.problem = ""
+        self._events = events
+        self._failing = False
+        self._used = False
+        self._controller: Controller | None = None
+        try:
+            self._controller = make(parameters)
+        except Exception as error:  # noqa: BLE001  somebody else's code
+            self.problem = _sentence(error)
+            self._fail(self.problem)
+
+    def configure(self) -> None:
+        """Pass changed parameters on."""
+        self._call("configure")
+
+    def restart(self) -> None:
+        """Pass a new start on, once."""
+        if self._used:
+            self._used = False
+            self._call("restart")
+
+    def control(self, order: Order, estimate: Estimate, dt_s: float) -> Answer:
+        """The controller's answer, limited to [-1, 1]; neutral when it has none that can be used."""
+        if self._controller is None:
+            return STILL
+        self._used = True
+        try:
+            answer = self._controller.control(order, estimate, dt_s)
+            first, second = answer
+            finite = math.isfinite(first) and math.isfinite(second)
+        except Exception as error:  # noqa: BLE001  somebody else's code
+            self._fail(_sentence(error))
+            return STILL
+        if not finite:
+            self._fail(f"it answered {first}, {second}")
+            return STILL
+        if self._failing:
+            self._failing = False
+            self._events.say(NOTICE, "Controller answers again")
+        if isinstance(answer, Motors):
+            return Motors(_limited(first), _limited(second))
+        return Demand(_limited(first), _limited(second))
+
+    def _call(self, method: str) -> None:
+        if self._controller is None:
+            return
+        try:
+            getattr(self._controller, method)()
+        except Exception as error:  # noqa: BLE001  somebody else's code
+            self._fail(f"{method}: {_sentence(error)}")
+
+    def _fail(self, why: str) -> None:
+        self.failures += 1
+        if not self._failing:
+            self._failing = True
+            self._events.say(CRITICAL, f"Controller failed, outputs neutral: {why}")
+
+
+def _limited(value: float) -> float:
+    return 1.0 if value > 1.0 else -1.0 if value < -1.0 else float(value)
+
+
+def _sentence(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"[:160].replace("\n", " ")

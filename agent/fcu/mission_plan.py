@@ -1,0 +1,160 @@
+"""The plans a station transfers: the mission and the fence, between MAVLink's items and the autopilot's own."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, FenceItem
+from agent.fcu.fence import MOST_ITEMS as MOST_FENCE_ITEMS
+from agent.fcu.mission import (
+    MOST_ITEMS,
+    PLACES,
+    SUPPORTED,
+    WAYPOINT,
+    MissionError,
+    MissionItem,
+    item_parameters,
+    item_problem,
+    mission,
+    mission_item,
+)
+from agent.fcu.vehicle import Vehicle
+from agent.wire import dialect as mav
+
+_FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)
+_FRAMES = {0: 0, 3: 3, 5: 0, 6: 3}  # the _INT frames mean the same
+
+
+class WireItem(NamedTuple):
+    """MISSION_ITEM and MISSION_ITEM_INT in one form; any values are possible."""
+
+    seq: int
+    frame: int
+    command: int
+    parameters: tuple[float, float, float, float]
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
+def wire_item(m: Any) -> WireItem:
+    """From either message."""
+    scale = 1e7 if m.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT else 1.0
+    return WireItem(m.seq, m.frame, m.command, (m.param1, m.param2, m.param3, m.param4), m.x / scale, m.y / scale, m.z)
+
+
+class Refused(NamedTuple):
+    """Why an item is not taken: a MAV_MISSION_RESULT and words."""
+
+    result: int
+    problem: str
+
+
+class Plan(Protocol):
+    """One kind of plan. Items are whatever `read` makes of them."""
+
+    name: str
+    most: int
+
+    def items(self) -> list[Any]:
+        """What is in force."""
+
+    def read(self, item: WireItem) -> Any:
+        """An item that came, or Refused."""
+
+    def write(self, seq: int) -> WireItem:
+        """An item that is in force."""
+
+    def current(self) -> int:
+        """The item under way, -1 for none."""
+
+    def store(self, items: list[Any]) -> str:
+        """Put a whole plan in force, or say why not."""
+
+
+class MissionPlan:
+    """Item 0 is home: whatever comes for it is taken, and the real home is given back."""
+
+    name = "Mission"
+    most = MOST_ITEMS
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._autopilot = vehicle.autopilot
+
+    def items(self) -> list[MissionItem]:
+        return list(self._autopilot.mission.items)
+
+    def current(self) -> int:
+        return self._autopilot.pilot.current
+
+    def read(self, item: WireItem) -> MissionItem | Refused:
+        if item.seq == 0:
+            alt_m = item.alt_m if abs(item.alt_m) < 1e5 else 0.0
+            if not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):
+                return MissionItem(WAYPOINT)
+            return MissionItem(WAYPOINT, item.lat_deg, item.lon_deg, alt_m, frame=_FRAMES.get(item.frame, 3))
+        if item.command in PLACES and item.frame not in _FRAMES:
+            problem = f"frame {item.frame} is not supported; use 0, 3, 5 or 6"
+            return Refused(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
+        made = mission_item(
+            item.command, item.parameters, item.lat_deg, item.lon_deg, item.alt_m, _FRAMES.get(item.frame, 3)
+        )
+        problem = item_problem(made)
+        if not problem:
+            return made
+        known = item.command in SUPPORTED
+        return Refused(int(mav.MAV_MISSION_INVALID if known else mav.MAV_MISSION_UNSUPPORTED), problem)
+
+    def write(self, seq: int) -> WireItem:
+        item = self._autopilot.mission.items[seq]
+        home = self._autopilot.home
+        if seq == 0 and home is not None:
+            item = MissionItem(WAYPOINT, home.lat_deg, home.lon_deg, home.alt_m, frame=0)
+        return WireItem(seq, item.frame, item.command, item_parameters(item), item.lat_deg, item.lon_deg, item.alt_m)
+
+    def store(self, items: list[MissionItem]) -> str:
+        try:
+            self._autopilot.set_mission(mission(items))
+        except MissionError as error:
+            return str(error)
+        return ""
+
+
+class FencePlan:
+    """Circles and polygons; there is no home among them."""
+
+    name = "Fence"
+    most = MOST_FENCE_ITEMS
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._autopilot = vehicle.autopilot
+
+    def items(self) -> list[FenceItem]:
+        return list(self._autopilot.fence.items)
+
+    def current(self) -> int:
+        return -1
+
+    def read(self, item: WireItem) -> FenceItem | Refused:
+        if item.command not in _FENCE_COMMANDS:
+            known = ", ".join(str(command) for command in _FENCE_COMMANDS)
+            return Refused(int(mav.MAV_MISSION_UNSUPPORTED), f"command {item.command} is not supported; use {known}")
+        if item.frame not in _FRAMES:
+            problem = f"frame {item.frame} is not supported; use 0, 3, 5 or 6"
+            return Refused(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
+        if not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):
+            problem = f"position {item.lat_deg:g}, {item.lon_deg:g} is not on Earth; use degrees"
+            return Refused(int(mav.MAV_MISSION_INVALID), problem)
+        first = item.parameters[0]
+        if item.command in (CIRCLE_IN, CIRCLE_OUT):
+            return FenceItem(item.command, item.lat_deg, item.lon_deg, radius_m=first)
+        corners = int(first) if 0.0 <= first <= 1e4 and first == int(first) else 0
+        return FenceItem(item.command, item.lat_deg, item.lon_deg, vertex_count=corners)
+
+    def write(self, seq: int) -> WireItem:
+        item = self.items()[seq]
+        first = float(item.vertex_count) if item.vertex_count else item.radius_m
+        return WireItem(seq, 0, item.command, (first, 0.0, 0.0, 0.0), item.lat_deg, item.lon_deg, 0.0)
+
+    def store(self, items: list[FenceItem]) -> str:
+        return self._autopilot.set_fence(items)

@@ -1,0 +1,157 @@
+"""What all stations that talk to one autopilot share: the newest samples, what it says, and what is kept."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Protocol
+
+from agent.fcu.autopilot import WARNING, Autopilot, Event
+from agent.fcu.samples import Actuators, BarometerSample, GnssSample, ImuSample, MagnetometerSample
+
+_MOST_WAITING = 128
+_SAME_AGAIN_NS = 1_000_000_000
+_TEXTS_KEPT = 32
+
+
+class SampleLog(Protocol):
+    """The part of the flight log that takes samples."""
+
+    def imu(self, sample: ImuSample) -> None: ...
+
+    def gnss(self, sample: GnssSample) -> None: ...
+
+    def magnetometer(self, sample: MagnetometerSample) -> None: ...
+
+    def barometer(self, sample: BarometerSample) -> None: ...
+
+
+class Keeper(Protocol):
+    """Keeps what ground stations set over a restart."""
+
+    def keep_parameter(self, name: str, value: float) -> None:
+        """One parameter that was set."""
+
+    def keep_plan(self, autopilot: Autopilot) -> None:
+        """The mission and the fence as they are now."""
+
+    def keep_all_parameters(self, autopilot: Autopilot) -> None:
+        """Every parameter as it is now."""
+
+    def forget_parameters(self, autopilot: Autopilot) -> None:
+        """Back to the defaults what was kept."""
+
+
+class Mailbox:
+    """What one station has not been told yet; the oldest is lost when it does not ask."""
+
+    def __init__(self) -> None:
+        self.events: deque[Event] = deque(maxlen=_MOST_WAITING)
+        self.reached: deque[int] = deque(maxlen=_MOST_WAITING)
+        self.parameters: deque[str] = deque(maxlen=_MOST_WAITING)
+
+
+class Vehicle:
+    """One autopilot and its surroundings. What it says is taken from it once and handed to every mailbox.
+
+    keeper, log: where settings and samples are kept, if anywhere. reboot_asked: a station asked for a restart, see
+    `reboot`.
+    """
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self.autopilot = autopilot
+        self.keeper: Keeper | None = None
+        self.log: SampleLog | None = None
+        self.actuators = Actuators()
+        self.imu: ImuSample | None = None
+        self.gnss: GnssSample | None = None
+        self.magnetometer: MagnetometerSample | None = None
+        self.barometer: BarometerSample | None = None
+        self.reboot_asked = False
+        self._mailboxes: list[Mailbox] = []
+        self._said_ns: dict[str, int] = {}
+
+    # -- samples
+
+    def on_imu(self, sample: ImuSample) -> bool:
+        """Pass a sample on; False when it was refused, as with the other three."""
+        accepted = self.autopilot.on_imu(sample)
+        if accepted:
+            self.imu = sample
+            if self.log is not None:
+                self.log.imu(sample)
+        return accepted
+
+    def on_gnss(self, sample: GnssSample) -> bool:
+        accepted = self.autopilot.on_gnss(sample)
+        if accepted:
+            self.gnss = sample
+            if self.log is not None:
+                self.log.gnss(sample)
+        return accepted
+
+    def on_magnetometer(self, sample: MagnetometerSample) -> bool:
+        accepted = self.autopilot.on_magnetometer(sample)
+        if accepted:
+            self.magnetometer = sample
+            if self.log is not None:
+                self.log.magnetometer(sample)
+        return accepted
+
+    def on_barometer(self, sample: BarometerSample) -> bool:
+        accepted = self.autopilot.on_barometer(sample)
+        if accepted:
+            self.barometer = sample
+            if self.log is not None:
+                self.log.barometer(sample)
+        return accepted
+
+    def reboot(self) -> None:
+        """Start over with the parameters and plans of now, as after switching off and on."""
+        self.reboot_asked = False
+        self.imu = self.gnss = self.magnetometer = self.barometer = None
+        self.actuators = Actuators()
+        self.autopilot.reset()
+
+    # -- what is said
+
+    def mailbox(self) -> Mailbox:
+        """A new one."""
+        made = Mailbox()
+        self._mailboxes.append(made)
+        return made
+
+    def remove(self, mailbox: Mailbox) -> None:
+        """Its station has left."""
+        if mailbox in self._mailboxes:
+            self._mailboxes.remove(mailbox)
+
+    def collect(self, now_ns: int) -> None:
+        """Hand out what the autopilot said since the last call; the same warning at most once a second.
+
+        A station that sends something wrong sends it fifty times a second.
+        """
+        reached, events = self.autopilot.take_reached(), self.autopilot.take_events()
+        if not reached and not events:
+            return
+        events = [event for event in events if event.severity != WARNING or self._is_news(event.text, now_ns)]
+        for mailbox in self._mailboxes:
+            mailbox.reached.extend(reached)
+            mailbox.events.extend(events)
+
+    def _is_news(self, text: str, now_ns: int) -> bool:
+        said_ns = self._said_ns.pop(text, None)
+        is_news = said_ns is None or not 0 <= now_ns - said_ns < _SAME_AGAIN_NS
+        if len(self._said_ns) >= _TEXTS_KEPT:
+            del self._said_ns[next(iter(self._said_ns))]
+        self._said_ns[text] = now_ns if is_news or said_ns is None else said_ns
+        return is_news
+
+    def warn(self, text: str) -> None:
+        """Say what was wrong with a message."""
+        self.autopilot.say(Event(WARNING, text))
+
+    def parameter_changed(self, name: str, by: Mailbox) -> None:
+        """Tell the other stations."""
+        for mailbox in self._mailboxes:
+            if mailbox is not by and name not in mailbox.parameters:
+                mailbox.parameters.append(name)

@@ -1,0 +1,121 @@
+"""MAVLink 2 signing: who holds the key may speak (mavlink.io, "Message Signing").
+
+A signed frame ends in 13 bytes: the sender's link number, a timestamp in units of 10 microseconds since 2015 (6 bytes,
+little endian), and the first 6 bytes of SHA-256 over key, frame, link number and timestamp.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from hmac import compare_digest
+from typing import Callable
+
+from agent.wire.framing import SIGNATURE_BYTES, SIGNED
+
+KEY_BYTES = 32
+MINUTE = 6_000_000
+RADIO_STATUS = 109  # telemetry radios write it into the stream themselves and hold no key
+_EPOCH_2015_S = 1_420_070_400
+_MOST_STREAMS = 64
+_LARGEST = (1 << 48) - 1
+
+
+class SigningKeyError(ValueError):
+    """A key file was refused; the message says which and what to write."""
+
+
+def read_key(text: str, source: str) -> bytes:
+    """The key in a file: 64 hexadecimal digits, or a passphrase whose SHA-256 it is, as ground stations make it.
+
+    Raises SigningKeyError when there is nothing in it.
+    """
+    line = text.strip()
+    if not line:
+        raise SigningKeyError(f"{source}: holds no signing key; write 64 hexadecimal digits or a passphrase")
+    if len(line) == 2 * KEY_BYTES:
+        try:
+            return bytes.fromhex(line)
+        except ValueError:
+            pass
+    return hashlib.sha256(line.encode()).digest()
+
+
+def wall_clock_timestamp() -> int:
+    """Now, in signing's units."""
+    return max(0, int((time.time() - _EPOCH_2015_S) * 1e5))
+
+
+class Signing:
+    """One key, for all links that it guards. Memory is bounded.
+
+    refused_unsigned, refused_signature, refused_old: frames not accepted, by reason.
+    """
+
+    def __init__(self, key: bytes, clock: Callable[[], int] = wall_clock_timestamp) -> None:
+        if len(key) != KEY_BYTES:
+            raise ValueError(f"signing: a key of {len(key)} bytes; use {KEY_BYTES}")
+        self._key = key
+        self._clock = clock
+        self._newest = 0
+        self._streams: dict[tuple[int, int, int], int] = {}
+        self.refused_unsigned = self.refused_signature = self.refused_old = 0
+
+    @property
+    def refused(self) -> int:
+        """Frames not accepted."""
+        return self.refused_unsigned + self.refused_signature + self.refused_old
+
+    def next_timestamp(self) -> int:
+        """Never the same twice, never back, whatever the clock does."""
+        self._newest = min(max(self._newest + 1, self._clock()), _LARGEST)
+        return self._newest
+
+    def accepts(self, frame: bytes) -> bool:
+        """Whether a frame whose checksum is good comes from a holder of the key and is no repetition."""
+        if not frame[2] & SIGNED:
+            if frame[7] | frame[8] << 8 | frame[9] << 16 == RADIO_STATUS:
+                return True
+            self.refused_unsigned += 1
+            return False
+        if not compare_digest(signature(self._key, frame[:-6]), frame[-6:]):
+            self.refused_signature += 1
+            return False
+        link_id = frame[-SIGNATURE_BYTES]
+        timestamp = int.from_bytes(frame[1 - SIGNATURE_BYTES : -6], "little")
+        stream = (frame[5], frame[6], link_id)
+        last = self._streams.get(stream)
+        own = max(self._newest, self._clock())
+        if timestamp <= last if last is not None else timestamp + MINUTE < own:
+            self.refused_old += 1
+            return False
+        if last is None and len(self._streams) >= _MOST_STREAMS:
+            del self._streams[next(iter(self._streams))]
+        self._streams[stream] = timestamp
+        self._newest = max(self._newest, timestamp)
+        return True
+
+    def outgoing(self, link_id: int) -> OutgoingSigning:
+        """What the packer of one link signs with."""
+        return OutgoingSigning(self, self._key, link_id)
+
+
+class OutgoingSigning:
+    """The names that the generated pack() looks up."""
+
+    sign_outgoing = True
+
+    def __init__(self, signing: Signing, key: bytes, link_id: int) -> None:
+        self.secret_key = key
+        self.link_id = link_id & 0xFF
+        self.timestamp = 0
+        self._signing = signing
+
+    def advance(self) -> None:
+        """Take the timestamp of the next frame."""
+        self.timestamp = self._signing.next_timestamp()
+
+
+def signature(key: bytes, signed: bytes) -> bytes:
+    """Of a frame up to and with its timestamp."""
+    return hashlib.sha256(key + signed).digest()[:6]

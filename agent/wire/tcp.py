@@ -1,0 +1,276 @@
+"""MAVLink over TCP: a stream of bytes in which frames are found by the link's `Framer`.
+
+Nothing here waits for the other end: bytes that the system's buffer does not take are refused, except the rest of a
+chunk it took in part, which goes out before anything else. So a slow reader loses whole chunks and never half ones.
+"""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+from time import monotonic
+from urllib.parse import SplitResult
+
+from agent.wire.address import Address, address_url, explained, resolve
+from agent.wire.transport import Transport, TransportClosedError
+
+BUFFER_BYTES = 1 << 16  # what may lie unread at the other end: a second or two of telemetry, not minutes of it
+CHUNK_BYTES = 1 << 16
+CHUNKS = 16  # of one receive(): a flood may not hold the caller
+RETRY_S = 0.5
+WAITING = 16  # connections the system holds until they are accepted
+
+
+class _Connection:
+    """A connected socket, until `lost`."""
+
+    def __init__(self, sock: socket.socket, peer: str) -> None:
+        sock.setblocking(False)
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.socket = sock
+        self.peer = peer
+        self.lost = False
+        self._rest = b""
+        self._full = False
+
+    def stuck(self) -> bool:
+        """Whether there was no room and there still is none."""
+        if self._full:
+            self._full = not self.flush() or not select.select((), [self.socket], (), 0.0)[1]
+        return self._full
+
+    def flush(self) -> bool:
+        """True when nothing waits any more."""
+        if self._rest:
+            self._rest = self._rest[self._hand_on(self._rest) :]
+        return not self._rest and not self.lost
+
+    def send(self, data: bytes) -> bool:
+        if not self.flush():
+            return False
+        taken = self._hand_on(data)
+        self._full = taken < len(data)
+        if taken:
+            self._rest = data[taken:]
+        return taken > 0 or not data
+
+    def _hand_on(self, data: bytes) -> int:
+        try:
+            return self.socket.send(data)
+        except (BlockingIOError, InterruptedError):
+            return 0
+        except OSError:
+            self.lost = True
+            return 0
+
+    def receive(self, most: int, chunk_bytes: int) -> list[bytes]:
+        self.flush()
+        chunks: list[bytes] = []
+        while len(chunks) < most and not self.lost:
+            try:
+                chunk = self.socket.recv(chunk_bytes)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                self.lost = True
+                break
+            if not chunk:
+                self.lost = True
+                break
+            chunks.append(chunk)
+        return chunks
+
+
+class TcpTransport(Transport):
+    """A stream to one peer; `connection` is None while there is none. Subclasses say where a peer comes from.
+
+    losses: how often a connection ended that the other side ended or the network broke. chunks, chunk_bytes: the most
+    that one `receive` takes; the rest waits in the system's buffer.
+    """
+
+    name = "tcp"
+    stream = True
+    chunks = CHUNKS
+    chunk_bytes = CHUNK_BYTES
+
+    def __init__(self, address: str) -> None:
+        super().__init__(address)
+        self.losses = 0
+        self._connection: _Connection | None = None
+        self._closed = False
+
+    @classmethod
+    def open(cls, url: SplitResult, listen: bool) -> TcpTransport:
+        return TcpPeerOfListener(TcpListener(url)) if listen else TcpCaller(url)
+
+    def _find_peer(self) -> None:
+        """Make a connection if that needs no waiting."""
+
+    @property
+    def peer(self) -> str:
+        return "" if self._connection is None else self._connection.peer
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a peer, as far as is known."""
+        return self._connection is not None
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the peer does not take what was sent."""
+        return self._connection is not None and not self._connection.lost and self._connection.stuck()
+
+    def send(self, data: bytes) -> bool:
+        connection = self._ready()
+        if connection is not None and connection.send(data):
+            return True
+        self._drop_lost()
+        self.unsent += 1
+        return False
+
+    def receive(self, timeout_s: float = 0.0) -> list[bytes]:
+        chunks = self._drain()
+        if not chunks and timeout_s > 0.0:
+            until_s = monotonic() + timeout_s
+            left_s = timeout_s
+            while not chunks and left_s > 0.0:
+                descriptor = self.fileno()
+                # without a descriptor there is only the next try to connect to wait for
+                select.select([] if descriptor is None else [descriptor], (), (), min(left_s, RETRY_S))
+                chunks = self._drain()
+                left_s = until_s - monotonic()
+        return chunks
+
+    def _drain(self) -> list[bytes]:
+        connection = self._ready()
+        if connection is None:
+            return []
+        chunks = connection.receive(self.chunks, self.chunk_bytes)
+        self._drop_lost()
+        return chunks
+
+    def _ready(self) -> _Connection | None:
+        if self._closed:
+            raise TransportClosedError(self.address)
+        if self._connection is None:
+            self._find_peer()
+        return self._connection
+
+    def _drop_lost(self) -> None:
+        if self._connection is not None and self._connection.lost:
+            self._connection.socket.close()
+            self._connection = None
+            self.losses += 1
+
+    def fileno(self) -> int | None:
+        return None if self._closed or self._connection is None else self._connection.socket.fileno()
+
+    def close(self) -> None:
+        self._closed = True
+        if self._connection is not None:
+            self._connection.socket.close()
+            self._connection = None
+
+
+class TcpAccepted(TcpTransport):
+    """One of the connections a `TcpListener` accepted; once lost it stays so."""
+
+    def __init__(self, sock: socket.socket, address: str, peer: str) -> None:
+        super().__init__(address)
+        self._connection = _Connection(sock, peer)
+
+
+class TcpListener:
+    """A listening socket. `accept` takes what has called."""
+
+    def __init__(self, url: SplitResult) -> None:
+        family, kind, protocol, _, target = resolve(url, True, socket.SOCK_STREAM)
+        self._socket = socket.socket(family, kind, protocol)
+        try:
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait a minute
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)  # those accepted inherit it
+            self._socket.bind(target)
+            self._socket.listen(WAITING)
+        except OSError as error:
+            self._socket.close()
+            raise explained(error, url, True) from None
+        self.address = address_url("tcp", self._socket.getsockname())
+        self._closed = False
+
+    def accept(self) -> tuple[socket.socket, str] | None:
+        """The next connection and who it is, None when nobody calls."""
+        try:
+            sock, source = self._socket.accept()
+        except OSError:  # nobody, or somebody who gave up meanwhile, or no descriptor is left
+            return None
+        return sock, address_url("tcp", source)
+
+    def fileno(self) -> int | None:
+        """Descriptor that becomes readable when somebody calls."""
+        return None if self._closed else self._socket.fileno()
+
+    def close(self) -> None:
+        """Stop listening; connections that were accepted live on."""
+        self._closed = True
+        self._socket.close()
+
+
+class TcpPeerOfListener(TcpTransport):
+    """Waits at an address and serves one peer at a time; the next is served when that one has left."""
+
+    def __init__(self, listener: TcpListener) -> None:
+        super().__init__(listener.address)
+        self._listener = listener
+
+    def _find_peer(self) -> None:
+        called = self._listener.accept()
+        if called is not None:
+            self._connection = _Connection(*called)
+
+    def fileno(self) -> int | None:
+        return super().fileno() if self._connection is not None else self._listener.fileno()
+
+    def close(self) -> None:
+        super().close()
+        self._listener.close()
+
+
+class TcpCaller(TcpTransport):
+    """Goes to an address, and goes there again `RETRY_S` after it was not there or has left."""
+
+    def __init__(self, url: SplitResult) -> None:
+        super().__init__(url.geturl())
+        self._family, self._kind, self._protocol, _, target = resolve(url, False, socket.SOCK_STREAM)
+        self._target: Address = target
+        self._calling: socket.socket | None = None
+        self._next_try_s = 0.0
+        self._find_peer()
+
+    def _find_peer(self) -> None:
+        if self._calling is None:
+            if monotonic() < self._next_try_s:
+                return
+            self._next_try_s = monotonic() + RETRY_S
+            self._calling = socket.socket(self._family, self._kind, self._protocol)
+            self._calling.setblocking(False)
+            self._calling.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+            if self._calling.connect_ex(self._target) not in (0, errno.EINPROGRESS):
+                self._give_up()
+                return
+        if not select.select((), [self._calling], (), 0.0)[1]:
+            return
+        if self._calling.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0:
+            self._give_up()
+            return
+        self._connection, self._calling = _Connection(self._calling, self.address), None
+
+    def _give_up(self) -> None:
+        if self._calling is not None:
+            self._calling.close()
+            self._calling = None
+
+    def close(self) -> None:
+        super().close()
+        self._give_up()

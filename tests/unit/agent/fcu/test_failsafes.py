@@ -1,0 +1,131 @@
+"""Failsafes: each acts, says so once, and says when it is over."""
+
+from __future__ import annotations
+
+import pytest
+from boat import LAT_DEG, LON_DEG, degrees
+from crew import Ship
+
+from agent.fcu import modes
+from agent.fcu.failsafe import Failsafes
+from agent.fcu.mission import mission, waypoint
+from agent.fcu.parameters import Parameters
+from agent.fcu.position_filter import InnovationRatios
+
+SECOND = 1_000_000_000
+AFAR = mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(500.0, 0.0))])
+
+
+def under_way(mode: int, **parameters: float) -> Ship:
+    ship = Ship(FS_GCS_ENABLE=parameters.pop("FS_GCS_ENABLE", 1), **parameters)
+    ship.autopilot.set_mission(AFAR)
+    ship.set_out(mode)
+    return ship
+
+
+def hear(ship: Ship, seconds: float, system_id: int = 255) -> None:
+    for _ in range(round(seconds)):
+        ship.autopilot.heard_ground_station(system_id, ship.boat.time_ns)
+        ship.sail(1.0)
+
+
+@pytest.mark.parametrize(
+    ("action", "mode"),
+    [(0, "AUTO"), (1, "RTL"), (2, "HOLD"), (3, "RTL"), (4, "HOLD"), (5, "disarmed"), (6, "LOITER")],
+)
+def test_ground_station_lost_and_found(action: int, mode: str) -> None:
+    ship = under_way(modes.AUTO, FS_ACTION=action)
+    hear(ship, 3)
+    ship.sail(5.0)  # one second of the last hear, FS_GCS_TIMEOUT 5 s, FS_TIMEOUT 1.5 s: 0.5 s to go
+    assert ship.mode == "AUTO"
+    assert ship.autopilot.failsafes == ()
+    ship.sail(2.0)
+    if mode == "disarmed":
+        assert not ship.autopilot.armed
+    else:
+        assert ship.mode == mode
+        assert ship.autopilot.failsafes == ("GCS",)
+    ship.sail(3.0)
+    said = [text for text in ship.said if text.startswith("GCS failsafe: no heartbeat for 5 s")]
+    assert len(said) == 1
+    hear(ship, 2)
+    assert ship.said.count("GCS failsafe over: ground station is back") == 1
+    assert ship.autopilot.failsafes == ()
+    if mode != "disarmed":
+        assert ship.mode == mode  # what it did stays done
+
+
+def test_going_on_in_auto_but_not_in_guided() -> None:
+    ship = under_way(modes.AUTO, FS_GCS_ENABLE=2)
+    hear(ship, 1)
+    ship.sail(8.0)
+    assert ship.mode == "AUTO"
+    assert "GCS failsafe: no heartbeat for 5 s, going on in AUTO" in ship.said
+    ship.autopilot.set_mode(modes.GUIDED)
+    hear(ship, 1)
+    ship.sail(8.0)
+    assert ship.mode == "HOLD"
+
+
+def test_a_station_never_heard_of_or_another_one_is_not_missed() -> None:
+    ship = under_way(modes.AUTO)
+    ship.sail(10.0)
+    hear(ship, 1, system_id=77)
+    ship.sail(10.0)
+    assert (ship.mode, ship.autopilot.failsafes) == ("AUTO", ())
+
+
+def test_sticks_are_let_go_when_their_station_is_lost() -> None:
+    ship = under_way(modes.MANUAL, FS_ACTION=0, RC_OVERRIDE_TIME=-1)
+    hear(ship, 1)
+    ship.hold_sticks(1.0, 0, 800)
+    assert ship.command[0] > 0.5
+    ship.sail(8.0)
+    assert ship.command == (0.0, 0.0)
+    assert set(ship.autopilot.rc_channels) == {0}
+
+
+@pytest.mark.parametrize(("action", "mode", "times"), [(0, "GUIDED", 0), (1, "HOLD", 1), (2, "GUIDED", 1)])
+def test_position_lost_and_found(action: int, mode: str, times: int) -> None:
+    ship = under_way(modes.GUIDED, FS_EKF_ACTION=action)
+    ship.sail(2.0)
+    ship.sensors.latency_ns = 10**12  # no more fixes
+    ship.sail(7.0)
+    assert ship.mode == mode
+    assert ship.command == (0.0, 0.0)
+    lost = [text for text in ship.said if text.startswith("EKF failsafe: position lost")]
+    assert len(lost) == times
+    ship.sensors._late.clear()
+    ship.sensors.latency_ns = 120_000_000
+    ship.sail(3.0)
+    assert ship.said.count("EKF failsafe over") == times
+    assert ship.mode == mode
+
+
+def test_a_compass_and_a_receiver_that_disagree_are_bad_after_a_second() -> None:
+    watches = Failsafes(Parameters())
+    good = InnovationRatios(0.3, 0.3, 0.3, 0.3)
+    for bad in (
+        InnovationRatios(0.7, 0.7, 0.0, 0.0),  # position and velocity over 0.8 squared
+        InnovationRatios(0.0, 0.7, 0.0, 0.7),  # velocity and compass
+        InnovationRatios(0.0, 2.6, 0.0, 0.0),  # velocity far over
+    ):
+        assert not watches.look_at_ekf(False, bad, True, 0)
+        assert not watches.look_at_ekf(False, bad, True, SECOND - 1)
+        assert watches.look_at_ekf(False, bad, True, SECOND)
+        assert watches.ekf.active
+        assert not watches.look_at_ekf(False, bad, True, 2 * SECOND)
+        assert watches.look_at_ekf(False, good, False, 3 * SECOND)
+        assert not watches.ekf.active
+    for fair in (InnovationRatios(9.0, 0.0, 9.0, 0.0), InnovationRatios(0.0, 0.7, 0.0, 0.0)):
+        assert not watches.look_at_ekf(False, fair, True, 4 * SECOND)
+        assert not watches.look_at_ekf(False, fair, True, 9 * SECOND)
+
+
+def test_a_clock_that_is_set_back_starts_the_wait_again() -> None:
+    watches = Failsafes(Parameters({"FS_GCS_ENABLE": 1}))
+    watches.heard_ground_station(255, 100 * SECOND)
+    assert not watches.look_at_gcs(True, 106 * SECOND)
+    assert not watches.look_at_gcs(True, 0)
+    assert not watches.look_at_gcs(True, 106 * SECOND)
+    assert watches.look_at_gcs(True, 108 * SECOND)

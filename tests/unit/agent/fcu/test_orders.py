@@ -1,0 +1,194 @@
+"""Orders in any sequence and of any values; arming by the bits of ARMING_CHECK; home."""
+
+from __future__ import annotations
+
+import copy
+import math
+from typing import Any
+
+import pytest
+from boat import LAT_DEG, LON_DEG, degrees
+from crew import Ship
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent.fcu import modes
+from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, FenceItem
+from agent.fcu.mission import MissionItem, change_speed, item_problem, jump, mission, waypoint
+from agent.fcu.parameters import TABLE
+
+ANY = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 3.0, LAT_DEG, LON_DEG])
+NEAR = st.floats(-100.0, 100.0)
+WHOLE = st.integers(-(2**31), 2**31) | st.integers(-2, 20)
+STICK = st.none() | st.integers(-1001, 1001)
+PLACE = st.tuples(NEAR, NEAR).map(lambda place: degrees(*place))
+ITEMS = st.lists(
+    st.one_of(
+        PLACE.map(lambda place: waypoint(*place, hold_s=0.1)),
+        st.builds(MissionItem, st.sampled_from([17, 19, 20])),
+        st.builds(jump, st.integers(1, 3), st.integers(-1, 2)),
+        st.builds(change_speed, st.floats(0.1, 3.0)),
+    ),
+    max_size=6,
+)
+FENCE = st.builds(
+    FenceItem,
+    st.sampled_from([16, 5000, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT]),
+    ANY | st.just(LAT_DEG),
+    ANY | st.just(LON_DEG),
+    ANY,
+    st.integers(-1, 4),
+)
+ORDERS = st.one_of(
+    st.tuples(st.just("set_mode"), st.sampled_from([*modes.NAMES, 2, -1])),
+    st.tuples(st.just("arm"), st.booleans()),
+    st.tuples(st.just("disarm")),
+    st.tuples(st.just("go_to"), ANY, ANY),
+    st.tuples(st.just("go_to_local"), ANY | NEAR, ANY | NEAR),
+    st.tuples(st.just("set_velocity"), ANY, ANY, st.none() | ANY, st.none() | ANY),
+    st.tuples(st.just("set_course"), ANY, ANY),
+    st.tuples(st.just("set_turn_rate"), ANY, ANY),
+    st.tuples(st.just("change_speed"), ANY),
+    st.tuples(st.just("set_current"), WHOLE),
+    st.tuples(st.just("start_mission")),
+    st.tuples(st.just("set_home"), ANY, ANY, ANY),
+    st.tuples(st.just("set_home_here")),
+    st.tuples(st.just("enable_fence"), st.booleans()),
+    st.tuples(st.just("set_fence"), st.lists(FENCE, max_size=4)),
+    st.tuples(st.just("rc_override"), st.lists(st.integers(0, 65535) | st.integers(800, 2200), max_size=20).map(tuple)),
+    st.tuples(st.just("manual_control"), STICK, STICK, STICK, STICK),
+    st.tuples(st.just("heard_ground_station"), st.integers(0, 255)),
+    st.tuples(st.just("mission"), ITEMS),
+    st.tuples(st.just("parameter"), st.sampled_from(TABLE), st.floats(0.0, 1.0)),
+    st.tuples(st.just("wait"), st.integers(1, 40)),
+)
+TIMED = ("rc_override", "manual_control", "heard_ground_station")
+
+
+@pytest.fixture(scope="module")
+def ready() -> Ship:
+    ship = Ship()
+    ship.sail(12.0)
+    return ship
+
+
+def give(ship: Ship, name: str, values: tuple[Any, ...]) -> None:
+    autopilot = ship.autopilot
+    if name == "mission":
+        items = [item for item in values[0] if not item_problem(item, len(values[0]) + 1)]
+        if all(item.command != 177 or item.jump_seq <= len(items) for item in items):
+            autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), *items]))
+    elif name == "parameter":
+        row, part = values
+        autopilot.parameters.set(row.name, row.low + part * (row.high - row.low))
+    elif name != "wait":
+        answer = getattr(autopilot, name)(*values, *((ship.boat.time_ns,) if name in TIMED else ()))
+        assert answer is None or isinstance(answer, (str, tuple))
+
+
+@settings(max_examples=200)
+@given(st.sampled_from(list(modes.NAMES)), st.booleans(), st.lists(ORDERS, min_size=3, max_size=25))
+def test_any_orders_in_any_sequence_keep_the_outputs_finite(
+    ready: Ship, mode: int, armed: bool, orders: list[tuple[Any, ...]]
+) -> None:
+    ship = copy.deepcopy(ready)
+    ship.autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(30.0, 10.0))]))
+    assert ship.autopilot.set_mode(mode) == ""
+    if armed:
+        assert ship.autopilot.arm() == ()
+    for name, *values in orders:
+        give(ship, name, tuple(values))
+        for _ in range(values[0] if name == "wait" else 1):
+            actuators = ship.autopilot.control(ship.boat.time_ns)
+            assert all(math.isfinite(command) and abs(command) <= 1.0 for command in actuators.command)
+            assert ship.autopilot.mode in modes.NAMES
+            for _ in range(4):
+                ship.boat.step(actuators.command)
+                ship.sensors.feed(ship.boat, ship.autopilot)
+        assert len(ship.autopilot.rc_channels) == 18
+    assert math.isfinite(ship.autopilot.speed_error_mps)
+
+
+def without_anything() -> Ship:
+    """Samples of the IMU only."""
+    ship = Ship()
+    for _ in range(100):
+        ship.autopilot.on_imu(ship.sensors.imu(ship.boat))
+        ship.boat.step((0.0, 0.0))
+    ship.autopilot.control(ship.boat.time_ns)
+    return ship
+
+
+@pytest.mark.parametrize(
+    ("checks", "mode", "names"),
+    [
+        (1, modes.GUIDED, {"AHRS", "RC", "Fence"}),
+        (64, modes.GUIDED, {"RC", "Fence"}),
+        (16, modes.GUIDED, {"AHRS", "Fence"}),
+        (2 + 4, modes.GUIDED, {"Fence"}),
+        (0, modes.GUIDED, set()),
+    ],
+)
+def test_arming_checks_are_bits(checks: int, mode: int, names: set[str]) -> None:
+    ship = without_anything()
+    for name, value in (("ARMING_CHECK", checks), ("FENCE_ENABLE", 1)):
+        ship.autopilot.parameters.set(name, value)
+    ship.autopilot.set_mode(mode)
+    ship.autopilot.manual_control(0, 500, 0, 0, ship.boat.time_ns)
+    assert {problem.split(":")[0] for problem in ship.autopilot.prearm_problems()} == names
+
+
+def test_a_receiver_without_a_fix_matters_to_modes_that_steer_by_it() -> None:
+    ship = Ship()
+    ship.sensors.latency_ns = 10**12
+    ship.sail(14.0)
+    for mode in (modes.MANUAL, modes.ACRO, modes.HOLD):
+        ship.autopilot.set_mode(mode)
+        assert ship.autopilot.prearm_problems() == ()
+    for mode in (modes.GUIDED, modes.RTL, modes.LOITER, modes.STEERING):
+        ship.autopilot.set_mode(mode)
+        assert ship.autopilot.prearm_problems() == ("GPS: no data",)
+    ship.autopilot.set_mission(mission([waypoint(1.0, 1.0)]))
+    ship.autopilot.parameters.set("INITIAL_MODE", modes.AUTO)
+    ship.autopilot.reset()
+    assert "Mission: no waypoint" in ship.autopilot.prearm_problems()
+
+
+def test_by_force_the_checks_are_skipped_and_it_is_said() -> None:
+    ship = without_anything()
+    assert ship.autopilot.arm() != ()
+    ship.autopilot.take_events()
+    assert ship.autopilot.arm(force=True) == ()
+    assert [event.text for event in ship.autopilot.take_events()] == ["Armed by force, checks skipped"]
+
+
+def test_home_moves_at_arming_unless_it_was_set() -> None:
+    ship = Ship()
+    assert "before there is a position" in ship.autopilot.set_home(*degrees(5.0, 5.0), 0.0)
+    ship.sail(12.0)
+    first = ship.autopilot.home
+    assert first is not None
+    ship.boat.current_ne_mps = (1.0, 0.0)
+    ship.sail(10.0)
+    assert ship.autopilot.home == first
+    ship.autopilot.arm()
+    assert ship.autopilot.home != first
+    assert ship.autopilot.set_home(*degrees(5.0, 5.0), 7.0) == ""
+    ship.autopilot.disarm()
+    ship.autopilot.arm()
+    assert ship.autopilot.home == (*degrees(5.0, 5.0), 7.0)
+    assert ship.autopilot.set_home_here() == ""
+    assert ship.autopilot.home.lat_deg > first.lat_deg
+
+
+def test_going_on_from_an_item() -> None:
+    ship = Ship()
+    items = [waypoint(*degrees(north_m, 0.0)) for north_m in (0.0, 10.0, 20.0, 30.0)]
+    ship.autopilot.set_mission(mission([*items[:3], change_speed(2.0), items[3], change_speed(1.0)]))
+    assert ship.autopilot.set_current(2) == ""
+    assert ship.autopilot.pilot.current == 2
+    assert ship.autopilot.set_current(3) == ""
+    assert (ship.autopilot.pilot.current, ship.autopilot.pilot.speed_mps) == (4, 2.0)
+    assert ship.autopilot.set_current(0) == ""
+    assert ship.autopilot.pilot.current == 1
+    assert "no waypoint comes after it" in ship.autopilot.set_current(5)

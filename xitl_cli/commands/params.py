@@ -1,0 +1,231 @@
+"""`xitl params show|diff|set|push|pull`."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from xitl_cli.params.compare import Change
+
+SourceArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE", help="A .parm file, a shipped one's name, `defaults`, or a vehicle: tcp://… or udp://…"
+    ),
+]
+VehicleArgument = Annotated[
+    str,
+    typer.Argument(metavar="VEHICLE", help="tcp://host:port, or udp://host:port (waits there if it is this machine)."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+Key = Annotated[
+    Path | None, typer.Option("--signing-key", metavar="FILE", help="Sign with this key, and hear only what is signed.")
+]
+
+
+def show(
+    source: SourceArgument,
+    pattern: Annotated[str, typer.Option("--filter", metavar="GLOB", help="Only these: 'ATC_*'.")] = "*",
+    signing_key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Show parameters: value, unit, default and meaning."""
+    from xitl_cli.params.source import read_source
+    from xitl_cli.params.text import TABLE_BY_NAME, shown
+
+    found = read_source(source, _key(signing_key))
+    values = {name: value for name, value in found.values.items() if fnmatchcase(name, pattern.upper())}
+    if not values:
+        raise UserError(f"{source}: none of its {len(found.values)} parameters is called like {pattern!r}; try '*'")
+    rows = {name: TABLE_BY_NAME.get(name) if found.described else None for name in values}
+    if as_json:
+        listed = [
+            {
+                "name": name,
+                "value": values[name],
+                "unit": row.unit if row else None,
+                "default": row.default if row else None,
+                "meaning": row.meaning if row else None,
+            }
+            for name, row in rows.items()
+        ]
+        _print_json({"source": source, "parameters": listed})
+        return
+    table = _table("name", "value", "unit", "default", "meaning")
+    for name, row in rows.items():
+        table.add_row(
+            name, shown(values[name]), *((row.unit, shown(row.default), row.meaning) if row else ("", "", ""))
+        )
+    Console(highlight=False).print(table)
+
+
+def diff(
+    one: SourceArgument,
+    other: SourceArgument,
+    signing_key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Show what differs. Exit code: 0 nothing, 1 something, 2 something to put right."""
+    from xitl_cli.params.compare import differences
+    from xitl_cli.params.source import read_source
+    from xitl_cli.params.text import shown
+
+    key = _key(signing_key)
+    found = differences(read_source(one, key), read_source(other, key))
+    if as_json:
+        _print_json({"one": one, "other": other, "differences": [asdict(difference) for difference in found]})
+    else:
+        console = Console(highlight=False)
+        table = _table("name", one, other)
+        for difference in found:
+            values = (difference.one, difference.other)
+            table.add_row(difference.name, *("–" if value is None else shown(value) for value in values))
+        console.print(table if found else "no differences")
+    raise typer.Exit(1 if found else 0)
+
+
+def set_values(
+    vehicle: VehicleArgument,
+    assignments: Annotated[list[str], typer.Argument(metavar="NAME=VALUE...", help="WP_SPEED=2.5 CRUISE_SPEED=3")],
+    signing_key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Set parameters of a vehicle and read them back."""
+    from xitl_cli.params.compare import push as push_values
+    from xitl_cli.params.vehicle import connected
+
+    wanted = dict(_assignment(text) for text in assignments)
+    with connected(_vehicle(vehicle), _key(signing_key)) as reached:
+        present = {name: value for name in wanted if (value := reached.read(name)) is not None}
+        changes = push_values(reached, wanted, present, complete=False)
+    _report(vehicle, changes, len(wanted), as_json)
+
+
+def push(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A .parm file, or a shipped one's name.")],
+    vehicle: VehicleArgument,
+    signing_key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Set on a vehicle what differs from a file, each value read back."""
+    from xitl_cli.params.compare import push as push_values
+    from xitl_cli.params.source import read_file
+    from xitl_cli.params.vehicle import connected
+
+    wanted = read_file(file).values
+    with connected(_vehicle(vehicle), _key(signing_key)) as reached:
+        changes = push_values(reached, wanted, reached.read_all())
+    _report(vehicle, changes, len(wanted), as_json)
+
+
+def pull(
+    vehicle: VehicleArgument,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where to write the .parm file.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")] = False,
+    signing_key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Write all parameters of a vehicle into a file, each with what it means."""
+    from xitl_cli.params.source import read_source
+    from xitl_cli.params.text import parm_text
+
+    if file.exists() and not overwrite:
+        raise UserError(f"{file}: exists; choose another name or add --overwrite")
+    if not file.absolute().parent.is_dir():
+        raise UserError(f"{file.parent}: is no directory; make it first")
+    found = read_source(_vehicle(vehicle), _key(signing_key))
+    try:
+        file.write_text(parm_text(found.values, vehicle), encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"{file}: cannot be written ({error.strerror}); choose another place") from error
+    if as_json:
+        _print_json({"vehicle": vehicle, "file": str(file), "count": len(found.values)})
+    else:
+        Console(highlight=False, soft_wrap=True).print(f"{file}: {len(found.values)} parameters", markup=False)
+
+
+def _report(vehicle: str, changes: list[Change], asked: int, as_json: bool) -> None:
+    from xitl_cli.params.text import shown
+
+    refused = [change for change in changes if change.reason]
+    if as_json:
+        _print_json(
+            {
+                "vehicle": vehicle,
+                "set": [
+                    {"name": change.name, "before": change.before, "value": change.kept}
+                    for change in changes
+                    if not change.reason
+                ],
+                "refused": [
+                    {"name": change.name, "wanted": change.wanted, "kept": change.kept, "reason": change.reason}
+                    for change in refused
+                ],
+                "unchanged": asked - len(changes),
+            }
+        )
+    else:
+        console = Console(highlight=False, soft_wrap=True)
+        for change in changes:
+            before = "" if change.before is None else f"{shown(change.before)} → "
+            if change.reason:
+                console.print(f"{change.name} = {shown(change.wanted)} refused: {change.reason}", markup=False)
+            else:
+                console.print(f"{change.name} = {before}{shown(change.wanted)}", markup=False)
+        console.print(
+            f"{len(changes) - len(refused)} set, {len(refused)} refused, {asked - len(changes)} were so already"
+        )
+    if refused:
+        first, more = refused[0], len(refused) - 1
+        raise UserError(
+            f"{vehicle}: {first.name} = {shown(first.wanted)} was refused, {first.reason}"
+            + (f" (and {more} more)" if more else "")
+            + "; see `xitl params show` for names and values"
+        )
+
+
+def _assignment(text: str) -> tuple[str, float]:
+    name, separator, value = text.partition("=")
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not (separator and name.strip() and math.isfinite(number)):
+        raise UserError(f"{text!r} sets nothing; write NAME=VALUE with a number, such as WP_SPEED=2.5")
+    return name.strip().upper(), number
+
+
+def _vehicle(url: str) -> str:
+    from xitl_cli.params.source import is_vehicle
+
+    if not is_vehicle(url):
+        raise UserError(f"{url!r} is no vehicle; write tcp://host:port or udp://host:port")
+    return url
+
+
+def _key(path: Path | None) -> bytes | None:
+    from xitl_cli.signing import read_key_file
+
+    return None if path is None else read_key_file(str(path))
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    typer.echo(json.dumps(content, indent=2, allow_nan=False))
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table

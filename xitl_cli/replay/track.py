@@ -1,0 +1,130 @@
+"""What is commanded when: the steps of a script or of a recording, each in force until the next."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema.operation import Replay, ScriptStep
+from xitl_cli.replay.csv_file import read_csv
+from xitl_cli.replay.dataflash_file import read_dataflash
+from xitl_cli.replay.pulses import NO_PULSE_US, PulseLog
+
+THROTTLE_LEFT, THROTTLE_RIGHT, GROUND_STEERING, THROTTLE = 73, 74, 26, 70  # SERVOn_FUNCTION
+USUAL_OUTPUTS = (1, 3)
+
+Motors = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Commands in [-1, 1], one a motor, from `at_ns` (rising, from the start of the track) until the next.
+
+    end_ns: when it has run out; None for a script without an end, which holds its last step.
+    """
+
+    at_ns: tuple[int, ...]
+    motors: tuple[Motors, ...]
+    end_ns: int | None
+
+    def motors_at(self, now_ns: int) -> Motors | None:
+        """The command in force, None before the first."""
+        number = bisect_right(self.at_ns, now_ns)
+        return self.motors[number - 1] if number else None
+
+    @property
+    def last_ns(self) -> int:
+        """When its last step comes into force."""
+        return self.at_ns[-1] if self.end_ns is None else self.end_ns
+
+
+def track_of_script(steps: Sequence[ScriptStep]) -> Track:
+    """The steps of a script that move motors; a step without `motors` keeps what is in force."""
+    moving = [(round(step.at_s * 1e9), step.motors) for step in steps if step.motors is not None]
+    end_ns = round(steps[-1].at_s * 1e9) if steps[-1].end else None
+    return Track(tuple(at_ns for at_ns, _ in moving), tuple(motors for _, motors in moving), end_ns)
+
+
+def track_of_file(file: str, replay: Replay, propellers: int) -> Track:
+    """The recording as commands of the motors. Raises UserError with what is wrong in the file."""
+    path = Path(file)
+    log = read_dataflash(path) if path.suffix.lower() == ".bin" else read_csv(path)
+    return track_of_log(log, replay, propellers)
+
+
+def track_of_log(log: PulseLog, replay: Replay, propellers: int) -> Track:
+    """Recorded pulse widths as commands of the motors, from `start_s` (or the first armed output) on.
+
+    Steering and throttle are mixed as a skid-steered ArduRover does: port is throttle plus steering.
+    """
+    outputs, mixed = _outputs(log, replay, propellers)
+    missing = [channel for channel in outputs if channel not in log.pulses_us]
+    if missing:
+        raise UserError(
+            f"{log.source}: has no output C{missing[0]}; it has {_named(sorted(log.pulses_us))}, "
+            "name those of the motors in driver.replay.outputs"
+        )
+    columns = [log.pulses_us[channel] for channel in outputs]
+    rows = list(zip(*columns, strict=True))
+    start_s = _first_armed_s(log, rows, replay.trim_us) if replay.start_s is None else replay.start_s
+    end_s = log.at_s[-1] if replay.end_s is None else min(replay.end_s, log.at_s[-1])
+    if start_s >= end_s:
+        raise UserError(
+            f"{log.source}: ends at {end_s:g} s, not after the start of the replay at {start_s:g} s; "
+            f"the recording goes from {log.at_s[0]:g} to {log.at_s[-1]:g} s, "
+            "set driver.replay.start_s and end_s within it"
+        )
+    first = max(bisect_right(log.at_s, start_s) - 1, 0)
+    last = bisect_right(log.at_s, end_s)
+    commands = [tuple(_command(pulse, replay) for pulse in row) for row in rows[first:last]]
+    return Track(
+        at_ns=tuple(max(round((at_s - start_s) * 1e9), 0) for at_s in log.at_s[first:last]),
+        motors=tuple(_mix(*command) if mixed else command for command in commands),
+        end_ns=round((end_s - start_s) * 1e9),
+    )
+
+
+def _outputs(log: PulseLog, replay: Replay, propellers: int) -> tuple[tuple[int, ...], bool]:
+    """Channels to read, and whether they are steering and throttle."""
+    mixed = replay.outputs_are == "steering-throttle"
+    if replay.outputs is not None:
+        return replay.outputs, mixed
+    channel_of = {function: channel for channel, function in sorted(log.functions.items(), reverse=True)}
+    kinds = {"motors": (THROTTLE_LEFT, THROTTLE_RIGHT), "steering-throttle": (GROUND_STEERING, THROTTLE)}
+    for kind, functions in kinds.items():
+        if replay.outputs_are in (None, kind) and propellers == 2 and all(f in channel_of for f in functions):
+            return tuple(channel_of[function] for function in functions), kind == "steering-throttle"
+    return (USUAL_OUTPUTS if propellers == 2 else tuple(range(1, propellers + 1))), mixed
+
+
+def _first_armed_s(log: PulseLog, rows: Sequence[tuple[float, ...]], trim_us: float) -> float:
+    """When it was armed; failing that, when an output first left neutral."""
+    if log.armed_s is not None:
+        return log.at_s[min(bisect_left(log.at_s, log.armed_s), len(log.at_s) - 1)]
+    for at_s, row in zip(log.at_s, rows, strict=True):
+        if any(pulse not in (NO_PULSE_US, trim_us) for pulse in row):
+            return at_s
+    raise UserError(
+        f"{log.source}: no output ever leaves {trim_us:g} µs; check driver.replay.outputs and trim_us, "
+        "or give driver.replay.start_s"
+    )
+
+
+def _command(pulse_us: float, replay: Replay) -> float:
+    if pulse_us == NO_PULSE_US:
+        return 0.0
+    return min(max((pulse_us - replay.trim_us) / replay.span_us, -1.0), 1.0)
+
+
+def _mix(steering: float, throttle: float) -> Motors:
+    """Port and starboard; where one would exceed 1 both shrink, so that the turn keeps its shape."""
+    port, starboard = throttle + steering, throttle - steering
+    scale = max(abs(port), abs(starboard), 1.0)
+    return port / scale, starboard / scale
+
+
+def _named(channels: Sequence[int]) -> str:
+    return ", ".join(f"C{channel}" for channel in channels)

@@ -1,0 +1,62 @@
+"""What an agent that this machine starts is told at its start; a board's agent has its own command line."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from xitl_cli.profile.ground_stations import ground_stations_of
+from xitl_cli.profile.schema import RunProfile
+
+
+@dataclass(frozen=True, slots=True)
+class AgentOptions:
+    """The agent's own options, see `xitl agent --help`. `log_dir` is where its DataFlash log goes, None for no log."""
+
+    ground_stations: tuple[str, ...] = ()
+    controller: str | None = None
+    signing_key_file: str | None = None
+    log_dir: Path | None = None
+
+    def arguments(self) -> list[str]:
+        """The same as a command line."""
+        given = [("--gcs", url) for url in self.ground_stations]
+        others = {"--controller": self.controller, "--signing-key": self.signing_key_file, "--log-dir": self.log_dir}
+        given += [(option, str(value)) for option, value in others.items() if value is not None]
+        return [word for pair in given for word in pair]
+
+
+def options_of(profile: RunProfile, run_directory: Path | None) -> AgentOptions:
+    """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
+    autopilot = profile.autopilot
+    addresses = ground_stations_of(profile)
+    if autopilot.ground_stations is None:
+        addresses = tuple(url for url in addresses if _is_free(url))
+    return AgentOptions(
+        ground_stations=addresses,
+        controller=autopilot.controller,
+        signing_key_file=autopilot.signing_key_file,
+        log_dir=run_directory.absolute() if run_directory is not None and profile.recording.dataflash else None,
+    )
+
+
+def missing_addresses(profile: RunProfile, options: AgentOptions) -> Sequence[str]:
+    """The usual addresses that another program holds: nobody asked for them, so the run goes on without."""
+    return [url for url in ground_stations_of(profile) if url not in options.ground_stations]
+
+
+def _is_free(url: str) -> bool:
+    """Whether a listener could be opened there; always for what is sent to."""
+    parts = urlsplit(url)
+    if parts.scheme != "tcp":
+        return True
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((parts.hostname, parts.port))
+        except OSError:
+            return False
+    return True
