@@ -128,7 +128,10 @@ class Commands:
         wanted = _whole(c.p1)
         if wanted not in (0, 1):
             return _accepted(False)
-        return _accepted(not self._autopilot.enable_fence(wanted == 1), mav.MAV_RESULT_FAILED)
+        refused = self._autopilot.enable_fence(wanted == 1)
+        if not refused:
+            self._vehicle.parameter_changed("FENCE_ENABLE")
+        return _accepted(not refused, mav.MAV_RESULT_FAILED)
 
     # -- places
 

@@ -150,8 +150,8 @@ class Vehicle:
         """Say what was wrong with a message."""
         self.autopilot.say(Event(WARNING, text))
 
-    def parameter_changed(self, name: str, by: Mailbox) -> None:
-        """Tell the other stations."""
+    def parameter_changed(self, name: str, by: Mailbox | None = None) -> None:
+        """Tell the stations other than the one that has its answer already."""
         for mailbox in self._mailboxes:
             if mailbox is not by and name not in mailbox.parameters:
                 mailbox.parameters.append(name)
