@@ -1,8 +1,8 @@
 """Generate agent/wire/dialect.py from agent/wire/xitl.xml with mavgen; `--check` says whether it is current.
 
-Three things are changed in mavgen's output, for a slow board's sake. Its checksum is slow without a compiled package:
-`agent.wire.crc` takes its place. Its methods that make and send a message are left out: the link does that, and they are
-half of what is loaded. Its annotations stay text.
+Three things are changed in mavgen's output, for a slow board's sake. Its checksum is slow without a compiled
+package: `agent.wire.crc` takes its place. Its methods that make and send a message are left out: the link does that,
+and they are half of what is loaded. Its annotations stay text.
 """
 
 from __future__ import annotations
