@@ -46,7 +46,7 @@ def create(path: Path, overwrite: bool) -> Path:
 def keep_dataflash(path: Path) -> None:
     """Give the newest DataFlash log in the directory, which the agent numbered, its name."""
     (path / "LASTLOG.TXT").unlink(missing_ok=True)
-    logs = [log for log in path.iterdir() if log.suffix.lower() == ".bin" and log.name != DATAFLASH]
+    logs = [log for log in path.iterdir() if log.suffix.lower() == ".bin" and log.stem.isdigit()]
     if logs:
         max(logs, key=lambda log: (log.stat().st_mtime_ns, log.name)).replace(path / DATAFLASH)
 

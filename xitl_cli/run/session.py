@@ -71,12 +71,16 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     directory.keep_dataflash(out)
     summary = summary_of(ready, outcome)
     directory.write_json(out / directory.SUMMARY, summary)
+    if outcome.crash is not None:
+        raise outcome.crash
     return Result(summary, out, _exit_code(outcome))
 
 
 def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
     started = datetime.now(UTC).isoformat(timespec="seconds")
-    ending, error = Ending.FAILED, None
+    ending = Ending.FAILED
+    error: str | None = None
+    crash: Exception | None = None
     begun_s = time.perf_counter()
     try:
         try:
@@ -90,9 +94,12 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
             loop.recorder.close()
     except UserError as problem:
         ending, error = Ending.FAILED, str(problem)
+    except Exception as fault:  # noqa: BLE001  raised again when the summary is written: no recording is left without one
+        ending, error, crash = Ending.FAILED, f"fault of xitl: {fault!r}", fault
     return Outcome(
         ending=ending,
         error=error,
+        crash=crash,
         started_utc=started,
         duration_s=loop.state.time_ns * 1e-9,
         wall_s=wall_s,

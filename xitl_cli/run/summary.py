@@ -27,6 +27,7 @@ class Outcome:
 
     ending: Ending
     error: str | None
+    crash: Exception | None
     started_utc: str
     duration_s: float
     wall_s: float

@@ -45,3 +45,13 @@ def test_json_is_written_whole(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         directory.write_json(tmp_path / "s.json", {"a": float("nan")})
     assert json.loads((tmp_path / "s.json").read_text()) == {"a": 1}
+
+
+def test_only_a_log_that_the_agent_numbered_is_renamed(tmp_path: Path) -> None:
+    for name, content in (("mine.bin", b"mine"), ("00000001.BIN", b"log"), ("LASTLOG.TXT", b"1")):
+        (tmp_path / name).write_bytes(content)
+    directory.keep_dataflash(tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {
+        "mine.bin": b"mine",
+        "autopilot.bin": b"log",
+    }
