@@ -11,10 +11,10 @@ from typing import Callable
 
 import agent
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.controller import ControllerError, MakeController, load
-from agent.fcu.log_hooks import NullFlightLog
+from agent.fcu.control.controller import ControllerError, MakeController, load
+from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.mavlink.services import Services
 from agent.fcu.parameters import ParameterError, Parameters
-from agent.fcu.services import Services
 from agent.ground.stations import GroundStations
 from agent.node import AgentNode
 from agent.storage import Storage, StorageError
@@ -84,7 +84,7 @@ def _node(options: argparse.Namespace, opened: ExitStack) -> tuple[AgentNode, tu
 
 def _log_to(directory: Path, opened: ExitStack) -> Callable[[Callable[[], int]], NullFlightLog]:
     from agent.dataflash.files import in_directory
-    from agent.fcu.flight_log import FlightLog
+    from agent.fcu.log.flight_log import FlightLog
 
     def make(now_ns: Callable[[], int]) -> NullFlightLog:
         log = FlightLog(in_directory(directory), now_ns)

@@ -10,10 +10,10 @@ from typing import Callable
 
 import agent
 from agent.fcu.autopilot import LOOP_HZ
-from agent.fcu.log_hooks import NullFlightLog
+from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.vehicle import Mailbox
 from agent.fcu.samples import Actuators
-from agent.fcu.services import Services
-from agent.fcu.vehicle import Mailbox
 from agent.ground.stations import GroundStations
 from agent.storage import Storage
 from agent.timing.clock import MonotonicClock, TickClock

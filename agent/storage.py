@@ -30,7 +30,7 @@ class _Contents(NamedTuple):
 
 
 class Storage:
-    """See agent.fcu.vehicle.Keeper. Raises StorageError from the constructor; a failed write is said as an event."""
+    """See `Keeper`. Raises StorageError from the constructor; a failed write is said as an event."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

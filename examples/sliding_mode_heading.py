@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import math
 
-from agent.fcu.controller import Demand, Order
-from agent.fcu.helm import Helm
+from agent.fcu.control.controller import Demand, Order
+from agent.fcu.control.helm import Helm
 from agent.fcu.parameters import Parameters
 from agent.fcu.samples import Estimate
 
@@ -31,7 +31,7 @@ TIME_CONSTANT_S = 0.4  # T of the full-size vessel: yaw inertia over yaw damping
 
 
 class SlidingModeHeading:
-    """See Controller in agent/fcu/controller.py."""
+    """See Controller in agent/fcu/control/controller.py."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters

@@ -10,10 +10,10 @@ and a speed into demands in `controller` and `helm`.
 from __future__ import annotations
 
 from agent.fcu import modes
-from agent.fcu.allocation import NEUTRAL
 from agent.fcu.arming import in_force
-from agent.fcu.control import ground_speed_mps
-from agent.fcu.controller import STILL, Demand, Motors, Order
+from agent.fcu.control.allocation import NEUTRAL
+from agent.fcu.control.controller import STILL, Demand, Motors, Order
+from agent.fcu.control.loops import ground_speed_mps
 from agent.fcu.events import CRITICAL, ERROR, INFO, NOTICE, WARNING, Event
 from agent.fcu.local_frame import LocalFrame
 from agent.fcu.mission import Mission

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from agent.fcu.parameters import Parameters
-from agent.fcu.position_filter import InnovationRatios
+from agent.fcu.sensing.position_filter import InnovationRatios
 
 NONE, RTL_OR_HOLD, HOLD, DISARM, LOITER_OR_HOLD = 0, 1, 2, 5, 6  # FS_ACTION
 WITHOUT_SMART = {3: RTL_OR_HOLD, 4: HOLD}  # there is no SmartRTL; its second choice is taken

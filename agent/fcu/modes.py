@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from typing import Callable, NamedTuple, Union
 
-from agent.fcu.controller import STILL, Demand, Order
-from agent.fcu.guidance import GuidanceOutput
-from agent.fcu.guided import COURSE, POSITION, TURN
-from agent.fcu.station import Passage, Station
+from agent.fcu.control.controller import STILL, Demand, Order
+from agent.fcu.control.guidance import GuidanceOutput
+from agent.fcu.control.guided import COURSE, POSITION, TURN
+from agent.fcu.control.station import Passage, Station
 from agent.fcu.voyage import Situation, Voyage
 
 MANUAL = 0

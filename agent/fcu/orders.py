@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from agent.fcu import modes
+from agent.fcu.control.guided import POSITION, GuidedTarget, course_target, place_problem, turn_target, velocity_target
 from agent.fcu.fence import FenceError, FenceItem
-from agent.fcu.guided import POSITION, GuidedTarget, course_target, place_problem, turn_target, velocity_target
 from agent.fcu.ship import Home, Ship
 
 

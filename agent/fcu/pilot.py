@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from agent.fcu.guidance import GuidanceGains, GuidanceOutput, GuidanceState, Leg, carried_over, guide, leg
+from agent.fcu.control.guidance import GuidanceGains, GuidanceOutput, GuidanceState, Leg, carried_over, guide, leg
+from agent.fcu.control.station import Station
 from agent.fcu.local_frame import LocalFrame
 from agent.fcu.mission import (
     CHANGE_SPEED,
@@ -17,7 +18,6 @@ from agent.fcu.mission import (
     WAYPOINT,
     Mission,
 )
-from agent.fcu.station import Station
 
 NOT_STARTED, UNDER_WAY, COMPLETE = range(3)
 

@@ -7,19 +7,19 @@ from collections import deque
 from typing import NamedTuple
 
 from agent.fcu import modes
-from agent.fcu.controller import Guard, MakeController
-from agent.fcu.estimator import Estimator
+from agent.fcu.control.controller import Guard, MakeController
+from agent.fcu.control.guidance import GuidanceOutput
+from agent.fcu.control.guided import GuidedTarget
+from agent.fcu.control.helm import Helm, Propellers
+from agent.fcu.control.manual import Manual
 from agent.fcu.events import WARNING, Event, Events
 from agent.fcu.failsafe import Failsafes
 from agent.fcu.fence import Fence, FenceBreach
-from agent.fcu.guidance import GuidanceOutput
-from agent.fcu.guided import GuidedTarget
-from agent.fcu.helm import Helm, Propellers
-from agent.fcu.manual import Manual
 from agent.fcu.mission import Mission
 from agent.fcu.parameters import Parameters
 from agent.fcu.pilot import Pilot
 from agent.fcu.samples import BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample
+from agent.fcu.sensing.estimator import Estimator
 from agent.fcu.voyage import Voyage
 
 _MOST_REACHED = 64

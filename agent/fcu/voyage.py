@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from agent.fcu.control.guidance import GuidanceGains, GuidanceOutput
+from agent.fcu.control.guided import Guided
+from agent.fcu.control.manual import Sticks
+from agent.fcu.control.station import Passage, Station
 from agent.fcu.events import NOTICE, Events
-from agent.fcu.guidance import GuidanceGains, GuidanceOutput
-from agent.fcu.guided import Guided
 from agent.fcu.local_frame import LocalFrame
-from agent.fcu.manual import Sticks
 from agent.fcu.mission import Mission
 from agent.fcu.parameters import Parameters
 from agent.fcu.pilot import Pilot
 from agent.fcu.samples import Estimate
-from agent.fcu.station import Passage, Station
 
 
 class Situation(NamedTuple):

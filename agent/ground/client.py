@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from agent.fcu.autopilot import WARNING, Event
-from agent.fcu.services import Services
-from agent.fcu.vehicle import Vehicle
+from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.wire import dialect as mav
 from agent.wire.codec import MessageRefusedError
 from agent.wire.link import Link

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from agent.fcu.vehicle import Vehicle
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.ground.client import Client
 from agent.wire.link import Link
 from agent.wire.signing import Signing

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import time
 
-from agent.fcu.allocation import NEUTRAL
-from agent.fcu.control import ground_speed_mps
-from agent.fcu.controller import Order
-from agent.fcu.guidance import GuidanceGains
-from agent.fcu.helm import Helm, Propellers
+from agent.fcu.control.allocation import NEUTRAL
+from agent.fcu.control.controller import Order
+from agent.fcu.control.guidance import GuidanceGains
+from agent.fcu.control.helm import Helm, Propellers
+from agent.fcu.control.loops import ground_speed_mps
 from agent.fcu.local_frame import LocalFrame
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import Parameters

@@ -10,11 +10,11 @@ from typing import Protocol
 
 from agent.dataflash.files import at
 from agent.fcu.autopilot import Autopilot as EmbeddedAutopilot
-from agent.fcu.controller import ControllerError
-from agent.fcu.controller import load as load_controller
-from agent.fcu.flight_log import FlightLog
+from agent.fcu.control.controller import ControllerError
+from agent.fcu.control.controller import load as load_controller
+from agent.fcu.log.flight_log import FlightLog
+from agent.fcu.mavlink.services import Services
 from agent.fcu.parameters import Parameters
-from agent.fcu.services import Services
 from agent.ground.stations import GroundStations
 from agent.node import AgentNode
 from agent.wire.link import Link

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.log_hooks import NullFlightLog
-from agent.fcu.services import Services
+from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.mavlink.services import Services
 from agent.ground.stations import GroundStations
 from agent.node import AgentNode
 from agent.storage import Storage

@@ -9,7 +9,7 @@ from boat import DECLINATION_RAD, Boat, Noise, Sensors, sail
 
 from agent.fcu import modes
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.controller import MakeController
+from agent.fcu.control.controller import MakeController
 from agent.fcu.parameters import Parameters
 from agent.fcu.samples import Actuators
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.allocation import Allocation, AllocationGains, allocate
+from agent.fcu.control.allocation import Allocation, AllocationGains, allocate
 
 demand = st.floats(-1.0, 1.0)
 gains = st.builds(AllocationGains, astern=st.floats(0.1, 1.0), expo=st.floats(-0.9, 1.0), slew_per_s=st.just(0.0))

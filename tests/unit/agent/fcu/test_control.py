@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.control import SpeedGains, SpeedState, SteeringGains, SteeringState, ground_speed_mps, propel, steer
+from agent.fcu.control.loops import (
+    SpeedGains,
+    SpeedState,
+    SteeringGains,
+    SteeringState,
+    ground_speed_mps,
+    propel,
+    steer,
+)
 from agent.fcu.parameters import Parameters
 
 STEERING = SteeringGains.of(Parameters())

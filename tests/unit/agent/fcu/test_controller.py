@@ -12,8 +12,8 @@ from boat import LAT_DEG, LON_DEG, Boat, degrees
 from crew import Ship
 
 from agent.fcu import modes
-from agent.fcu.controller import ControllerError, Demand, Motors, Order, load
-from agent.fcu.helm import Helm
+from agent.fcu.control.controller import ControllerError, Demand, Motors, Order, load
+from agent.fcu.control.helm import Helm
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.samples import Estimate
@@ -146,13 +146,13 @@ def test_a_constructor_that_raises_keeps_the_vessel_in_harbour() -> None:
     ("spec", "words"),
     [
         ("", "is not one; write module:Class or path/to/file.py:Class"),
-        ("agent.fcu.helm", "is not one; write module:Class"),
-        ("agent.fcu.helm:no-name", "is not one"),
+        ("agent.fcu.control.helm", "is not one; write module:Class"),
+        ("agent.fcu.control.helm:no-name", "is not one"),
         ("agent.fcu.no_such:Helm", "no module 'agent.fcu.no_such'"),
         ("no_such.py:Helm", "there is no file no_such.py"),
-        ("agent.fcu.helm:Healm", "agent.fcu.helm has no Healm; it has Helm"),
-        ("agent.fcu.helm:propel", "propel is not a class"),
-        ("agent.fcu.helm:Propellers", "Propellers lacks control"),
+        ("agent.fcu.control.helm:Healm", "agent.fcu.control.helm has no Healm; it has Helm"),
+        ("agent.fcu.control.helm:propel", "propel is not a class"),
+        ("agent.fcu.control.helm:Propellers", "Propellers lacks control"),
         ("{file}:NoArguments", "NoArguments has to take (parameters)"),
         ("{file}:WrongControl", "WrongControl.control has to take (order, estimate, dt_s)"),
         ("{broken}:Any", "cannot be loaded (ZeroDivisionError: division by zero)"),

@@ -10,7 +10,7 @@ from agent.fcu import modes
 from agent.fcu.failsafe import Failsafes
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.position_filter import InnovationRatios
+from agent.fcu.sensing.position_filter import InnovationRatios
 
 SECOND = 1_000_000_000
 AFAR = mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(500.0, 0.0))])

@@ -36,12 +36,12 @@ from agent.dataflash.format import header
 from agent.dataflash.messages import FORMATS
 from agent.fcu import modes
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.flight_log import FlightLog, NullFlightLog
-from agent.fcu.log_records import health
+from agent.fcu.log.flight_log import FlightLog, NullFlightLog
+from agent.fcu.log.records import health
 from agent.fcu.mission import change_speed, mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.position_filter import InnovationRatios
 from agent.fcu.samples import Actuators, BarometerSample, GnssSample, ImuSample, MagnetometerSample
+from agent.fcu.sensing.position_filter import InnovationRatios
 from agent.timing.tasks import TaskStats
 
 AHEAD_NS = 7_000_000_000  # the agent's clock against the sensors'

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.guidance import GuidanceGains, GuidanceState, carried_over, guide, leg
+from agent.fcu.control.guidance import GuidanceGains, GuidanceState, carried_over, guide, leg
 from agent.fcu.parameters import Parameters
 
 GAINS = GuidanceGains.of(Parameters())

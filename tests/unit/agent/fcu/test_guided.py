@@ -9,7 +9,7 @@ from boat import LAT_DEG, LON_DEG, Boat, degrees
 from crew import Ship
 
 from agent.fcu import modes
-from agent.fcu.guided import COURSE, POSITION, TURN, VELOCITY
+from agent.fcu.control.guided import COURSE, POSITION, TURN, VELOCITY
 from agent.fcu.mission import mission, waypoint
 
 CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]

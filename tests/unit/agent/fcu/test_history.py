@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from agent.fcu.history import History
-from agent.fcu.inertial import InertialState, propagated, shifted
-from agent.fcu.position_filter import Correction
 from agent.fcu.samples import ImuSample
+from agent.fcu.sensing.history import History
+from agent.fcu.sensing.inertial import InertialState, propagated, shifted
+from agent.fcu.sensing.position_filter import Correction
 
 ZERO = (0.0, 0.0, 0.0)
 START = InertialState(0, 1.0, *ZERO, 2.0, 0.0, 0.0, *ZERO, *ZERO, *ZERO, 0.0, 0.0)

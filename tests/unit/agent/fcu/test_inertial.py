@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from agent.fcu.inertial import InertialState, euler, frd_to_ned, ned_to_frd, propagated, quaternion
 from agent.fcu.samples import ImuSample
+from agent.fcu.sensing.inertial import InertialState, euler, frd_to_ned, ned_to_frd, propagated, quaternion
 
 ZERO = (0.0, 0.0, 0.0)
 

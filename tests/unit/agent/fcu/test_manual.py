@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.allocation import pulse_width_us
-from agent.fcu.manual import CENTRED, NONE, Manual
+from agent.fcu.control.allocation import pulse_width_us
+from agent.fcu.control.manual import CENTRED, NONE, Manual
 from agent.fcu.parameters import Parameters
 
 SECOND = 1_000_000_000

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.guidance import GuidanceGains
+from agent.fcu.control.guidance import GuidanceGains
 from agent.fcu.local_frame import LocalFrame
 from agent.fcu.mission import (
     CHANGE_SPEED,

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.services import Services
+from agent.fcu.mavlink.services import Services
 from agent.wire import dialect as mav
 
 SECOND = 1_000_000_000

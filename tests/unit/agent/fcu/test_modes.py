@@ -9,11 +9,11 @@ from boat import LAT_DEG, LON_DEG, Boat, degrees
 from crew import Ship
 
 from agent.fcu import modes
-from agent.fcu.guidance import GuidanceGains
+from agent.fcu.control.guidance import GuidanceGains
+from agent.fcu.control.station import Station
 from agent.fcu.local_frame import LocalFrame
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.station import Station
 
 CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 

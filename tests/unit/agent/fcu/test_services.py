@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from agent.fcu import modes
 from agent.fcu.autopilot import Autopilot
+from agent.fcu.mavlink.services import Services
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import TABLE, Parameters
-from agent.fcu.services import Services
 from agent.wire import dialect as mav
 
 SECOND = 1_000_000_000

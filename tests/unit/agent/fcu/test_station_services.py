@@ -9,14 +9,15 @@ from typing import Any
 import pytest
 from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, Boat, Noise, Sensors, sail
 
-from agent.fcu import guided, modes
+from agent.fcu import modes
 from agent.fcu.autopilot import Autopilot
+from agent.fcu.control import guided
+from agent.fcu.mavlink.reports import REPORTS
+from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.telemetry import STREAMS
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import TABLE, Parameters
-from agent.fcu.reports import REPORTS
-from agent.fcu.services import Services
-from agent.fcu.telemetry import STREAMS
-from agent.fcu.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 SECOND = 1_000_000_000

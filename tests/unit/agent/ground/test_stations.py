@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from agent.fcu.autopilot import INFO, Autopilot, Event
-from agent.fcu.services import Services
-from agent.fcu.vehicle import Vehicle
+from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.ground import client as client_module
 from agent.ground.stations import MOST_CLIENTS, GroundStations
 from agent.wire import dialect as mav

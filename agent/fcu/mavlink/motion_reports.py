@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from agent.fcu import guided
-from agent.fcu.allocation import pulse_width_us
+from agent.fcu.control import guided
+from agent.fcu.control.allocation import pulse_width_us
 from agent.fcu.local_frame import STANDARD_GRAVITY_MPS2
-from agent.fcu.vehicle import Vehicle
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 _INT32 = 2147483647

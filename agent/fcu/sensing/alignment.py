@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from agent.fcu.inertial import InertialState, frd_to_ned, quaternion
 from agent.fcu.samples import ImuSample, Vector3
+from agent.fcu.sensing.inertial import InertialState, frd_to_ned, quaternion
 
 _DURATION_NS = 2_000_000_000
 _LEAST_SAMPLES = 20

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agent.fcu.guidance import wrapped
+from agent.fcu.control.guidance import wrapped
 from agent.fcu.parameters import Parameters
 
 

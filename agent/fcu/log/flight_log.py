@@ -17,14 +17,14 @@ from agent.dataflash.files import Opener
 from agent.dataflash.format import header
 from agent.dataflash.messages import FORMATS, FORMATS_IN_LOCKSTEP
 from agent.dataflash.writer import Writer
-from agent.fcu import log_records as records
 from agent.fcu import modes
 from agent.fcu.autopilot import LOOP_HZ, Autopilot, Home
-from agent.fcu.control import ground_speed_mps
+from agent.fcu.control.loops import ground_speed_mps
 from agent.fcu.events import INFO, WARNING, Event
 from agent.fcu.local_frame import LocalFrame
-from agent.fcu.log_hooks import NullFlightLog
-from agent.fcu.loop_window import LoopWindow
+from agent.fcu.log import records
+from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.log.loop_window import LoopWindow
 from agent.fcu.mission import Mission, MissionItem
 from agent.fcu.parameters import TABLE, Parameters
 from agent.fcu.samples import Actuators, BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample, Vector3

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from agent.fcu.allocation import Allocation, AllocationGains, allocate
-from agent.fcu.control import (
+from agent.fcu.control.allocation import Allocation, AllocationGains, allocate
+from agent.fcu.control.controller import Demand, Motors, Order
+from agent.fcu.control.loops import (
     SpeedGains,
     SpeedState,
     SteeringGains,
@@ -12,7 +13,6 @@ from agent.fcu.control import (
     propel,
     turn,
 )
-from agent.fcu.controller import Demand, Motors, Order
 from agent.fcu.parameters import Parameters
 from agent.fcu.samples import Estimate
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from agent.fcu.reports import REPORTS
-from agent.fcu.texts import Texts
-from agent.fcu.vehicle import Mailbox, Vehicle
+from agent.fcu.mavlink.reports import REPORTS
+from agent.fcu.mavlink.texts import Texts
+from agent.fcu.mavlink.vehicle import Mailbox, Vehicle
 from agent.wire import dialect as mav
 
 Messages = list[Any]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agent.fcu.guidance import GuidanceGains, wrapped
-from agent.fcu.station import Passage
+from agent.fcu.control.guidance import GuidanceGains, wrapped
+from agent.fcu.control.station import Passage
 
 POSITION, VELOCITY, COURSE, TURN = range(4)
 _MOST_MPS = 100.0

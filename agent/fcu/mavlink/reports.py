@@ -12,9 +12,9 @@ from typing import Any
 
 import agent
 from agent.fcu import modes
-from agent.fcu.motion_reports import MOTION_REPORTS, boot_ms, float32
+from agent.fcu.mavlink.motion_reports import MOTION_REPORTS, boot_ms, float32
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.fcu.pilot import COMPLETE, UNDER_WAY
-from agent.fcu.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 Report = Callable[[Vehicle, int], Any]

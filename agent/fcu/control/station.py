@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from agent.fcu.guidance import GuidanceGains, GuidanceOutput, GuidanceState, Leg, guide, leg, wrapped
+from agent.fcu.control.guidance import GuidanceGains, GuidanceOutput, GuidanceState, Leg, guide, leg, wrapped
 from agent.fcu.local_frame import LocalFrame
 
 BOW_OR_STERN, BOW, STERN = 0, 1, 2  # LOIT_TYPE

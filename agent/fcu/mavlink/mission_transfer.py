@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from agent.fcu.mission_plan import FencePlan, MissionPlan, Plan, Refused, wire_item
-from agent.fcu.reports import REPORTS
-from agent.fcu.vehicle import Vehicle
+from agent.fcu.mavlink.mission_plan import FencePlan, MissionPlan, Plan, Refused, wire_item
+from agent.fcu.mavlink.reports import REPORTS
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 _RETRY_NS = 500_000_000

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from agent.fcu import modes
-from agent.fcu.guided import place_problem
-from agent.fcu.telemetry import Telemetry
-from agent.fcu.vehicle import Vehicle
+from agent.fcu.control.guided import place_problem
+from agent.fcu.mavlink.telemetry import Telemetry
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 Messages = list[Any]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from agent.fcu.inertial import InertialState, shifted
-from agent.fcu.position_filter import Correction
+from agent.fcu.sensing.inertial import InertialState, shifted
+from agent.fcu.sensing.position_filter import Correction
 
 _LENGTH = 256
 _RECENT = 41  # 0.2 s at 200 Hz

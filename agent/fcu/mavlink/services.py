@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.commands import Commands
-from agent.fcu.mission_transfer import MissionTransfer
-from agent.fcu.parameter_service import ParameterService
+from agent.fcu.mavlink.commands import Commands
+from agent.fcu.mavlink.mission_transfer import MissionTransfer
+from agent.fcu.mavlink.parameters import ParameterService
+from agent.fcu.mavlink.targets import Targets
+from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, Telemetry
+from agent.fcu.mavlink.texts import Texts
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.fcu.samples import BarometerSample, GnssSample, ImuSample, MagnetometerSample
-from agent.fcu.targets import Targets
-from agent.fcu.telemetry import RATES_HZ, STATION_RATES_HZ, Telemetry
-from agent.fcu.texts import Texts
-from agent.fcu.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 Messages = list[Any]

@@ -1,7 +1,7 @@
 """The controller: what steers toward the heading and speed that the modes ask for. It can be replaced.
 
 A controller is a class built with the Parameters; see `Controller` for its methods and docs/controller.md for how to
-write one. The autopilot's own is `agent.fcu.helm.Helm`.
+write one. The autopilot's own is `agent.fcu.control.helm.Helm`.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def load(spec: str) -> MakeController:
         raise ControllerError(f"controller {spec!r}: {name} is not a class; name one with {', '.join(METHODS)}")
     missing = [method for method in METHODS if not callable(getattr(found, method, None))]
     if missing:
-        raise ControllerError(f"controller {spec!r}: {name} lacks {', '.join(missing)}; see agent.fcu.controller")
+        raise ControllerError(f"controller {spec!r}: {name} lacks {', '.join(missing)}; see docs/controller.md")
     for function, given in ((made, ("parameters",)), (made.control, ("self", "order", "estimate", "dt_s"))):
         try:
             inspect.signature(function).bind(*given)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from agent.fcu.axis_filter import AxisCovariance, position_update, predicted, velocity_update
 from agent.fcu.parameters import Parameters
 from agent.fcu.samples import Vector3
+from agent.fcu.sensing.axis_filter import AxisCovariance, position_update, predicted, velocity_update
 
 _START = AxisCovariance(pp=4.0, pv=0.0, pb=0.0, vv=1.0, vb=0.0, bb=0.01)
 _STEP_LIMIT_S = 5.0

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from agent.fcu.inertial import InertialState, ned_to_frd
 from agent.fcu.samples import Vector3
+from agent.fcu.sensing.inertial import InertialState, ned_to_frd
 
 _ZERO: Vector3 = (0.0, 0.0, 0.0)
 _BIAS_LIMIT_RADPS = math.radians(3.0)

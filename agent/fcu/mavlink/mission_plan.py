@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, FenceItem
 from agent.fcu.fence import MOST_ITEMS as MOST_FENCE_ITEMS
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.fcu.mission import (
     MOST_ITEMS,
     PLACES,
@@ -18,7 +19,6 @@ from agent.fcu.mission import (
     mission,
     mission_item,
 )
-from agent.fcu.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 _FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)

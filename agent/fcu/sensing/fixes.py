@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from agent.fcu.inertial import InertialState
 from agent.fcu.samples import GnssSample, Vector3
+from agent.fcu.sensing.inertial import InertialState
 
 _SPEED_LIMIT2 = 100.0**2
 _INTERVAL_S = (0.02, 2.0)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 from agent.dataflash.messages import FORMATS
-from agent.fcu.allocation import pulse_width_us
 from agent.fcu.autopilot import Home
-from agent.fcu.guidance import GuidanceOutput
+from agent.fcu.control.allocation import pulse_width_us
+from agent.fcu.control.guidance import GuidanceOutput
+from agent.fcu.control.manual import Sticks
 from agent.fcu.local_frame import LocalFrame
-from agent.fcu.manual import Sticks
 from agent.fcu.mission import MissionItem, item_parameters
-from agent.fcu.position_filter import InnovationRatios
 from agent.fcu.samples import (
     Actuators,
     BarometerSample,
@@ -21,6 +20,7 @@ from agent.fcu.samples import (
     MagnetometerSample,
     Vector3,
 )
+from agent.fcu.sensing.position_filter import InnovationRatios
 from agent.timing.tasks import TaskStats
 
 _IMU, _GPS, _GPA, _MAG, _BARO = (FORMATS[name].pack for name in ("IMU", "GPS", "GPA", "MAG", "BARO"))

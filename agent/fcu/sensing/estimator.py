@@ -14,16 +14,16 @@ The estimator holds state, unlike guidance and control, because a history at 200
 
 from __future__ import annotations
 
-from agent.fcu.alignment import Alignment, heading_error_rad, turned
-from agent.fcu.attitude_aid import AttitudeAid
-from agent.fcu.barometer_height import PRESSURE_RANGE_PA, BarometerHeight
-from agent.fcu.fixes import TiltReference, is_plausible
-from agent.fcu.history import History
-from agent.fcu.inertial import InertialState, euler, frd_to_ned, propagated, shifted
 from agent.fcu.local_frame import STANDARD_GRAVITY_MPS2, LocalFrame, normal_gravity_mps2
 from agent.fcu.parameters import Parameters
-from agent.fcu.position_filter import Correction, InnovationRatios, PositionFilter
 from agent.fcu.samples import BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample, Vector3
+from agent.fcu.sensing.alignment import Alignment, heading_error_rad, turned
+from agent.fcu.sensing.attitude_aid import AttitudeAid
+from agent.fcu.sensing.barometer_height import PRESSURE_RANGE_PA, BarometerHeight
+from agent.fcu.sensing.fixes import TiltReference, is_plausible
+from agent.fcu.sensing.history import History
+from agent.fcu.sensing.inertial import InertialState, euler, frd_to_ned, propagated, shifted
+from agent.fcu.sensing.position_filter import Correction, InnovationRatios, PositionFilter
 
 _ZERO: Vector3 = (0.0, 0.0, 0.0)
 _SECOND_NS = 1_000_000_000

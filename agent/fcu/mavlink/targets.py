@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from agent.fcu import modes
-from agent.fcu.vehicle import Vehicle
+from agent.fcu.mavlink.vehicle import Vehicle
 from agent.wire import dialect as mav
 
 Messages = list[Any]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
+from agent.fcu.mavlink.texts import Texts
+from agent.fcu.mavlink.vehicle import Mailbox, Vehicle
 from agent.fcu.parameters import TABLE, ParameterError, index_of
-from agent.fcu.texts import Texts
-from agent.fcu.vehicle import Mailbox, Vehicle
 from agent.wire import dialect as mav
 
 Messages = list[Any]

@@ -1,0 +1,1 @@
+"""LS: the estimator and its parts."""
