@@ -23,6 +23,8 @@ from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
 
 Array = NDArray[float64]
 
+DRIFT_NS = 20_000_000  # current and gusts change over seconds and are sampled exactly at any step: 50 Hz is plenty
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation:
@@ -33,6 +35,7 @@ class Simulation:
     hull_waves: HullWaves | StillHull
     dt_s: float
     dt_ns: int
+    drift_ns: int  # a whole number of steps: how long current and gusts are held
 
     @classmethod
     def of(cls, model: VesselModel, environment: Environment, dt_s: float) -> Simulation:
@@ -41,7 +44,8 @@ class Simulation:
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
         vessel = Vessel.of(model, environment.water, dt_s)
-        return cls(vessel, environment, environment.waves.at_hull(vessel.buoyancy.axes_frd_m), dt_s, dt_ns)
+        hull_waves = environment.waves.at_hull(vessel.buoyancy.axes_frd_m)
+        return cls(vessel, environment, hull_waves, dt_s, dt_ns, max(DRIFT_NS // dt_ns, 1) * dt_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +74,9 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
     """One dt_s later, under (N, P) propeller commands in [-1, 1], (1, P) for the same on all vessels."""
-    environment = surroundings_model.step(simulation.environment, state.environment, simulation.dt_s, rng)
+    environment = state.environment
+    if state.time_ns % simulation.drift_ns == 0:
+        environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
     current, wind, around = _surroundings(simulation, environment, state.vessel.motion, state.time_ns * 1e-9)
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around)
     time_ns = state.time_ns + simulation.dt_ns
