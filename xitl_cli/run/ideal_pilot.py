@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 
 from agent.fcu.control.allocation import NEUTRAL
-from agent.fcu.control.controller import Order
+from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load
 from agent.fcu.control.guidance import GuidanceGains
 from agent.fcu.control.helm import Helm, Propellers
 from agent.fcu.control.loops import ground_speed_mps
@@ -17,42 +16,30 @@ from agent.fcu.pilot import COMPLETE
 from agent.fcu.pilot import Pilot as MissionPilot
 from agent.fcu.samples import Estimate
 from sim_core.kinematics import Kinematics
+from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import MotorCommand, Task
+from xitl_cli.recording.records import MotorCommand
 from xitl_cli.run.agent_setup import mission_of, parameters_of
-from xitl_cli.run.pace import Pace
-from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport, Progress
-from xitl_cli.run.score import EstimationScore
+from xitl_cli.run.direct_pilot import DirectPilot
+from xitl_cli.run.pilot import Progress
 from xitl_cli.run.sensing import local_frame
 
 
-class IdealPilot:
+class IdealPilot(DirectPilot):
     """See Pilot. Guidance, control and allocation of the embedded autopilot, with the truth for an estimate."""
 
     def __init__(self, profile: RunProfile) -> None:
+        super().__init__(NEUTRAL)
         parameters = Parameters(parameters_of(profile))
         site = profile.site
         places = mission_of(profile, local_frame(site))
         self._mission = MissionPilot(mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
         self._gains = GuidanceGains.of(parameters)
-        self._helm = Helm(parameters)
+        self._controller = _controller(profile)(parameters)
         self._propellers = Propellers(parameters)
         self._frame = LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._total = len(profile.mission.waypoints_ned_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
-        self.command = MotorCommand(NEUTRAL, armed=True)
-        self.estimation: EstimationScore | None = None
-        self.stale_exchanges = 0
-
-    def prepare(self) -> None:
-        pass
-
-    def begin(self, recorder: Recorder, pace: Pace) -> None:
-        pass
-
-    def sense(self, sim_ns: int, motion: Kinematics) -> None:
-        pass
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:
         estimate = _truth(sim_ns, motion)
@@ -66,11 +53,12 @@ class IdealPilot:
             return
         last = self._propellers.last
         order = Order(course.heading_rad, 0.0, course.speed_mps, speed_mps, last.thrust_limited, last.steering_limited)
-        demand = self._helm.control(order, estimate, self._dt_s)
-        self.command = MotorCommand(self._propellers.drive(demand, self._dt_s), armed=True)
-
-    def idle(self, seconds: float) -> None:
-        time.sleep(seconds)
+        answer = self._controller.control(order, estimate, self._dt_s)
+        if isinstance(answer, Motors):
+            motors = self._propellers.take(answer)
+        else:
+            motors = self._propellers.drive(answer, self._dt_s)
+        self.command = MotorCommand(motors, armed=True)
 
     def progress(self) -> Progress:
         reached, finished = self._mission.reached, self._mission.state == COMPLETE
@@ -83,26 +71,15 @@ class IdealPilot:
             completed=finished,
         )
 
-    def position_error_m(self) -> float | None:
-        return None
 
-    def end(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-    def links(self) -> list[LinkReport]:
-        return []
-
-    def tasks(self) -> list[Task]:
-        return []
-
-    def clocks(self) -> list[ClockReport]:
-        return []
-
-    def nodes(self) -> list[NodeReport]:
-        return []
+def _controller(profile: RunProfile) -> MakeController:
+    """The controller that the profile names, else the autopilot's own."""
+    if profile.autopilot.controller is None:
+        return Helm
+    try:
+        return load(profile.autopilot.controller)
+    except ControllerError as error:
+        raise UserError(f"autopilot.controller: {error}") from error
 
 
 def _truth(sim_ns: int, motion: Kinematics) -> Estimate:
