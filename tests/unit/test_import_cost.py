@@ -1,0 +1,26 @@
+"""What is loaded before anything is asked for: heavy packages only where they are used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = ("numpy", "scipy", "pydantic", "yaml", "foxglove", "mcap", "pymavlink", "can", "serial", "kiss_icp", "pygeomag")
+
+
+@pytest.mark.parametrize(
+    ("loading", "allowed"),
+    [
+        ("from xitl_cli.main import _app; _app()", set()),
+        ("import agent.__main__", set()),
+        ("import sim_core.simulation, sim_core.sensors", {"numpy"}),
+        ("import xitl_cli.profile, xitl_cli.graph.of_profile", {"pydantic", "yaml"}),
+        ("import xitl_cli.run.session", {"numpy", "pydantic", "yaml", "foxglove", "mcap"}),
+    ],
+)
+def test_nothing_heavy_is_loaded_beforehand(loading: str, allowed: set[str]) -> None:
+    program = f"{loading}\nimport sys\nprint(*[name for name in {HEAVY!r} if name in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert set(told.stdout.split()) <= allowed
