@@ -26,7 +26,7 @@ test: $(VENV)/.dev  ## all tests
 	$(BIN)/python -m pytest
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n auto
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -122,6 +122,7 @@ def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
 REALTIME = ("--profile", "sitl", "--clock", "realtime", "--duration", "60")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     process = start(tmp_path, *REALTIME)
@@ -137,6 +138,7 @@ def test_an_interrupt_ends_cleanly(tmp_path: Path, number: signal.Signals) -> No
     assert told["duration_s"] - last_ns * 1e-9 < 0.03
 
 
+@pytest.mark.slow
 def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
     process = start(tmp_path, *REALTIME)
     started_s = time.monotonic()
@@ -160,6 +162,7 @@ def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
     assert newest_ns * 1e-9 > ran_s - 1.0 - 0.3
 
 
+@pytest.mark.slow
 def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_port: int) -> None:
     """Noise, a frame cut short, one with a flipped bit, one of an unknown kind; from somebody who is not the host."""
     whole = bytearray(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None)))
@@ -182,6 +185,7 @@ def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_po
     assert sensors["received"] == sensors["sent"]
 
 
+@pytest.mark.slow
 def test_an_agent_that_dies_ends_the_run_with_a_summary(tmp_path: Path, free_port: int) -> None:
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
     process = start(tmp_path, "--profile", "hitl-loopback", "--set", link, "--duration", "60")

@@ -40,6 +40,7 @@ def _commands(run: Path) -> Array:
     return np.array([actuators.command for _, actuators in _decoded(run, "/actuators")])  # type: ignore[attr-defined]
 
 
+@pytest.mark.slow
 def test_a_recorded_run_replays_through_a_table_of_pulse_widths(xitl: Xitl, tmp_path: Path) -> None:
     """Commands change at exchanges only, so holding each until the next is exact, and `start_s=0` keeps the clock.
 
@@ -80,6 +81,7 @@ def test_a_replay_that_time_cuts_short_is_not_completed(xitl: Xitl, tmp_path: Pa
     assert not told["mission"]["completed"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the recorded ArduRover logs are not beside this tree")
 def test_the_outputs_of_an_ardurover_log_drive_the_vessel(xitl: Xitl, tmp_path: Path) -> None:
     """The log says that output 1 steers and output 3 is the throttle; each holds until the next, 10 times a second.
@@ -112,6 +114,7 @@ def test_the_outputs_of_an_ardurover_log_drive_the_vessel(xitl: Xitl, tmp_path: 
     assert np.linalg.norm(np.diff(place[:, :2], axis=0), axis=1).sum() > 20.0
 
 
+@pytest.mark.slow
 def test_a_replay_as_rc_goes_through_the_autopilot(xitl: Xitl, tmp_path: Path) -> None:
     """Moored until armed in MANUAL; then the recorded turns show in the motors, port faster to turn to starboard."""
     table = tmp_path / "turns.csv"
@@ -136,6 +139,7 @@ def test_a_replay_as_rc_goes_through_the_autopilot(xitl: Xitl, tmp_path: Path) -
     assert motors[13][1] > motors[13][0] + 0.1
 
 
+@pytest.mark.slow
 def test_a_script_of_orders_arms_and_steers(xitl: Xitl, tmp_path: Path) -> None:
     profile = tmp_path / "boat.yaml"
     profile.write_text(

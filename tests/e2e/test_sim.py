@@ -49,6 +49,7 @@ def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, t
     assert first["/link/agent/tx"] != other["/link/agent/tx"]
 
 
+@pytest.mark.slow
 def test_an_agent_in_its_own_process_flies_the_same_run_in_lockstep(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     """Where the autopilot runs changes the profile and nothing else: not one byte of the vessel's motion."""
     assert xitl("sim", "--duration", "15", "--out", "here").returncode == 1
@@ -70,6 +71,7 @@ def python_of_a_board() -> str | None:
     return None
 
 
+@pytest.mark.slow
 def test_a_bare_python_3_9_flies_the_same_run(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     """The agent as on a board: the oldest Python it supports, and no package but the standard library."""
     python = python_of_a_board()
@@ -90,6 +92,7 @@ def test_a_bare_python_3_9_flies_the_same_run(xitl: Xitl, tmp_path: Path, free_p
     assert here["/estimate/odometry"] == there["/estimate/odometry"]
 
 
+@pytest.mark.slow
 def test_real_time_over_udp_measures_the_link_and_the_clocks(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
     result = xitl("sim", "--profile", "hitl-loopback", "--set", link, "--duration", "4", "--out", "run")
@@ -148,6 +151,7 @@ def test_without_an_autopilot_the_driver_commands_the_vessel(xitl: Xitl, tmp_pat
     assert told["estimation"]["position_rms_m"] is None
 
 
+@pytest.mark.slow
 def test_a_resolved_profile_flies_the_same_run_again(xitl: Xitl, tmp_path: Path) -> None:
     assert xitl("sim", "--set", "environment.wind.mean_mps=8", "--duration", "15", "--out", "one").returncode == 1
     assert xitl("sim", "--profile", "one/profile.yaml", "--out", "two").returncode == 1
@@ -185,6 +189,7 @@ def test_sensors_carry_noise_latency_and_rate(xitl: Xitl, tmp_path: Path) -> Non
     assert delays[dialect.MAVLINK_MSG_ID_XITL_GNSS] == {120_000}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["mitl", "sitl"])
 def test_a_controller_from_a_file_steers_in_place_of_the_built_in_one(xitl: Xitl, tmp_path: Path, profile: str) -> None:
     example = Path(__file__).parents[2] / "examples/sliding_mode_heading.py"

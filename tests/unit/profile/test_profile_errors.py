@@ -445,6 +445,7 @@ def _groups(value: Any) -> list[Any]:
     return found + [group for child in children for group in _groups(child)]
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_mutation_loads_or_is_a_user_error_with_its_place(write: Write, data: st.DataObject) -> None:

@@ -205,6 +205,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_costs_the_last_second(tmp_path: Path) -> None:
     path = tmp_path / "log.bin"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
