@@ -38,7 +38,6 @@ class IdealPilot(DirectPilot):
         self._controller = _controller(profile)(parameters)
         self._propellers = Propellers(parameters)
         self._frame = LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
-        self._total = len(profile.mission.waypoints_ned_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:

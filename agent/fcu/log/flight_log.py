@@ -82,7 +82,6 @@ class FlightLog(NullFlightLog):
         self._seen = _Seen()
         self._mode = -1
         self._armed = False
-        self._arming_checks = 0
         self._ekf_bad = False
         self._fence_on = False
         self._values: dict[str, float] = {}
