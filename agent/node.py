@@ -22,7 +22,7 @@ from agent.wire import dialect
 from agent.wire.codec import Message
 from agent.wire.link import Link
 
-PROTOCOL = 1
+PROTOCOL = 2
 NODES = "LS,LC,LA"
 STATUS_RATE_HZ = 1.0
 IDLE_WAIT_S = 0.5
@@ -182,6 +182,7 @@ class AgentNode:
             self._send_actuators(self._clock.now_ns())
             self._send_task_stats(self._clock.now_ns())
             self._end_run()
+        self._send_node_info(self._clock.now_ns())
         self._send_node_status(self._clock.now_ns())
 
     def _end_run(self) -> None:
@@ -260,20 +261,47 @@ class AgentNode:
     def _send_task_stats(self, now_ns: int) -> None:
         self._link.send(*[_task_message(now_ns, stats) for stats in self._executor.stats])
 
+    def _send_node_info(self, now_ns: int) -> None:
+        self._link.send(
+            dialect.MAVLink_xitl_node_info_message(
+                now_ns // 1000,
+                0,
+                os.cpu_count() or 0,
+                0,
+                dialect.XITL_NODE_KIND_VIRTUAL,
+                0,
+                PROTOCOL,
+                NODES.encode(),
+                agent.__version__.encode()[:16],
+                platform.python_version().encode()[:16],
+                self._machine.encode()[:48],
+                machine_name().encode()[:64],
+            )
+        )
+
     def _send_node_status(self, now_ns: int) -> None:
         counters = self._link.counters
         self._link.send(
             dialect.MAVLink_xitl_node_status_message(
                 now_ns // 1000,
                 counters.sent,
+                counters.unsent,
                 counters.received,
                 counters.lost,
+                counters.late,
+                counters.repeated,
                 counters.dropped,
+                self._link.refused_signature,
+                0,
                 self._services.refused,
+                0,
+                0,
+                0,
+                0,
                 0 if self._lockstep else resident_kib(),
-                NODES.encode(),
-                agent.__version__.encode()[:16],
-                self._machine.encode()[:48],
+                0.0,
+                -1.0,
+                32767,
                 int(self._running),
                 PROTOCOL,
             )
@@ -283,13 +311,18 @@ class AgentNode:
 def _task_message(now_ns: int, stats: TaskStats) -> Message:
     message: Message = dialect.MAVLink_xitl_task_stats_message(
         now_ns // 1000,
+        stats.worst_ns // 1000,
+        0,
         stats.rate_hz,
         stats.cycles,
         stats.missed,
+        stats.skipped,
         min(stats.start_jitter_max_ns // 1000, 0xFFFFFFFF),
+        stats.start_jitter_mean_ns * 1e-3,
         min(stats.run_max_ns // 1000, 0xFFFFFFFF),
         stats.run_mean_ns * 1e-3,
-        stats.worst_ns // 1000,
+        [0] * 16,
+        [0] * 16,
         stats.name.encode()[:16],
     )
     return message

@@ -338,6 +338,32 @@ enums["XITL_ACTUATOR_FLAGS"][2] = EnumEntry("XITL_ACTUATOR_FLAGS_FAILSAFE", """O
 XITL_ACTUATOR_FLAGS_ENUM_END = 3
 enums["XITL_ACTUATOR_FLAGS"][3] = EnumEntry("XITL_ACTUATOR_FLAGS_ENUM_END", """""")
 
+# XITL_NODE_KIND
+enums["XITL_NODE_KIND"] = Enum()
+enums["XITL_NODE_KIND"].bitmask = False
+XITL_NODE_KIND_VIRTUAL = 0
+enums["XITL_NODE_KIND"][0] = EnumEntry("XITL_NODE_KIND_VIRTUAL", """Runs on a machine that stands in for the board.""")
+XITL_NODE_KIND_REAL = 1
+enums["XITL_NODE_KIND"][1] = EnumEntry("XITL_NODE_KIND_REAL", """Runs on the board itself.""")
+XITL_NODE_KIND_ENUM_END = 2
+enums["XITL_NODE_KIND"][2] = EnumEntry("XITL_NODE_KIND_ENUM_END", """""")
+
+# XITL_NODE_FLAGS
+enums["XITL_NODE_FLAGS"] = Enum()
+enums["XITL_NODE_FLAGS"].bitmask = True
+XITL_NODE_FLAGS_PREEMPT_RT = 1
+enums["XITL_NODE_FLAGS"][1] = EnumEntry("XITL_NODE_FLAGS_PREEMPT_RT", """The kernel is PREEMPT_RT.""")
+XITL_NODE_FLAGS_REALTIME = 2
+enums["XITL_NODE_FLAGS"][2] = EnumEntry("XITL_NODE_FLAGS_REALTIME", """The agent runs under SCHED_FIFO.""")
+XITL_NODE_FLAGS_MEMORY_LOCKED = 4
+enums["XITL_NODE_FLAGS"][4] = EnumEntry("XITL_NODE_FLAGS_MEMORY_LOCKED", """Its memory is locked.""")
+XITL_NODE_FLAGS_PINNED = 8
+enums["XITL_NODE_FLAGS"][8] = EnumEntry("XITL_NODE_FLAGS_PINNED", """It keeps to chosen processors.""")
+XITL_NODE_FLAGS_SIGNED = 16
+enums["XITL_NODE_FLAGS"][16] = EnumEntry("XITL_NODE_FLAGS_SIGNED", """It takes signed frames alone from the host.""")
+XITL_NODE_FLAGS_ENUM_END = 17
+enums["XITL_NODE_FLAGS"][17] = EnumEntry("XITL_NODE_FLAGS_ENUM_END", """""")
+
 # MAV_TYPE
 enums["MAV_TYPE"] = Enum()
 enums["MAV_TYPE"].bitmask = False
@@ -952,6 +978,9 @@ MAVLINK_MSG_ID_XITL_ACTUATORS = 54006
 MAVLINK_MSG_ID_XITL_TIMESYNC = 54007
 MAVLINK_MSG_ID_XITL_TASK_STATS = 54008
 MAVLINK_MSG_ID_XITL_NODE_STATUS = 54009
+MAVLINK_MSG_ID_XITL_TASK_MISS = 54010
+MAVLINK_MSG_ID_XITL_NODE_INFO = 54011
+MAVLINK_MSG_ID_XITL_FAULTS = 54012
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3728,44 +3757,50 @@ setattr(MAVLink_xitl_timesync_message, "name", mavlink_msg_deprecated_name_prope
 class MAVLink_xitl_task_stats_message(MAVLink_message):
     """
     Agent to host: how one periodic task kept its deadlines since the
-    run started.
+    run started. Bin 0 of a histogram counts what is below 2 us, bin k
+    from 2^k us to below 2^(k+1) us, the last bin all that is longer.
     """
 
     id = MAVLINK_MSG_ID_XITL_TASK_STATS
     msgname = "XITL_TASK_STATS"
-    fieldnames = ["time_usec", "rate_hz", "cycles", "missed", "start_jitter_max_usec", "run_max_usec", "run_mean_usec", "worst_time_usec", "task"]
-    ordered_fieldnames = ["time_usec", "worst_time_usec", "rate_hz", "cycles", "missed", "start_jitter_max_usec", "run_max_usec", "run_mean_usec", "task"]
-    fieldtypes = ["uint64_t", "float", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "uint64_t", "char"]
+    fieldnames = ["time_usec", "worst_run_time_usec", "worst_start_time_usec", "rate_hz", "cycles", "missed", "skipped", "start_jitter_max_usec", "start_jitter_mean_usec", "run_max_usec", "run_mean_usec", "start_jitter_histogram", "run_histogram", "task"]
+    ordered_fieldnames = ["time_usec", "worst_run_time_usec", "worst_start_time_usec", "rate_hz", "cycles", "missed", "skipped", "start_jitter_max_usec", "start_jitter_mean_usec", "run_max_usec", "run_mean_usec", "start_jitter_histogram", "run_histogram", "task"]
+    fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "float", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "uint32_t", "float", "uint32_t", "uint32_t", "char"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
-    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "rate_hz": "Hz", "start_jitter_max_usec": "us", "run_max_usec": "us", "run_mean_usec": "us", "worst_time_usec": "us"}
-    native_format = bytearray(b"<QQfIIIIfc")
-    orders = [0, 2, 3, 4, 5, 6, 7, 1, 8]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 16]
-    crc_extra = 59
-    unpacker = struct.Struct("<QQfIIIIf16s")
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "worst_run_time_usec": "us", "worst_start_time_usec": "us", "rate_hz": "Hz", "start_jitter_max_usec": "us", "start_jitter_mean_usec": "us", "run_max_usec": "us", "run_mean_usec": "us"}
+    native_format = bytearray(b"<QQQfIIIIfIfIIc")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 16, 16, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 16, 16, 16]
+    crc_extra = 147
+    unpacker = struct.Struct("<QQQfIIIIfIf16I16I16s")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_usec: int, rate_hz: float, cycles: int, missed: int, start_jitter_max_usec: int, run_max_usec: int, run_mean_usec: float, worst_time_usec: int, task: bytes):
+    def __init__(self, time_usec: int, worst_run_time_usec: int, worst_start_time_usec: int, rate_hz: float, cycles: int, missed: int, skipped: int, start_jitter_max_usec: int, start_jitter_mean_usec: float, run_max_usec: int, run_mean_usec: float, start_jitter_histogram: Sequence[int], run_histogram: Sequence[int], task: bytes):
         MAVLink_message.__init__(self, MAVLink_xitl_task_stats_message.id, MAVLink_xitl_task_stats_message.msgname)
         self._fieldnames = MAVLink_xitl_task_stats_message.fieldnames
         self._instance_field = MAVLink_xitl_task_stats_message.instance_field
         self._instance_offset = MAVLink_xitl_task_stats_message.instance_offset
         self.time_usec = time_usec
+        self.worst_run_time_usec = worst_run_time_usec
+        self.worst_start_time_usec = worst_start_time_usec
         self.rate_hz = rate_hz
         self.cycles = cycles
         self.missed = missed
+        self.skipped = skipped
         self.start_jitter_max_usec = start_jitter_max_usec
+        self.start_jitter_mean_usec = start_jitter_mean_usec
         self.run_max_usec = run_max_usec
         self.run_mean_usec = run_mean_usec
-        self.worst_time_usec = worst_time_usec
+        self.start_jitter_histogram = start_jitter_histogram
+        self.run_histogram = run_histogram
         self._task_raw = task
         self.task = task.split(b"\x00", 1)[0].decode("ascii", errors="replace")
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.worst_time_usec, self.rate_hz, self.cycles, self.missed, self.start_jitter_max_usec, self.run_max_usec, self.run_mean_usec, self._task_raw), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.worst_run_time_usec, self.worst_start_time_usec, self.rate_hz, self.cycles, self.missed, self.skipped, self.start_jitter_max_usec, self.start_jitter_mean_usec, self.run_max_usec, self.run_mean_usec, self.start_jitter_histogram[0], self.start_jitter_histogram[1], self.start_jitter_histogram[2], self.start_jitter_histogram[3], self.start_jitter_histogram[4], self.start_jitter_histogram[5], self.start_jitter_histogram[6], self.start_jitter_histogram[7], self.start_jitter_histogram[8], self.start_jitter_histogram[9], self.start_jitter_histogram[10], self.start_jitter_histogram[11], self.start_jitter_histogram[12], self.start_jitter_histogram[13], self.start_jitter_histogram[14], self.start_jitter_histogram[15], self.run_histogram[0], self.run_histogram[1], self.run_histogram[2], self.run_histogram[3], self.run_histogram[4], self.run_histogram[5], self.run_histogram[6], self.run_histogram[7], self.run_histogram[8], self.run_histogram[9], self.run_histogram[10], self.run_histogram[11], self.run_histogram[12], self.run_histogram[13], self.run_histogram[14], self.run_histogram[15], self._task_raw), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -3775,55 +3810,210 @@ setattr(MAVLink_xitl_task_stats_message, "name", mavlink_msg_deprecated_name_pro
 
 class MAVLink_xitl_node_status_message(MAVLink_message):
     """
-    Agent to host: who it is and what its link has seen since the run
-    started.
+    Agent to host: how it is, and what its link has seen since the run
+    started. The counts of frames are of the instant before this
+    message is sent.
     """
 
     id = MAVLINK_MSG_ID_XITL_NODE_STATUS
     msgname = "XITL_NODE_STATUS"
-    fieldnames = ["time_usec", "frames_sent", "frames_received", "frames_lost", "frames_dropped", "messages_refused", "memory_kib", "nodes", "version", "machine", "running", "protocol"]
-    ordered_fieldnames = ["time_usec", "frames_sent", "frames_received", "frames_lost", "frames_dropped", "messages_refused", "memory_kib", "nodes", "version", "machine", "running", "protocol"]
-    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "char", "char", "char", "uint8_t", "uint8_t"]
+    fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol"]
+    ordered_fieldnames = ["time_usec", "frames_sent", "frames_unsent", "frames_received", "frames_lost", "frames_late", "frames_repeated", "frames_dropped", "frames_refused", "frames_impaired", "messages_refused", "misses_unreported", "log_dropped", "estimates", "efforts", "memory_kib", "cpu_percent", "load_1min", "temperature", "running", "protocol"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "float", "int16_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
-    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "memory_kib": "KiB"}
-    native_format = bytearray(b"<QIIIIIIcccBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 16, 16, 48, 0, 0]
-    crc_extra = 102
-    unpacker = struct.Struct("<QIIIIII16s16s48sBB")
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "memory_kib": "KiB", "cpu_percent": "%", "temperature": "cdegC"}
+    native_format = bytearray(b"<QIIIIIIIIIIIIIIIffhBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 86
+    unpacker = struct.Struct("<QIIIIIIIIIIIIIIIffhBB")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_usec: int, frames_sent: int, frames_received: int, frames_lost: int, frames_dropped: int, messages_refused: int, memory_kib: int, nodes: bytes, version: bytes, machine: bytes, running: int, protocol: int):
+    def __init__(self, time_usec: int, frames_sent: int, frames_unsent: int, frames_received: int, frames_lost: int, frames_late: int, frames_repeated: int, frames_dropped: int, frames_refused: int, frames_impaired: int, messages_refused: int, misses_unreported: int, log_dropped: int, estimates: int, efforts: int, memory_kib: int, cpu_percent: float, load_1min: float, temperature: int, running: int, protocol: int):
         MAVLink_message.__init__(self, MAVLink_xitl_node_status_message.id, MAVLink_xitl_node_status_message.msgname)
         self._fieldnames = MAVLink_xitl_node_status_message.fieldnames
         self._instance_field = MAVLink_xitl_node_status_message.instance_field
         self._instance_offset = MAVLink_xitl_node_status_message.instance_offset
         self.time_usec = time_usec
         self.frames_sent = frames_sent
+        self.frames_unsent = frames_unsent
         self.frames_received = frames_received
         self.frames_lost = frames_lost
+        self.frames_late = frames_late
+        self.frames_repeated = frames_repeated
         self.frames_dropped = frames_dropped
+        self.frames_refused = frames_refused
+        self.frames_impaired = frames_impaired
         self.messages_refused = messages_refused
+        self.misses_unreported = misses_unreported
+        self.log_dropped = log_dropped
+        self.estimates = estimates
+        self.efforts = efforts
         self.memory_kib = memory_kib
-        self._nodes_raw = nodes
-        self.nodes = nodes.split(b"\x00", 1)[0].decode("ascii", errors="replace")
-        self._version_raw = version
-        self.version = version.split(b"\x00", 1)[0].decode("ascii", errors="replace")
-        self._machine_raw = machine
-        self.machine = machine.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.cpu_percent = cpu_percent
+        self.load_1min = load_1min
+        self.temperature = temperature
         self.running = running
         self.protocol = protocol
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.frames_sent, self.frames_received, self.frames_lost, self.frames_dropped, self.messages_refused, self.memory_kib, self._nodes_raw, self._version_raw, self._machine_raw, self.running, self.protocol), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.frames_sent, self.frames_unsent, self.frames_received, self.frames_lost, self.frames_late, self.frames_repeated, self.frames_dropped, self.frames_refused, self.frames_impaired, self.messages_refused, self.misses_unreported, self.log_dropped, self.estimates, self.efforts, self.memory_kib, self.cpu_percent, self.load_1min, self.temperature, self.running, self.protocol), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_xitl_node_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_task_miss_message(MAVLink_message):
+    """
+    Agent to host: one deadline that was missed.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_TASK_MISS
+    msgname = "XITL_TASK_MISS"
+    fieldnames = ["due_usec", "start_usec", "end_usec", "cycle", "skipped", "task"]
+    ordered_fieldnames = ["due_usec", "start_usec", "end_usec", "cycle", "skipped", "task"]
+    fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t", "uint32_t", "char"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"due_usec": "us", "start_usec": "us", "end_usec": "us"}
+    native_format = bytearray(b"<QQQIIc")
+    orders = [0, 1, 2, 3, 4, 5]
+    lengths = [1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 16]
+    crc_extra = 219
+    unpacker = struct.Struct("<QQQII16s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, due_usec: int, start_usec: int, end_usec: int, cycle: int, skipped: int, task: bytes):
+        MAVLink_message.__init__(self, MAVLink_xitl_task_miss_message.id, MAVLink_xitl_task_miss_message.msgname)
+        self._fieldnames = MAVLink_xitl_task_miss_message.fieldnames
+        self._instance_field = MAVLink_xitl_task_miss_message.instance_field
+        self._instance_offset = MAVLink_xitl_task_miss_message.instance_offset
+        self.due_usec = due_usec
+        self.start_usec = start_usec
+        self.end_usec = end_usec
+        self.cycle = cycle
+        self.skipped = skipped
+        self._task_raw = task
+        self.task = task.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.due_usec, self.start_usec, self.end_usec, self.cycle, self.skipped, self._task_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_task_miss_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_node_info_message(MAVLink_message):
+    """
+    Agent to host, before the first status: who it is.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_NODE_INFO
+    msgname = "XITL_NODE_INFO"
+    fieldnames = ["time_usec", "memory_total_mib", "processors", "flags", "kind", "priority", "protocol", "nodes", "version", "python", "machine", "kernel"]
+    ordered_fieldnames = ["time_usec", "memory_total_mib", "processors", "flags", "kind", "priority", "protocol", "nodes", "version", "python", "machine", "kernel"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "char", "char", "char", "char", "char"]
+    fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
+    fieldenums_by_name: Dict[str, str] = {"flags": "XITL_NODE_FLAGS", "kind": "XITL_NODE_KIND"}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "memory_total_mib": "MiB"}
+    native_format = bytearray(b"<QIHHBBBccccc")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 16, 16, 16, 48, 64]
+    crc_extra = 32
+    unpacker = struct.Struct("<QIHHBBB16s16s16s48s64s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, memory_total_mib: int, processors: int, flags: int, kind: int, priority: int, protocol: int, nodes: bytes, version: bytes, python: bytes, machine: bytes, kernel: bytes):
+        MAVLink_message.__init__(self, MAVLink_xitl_node_info_message.id, MAVLink_xitl_node_info_message.msgname)
+        self._fieldnames = MAVLink_xitl_node_info_message.fieldnames
+        self._instance_field = MAVLink_xitl_node_info_message.instance_field
+        self._instance_offset = MAVLink_xitl_node_info_message.instance_offset
+        self.time_usec = time_usec
+        self.memory_total_mib = memory_total_mib
+        self.processors = processors
+        self.flags = flags
+        self.kind = kind
+        self.priority = priority
+        self.protocol = protocol
+        self._nodes_raw = nodes
+        self.nodes = nodes.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self._version_raw = version
+        self.version = version.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self._python_raw = python
+        self.python = python.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self._machine_raw = machine
+        self.machine = machine.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self._kernel_raw = kernel
+        self.kernel = kernel.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.memory_total_mib, self.processors, self.flags, self.kind, self.priority, self.protocol, self._nodes_raw, self._version_raw, self._python_raw, self._machine_raw, self._kernel_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_node_info_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_faults_message(MAVLink_message):
+    """
+    Host to agent: the faults in force from now on; all zero ends
+    them. Those of the link are applied to what the agent sends,
+    except its answers to XITL_RUN and, in lockstep, to XITL_TICK.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_FAULTS
+    msgname = "XITL_FAULTS"
+    fieldnames = ["time_usec", "clock_offset_ns", "clock_skew_ppm", "seed", "delay_usec", "jitter_usec", "loss", "duplicate", "reorder", "cpu_load", "cut"]
+    ordered_fieldnames = ["time_usec", "clock_offset_ns", "clock_skew_ppm", "seed", "delay_usec", "jitter_usec", "loss", "duplicate", "reorder", "cpu_load", "cut"]
+    fieldtypes = ["uint64_t", "int64_t", "float", "uint32_t", "uint32_t", "uint32_t", "float", "float", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "clock_offset_ns": "ns", "delay_usec": "us", "jitter_usec": "us"}
+    native_format = bytearray(b"<QqfIIIffffB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 54
+    unpacker = struct.Struct("<QqfIIIffffB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, clock_offset_ns: int, clock_skew_ppm: float, seed: int, delay_usec: int, jitter_usec: int, loss: float, duplicate: float, reorder: float, cpu_load: float, cut: int):
+        MAVLink_message.__init__(self, MAVLink_xitl_faults_message.id, MAVLink_xitl_faults_message.msgname)
+        self._fieldnames = MAVLink_xitl_faults_message.fieldnames
+        self._instance_field = MAVLink_xitl_faults_message.instance_field
+        self._instance_offset = MAVLink_xitl_faults_message.instance_offset
+        self.time_usec = time_usec
+        self.clock_offset_ns = clock_offset_ns
+        self.clock_skew_ppm = clock_skew_ppm
+        self.seed = seed
+        self.delay_usec = delay_usec
+        self.jitter_usec = jitter_usec
+        self.loss = loss
+        self.duplicate = duplicate
+        self.reorder = reorder
+        self.cpu_load = cpu_load
+        self.cut = cut
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.clock_offset_ns, self.clock_skew_ppm, self.seed, self.delay_usec, self.jitter_usec, self.loss, self.duplicate, self.reorder, self.cpu_load, self.cut), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_faults_message, "name", mavlink_msg_deprecated_name_property())
 
 
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
@@ -3891,6 +4081,9 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_XITL_TIMESYNC: MAVLink_xitl_timesync_message,
     MAVLINK_MSG_ID_XITL_TASK_STATS: MAVLink_xitl_task_stats_message,
     MAVLINK_MSG_ID_XITL_NODE_STATUS: MAVLink_xitl_node_status_message,
+    MAVLINK_MSG_ID_XITL_TASK_MISS: MAVLink_xitl_task_miss_message,
+    MAVLINK_MSG_ID_XITL_NODE_INFO: MAVLink_xitl_node_info_message,
+    MAVLINK_MSG_ID_XITL_FAULTS: MAVLink_xitl_faults_message,
 }
 
 

@@ -232,14 +232,14 @@ class AgentPilot:
         return [self._timing.report()]
 
     def nodes(self) -> list[NodeReport]:
-        status = self._view.status
-        if status is None:
+        status, info = self._view.status, self._view.info
+        if status is None or info is None:
             return []
         return [
             NodeReport(
-                nodes=status.nodes,
-                machine=status.machine,
-                version=status.version,
+                nodes=info.nodes,
+                machine=info.machine,
+                version=info.version,
                 memory_mib=status.memory_kib / 1024 if status.memory_kib else None,
                 refused=status.messages_refused,
             )

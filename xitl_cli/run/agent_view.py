@@ -30,6 +30,7 @@ class AgentView:
         on_estimate: Callable[[int, Estimate], None],
     ) -> None:
         self.status: Any = None
+        self.info: Any = None
         self.mode = "–"
         self.armed = False
         self.ready_to_arm = False
@@ -55,6 +56,7 @@ class AgentView:
             dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
+            dialect.MAVLINK_MSG_ID_XITL_NODE_INFO: self._node_info,
             dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self._task_stats,
         }
 
@@ -114,6 +116,9 @@ class AgentView:
 
     def _node_status(self, message: Any) -> None:
         self.status = message
+
+    def _node_info(self, message: Any) -> None:
+        self.info = message
 
     def _task_stats(self, message: Any) -> None:
         name = _text(message.task)
