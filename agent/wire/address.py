@@ -7,6 +7,7 @@ import socket
 from typing import Any
 from urllib.parse import SplitResult
 
+from agent.wire.interface import address_of, interface_of
 from agent.wire.transport import (
     AddressDeniedError,
     AddressInUseError,
@@ -20,8 +21,15 @@ Address = tuple[Any, ...]  # what the socket module gives for IPv4 and IPv6
 
 
 def resolve(url: SplitResult, listen: bool, kind: socket.SocketKind) -> tuple[Any, ...]:
-    """The first entry of getaddrinfo for a URL. Raises BadUrlError and UnknownHostError."""
+    """The first entry of getaddrinfo for a URL.
+
+    To listen, the host may be the name of an interface. Raises BadUrlError, UnknownHostError and, when that interface
+    has no address, AddressUnavailableError.
+    """
     host, port = host_port(url, listen)
+    interface = interface_of(url) if listen else None
+    if interface is not None:
+        host = address_of(interface, url.geturl())
     try:
         return socket.getaddrinfo(host, port, type=kind)[0]
     except (socket.gaierror, UnicodeError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from agent.wire import dialect
 from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, SIGNATURE_BYTES, SIGNED
@@ -45,6 +45,13 @@ class Outgoing(Protocol):
 
     def advance(self) -> None:
         """Called before each frame."""
+
+
+class Prepared(NamedTuple):
+    """A message whose fields are known to fit, to be framed later; later changes of the fields do not count."""
+
+    message: Message
+    payload: bytes
 
 
 class _Unsigned:
@@ -89,6 +96,25 @@ class Packer:
             ) from error
         self.sequence = (self.sequence + 1) & 0xFF
         return frame
+
+    def pack_prepared(self, prepared: Prepared) -> bytes:
+        """The next frame, of a message that was prepared."""
+        self.seq = self.sequence
+        if self.signing.sign_outgoing:
+            self.signing.advance()
+        message, payload = prepared
+        frame: bytes = message._pack(self, message.crc_extra, payload)
+        self.sequence = (self.sequence + 1) & 0xFF
+        return frame
+
+
+_PREPARING = Packer(0, 0)
+
+
+def prepare(message: Message) -> Prepared:
+    """Check and keep the fields of a message. Raises MessageRefusedError when one does not fit its type."""
+    _PREPARING.pack(message)
+    return Prepared(message, bytes(message._payload))
 
 
 Step = tuple[int, int]  # where a field starts among the unpacked values, how many it takes

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from time import monotonic
 from typing import Callable
 
-from agent.wire.codec import Message, Packer, decode
+from agent.wire.codec import Message, Packer, Prepared, decode, prepare
 from agent.wire.dialect import MAVLINK_MSG_ID_XITL_RUN, XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP
 from agent.wire.framing import Framer
+from agent.wire.priority import WaitingMessages
 from agent.wire.sequence import SequenceMonitor
 from agent.wire.signing import Signing
-from agent.wire.transport import Standing, Transport
+from agent.wire.transport import DATAGRAM_BYTES, Standing, Transport
 
-DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tunnel
+__all__ = ["DATAGRAM_BYTES", "Link", "LinkCounters", "Tap"]
 
 Tap = Callable[[str, bytes], None]
 
@@ -30,9 +32,10 @@ def _standing(messages: list[Message]) -> Standing:
 class LinkCounters:
     """What a link has seen since it was made or its counters were reset.
 
-    sent: frames handed to the transport. unsent: frames it did not take (their sequence numbers are used again).
-    received: good frames. lost, late, repeated: from the sequence numbers, see `SequenceMonitor`. dropped_*: see
-    `Framer`. bytes_in, bytes_out: all bytes, good or not.
+    sent: frames handed to the transport. unsent: frames it did not take (their sequence numbers are used again), and
+    messages that waited for a slow line until others needed their place. received: good frames. lost, late, repeated:
+    from the sequence numbers, see `SequenceMonitor`. dropped_*: see `Framer`. bytes_in, bytes_out: all bytes, good or
+    not. refused: good frames without a signature that counts, see `Signing`.
     """
 
     sent: int
@@ -47,6 +50,7 @@ class LinkCounters:
     dropped_noise: int
     bytes_in: int
     bytes_out: int
+    refused: int = 0
 
     @property
     def dropped(self) -> int:
@@ -60,6 +64,9 @@ class Link:
     tap(direction, frame) is called with "tx" for every frame sent and "rx" for every good frame received, raw, in
     order. With `signing`, frames go out signed as from link `link_id`, and frames that it does not accept are counted
     in `refused_signature` and go no further.
+
+    On a transport with a capacity, messages that are not urgent wait until the line has room, see `WaitingMessages`:
+    `receive` sends them on, and `wake_s` says when it wants to.
     """
 
     def __init__(
@@ -82,7 +89,13 @@ class Link:
         )
         self._framer = Framer(transport.stream)
         self._sequence = SequenceMonitor()
-        self._sent = self._unsent = self._received = self._bytes_out = 0
+        self._sent = self._unsent = self._received = self._bytes_out = self._refused_before = 0
+        self._waiting: WaitingMessages | None = None
+        self._take = transport.receive
+        self._until_s = 0.0
+        if transport.capacity_bps is not None:
+            self._waiting = WaitingMessages(transport, self._hand_on_prepared)
+            self._take = self._take_and_flush
 
     @property
     def system_id(self) -> int:
@@ -98,8 +111,10 @@ class Link:
         """Send messages in order, as few datagrams as hold them. False when the transport did not take all.
 
         Raises MessageRefusedError when a field does not fit the wire; the messages before it in the same call are then
-        not sent either.
+        not sent either. True for a message that waits for its turn.
         """
+        if self._waiting is not None:
+            return self._waiting.send([prepare(message) for message in messages])
         packer = self._packer
         start = packer.sequence
         if len(messages) == 1:
@@ -110,11 +125,12 @@ class Link:
         except ValueError:
             packer.sequence = start
             raise
+        most = self.transport.datagram_bytes
         while frames:
             size = count = 0
             for frame in frames:
                 size += len(frame)
-                if count and size > DATAGRAM_BYTES:
+                if count and size > most:
                     break
                 count += 1
             if not self._hand_on(frames[:count], b"".join(frames[:count]), frames[0][4]):
@@ -122,6 +138,13 @@ class Link:
                 return False
             frames = frames[count:]
         return True
+
+    def _hand_on_prepared(self, prepared: Prepared) -> bool:
+        start = self._packer.sequence
+        frame = self._packer.pack_prepared(prepared)
+        taken = self._hand_on([frame], frame, start)
+        self._unsent -= not taken  # it may wait, which is for the caller to say
+        return taken
 
     def _hand_on(self, frames: list[bytes], data: bytes, start: int) -> bool:
         if not self.transport.send(data):
@@ -138,26 +161,52 @@ class Link:
     def receive(self, timeout_s: float = 0.0) -> list[Message]:
         """Messages that have arrived, in order. Waits for bytes at most timeout_s.
 
-        Bytes that hold no good frame end the wait too. No bytes from outside raise. Each message knows its sender and
-        sequence number (get_srcSystem(), ...).
+        Bytes that hold no good frame end the wait too, except on a slow line, where frames come in pieces. No bytes
+        from outside raise. Each message knows its sender and sequence number (get_srcSystem(), ...).
         """
         transport, note, tap = self.transport, self._sequence.note, self.tap
         messages: list[Message] = []
-        for index, chunk in enumerate(transport.receive(timeout_s)):
-            frames = self._framer.feed(chunk)
-            if self._signing is not None:
-                accepted = [frame for frame in frames if self._signing.accepts(frame)]
-                self.refused_signature += len(frames) - len(accepted)
-                frames = accepted
-            for frame in frames:
-                note(frame[5], frame[6], frame[4])
-                if tap is not None:
-                    tap("rx", frame)
-                messages.append(decode(frame))
-            if frames and transport.learns_peer:
-                transport.credit(index, _standing(messages[-len(frames) :]))
+        while True:
+            for index, chunk in enumerate(self._take(timeout_s)):
+                frames = self._framer.feed(chunk)
+                if self._signing is not None:
+                    accepted = [frame for frame in frames if self._signing.accepts(frame)]
+                    self.refused_signature += len(frames) - len(accepted)
+                    frames = accepted
+                for frame in frames:
+                    note(frame[5], frame[6], frame[4], frame[-2:])
+                    if tap is not None:
+                        tap("rx", frame)
+                    messages.append(decode(frame))
+                if frames and transport.learns_peer:
+                    transport.credit(index, _standing(messages[-len(frames) :]))
+            if self._waiting is None:
+                break
+            self._waiting.heard(messages)
+            timeout_s = self._until_s - monotonic()
+            if messages or timeout_s <= 0.0:
+                break
         self._received += len(messages)
         return messages
+
+    def _take_and_flush(self, timeout_s: float = 0.0) -> list[bytes]:
+        assert self._waiting is not None
+        self._until_s = monotonic() + timeout_s
+        while True:
+            self._waiting.flush()
+            left_s = self._until_s - monotonic()
+            wake_s = self._waiting.wake_s()
+            chunks = self.transport.receive(left_s if wake_s is None else min(left_s, wake_s))
+            if chunks or monotonic() >= self._until_s:
+                return chunks
+
+    def wake_s(self) -> float | None:
+        """Seconds until `receive` wants to be called although nothing came, None for never."""
+        own_s = None if self._waiting is None else self._waiting.wake_s()
+        transport_s = self.transport.wake_s()
+        if own_s is None or transport_s is None:
+            return transport_s if own_s is None else own_s
+        return min(own_s, transport_s)
 
     @property
     def counters(self) -> LinkCounters:
@@ -165,7 +214,7 @@ class Link:
         framing, sequence = self._framer.counters, self._sequence
         return LinkCounters(
             sent=self._sent,
-            unsent=self._unsent,
+            unsent=self._unsent + (0 if self._waiting is None else self._waiting.given_up),
             received=self._received,
             lost=sequence.lost,
             late=sequence.late,
@@ -176,10 +225,14 @@ class Link:
             dropped_noise=framing.dropped_noise,
             bytes_in=framing.bytes_in,
             bytes_out=self._bytes_out,
+            refused=self.refused_signature - self._refused_before,
         )
 
     def reset_counters(self) -> None:
         """Count from zero and forget the senders, as at the start of a run. The own sequence number goes on."""
         self._sent = self._unsent = self._received = self._bytes_out = 0
+        self._refused_before = self.refused_signature
+        if self._waiting is not None:
+            self._waiting.given_up = 0
         self._framer.reset_counters()
         self._sequence.reset()

@@ -13,6 +13,7 @@ from time import monotonic
 from urllib.parse import SplitResult
 
 from agent.wire.address import Address, address_url, explained, resolve
+from agent.wire.interface import interface_of, keep_to
 from agent.wire.transport import Transport, TransportClosedError
 
 BUFFER_BYTES = 1 << 16  # what may lie unread at the other end: a second or two of telemetry, not minutes of it
@@ -163,6 +164,9 @@ class TcpTransport(Transport):
             self._connection = None
             self.losses += 1
 
+    def counts(self) -> dict[str, int]:
+        return {"losses": self.losses}
+
     def fileno(self) -> int | None:
         return None if self._closed or self._connection is None else self._connection.socket.fileno()
 
@@ -191,6 +195,9 @@ class TcpListener:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait a minute
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)  # those accepted inherit it
+            interface = interface_of(url)
+            if interface is not None:
+                keep_to(self._socket, interface)
             self._socket.bind(target)
             self._socket.listen(WAITING)
         except OSError as error:

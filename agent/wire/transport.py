@@ -1,8 +1,10 @@
 """What carries the bytes of a link: one interface, one table of schemes, one tree of errors.
 
-    udp://host:port     datagrams over Ethernet, USB-Ethernet or loopback      agent.wire.udp
-    tcp://host:port     a stream of bytes; listening, one peer after the other agent.wire.tcp
-    (no URL)            two ends in one process, see `memory_pair`             agent.wire.memory
+    udp://host:port       datagrams over Ethernet, USB-Ethernet or loopback        agent.wire.udp
+    tcp://host:port       a stream of bytes; listening, one peer after the other   agent.wire.tcp
+    serial:///dev/…       a stream of bytes over a serial line                     agent.wire.serial_line
+    can://bus/channel     a CAN bus, classic or FD, by python-can                  agent.wire.can_bus
+    (no URL)              two ends in one process, see `memory_pair`               agent.wire.memory
 
 A new transport is a row in `SCHEMES`, a class, and a row in the contract test.
 
@@ -28,7 +30,11 @@ from urllib.parse import SplitResult, urlsplit
 SCHEMES: dict[str, str] = {
     "udp": "agent.wire.udp:UdpTransport",
     "tcp": "agent.wire.tcp:TcpTransport",
+    "serial": "agent.wire.serial_line:SerialTransport",
+    "can": "agent.wire.can_bus:CanTransport",
 }
+
+DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tunnel
 
 Self = TypeVar("Self", bound="Transport")
 
@@ -87,12 +93,16 @@ class Transport(ABC):
 
     name: the kind, for instance "udp". address: this end as a URL, for people. stream: False when each `send` arrives
     as one chunk or not at all, True when chunks may be cut and joined on the way. unsent: sends that `send` could not
-    hand on. learns_peer: True when `credit` matters.
+    hand on. learns_peer: True when `credit` matters. datagram_bytes: the most that one `send` should carry, when there
+    is a choice; a single frame may be longer. capacity_bps: bytes of payload per second that the line carries, None
+    when the line is not what limits a link.
     """
 
     name: str = ""
     stream: bool = False
     learns_peer: bool = False
+    datagram_bytes: int = DATAGRAM_BYTES
+    capacity_bps: float | None = None
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -136,6 +146,18 @@ class Transport(ABC):
         A transport that takes bytes from anybody learns its peer from this, so that stray bytes never redirect the
         answers.
         """
+
+    def backlog_s(self) -> float:
+        """How long what `send` took still occupies the line, in seconds; 0 where the line does not matter."""
+        return 0.0
+
+    def wake_s(self) -> float | None:
+        """Seconds until `receive` wants to be called although no bytes came, None for never."""
+        return None
+
+    def counts(self) -> dict[str, int]:
+        """What this end has counted beside what a link counts, by name."""
+        return {}
 
     def __enter__(self: Self) -> Self:
         return self

@@ -11,6 +11,7 @@ from typing import Callable
 from urllib.parse import SplitResult
 
 from agent.wire.address import Address, address_url, explained, resolve
+from agent.wire.interface import interface_of, keep_to
 from agent.wire.transport import DatagramTooLongError, Standing, Transport, TransportClosedError
 
 BUFFER_BYTES = (
@@ -62,6 +63,9 @@ class UdpTransport(Transport):
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
             if listen:
+                interface = interface_of(url)
+                if interface is not None:
+                    keep_to(sock, interface)
                 sock.bind(target)
             else:
                 sock.connect(target)
@@ -133,6 +137,9 @@ class UdpTransport(Transport):
         elif self._peer is None or standing is Standing.STARTS or now_s - self._peer_heard_s > PEER_SILENCE_S:
             self.peer_changes += self._peer is not None
             self._peer, self._peer_heard_s = source, now_s
+
+    def counts(self) -> dict[str, int]:
+        return {"refused": self.refused, "peer_changes": self.peer_changes}
 
     def fileno(self) -> int | None:
         return None if self._closed else self._socket.fileno()

@@ -74,6 +74,26 @@ def test_frames_add_up_over_a_lossy_repeating_and_reordering_channel(kinds: list
     assert monitor.repeated == repeated
 
 
+@pytest.mark.parametrize("in_a_row", [1, 127, 128, 150, 200, 223, 224, 255, 256, 257, 300, 511, 512, 1000])
+@pytest.mark.parametrize("twice", [False, True])
+def test_nothing_is_taken_for_repeated_that_was_not(in_a_row: int, twice: bool) -> None:
+    """However many were lost in a row; what did come twice is told by its check value."""
+    monitor = SequenceMonitor()
+    for number in [*range(300), *range(300 + in_a_row, 700 + in_a_row)]:
+        for _ in range(1 + twice):
+            monitor.note(1, 1, number & 0xFF, number.to_bytes(2, "little"))
+    assert monitor.repeated == 700 * twice
+    if in_a_row < 224:
+        assert counts(monitor) == (in_a_row, 0, 700 * twice)
+
+
+def test_a_frame_from_before_the_first_is_late_and_nothing_is_lost() -> None:
+    monitor = SequenceMonitor()
+    for number in [7, 5, 8, 6, 9]:
+        monitor.note(1, 1, number, bytes([number]))
+    assert counts(monitor) == (0, 2, 0)
+
+
 def test_senders_are_counted_apart_and_forgotten_by_a_reset() -> None:
     monitor = SequenceMonitor()
     for sequence in range(10):

@@ -1,0 +1,182 @@
+"""Chunks of bytes over CAN frames: cut on one side, put together on the other. No bus in here.
+
+A chunk of up to 510 bytes is one transfer: two bytes of length, little endian, then the chunk, cut into parts of 8
+bytes (classic CAN) or 64 (CAN FD, the last one padded to a length that CAN FD has). Identifier, 29 bits, high first:
+
+    priority 2 | tag 4 | sender 6 | destination 6 | transfer 5 | index 6
+
+Priority 0 is for what cannot wait, 2 for the rest, so that the bus itself lets the first pass. The tag marks frames of
+this protocol. Transfers count up modulo 32 for each priority, index is the place of the part, so that order on the bus
+does not matter.
+
+What comes out is a chunk that was sent, and once, as long as frames are displaced by fewer than 16 transfers of their
+priority, and of the transfers that follow one with a hole within `OPEN_S` not all of 16 in a row are lost whole. Beyond
+that the transfer number alone cannot tell old from new; a chunk put together wrongly then fails the checksum of the
+frame it holds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from agent.wire.can_line import CLASSIC_BYTES, FD_BYTES, HEADER_BYTES, padded
+
+LARGEST_CHUNK = 510
+NODES = 64
+TRANSFERS = 32
+URGENT, NORMAL = 0, 2
+MOST_OPEN = 8
+OPEN_S = 0.5
+SILENCE_S = 0.5
+_TAG = 0xA
+_WINDOW = TRANSFERS // 2
+
+
+class CanFrame(NamedTuple):
+    """Identifier (29 bits) and data."""
+
+    identifier: int
+    data: bytes
+
+
+class Segmenter:
+    """Cuts the chunks of one sender for one destination."""
+
+    def __init__(self, sender: int, destination: int, fd: bool) -> None:
+        self._fixed = _TAG << 23 | sender << 17 | destination << 11
+        self._part_bytes = FD_BYTES if fd else CLASSIC_BYTES
+        self._fd = fd
+        self._next = {URGENT: 0, NORMAL: 0}
+
+    def cut(self, chunk: bytes, priority: int = NORMAL) -> list[CanFrame]:
+        """The frames of the next transfer. Raises ValueError above 510 bytes."""
+        if len(chunk) > LARGEST_CHUNK:
+            raise ValueError(f"a chunk of {len(chunk)} bytes does not fit a CAN transfer; use at most {LARGEST_CHUNK}")
+        transfer = self._next[priority]
+        self._next[priority] = (transfer + 1) % TRANSFERS
+        identifier = priority << 27 | self._fixed | transfer << 6
+        data, size = len(chunk).to_bytes(HEADER_BYTES, "little") + chunk, self._part_bytes
+        parts = [data[at : at + size] for at in range(0, len(data), size)]
+        if self._fd:
+            parts[-1] = parts[-1].ljust(padded(len(parts[-1])), b"\0")
+        return [CanFrame(identifier | index, part) for index, part in enumerate(parts)]
+
+
+class _Open:
+    """A transfer of which parts are missing."""
+
+    def __init__(self, fd: bool, since_s: float) -> None:
+        self.fd = fd
+        self.since_s = since_s
+        self.parts: dict[int, bytes] = {}
+
+
+class _Transfers:
+    """Where the transfers of one priority stand."""
+
+    def __init__(self) -> None:
+        self.newest = 0
+        self.heard_s: float | None = None
+        self.open: dict[int, _Open] = {}
+        self.done: dict[int, bytes] = {}
+
+
+class Reassembler:
+    """Puts together what `sender` sends to `destination`. Memory is bounded: 8 open transfers a priority.
+
+    incomplete: transfers given up with a part missing. malformed: transfers whose parts do not fit together. repeated:
+    frames that came again. foreign: frames of others or for others, or of another protocol. Own frames that a bus gives
+    back are passed over.
+    """
+
+    def __init__(self, sender: int, destination: int) -> None:
+        self._expected = _TAG << 12 | sender << 6 | destination
+        self._own = _TAG << 12 | destination << 6 | sender
+        self._priorities = {URGENT: _Transfers(), NORMAL: _Transfers()}
+        self.incomplete = self.malformed = self.repeated = self.foreign = 0
+
+    def add(self, identifier: int, data: bytes, fd: bool, now_s: float) -> bytes | None:
+        """The chunk that this frame completes, if any. `now_s` is the instant on any clock that does not go back."""
+        transfers = self._priorities.get(identifier >> 27)
+        size = FD_BYTES if fd else CLASSIC_BYTES
+        if transfers is None or identifier >> 11 & 0xFFFF != self._expected or not 0 < len(data) <= size:
+            self.foreign += identifier >> 11 & 0xFFFF != self._own
+            return None
+        number, index = identifier >> 6 & TRANSFERS - 1, identifier & 0x3F
+        self._place(transfers, number, now_s)
+        payload = transfers.done.get(number)
+        if payload is not None:
+            if payload[index * size : index * size + len(data)] == data:
+                self.repeated += 1
+                return None
+            self._restart_at(transfers, number)  # the number is in use again
+        return self._put(transfers, number, index, data, fd, now_s)
+
+    def _place(self, transfers: _Transfers, number: int, now_s: float) -> None:
+        """Forget what is too old to belong together with transfer `number`."""
+        heard_s, transfers.heard_s = transfers.heard_s, now_s
+        if heard_s is None or now_s - heard_s > SILENCE_S:
+            self.incomplete += len(transfers.open)
+            transfers.open.clear()
+            transfers.done.clear()
+            transfers.newest = number
+        elif (transfers.newest - number) % TRANSFERS >= _WINDOW:
+            self._restart_at(transfers, number)
+
+    def _restart_at(self, transfers: _Transfers, number: int) -> None:
+        transfers.newest = number
+        transfers.done.pop(number, None)
+        for old in [old for old in transfers.done if (number - old) % TRANSFERS >= _WINDOW]:
+            del transfers.done[old]
+        for old in [old for old in transfers.open if (number - old) % TRANSFERS >= _WINDOW]:
+            self._give_up(transfers, old)
+
+    def _give_up(self, transfers: _Transfers, number: int) -> None:
+        del transfers.open[number]
+        self.incomplete += 1
+
+    def _put(self, transfers: _Transfers, number: int, index: int, data: bytes, fd: bool, now_s: float) -> bytes | None:
+        open_ = transfers.open.get(number)
+        if open_ is not None:
+            known = open_.parts.get(index)
+            if known == data:
+                self.repeated += 1
+                return None
+            if known is not None or open_.fd != fd or now_s - open_.since_s > OPEN_S:  # the number is in use again
+                self._give_up(transfers, number)
+                open_ = None
+        if open_ is None:
+            if len(transfers.open) >= MOST_OPEN:
+                self._give_up(transfers, next(iter(transfers.open)))
+            open_ = transfers.open[number] = _Open(fd, now_s)
+        open_.parts[index] = data
+        return self._completed(transfers, number, open_)
+
+    def _completed(self, transfers: _Transfers, number: int, open_: _Open) -> bytes | None:
+        first = open_.parts.get(0)
+        if first is None:
+            return None
+        size = FD_BYTES if open_.fd else CLASSIC_BYTES
+        length = int.from_bytes(first[:HEADER_BYTES], "little")
+        total = HEADER_BYTES + length
+        count = -(-total // size)
+        fits = len(first) >= HEADER_BYTES and length <= LARGEST_CHUNK and max(open_.parts) < count
+        if fits and len(open_.parts) < count:
+            return None
+        del transfers.open[number]
+        payload = b"".join(open_.parts[index] for index in sorted(open_.parts))
+        last = open_.parts[max(open_.parts)]
+        if (
+            not fits
+            or len(payload) != (count - 1) * size + len(last)
+            or len(last) != _last_bytes(total, size, open_.fd)
+        ):
+            self.malformed += 1
+            return None
+        transfers.done[number] = payload
+        return payload[HEADER_BYTES:total]
+
+
+def _last_bytes(total: int, size: int, fd: bool) -> int:
+    rest = total - (-(-total // size) - 1) * size
+    return padded(rest) if fd else rest

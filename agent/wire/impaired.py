@@ -1,0 +1,187 @@
+"""Faults on purpose: a transport that loses, delays, repeats and reorders what it is given to send."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from random import Random
+from time import monotonic
+from typing import Callable
+from urllib.parse import SplitResult
+
+from agent.wire.transport import BadUrlError, Standing, Transport
+
+MOST_DELAYED = 4096  # frames: two seconds of the busiest link there is
+OVERTAKEN_S = 0.1  # a frame that is to be overtaken waits so long for another one to do it
+
+
+@dataclass(frozen=True)
+class LinkFaults:
+    """What is wrong with one direction of a link; all zero is a good link.
+
+    Every frame is kept back for delay_s and up to jitter_s more, drawn evenly; that alone never changes the order.
+    loss, duplicate, reorder: shares of the frames, 0 to 1, that are lost, sent twice, or overtaken by the next one
+    (which is not overtaken itself, nor is a frame that is sent twice).
+    cut: nothing gets through.
+    """
+
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    cut: bool = False
+
+
+NO_FAULTS = LinkFaults()
+
+
+class ImpairedTransport(Transport):
+    """Another transport, `inner`, with faults on what is sent through it; what arrives is left alone.
+
+    Faults act on whole frames, so `datagram_bytes` is 0 while some are in force: a link then sends each frame by
+    itself. Frames whose message number is `exempt` go out at once whatever the faults are. `clock_s` is what delays are
+    measured on.
+
+    lost: frames that never reached `inner`, or that it did not take when their delay was over. duplicated, reordered:
+    frames sent twice, and overtaken.
+    """
+
+    def __init__(
+        self,
+        inner: Transport,
+        exempt: Callable[[int], bool] = lambda message_id: False,
+        clock_s: Callable[[], float] = monotonic,
+    ) -> None:
+        super().__init__(inner.address)
+        self.inner = inner
+        self.name, self.stream, self.learns_peer = inner.name, inner.stream, inner.learns_peer
+        self.datagram_bytes = inner.datagram_bytes
+        self.capacity_bps = inner.capacity_bps
+        self.lost = self.duplicated = self.reordered = 0
+        self._exempt = exempt
+        self._clock_s = clock_s
+        self._in_force = NO_FAULTS, 0
+        self._faulty = False
+        self._rng = Random(0)
+        self._delayed: deque[tuple[float, bytes]] = deque()  # due, rising
+        self._overtaken: tuple[float, bytes] | None = None  # since when it waits for the next
+
+    @classmethod
+    def open(cls, url: SplitResult, listen: bool) -> ImpairedTransport:
+        """It has no URL: always raises BadUrlError."""
+        raise BadUrlError(url.geturl(), "faults have no URL", "wrap a transport in ImpairedTransport")
+
+    @property
+    def faults(self) -> LinkFaults:
+        """What is in force."""
+        return self._in_force[0]
+
+    def set(self, faults: LinkFaults, seed: int = 0) -> None:
+        """Put faults in force; the same again changes nothing.
+
+        What was delayed before still takes its time, and what is sent after it stays behind it.
+        """
+        if (faults, seed) == self._in_force:
+            return
+        self._in_force = faults, seed
+        self._faulty = faults != NO_FAULTS
+        self._rng = Random(seed)
+        self.datagram_bytes = 0
+        self._release_overtaken(self._clock_s())
+        self._flush()
+
+    def send(self, data: bytes) -> bool:
+        """See Transport. True also for a frame that is lost on purpose: the sender of a bad link does not know."""
+        if not (self._faulty or self._delayed):
+            return self.inner.send(data)
+        if len(data) >= 10 and self._exempt(data[7] | data[8] << 8 | data[9] << 16):
+            return self.inner.send(data)
+        now_s, faults, rng = self._clock_s(), self._in_force[0], self._rng
+        lost, jitter, twice, overtaken = rng.random(), rng.random(), rng.random(), rng.random()
+        if faults.cut or lost < faults.loss:
+            self.lost += 1
+            return True
+        due_s = now_s + faults.delay_s + jitter * faults.jitter_s
+        if twice < faults.duplicate:
+            self.duplicated += 1
+            self._keep(due_s, data)
+        elif overtaken < faults.reorder and self._overtaken is None:
+            self.reordered += 1
+            self._overtaken = max(due_s, self._last_due_s()), data
+            return True
+        elif due_s <= now_s and not self._delayed and self._overtaken is None:
+            return self.inner.send(data)
+        self._keep(due_s, data)
+        self._release_overtaken(due_s)
+        self._flush()
+        return True
+
+    def _last_due_s(self) -> float:
+        return self._delayed[-1][0] if self._delayed else 0.0
+
+    def _keep(self, due_s: float, data: bytes) -> None:
+        if len(self._delayed) >= MOST_DELAYED:
+            self._delayed.popleft()
+            self.lost += 1
+        self._delayed.append((max(due_s, self._last_due_s()), data))
+
+    def _release_overtaken(self, due_s: float) -> None:
+        if self._overtaken is not None:
+            own_due_s, data = self._overtaken
+            self._overtaken = None
+            self._keep(max(own_due_s, due_s), data)
+
+    def _flush(self) -> None:
+        if self._overtaken is not None and self._clock_s() - self._overtaken[0] >= OVERTAKEN_S:
+            self._release_overtaken(0.0)
+        delayed = self._delayed
+        while delayed and delayed[0][0] <= self._clock_s():
+            self.lost += not self.inner.send(delayed.popleft()[1])
+        if not (delayed or self._faulty):
+            self.datagram_bytes = self.inner.datagram_bytes
+
+    def receive(self, timeout_s: float = 0.0) -> list[bytes]:
+        if not (self._delayed or self._overtaken is not None):
+            return self.inner.receive(timeout_s)
+        until_s = monotonic() + timeout_s
+        while True:
+            self._flush()
+            wake_s = self.wake_s()
+            left_s = until_s - monotonic()
+            chunks = self.inner.receive(left_s if wake_s is None else min(left_s, wake_s))
+            if chunks or monotonic() >= until_s:
+                self._flush()
+                return chunks
+
+    def wake_s(self) -> float | None:
+        waits = [self.inner.wake_s()]
+        if self._delayed:
+            waits.append(max(self._delayed[0][0] - self._clock_s(), 0.0))
+        if self._overtaken is not None:
+            waits.append(max(self._overtaken[0] + OVERTAKEN_S - self._clock_s(), 0.0))
+        return min((wait for wait in waits if wait is not None), default=None)
+
+    def counts(self) -> dict[str, int]:
+        own = {"impaired": self.lost, "duplicated": self.duplicated, "reordered": self.reordered}
+        return {**self.inner.counts(), **own}
+
+    def backlog_s(self) -> float:
+        return self.inner.backlog_s()
+
+    @property
+    def peer(self) -> str:
+        return self.inner.peer
+
+    def credit(self, index: int, standing: Standing) -> None:
+        self.inner.credit(index, standing)
+
+    def fileno(self) -> int | None:
+        return self.inner.fileno()
+
+    def close(self) -> None:
+        """Close `inner`; what is still delayed is lost."""
+        self.lost += len(self._delayed) + (self._overtaken is not None)
+        self._delayed.clear()
+        self._overtaken = None
+        self.inner.close()

@@ -1,0 +1,173 @@
+"""What URLs of serial lines, CAN buses and interfaces say, and the sentence for each that says it wrongly."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import suppress
+from urllib.parse import urlsplit
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.wire.can_line import CanLine
+from agent.wire.can_url import CanSettings, can_settings
+from agent.wire.query import natural
+from agent.wire.serial_line import device_and_baud
+from agent.wire.transport import AddressUnavailableError, BadUrlError, TransportError, UnknownHostError, open_transport
+
+CAN = "can://socketcan/can0?bitrate=1000000"
+
+
+def settings(url: str, listen: bool = False) -> CanSettings:
+    return can_settings(urlsplit(url), listen)
+
+
+def test_a_serial_url() -> None:
+    assert device_and_baud(urlsplit("serial:///dev/serial/by-id/usb-a%20b?baud=921600")) == (
+        "/dev/serial/by-id/usb-a b",
+        921_600,
+    )
+
+
+def test_can_urls() -> None:
+    assert settings(CAN) == CanSettings("socketcan", "can0", CanLine(1_000_000), 1, 2, {})
+    assert settings(CAN, listen=True).node == 2
+    assert settings(CAN, listen=True).peer == 1
+    assert settings(CAN + "&fd=true&data_bitrate=5000000").line == CanLine(1_000_000, True, 5_000_000)
+    assert settings(CAN + "&fd=true").line == CanLine(1_000_000, True, 1_000_000)
+    adapter = settings("can://slcan/dev/ttyACM0?bitrate=500000&tty_baudrate=1000000&node=5&peer=6&rtscts=true")
+    assert (adapter.channel, adapter.node, adapter.peer) == ("/dev/ttyACM0", 5, 6)
+    assert dict(adapter.extra) == {"tty_baudrate": 1_000_000, "rtscts": True}
+    assert settings("can://kvaser/0?bitrate=500000").channel == 0
+    assert settings("can://pcan/PCAN_USBBUS1?bitrate=500000").channel == "PCAN_USBBUS1"
+
+
+def test_multicast_stays_on_this_machine_unless_told_otherwise() -> None:
+    url = "can://udp_multicast/239.74.163.2?bitrate=1000000"
+    assert dict(settings(url).extra) == {"hop_limit": 0}
+    assert dict(settings(url + "&hop_limit=1&port=43000").extra) == {"hop_limit": 1, "port": 43000}
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("true", True), ("False", False), ("12", 12), ("0x10", 16), ("-3", -3), ("0.5", 0.5), ("can0", "can0"), ("", "")],
+)
+def test_values_are_read_as_a_person_means_them(text: str, value: object) -> None:
+    read = natural(text)
+    assert read == value
+    assert type(read) is type(value)
+
+
+SERIAL_EXAMPLE = "write it like serial:///dev/ttyACM0?baud=921600"
+CAN_EXAMPLE = "write it like can://socketcan/can0?bitrate=1000000"
+
+
+@pytest.mark.parametrize(
+    ("url", "sentence"),
+    [
+        ("serial://", f"serial://: the device is missing; {SERIAL_EXAMPLE}"),
+        ("serial:///", f"serial:///: the device is missing; {SERIAL_EXAMPLE}"),
+        ("serial:///dev/x", f"serial:///dev/x: baud is missing; {SERIAL_EXAMPLE}"),
+        (
+            "serial://dev/x?baud=9600",
+            f"serial://dev/x?baud=9600: dev stands where nothing may stand; {SERIAL_EXAMPLE}",
+        ),
+        (
+            "serial:///dev/x?baud=fast",
+            f"serial:///dev/x?baud=fast: baud = fast is not a whole number; {SERIAL_EXAMPLE}",
+        ),
+        ("serial:///dev/x?baud=1", "serial:///dev/x?baud=1: baud = 1 is out of range; use 300 to 100000000"),
+        ("serial:///dev/x?baud=9600&baud=1", "serial:///dev/x?baud=9600&baud=1: baud is there twice; drop one"),
+        (
+            "serial:///dev/x?baud=9600&parity=E",
+            f"serial:///dev/x?baud=9600&parity=E: serial:// takes no parity; {SERIAL_EXAMPLE}",
+        ),
+        ("serial:///dev/x?baud", f"serial:///dev/x?baud: the query baud is not key=value&key=value; {SERIAL_EXAMPLE}"),
+        (
+            "serial:///dev/x?baud=9600#1",
+            f"serial:///dev/x?baud=9600#1: serial:// takes no fragment (1); {SERIAL_EXAMPLE}",
+        ),
+        ("can://", f"can://: the interface is missing; {CAN_EXAMPLE}"),
+        ("can://socketcan", f"can://socketcan: the channel is missing; {CAN_EXAMPLE}"),
+        ("can://socketcan/can0", f"can://socketcan/can0: bitrate is missing; {CAN_EXAMPLE}"),
+        (f"{CAN}&fd=yes", f"{CAN}&fd=yes: fd = yes is neither true nor false; write fd=true"),
+        (f"{CAN}&data_bitrate=5000000", f"{CAN}&data_bitrate=5000000: data_bitrate is for CAN FD alone; add fd=true"),
+        (f"{CAN}&node=64", f"{CAN}&node=64: node = 64 is out of range; use 0 to 63"),
+        (f"{CAN}&node=2", f"{CAN}&node=2: node and peer are both 2; give each end a number of its own"),
+        (
+            "can://zigbee/0?bitrate=1000000",
+            "can://zigbee/0?bitrate=1000000: python-can has no interface zigbee; use one such as socketcan, slcan, ",
+        ),
+    ],
+)
+def test_a_bad_url_is_said_in_one_sentence(url: str, sentence: str) -> None:
+    with pytest.raises(BadUrlError) as caught:
+        open_transport(url, listen=False)
+    assert str(caught.value).startswith(sentence)
+
+
+@given(st.sampled_from(["serial", "can"]), st.text(max_size=40))
+def test_any_text_is_a_url_or_a_sentence(scheme: str, rest: str) -> None:
+    try:
+        url = urlsplit(f"{scheme}://{rest}")
+    except ValueError:
+        return
+    with suppress(BadUrlError):
+        if scheme == "serial":
+            device_and_baud(url)
+        else:
+            can_settings(url, False)
+
+
+@pytest.mark.parametrize(
+    ("url", "error", "sentence"),
+    [
+        (
+            "serial:///dev/gone?baud=9600",
+            AddressUnavailableError,
+            "serial:///dev/gone?baud=9600: there is no /dev/gone on this machine; plug it in, or look for its name",
+        ),
+        (
+            "can://slcan/dev/gone?bitrate=500000",
+            AddressUnavailableError,
+            "can://slcan/dev/gone?bitrate=500000: there is no /dev/gone on this machine; plug the adapter in",
+        ),
+        (
+            "serial:///dev/null?baud=9600",
+            TransportError,
+            "serial:///dev/null?baud=9600: cannot be opened as a serial port (",
+        ),
+        ("can://slcan/dev/gone?bitrate=123456", TransportError, "can://slcan/dev/gone?bitrate=123456: there is no"),
+    ],
+)
+def test_a_device_that_cannot_be_opened_is_said_in_one_sentence(
+    url: str, error: type[TransportError], sentence: str
+) -> None:
+    with pytest.raises(error) as caught:
+        open_transport(url, listen=True)
+    assert str(caught.value).startswith(sentence)
+
+
+@pytest.mark.parametrize("scheme", ["udp", "tcp"])
+def test_an_interface_in_place_of_the_host(scheme: str) -> None:
+    with open_transport(f"{scheme}://lo:0", listen=True) as listening:
+        assert listening.address.startswith(f"{scheme}://127.0.0.1:")
+        with open_transport(listening.address, listen=False) as calling:
+            assert calling.send(b"x")
+            assert listening.receive(5.0) == [b"x"]
+
+
+def test_an_interface_can_only_be_listened_at() -> None:
+    with pytest.raises((UnknownHostError, TransportError)):
+        open_transport("udp://lo:14660", listen=False)
+
+
+def test_an_interface_without_an_address_is_said_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "if_nameindex", lambda: [(1, "lo"), (7, "usb7")])
+    with pytest.raises(AddressUnavailableError) as caught:
+        open_transport("udp://usb7:14660", listen=True)
+    assert str(caught.value) == (
+        "udp://usb7:14660: the interface usb7 has no address; bring it up (ip link set usb7 up) and give it one "
+        "(ip address add 192.168.7.2/24 dev usb7)"
+    )

@@ -1,0 +1,171 @@
+"""Links that are none, that do not go with where the agent runs, and that are too slow for what the profile wants."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from agent.wire import dialect
+from agent.wire.can_line import CanLine
+from agent.wire.can_transfer import Segmenter
+from agent.wire.codec import Packer
+from xitl_cli.profile import ProfileError, load_profile
+from xitl_cli.profile.link_load import MOST_SHARE, bytes_per_s, load_of
+from xitl_cli.profile.schema.sensors import Sensors
+
+Write = Callable[..., Path]
+
+
+@pytest.fixture
+def sensors() -> Sensors:
+    found = load_profile("hitl-loopback").sensors
+    assert found is not None
+    return found
+
+
+def problem_of(write: Write, link: str, runs: str = "process", more: str = "") -> str:
+    """The problem's sentence, empty for none."""
+    path = write(f"extends: hitl-loopback\nautopilot:\n  runs: {runs}\n  link: {link}\n{more}")
+    try:
+        load_profile(str(path))
+    except ProfileError as error:
+        return " ".join(problem.sentence for problem in error.problems)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("link", "runs"),
+    [
+        ("udp://127.0.0.1:14660", "process"),
+        ("udp://[fe80::1%25usb0]:14660", "board"),
+        ("tcp://beaglebone.local:14660", "board"),
+        ("serial://pty?baud=921600", "process"),
+        ("serial:///dev/ttyACM0?baud=921600", "board"),
+        ("can://slcan/pty?bitrate=1000000", "process"),
+        ("can://slcan/dev/ttyACM0?bitrate=1000000", "board"),
+        ("can://socketcan/can0?bitrate=1000000&fd=true&data_bitrate=5000000", "board"),
+        ("can://socketcan/vcan0?bitrate=1000000", "process"),
+        ("can://udp_multicast/239.74.163.2?bitrate=1000000", "process"),
+    ],
+)
+def test_good_links(write: Write, link: str, runs: str) -> None:
+    assert problem_of(write, link, runs) == ""
+
+
+@pytest.mark.parametrize(
+    ("link", "runs", "sentence"),
+    [
+        (
+            "smoke://hill",
+            "board",
+            "is not a link; write udp://address:port, tcp://address:port, serial:///dev/ttyACM0?baud=921600, "
+            "can://socketcan/can0?bitrate=1000000",
+        ),
+        ("udp://h", "board", "cannot be used: the port is missing; write it like udp://192.168.7.2:14660"),
+        ("udp://h:0", "board", "has no such port; use a port from 1 to 65535"),
+        ("udp://h:1/x", "board", "cannot be used: udp:// takes no path (x); write it like udp://192.168.7.2:14660"),
+        (
+            "serial:///dev/ttyS1",
+            "board",
+            "cannot be used: baud is missing; write it like serial:///dev/ttyACM0?baud=921600",
+        ),
+        (
+            "can://socketcan/can0",
+            "board",
+            "cannot be used: bitrate is missing; write it like can://socketcan/can0?bitrate=1000000",
+        ),
+        (
+            "serial:///dev/ttyS1?baud=921600",
+            "process",
+            "has its other end elsewhere; use autopilot.runs = board, or serial://pty?baud=921600 for a try here",
+        ),
+        (
+            "serial://pty?baud=921600",
+            "board",
+            "is a line within this machine, which no board is at; use autopilot.runs = process, or write "
+            "serial:///dev/ttyACM0?baud=921600",
+        ),
+        (
+            "can://virtual/x?bitrate=1000000",
+            "process",
+            "ends within one process; write can://slcan/pty?bitrate=1000000",
+        ),
+    ],
+)
+def test_bad_links(write: Write, link: str, runs: str, sentence: str) -> None:
+    assert problem_of(write, link, runs) == f"autopilot.link = '{link}' {sentence}"
+
+
+def test_the_link_of_a_standby_is_checked_too(write: Write) -> None:
+    more = "  standby: {runs: board, link: 'serial://pty?baud=921600'}\n"
+    assert problem_of(write, "udp://127.0.0.1:14660", more=more) == (
+        "autopilot.standby.link = 'serial://pty?baud=921600' is a line within this machine, which no board is at; "
+        "use autopilot.standby.runs = process, or write serial:///dev/ttyACM0?baud=921600"
+    )
+    more = "  standby: {runs: board, link: 'serial:///dev/ttyS1?baud=115200'}\n"
+    assert "lower sensors.imu.rate_hz to 100 or use baud=230400" in problem_of(write, "udp://127.0.0.1:1", more=more)
+
+
+def test_a_serial_line_that_is_too_slow_says_so_with_the_arithmetic(write: Write) -> None:
+    assert problem_of(write, "serial://pty?baud=115200") == (
+        "autopilot.link = 'serial://pty?baud=115200' carries 11520 bytes/s each way, of which 80% can be planned with "
+        "(9216); what goes to the agent is 13290 bytes/s (imu 200 Hz × 48 = 9600, gnss 5 Hz × 58 = 290, "
+        "magnetometer 50 Hz × 32 = 1600, barometer 50 Hz × 28 = 1400, timesync 10 Hz × 40 = 400); "
+        "lower sensors.imu.rate_hz to 100 or use baud=230400 or more"
+    )
+
+
+@pytest.mark.parametrize(
+    "link", ["serial://pty?baud=115200", "can://slcan/pty?bitrate=500000", "can://slcan/pty?bitrate=250000"]
+)
+def test_what_the_sentence_advises_is_enough(write: Write, link: str) -> None:
+    sentence = problem_of(write, link)
+    lower = re.search(r"lower sensors\.imu\.rate_hz to ([0-9.]+)", sentence)
+    if lower is not None:
+        assert problem_of(write, link, more=f"sensors:\n  imu: {{rate_hz: {lower[1]}}}\n") == ""
+    rates = re.search(r"use ((?:baud|bitrate)=[a-z0-9&=_]+)", sentence)
+    assert rates is not None
+    assert problem_of(write, link.partition("?")[0] + "?" + rates[1]) == ""
+
+
+def test_a_bus_that_is_too_slow_counts_both_ways(write: Write) -> None:
+    sentence = problem_of(write, "can://slcan/pty?bitrate=250000")
+    assert sentence.startswith(
+        "autopilot.link = 'can://slcan/pty?bitrate=250000' carries 11399 bytes/s of such frames both"
+    )
+    assert "wanted are 19570 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
+    assert "actuators 50 Hz × 74 = 3700" in sentence
+
+
+@pytest.mark.parametrize(
+    ("runs", "more"), [("process", "clock: {mode: lockstep}\n"), ("in-process", "technique: sitl\n")]
+)
+def test_only_real_time_over_the_line_needs_its_capacity(write: Write, runs: str, more: str) -> None:
+    assert problem_of(write, "serial://pty?baud=9600", runs, more) == ""
+
+
+def test_the_load_is_what_the_messages_take(sensors: Sensors) -> None:
+    """Frames of messages without trailing zeros, which MAVLink 2 does not send."""
+    imu = dialect.MAVLink_xitl_imu_message(1, [1.1] * 3, [2.2] * 3, 33.3)
+    actuators = dialect.MAVLink_xitl_actuators_message(2**63, 1, 1, 1, [0.7] * 8, 2, 1)
+    load = load_of(sensors)
+    assert load.to_agent[0].frame_bytes == len(Packer(1, 1).pack(imu))
+    assert load.to_host[0].frame_bytes == len(Packer(1, 1).pack(actuators))
+    signed = load_of(sensors, signed=True)
+    assert signed.to_agent[0].frame_bytes == load.to_agent[0].frame_bytes + 13
+    assert bytes_per_s(signed.to_host) > bytes_per_s(load.to_host)
+    line = CanLine(1_000_000)
+    frames = Segmenter(1, 2, False).cut(bytes(load.to_agent[0].frame_bytes))
+    alone = sum(line.frame_s(len(frame.data)) for frame in frames)
+    faster = load_of(sensors, imu_rate_hz=sensors.imu.rate_hz + 1.0)
+    assert faster.can_share(line) - load.can_share(line) == pytest.approx(alone)
+
+
+def test_what_is_planned_with_leaves_room(sensors: Sensors) -> None:
+    assert MOST_SHARE == 0.8
+    load = load_of(sensors)
+    baud = 115_200
+    assert load.serial_share(baud) == pytest.approx(bytes_per_s(load.to_agent) * 10 / baud)

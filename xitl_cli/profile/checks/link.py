@@ -1,0 +1,164 @@
+"""The link to the agent: a URL that names one, and a line that carries what the profile wants to send over it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from urllib.parse import SplitResult, urlsplit
+
+from agent.wire.address import host_port
+from agent.wire.can_line import CanLine
+from agent.wire.can_url import can_settings
+from agent.wire.serial_line import device_and_baud
+from agent.wire.transport import SCHEMES, BadUrlError
+from xitl_cli.profile.entry import KeyPath, dotted
+from xitl_cli.profile.link_load import BAUDS, BUSES, MOST_SHARE, Load, bytes_per_s, highest_imu_rate_hz, load_of
+from xitl_cli.profile.problems import shown
+from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.operation import Autopilot
+from xitl_cli.profile.schema.session import Clock
+
+_EXAMPLES = {
+    "udp": "udp://address:port",
+    "tcp": "tcp://address:port",
+    "serial": "serial:///dev/ttyACM0?baud=921600",
+    "can": "can://socketcan/can0?bitrate=1000000",
+}
+
+
+def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """A link that is missing or is none, that does not go with where the agent runs, or that is too slow."""
+    autopilot = profile.autopilot
+    if autopilot is None:
+        return
+    if autopilot.link is None and autopilot.kind != "none" and autopilot.runs != "in-process":
+        example = "udp://192.168.7.2:14660" if autopilot.runs == "board" else "udp://127.0.0.1:14660"
+        yield (
+            ("autopilot", "link"),
+            f"autopilot.link is missing with autopilot.runs = {autopilot.runs}; add one such as {example}",
+        )
+    yield from _link(profile, autopilot, ("autopilot", "link"), autopilot.link, autopilot.runs)
+    if autopilot.standby is not None:
+        standby = autopilot.standby
+        yield from _link(profile, autopilot, ("autopilot", "standby", "link"), standby.link, standby.runs)
+
+
+def _link(
+    profile: Profile, autopilot: Autopilot, path: KeyPath, link: str | None, runs: str
+) -> Iterator[tuple[KeyPath, str]]:
+    if link is None:
+        return
+    problem = problem_of_url(link) or _misplaced(urlsplit(link), f"{dotted(path[:-1])}.runs", runs)
+    if problem is None and autopilot.kind != "none" and runs != "in-process":
+        problem = _too_much(profile, autopilot, urlsplit(link))
+    if problem is not None:
+        yield path, f"{dotted(path)} = {shown(link)} {problem}"
+
+
+def problem_of_url(link: str) -> str | None:
+    """What follows the key and its value in a sentence, None for a link that can be tried."""
+    scheme, found, _ = link.partition("://")
+    if not found or scheme not in SCHEMES:
+        return f"is not a link; write {_EXAMPLES['udp']}" + (
+            "" if not found else "".join(f", {example}" for name, example in _EXAMPLES.items() if name != "udp")
+        )
+    try:
+        url = urlsplit(link)
+        if scheme in ("udp", "tcp"):
+            if _has_no_port(url):
+                return "has no such port; use a port from 1 to 65535"
+            if any(letter.isspace() for letter in link):
+                return f"has a space in it; write {_EXAMPLES[scheme]}"
+            host_port(url, listen=False)
+        elif scheme == "serial":
+            device_and_baud(_without_pty(url))
+        else:
+            can_settings(url, listen=False)
+    except BadUrlError as error:
+        return f"cannot be used: {error.what}; {error.fix}"
+    except ValueError:
+        return f"is not a link; write {_EXAMPLES[scheme]}"
+    return None
+
+
+def _has_no_port(url: SplitResult) -> bool:
+    """Whether the port is a number that no port has."""
+    try:
+        return url.port == 0
+    except ValueError:
+        return url.netloc.rpartition(":")[2].isdigit()
+
+
+def _without_pty(url: SplitResult) -> SplitResult:
+    """`serial://pty` stands for a device that is made when the run starts."""
+    return url._replace(netloc="", path="/pty") if url.netloc == "pty" and not url.path else url
+
+
+def _misplaced(url: SplitResult, key: str, runs: str) -> str | None:
+    made_here = url.netloc == "pty" or (url.netloc == "slcan" and url.path == "/pty")
+    if made_here and runs == "board":
+        example = _EXAMPLES[url.scheme]
+        return f"is a line within this machine, which no board is at; use {key} = process, or write {example}"
+    if runs != "process" or made_here:
+        return None
+    if url.scheme == "serial":
+        return f"has its other end elsewhere; use {key} = board, or serial://pty?baud=921600 for a try here"
+    if url.scheme == "can" and url.netloc == "virtual":
+        return "ends within one process; write can://slcan/pty?bitrate=1000000"
+    return None
+
+
+def _too_much(profile: Profile, autopilot: Autopilot, url: SplitResult) -> str | None:
+    clock = profile.clock or Clock()
+    if profile.sensors is None or url.scheme not in ("serial", "can") or clock.mode != "realtime":
+        return None
+    signed = autopilot.link_key_file is not None
+    load = load_of(profile.sensors, signed)
+
+    def lower(share_of: Callable[[Load], float]) -> str:
+        assert profile.sensors is not None
+        rate_hz = highest_imu_rate_hz(profile.sensors, signed, clock.physics_rate_hz, share_of)
+        return "" if rate_hz is None else f"lower sensors.imu.rate_hz to {rate_hz:g}"
+
+    if url.scheme == "serial":
+        _, baud = device_and_baud(_without_pty(url))
+        return _too_much_for_baud(load, baud, lower)
+    return _too_much_for_bus(load, can_settings(url, listen=False).line, lower)
+
+
+def _too_much_for_baud(load: Load, baud: int, lower: Callable[[Callable[[Load], float]], str]) -> str | None:
+    if load.serial_share(baud) <= MOST_SHARE:
+        return None
+    to_agent, to_host = bytes_per_s(load.to_agent), bytes_per_s(load.to_host)
+    flows, way, wanted = (load.to_agent, "to", to_agent) if to_agent >= to_host else (load.to_host, "from", to_host)
+    faster = next((rate for rate in BAUDS if load.serial_share(rate) <= MOST_SHARE), None)
+    remedies = [lower(lambda one: one.serial_share(baud)), "" if faster is None else f"use baud={faster} or more"]
+    return (
+        f"carries {baud / 10:.0f} bytes/s each way, of which {MOST_SHARE:.0%} can be planned with "
+        f"({MOST_SHARE * baud / 10:.0f}); what goes {way} the agent is {wanted:.0f} bytes/s "
+        f"({', '.join(map(str, flows))}); {_remedy(remedies)}"
+    )
+
+
+def _too_much_for_bus(load: Load, line: CanLine, lower: Callable[[Callable[[Load], float]], str]) -> str | None:
+    if load.can_share(line) <= MOST_SHARE:
+        return None
+    wanted = bytes_per_s((*load.to_agent, *load.to_host))
+    there = wanted / load.can_share(line)
+    faster = next((bus for bus in BUSES if bus.fd >= line.fd and load.can_share(bus) <= MOST_SHARE), None)
+    remedies = [
+        lower(lambda one: one.can_share(line)),
+        "" if faster is None else f"use {_rates(faster)}",
+    ]
+    return (
+        f"carries {there:.0f} bytes/s of such frames both ways together, of which {MOST_SHARE:.0%} can be planned with "
+        f"({MOST_SHARE * there:.0f}); wanted are {wanted:.0f} bytes/s "
+        f"({', '.join(map(str, (*load.to_agent, *load.to_host)))}); {_remedy(remedies)}"
+    )
+
+
+def _rates(line: CanLine) -> str:
+    return f"bitrate={line.bitrate}" + (f"&fd=true&data_bitrate={line.data_bitrate}" if line.fd else "")
+
+
+def _remedy(remedies: list[str]) -> str:
+    return " or ".join(filter(None, remedies)) or "lower the rates of the sensors or use UDP"
