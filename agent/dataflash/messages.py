@@ -2,9 +2,9 @@
 
 What ArduRover has as well is called as there and has its letter, unit and multiplier; a column is left out when we have
 nothing to put there. Ours, at the end of a row: `SampleUS`, when a sample was taken by the sensors' clock, which is not
-the one TimeUS is from. Ours alone: TASK.
+the one TimeUS is from. Ours alone: TASK and TSKQ, how each task kept its deadlines; MISS, a deadline that was missed.
 
-In lockstep the clock stands still while a task runs and no load is measured: PM has no such column, and TASK is not
+In lockstep the clock stands still while a task runs and no load is measured: PM has no such column, and ours are not
 there.
 """
 
@@ -82,7 +82,21 @@ _TASK = (
     "s#-z---YYYY",
     "F--0---0000",
 )
+_QUANTILES = (  # J50: half of the starts came no later, as far as the histogram tells; JAtUS: when the worst one was
+    "TSKQ",
+    "QBIIQIIQ",
+    "TimeUS,I,J50,J99,JAtUS,R50,R99,RAtUS",
+    "s#YYsYYs",
+    "F-00F00F",
+)
+_MISS = (  # Late counts from DueUS to the start, Run from there
+    "MISS",
+    "QNIQIII",
+    "TimeUS,Name,Cycle,DueUS,Late,Run,Skip",
+    "s--sYY-",
+    "F--F00-",
+)
 _PM_IN_LOCKSTEP = ("PM", "QHHHI", "TimeUS,LR,NLon,NL,MaxT", "sz---", "F----")
 
-FORMATS = formats((*_ROWS, _TASK))
+FORMATS = formats((*_ROWS, _TASK, _QUANTILES, _MISS))
 FORMATS_IN_LOCKSTEP = formats(_PM_IN_LOCKSTEP if row[0] == "PM" else row for row in _ROWS)

@@ -60,6 +60,7 @@ class Autopilot(Orders):
         return Actuators(self._outputs(estimate, now_ns, dt_s), True, False)
 
     def _outputs(self, estimate: Estimate, now_ns: int, dt_s: float) -> tuple[float, float]:
+        self.estimates_used += 1
         mode = modes.BY_NUMBER[self.mode]
         if mode.needs_position and not estimate.position_valid:
             return self.propellers.drive(STILL, dt_s)

@@ -10,6 +10,7 @@ from agent.fcu.sensing.position_filter import InnovationRatios
 NONE, RTL_OR_HOLD, HOLD, DISARM, LOITER_OR_HOLD = 0, 1, 2, 5, 6  # FS_ACTION
 WITHOUT_SMART = {3: RTL_OR_HOLD, 4: HOLD}  # there is no SmartRTL; its second choice is taken
 _EKF_BAD_NS = 1_000_000_000
+_FIRST_FIX_NS = 3_000_000_000  # after a silence of all sensors the first fix comes later than the first IMU sample
 
 
 class Watch:
@@ -43,6 +44,7 @@ class Failsafes:
         self._parameters = parameters
         self._imu_accepted = 0
         self._imu_seen_ns: int | None = None
+        self._imu_back_ns: int | None = None
         self._gcs_heard_ns: int | None = None
         self.configure()
 
@@ -73,11 +75,21 @@ class Failsafes:
             self._imu_accepted = accepted
             self._imu_seen_ns = now_ns
         silent = now_ns - self._imu_seen_ns > self.imu_timeout_s * 1e9 and (accepted > 0 or armed)
-        return self.imu.changed(silent, now_ns, 0)
+        changed = self.imu.changed(silent, now_ns, 0)
+        if changed:
+            self._imu_back_ns = None if silent else now_ns
+        return changed
 
     def look_at_ekf(self, lost: bool, ratios: InnovationRatios, steering_by_it: bool, now_ns: int) -> bool:
-        """Bad when the position is lost, at once; or after a second of test ratios that ArduPilot calls bad."""
+        """Bad when the position is lost, at once; or after a second of test ratios that ArduPilot calls bad.
+
+        Not while the IMU is silent, when outputs are neutral anyway, nor just after: what is steered then goes on with
+        the first fix.
+        """
         if not steering_by_it and not self.ekf.active:
+            return False
+        back_ns = self._imu_back_ns
+        if self.imu.active or (back_ns is not None and 0 <= now_ns - back_ns < _FIRST_FIX_NS):
             return False
         after_ns = 0 if lost else _EKF_BAD_NS
         return self.ekf.changed(lost or self._is_over(ratios), now_ns, after_ns)

@@ -61,6 +61,7 @@ class Ship:
         self.fence.breach = FenceBreach()
         self._failsafes = Failsafes(p)
         self.speed_error_mps = 0.0  # desired less measured speed over ground
+        self.estimates_used = 0  # by control (LC), of the estimator's (LS)
         self._version = p.version
         self._now_ns = 0
         self._last_control_ns: int | None = None
@@ -94,6 +95,11 @@ class Ship:
         return self.estimator.on_barometer(sample)
 
     # -- reading
+
+    @property
+    def efforts(self) -> int:
+        """Of control, that were allocated to the propellers (LA)."""
+        return self.propellers.efforts
 
     @property
     def failsafe(self) -> bool:

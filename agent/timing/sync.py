@@ -1,23 +1,28 @@
 """How another machine's clock runs against this one's, from four-timestamp exchanges over a link with jitter.
 
 Of an exchange, t2 - t1 is the offset plus the delay there, t3 - t4 the offset minus the delay back. Delays have a floor
-and pile up above it, so the truth is seen at the edges: a line below all t2 - t1 and one above all t3 - t4, each the
-one that lies closest to its points (the linear programme of Moon, Skelly and Towsley, INFOCOM 1999; solved exactly by
-the edge of the convex hull at the mean instant). With n samples the edges close in as 1/n, where averages of any kind
-close in as 1/sqrt(n). Both lines share the mean of their slopes, the drift; the offset is half way between them. What
-no exchange can see is the asymmetry of the two floors: it shifts the offset by half of the difference, at most by half
-of the smallest round trip.
+and pile up above it, so the truth is seen at the edges: a line below all t2 - t1 and one above all t3 - t4 (the linear
+programme of Moon, Skelly and Towsley, INFOCOM 1999). They are two lines of one drift, and every drift leaves a gap
+between them. The widest gap is the likeliest drift when delays fall off exponentially from their floor; the drift taken
+is the mean of all, each weighed by that likelihood with the density of delays seen at the floor, which errs less than
+the likeliest and asks nothing of the delays further up: outliers, bursts and heavy tails weigh nothing. Only the
+vertices of two convex hulls matter, so all of it is exact and cheap. With n samples the edges close in as 1/n, where
+averages of any kind close in as 1/sqrt(n). The offset is half way between the lines. What no exchange can see is the
+asymmetry of the two floors: it shifts the offset by half of the difference, at most by half of the smallest round trip.
+Delays without a floor (a bell curve) close in more slowly.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import exp, inf, isfinite, sqrt
 
 HISTORY = 600
 FIT_EVERY = 10  # samples between fits once there are many; a fit costs some 0.5 ms for 600
 PENDING = 10
+DENSITY_SHARE = 20  # the lowest 1/20 of the delays tell how dense they are at the floor
 VIOLATIONS = 3
 SMALLEST_STEP_NS = 200_000.0
 SETTLING_NS = 3e9  # spans shorter than this say little about drift, which is then drawn to zero
@@ -80,6 +85,11 @@ class ClockSync:
         """Whether there is a relation at all."""
         return bool(self._history)
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether the newest exchanges contradict the relation: it may be about to be learned anew."""
+        return bool(self._pending)
+
     def add(self, t1_ns: int, t2_ns: int, t3_ns: int, t4_ns: int) -> bool:
         """An exchange: sent (local), arrived (remote), answered (remote), returned (local).
 
@@ -131,11 +141,13 @@ class ClockSync:
         self._since_fit = 0
         there = _lower_hull([(s.sent_ns, s.there_ns) for s in samples])
         back = _lower_hull([(s.returned_ns, -s.back_ns) for s in samples])
-        middle_ns = sum(s.sent_ns for s in samples) / len(samples)
         span_ns = samples[-1].sent_ns - samples[0].sent_ns
-        slope = 0.5 * (_slope_at(there, middle_ns) - _slope_at(back, middle_ns))
-        slope *= span_ns**4 / (span_ns**4 + SETTLING_NS**4)
-        self._slope = slope = min(max(slope, -self._max_slope), self._max_slope)
+        lines = _lines(there, back, self._max_slope)
+        likeliest = max(lines, key=_Line.at_start).start
+        excess_ns = sorted(_excesses(samples, likeliest))
+        rank = max(len(excess_ns) // DENSITY_SHARE, 1)
+        slope = _mean_slope(lines, likeliest, rank / (2.0 * max(excess_ns[rank], 1.0)))
+        self._slope = slope = slope * span_ns**4 / (span_ns**4 + SETTLING_NS**4)
         self._upper_ns = min(y - slope * x for x, y in there)
         self._lower_ns = max(-y - slope * x for x, y in back)
         self._smallest_trip_ns = min(s.there_ns - s.back_ns for s in samples)
@@ -187,9 +199,11 @@ class ClockSync:
 
 
 def _lower_hull(points: list[Point]) -> list[Point]:
-    """Convex hull from below of points in order of x (Andrew's monotone chain)."""
+    """Convex hull from below (Andrew's monotone chain)."""
     hull: list[Point] = []
-    for x, y in points:
+    for x, y in sorted(points):
+        if hull and x == hull[-1][0]:
+            continue
         while len(hull) > 1:
             (x0, y0), (x1, y1) = hull[-2], hull[-1]
             if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):
@@ -199,9 +213,68 @@ def _lower_hull(points: list[Point]) -> list[Point]:
     return hull
 
 
-def _slope_at(hull: list[Point], x: float) -> float:
-    """Slope of the edge over x: the line below all points that is closest to them in the sum of distances."""
-    for (x0, y0), (x1, y1) in zip(hull, hull[1:]):
-        if x1 >= x and x1 > x0:
-            return (y1 - y0) / (x1 - x0)
-    return 0.0
+@dataclass(frozen=True)
+class _Line:
+    """The gap between the edges, top - fall * slope, for slopes from start to end."""
+
+    start: float
+    end: float
+    top: float
+    fall: float
+
+    def at_start(self) -> float:
+        return self.top - self.fall * self.start
+
+
+def _lines(there: list[Point], back: list[Point], limit: float) -> list[_Line]:
+    """The gap as a function of the slope within the limit: concave, a line between two edges of the hulls."""
+    i, j, start = 0, len(back) - 1, -limit
+    lines: list[_Line] = []
+    while True:
+        of_there = _slope(there[i], there[i + 1]) if i + 1 < len(there) else inf
+        of_back = -_slope(back[j - 1], back[j]) if j > 0 else inf
+        end = min(of_there, of_back, limit)
+        if end > start or end >= limit:
+            (x0, y0), (x1, y1) = there[i], back[j]
+            lines.append(_Line(start, max(end, start), y0 + y1, x0 - x1))
+            start = max(end, start)
+        if end >= limit:
+            last = lines[-1]
+            lines.append(_Line(limit, limit, last.top, last.fall))  # for its value at the limit
+            return lines
+        if of_there <= of_back:
+            i += 1
+        else:
+            j -= 1
+
+
+def _slope(one: Point, other: Point) -> float:
+    return (other[1] - one[1]) / (other[0] - one[0])
+
+
+def _excesses(samples: Sequence[_Sample], slope: float) -> list[float]:
+    """How far each delay is above its floor, both ways."""
+    there = [s.there_ns - slope * s.sent_ns for s in samples]
+    back = [slope * s.returned_ns - s.back_ns for s in samples]
+    floor_there, floor_back = min(there), min(back)
+    return [value - floor_there for value in there] + [value - floor_back for value in back]
+
+
+def _mean_slope(lines: list[_Line], likeliest: float, per_ns: float) -> float:
+    """Mean of the slopes weighed by exp(gap * per_ns), in closed form; the likeliest has the widest gap."""
+    widest = max(line.at_start() for line in lines)
+    area = moment = 0.0
+    for line in lines:
+        a, b = line.start - likeliest, line.end - likeliest
+        at_a = exp(min((line.at_start() - widest) * per_ns, 0.0))
+        at_b = exp(min((line.top - line.fall * line.end - widest) * per_ns, 0.0))
+        rate = line.fall * per_ns
+        if abs(rate) * (b - a) < 1e-6:
+            piece = (b - a) * 0.5 * (at_a + at_b)
+            moment += piece * 0.5 * (a + b)
+        else:
+            piece = (at_a - at_b) / rate
+            moment += (a * at_a - b * at_b + piece) / rate
+        area += piece
+    mean = moment / area if area > 0.0 else 0.0
+    return likeliest + (mean if isfinite(mean) else 0.0)

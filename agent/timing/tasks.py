@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Callable
 
 from agent.timing.clock import Clock
+from agent.timing.histogram import BINS, EMPTY
+from agent.timing.misses import Miss, Misses
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,8 @@ class TaskStats:
     by construction.
 
     cycles: cycles run. missed: cycles that were skipped, or ended after the next was due. skipped: the skipped ones
-    among them. start_jitter: from the instant a cycle was due to its start. worst_ns: start of the longest run.
+    among them. start_jitter: from the instant a cycle was due to its start. worst_run_ns: start of the longest run.
+    worst_start_ns: the most delayed start. The histograms are those of `agent.timing.histogram`.
     """
 
     name: str
@@ -28,7 +31,10 @@ class TaskStats:
     start_jitter_mean_ns: float = 0.0
     run_max_ns: int = 0
     run_mean_ns: float = 0.0
-    worst_ns: int = 0
+    worst_run_ns: int = 0
+    worst_start_ns: int = 0
+    start_jitter_histogram: tuple[int, ...] = EMPTY
+    run_histogram: tuple[int, ...] = EMPTY
 
 
 class _Task:
@@ -43,35 +49,54 @@ class _Task:
         self.index = 0
         self.due_ns = start_ns
         self.cycles = self.missed = self.skipped = 0
-        self.jitter_max_ns = self.jitter_sum_ns = 0
-        self.run_max_ns = self.run_sum_ns = self.worst_ns = 0
+        self.jitter_max_ns = self.jitter_sum_ns = self.worst_start_ns = 0
+        self.run_max_ns = self.run_sum_ns = self.worst_run_ns = 0
+        self.jitter_bins = [0] * BINS
+        self.run_bins = [0] * BINS
 
     def due(self, index: int) -> int:
         """Instant of a cycle, from the start and not from the cycle before: rounding does not add up."""
         return self.start_ns + round(index * 1e9 / self.rate_hz)
 
-    def run(self, clock: Clock) -> None:
+    def shift(self, by_ns: int) -> None:
+        self.start_ns += by_ns
+        self.due_ns += by_ns
+
+    def run(self, clock: Clock, misses: Misses) -> None:
         begin_ns = clock.now_ns()
-        index = self.index
-        next_ns = self.due(index + 1)
+        due_ns, first = self.due_ns, self.index
+        index = first
+        next_ns = self.start_ns + round((index + 1) * 1e9 / self.rate_hz)
         if next_ns <= begin_ns:
             index = max(index, int((begin_ns - self.start_ns) * self.rate_hz / 1e9) - 1)
             while (next_ns := self.due(index + 1)) <= begin_ns:
                 index += 1
-            self.skipped += index - self.index
-            self.missed += index - self.index
-        jitter_ns = begin_ns - self.due_ns
+            self.skipped += index - first
+            self.missed += index - first
         self.index, self.due_ns = index + 1, next_ns
         self.function(begin_ns)
         end_ns = clock.now_ns()
-        run_ns = end_ns - begin_ns
-        self.cycles += 1
-        self.missed += end_ns > next_ns
+        cycles = self.cycles  # below, times under 0 are of a clock that stepped back meanwhile
+        self.cycles = cycles + 1
+        jitter_ns = begin_ns - due_ns
+        if jitter_ns < 0:
+            jitter_ns = 0
         self.jitter_sum_ns += jitter_ns
-        self.jitter_max_ns = max(self.jitter_max_ns, jitter_ns)
+        if jitter_ns > self.jitter_max_ns or not cycles:
+            self.jitter_max_ns, self.worst_start_ns = jitter_ns, begin_ns
+        number = (jitter_ns // 1000).bit_length() - 1  # as bin_of, without the call
+        self.jitter_bins[0 if number < 1 else number if number < BINS else -1] += 1
+        run_ns = end_ns - begin_ns
+        if run_ns < 0:
+            run_ns = 0
         self.run_sum_ns += run_ns
-        if run_ns > self.run_max_ns or self.cycles == 1:
-            self.run_max_ns, self.worst_ns = run_ns, begin_ns
+        if run_ns > self.run_max_ns or not cycles:
+            self.run_max_ns, self.worst_run_ns = run_ns, begin_ns
+        number = (run_ns // 1000).bit_length() - 1
+        self.run_bins[0 if number < 1 else number if number < BINS else -1] += 1
+        if end_ns > next_ns or index != first:
+            self.missed += end_ns > next_ns
+            misses.note(Miss(self.name, first, due_ns, begin_ns, end_ns, index - first))
 
     def stats(self) -> TaskStats:
         cycles = max(self.cycles, 1)
@@ -85,7 +110,10 @@ class _Task:
             start_jitter_mean_ns=self.jitter_sum_ns / cycles,
             run_max_ns=self.run_max_ns,
             run_mean_ns=self.run_sum_ns / cycles,
-            worst_ns=self.worst_ns,
+            worst_run_ns=self.worst_run_ns,
+            worst_start_ns=self.worst_start_ns,
+            start_jitter_histogram=tuple(self.jitter_bins),
+            run_histogram=tuple(self.run_bins),
         )
 
 
@@ -93,43 +121,71 @@ class Executor:
     """Runs functions at fixed rates; the caller waits, this one decides what is due.
 
     Cycle k of a task is due at start + k / rate, whatever happened before. A task that comes late runs once, for the
-    newest cycle due; the cycles it slept through are skipped and counted, never made up for.
+    newest cycle due; the cycles it slept through are skipped and counted, never made up for. A clock that jumps ahead
+    does just that. When it steps back, the deadlines step back with it: nothing is waited for twice.
+
+    misses: the deadlines missed, one by one. steps_back: how often the clock did that.
     """
 
     def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+        self.clock = clock
+        self.misses = Misses()
+        self.steps_back = 0
         self._tasks: list[_Task] = []
+        self._urgent: list[_Task] = []
+        self._last_ns = clock.now_ns()
 
-    def add(self, name: str, rate_hz: float, function: Callable[[int], None]) -> None:
+    def add(self, name: str, rate_hz: float, function: Callable[[int], None], urgent: bool = False) -> None:
         """A task, first due now; `function` gets the instant its cycle starts.
 
-        What is due together runs in the order added.
+        What is due together runs in the order added. `run_urgent` runs the urgent ones alone.
         """
         if not 0.0 < rate_hz <= 1e6:
             raise ValueError(f"task {name}: rate_hz = {rate_hz} is not a rate; use a number above 0 up to 1e6")
         if any(task.name == name for task in self._tasks):
             raise ValueError(f"task {name}: the name is taken; give each task its own")
-        self._tasks.append(_Task(name, rate_hz, function, self._clock.now_ns()))
+        task = _Task(name, rate_hz, function, self.clock.now_ns())
+        self._tasks.append(task)
+        if urgent:
+            self._urgent.append(task)
 
     @property
     def next_due_ns(self) -> int | None:
         """Earliest instant at which a task is due, None without tasks."""
-        return min((task.due_ns for task in self._tasks), default=None)
+        return min([task.due_ns for task in self._tasks], default=None)
 
     def run_due(self, now_ns: int) -> int:
         """Run once each task due at now_ns (an instant of the executor's clock, not in its future).
 
         Returns how many ran.
         """
+        return self._run(self._tasks, now_ns)
+
+    def run_urgent(self, now_ns: int) -> int:
+        """The same for the urgent ones; the others stay due."""
+        return self._run(self._urgent, now_ns)
+
+    def _run(self, tasks: list[_Task], now_ns: int) -> int:
+        if now_ns < self._last_ns:
+            self._step_back(now_ns)
+        self._last_ns = now_ns
         ran = 0
-        for task in self._tasks:
+        for task in tasks:
             if task.due_ns <= now_ns:
-                task.run(self._clock)
+                task.run(self.clock, self.misses)
                 ran += 1
         return ran
 
+    def _step_back(self, now_ns: int) -> None:
+        self.steps_back += 1
+        for task in self._tasks:
+            task.shift(now_ns - self._last_ns)
+
     def restart(self, now_ns: int) -> None:
         """All tasks first due at now_ns, with empty statistics."""
+        self._last_ns = now_ns
+        self.steps_back = 0
+        self.misses.clear()
         for task in self._tasks:
             task.restart(now_ns)
 

@@ -53,10 +53,11 @@ class Helm:
 
 
 class Propellers:
-    """Allocation of demands with what it remembers."""
+    """Allocation of demands with what it remembers. `efforts` counts them."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
+        self.efforts = 0
         self.configure()
         self.restart()
 
@@ -70,10 +71,12 @@ class Propellers:
 
     def take(self, motors: Motors) -> tuple[float, float]:
         """Commands that were made elsewhere."""
+        self.efforts += 1
         self.last = Allocation((motors.port, motors.starboard))
         return self.last.command
 
     def drive(self, demand: Demand, dt_s: float) -> tuple[float, float]:
         """Commands (port, starboard) in [-1, 1]."""
+        self.efforts += 1
         self.last = allocate(self._gains, self.last, demand.thrust, demand.steering, dt_s)
         return self.last.command

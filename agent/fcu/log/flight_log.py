@@ -28,6 +28,7 @@ from agent.fcu.log.loop_window import LoopWindow
 from agent.fcu.mission import Mission, MissionItem
 from agent.fcu.parameters import TABLE, Parameters
 from agent.fcu.samples import Actuators, BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample, Vector3
+from agent.timing.misses import Miss
 from agent.timing.tasks import TaskStats
 
 ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42  # EV
@@ -114,6 +115,11 @@ class FlightLog(NullFlightLog):
         if self._writer is None and writer.unwritten_bytes:
             return f"{writer.unwritten_bytes} bytes not written: the disk hangs"
         return ""
+
+    @property
+    def dropped(self) -> int:
+        writer = self._writer or self._closed
+        return 0 if writer is None else writer.dropped
 
     def begin(self, now_ns: int, lockstep: bool = False) -> None:
         self.close()
@@ -325,6 +331,10 @@ class FlightLog(NullFlightLog):
         self._put_important(self._formats["PM"].pack(now_us, LOOP_HZ, *times))
         for index, task in enumerate(stats):
             self._put(records.task(now_us, index, task))
+
+    def missed(self, now_ns: int, misses: Sequence[Miss]) -> None:
+        for one in () if self._lockstep else misses:
+            self._put_important(records.miss(now_ns // 1000, one))
 
 
 def _drops(now_us: int, writer: Writer) -> bytes:

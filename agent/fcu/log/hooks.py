@@ -8,6 +8,7 @@ from agent.fcu.autopilot import Autopilot
 from agent.fcu.mission import MissionItem
 from agent.fcu.parameters import Parameters
 from agent.fcu.samples import Actuators, BarometerSample, GnssSample, ImuSample, MagnetometerSample
+from agent.timing.misses import Miss
 from agent.timing.tasks import TaskStats
 
 
@@ -46,6 +47,14 @@ class NullFlightLog:
 
     def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
         """How the executor's tasks did since its start; call it about once a second."""
+
+    def missed(self, now_ns: int, misses: Sequence[Miss]) -> None:
+        """Deadlines that the executor's tasks missed, each once."""
+
+    @property
+    def dropped(self) -> int:
+        """Records of the newest log that it could not keep."""
+        return 0
 
     def close(self) -> None:
         """The log ends here. Waits for the disk, but not long."""

@@ -21,12 +21,14 @@ from agent.fcu.samples import (
     Vector3,
 )
 from agent.fcu.sensing.position_filter import InnovationRatios
+from agent.timing.histogram import quantile_us
+from agent.timing.misses import Miss
 from agent.timing.tasks import TaskStats
 
 _IMU, _GPS, _GPA, _MAG, _BARO = (FORMATS[name].pack for name in ("IMU", "GPS", "GPA", "MAG", "BARO"))
 _ATT, _POS, _XKF1, _XKF4, _XKQ = (FORMATS[name].pack for name in ("ATT", "POS", "XKF1", "XKF4", "XKQ"))
 _RCIN, _RCOU, _NTUN, _ORGN = (FORMATS[name].pack for name in ("RCIN", "RCOU", "NTUN", "ORGN"))
-_STER, _THR, _TASK = (FORMATS[name].pack for name in ("STER", "THR", "TASK"))
+_STER, _THR, _TASK, _TSKQ, _MISS = (FORMATS[name].pack for name in ("STER", "THR", "TASK", "TSKQ", "MISS"))
 
 # XKF4.SS, as ArduPilot's filter status: attitude; velocity and position; what is left without a position.
 _ATTITUDE, _POSITION, _CONSTANT_POSITION = 0x01, 0x3E, 0x80
@@ -157,8 +159,10 @@ def mission_item(name: str, now_us: int, seq: int, total: int, item: MissionItem
 
 
 def task(now_us: int, index: int, stats: TaskStats) -> bytes:
-    """TASK: all counted since the start."""
-    return _TASK(
+    """TASK and TSKQ: all counted since the start."""
+    starts, runs = stats.start_jitter_histogram, stats.run_histogram
+    longest_start_us, longest_run_us = stats.start_jitter_max_ns // 1000, stats.run_max_ns // 1000
+    counts = _TASK(
         now_us,
         index,
         stats.name,
@@ -166,11 +170,27 @@ def task(now_us: int, index: int, stats: TaskStats) -> bytes:
         stats.cycles,
         stats.missed,
         stats.skipped,
-        stats.start_jitter_max_ns // 1000,
+        longest_start_us,
         stats.start_jitter_mean_ns * 1e-3,
-        stats.run_max_ns // 1000,
+        longest_run_us,
         stats.run_mean_ns * 1e-3,
     )
+    return counts + _TSKQ(
+        now_us,
+        index,
+        quantile_us(starts, 0.5, longest_start_us),
+        quantile_us(starts, 0.99, longest_start_us),
+        stats.worst_start_ns // 1000,
+        quantile_us(runs, 0.5, longest_run_us),
+        quantile_us(runs, 0.99, longest_run_us),
+        stats.worst_run_ns // 1000,
+    )
+
+
+def miss(now_us: int, missed: Miss) -> bytes:
+    """MISS."""
+    late_us, run_us = (missed.start_ns - missed.due_ns) // 1000, (missed.end_ns - missed.start_ns) // 1000
+    return _MISS(now_us, missed.task, missed.cycle, missed.due_ns // 1000, late_us, run_us, missed.skipped)
 
 
 def _compass_deg(angle_rad: float) -> float:

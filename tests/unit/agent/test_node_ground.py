@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from agent.autopilot_role import AutopilotRole
 from agent.fcu.autopilot import Autopilot
 from agent.fcu.log.hooks import NullFlightLog
 from agent.fcu.mavlink.services import Services
@@ -35,14 +36,15 @@ class Bench:
         self.host = Link(here, 255, 190, tap=lambda way, frame: self.frames.append(frame) if way == "rx" else None)
         self.ground = GroundStations(["tcp://127.0.0.1:0"], 1, 1) if with_ground else None
         self.storage = None if storage is None else Storage(storage)
-        self.node = AgentNode(
-            Link(there, 1, 1),
+        link = Link(there, 1, 1)
+        self.role = AutopilotRole(
             lambda: Services(Autopilot()),
-            "bench",
+            link.send,
             ground=self.ground,
             storage=self.storage,
             make_log=None if log is None else lambda now_ns: log,
         )
+        self.node = AgentNode(link, self.role)
         self.station: Link | None = None
         self.tick = 0
         if self.ground is not None:
@@ -236,7 +238,7 @@ def test_bytes_of_any_kind_from_a_station_raise_nothing(chunks: list[bytes]) -> 
         bench.node.poll()
         bench.station.receive()
     bench.node.poll()
-    assert math.isfinite(bench.node._services.autopilot.estimate.yaw_rad)
+    assert math.isfinite(bench.role.services.autopilot.estimate.yaw_rad)
 
 
 _kept: list[Bench] = []

@@ -129,3 +129,26 @@ def test_a_clock_that_is_set_back_starts_the_wait_again() -> None:
     assert not watches.look_at_gcs(True, 0)
     assert not watches.look_at_gcs(True, 106 * SECOND)
     assert watches.look_at_gcs(True, 108 * SECOND)
+
+
+def test_after_a_silence_of_the_imu_the_first_fix_is_waited_for_but_not_for_ever() -> None:
+    watches = Failsafes(Parameters())
+    now_ns, accepted = 0, 1
+
+    def look(position_lost: bool) -> bool:
+        watches.look_at_imu(accepted, True, now_ns)
+        return watches.look_at_ekf(position_lost, InnovationRatios(), True, now_ns)
+
+    assert not look(False)
+    now_ns = 5 * SECOND
+    assert not look(True)
+    assert watches.active == ("IMU",)
+    accepted, now_ns = 2, 6 * SECOND
+    assert not look(True)
+    assert watches.active == ()
+    for tenth in range(1, 30):
+        accepted, now_ns = accepted + 1, 6 * SECOND + tenth * SECOND // 10
+        assert not look(True)
+    accepted, now_ns = accepted + 1, 9 * SECOND
+    assert look(True)
+    assert watches.active == ("EKF",)

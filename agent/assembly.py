@@ -1,0 +1,119 @@
+"""Puts a node together from its options: the one place where the parts of an agent meet."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Callable
+
+from agent.faults import Faults
+from agent.fcu.control.controller import ControllerError
+from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.parameters import ParameterError
+from agent.machine import look_around
+from agent.node import AgentNode
+from agent.options import COMPANION, Options, OptionsError
+from agent.reports import Identity
+from agent.role import Role
+from agent.storage import StorageError
+from agent.timing.clock import MonotonicClock
+from agent.wire.codec import Message
+from agent.wire.link import Link
+from agent.wire.signing import Signing, SigningKeyError, read_key
+from agent.wire.transport import Transport, TransportError
+
+SYSTEM_ID = 1
+AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID = 1, 191  # MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_ONBOARD_COMPUTER
+
+REFUSALS = (OptionsError, ParameterError, TransportError, StorageError, SigningKeyError, ControllerError)
+"""What `assemble` raises, each one sentence."""
+
+
+def assemble(transport: Transport, options: Options, opened: ExitStack) -> AgentNode:
+    """The node that the options describe, on a transport that is open.
+
+    The transport stays the caller's to close; what else has to be closed goes to `opened`. Raises `REFUSALS`.
+    """
+    clock = MonotonicClock()
+    faults = Faults(clock)
+    opened.callback(faults.close)
+    key = _signing(options.link_key)
+    component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
+    link = Link(faults.wrap(transport), SYSTEM_ID, component_id, signing=key)
+    role = _companion(options) if options.role == COMPANION else _autopilot(options, link.send, opened)
+    machine = look_around()
+    machine = machine._replace(kind=options.kind or machine.kind, name=options.machine or machine.name)
+    identity = Identity(role.nodes, machine, signed=key is not None)
+    return AgentNode(link, role, identity, faults, options.silence_s, clock)
+
+
+def _companion(options: Options) -> Role:
+    from agent.companion.role import CompanionRole
+
+    for name in ("ground", "controller", "parameters", "storage", "log_dir", "log_file", "signing_key"):
+        if getattr(options, name):
+            option = "gcs" if name == "ground" else name.replace("_", "-")
+            raise OptionsError(f"{option}: a companion has none; leave it out, or use the role fcu")
+    return CompanionRole()
+
+
+def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitStack) -> Role:
+    from agent.autopilot_role import AutopilotRole
+    from agent.fcu.autopilot import Autopilot
+    from agent.fcu.control.controller import load
+    from agent.fcu.mavlink.services import Services
+    from agent.fcu.parameters import Parameters
+    from agent.ground.stations import GroundStations
+    from agent.storage import Storage
+
+    parameters = Parameters()
+    if options.parameters is not None:
+        parameters.load(_text(options.parameters), str(options.parameters))
+    make_controller = load(options.controller) if options.controller else None
+    signing = _signing(options.signing_key)
+    storage = None
+    if options.storage is not None:
+        storage = Storage(options.storage)
+        opened.callback(storage.close)
+    ground = None
+    if options.ground:
+        ground = GroundStations(options.ground, SYSTEM_ID, AUTOPILOT_COMPONENT_ID, signing)
+        opened.callback(ground.close)
+
+    def services() -> Services:
+        own = Parameters({name: parameters[name] for name in parameters})
+        return Services(Autopilot(own, make_controller), SYSTEM_ID, AUTOPILOT_COMPONENT_ID)
+
+    return AutopilotRole(services, send, ground, storage, _log_of(options, opened))
+
+
+def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]], NullFlightLog] | None:
+    directory, file = options.log_dir, options.log_file
+    if directory is None and file is None:
+        return None
+    if directory is not None and file is not None:
+        raise OptionsError("log-dir, log-file: a log goes to one of them; leave the other out")
+    from agent.dataflash.files import at, in_directory
+    from agent.fcu.log.flight_log import FlightLog
+
+    opener = at(file) if file is not None else in_directory(directory or Path())
+
+    def make(now_ns: Callable[[], int]) -> NullFlightLog:
+        log = FlightLog(opener, now_ns)
+        opened.callback(log.close)
+        return log
+
+    return make
+
+
+def _signing(key_file: Path | None) -> Signing | None:
+    return None if key_file is None else Signing(read_key(_text(key_file), str(key_file)))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except UnicodeDecodeError:
+        raise OptionsError(f"{path}: cannot be read (not text); check the path") from None
+    except OSError as error:
+        raise OptionsError(f"{path}: cannot be read ({error.strerror}); check the path") from None

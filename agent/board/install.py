@@ -1,0 +1,206 @@
+"""`xitl-agent.pyz install`: put this archive where it belongs on this board. Started by `xitl agent deploy`.
+
+                  of root                          of a user
+    archive       /usr/local/bin/xitl-agent.pyz    ~/.local/bin/xitl-agent.pyz
+    settings      /etc/xitl/agent.conf             ~/.config/xitl/agent.conf
+    logs, kept    /var/lib/xitl                    ~/.local/state/xitl
+    service       of the system                    of that user
+
+DESTDIR goes before all of these, as in `make install`. Every file is written under another name and moved into place,
+and a second time changes nothing.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import agent
+from agent.board.archive import NotAnArchiveError, compiled, origin, origin_of, own_archive
+from agent.board.receive import MARK
+from agent.board.service import NAME, ServiceError, Systemd, unit
+from agent.board.settings import FILES, SECRET_FILES, Settings, SettingsError, configuration, from_json
+
+ARCHIVE = "xitl-agent.pyz"
+CONFIGURATION = "agent.conf"
+_WRITTEN_BY_AGENT = ("log-dir", "log-file", "storage")
+_TRY_S = 120.0
+
+
+class InstallError(Exception):
+    """One sentence: what, where, what to do."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where things go. `stage` is put before each when writing, and is no part of what the unit says."""
+
+    system: bool
+    programs: Path
+    settings: Path
+    units: Path
+    state: Path
+    stage: str
+
+    def staged(self, path: Path) -> Path:
+        return Path(self.stage + str(path)) if self.stage else path
+
+
+def places(system: bool, home: Path, stage: str = "") -> Places:
+    if system:
+        root = Path("/")
+        return Places(
+            True, root / "usr/local/bin", root / "etc/xitl", root / "etc/systemd/system", root / "var/lib/xitl", stage
+        )
+    return Places(
+        False,
+        home / ".local/bin",
+        home / ".config/xitl",
+        home / ".config/systemd/user",
+        home / ".local/state/xitl",
+        stage,
+    )
+
+
+def main(arguments: list[str], program: str) -> int:
+    """Install what standard input asks for; the outcome is one line of JSON after `MARK`."""
+    if arguments or sys.stdin.isatty():
+        sys.stdout.write(f"{program}: started by `xitl agent deploy user@host`, which sends what to install\n")
+        return 2
+    where = places(os.geteuid() == 0, Path.home(), os.environ.get("DESTDIR", "").rstrip("/"))
+    try:
+        outcome = install(own_archive().read_bytes(), from_json(sys.stdin.buffer.read()), where)
+    except (InstallError, NotAnArchiveError, ServiceError, SettingsError) as error:
+        outcome = {"error": str(error)}
+    sys.stdout.write(MARK + json.dumps(outcome) + "\n")
+    return 2 if "error" in outcome else 0
+
+
+def install(data: bytes, settings: Settings, where: Places) -> dict[str, Any]:
+    """Bring the archive `data`, its configuration and its service into place; what came of it, for people and programs.
+
+    Raises InstallError and ServiceError.
+    """
+    archive = where.programs / ARCHIVE
+    config = where.settings / CONFIGURATION
+    changed = []
+    if origin(where.staged(archive)) != origin_of(data):
+        _write(where.staged(archive), compiled(data), 0o755, tried=True)
+        changed.append(str(archive))
+    for key, content in settings.files.items():
+        path = where.settings / FILES[key]
+        mode = 0o600 if key in SECRET_FILES else 0o644
+        if _write(where.staged(path), content.encode(), mode):
+            changed.append(str(path))
+    if settings.options is not None:
+        options = {**settings.options, **{key: (str(where.settings / FILES[key]),) for key in settings.files}}
+        for key in set(_WRITTEN_BY_AGENT) & set(options):
+            options[key] = tuple(str(where.state / value) for value in options[key])
+        if _write(where.staged(config), configuration(options).encode(), 0o644):
+            changed.append(str(config))
+    command = [sys.executable, str(archive)]
+    if where.staged(config).exists():
+        command += ["--config", str(config)]
+    outcome: dict[str, Any] = {
+        "version": agent.__version__,
+        "python": platform.python_version(),
+        "machine": f"{platform.machine()} {platform.system()} {platform.release()}",
+        "command": command,
+        "changed": changed,
+        "service": None,
+        "notes": [],
+    }
+    written = where.staged(where.units / NAME)
+    if settings.service:
+        _make(where.staged(where.state))
+        if _write(written, unit(command, str(where.state), where.system).encode(), 0o644):
+            changed.append(str(where.units / NAME))
+        systemd = Systemd(where.system)
+        outcome["started"] = systemd.apply(changed=bool(changed))
+        outcome["service"] = systemd.status()
+        if not where.system:
+            outcome["notes"] = _about_lingering()
+    elif changed and written.exists():
+        outcome["notes"] = ["the service that is installed here still runs what it was started with; add --service"]
+    return outcome
+
+
+def _make(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InstallError(f"{directory}: cannot be made ({error.strerror}); check who may write there") from error
+
+
+def _write(path: Path, data: bytes, mode: int, tried: bool = False) -> bool:
+    """Put `data` at `path` in one move; False when it is there already. `tried` runs it first. Raises InstallError."""
+    try:
+        if path.read_bytes() == data and path.stat().st_mode & 0o777 == mode:
+            return False
+    except OSError:
+        pass
+    temporary = ""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, mode)  # noqa: PTH101
+        if tried:
+            _try(temporary)
+        os.replace(temporary, path)  # noqa: PTH105
+        temporary = ""
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        todo = "make room there" if full else "check who may write there"
+        raise InstallError(f"{path}: cannot be written ({error.strerror}); {todo}") from error
+    finally:
+        if temporary:
+            os.unlink(temporary)  # noqa: PTH108
+    return True
+
+
+def _try(archive: str) -> None:
+    """The new archive has to start here before it takes the place of the old one."""
+    try:
+        ran = subprocess.run(
+            [sys.executable, archive, "--version"],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_TRY_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise InstallError(f"the agent did not start on this board within {_TRY_S:.0f} s; is the board busy?") from None
+    if ran.returncode:
+        lines = ran.stderr.strip().splitlines() or [f"exit code {ran.returncode}"]
+        raise InstallError(
+            f"the agent does not start with Python {platform.python_version()} on this board ({lines[-1]}); "
+            "what was installed before is untouched"
+        )
+
+
+def _about_lingering() -> list[str]:
+    try:
+        user = Path("/var/lib/systemd/linger") / os.environ.get("USER", "")
+        lingers = bool(os.environ.get("USER")) and user.exists()
+    except OSError:
+        lingers = False
+    if lingers:
+        return []
+    return [
+        "a user's service stops when that user logs out and does not start at boot; to change that, "
+        "on the board: sudo loginctl enable-linger $USER (or deploy as root)"
+    ]

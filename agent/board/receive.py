@@ -1,0 +1,58 @@
+"""Runs on the board before anything of xitl is there: takes the archive from standard input, checks it, runs it.
+
+`xitl_cli.deploy.ssh` sends this file as it stands, with `python3 -c` of whatever version, so it is written for Python
+3.6. Then come one line of JSON (`bytes`, `sha256`, `arguments`), the archive, and what the archive gets to read.
+"""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import BinaryIO
+
+MARK = "xitl-result: "
+OLDEST = (3, 9)
+
+
+def receive(source: BinaryIO) -> int:
+    """Run the archive that arrives; returns its exit code. Raises OSError when it cannot be kept, else ValueError."""
+    header = json.loads(source.readline().decode())
+    if sys.version_info < OLDEST:
+        raise ValueError(
+            f"python3 on the board is {sys.version.split()[0]} and the agent needs 3.9 or newer; "
+            "install a newer one (Debian 11 and later have it)"
+        )
+    data = source.read(header["bytes"])
+    if len(data) != header["bytes"]:
+        raise ValueError(f"only {len(data)} of {header['bytes']} bytes arrived; try again")
+    found = hashlib.sha256(data).hexdigest()
+    if found != header["sha256"]:
+        raise ValueError(f"what arrived has the SHA-256 {found} in place of {header['sha256']}; try again")
+    handle, path = tempfile.mkstemp(prefix="xitl-agent-", suffix=".pyz")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+        run = subprocess.Popen([sys.executable, path] + header["arguments"], stdin=subprocess.PIPE)
+        run.communicate(source.read())
+        return run.returncode
+    finally:
+        Path(path).unlink()
+
+
+def main() -> int:
+    """Receive from standard input; what goes wrong is one line of JSON after `MARK`."""
+    try:
+        return receive(sys.stdin.buffer)
+    except OSError as error:
+        sentence = f"the board cannot keep the archive ({error.strerror}: {tempfile.gettempdir()}); make room there"
+    except ValueError as error:
+        sentence = str(error)
+    sys.stdout.write(MARK + json.dumps({"error": sentence}) + "\n")
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

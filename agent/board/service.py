@@ -1,0 +1,157 @@
+"""The systemd unit of the agent, and systemctl."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+NAME = "xitl-agent.service"
+START_TIMEOUT_S = 90
+_JOURNAL_TRIES, _JOURNAL_PAUSE_S = 5, 0.3
+
+_UNIT = """\
+# Written by `xitl agent deploy`; a change here is lost with the next one. To keep one: systemctl edit xitl-agent
+[Unit]
+Description=xitl agent
+After=network.target
+StartLimitIntervalSec=0
+
+[Service]
+Type=notify
+ExecStart={command}
+WorkingDirectory={directory}
+Restart=on-failure
+RestartSec=2
+TimeoutStartSec={timeout_s}
+LimitRTPRIO=99
+LimitMEMLOCK=infinity
+OOMScoreAdjust=-500
+NoNewPrivileges=yes
+{hardening}
+[Install]
+WantedBy={target}
+"""
+# Nothing here takes away serial or CAN devices, real-time scheduling, locked memory or a controller's own libraries.
+_SYSTEM = """\
+CapabilityBoundingSet=CAP_SYS_NICE CAP_IPC_LOCK CAP_NET_RAW CAP_NET_BIND_SERVICE
+ProtectSystem=full
+PrivateTmp=yes
+ProtectControlGroups=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK AF_CAN
+RestrictNamespaces=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+SystemCallArchitectures=native
+"""
+
+
+class ServiceError(Exception):
+    """One sentence: what systemd would not do, and what to do."""
+
+
+def unit(command: list[str], directory: str, system: bool) -> str:
+    """The text of the unit that runs `command` in `directory`, for the system or for one user. Raises ServiceError."""
+    quoted(directory)
+    return _UNIT.format(
+        command=" ".join(quoted(word) for word in command),
+        directory=directory.replace("%", "%%"),
+        timeout_s=START_TIMEOUT_S,
+        hardening=_SYSTEM if system else "",
+        target="multi-user.target" if system else "default.target",
+    )
+
+
+def quoted(word: str) -> str:
+    """One word of a unit's command line, taken literally. Raises ServiceError for what no unit can hold."""
+    if not word.isprintable():
+        raise ServiceError(f"{word!r}: a path with control characters cannot be started as a service; use another one")
+    escaped = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
+    return f'"{escaped}"'
+
+
+@dataclass(frozen=True)
+class Systemd:
+    """systemctl for the system, or for this user."""
+
+    system: bool
+
+    def apply(self, changed: bool) -> bool:
+        """Have the unit enabled and running; restarted when something changed. True when it was started anew.
+
+        Raises ServiceError.
+        """
+        if changed:
+            self._do("daemon-reload")
+        self._do("enable", NAME)
+        if not changed and self.active():
+            return False
+        self._do("restart", NAME)
+        return True
+
+    def active(self) -> bool:
+        return self._run("is-active", "--quiet", NAME).returncode == 0
+
+    def status(self) -> str:
+        """What `systemctl status` says, for people."""
+        return self._run("status", "--no-pager", "--full", "--lines=5", NAME).stdout.strip()
+
+    def _do(self, *arguments: str) -> None:
+        begun_s = int(time.time())
+        done = self._run(*arguments)
+        if done.returncode == 0:
+            return
+        said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
+        if "PID 1" in said or "Failed to connect to bus" in said or "Host is down" in said:
+            whose = "the system" if self.system else "this user"
+            raise ServiceError(
+                f"systemctl {arguments[0]}: systemd does not run here for {whose} ({said}); "
+                "start the agent by hand, or by what starts services on this board"
+            )
+        journal = f"journalctl {'' if self.system else '--user '}-u {NAME}"
+        why = self._last_words(begun_s) if arguments[0] == "restart" else ""
+        if why:
+            raise ServiceError(f"the service does not start: {why}; more of it on the board with: {journal}")
+        raise ServiceError(f"systemctl {arguments[0]}: {said}; look into it on the board with: {journal}")
+
+    def _last_words(self, since_s: int) -> str:
+        """The agent's own sentence on why it ended, from the journal, which has it a little later."""
+        for _ in range(_JOURNAL_TRIES):
+            time.sleep(_JOURNAL_PAUSE_S)
+            said = self._run(
+                "-u", NAME, "-n5", "-ocat", "-q", "--no-pager", f"--since=@{since_s}", program="journalctl"
+            )
+            lines = [line for line in said.stdout.splitlines() if line.startswith("error: ")]
+            if lines:
+                return lines[-1].partition("error: ")[2]
+        return ""
+
+    def _run(self, *arguments: str, program: str = "systemctl") -> subprocess.CompletedProcess[str]:
+        where = [] if self.system else ["--user"]
+        environment = {**os.environ, "LC_ALL": "C", "SYSTEMD_COLORS": "0"}
+        runtime = Path(f"/run/user/{os.getuid()}")
+        if not self.system and runtime.is_dir():
+            environment.setdefault("XDG_RUNTIME_DIR", str(runtime))
+        try:
+            return subprocess.run(
+                [program, *where, *arguments],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                env=environment,
+                timeout=START_TIMEOUT_S + 30,
+                check=False,
+            )
+        except FileNotFoundError:
+            raise ServiceError(
+                f"this board has no {program}; leave --service out and start the agent by what starts services there"
+            ) from None
+        except subprocess.TimeoutExpired:
+            raise ServiceError(
+                f"systemctl {arguments[0]} did not come back; look on the board: systemctl status {NAME}"
+            ) from None

@@ -1,0 +1,1 @@
+"""The companion computer's side of the agent."""

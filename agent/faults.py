@@ -1,0 +1,134 @@
+"""Faults that the host asks for: on what this end sends, on its clock, on its processors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from agent.timing.clock import Clock, SteppedClock
+from agent.wire import dialect
+from agent.wire.codec import Message
+from agent.wire.impaired import NO_FAULTS, ImpairedTransport, LinkFaults
+from agent.wire.transport import Transport
+
+if TYPE_CHECKING:
+    from agent.cpu_load import CpuLoad
+
+LAPSE_NS = 10_000_000_000
+"""The host says once a second what is in force; when it has not for so long, link and processors are well again."""
+
+_MOST_US = 60_000_000  # of delay and of jitter
+
+
+class Faults:
+    """Those in force, on the transport that `wrap` has given and on the clock of the run.
+
+    `answering`: what is sent now answers XITL_RUN and is exempt, as is the answer to a tick in lockstep. There time
+    does not pass by itself, and faults of clock, delay and load do not act.
+    """
+
+    def __init__(self, monotonic: Clock) -> None:
+        self.answering = False
+        self._monotonic = monotonic
+        self._clock: SteppedClock | None = None
+        self._transport: ImpairedTransport | None = None
+        self._lost_before = 0
+        self._load: CpuLoad | None = None
+        self._last: tuple[float, ...] = ()
+        self._heard_ns: int | None = None
+
+    def wrap(self, transport: Transport) -> ImpairedTransport:
+        """The same transport, open to faults."""
+        self._transport = ImpairedTransport(transport, self._is_exempt)
+        return self._transport
+
+    def _is_exempt(self, message_id: int) -> bool:
+        return self.answering or (self._clock is None and message_id == dialect.MAVLINK_MSG_ID_XITL_ACTUATORS)
+
+    @property
+    def impaired(self) -> int:
+        """Frames kept back for good since the run began."""
+        return 0 if self._transport is None else self._transport.lost - self._lost_before
+
+    def begin(self, clock: SteppedClock | None) -> None:
+        """A run starts, on this clock, None in lockstep. None is in force."""
+        self.end()
+        self._clock = clock
+        self._lost_before = 0 if self._transport is None else self._transport.lost
+
+    def take(self, message: Message) -> Iterator[str]:
+        """XITL_FAULTS: put in force what it says; a repetition changes nothing. Yields what is to be said about it."""
+        self._heard_ns = self._monotonic.now_ns()
+        wanted = (
+            message.delay_usec, message.jitter_usec, message.loss, message.duplicate, message.reorder, message.cut,
+            message.clock_offset_ns, message.clock_skew_ppm, message.cpu_load, message.seed,
+        )  # fmt: skip
+        if wanted == self._last:
+            return
+        self._last = wanted
+        problem = _problem(message)
+        if problem:
+            yield f"Faults refused: {problem}"
+            return
+        if self._transport is not None:
+            self._transport.set(self._on_link(message), message.seed)
+        if self._clock is None:
+            return
+        offset_ns = message.clock_offset_ns
+        if not any(wanted[:-1]):  # all is to be well again, but time does not go back
+            offset_ns = self._clock.offset_ns
+        if not self._clock.disturb(offset_ns, message.clock_skew_ppm):
+            ahead_s = self._clock.offset_ns * 1e-9
+            yield f"Fault refused: clock offset {offset_ns * 1e-9:g} s, it is {ahead_s:g} s ahead and never steps back"
+        yield from self._burn(message.cpu_load)
+
+    def _on_link(self, message: Message) -> LinkFaults:
+        passes = self._clock is not None
+        return LinkFaults(
+            message.delay_usec * 1e-6 if passes else 0.0,
+            message.jitter_usec * 1e-6 if passes else 0.0,
+            message.loss,
+            message.duplicate,
+            message.reorder,
+            bool(message.cut),
+        )
+
+    def _burn(self, share: float) -> Iterator[str]:
+        if self._load is None and share > 0.0:
+            from agent.cpu_load import CpuLoad
+
+            self._load = CpuLoad()
+        problem = "" if self._load is None else self._load.set(share)
+        if problem:
+            yield f"Fault refused: {problem}"
+
+    def lapse(self) -> None:
+        """Now and then: end what the host does not ask for any more. The clock stays as it is."""
+        if self._heard_ns is not None and self._monotonic.now_ns() - self._heard_ns > LAPSE_NS:
+            self.end()
+
+    def end(self) -> None:
+        """The link and the processors are well again."""
+        self._last, self._heard_ns = (), None
+        if self._transport is not None:
+            self._transport.set(NO_FAULTS)
+        if self._load is not None:
+            self._load.close()
+
+    def close(self) -> None:
+        """As `end`; nothing that was started is left."""
+        self.end()
+
+
+def _problem(message: Message) -> str:
+    """What no fault can be, or nothing."""
+    for name in ("loss", "duplicate", "reorder", "cpu_load"):
+        share = getattr(message, name)
+        if not 0.0 <= share <= 1.0:
+            return f"{name} {share:g} is no share of 1"
+    for name in ("delay_usec", "jitter_usec"):
+        if getattr(message, name) > _MOST_US:
+            return f"{name} {getattr(message, name)} is above {_MOST_US}"
+    skew_ppm = message.clock_skew_ppm
+    return "" if isfinite(skew_ppm) and abs(skew_ppm) < 1e5 else f"clock_skew_ppm {skew_ppm:g} is not within 100000"

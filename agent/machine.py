@@ -1,0 +1,133 @@
+"""What the agent runs on, and how that is doing. Files under /proc and /sys; what cannot be read is unknown."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+VIRTUAL, REAL = "virtual", "real"
+_STAND_INS = ("linux,dummy-virt", "riscv-virtio,qemu")  # models that emulators give themselves
+_CPU_SENSORS = ("cpu", "soc", "x86_pkg", "core", "mcu")  # in a thermal zone's type
+
+
+class Machine(NamedTuple):
+    """What does not change. kind: whether this is a board or a machine that stands in for one.
+
+    name: the board's model, else its processor. kernel: system, release, processor, and whether it is PREEMPT_RT.
+    processors: those the agent may use. memory_mib: 0 unknown.
+    """
+
+    kind: str
+    name: str
+    kernel: str
+    preempt_rt: bool
+    processors: int
+    memory_mib: int
+
+
+class Health(NamedTuple):
+    """How it is doing. cpu_percent: of one core, by this process since the last look.
+
+    load_1min: below 0 unknown. temperature_degc: None unknown. memory_kib: resident, 0 unknown.
+    """
+
+    cpu_percent: float
+    load_1min: float
+    temperature_degc: float | None
+    memory_kib: int
+
+
+def look_around(root: Path = Path("/")) -> Machine:
+    """This machine, with the files under `root`."""
+    model = _text(root / "proc/device-tree/model").rstrip("\0").strip()
+    system = os.uname()
+    preempt_rt = _text(root / "sys/kernel/realtime").strip() == "1" or "PREEMPT_RT" in system.version
+    kernel = f"{system.sysname} {system.release} {system.machine}"
+    return Machine(
+        kind=REAL if model and model not in _STAND_INS else VIRTUAL,
+        name=model or _processor(root) or system.machine,
+        kernel=f"{kernel} PREEMPT_RT" if preempt_rt else kernel,
+        preempt_rt=preempt_rt,
+        processors=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 0,
+        memory_mib=_total_memory_mib(root),
+    )
+
+
+class HealthMonitor:
+    """Looks after the machine now and then; a look costs some reads of small files."""
+
+    def __init__(self, root: Path = Path("/")) -> None:
+        self._thermal = _thermal_zone(root)
+        self._last_s = time.monotonic()
+        self._last_cpu_s = time.process_time()
+
+    def look(self) -> Health:
+        """How it is doing now."""
+        now_s, cpu_s = time.monotonic(), time.process_time()
+        elapsed_s = now_s - self._last_s
+        percent = 100.0 * (cpu_s - self._last_cpu_s) / elapsed_s if elapsed_s > 0.0 else 0.0
+        self._last_s, self._last_cpu_s = now_s, cpu_s
+        try:
+            load = os.getloadavg()[0]
+        except OSError:
+            load = -1.0
+        return Health(percent, load, _degrees(self._thermal), resident_kib())
+
+
+def resident_kib() -> int:
+    """Resident memory of this process, 0 where the system does not tell."""
+    try:
+        return int(_text(Path("/proc/self/statm")).split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
+    except (OSError, ValueError, IndexError):
+        return 0
+
+
+def _text(path: Path) -> str:
+    """What is in a small file, empty when it cannot be read."""
+    try:
+        with open(path, "rb") as file:  # noqa: PTH123  pathlib costs a slow board more than it gives here
+            return file.read(65536).decode("utf-8", "replace")
+    except OSError:
+        return ""
+
+
+def _processor(root: Path) -> str:
+    for line in _text(root / "proc/cpuinfo").splitlines():
+        key, _, value = line.partition(":")
+        if key.strip() in ("model name", "Hardware"):
+            return value.strip()
+    return ""
+
+
+def _total_memory_mib(root: Path) -> int:
+    for line in _text(root / "proc/meminfo").splitlines():
+        if line.startswith("MemTotal:"):
+            try:
+                return int(line.split()[1]) // 1024
+            except (ValueError, IndexError):
+                return 0
+    return 0
+
+
+def _thermal_zone(root: Path) -> Path | None:
+    """The file of the zone that is the processor's by its name, else of the first that can be read."""
+    readable = []
+    for zone in sorted((root / "sys/class/thermal").glob("thermal_zone*")):
+        if _degrees(zone / "temp") is None:
+            continue
+        if any(word in _text(zone / "type").lower() for word in _CPU_SENSORS):
+            return zone / "temp"
+        readable.append(zone / "temp")
+    return readable[0] if readable else None
+
+
+def _degrees(path: Path | None) -> float | None:
+    if path is None:
+        return None
+    try:
+        millidegrees = int(_text(path))
+    except ValueError:
+        return None
+    return millidegrees * 1e-3 if -100_000 < millidegrees < 300_000 else None

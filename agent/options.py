@@ -1,0 +1,194 @@
+"""What an agent is told at its start: on the command line, in a file, or by the program that it is a part of."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import agent
+from agent.machine import REAL, VIRTUAL
+from agent.timing.realtime import DEFAULT_PRIORITY
+
+DEFAULT_LINK = "udp://127.0.0.1:14660"
+FCU, COMPANION = "fcu", "companion"
+SECTION = "agent"
+_BESIDE = {
+    "xitl agent": "To bring it to a board: xitl agent package, xitl agent deploy. To check a machine: xitl doctor.",
+    "xitl-agent.pyz": "To check whether this machine is fit for it: xitl-agent.pyz doctor.",
+}
+
+
+class OptionsError(ValueError):
+    """An option cannot be; the message says which, why and what to do."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Files are read when the agent is assembled.
+
+    link: where to wait for the host. ground: addresses of ground stations. log_dir: a new DataFlash log of each run in
+    this folder; log_file: each run into this file. signing_key: of ground stations; link_key: of the host. realtime:
+    priority of SCHED_FIFO, 0 without. cpus: processors to keep to, empty for any. kind: `real`, `virtual`, or empty to
+    find out. machine: name of the machine, empty to find out. silence_s: a host silent for so long is gone, 0 never.
+    """
+
+    link: str = DEFAULT_LINK
+    role: str = FCU
+    ground: tuple[str, ...] = ()
+    controller: str = ""
+    parameters: Path | None = None
+    storage: Path | None = None
+    log_dir: Path | None = None
+    log_file: Path | None = None
+    signing_key: Path | None = None
+    link_key: Path | None = None
+    realtime: int = 0
+    cpus: tuple[int, ...] = ()
+    kind: str = ""
+    machine: str = ""
+    silence_s: float = 60.0
+
+
+def parse(arguments: list[str] | None, program: str) -> Options:
+    """Options of a command line, and of the file it names; the command line wins. Raises OptionsError.
+
+    `--help` and `--version` print and raise SystemExit.
+    """
+    parser = _parser(program)
+    given = vars(parser.parse_args(arguments))
+    config = given.pop("config", None)
+    if config is not None:
+        given = {**_of_file(config, parser), **given}
+    for name in ("ground", "cpus"):
+        if name in given:
+            given[name] = tuple(given[name])
+    return Options(**given)
+
+
+def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
+    """Values by field. The keys of the file are the long options; paths in it start from where it is."""
+    from configparser import ConfigParser
+    from configparser import Error as ConfigError
+
+    known = {
+        option[2:]: action
+        for action in parser._actions
+        for option in action.option_strings
+        if option.startswith("--") and action.dest not in ("help", "version", "config")
+    }
+    config = ConfigParser(interpolation=None, default_section="")
+    try:
+        config.read_string(path.read_text(), str(path))
+    except ConfigError as error:
+        raise OptionsError(f"{path}: {' '.join(str(error).split())}; write KEY = VALUE under [{SECTION}]") from None
+    except UnicodeDecodeError:
+        raise OptionsError(f"{path}: cannot be read (not text); check the path") from None
+    except OSError as error:
+        raise OptionsError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    for section in config.sections():
+        if section != SECTION:
+            raise OptionsError(f"{path}: unknown section [{section}]; write all under [{SECTION}]")
+    if not config.has_section(SECTION):
+        raise OptionsError(f"{path}: has no section [{SECTION}]; write it above the options")
+    found: dict[str, Any] = {}
+    for key, text in config.items(SECTION):
+        if key not in known:
+            raise OptionsError(f"{path}: unknown key {key}; use one of {', '.join(sorted(known))}")
+        found[known[key].dest] = _value(path, key, text.strip(), known[key])
+    return found
+
+
+def _value(path: Path, key: str, text: str, action: argparse.Action) -> Any:
+    kind: Any = action.type or str
+    if isinstance(action, argparse._AppendAction):
+        return [kind(word) for word in text.split()]
+    if not text and action.nargs == "?":
+        return action.const
+    try:
+        value = kind(text)
+    except (argparse.ArgumentTypeError, ValueError) as error:
+        raise OptionsError(f"{path}: {key} = {text}: {error}") from None
+    if action.choices is not None and value not in action.choices:
+        raise OptionsError(f"{path}: {key} = {text}; use one of {', '.join(action.choices)}")
+    return path.parent / value if isinstance(value, Path) else value
+
+
+class _Parser(argparse.ArgumentParser):
+    """Refuses in one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        raise OptionsError(f"{message}; see {self.prog} --help")
+
+
+def _priority(text: str) -> int:
+    if not (text.isdigit() and 1 <= int(text) <= 99):
+        raise argparse.ArgumentTypeError(f"{text} is no priority of SCHED_FIFO; use 1 to 99")
+    return int(text)
+
+
+def _cpus(text: str) -> tuple[int, ...]:
+    words = text.replace(",", " ").split()
+    if not words or not all(word.isdigit() and int(word) < 4096 for word in words):
+        raise argparse.ArgumentTypeError(f"{text or 'nothing'} names no processors; write them like 1 or 2,3")
+    return tuple(sorted({int(word) for word in words}))
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 <= seconds < 1e6:
+        raise argparse.ArgumentTypeError(f"{text} is no duration; use seconds, 0 for ever")
+    return seconds
+
+
+def _parser(program: str) -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog=program,
+        description="Run the embedded autopilot, or a companion computer, for a simulation host.",
+        epilog=_BESIDE.get(program),
+        argument_default=argparse.SUPPRESS,
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add("--link", metavar="URL", help=f"where to wait for the host (default: {DEFAULT_LINK})")
+    add("--role", choices=(FCU, COMPANION), help=f"what this node is there for (default: {FCU})")
+    add(
+        "--gcs",
+        dest="ground",
+        action="append",
+        metavar="URL",
+        help="ground station, repeatable: udp://host:port is sent to, at tcp://address:port we listen for any number",
+    )
+    add("--parameters", type=Path, metavar="FILE", help="parameter file (.parm) to start with")
+    add("--storage", type=Path, metavar="FILE", help="keep here what ground stations set: parameters, mission, fence")
+    add("--log-dir", type=Path, metavar="DIR", help="write a DataFlash log of each run here")
+    add("--log-file", type=Path, metavar="FILE", help="write the DataFlash log of each run over this file")
+    keys = "64 hexadecimal digits, or a passphrase"
+    add("--signing-key", type=Path, metavar="FILE", help=f"MAVLink 2 signing with ground stations: {keys}")
+    add("--link-key", type=Path, metavar="FILE", help=f"MAVLink 2 signing with the host, both ways: {keys}")
+    add("--controller", metavar="MODULE:CLASS", help="in place of the built-in controller, see docs/controller.md")
+    add(
+        "--realtime",
+        type=_priority,
+        nargs="?",
+        const=DEFAULT_PRIORITY,
+        metavar="PRIORITY",
+        help=f"schedule by SCHED_FIFO (at {DEFAULT_PRIORITY} unless said) and lock memory, where that is permitted",
+    )
+    add("--cpu", dest="cpus", type=_cpus, metavar="N[,N]", help="keep to these processors")
+    add("--kind", choices=(REAL, VIRTUAL), help="say that this is a board, or stands in for one (default: find out)")
+    add("--machine", metavar="NAME", help="call the machine this (default: its model)")
+    add(
+        "--silence",
+        dest="silence_s",
+        type=_seconds,
+        metavar="SECONDS",
+        help=f"end a run in real time when the host is silent for so long (default: {Options.silence_s:g}; 0: never)",
+    )
+    add("--config", type=Path, metavar="FILE", help=f"the same options as KEY = VALUE under [{SECTION}]")
+    add("--version", action="version", version=f"xitl agent {agent.__version__}")
+    return parser

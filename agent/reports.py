@@ -1,0 +1,130 @@
+"""What a node tells the host about itself. Counters wrap at 32 bits; durations stay at the longest that fits."""
+
+from __future__ import annotations
+
+import sys
+from typing import NamedTuple
+
+import agent
+from agent.machine import REAL, Health, Machine
+from agent.role import Traffic
+from agent.timing.misses import Miss
+from agent.timing.realtime import Standing
+from agent.timing.tasks import TaskStats
+from agent.wire import dialect
+from agent.wire.codec import Message
+from agent.wire.link import LinkCounters
+
+PROTOCOL = 2
+_MOST = 0xFFFFFFFF
+_NO_TEMPERATURE = 32767
+UNKNOWN = Health(0.0, -1.0, None, 0)
+
+
+class Identity(NamedTuple):
+    """Who a node is. nodes: node kinds. signed: takes signed frames alone from the host."""
+
+    nodes: str
+    machine: Machine
+    standing: Standing = Standing()
+    signed: bool = False
+
+
+def node_info(now_ns: int, who: Identity) -> Message:
+    """XITL_NODE_INFO."""
+    machine, standing = who.machine, who.standing
+    flags = dialect.XITL_NODE_FLAGS_PREEMPT_RT if machine.preempt_rt else 0
+    flags |= dialect.XITL_NODE_FLAGS_REALTIME if standing.priority else 0
+    flags |= dialect.XITL_NODE_FLAGS_MEMORY_LOCKED if standing.memory_locked else 0
+    flags |= dialect.XITL_NODE_FLAGS_PINNED if standing.pinned else 0
+    flags |= dialect.XITL_NODE_FLAGS_SIGNED if who.signed else 0
+    message: Message = dialect.MAVLink_xitl_node_info_message(
+        now_ns // 1000,
+        min(machine.memory_mib, _MOST),
+        min(machine.processors, 0xFFFF),
+        flags,
+        dialect.XITL_NODE_KIND_REAL if machine.kind == REAL else dialect.XITL_NODE_KIND_VIRTUAL,
+        standing.priority,
+        PROTOCOL,
+        _text(who.nodes, 16),
+        _text(agent.__version__, 16),
+        _text(".".join(map(str, sys.version_info[:3])), 16),
+        _text(machine.name, 48),
+        _text(machine.kernel, 64),
+    )
+    return message
+
+
+def node_status(
+    now_ns: int,
+    counters: LinkCounters,
+    impaired: int,
+    traffic: Traffic,
+    misses_unreported: int,
+    health: Health,
+    running: bool,
+) -> Message:
+    """XITL_NODE_STATUS; `counters` are of the instant before."""
+    degrees = health.temperature_degc
+    message: Message = dialect.MAVLink_xitl_node_status_message(
+        now_ns // 1000,
+        counters.sent & _MOST,
+        counters.unsent & _MOST,
+        counters.received & _MOST,
+        counters.lost & _MOST,
+        counters.late & _MOST,
+        counters.repeated & _MOST,
+        counters.dropped & _MOST,
+        counters.refused & _MOST,
+        impaired & _MOST,
+        traffic.messages_refused & _MOST,
+        misses_unreported & _MOST,
+        traffic.log_dropped & _MOST,
+        traffic.estimates & _MOST,
+        traffic.efforts & _MOST,
+        min(health.memory_kib, _MOST),
+        health.cpu_percent,
+        health.load_1min,
+        _NO_TEMPERATURE if degrees is None else round(100.0 * degrees),
+        int(running),
+        PROTOCOL,
+    )
+    return message
+
+
+def task_stats(now_ns: int, stats: TaskStats) -> Message:
+    """XITL_TASK_STATS."""
+    message: Message = dialect.MAVLink_xitl_task_stats_message(
+        now_ns // 1000,
+        max(stats.worst_run_ns, 0) // 1000,
+        max(stats.worst_start_ns, 0) // 1000,
+        stats.rate_hz,
+        stats.cycles & _MOST,
+        stats.missed & _MOST,
+        stats.skipped & _MOST,
+        min(stats.start_jitter_max_ns // 1000, _MOST),
+        stats.start_jitter_mean_ns * 1e-3,
+        min(stats.run_max_ns // 1000, _MOST),
+        stats.run_mean_ns * 1e-3,
+        list(stats.start_jitter_histogram),
+        list(stats.run_histogram),
+        _text(stats.name, 16),
+    )
+    return message
+
+
+def task_miss(miss: Miss) -> Message:
+    """XITL_TASK_MISS."""
+    message: Message = dialect.MAVLink_xitl_task_miss_message(
+        max(miss.due_ns, 0) // 1000,
+        max(miss.start_ns, 0) // 1000,
+        max(miss.end_ns, 0) // 1000,
+        miss.cycle & _MOST,
+        min(miss.skipped, _MOST),
+        _text(miss.task, 16),
+    )
+    return message
+
+
+def _text(text: str, most: int) -> bytes:
+    return text.encode("ascii", "replace")[:most]

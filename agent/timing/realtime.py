@@ -1,0 +1,136 @@
+"""What Linux does for a process with deadlines: a fixed priority, memory that stays, processors of its own.
+
+Each function returns an empty text when it is done, else one sentence: what is not, why, and what to do. Nothing here
+raises for want of permission: an agent without it still works, and says how well.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import NamedTuple
+
+DEFAULT_PRIORITY = 50
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4
+SWITCH_S = 0.001  # how long a thread that writes a log may hold up the one with deadlines; Python's own is 5 ms
+_CAP_IPC_LOCK = 14
+
+
+class Standing(NamedTuple):
+    """How the process runs. priority: of SCHED_FIFO, 0 for none. said: what was asked for and is not so."""
+
+    priority: int = 0
+    memory_locked: bool = False
+    pinned: bool = False
+    said: tuple[str, ...] = ()
+
+
+def set_up(priority: int, cpus: Sequence[int]) -> Standing:
+    """Pin to `cpus` if any; with a priority above 0, lock memory and schedule by SCHED_FIFO.
+
+    For all threads there are and those started later. Call it when all that stays has been loaded.
+    """
+    sys.setswitchinterval(SWITCH_S)
+    gc.collect()
+    gc.freeze()  # what is loaded by now is not looked through again at every collection
+    pinned = pin(cpus) if cpus else ""
+    locked = lock_memory() if priority else ""
+    scheduled = schedule(priority) if priority else ""
+    return Standing(
+        priority=priority if priority and not scheduled else 0,
+        memory_locked=bool(priority and not locked),
+        pinned=bool(cpus and not pinned),
+        said=tuple(sentence for sentence in (pinned, locked, scheduled) if sentence),
+    )
+
+
+def schedule(priority: int) -> str:
+    """SCHED_FIFO at `priority`, 1 to 99."""
+    if not hasattr(os, "sched_setscheduler"):
+        return "no SCHED_FIFO: this system does not offer it; real-time scheduling needs Linux"
+    try:
+        for thread in _threads():
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        return (
+            f"no SCHED_FIFO at priority {priority} ({error.strerror}); start as root or allow it by LimitRTPRIO in the "
+            "systemd unit or rtprio in /etc/security/limits.conf"
+        )
+    return ""
+
+
+@contextmanager
+def ordinary() -> Iterator[None]:
+    """Within, without SCHED_FIFO: for what is started meanwhile, as it would inherit it."""
+    if not hasattr(os, "sched_getscheduler") or os.sched_getscheduler(0) != os.SCHED_FIFO:
+        yield
+        return
+    before = os.sched_getparam(0)
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        os.sched_setscheduler(0, os.SCHED_FIFO, before)
+
+
+def lock_memory() -> str:
+    """Pages that were touched once stay in memory, those of the future too (mlockall with MCL_ONFAULT)."""
+    advice = "start as root or set LimitMEMLOCK=infinity in the systemd unit"
+    if not _may_lock_all():
+        return f"memory is not locked (the limit is below what may be needed later); {advice}"
+    import ctypes
+
+    try:
+        lock = ctypes.CDLL(None, use_errno=True).mlockall
+    except (AttributeError, OSError):
+        return "memory is not locked: this system does not offer it; locking needs Linux"
+    if lock(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) != 0:
+        return f"memory is not locked ({os.strerror(ctypes.get_errno())}); {advice}"
+    return ""
+
+
+def _may_lock_all() -> bool:
+    """Under a finite limit a lock would succeed now and let an allocation fail later."""
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if resource.RLIM_INFINITY in (soft, hard):
+        if soft != hard:
+            resource.setrlimit(resource.RLIMIT_MEMLOCK, (resource.RLIM_INFINITY, hard))
+        return True
+    try:
+        with open("/proc/self/status") as status:  # noqa: PTH123  as in agent.machine
+            effective = next(line for line in status if line.startswith("CapEff:"))
+        return bool(int(effective.split()[1], 16) >> _CAP_IPC_LOCK & 1)
+    except (OSError, ValueError, IndexError, StopIteration):
+        return os.geteuid() == 0
+
+
+def _threads() -> list[int]:
+    """Of this process; 0 for the calling one where the system does not tell."""
+    try:
+        return [int(name) for name in os.listdir("/proc/self/task")]  # noqa: PTH208  names are all that is wanted
+    except OSError:
+        return [0]
+
+
+def pin(cpus: Sequence[int]) -> str:
+    """Run on these processors alone."""
+    if not hasattr(os, "sched_setaffinity"):
+        return "not pinned: this system does not offer it; CPU affinity needs Linux"
+    before = os.sched_getaffinity(0)
+    try:
+        for thread in _threads():
+            os.sched_setaffinity(thread, cpus)
+        missing = sorted(set(cpus) - os.sched_getaffinity(0))
+    except (OSError, ValueError, OverflowError):
+        missing = sorted(set(cpus) - before)
+    if not missing:
+        return ""
+    for thread in _threads():
+        os.sched_setaffinity(thread, before)
+    wanted, there = (", ".join(map(str, some)) for some in (missing, sorted(before)))
+    return f"not pinned: processor {wanted} cannot be had; use one of {there}"

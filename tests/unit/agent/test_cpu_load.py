@@ -1,0 +1,83 @@
+"""A load on purpose: it is there, it is the share asked for, and it ends."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from agent.cpu_load import CpuLoad
+
+
+def is_alive(pid: int) -> bool:
+    """Running, not just waiting to be asked how it ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def cpu_s(pid: int) -> float:
+    user, system = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def gone(pids: list[int]) -> bool:
+    for _ in range(500):
+        if not any(map(is_alive, pids)):
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_it_starts_one_process_a_processor_and_leaves_none() -> None:
+    load = CpuLoad()
+    assert load.set(0.1) == ""
+    pids = load.processes
+    assert len(pids) == os.cpu_count()
+    assert load.set(0.1) == ""
+    assert load.processes == pids
+    assert load.set(0.0) == ""
+    assert load.processes == []
+    assert gone(pids)
+
+
+@pytest.mark.slow
+def test_it_takes_time() -> None:
+    load = CpuLoad()
+    try:
+        load.set(0.5)
+        pids = load.processes
+        for _ in range(300):
+            time.sleep(0.05)
+            if all(cpu_s(pid) > 0.3 for pid in pids):
+                break
+        assert all(cpu_s(pid) > 0.3 for pid in pids)
+    finally:
+        load.close()
+
+
+def test_it_ends_with_who_started_it_even_by_a_kill() -> None:
+    program = """
+import os, signal, sys
+from agent.cpu_load import CpuLoad
+load = CpuLoad()
+load.set(0.2)
+print(*load.processes, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    pids = [int(word) for word in told.stdout.split()]
+    assert len(pids) == os.cpu_count()
+    assert gone(pids)
+
+
+def test_without_an_interpreter_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    load = CpuLoad()
+    assert load.set(0.5) == "no load: /nowhere/python cannot be started (No such file or directory)"
+    assert (load.share, load.processes) == (0.0, [])

@@ -1,0 +1,82 @@
+"""What a machine says of itself, from files made for it."""
+
+from __future__ import annotations
+
+import os
+import resource
+from pathlib import Path
+
+import pytest
+
+from agent.machine import REAL, VIRTUAL, HealthMonitor, look_around, resident_kib
+
+
+def made(root: Path, **files: str) -> Path:
+    for name, text in files.items():
+        path = root / name.replace("__", "/").replace("_dash_", "-")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return root
+
+
+def test_a_board_is_called_by_its_model(tmp_path: Path) -> None:
+    made(
+        tmp_path,
+        proc__device_dash_tree__model="TI AM335x BeagleBone Black\0",
+        proc__meminfo="MemTotal:         496472 kB\nMemFree: 1 kB\n",
+        proc__cpuinfo="model name\t: ARMv7 Processor rev 2 (v7l)\n",
+        sys__kernel__realtime="1\n",
+    )
+    board = look_around(tmp_path)
+    assert (board.kind, board.name, board.memory_mib) == (REAL, "TI AM335x BeagleBone Black", 484)
+    assert board.preempt_rt
+    system = os.uname()
+    assert board.kernel == f"{system.sysname} {system.release} {system.machine} PREEMPT_RT"
+    assert board.processors == len(os.sched_getaffinity(0))
+
+
+def test_a_desktop_by_its_processor(tmp_path: Path) -> None:
+    made(tmp_path, proc__cpuinfo="processor\t: 0\nmodel name\t: Fast CPU @ 3 GHz\n", sys__kernel__realtime="0\n")
+    desktop = look_around(tmp_path)
+    assert (desktop.kind, desktop.name, desktop.memory_mib) == (VIRTUAL, "Fast CPU @ 3 GHz", 0)
+    assert desktop.preempt_rt == ("PREEMPT_RT" in os.uname().version)
+
+
+def test_a_machine_that_tells_nothing(tmp_path: Path) -> None:
+    assert look_around(tmp_path).name == os.uname().machine
+
+
+def test_an_emulated_board_stands_in_for_one(tmp_path: Path) -> None:
+    made(tmp_path, proc__device_dash_tree__model="linux,dummy-virt\0")
+    assert look_around(tmp_path).kind == VIRTUAL
+
+
+@pytest.mark.parametrize("junk", ["MemTotal:\n", "MemTotal: many kB\n", "\xff\xfe"])
+def test_junk_is_unknown(tmp_path: Path, junk: str) -> None:
+    assert look_around(made(tmp_path, proc__meminfo=junk)).memory_mib == 0
+
+
+def test_the_temperature_is_the_processors(tmp_path: Path) -> None:
+    zones = "sys__class__thermal__thermal_zone"
+    made(tmp_path, **{f"{zones}0__type": "acpitz\n", f"{zones}0__temp": "27800\n"})
+    assert HealthMonitor(tmp_path).look().temperature_degc == pytest.approx(27.8)
+    made(tmp_path, **{f"{zones}1__type": "cpu-thermal\n", f"{zones}1__temp": "51500\n"})
+    monitor = HealthMonitor(tmp_path)
+    assert monitor.look().temperature_degc == pytest.approx(51.5)
+    made(tmp_path, **{f"{zones}1__temp": "-274000\n"})
+    assert monitor.look().temperature_degc is None
+    assert HealthMonitor(tmp_path / "nowhere").look().temperature_degc is None
+
+
+def test_how_this_machine_is_doing() -> None:
+    monitor = HealthMonitor()
+    used_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime
+    while resource.getrusage(resource.RUSAGE_SELF).ru_utime < used_s + 0.05:
+        pass
+    health = monitor.look()
+    assert 0.0 < health.cpu_percent <= 100.0 * (os.cpu_count() or 1) + 50.0
+    assert health.load_1min >= 0.0
+    # VmRSS counts the same pages, and the two looks are a moment apart.
+    status = Path("/proc/self/status").read_text()
+    told_kib = int(next(line for line in status.splitlines() if line.startswith("VmRSS")).split()[1])
+    assert resident_kib() == pytest.approx(told_kib, rel=0.05)
