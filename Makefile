@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test test-fast lint format types dialect check-dialect bench wheel lock clean
+.PHONY: run package test test-fast lint format types dialect check-dialect bench soak wheel lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: pyproject.toml constraints.txt
@@ -21,6 +21,9 @@ $(VENV)/.dev: $(VENV)/.run
 
 run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
 	$(BIN)/xitl sim --profile sitl
+
+package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
+	$(BIN)/xitl agent package
 
 test: $(VENV)/.dev  ## all tests
 	$(BIN)/python -m pytest
@@ -47,6 +50,9 @@ check-dialect: $(VENV)/.dev
 
 bench: $(VENV)/.dev  ## measure; asserts nothing
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench
+
+soak: $(VENV)/.dev  ## ten minutes at 2000 messages a second: what was lost
+	$(BIN)/python -m tests.bench.soak
 
 wheel: $(VENV)/.dev  ## build the wheel and try it in an environment of its own
 	tools/check_wheel.sh

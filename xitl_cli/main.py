@@ -11,13 +11,15 @@ from xitl_cli.errors import UserError
 if TYPE_CHECKING:
     import typer
 
+_ABOUT_THE_AGENT = (["package"], ["deploy"])
+
 
 def main() -> NoReturn:
     """Entry point of the console script."""
     # Before numpy is loaded: the matrices are small, and a second thread costs more than it brings.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if sys.argv[1:2] == ["agent"]:  # the agent starts without the command-line library: it runs on small boards
-        from agent.__main__ import main as agent_main
+    if sys.argv[1:2] == ["agent"] and sys.argv[2:3] not in _ABOUT_THE_AGENT:
+        from agent.__main__ import main as agent_main  # without the command-line library: boards are small
 
         sys.exit(agent_main(sys.argv[2:], program="xitl agent"))
     try:
@@ -38,7 +40,7 @@ def fail(message: str) -> NoReturn:
 def _app() -> typer.Typer:
     import typer
 
-    from xitl_cli.commands import agent, params, profiles, sim, wdri
+    from xitl_cli.commands import agent, doctor, params, profiles, sim, wdri
 
     app = typer.Typer(
         name="xitl",
@@ -52,6 +54,11 @@ def _app() -> typer.Typer:
     profile_commands.command("list")(profiles.list_profiles)
     profile_commands.command("show")(profiles.show)
     profile_commands.command("check")(profiles.check)
+    agent_commands = typer.Typer(
+        help="Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board."
+    )
+    agent_commands.command("package")(agent.package)
+    agent_commands.command("deploy")(agent.deploy)
     parameter_commands = typer.Typer(help="Read, compare and set parameters of a vehicle.", no_args_is_help=True)
     parameter_commands.command("show")(params.show)
     parameter_commands.command("diff")(params.diff)
@@ -59,7 +66,8 @@ def _app() -> typer.Typer:
     parameter_commands.command("push")(params.push)
     parameter_commands.command("pull")(params.pull)
     app.command("sim")(sim.sim)
-    app.command("agent", context_settings={"ignore_unknown_options": True}, add_help_option=False)(agent.agent)
+    app.add_typer(agent_commands, name="agent")
+    app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)
     app.add_typer(profile_commands, name="profiles")
     app.add_typer(parameter_commands, name="params")

@@ -1,0 +1,116 @@
+"""The agent's archive, run on a board over ssh.
+
+No word that anybody typed becomes part of a command there: the remote command is one constant, and all else goes over
+its standard input. Login, keys and host keys are ssh's own business, with the user's own settings.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import agent
+from agent.board.receive import MARK
+from xitl_cli.deploy.package import Package
+from xitl_cli.errors import UserError
+
+REMOTE = "exec python3 -c 'import sys; exec(sys.stdin.buffer.read(int(sys.stdin.buffer.readline())))'"
+CONNECT_TIMEOUT_S = 15
+LONGEST_S = 600.0
+_DESTINATION = re.compile(r"(?:[A-Za-z0-9_][A-Za-z0-9_.-]*@)?[A-Za-z0-9_:][A-Za-z0-9_.:%-]*")
+_SSH_FAILED = 255
+_NOT_FOUND = 127
+_REASONS = {
+    "Host key verification failed": "its host key is unknown here or has changed; check it, then log in once with ssh",
+    "Permission denied": "it did not let this user in; check the user name, and the key (--identity) or the password",
+    "Could not resolve hostname": "there is no such host; check the name, or use the board's address",
+    "Connection refused": "it answers, but no ssh server listens there; start one, or give its --port",
+    "Connection timed out": "it does not answer; check cable, power and address (ping it)",
+    "No route to host": "it does not answer; check cable, power and address (ping it)",
+    "Network is unreachable": "no interface of this machine leads there; check cable and addresses",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """Where ssh goes. config: ssh settings in place of the user's own. Raises UserError for what is no destination."""
+
+    destination: str
+    port: int | None = None
+    identity: Path | None = None
+    config: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not _DESTINATION.fullmatch(self.destination):
+            raise UserError(
+                f"{self.destination!r}: no board to log in to; write it as user@host, for instance debian@192.168.7.2"
+            )
+        for name, path in (("--identity", self.identity), ("--ssh-config", self.config)):
+            if path is not None and not path.is_file():
+                raise UserError(f"{name} {path}: no such file; check the path")
+
+    def command(self) -> list[str]:
+        """The words of the ssh command, the remote command last."""
+        words = ["ssh", "-T", "-o", f"ConnectTimeout={CONNECT_TIMEOUT_S}"]
+        for option in ("ServerAliveInterval=5", "ServerAliveCountMax=3", "ClearAllForwardings=yes", "ForwardAgent=no"):
+            words += ["-o", option]
+        if self.config is not None:
+            words += ["-F", str(self.config.absolute())]
+        if self.port is not None:
+            words += ["-p", str(self.port)]
+        if self.identity is not None:
+            words += ["-i", str(self.identity.absolute())]
+        return [*words, "--", self.destination, REMOTE]
+
+
+def run_there(board: Board, package: Package, arguments: list[str], given: bytes) -> dict[str, Any]:
+    """Run the package with `arguments` on the board, `given` on its standard input; returns its outcome.
+
+    Raises UserError with one sentence when it did not come to an outcome, or when the outcome is an error.
+    """
+    receiver = (Path(agent.__file__).parent / "board" / "receive.py").read_bytes()
+    header = {"bytes": len(package.data), "sha256": package.sha256, "arguments": arguments}
+    sent = b"%d\n%s%s\n%s%s" % (len(receiver), receiver, json.dumps(header).encode(), package.data, given)
+    try:
+        done = subprocess.run(board.command(), input=sent, capture_output=True, timeout=LONGEST_S, check=False)
+    except FileNotFoundError:
+        raise UserError("there is no ssh on this machine; install it, on Debian: apt install openssh-client") from None
+    except subprocess.TimeoutExpired:
+        raise UserError(
+            f"{board.destination}: nothing came back within {LONGEST_S:.0f} s; check that the board is not overloaded"
+        ) from None
+    said = done.stdout.decode(errors="replace").splitlines()
+    for line in reversed(said):
+        if line.startswith(MARK):
+            return _outcome(board, line.removeprefix(MARK))
+    raise UserError(f"{board.destination}: {_reason(done.returncode, done.stderr.decode(errors='replace'))}")
+
+
+def _outcome(board: Board, text: str) -> dict[str, Any]:
+    try:
+        outcome = json.loads(text)
+    except ValueError:
+        outcome = None
+    if not isinstance(outcome, dict):
+        raise UserError(f"{board.destination}: the answer was cut off; try again")
+    if "error" in outcome:
+        raise UserError(f"{board.destination}: {outcome['error']}")
+    return outcome
+
+
+def _reason(code: int, stderr: str) -> str:
+    """What ssh, or the shell on the board, meant."""
+    lines = [line.strip() for line in stderr.splitlines() if line.strip()]
+    for words, reason in _REASONS.items():
+        if code == _SSH_FAILED and any(words in line for line in lines):
+            return reason
+    last = f" ({lines[-1]})" if lines else ""
+    if code == _NOT_FOUND:
+        return f"there is no python3 on the board{last}; install it, on Debian: apt install python3"
+    if code == _SSH_FAILED:
+        return f"ssh could not connect{last}; try the same with ssh"
+    return f"the board gave no answer, exit code {code}{last}; check that python3 works there and its disk is not full"
