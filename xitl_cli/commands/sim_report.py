@@ -6,7 +6,9 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from xitl_cli.commands.sim_incidents import incidents
 from xitl_cli.profile import Profile
 from xitl_cli.run import directory
 from xitl_cli.run.session import Result
@@ -20,7 +22,7 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
     table.add_row(
         "profile", f"{summary['profile']} ({summary['technique']}, {summary['clock']}, seed {summary['seed']})"
     )
-    table.add_row("realism", f"WDRI {summary['wdri']:.2f}")
+    table.add_row("realism", _realism(summary))
     table.add_row("ended", summary["ended"])
     factor = summary["real_time_factor"]
     table.add_row(
@@ -44,10 +46,14 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
             f"{_number(estimation['position_rms_m'], 'm')} RMS in position, "
             f"{_number(estimation['heading_rms_deg'], '°')} in heading",
         )
+    for what, text in incidents(summary):
+        table.add_row(what, Text(text))
     console.print(table, highlight=False)
     for rows in (_links(summary["links"]), _tasks(summary["tasks"]), _clocks(summary["clocks"])):
         if rows is not None:
             console.print(rows, highlight=False)
+    if summary["faults"]:
+        console.print(_faults(summary["faults"]), highlight=False)
     console.print(
         f"{result.directory}/: {directory.RECORDING} (opens in Foxglove and Lichtblick), "
         f"{directory.SUMMARY}, {directory.PROFILE}"
@@ -56,6 +62,17 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
         markup=False,
         soft_wrap=True,
     )
+
+
+def _realism(summary: dict[str, Any]) -> str:
+    graph = summary["graph"]
+    measured = graph["measured"]["wdri"]
+    lines = [f"WDRI {summary['wdri']:.2f} claimed, {'none' if measured is None else f'{measured:.2f}'} measured"]
+    if graph["missing"]:
+        lines.append(f"claimed, but nothing was carried: {', '.join(graph['missing'])}")
+    if graph["unclaimed"]:
+        lines.append(f"carried, but not claimed: {', '.join(graph['unclaimed'])}")
+    return "\n".join(lines)
 
 
 def _links(links: list[dict[str, Any]]) -> Table | None:
@@ -75,15 +92,17 @@ def _links(links: list[dict[str, Any]]) -> Table | None:
 def _tasks(tasks: list[dict[str, Any]]) -> Table | None:
     if not tasks:
         return None
-    table = _table("node", "task", "Hz", "cycles", "missed", "late max µs", "run max µs")
+    table = _table("node", "task", "Hz", "cycles", "missed", "late p99", "max µs", "run p99", "max µs")
     for task in tasks:
         table.add_row(
-            task["node"],
-            task["task"],
+            Text(task["node"]),
+            Text(task["task"]),
             f"{task['rate_hz']:g}",
             _count(task["cycles"]),
             _count(task["missed"]),
+            _number(task["start_jitter_p99_us"]),
             _number(task["start_jitter_max_us"]),
+            _number(task["run_p99_us"]),
             _number(task["run_max_us"]),
         )
     return table
@@ -92,13 +111,31 @@ def _tasks(tasks: list[dict[str, Any]]) -> Table | None:
 def _clocks(clocks: list[dict[str, Any]]) -> Table | None:
     if not clocks:
         return None
-    table = _table("clock", "offset µs", "± µs", "drift ppm")
+    table = _table("clock", "offset", "± µs", "drift ppm", "± ppm", "a sample ms", "± µs", "steps")
     for clock in clocks:
+        slope_s, slope_std_s = clock["slope_s"], clock["slope_std_s"]
         table.add_row(
-            clock["node"],
-            _number(clock["offset_us"]),
+            Text(clock["node"]),
+            _offset(clock["offset_us"]),
             _number(clock["asymmetry_bound_us"]),
-            "–" if clock["drift_ppm"] is None else f"{clock['drift_ppm']:.2f}",
+            *("–" if clock[key] is None else f"{clock[key]:.2f}" for key in ("drift_ppm", "drift_std_ppm")),
+            "–" if slope_s is None else f"{slope_s * 1e3:.5f}",
+            _number(None if slope_std_s is None else slope_std_s * 1e6),
+            _count(clock["steps"]),
+        )
+    return table
+
+
+def _faults(faults: list[dict[str, Any]]) -> Table:
+    table = _table("fault", "from s", "until s", "what it did")
+    table.columns[-1].justify = "left"
+    for fault in faults:
+        did = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in fault["did"].items())
+        table.add_row(
+            Text(fault["name"]),
+            "never" if fault["from_s"] is None else f"{fault['from_s']:g}",
+            "the end" if fault["from_s"] is not None and fault["until_s"] is None else _plain(fault["until_s"]),
+            did or "–",
         )
     return table
 
@@ -109,6 +146,16 @@ def _table(*columns: str) -> Table:
         text = number == 0 or column == "task"
         table.add_column(column, justify="left" if text else "right")
     return table
+
+
+def _offset(value_us: float | None) -> str:
+    if value_us is None:
+        return "–"
+    return f"{value_us * 1e-6:.4f} s" if abs(value_us) >= 1e5 else _number(value_us, "µs")
+
+
+def _plain(value: float | None) -> str:
+    return "–" if value is None else f"{value:g}"
 
 
 def _count(value: int | None) -> str:

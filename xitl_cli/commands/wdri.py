@@ -1,7 +1,8 @@
-"""`xitl wdri`: the node graph of a profile and its index against a reference."""
+"""`xitl wdri`: the node graph of a profile, or of a run as it was, and its index against a reference."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,11 +14,15 @@ from rich.text import Text
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
+    from xitl_cli.graph.of_run import MeasuredRun
     from xitl_cli.graph.wdri import Vertices, Wdri
 
 
 def wdri(
-    name: Annotated[str, typer.Argument(metavar="PROFILE", help="A shipped profile's name, or a path to a .yaml.")],
+    name: Annotated[
+        str,
+        typer.Argument(metavar="PROFILE", help="A shipped profile's name, a path to a .yaml, or a run's directory."),
+    ],
     reference: Annotated[
         str | None, typer.Option(help="A profile, or `complete`: every node real and linked to every node.")
     ] = None,
@@ -30,21 +35,34 @@ def wdri(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object; numbers are not rounded.")] = False,
 ) -> None:
-    """Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1."""
+    """Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1.
+
+    Of a run's directory: the nodes that were there and the links that carried something.
+    """
     from xitl_cli.graph.of_profile import wdri_of
+    from xitl_cli.graph.of_run import is_run, measured_run
     from xitl_cli.profile import load_with_origins
 
     count = _count(vertices)
-    result = wdri_of(load_with_origins(name, overrides or ()).profile, reference, count)
+    run = None
+    if is_run(name):
+        if overrides:
+            raise UserError(
+                f"{name}: is a run that is over, --set changes nothing in it; give a profile, or drop --set"
+            )
+        run = measured_run(Path(name), reference, count)
+    result = wdri_of(load_with_origins(name, overrides or ()).profile, reference, count) if run is None else run.wdri
     if as_json:
         import json
 
-        typer.echo(json.dumps(result.as_json(), ensure_ascii=False))
+        typer.echo(json.dumps((result if run is None else run).as_json(), ensure_ascii=False))
         return
     console = Console(highlight=False)
     console.print(_nodes(result))
     console.print(_links(result))
     console.print(_index(result))
+    if run is not None:
+        console.print(_differences(run))
 
 
 def _count(text: str | None) -> Vertices | None:
@@ -102,4 +120,12 @@ def _index(result: Wdri) -> Table:
         "of the reference", f"{result.d_w_ref:.4f}", Text(f"over n = {result.n_ref} vertices: {result.reference}")
     )
     table.add_row(Text("WDRI", style="bold"), Text(f"{result.wdri:.4f}", style="bold"), "1 - |sim - ref| / ref")
+    return table
+
+
+def _differences(run: MeasuredRun) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_row("claimed by the profile", f"{run.claimed_wdri:.4f}")
+    table.add_row("claimed, but nothing was carried", Text(", ".join(run.missing) or "-"))
+    table.add_row("carried, but not claimed", Text(", ".join(run.unclaimed) or "-"))
     return table

@@ -35,9 +35,15 @@ def wdri_of(profile: Profile | RunProfile, reference: str | None = None, vertice
     """
     if profile.graph is None:
         raise UserError(f"{profile.name}: has no graph; add a `graph:` group with nodes and links")
-    graph = graph_of(profile.graph)
-    n = vertex_count(graph, profile.graph.vertices if vertices is None else vertices, profile.name)
-    reference = profile.graph.reference if reference is None else reference
+    count = profile.graph.vertices if vertices is None else vertices
+    return wdri_of_graph(
+        graph_of(profile.graph), profile.graph.reference if reference is None else reference, count, profile.name
+    )
+
+
+def wdri_of_graph(graph: Graph, reference: str, vertices: Vertices, of: str) -> Wdri:
+    """The WDRI of a graph, called `of` in errors, against `reference`; see wdri_of."""
+    n = vertex_count(graph, vertices, of)
     if reference == COMPLETE:
         names = tuple(vertex.name for vertex in graph.vertices)
         reference_graph, n_ref = complete_graph(names), len(names)

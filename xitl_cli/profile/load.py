@@ -19,7 +19,11 @@ from xitl_cli.profile.problems import Problem, ProfileError
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.sentences import problems_of
 
-_ANY_FILE: tuple[KeyPath, ...] = (("driver", "file"), ("autopilot", "signing_key_file"))
+_ANY_FILE: tuple[KeyPath, ...] = (
+    ("driver", "file"),
+    ("autopilot", "signing_key_file"),
+    ("autopilot", "link_key_file"),
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -41,8 +41,14 @@ _Dumper.add_representer(tuple, _sequence)
 def resolved_yaml(profile: Profile) -> str:
     """`profile` with everything it extends, every override and every default written out."""
     values = profile.model_dump(mode="python")
-    present = {key: value for key, value in values.items() if value is not None}
+    present = _present(values)
+    if profile.faults is not None:
+        present["faults"] = {name: _present(fault.model_dump(mode="python")) for name, fault in profile.faults.items()}
     return yaml.dump(present, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _present(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def values_with_origins(loaded: LoadedProfile) -> Iterator[tuple[str, str, str]]:

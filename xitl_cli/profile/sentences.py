@@ -30,6 +30,7 @@ UNITS = {
     "n": "N",
     "pa": "Pa",
     "gauss": "gauss",
+    "ppm": "ppm",
 }
 
 _NOT = {

@@ -7,31 +7,40 @@ foxglove-sdk makes the well-known messages.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Protocol
 
 from mcap.writer import CompressionType, Writer
 
 from xitl_cli.errors import UserError
 
 FLUSH_INTERVAL_S = 1.0
-Log = Callable[[bytes, int], None]
 _COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+
+
+class Log(Protocol):
+    """Writes one payload, received at `stamp_ns` and sent at `sent_ns` (None: the same instant)."""
+
+    def __call__(self, payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None: ...
 
 
 class McapFile:
     """Writes `path`, chunked and compressed.
 
-    `flush_if_due` closes the chunk about once a second; the file on disk always ends with a whole one.
-    Raises UserError when the file cannot be made or the disk refuses a write.
+    `flush_if_due` closes the chunk about once a second; the file on disk always ends with a whole one, also when the
+    disk refuses a write: that is raised as UserError, once, and what comes after it is not kept. Raises UserError too
+    when the file cannot be made.
     """
 
     def __init__(self, path: Path, compression: str = "lz4", now_s: Callable[[], float] = time.monotonic) -> None:
         self.path = path
         self._now_s = now_s
         self._flushed_s = now_s()
+        self._whole_bytes = 0
+        self._refused_once = False
         try:
             self._file = path.open("xb")
         except OSError as error:
@@ -40,9 +49,10 @@ class McapFile:
             ) from error
         self._writer = Writer(self._file, compression=_COMPRESSION[compression])
         self._guarded(self._writer.start, "xitl", "xitl")
+        self._whole_bytes = self._file.tell()
 
     def ros_channel(self, topic: str, schema_name: str, definition: str) -> Log:
-        """A writer `log(payload, stamp_ns)` of ROS 2 CDR payloads."""
+        """A writer of ROS 2 CDR payloads."""
         return self._channel(topic, "cdr", schema_name, "ros2msg", definition.encode())
 
     def foxglove_channel(self, topic: str, message_type: Any) -> Callable[[Any, int], None]:
@@ -65,33 +75,50 @@ class McapFile:
         if now_s - self._flushed_s >= FLUSH_INTERVAL_S:
             self._flushed_s = now_s
             self._guarded(self._writer.flush)
+            self._keep_whole()
 
     def close(self) -> None:
-        """Write the index and close the file."""
+        """Write the index and close the file; after a refusal, cut it off behind the last whole chunk."""
         try:
             self._guarded(self._writer.finish)
+            self._guarded(self._file.flush)
         finally:
-            self._guarded(self._file.close)
+            try:
+                self._file.close()
+            except OSError:  # what is still in the buffer cannot be written either; the file is closed all the same
+                self._refused_once = True
+            if self._refused_once and self.path.is_file():
+                os.truncate(self.path, min(self._whole_bytes, self.path.stat().st_size))
 
     def _channel(self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes) -> Log:
         schema = self._writer.register_schema(schema_name, schema_encoding, definition)
         channel = self._writer.register_channel(topic, encoding, schema)
         add = self._writer.add_message
 
-        def log(payload: bytes, stamp_ns: int) -> None:
+        def log(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
             try:
-                add(channel, stamp_ns, payload, stamp_ns)
+                add(channel, stamp_ns, payload, stamp_ns if sent_ns is None else max(sent_ns, 0))
             except OSError as error:
                 self._refused(error)
 
         return log
 
+    def _keep_whole(self) -> None:
+        self._guarded(self._file.flush)
+        if not self._refused_once:
+            self._whole_bytes = self._file.tell()
+
     def _guarded(self, action: Callable[..., object], *arguments: object) -> None:
+        if self._refused_once:
+            return
         try:
             action(*arguments)
         except OSError as error:
             self._refused(error)
 
-    def _refused(self, error: OSError) -> NoReturn:
-        reason = error.strerror
-        raise UserError(f"{self.path}: the recording cannot be written ({reason}); free space and run again") from error
+    def _refused(self, error: OSError) -> None:
+        if not self._refused_once:
+            self._refused_once = True
+            raise UserError(
+                f"{self.path}: the recording cannot be written ({error.strerror}); free space and run again"
+            ) from error

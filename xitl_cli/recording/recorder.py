@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -11,23 +14,38 @@ from numpy.typing import NDArray
 from sim_core import frames
 from sim_core.kinematics import Kinematics
 from xitl_cli.recording import schemas
-from xitl_cli.recording.cdr import Layout
+from xitl_cli.recording.cdr import Field, Layout
 from xitl_cli.recording.mcap_file import McapFile
-from xitl_cli.recording.records import Clock, Estimate, MotorCommand, Task
+from xitl_cli.recording.records import (
+    ActuatorAge,
+    Clock,
+    Estimate,
+    LinkState,
+    Miss,
+    MotorCommand,
+    NodeState,
+    Takeover,
+    Task,
+)
 
 MAP_FRAME = "map"
 VESSEL_FRAME = "base_link"
 ESTIMATE_FRAME = "base_link_estimate"
 _ZEROS = (0.0,) * 36
+_BINS = 16
+_NO_BINS = (0,) * _BINS
 
 _Log = messages.LogLevel
 _LEVELS = (_Log.Fatal, _Log.Fatal, _Log.Fatal, _Log.Error, _Log.Warning, _Log.Info, _Log.Info, _Log.Debug)
 
 
 class Recorder:
-    """Records into one MCAP file; `link` names the link whose raw frames are kept."""
+    """Records into one MCAP file; `links` name the links whose raw frames are kept.
 
-    def __init__(self, path: Path, compression: str, motors: int, link: str = "agent") -> None:
+    What is not known is NaN among the numbers and -1 among counts and instants.
+    """
+
+    def __init__(self, path: Path, compression: str, motors: int, links: Sequence[str] = ("agent",)) -> None:
         self._file = file = McapFile(path, compression)
         self._state_layout = Layout(("f64", 3), ("f64", 3), ("f64", 3), ("f64", 4), ("f64", 3), ("f64[]", motors))
         self._odometry_layout, self._estimate_layout = (
@@ -36,18 +54,27 @@ class Recorder:
         )
         self._environment_layout = Layout(("f64", 3), ("f64", 3), "f64")
         self._actuators_layout = Layout(("f64[]", motors), "u8", "u8", "f64")
-        self._task_layouts: dict[tuple[str, str], Layout] = {}
-        self._clock_layouts: dict[str, Layout] = {}
         self._frame_head = Layout("u32")
         self._state = file.ros_channel("/truth/state", "xitl_msgs/msg/VesselState", schemas.VESSEL_STATE)
         self._odometry = file.ros_channel("/truth/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
         self._estimate = file.ros_channel("/estimate/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
         self._environment = file.ros_channel("/environment", "xitl_msgs/msg/Environment", schemas.ENVIRONMENT)
         self._actuators = file.ros_channel("/actuators", "xitl_msgs/msg/Actuators", schemas.ACTUATORS)
+        self._actuator_ages = file.ros_channel("/actuators/age", "xitl_msgs/msg/ActuatorAge", schemas.ACTUATOR_AGE)
         self._tasks = file.ros_channel("/tasks", "xitl_msgs/msg/Task", schemas.TASK)
+        self._misses = file.ros_channel("/misses", "xitl_msgs/msg/Miss", schemas.MISS)
         self._clocks = file.ros_channel("/clocks", "xitl_msgs/msg/Clock", schemas.CLOCK)
-        self._sent = file.ros_channel(f"/link/{link}/tx", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
-        self._received = file.ros_channel(f"/link/{link}/rx", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
+        self._links = file.ros_channel("/links", "xitl_msgs/msg/Link", schemas.LINK)
+        self._nodes = file.ros_channel("/nodes", "xitl_msgs/msg/Node", schemas.NODE)
+        self._takeovers = file.ros_channel("/takeovers", "xitl_msgs/msg/Takeover", schemas.TAKEOVER)
+        self._faults = file.ros_channel("/faults", "xitl_msgs/msg/Fault", schemas.FAULT)
+        self._sent, self._received = (
+            {
+                link: file.ros_channel(f"/link/{link}/{way}", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
+                for link in links
+            }
+            for way in ("tx", "rx")
+        )
         self._tf = file.foxglove_channel("/tf", messages.FrameTransforms)
         self._pose = file.foxglove_channel("/truth/pose", messages.PoseInFrame)
         self._fix = file.foxglove_channel("/truth/fix", messages.LocationFix)
@@ -124,19 +151,32 @@ class Recorder:
         payload = self._actuators_layout.pack(stamp_ns, *command.motors, command.armed, command.failsafe, command.age_s)
         self._actuators(payload, stamp_ns)
 
-    def frame_sent(self, stamp_ns: int, frame: bytes) -> None:
-        """A raw MAVLink frame from host to agent."""
-        self._sent(self._frame_head.pack(stamp_ns, len(frame)) + frame, stamp_ns)
+    def actuator_age(self, stamp_ns: int, age: ActuatorAge) -> None:
+        """How old the motor commands in use were so far."""
+        payload = _layout("u32", "u32", "u32", ("f64", 3)).pack(
+            stamp_ns,
+            age.exchanges,
+            age.stale,
+            age.longest_stale,
+            *_numbers(age.age_p50_s, age.age_p99_s, age.age_max_s),
+        )
+        self._actuator_ages(payload, stamp_ns)
 
-    def frame_received(self, stamp_ns: int, frame: bytes) -> None:
-        """A raw MAVLink frame from agent to host."""
-        self._received(self._frame_head.pack(stamp_ns, len(frame)) + frame, stamp_ns)
+    def frame_sent(self, stamp_ns: int, frame: bytes, link: str = "agent") -> None:
+        """A raw MAVLink frame from host to agent."""
+        self._sent[link](self._frame_head.pack(stamp_ns, len(frame)) + frame, stamp_ns)
+
+    def frame_received(self, stamp_ns: int, frame: bytes, sent_ns: int | None = None, link: str = "agent") -> None:
+        """A raw MAVLink frame from agent to host; `sent_ns` is when the agent says it sent it, in simulation time."""
+        self._received[link](self._frame_head.pack(stamp_ns, len(frame)) + frame, stamp_ns, sent_ns)
 
     def task(self, stamp_ns: int, task: Task) -> None:
         """How a periodic task kept its deadlines so far."""
-        layout = self._task_layouts.setdefault(
-            (task.node, task.task),
-            Layout(("string", task.node), ("string", task.task), "f64", "u32", "u32", "f64", "f64", "f64"),
+        layout = _layout(
+            ("string", task.node),
+            ("string", task.task),
+            *("f64", "u32", "u32", "f64", "f64", "f64"),
+            *("u32", "f64", "i64", "i64", ("u32", _BINS), ("u32", _BINS)),
         )
         payload = layout.pack(
             stamp_ns,
@@ -146,14 +186,23 @@ class Recorder:
             task.start_jitter_max_s,
             task.run_mean_s,
             task.run_max_s,
+            task.skipped,
+            task.start_jitter_mean_s,
+            *_counts(task.worst_run_ns, task.worst_start_ns),
+            *(task.start_histogram or _NO_BINS),
+            *(task.run_histogram or _NO_BINS),
         )
         self._tasks(payload, stamp_ns)
 
+    def miss(self, stamp_ns: int, miss: Miss) -> None:
+        """One deadline that was missed."""
+        layout = _layout(("string", miss.node), ("string", miss.task), "u32", ("i64", 3), "u32")
+        payload = layout.pack(stamp_ns, miss.cycle, miss.due_ns, miss.start_ns, miss.end_ns, miss.skipped)
+        self._misses(payload, stamp_ns)
+
     def clock(self, stamp_ns: int, clock: Clock) -> None:
         """One exchange of time stamps with a node."""
-        layout = self._clock_layouts.setdefault(
-            clock.node, Layout(("string", clock.node), "u32", "i64", "i64", "f64", "f64", "f64")
-        )
+        layout = _layout(("string", clock.node), "u32", "i64", "i64", ("f64", 6), "u32")
         payload = layout.pack(
             stamp_ns,
             clock.sample,
@@ -162,8 +211,36 @@ class Recorder:
             clock.round_trip_s,
             clock.offset_s,
             clock.drift_ppm,
+            *_numbers(clock.residual_s, clock.path_delay_s, clock.asymmetry_bound_s),
+            clock.steps,
         )
         self._clocks(payload, stamp_ns)
+
+    def link(self, stamp_ns: int, state: LinkState) -> None:
+        """One direction of a link so far."""
+        payload = _layout(("string", state.name), ("i64", 10), ("f64", 3)).pack(
+            stamp_ns,
+            *_counts(state.sent, state.received, state.lost, state.gaps, state.late, state.repeated),
+            *_counts(state.dropped, state.unsent, state.refused, state.impaired),
+            *_numbers(state.latency_p50_s, state.latency_p99_s, state.latency_max_s),
+        )
+        self._links(payload, stamp_ns)
+
+    def node(self, stamp_ns: int, state: NodeState) -> None:
+        """How a machine in the loop is."""
+        texts = (state.node, state.nodes, state.kind, state.machine, state.kernel, state.version)
+        layout = _layout(*(("string", text) for text in texts), ("f64", 4), "u8", ("string", state.flags))
+        numbers = _numbers(state.memory_mib, state.cpu_percent, state.load, state.temperature_c)
+        self._nodes(layout.pack(stamp_ns, *numbers, state.running), stamp_ns)
+
+    def takeover(self, stamp_ns: int, takeover: Takeover) -> None:
+        """One agent stepped in for another."""
+        layout = _layout(("string", takeover.from_node), ("string", takeover.to_node), "f64", "f64")
+        self._takeovers(layout.pack(stamp_ns, takeover.silent_s, takeover.step), stamp_ns)
+
+    def fault(self, stamp_ns: int, fault: str, active: bool) -> None:
+        """A fault on purpose comes into force or ends."""
+        self._faults(_layout(("string", fault), "u8").pack(stamp_ns, active), stamp_ns)
 
     def say(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
         """A sentence from a node; `severity` is MAV_SEVERITY."""
@@ -223,3 +300,16 @@ class Recorder:
 
 def _timestamp(stamp_ns: int) -> messages.Timestamp:
     return messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
+
+
+@lru_cache(maxsize=256)
+def _layout(*fields: Field) -> Layout:
+    return Layout(*fields)
+
+
+def _numbers(*values: float | None) -> list[float]:
+    return [math.nan if value is None else value for value in values]
+
+
+def _counts(*values: int | None) -> list[int]:
+    return [-1 if value is None else value for value in values]

@@ -57,6 +57,25 @@ uint32 missed
 float64 start_jitter_max_s
 float64 run_mean_s
 float64 run_max_s
+uint32 skipped
+float64 start_jitter_mean_s
+int64 worst_run_ns
+int64 worst_start_ns
+uint32[16] start_histogram
+uint32[16] run_histogram
+{_SEPARATOR}
+MSG: builtin_interfaces/Time
+{_TIME}"""
+
+MISS = f"""\
+builtin_interfaces/Time stamp
+string node
+string task
+uint32 cycle
+int64 due_ns
+int64 start_ns
+int64 end_ns
+uint32 skipped
 {_SEPARATOR}
 MSG: builtin_interfaces/Time
 {_TIME}"""
@@ -70,6 +89,78 @@ int64 node_ns
 float64 round_trip_s
 float64 offset_s
 float64 drift_ppm
+float64 residual_s
+float64 path_delay_s
+float64 asymmetry_bound_s
+uint32 steps
+{_SEPARATOR}
+MSG: builtin_interfaces/Time
+{_TIME}"""
+
+LINK = f"""\
+builtin_interfaces/Time stamp
+string name
+int64 sent
+int64 received
+int64 lost
+int64 gaps
+int64 late
+int64 repeated
+int64 dropped
+int64 unsent
+int64 refused
+int64 impaired
+float64 latency_p50_s
+float64 latency_p99_s
+float64 latency_max_s
+{_SEPARATOR}
+MSG: builtin_interfaces/Time
+{_TIME}"""
+
+ACTUATOR_AGE = f"""\
+builtin_interfaces/Time stamp
+uint32 exchanges
+uint32 stale
+uint32 longest_stale
+float64 age_p50_s
+float64 age_p99_s
+float64 age_max_s
+{_SEPARATOR}
+MSG: builtin_interfaces/Time
+{_TIME}"""
+
+NODE = f"""\
+builtin_interfaces/Time stamp
+string node
+string nodes
+string kind
+string machine
+string kernel
+string version
+float64 memory_mib
+float64 cpu_percent
+float64 load
+float64 temperature_c
+uint8 running
+string flags
+{_SEPARATOR}
+MSG: builtin_interfaces/Time
+{_TIME}"""
+
+TAKEOVER = f"""\
+builtin_interfaces/Time stamp
+string from_node
+string to_node
+float64 silent_s
+float64 step
+{_SEPARATOR}
+MSG: builtin_interfaces/Time
+{_TIME}"""
+
+FAULT = f"""\
+builtin_interfaces/Time stamp
+string fault
+uint8 active
 {_SEPARATOR}
 MSG: builtin_interfaces/Time
 {_TIME}"""

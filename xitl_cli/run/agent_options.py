@@ -19,12 +19,18 @@ class AgentOptions:
     ground_stations: tuple[str, ...] = ()
     controller: str | None = None
     signing_key_file: str | None = None
+    link_key_file: str | None = None
     log_dir: Path | None = None
 
     def arguments(self) -> list[str]:
         """The same as a command line."""
         given = [("--gcs", url) for url in self.ground_stations]
-        others = {"--controller": self.controller, "--signing-key": self.signing_key_file, "--log-dir": self.log_dir}
+        others = {
+            "--controller": self.controller,
+            "--signing-key": self.signing_key_file,
+            "--link-key": self.link_key_file,
+            "--log-dir": self.log_dir,
+        }
         given += [(option, str(value)) for option, value in others.items() if value is not None]
         return [word for pair in given for word in pair]
 
@@ -39,6 +45,7 @@ def options_of(profile: RunProfile, run_directory: Path | None) -> AgentOptions:
         ground_stations=addresses,
         controller=autopilot.controller,
         signing_key_file=autopilot.signing_key_file,
+        link_key_file=autopilot.link_key_file,
         log_dir=run_directory.absolute() if run_directory is not None and profile.recording.dataflash else None,
     )
 

@@ -4,50 +4,59 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from agent.node import PROTOCOL
-from agent.wire import dialect
-from agent.wire.link import Link
+from agent.wire.signing import Signing
 from sim_core.kinematics import Kinematics
-from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Estimate, MotorCommand, Task
+from xitl_cli.recording.records import Estimate, Task
+from xitl_cli.run.actuator_use import ActuatorUse
+from xitl_cli.run.agent_connection import WARNING, AgentConnection
+from xitl_cli.run.agent_inbox import AgentInbox
 from xitl_cli.run.agent_options import AgentOptions, missing_addresses
-from xitl_cli.run.agent_setup import Setup, mission_of, parameters_of
+from xitl_cli.run.agent_setup import mission_of, parameters_of
 from xitl_cli.run.agent_view import AgentView
 from xitl_cli.run.driver import make_driver
-from xitl_cli.run.link_timing import LinkTiming, LockstepTiming
+from xitl_cli.run.faults import FaultSchedule
 from xitl_cli.run.orders import Orders
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.peer import (
-    AGENT_COMPONENT_ID,
-    AGENT_SYSTEM_ID,
-    HOST_COMPONENT_ID,
-    HOST_SYSTEM_ID,
-    Peer,
-    open_peer,
+from xitl_cli.run.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, Peer, open_peer
+from xitl_cli.run.pilot import (
+    ActuatorReport,
+    ClockReport,
+    FaultReport,
+    LinkReport,
+    NodeReport,
+    Progress,
+    TakeoverReport,
+    Traffic,
 )
-from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport, Progress
 from xitl_cli.run.score import EstimationScore
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensing import Sensing, local_frame
+from xitl_cli.run.standby import Redundancy
 from xitl_cli.run.truth_history import TruthHistory
+from xitl_cli.run.waiting import wait_for_any
+from xitl_cli.signing import read_key_file
 
-HELLO_INTERVAL_S = 0.5
-START_TRIES = 6
 TICK_REPEAT_S = 0.5
-SILENT_S = 5.0
 SYNC_RATE_HZ = 10.0
-SYNC_BURST = 10
-END_WAIT_S = 1.0
-WARNING = 4  # MAV_SEVERITY_WARNING
+LINKS_RATE_HZ = 1.0
+
+
+def links_of(profile: RunProfile) -> tuple[str, ...]:
+    """Names of the links to agents."""
+    return ("agent",) if profile.autopilot.standby is None else ("agent", "standby")
 
 
 class AgentPilot:
-    """See Pilot. In lockstep every exchange is a tick and its answer; in real time both sides go on their own."""
+    """See Pilot. In lockstep every exchange is a tick and its answer; in real time both sides go on their own.
+
+    A second agent, if the profile has one in standby, gets all that the first one gets.
+    """
 
     def __init__(self, profile: RunProfile, seeds: Seeds, options: AgentOptions | None = None) -> None:
         assert profile.sensors is not None
@@ -55,74 +64,82 @@ class AgentPilot:
         self._options = options or AgentOptions()
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
-        self._sensing = Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds)
-        self._view = AgentView(self._frame, self._on_text, self._on_estimate)
-        orders = Orders(self._view, self._send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
-        self._driver = make_driver(profile, orders, self._frame)
+        self._sensing = Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults)
+        self._faults = FaultSchedule(profile.faults, seeds) if profile.faults else None
+        standby = profile.autopilot.standby
+        self._agents = [self._connection(name) for name in links_of(profile)]
+        first = self._agents[0]
+        self._view = first.inbox.view
+        if standby is not None:
+            self._view = AgentView(self._frame, lambda severity, text: None, lambda agent_us, estimate: None)
+        self._driver = make_driver(
+            profile, Orders(self._view, self._send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID), self._frame
+        )
+        self._redundancy = None if standby is None else Redundancy(self._agents, self._view, standby)
+        for agent in self._agents:
+            agent.inbox.on_message = self._driver.take if standby is None else self._hears(agent)
         self._truth = TruthHistory(profile.clock.physics_rate_hz)
-        self._timing = LockstepTiming() if self._lockstep else LinkTiming()
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
+        self._links_every = max(round(profile.clock.exchange_rate_hz / LINKS_RATE_HZ), 1)
         self.estimation: EstimationScore | None = EstimationScore()
         self._position_error_m: float | None = None
-        self.command = MotorCommand((0.0,) * len(profile.vehicle.propellers))
-        self._command_ns = 0
-        self._fresh = False
+        self.command = first.inbox.command
         self.stale_exchanges = 0
-        self._tick = 0
-        self._answered_tick = -1
+        self._use = ActuatorUse()
+        self._exchanges = 0
         self._step = 0
         self._sim_ns = 0
-        self._peer: Peer | None = None
+
+    def _connection(self, name: str) -> AgentConnection:
+        profile = self._profile
+        autopilot = profile.autopilot
+
+        def on_estimate(stamp_ns: int | None, estimate: Estimate) -> None:
+            if agent is self._active:
+                self._on_estimate(stamp_ns, estimate)
+
+        inbox = AgentInbox(name, self._frame, len(profile.vehicle.propellers), self._lockstep, on_estimate)
+        key = autopilot.link_key_file
+        agent = AgentConnection(name, profile, inbox, None if key is None else Signing(read_key_file(key)))
+        return agent
+
+    def _hears(self, agent: AgentConnection) -> Callable[[Any], None]:
+        """Of two agents the driver hears the one that steers."""
+
+        def take(message: Any) -> None:
+            if agent is self._active:
+                self._view.take(message)
+                self._driver.take(message)
+
+        return take
+
+    @property
+    def _active(self) -> AgentConnection:
+        return self._agents[0] if self._redundancy is None else self._redundancy.active
 
     # Before the run
 
     def prepare(self) -> None:
-        self._peer = peer = open_peer(self._profile.autopilot, self._options)
-        self._link = Link(peer.transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID)
-        started_s = time.monotonic()
-        timeout_s = self._profile.autopilot.connect_timeout_s
-        while self._view.status is None:
-            if time.monotonic() - started_s > timeout_s:
-                raise peer.unreachable(timeout_s)
-            peer.check()
-            self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
-            self._receive(HELLO_INTERVAL_S)
-        protocol = self._view.status.protocol
-        if protocol != PROTOCOL:
-            raise UserError(
-                f"{peer.transport.peer}: the agent speaks version {protocol} of the XITL dialect, "
-                f"this host version {PROTOCOL}; install the same release of xitl on both"
-            )
+        for agent in self._agents:
+            agent.reach(self._open_peer(agent.name))
+
+    def _open_peer(self, name: str) -> Peer:
+        autopilot, options = self._profile.autopilot, self._options
+        if name == "agent":
+            return open_peer(autopilot.runs, autopilot.link, options)
+        assert autopilot.standby is not None
+        own = replace(options, ground_stations=(), log_dir=None)
+        return open_peer(autopilot.standby.runs, autopilot.standby.link, own)
 
     def begin(self, recorder: Recorder, pace: Pace) -> None:
         self._recorder = recorder
         self._pace = pace
-        self._link.tap = self._on_frame
-        self._start_agent()
-        setup = Setup(self._link.send, self._receive, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
-        setup.set_parameters(parameters_of(self._profile))
         waypoints = self._profile.mission.waypoints_ned_m
-        if waypoints:
-            setup.upload_mission(mission_of(self._profile, self._frame))
-        if not self._lockstep:
-            for _ in range(SYNC_BURST):
-                self._send(self._timing.request())
-                self._receive(0.02)
+        mission = mission_of(self._profile, self._frame) if waypoints else []
+        for agent in self._agents:
+            agent.begin(recorder, pace, self._now_ns, parameters_of(self._profile), mission)
         for address in missing_addresses(self._profile, self._options):
-            self._recorder.say(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
-
-    def _start_agent(self) -> None:
-        """Start, and wait for the answer: both ends count their frames from behind the start message."""
-        assert self._peer is not None
-        self._view.status = None
-        for _ in range(START_TRIES):
-            self._send_run(dialect.XITL_RUN_COMMAND_START)
-            self._link.reset_counters()
-            self._receive(HELLO_INTERVAL_S)
-            if self._view.status is not None and self._view.status.running:
-                return
-            self._peer.check()
-        raise self._peer.unreachable(START_TRIES * HELLO_INTERVAL_S)
+            recorder.say(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
 
     # In the run
 
@@ -131,177 +148,91 @@ class AgentPilot:
         self._step += 1
         self._truth.add(sim_ns, motion)
         messages = self._sensing.due(self._step, sim_ns, motion)
-        if not messages:
-            return
-        self._timing.sent(messages)
-        self._link.send(*messages)
+        if messages:
+            for agent in self._agents:
+                if agent.gone is None:
+                    agent.send_sensors(messages)
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:
         self._driver.update(sim_ns)
+        if self._faults is not None:
+            self._apply_faults(self._faults, sim_ns)
+        self._exchanges += 1
         if self._lockstep:
             self._tick_and_wait(sim_ns)
-            return
-        if self._tick % self._sync_every == 0:
-            self._send(self._timing.request())
-        self._tick += 1
-        self._receive(0.0)
-        assert self._peer is not None
-        self._peer.check()
-        if not self._fresh:
-            self.stale_exchanges += 1
-            self.command = replace(self.command, age_s=(sim_ns - self._command_ns) * 1e-9)
-        self._fresh = False
+        else:
+            self._take_in(sim_ns)
+        if self._exchanges % self._links_every == 0:
+            for agent in self._agents:
+                agent.record_links(self._recorder, sim_ns)
+            if not self._lockstep:
+                self._recorder.actuator_age(sim_ns, self._use.record())
+
+    def _take_in(self, sim_ns: int) -> None:
+        """Real time: what has come since, whoever sent it."""
+        for agent in self._agents:
+            if agent.gone is None:
+                if self._exchanges % self._sync_every == 1:
+                    agent.request_time()
+                agent.receive(0.0)
+                agent.watch()
+                if agent.gone is not None and self._redundancy is not None:
+                    agent.inbox.say(WARNING, "run", str(agent.gone))
+        motors = None if self._redundancy is None else self._redundancy.update(sim_ns, self._recorder)
+        active = self._active
+        if active.gone is not None and all(agent.gone is not None for agent in self._agents):
+            raise active.gone
+        inbox = active.inbox
+        age_ns = inbox.age_ns()
+        self._use.add(inbox.fresh, age_ns)
+        self.stale_exchanges = self._use.report.stale
+        self.command = replace(
+            inbox.command, motors=inbox.command.motors if motors is None else motors, age_s=(age_ns or 0) * 1e-9
+        )
+        for agent in self._agents:
+            agent.inbox.fresh = False
+
+    def _apply_faults(self, faults: FaultSchedule, sim_ns: int) -> None:
+        faults.record(sim_ns, self._recorder)
+        for agent in self._agents:
+            if agent.gone is None:
+                agent.apply_faults(sim_ns, faults.at(sim_ns, agent.name))
+                if self._exchanges % self._links_every == 0:
+                    faults.count_impaired(*agent.impaired, agent.name)
 
     def idle(self, seconds: float) -> None:
-        self._receive(seconds)
+        agents = [agent for agent in self._agents if agent.gone is None]
+        if len(agents) > 1:
+            wait_for_any([agent.link for agent in agents], seconds)
+            seconds = 0.0
+        for agent in agents:
+            agent.receive(seconds)
 
     def _tick_and_wait(self, sim_ns: int) -> None:
-        assert self._peer is not None
-        self._tick += 1
-        tick = dialect.MAVLink_xitl_tick_message(sim_ns // 1000, self._tick)
-        self._link.send(tick)
-        self._receive(0.0)
-        if self._answered_tick == self._tick:
-            return
-        started_s = sent_s = time.monotonic()
-        while self._answered_tick != self._tick:
-            self._receive(TICK_REPEAT_S)
-            now_s = time.monotonic()
-            if now_s - started_s > SILENT_S:
-                raise self._silent(sim_ns)
-            if now_s - sent_s > TICK_REPEAT_S:
-                self._peer.check()
-                self._link.send(tick)
-                sent_s = now_s
-
-    def _silent(self, sim_ns: int) -> UserError:
-        assert self._peer is not None
-        return UserError(
-            f"{self._peer.transport.peer}: the agent stopped answering at {sim_ns * 1e-9:.2f} s of simulation time; "
-            "look at its log and at the cable"
-        )
-
-    def progress(self) -> Progress:
-        view = self._view
-        return replace(self._driver.progress(), mode=view.mode, armed=view.armed, messages=tuple(view.texts))
-
-    def position_error_m(self) -> float | None:
-        return self._position_error_m
-
-    # After the run
-
-    def end(self) -> None:
-        self._view.status = None
-        self._send_run(dialect.XITL_RUN_COMMAND_STOP)
-        deadline_s = time.monotonic() + END_WAIT_S
-        while self._view.status is None and time.monotonic() < deadline_s:
-            self._receive(0.05)
-
-    def close(self) -> None:
-        if self._peer is not None:
-            self._peer.close()
-            self._peer = None
-
-    def links(self) -> list[LinkReport]:
-        counters, status = self._link.counters, self._view.status
-        return [
-            LinkReport(
-                name="sensors",
-                sent=counters.sent,
-                received=None if status is None else status.frames_received,
-                lost=None if status is None else status.frames_lost,
-                unsent=counters.unsent,
-                dropped=0 if status is None else status.frames_dropped,
-                latency=self._timing.sensors,
-            ),
-            LinkReport(
-                name="actuators",
-                sent=None if status is None else counters.received + counters.lost,
-                received=counters.received,
-                lost=counters.lost,
-                unsent=None,
-                dropped=counters.dropped,
-                latency=self._timing.actuators,
-            ),
-        ]
-
-    def tasks(self) -> list[Task]:
-        return list(self._view.tasks.values())
-
-    def clocks(self) -> list[ClockReport]:
-        return [self._timing.report()]
-
-    def nodes(self) -> list[NodeReport]:
-        status, info = self._view.status, self._view.info
-        if status is None or info is None:
-            return []
-        return [
-            NodeReport(
-                nodes=info.nodes,
-                machine=info.machine,
-                version=info.version,
-                memory_mib=status.memory_kib / 1024 if status.memory_kib else None,
-                refused=status.messages_refused,
-            )
-        ]
-
-    # Messages
-
-    def _receive(self, timeout_s: float) -> list[Any]:
-        assert self._peer is not None
-        self._peer.pump()
-        messages = self._link.receive(timeout_s)
-        for message in messages:
-            number = message.get_msgId()
-            if number == dialect.MAVLINK_MSG_ID_XITL_ACTUATORS:
-                self._on_actuators(message)
-            elif number == dialect.MAVLINK_MSG_ID_XITL_TIMESYNC:
-                self._on_timesync(message)
-            else:
-                self._view.take(message)
-                self._driver.take(message)
-                if number == dialect.MAVLINK_MSG_ID_XITL_TASK_STATS and self._link.tap is not None:
-                    for task in self._view.tasks.values():
-                        self._recorder.task(self._now_ns(), task)
-        return messages
+        agent, tick = self._agents[0], self._exchanges
+        inbox = agent.inbox
+        agent.send_tick(sim_ns, tick)
+        agent.receive(0.0)
+        if inbox.answered_tick != tick:
+            started_s = sent_s = time.monotonic()
+            while inbox.answered_tick != tick:
+                agent.receive(TICK_REPEAT_S)
+                now_s = time.monotonic()
+                if now_s - started_s > self._profile.autopilot.silent_s:
+                    raise agent.silent(now_s - started_s)
+                if now_s - sent_s > TICK_REPEAT_S:
+                    agent.peer.check()
+                    agent.send_tick(sim_ns, tick)
+                    sent_s = now_s
+        self.command = inbox.command
 
     def _send(self, message: Any) -> None:
-        self._link.send(message)
+        for agent in self._agents:
+            if agent.gone is None:
+                agent.send(message)
 
-    def _send_run(self, command: int) -> None:
-        mode = dialect.XITL_CLOCK_MODE_LOCKSTEP if self._lockstep else dialect.XITL_CLOCK_MODE_REALTIME
-        name = self._profile.name.encode()[:32]
-        self._link.send(dialect.MAVLink_xitl_run_message(self._sim_ns // 1000, name, command, mode, PROTOCOL))
-
-    def _on_frame(self, direction: str, frame: bytes) -> None:
-        if direction == "tx":
-            self._recorder.frame_sent(self._now_ns(), frame)
-        else:
-            self._recorder.frame_received(self._now_ns(), frame)
-
-    def _on_actuators(self, message: Any) -> None:
-        flags = message.flags
-        self.command = MotorCommand(
-            motors=tuple(message.command[: len(self.command.motors)]),
-            armed=bool(flags & dialect.XITL_ACTUATOR_FLAGS_ARMED),
-            failsafe=bool(flags & dialect.XITL_ACTUATOR_FLAGS_FAILSAFE),
-        )
-        self._command_ns = self._now_ns()
-        self._fresh = True
-        self._answered_tick = message.tick
-        self._timing.arrived(message)
-
-    def _on_timesync(self, message: Any) -> None:
-        clock = self._timing.answered(message)
-        if clock is not None:
-            self._recorder.clock(self._now_ns(), clock)
-
-    def _on_text(self, severity: int, text: str) -> None:
-        self._recorder.say(self._now_ns(), severity, "autopilot", text)
-
-    def _on_estimate(self, agent_us: int, estimate: Estimate) -> None:
-        stamp_ns = self._sim_of_agent(agent_us * 1000)
-        self._recorder.estimate(self._now_ns(), estimate)
+    def _on_estimate(self, stamp_ns: int | None, estimate: Estimate) -> None:
+        self._recorder.estimate(self._now_ns() if stamp_ns is None else stamp_ns, estimate)
         truth = None if stamp_ns is None else self._truth.at(stamp_ns)
         if truth is None:
             return
@@ -310,12 +241,51 @@ class AgentPilot:
         if self._view.armed and self.estimation is not None:
             self.estimation.add(truth.pos_ned_m[0], truth.quat_ned_frd[0], estimate.pos_ned_m, estimate.quat_ned_frd)
 
-    def _sim_of_agent(self, agent_ns: int) -> int | None:
-        """Simulation time of an instant on the agent's clock, None while the clocks' relation is unknown."""
-        if self._lockstep:
-            return agent_ns
-        host_ns = self._timing.host_ns(agent_ns)
-        return None if host_ns is None else self._pace.sim_of_host(host_ns)
-
     def _now_ns(self) -> int:
         return self._pace.now_sim_ns(self._sim_ns)
+
+    def progress(self) -> Progress:
+        view, texts = self._view, self._active.inbox.view.texts
+        faults = () if self._faults is None else self._faults.names_in_force()
+        return replace(self._driver.progress(), mode=view.mode, armed=view.armed, messages=tuple(texts), faults=faults)
+
+    def position_error_m(self) -> float | None:
+        return self._position_error_m
+
+    # After the run
+
+    def end(self) -> None:
+        for agent in self._agents:
+            agent.stop()
+            if self._faults is not None:
+                self._faults.count_impaired(*agent.impaired, agent.name)
+
+    def close(self) -> None:
+        for agent in self._agents:
+            agent.close()
+
+    def links(self) -> list[LinkReport]:
+        return [report for agent in self._agents for report in agent.links()]
+
+    def tasks(self) -> list[Task]:
+        return [task for agent in self._agents for task in agent.inbox.view.tasks.values()]
+
+    def clocks(self) -> list[ClockReport]:
+        slope = self._pace.slope(self._profile.clock.physics_rate_hz)
+        physics = ClockReport("PS1", 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)
+        return [*(agent.inbox.timing.report() for agent in self._agents), physics]
+
+    def nodes(self) -> list[NodeReport]:
+        return [report for agent in self._agents if (report := agent.node()) is not None]
+
+    def actuators(self) -> ActuatorReport | None:
+        return self._use.report
+
+    def takeovers(self) -> list[TakeoverReport]:
+        return [] if self._redundancy is None else self._redundancy.takeovers
+
+    def faults(self) -> list[FaultReport]:
+        return [] if self._faults is None else self._faults.reports(self._sensing.fault_counts())
+
+    def traffic(self) -> Traffic:
+        return {agent.name: agent.inbox.traffic for agent in self._agents}

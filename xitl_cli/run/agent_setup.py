@@ -22,6 +22,7 @@ Receive = Callable[[float], list[Any]]
 ANSWER_S = 1.0
 MISSION_S = 5.0
 TRIES = 4
+LOSSY = "the link may lose too much: check the cable, and autopilot.link"
 
 
 def parameters_of(profile: RunProfile) -> dict[str, float]:
@@ -80,8 +81,12 @@ class Setup:
 
             answer = self._ask(message, is_answer)
             if answer is None:
-                reason = f": {texts[-1]}" if texts else ""
-                raise UserError(f"autopilot.parameters.{name}: the agent did not take it{reason}; check the name")
+                reason = (
+                    f"did not take it: {texts[-1]}; check the name"
+                    if texts
+                    else f"did not answer {TRIES} times; {LOSSY}"
+                )
+                raise UserError(f"autopilot.parameters.{name}: the agent {reason}")
             if not math.isclose(answer.param_value, value, rel_tol=1e-6, abs_tol=1e-9):
                 reason = f" ({texts[-1]})" if texts else ""
                 raise UserError(
@@ -99,7 +104,7 @@ class Setup:
 
         answer = self._ask(count, is_answer, MISSION_S)
         if answer is None:
-            raise UserError("mission: the agent did not finish taking the mission; the link may lose too much")
+            raise UserError(f"mission: the agent did not finish taking it; {LOSSY}")
         if answer.type != dialect.MAV_MISSION_ACCEPTED:
             name = dialect.enums["MAV_MISSION_RESULT"].get(answer.type)
             raise UserError(f"mission: the agent refused it ({name.name if name else answer.type})")

@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
-from xitl_cli.recording.records import Estimate, Task
+from xitl_cli.recording.records import Estimate, Miss, Task
 
 MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
 RECENT_TEXTS = 20
@@ -20,7 +20,8 @@ STATUSTEXT_BYTES = 50
 class AgentView:
     """Takes every message; keeps the latest of what matters.
 
-    `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come.
+    `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
+    are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
     """
 
     def __init__(
@@ -28,6 +29,8 @@ class AgentView:
         frame: LocalFrame,
         on_text: Callable[[int, str], None],
         on_estimate: Callable[[int, Estimate], None],
+        node: str = "LC",
+        sim_ns: Callable[[int], int | None] = lambda agent_us: None,
     ) -> None:
         self.status: Any = None
         self.info: Any = None
@@ -40,12 +43,14 @@ class AgentView:
         self.tasks: dict[str, Task] = {}
         self.texts: deque[str] = deque(maxlen=RECENT_TEXTS)
         self._frame = frame
+        self._node = node
+        self._sim_ns = sim_ns
         self._chunks: dict[int, str] = {}
         self._on_text = on_text
         self._on_estimate = on_estimate
         self._origin_ned_m: np.ndarray[Any, np.dtype[np.float64]] | None = None
         self._attitude: Any = None
-        self._handlers: dict[int, Callable[[Any], None]] = {
+        self._handlers: dict[int, Callable[[Any], object]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
             dialect.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
@@ -57,7 +62,7 @@ class AgentView:
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
             dialect.MAVLINK_MSG_ID_XITL_NODE_INFO: self._node_info,
-            dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self._task_stats,
+            dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self.task,
         }
 
     def take(self, message: Any) -> None:
@@ -65,6 +70,14 @@ class AgentView:
         handler = self._handlers.get(message.get_msgId())
         if handler is not None:
             handler(message)
+
+    def adopt(self, other: AgentView) -> None:
+        """Another agent with the same mission steers now: its state, and what either has reached."""
+        self.status, self.info = other.status, other.info
+        self.mode, self.armed, self.ready_to_arm = other.mode, other.armed, other.ready_to_arm
+        self.target_seq = other.target_seq
+        self.reached_seqs |= other.reached_seqs
+        self.acks |= other.acks
 
     def _heartbeat(self, message: Any) -> None:
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -120,10 +133,12 @@ class AgentView:
     def _node_info(self, message: Any) -> None:
         self.info = message
 
-    def _task_stats(self, message: Any) -> None:
+    def task(self, message: Any) -> Task:
+        """XITL_TASK_STATS as a record, kept too."""
         name = _text(message.task)
-        self.tasks[name] = Task(
-            node="LC",
+        cycles = message.cycles > 0
+        self.tasks[name] = task = Task(
+            node=self._node,
             task=name,
             rate_hz=message.rate_hz,
             cycles=message.cycles,
@@ -131,7 +146,21 @@ class AgentView:
             start_jitter_max_s=message.start_jitter_max_usec * 1e-6,
             run_mean_s=message.run_mean_usec * 1e-6,
             run_max_s=message.run_max_usec * 1e-6,
+            skipped=message.skipped,
+            start_jitter_mean_s=message.start_jitter_mean_usec * 1e-6,
+            worst_run_ns=self._sim_ns(message.worst_run_time_usec) if cycles else None,
+            worst_start_ns=self._sim_ns(message.worst_start_time_usec) if cycles else None,
+            start_histogram=tuple(message.start_jitter_histogram),
+            run_histogram=tuple(message.run_histogram),
         )
+        return task
+
+    def miss(self, message: Any) -> Miss | None:
+        """XITL_TASK_MISS as a record, None while its instants have no simulation time."""
+        due_ns, start_ns, end_ns = map(self._sim_ns, (message.due_usec, message.start_usec, message.end_usec))
+        if due_ns is None or start_ns is None or end_ns is None:
+            return None
+        return Miss(self._node, _text(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)
 
 
 def _text(raw: bytes | str) -> str:

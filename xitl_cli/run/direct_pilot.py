@@ -8,7 +8,15 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import MotorCommand, Task
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport
+from xitl_cli.run.pilot import (
+    ActuatorReport,
+    ClockReport,
+    FaultReport,
+    LinkReport,
+    NodeReport,
+    TakeoverReport,
+    Traffic,
+)
 from xitl_cli.run.score import EstimationScore
 
 
@@ -52,3 +60,15 @@ class DirectPilot:
 
     def nodes(self) -> list[NodeReport]:
         return []
+
+    def actuators(self) -> ActuatorReport | None:
+        return None
+
+    def takeovers(self) -> list[TakeoverReport]:
+        return []
+
+    def faults(self) -> list[FaultReport]:
+        return []
+
+    def traffic(self) -> Traffic:
+        return {}

@@ -6,7 +6,8 @@ import json
 import os
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 from xitl_cli.errors import UserError
 
@@ -14,6 +15,7 @@ RECORDING = "run.mcap"
 SUMMARY = "summary.json"
 PROFILE = "profile.yaml"
 DATAFLASH = "autopilot.bin"
+RESERVED_BYTES = 256 * 1024
 _FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH)
 
 
@@ -41,6 +43,16 @@ def create(path: Path, overwrite: bool) -> Path:
     except OSError as error:
         raise UserError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
     return path
+
+
+def reserve(path: Path) -> IO[bytes]:
+    """Room for the summary, should the disk fill up: closing gives it back. Raises UserError when there is none."""
+    try:
+        held = TemporaryFile(dir=path, buffering=0)  # noqa: SIM115  the caller closes it
+        held.write(bytes(RESERVED_BYTES))
+    except OSError as error:
+        raise UserError(f"{path}: no room for a run ({error.strerror}); free space, or choose another --out") from error
+    return held
 
 
 def keep_dataflash(path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from agent.timing.sync import ClockSync
@@ -11,27 +12,43 @@ from agent.wire import dialect
 from xitl_cli.recording.records import Clock
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.pilot import ClockReport
+from xitl_cli.run.time_base import DriftWindows, TimeBase
 
-NODE = "LC"
 STAMPS_KEPT = 4096
 
 
 class LinkTiming:
-    """Real time: from the stamps of the messages that cross the link and a four-timestamp exchange."""
+    """Real time: from the stamps of the messages that cross the link and a four-timestamp exchange.
 
-    def __init__(self) -> None:
+    `node` is whose clock it is; `clock_ns` is the host's monotonic one. sensors, actuators: latencies, each counted
+    once a later exchange bears out the relation of the clocks; those about a step of the clock are left out.
+    """
+
+    def __init__(self, node: str, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.sensors = Histogram()
         self.actuators = Histogram()
+        self._node = node
+        self._clock_ns = clock_ns
         self._sync = ClockSync()
+        self._drifts = DriftWindows()
+        self._time_base = TimeBase()
         self._requests = 0
+        self._time_base_from = 0
+        self._steps = 0
+        self._unsettled: list[tuple[Histogram, int]] = []
         self._sent_at_ns: dict[int, int] = {}
         self._stamps: deque[int] = deque()
 
+    def begin(self) -> None:
+        """The run begins: its time base starts with the next request."""
+        self._time_base = TimeBase()
+        self._time_base_from = self._requests
+
     def sent(self, messages: list[Any]) -> None:
-        """Sensor samples that have just been sent; the IMU's are timed."""
+        """Sensor samples that are about to be sent; the IMU's are timed."""
         for message in messages:
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_XITL_IMU:
-                self._sent_at_ns[message.time_usec] = time.monotonic_ns()
+                self._sent_at_ns[message.time_usec] = self._clock_ns()
                 self._stamps.append(message.time_usec)
                 if len(self._stamps) > STAMPS_KEPT:
                     self._sent_at_ns.pop(self._stamps.popleft(), None)
@@ -40,30 +57,52 @@ class LinkTiming:
         """XITL_ACTUATORS: how long it took, and how long the sample took that it was computed from."""
         if not self._sync.ready:
             return
-        self.actuators.add(time.monotonic_ns() - self._sync.to_local(message.time_usec * 1000))
+        took_ns = self._clock_ns() - self._sync.to_local(message.time_usec * 1000)
+        self._unsettled.append((self.actuators, took_ns))
         sent_ns = self._sent_at_ns.pop(message.imu_time_usec, None)
         if sent_ns is not None:
-            self.sensors.add(self._sync.to_local(message.imu_receive_usec * 1000) - sent_ns)
+            self._unsettled.append((self.sensors, self._sync.to_local(message.imu_receive_usec * 1000) - sent_ns))
+        if len(self._unsettled) > STAMPS_KEPT:
+            self.settle()
+
+    def settle(self) -> None:
+        """Count the latencies that wait for an exchange, as at the end of a run."""
+        for histogram, took_ns in self._unsettled:
+            histogram.add(took_ns)
+        self._unsettled.clear()
 
     def request(self) -> Any:
         """The next XITL_TIMESYNC to send, at once."""
         self._requests += 1
-        return dialect.MAVLink_xitl_timesync_message(time.monotonic_ns(), 0, 0, self._requests)
+        return dialect.MAVLink_xitl_timesync_message(self._clock_ns(), 0, 0, self._requests)
 
     def answered(self, message: Any) -> Clock | None:
         """XITL_TIMESYNC that came back, as a record; None when no clocks could give such stamps."""
-        returned_ns = time.monotonic_ns()
-        if not self._sync.add(message.t1_ns, message.t2_ns, message.t3_ns, returned_ns):
+        t1_ns, t2_ns, t3_ns, t4_ns = message.t1_ns, message.t2_ns, message.t3_ns, self._clock_ns()
+        if not self._sync.add(t1_ns, t2_ns, t3_ns, t4_ns):
             return None
+        self._drifts.add(t1_ns, t2_ns, t3_ns, t4_ns)
         estimate = self._sync.estimate
+        if estimate.steps != self._steps:
+            self._steps = estimate.steps
+            self._unsettled.clear()
+            self._time_base = TimeBase()
+        elif not self._sync.doubtful:
+            self.settle()
+        if message.sequence > self._time_base_from:
+            self._time_base.add(message.sequence, t2_ns)
         return Clock(
-            node=NODE,
+            node=self._node,
             sample=message.sequence,
-            host_ns=message.t1_ns,
-            node_ns=message.t2_ns,
-            round_trip_s=(returned_ns - message.t1_ns - (message.t3_ns - message.t2_ns)) * 1e-9,
+            host_ns=t1_ns,
+            node_ns=t2_ns,
+            round_trip_s=(t4_ns - t1_ns - (t3_ns - t2_ns)) * 1e-9,
             offset_s=estimate.offset_ns * 1e-9,
             drift_ppm=estimate.drift_ppm,
+            residual_s=((t2_ns - t1_ns + t3_ns - t4_ns) / 2 - estimate.offset_ns) * 1e-9,
+            path_delay_s=estimate.path_delay_ns * 1e-9,
+            asymmetry_bound_s=estimate.asymmetry_bound_ns * 1e-9,
+            steps=estimate.steps,
         )
 
     def host_ns(self, agent_ns: int) -> int | None:
@@ -73,10 +112,20 @@ class LinkTiming:
     def report(self) -> ClockReport:
         """The relation of the clocks at the end."""
         if not self._sync.ready:
-            return ClockReport(NODE, None, None)
-        estimate = self._sync.estimate
+            return ClockReport(self._node, None, None)
+        estimate, slope = self._sync.estimate, self._time_base.slope
         return ClockReport(
-            NODE, estimate.offset_ns * 1e-3, estimate.drift_ppm, estimate.asymmetry_bound_ns * 1e-3, estimate.used
+            self._node,
+            offset_us=estimate.offset_ns * 1e-3,
+            drift_ppm=estimate.drift_ppm,
+            asymmetry_bound_us=estimate.asymmetry_bound_ns * 1e-3,
+            samples=estimate.used,
+            residual_us=estimate.residual_ns * 1e-3,
+            path_delay_us=estimate.path_delay_ns * 1e-3,
+            drift_std_ppm=self._drifts.deviation_ppm,
+            slope_s=slope.mean_s,
+            slope_std_s=slope.deviation_s,
+            steps=estimate.steps,
         )
 
 
@@ -89,6 +138,11 @@ class LockstepTiming(LinkTiming):
     def arrived(self, message: Any) -> None:
         self.sensors.add(0)
         self.actuators.add(0)
+        self._time_base.add(message.tick, message.time_usec * 1000)
+
+    def host_ns(self, agent_ns: int) -> int | None:
+        return agent_ns
 
     def report(self) -> ClockReport:
-        return ClockReport(NODE, 0.0, 0.0, 0.0)
+        slope = self._time_base.slope
+        return ClockReport(self._node, 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)

@@ -14,6 +14,7 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, kinematics, step
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
+from xitl_cli.recording.records import PaceReport
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.score import MissionScore
@@ -23,6 +24,7 @@ from xitl_cli.run.view import Glance, View
 
 ENVIRONMENT_RATE_HZ = 10.0
 TASK_RATE_HZ = 1.0
+WARNING = 4  # MAV_SEVERITY_WARNING
 
 
 class Ending(Enum):
@@ -67,10 +69,13 @@ class Loop:
         command = pilot.command
         motors = np.array([command.motors])
         moored = bool(pilot.progress().waits_for)
-        number = 0
+        number = slips = 0
         while number - self.moored_steps < last_step:
             number += 1
             pace.wait_until(self.state.time_ns + simulation.dt_ns, pilot.idle)
+            if pace.slips != slips:
+                slips = pace.slips
+                recorder.say(self.state.time_ns, WARNING, "run", _slipped(pace.report()))
             if pilot.command is not command:
                 command = pilot.command
                 motors = np.array([command.motors])
@@ -140,4 +145,12 @@ class Loop:
             + sum(task.missed for task in self.pilot.tasks()),
             messages=progress.messages,
             waits_for=progress.waits_for,
+            faults=progress.faults,
         )
+
+
+def _slipped(report: PaceReport) -> str:
+    return (
+        f"this machine stood still: the world did too, {report.slipped_s:.2f} s in all (slip {report.slips}); an agent "
+        "in real time had no sensors meanwhile"
+    )

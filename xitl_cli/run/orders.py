@@ -44,6 +44,10 @@ class Orders:
         flag = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, flag, float(MODE_NUMBERS[mode]))
 
+    def set_waypoint(self, seq: int) -> None:
+        """Head for an item of the mission; nothing answers it."""
+        self._send(dialect.MAVLink_mission_set_current_message(*self._target, seq))
+
     def rc(self, pulses_us: Sequence[int | None]) -> None:
         """Pulse widths of the RC channels from 1 on; None leaves a channel alone, 0 gives it back."""
         channels = [

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from xitl_cli.recording.records import Task
+from xitl_cli.recording.records import PaceReport, Task
 from xitl_cli.run.histogram import Histogram
+from xitl_cli.run.time_base import Slope, TimeBase
+
+SLIP_NS = 500_000_000
+ANCHORS_KEPT = 64
+TIME_BASE_HZ = 10.0
 
 Idle = Callable[[float], object]
 
 
 class Pace(Protocol):
-    """Called before every physics step."""
+    """Called before every physics step. slips: how often the world stood still because this machine did."""
+
+    slips: int
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
         """Return when it is time for the step that ends at `sim_ns`; `idle` passes the time and may return early."""
@@ -27,11 +35,18 @@ class Pace(Protocol):
     def task(self, rate_hz: float) -> Task:
         """How the physics kept its deadlines."""
 
+    def slope(self, rate_hz: float) -> Slope:
+        """The host's clock against the number of the step."""
+
+    def report(self) -> PaceReport:
+        """How it went."""
+
 
 class Lockstep:
     """No waiting: time is what the simulation says it is."""
 
     def __init__(self) -> None:
+        self.slips = 0
         self._cycles = 0
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
@@ -46,47 +61,85 @@ class Lockstep:
     def task(self, rate_hz: float) -> Task:
         return Task("PS1", "physics", rate_hz, self._cycles, 0)
 
+    def slope(self, rate_hz: float) -> Slope:
+        return Slope(1.0 / rate_hz, 0.0) if self._cycles > 1 else Slope()
+
+    def report(self) -> PaceReport:
+        return PaceReport()
+
 
 class Realtime:
     """Absolute deadlines on the monotonic clock.
 
     A step that starts later than one period behind its deadline counts as missed. Nothing is skipped: physics has to
-    take every step, so a late host catches up, and the count says that it was late.
+    take every step, so a late host catches up, and the count says that it was late. A host that is more than half a
+    second behind was asleep, and does not race after the time it slept through: the world stood still, which is a slip.
     """
 
-    def __init__(self, period_s: float) -> None:
+    def __init__(self, period_s: float, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        self.slips = 0
+        self._slipped_s = 0.0
+        self._clock_ns = clock_ns
         self._period_ns = round(period_s * 1e9)
-        self._start_ns: int | None = None
+        self._anchors: deque[tuple[int, int]] = deque(maxlen=ANCHORS_KEPT)
+        self._start_ns = 0
+        self._step_ns = 0
         self._cycles = 0
         self._missed = 0
         self._jitter = Histogram()
         self._began_ns = 0
         self._run_total_ns = 0
         self._run_max_ns = 0
+        self._time_base = TimeBase()
+        self._time_base_every = max(round(1.0 / (TIME_BASE_HZ * period_s)), 1)
 
     def wait_until(self, sim_ns: int, idle: Idle) -> None:
-        now_ns = time.monotonic_ns()
-        if self._start_ns is None:
-            self._start_ns = now_ns - sim_ns
+        clock_ns = self._clock_ns
+        now_ns = clock_ns()
+        if not self._anchors:
+            self._anchor(now_ns, sim_ns)
         elif self._began_ns:
             run_ns = now_ns - self._began_ns
             self._run_total_ns += run_ns
             self._run_max_ns = max(self._run_max_ns, run_ns)
         due_ns = self._start_ns + sim_ns
+        self._step_ns = sim_ns
         while now_ns < due_ns:
             idle((due_ns - now_ns) * 1e-9)
-            now_ns = time.monotonic_ns()
+            now_ns = clock_ns()
         late_ns = now_ns - due_ns
+        if late_ns > SLIP_NS:
+            self.slips += 1
+            self._slipped_s += late_ns * 1e-9
+            self._anchor(now_ns, sim_ns)
         self._jitter.add(late_ns)
         self._cycles += 1
         self._missed += late_ns > self._period_ns
         self._began_ns = now_ns
+        if self._cycles % self._time_base_every == 0:
+            self._time_base.add(self._cycles, now_ns)
+
+    def _anchor(self, host_ns: int, sim_ns: int) -> None:
+        self._anchors.append((host_ns, sim_ns))
+        self._start_ns = host_ns - sim_ns
 
     def sim_of_host(self, host_ns: int) -> int:
-        return max(host_ns - (host_ns if self._start_ns is None else self._start_ns), 0)
+        """Piecewise: each anchor's line, never beyond the next anchor. 0 before the first step.
+
+        During a slip nobody has noticed yet it stands at the step that is waited for.
+        """
+        until_ns: int | None = None
+        for anchor_ns, sim_ns in reversed(self._anchors):
+            if host_ns >= anchor_ns or sim_ns == self._anchors[0][1]:
+                reached_ns = max(sim_ns + host_ns - anchor_ns, 0)
+                if until_ns is None:
+                    return reached_ns if reached_ns <= self._step_ns + SLIP_NS else self._step_ns
+                return min(reached_ns, until_ns)
+            until_ns = sim_ns
+        return 0
 
     def now_sim_ns(self, sim_ns: int) -> int:
-        return self.sim_of_host(time.monotonic_ns())
+        return self.sim_of_host(self._clock_ns())
 
     def task(self, rate_hz: float) -> Task:
         return Task(
@@ -99,3 +152,9 @@ class Realtime:
             run_mean_s=self._run_total_ns * 1e-9 / max(self._cycles - 1, 1),
             run_max_s=self._run_max_ns * 1e-9,
         )
+
+    def slope(self, rate_hz: float) -> Slope:
+        return self._time_base.slope
+
+    def report(self) -> PaceReport:
+        return PaceReport(self.slips, self._slipped_s)

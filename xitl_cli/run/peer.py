@@ -6,26 +6,18 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Protocol
 
-from agent.dataflash.files import at
-from agent.fcu.autopilot import Autopilot as EmbeddedAutopilot
-from agent.fcu.control.controller import ControllerError
-from agent.fcu.control.controller import load as load_controller
-from agent.fcu.log.flight_log import FlightLog
-from agent.fcu.mavlink.services import Services
-from agent.fcu.parameters import Parameters
-from agent.ground.stations import GroundStations
-from agent.node import AgentNode
-from agent.wire.link import Link
+from agent.assembly import REFUSALS, assemble
+from agent.machine import VIRTUAL
+from agent.options import Options
 from agent.wire.memory import memory_pair
-from agent.wire.signing import Signing
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
-from xitl_cli.profile.schema.operation import Autopilot
 from xitl_cli.run.agent_options import AgentOptions
 from xitl_cli.run.directory import DATAFLASH
-from xitl_cli.signing import read_key_file
+from xitl_cli.run.loopback import loopback_of
 
 HOST_SYSTEM_ID = 255
 HOST_COMPONENT_ID = 190
@@ -60,9 +52,9 @@ class InProcess:
         self.transport, theirs = memory_pair("agent")
         self._opened = ExitStack()
         try:
-            node = _node(Link(theirs, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID), options, self._opened)
-        except (TransportError, ControllerError) as error:
-            self._opened.close()
+            node = assemble(theirs, _own_options(options), self._opened)
+        except REFUSALS as error:
+            self.close()
             raise UserError(str(error)) from error
         self.pump: Callable[[], None] = node.poll
 
@@ -77,35 +69,29 @@ class InProcess:
         self.transport.close()
 
 
-def _node(link: Link, options: AgentOptions, opened: ExitStack) -> AgentNode:
-    """What `xitl agent` makes of the same options. Raises TransportError, ControllerError and UserError."""
-    make_controller = None if options.controller is None else load_controller(options.controller)
-    signing = None if options.signing_key_file is None else Signing(read_key_file(options.signing_key_file))
-    ground = None
-    if options.ground_stations:
-        ground = GroundStations(options.ground_stations, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID, signing)
-        opened.callback(ground.close)
-    log_file = None if options.log_dir is None else options.log_dir / DATAFLASH
-
-    def services() -> Services:
-        return Services(EmbeddedAutopilot(Parameters(), make_controller), AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
-
-    def log(now_ns: Callable[[], int]) -> FlightLog:
-        assert log_file is not None
-        made = FlightLog(at(log_file), now_ns)
-        opened.callback(made.close)
-        return made
-
-    return AgentNode(link, services, "in-process", ground, make_log=None if log_file is None else log)
+def _own_options(options: AgentOptions) -> Options:
+    """As `xitl agent` would get them."""
+    return Options(
+        ground=options.ground_stations,
+        controller=options.controller or "",
+        signing_key=None if options.signing_key_file is None else Path(options.signing_key_file),
+        link_key=None if options.link_key_file is None else Path(options.link_key_file),
+        log_file=None if options.log_dir is None else options.log_dir / DATAFLASH,
+        kind=VIRTUAL,
+    )
 
 
 class OwnProcess:
-    """The agent as a process of its own on this machine."""
+    """The agent as a process of its own on this machine, at the other end of `url`, or of the line that it asks for."""
 
     def __init__(self, url: str, options: AgentOptions) -> None:
+        agent_url = url
+        self._loopback = loopback_of(url)
+        if self._loopback is not None:
+            url, agent_url = self._loopback.host_url, self._loopback.agent_url
         self._url = url
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "agent", "--link", url, *options.arguments()],
+            [sys.executable, "-m", "agent", "--link", agent_url, *options.arguments()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -150,12 +136,16 @@ class OwnProcess:
         for stream in (self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()
+        if self._loopback is not None:
+            self._loopback.close()
 
     def _gone(self) -> UserError:
         code = self._process.wait()
         stderr = self._process.stderr
         lines = stderr.read().strip().splitlines() if stderr is not None and not stderr.closed else []
         reason = lines[-1].removeprefix("error: ") if lines else f"exit code {code}"
+        if code < 0:
+            reason = f"signal {-code} killed it; look for who sent it (out of memory?), then run again"
         return UserError(f"the agent process ended: {reason}")
 
 
@@ -176,20 +166,36 @@ class Board:
         pass
 
     def unreachable(self, waited_s: float) -> UserError:
-        host, _, port = self._url.removeprefix("udp://").rpartition(":")
-        return UserError(
-            f"{self._url}: no agent answered within {waited_s:.0f} s; check that {host} answers a ping (cable, power, "
-            f"address of this machine's USB-Ethernet interface) and that the board runs `xitl agent --link udp://0.0.0.0:{port}`"
-        )
+        return UserError(f"{self._url}: no agent answered within {waited_s:.0f} s; check that {_advice(self._url)}")
 
     def close(self) -> None:
         self.transport.close()
 
 
-def open_peer(autopilot: Autopilot, options: AgentOptions) -> Peer:
-    """The peer that the profile asks for. Raises UserError when it cannot be opened."""
-    if autopilot.runs == "in-process":
+def _advice(url: str) -> str:
+    """What to look at when nobody answers at the other end."""
+    scheme, _, rest = url.partition("://")
+    if scheme == "serial":
+        return (
+            "the cable joins both ends crosswise (TX to RX, ground to ground), and that the board runs "
+            f"`xitl agent --link serial:///dev/ttyX?{rest.partition('?')[2] or 'baud=921600'}` at the same baud rate"
+        )
+    if scheme == "can":
+        return (
+            "the bus is terminated at both ends, and that the board runs `xitl agent --link can://...` at the same bit "
+            "rate with the node numbers the other way round"
+        )
+    host, _, port = rest.rpartition(":")
+    return (
+        f"{host} answers a ping (cable, power, address of this machine's USB-Ethernet interface) and that the board "
+        f"runs `xitl agent --link {scheme}://0.0.0.0:{port}`"
+    )
+
+
+def open_peer(runs: str, link: str | None, options: AgentOptions) -> Peer:
+    """The peer that a profile asks for. Raises UserError when it cannot be opened."""
+    if runs == "in-process":
         return InProcess(options)
-    if autopilot.link is None:
-        raise UserError(f"autopilot.runs = {autopilot.runs} needs autopilot.link, for instance udp://127.0.0.1:14660")
-    return OwnProcess(autopilot.link, options) if autopilot.runs == "process" else Board(autopilot.link)
+    if link is None:
+        raise UserError(f"autopilot.runs = {runs} needs autopilot.link, for instance udp://127.0.0.1:14660")
+    return OwnProcess(link, options) if runs == "process" else Board(link)

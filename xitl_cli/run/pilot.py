@@ -20,7 +20,7 @@ class Progress:
     target: index of the waypoint it heads for, None when it heads for none. finished: there is nothing more to do.
     completed: what the driver was there for is done: every waypoint reached, a script or recording played to its end.
     waypoints: the mission under way as (north, east), None for the profile's. waits_for: why the vessel is still
-    moored; empty once it may move.
+    moored; empty once it may move. faults: names of those in force.
     """
 
     mode: str
@@ -32,14 +32,19 @@ class Progress:
     waypoints: tuple[tuple[float, float], ...] | None = None
     waits_for: str = ""
     messages: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class LinkReport:
     """One direction of a link over a whole run; counts the other end keeps are None until it has told them.
 
-    lost: missing from the sequence at the receiver. unsent: not taken by the transport of the sender. dropped: damaged
-    or unknown ones.
+    name: `sensors` (to the agent) or `actuators` (from it); those of another link than `agent` have its name before
+    them: `standby sensors`.
+    lost: sent and never received. gaps: missing from the sequence at the receiver, late: out of order, repeated: came
+    twice. unsent: not taken by the transport of the sender. dropped: damaged or unknown ones. refused: without a good
+    signature. impaired: kept back for good by a fault on purpose, part of the lost ones. host_end: what the host's
+    transport has counted beside that, by name, told with the direction that it hears.
     """
 
     name: str
@@ -49,28 +54,100 @@ class LinkReport:
     unsent: int | None
     dropped: int
     latency: Histogram = field(default_factory=Histogram)
+    gaps: int | None = None
+    late: int | None = None
+    repeated: int | None = None
+    refused: int | None = None
+    impaired: int | None = None
+    host_end: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class ClockReport:
-    """A node's clock against the host's at the end of a run; None where nothing was measured."""
+    """A node's clock against the host's at the end of a run; None where nothing was measured.
+
+    drift_std_ppm: variation of the drift over windows of 10 s. slope_s, slope_std_s: mean and standard deviation of
+    the node's time base a sample. residual_us: spread of the exchanges about the estimate. path_delay_us: shortest
+    way there and back, halved. steps: of the node's clock.
+    """
 
     node: str
     offset_us: float | None
     drift_ppm: float | None
     asymmetry_bound_us: float | None = None
     samples: int = 0
+    residual_us: float | None = None
+    path_delay_us: float | None = None
+    drift_std_ppm: float | None = None
+    slope_s: float | None = None
+    slope_std_s: float | None = None
+    steps: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class NodeReport:
-    """What a machine in the loop says of itself. `memory_mib` is None where it does not tell."""
+    """What a machine in the loop says of itself. link: the one it is on. None where it does not tell.
+
+    kind: `real` or `virtual`. flags: how it runs, in words. estimates: those that its control used, efforts: those that
+    its actuation allocated.
+    """
 
     nodes: str
     machine: str
     version: str
     memory_mib: float | None
     refused: int
+    link: str = "agent"
+    kind: str = "virtual"
+    kernel: str = ""
+    python: str = ""
+    flags: tuple[str, ...] = ()
+    processors: int | None = None
+    temperature_c: float | None = None
+    cpu_percent: float | None = None
+    estimates: int = 0
+    efforts: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorReport:
+    """How old the motor commands were at the exchanges that used them.
+
+    stale: exchanges at which no new one had come; longest_stale: the most of them in a row.
+    """
+
+    age: Histogram = field(default_factory=Histogram)
+    stale: int = 0
+    longest_stale: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class TakeoverReport:
+    """One agent stepped in for another at `at_s`; see records.Takeover."""
+
+    at_s: float
+    from_node: str
+    to_node: str
+    silent_s: float
+    step: float
+
+
+@dataclass(frozen=True, slots=True)
+class FaultReport:
+    """A fault on purpose: when it was in force, and counts of what it did.
+
+    from_s None: the run ended before it began; until_s None: it was in force to the end.
+    """
+
+    name: str
+    kind: str
+    from_s: float | None
+    until_s: float | None
+    did: dict[str, int] = field(default_factory=dict)
+
+
+Traffic = dict[str, dict[str, dict[int, int]]]
+"""Frames that crossed each link: by link (`agent`), by direction (`tx` to the agent, `rx` from it), by message id."""
 
 
 class Pilot(Protocol):
@@ -115,3 +192,7 @@ class Pilot(Protocol):
     def tasks(self) -> list[Task]: ...
     def clocks(self) -> list[ClockReport]: ...
     def nodes(self) -> list[NodeReport]: ...
+    def actuators(self) -> ActuatorReport | None: ...
+    def takeovers(self) -> list[TakeoverReport]: ...
+    def faults(self) -> list[FaultReport]: ...
+    def traffic(self) -> Traffic: ...

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from numpy.random import Generator, default_rng
@@ -15,33 +15,53 @@ from sim_core.sensors.barometer import Barometer, BarometerSample
 from sim_core.sensors.gnss import Gnss, GnssSample
 from sim_core.sensors.imu import Imu, ImuSample
 from sim_core.sensors.magnetometer import Magnetometer, MagnetometerSample, local_field_ned_gauss
+from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.profile.schema.place import Site
 from xitl_cli.profile.schema.sensors import Sensors
 from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.sensor_faults import SensorFaults
 
 Message = Any  # the generated codec is untyped
 
 
 class _Channel:
-    """One sensor, its state and random generator, and how its sample becomes a message."""
+    """One sensor, its state and random generator, its faults, and how its sample becomes a message."""
 
-    def __init__(self, sensor: Any, rng: Generator, every: int, encode: Callable[[int, Any], Message]) -> None:
+    def __init__(
+        self, sensor: Any, rng: Generator, every: int, encode: Callable[[int, Any], Message], faults: SensorFaults
+    ) -> None:
         self.every = every
         self.latency_ns = round(sensor.latency_s * 1e9)
         self._sensor = sensor
         self._rng = rng
         self._state = sensor.initial(1, rng)
         self._encode = encode
+        self.faults = faults
+        self._faulty = bool(faults)
 
-    def message(self, stamp_ns: int, motion: Kinematics) -> Message:
+    def message(self, stamp_ns: int, motion: Kinematics) -> Message | None:
         self._state, sample = self._sensor.measure(self._state, motion, self._rng)
+        if self._faulty:
+            sample = self.faults.applied(stamp_ns, sample)
+            if sample is None:
+                return None
         return self._encode(stamp_ns // 1000, sample)
 
 
 class Sensing:
-    """All sensors of the profile. `due` is called after each physics step, with steps counted from 1."""
+    """All sensors of the profile and their faults. `due` is called after each physics step, with steps counted from 1.
 
-    def __init__(self, sensors: Sensors, site: Site, physics_rate_hz: float, seeds: Seeds) -> None:
+    A sensor measures on behind its faults, so that what comes after one is what would have come without it.
+    """
+
+    def __init__(
+        self,
+        sensors: Sensors,
+        site: Site,
+        physics_rate_hz: float,
+        seeds: Seeds,
+        faults: Mapping[str, Fault] | None = None,
+    ) -> None:
         frame = local_frame(site)
         models: list[tuple[str, Any, Callable[[int, Any], Message]]] = [
             (
@@ -58,7 +78,13 @@ class Sensing:
             ("barometer", Barometer(origin_altitude_m=site.altitude_m, **sensors.barometer.model_dump()), _barometer),
         ]
         self._channels = [
-            _Channel(model, default_rng(seeds.of(name)), round(physics_rate_hz / model.rate_hz), encode)
+            _Channel(
+                model,
+                default_rng(seeds.of(name)),
+                round(physics_rate_hz / model.rate_hz),
+                encode,
+                SensorFaults(name, faults or {}, seeds, frame),
+            )
             for name, model, encode in models
         ]
         self._waiting: list[tuple[int, int, Message]] = []
@@ -70,6 +96,8 @@ class Sensing:
         for channel in self._channels:
             if step % channel.every == 0:
                 message = channel.message(stamp_ns, motion)
+                if message is None:
+                    continue
                 if channel.latency_ns:
                     self._order += 1
                     heapq.heappush(self._waiting, (stamp_ns + channel.latency_ns, self._order, message))
@@ -78,6 +106,14 @@ class Sensing:
         while self._waiting and self._waiting[0][0] <= stamp_ns:
             ready.append(heapq.heappop(self._waiting)[2])
         return ready
+
+    def fault_counts(self) -> dict[str, dict[str, int]]:
+        """How many samples each fault has touched, by its name."""
+        counts: dict[str, dict[str, int]] = {}
+        for channel in self._channels:
+            for name, of_channel in channel.faults.counts.items():
+                counts.setdefault(name, {}).update(of_channel)
+        return counts
 
 
 def local_frame(site: Site) -> LocalFrame:

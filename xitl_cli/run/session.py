@@ -21,7 +21,7 @@ from xitl_cli.recording.recorder import Recorder
 from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
 from xitl_cli.run.agent_options import options_of
-from xitl_cli.run.agent_pilot import AgentPilot
+from xitl_cli.run.agent_pilot import AgentPilot, links_of
 from xitl_cli.run.ideal_pilot import IdealPilot
 from xitl_cli.run.loop import Ending, Loop
 from xitl_cli.run.pace import Lockstep, Pace, Realtime
@@ -61,13 +61,15 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     with closing(pilot):
         pilot.prepare()
         directory.create(out, overwrite)
-        (out / directory.PROFILE).write_text(resolved_yaml(profile))
-        recorder = Recorder(out / directory.RECORDING, ready.recording.compression, len(ready.vehicle.propellers))
-        pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(simulation.dt_s)
-        with closing(make_view()) as view, _interrupts() as interrupted:
-            score = MissionScore(ready.mission.waypoints_ned_m)
-            loop = Loop(ready, simulation, state, pilot, pace, recorder, view, score, interrupted)
-            outcome = _fly(loop, profile, seeds)
+        with directory.reserve(out):
+            (out / directory.PROFILE).write_text(resolved_yaml(profile))
+            motors, links = len(ready.vehicle.propellers), links_of(ready)
+            recorder = Recorder(out / directory.RECORDING, ready.recording.compression, motors, links)
+            pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(simulation.dt_s)
+            with closing(make_view()) as view, _interrupts() as interrupted:
+                score = MissionScore(ready.mission.waypoints_ned_m)
+                loop = Loop(ready, simulation, state, pilot, pace, recorder, view, score, interrupted)
+                outcome = _fly(loop, profile, seeds)
     directory.keep_dataflash(out)
     summary = summary_of(ready, outcome)
     directory.write_json(out / directory.SUMMARY, summary)
@@ -90,8 +92,10 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
             ending = loop.run(seeds)
         finally:
             wall_s = time.perf_counter() - begun_s
-            loop.pilot.end()
-            loop.recorder.close()
+            try:
+                loop.pilot.end()
+            finally:
+                loop.recorder.close()
     except UserError as problem:
         ending, error = Ending.FAILED, str(problem)
     except Exception as fault:  # noqa: BLE001  raised again when the summary is written: no recording is left without one
@@ -112,6 +116,11 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
         clocks=loop.pilot.clocks(),
         nodes=loop.pilot.nodes(),
         stale_exchanges=loop.pilot.stale_exchanges,
+        actuators=loop.pilot.actuators(),
+        takeovers=loop.pilot.takeovers(),
+        faults=loop.pilot.faults(),
+        traffic=loop.pilot.traffic(),
+        pace=loop.pace.report(),
     )
 
 

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from agent import __version__
 from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.records import Task
+from xitl_cli.recording.records import PaceReport, Task
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
-from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport
+from xitl_cli.run.pilot import (
+    ActuatorReport,
+    ClockReport,
+    FaultReport,
+    LinkReport,
+    NodeReport,
+    TakeoverReport,
+    Traffic,
+)
+from xitl_cli.run.run_graph import graph_section
 from xitl_cli.run.score import EstimationScore, MissionScore
 
 FORMAT = 1
@@ -40,6 +49,11 @@ class Outcome:
     clocks: list[ClockReport]
     nodes: list[NodeReport]
     stale_exchanges: int
+    actuators: ActuatorReport | None = None
+    takeovers: list[TakeoverReport] = field(default_factory=list)
+    faults: list[FaultReport] = field(default_factory=list)
+    traffic: Traffic = field(default_factory=dict)
+    pace: PaceReport = field(default_factory=PaceReport)
 
 
 def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
@@ -75,8 +89,15 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "links": [_link(link) for link in outcome.links],
         "tasks": [_task(task) for task in outcome.tasks],
         "clocks": [asdict(clock) for clock in outcome.clocks],
-        "nodes": [asdict(node) for node in outcome.nodes],
+        "nodes": [{**asdict(node), "flags": list(node.flags)} for node in outcome.nodes],
         "stale_exchanges": outcome.stale_exchanges,
+        "actuators": None if outcome.actuators is None else _actuators(outcome.actuators),
+        "takeovers": [asdict(takeover) for takeover in outcome.takeovers],
+        "faults": [asdict(fault) for fault in outcome.faults],
+        "pace": asdict(outcome.pace),
+        "graph": graph_section(
+            profile, outcome.duration_s, outcome.moored_s, outcome.links, outcome.nodes, outcome.traffic
+        ),
     }
 
 
@@ -86,8 +107,14 @@ def _link(link: LinkReport) -> dict[str, Any]:
         "sent": link.sent,
         "received": link.received,
         "lost": link.lost,
+        "gaps": link.gaps,
+        "late": link.late,
+        "repeated": link.repeated,
         "unsent": link.unsent,
         "dropped": link.dropped,
+        "refused": link.refused,
+        "impaired": link.impaired,
+        "host_end": link.host_end,
         "latency_us": _quantiles_us(link.latency),
     }
 
@@ -101,6 +128,14 @@ def _quantiles_us(latency: Histogram) -> dict[str, float | None]:
     }
 
 
+def _actuators(actuators: ActuatorReport) -> dict[str, Any]:
+    return {
+        "age_us": _quantiles_us(actuators.age),
+        "stale": actuators.stale,
+        "longest_stale": actuators.longest_stale,
+    }
+
+
 def _task(task: Task) -> dict[str, Any]:
     return {
         "node": task.node,
@@ -108,7 +143,33 @@ def _task(task: Task) -> dict[str, Any]:
         "rate_hz": task.rate_hz,
         "cycles": task.cycles,
         "missed": task.missed,
+        "skipped": task.skipped,
+        "start_jitter_mean_us": task.start_jitter_mean_s * 1e6,
+        "start_jitter_p50_us": _bin_quantile_us(task.start_histogram, 0.5, task.start_jitter_max_s),
+        "start_jitter_p99_us": _bin_quantile_us(task.start_histogram, 0.99, task.start_jitter_max_s),
         "start_jitter_max_us": task.start_jitter_max_s * 1e6,
+        "worst_start_s": _seconds(task.worst_start_ns),
         "run_mean_us": task.run_mean_s * 1e6,
+        "run_p50_us": _bin_quantile_us(task.run_histogram, 0.5, task.run_max_s),
+        "run_p99_us": _bin_quantile_us(task.run_histogram, 0.99, task.run_max_s),
         "run_max_us": task.run_max_s * 1e6,
+        "worst_run_s": _seconds(task.worst_run_ns),
+        "start_histogram": list(task.start_histogram),
+        "run_histogram": list(task.run_histogram),
     }
+
+
+def _bin_quantile_us(histogram: tuple[int, ...], share: float, max_s: float) -> float | None:
+    """Upper edge of the bin in which `share` of the cycles is reached, not above the maximum; None without cycles."""
+    left = share * sum(histogram)
+    if not left:
+        return None
+    for number, count in enumerate(histogram[:-1]):
+        left -= count
+        if left <= 0:
+            return min(float(2 ** (number + 1)), max_s * 1e6)
+    return max_s * 1e6
+
+
+def _seconds(stamp_ns: int | None) -> float | None:
+    return None if stamp_ns is None else stamp_ns / 1e9

@@ -41,6 +41,7 @@ class Glance:
     missed: int = 0
     messages: tuple[str, ...] = field(default=())
     waits_for: str = ""
+    faults: tuple[str, ...] = field(default=())
 
 
 class View(Protocol):
@@ -87,7 +88,8 @@ class PlainView:
             f"t {glance.sim_s:6.1f} s  {_state(glance):<14} "
             f"waypoint {glance.waypoints_reached}/{glance.waypoints_total}  {glance.speed_mps:4.1f} m/s  "
             f"heading {glance.heading_deg:3.0f}°  cross-track {_metres(glance.cross_track_m)}{error}  "
-            f"lost {glance.lost}  missed {glance.missed}",
+            f"lost {glance.lost}  missed {glance.missed}"
+            + (f"  fault {', '.join(glance.faults)}" if glance.faults else ""),
             highlight=False,
             markup=False,
             soft_wrap=True,
@@ -153,7 +155,8 @@ class LiveView:
         trouble = Text(
             f"{glance.lost} lost, {glance.missed} missed", style="red" if glance.lost or glance.missed else "green"
         )
-        state.add_row("link", trouble, "", "")
+        fault = Text(", ".join(glance.faults), style="bold magenta")
+        state.add_row("link", trouble, "fault" if glance.faults else "", fault)
         waiting = [Text(f"waits for {glance.waits_for}", style="bold yellow")] if glance.waits_for else []
         lines = [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in glance.messages[-3:]]
         content = Group(*waiting, progress, state, *lines)

@@ -301,6 +301,30 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "check the path, or use no signing",
         ),
         (
+            "extends: sitl\nautopilot:\n  link_key_file: key.txt",
+            "boat.yaml:3: autopilot.link_key_file: {tmp}/key.txt: cannot be read (No such file or directory); "
+            "check the path, or use no signing",
+        ),
+        (
+            "extends: sitl\nautopilot:\n  standby: {runs: in-process}",
+            "boat.yaml:3: autopilot.standby has nothing to do in lockstep, where time stands still for an agent that "
+            "is silent; use clock.mode: realtime, or leave the standby out",
+        ),
+        (
+            "extends: hitl-loopback\nautopilot:\n  standby: {takeover_s: 0.5}",
+            "boat.yaml:3: autopilot.standby.link is missing with runs = process; add one such as udp://127.0.0.1:14661",
+        ),
+        (
+            "extends: hitl-loopback\nautopilot:\n  standby:\n    link: udp://127.0.0.1:14660",
+            "boat.yaml:4: autopilot.standby.link = 'udp://127.0.0.1:14660' is that of the first agent; "
+            "give each its own",
+        ),
+        (
+            "extends: ground-station\nautopilot:\n  standby: {link: udp://127.0.0.1:14661}",
+            "boat.yaml:3: autopilot.standby would not get the mission that a ground station gives to the first agent; "
+            "use driver.kind: mission, or leave the standby out",
+        ),
+        (
             "extends: sitl\ntechnique: mitl",
             "boat.yaml:2: technique = mitl has no autopilot; use autopilot.kind: none, or technique: sitl",
         ),

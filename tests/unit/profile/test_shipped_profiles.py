@@ -20,7 +20,9 @@ from xitl_cli.profile.schema import Profile
 Write = Callable[..., Path]
 
 
-RUNNABLE = ["ground-station", "hitl-beaglebone", "hitl-loopback", "mitl", "mitl-replay", "sitl"]
+LOOPBACKS = [f"hitl-{link}-loopback" for link in ("beaglebone", "can", "canfd", "serial")]
+BOARDS = [f"hitl-{link}" for link in ("beaglebone", "can", "canfd", "serial")]
+RUNNABLE = sorted(["ground-station", *BOARDS, *LOOPBACKS, "hitl-loopback", "mitl", "mitl-replay", "sitl"])
 
 
 @pytest.mark.parametrize("name", shipped_profiles())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TypeAlias
 
-from xitl_cli.profile.checks import autopilot, environment, graph, operation, rates, vehicle
+from xitl_cli.profile.checks import autopilot, environment, faults, graph, link, operation, rates, vehicle
 from xitl_cli.profile.entry import KeyPath
 from xitl_cli.profile.schema import Profile
 
@@ -19,4 +19,6 @@ def check(profile: Profile) -> Iterator[Finding]:
     yield from environment.check(profile)
     yield from operation.check(profile)
     yield from autopilot.check(profile)
+    yield from link.check(profile)
+    yield from faults.check(profile)
     yield from graph.check(profile)

@@ -1,4 +1,4 @@
-"""The autopilot's link, ground stations, files and parameters."""
+"""The autopilot's ground stations, files and parameters."""
 
 from __future__ import annotations
 
@@ -15,18 +15,16 @@ from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.operation import Autopilot
 from xitl_cli.signing import read_key_file
 
-_LINK = re.compile(r"udp://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]]+):([0-9]{1,5})")
-
 _CLASS = re.compile(r"([A-Za-z_]\w*(\.[A-Za-z_]\w*)*|.+\.py):[A-Za-z_]\w*")
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """A link that is missing or is none, files that are not there, parameters that the autopilot does not have."""
+    """Addresses that are none, files that are not there, parameters that the autopilot does not have."""
     if profile.autopilot is None:
         return
-    yield from _link(profile.autopilot)
     yield from _ground_stations(profile.autopilot)
     yield from _extras(profile.autopilot)
+    yield from _standby(profile, profile.autopilot)
     for number, name in enumerate(profile.autopilot.parameter_files):
         path = ("autopilot", "parameter_files", number)
         try:
@@ -41,19 +39,6 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
                 checked(name, value)
             except ParameterError as error:
                 yield ("autopilot", "parameters", name), f"autopilot.parameters: {error}"
-
-
-def _link(autopilot: Autopilot) -> Iterator[tuple[KeyPath, str]]:
-    path = ("autopilot", "link")
-    if autopilot.link is not None:
-        match = _LINK.fullmatch(autopilot.link)
-        if match is None:
-            yield path, f"autopilot.link = {shown(autopilot.link)} is not a link; write udp://address:port"
-        elif not 0 < int(match[2]) < 65536:
-            yield path, f"autopilot.link = {shown(autopilot.link)} has no such port; use a port from 1 to 65535"
-    elif autopilot.kind != "none" and autopilot.runs != "in-process":
-        example = "udp://192.168.7.2:14660" if autopilot.runs == "board" else "udp://127.0.0.1:14660"
-        yield path, f"autopilot.link is missing with autopilot.runs = {autopilot.runs}; add one such as {example}"
 
 
 def _ground_stations(autopilot: Autopilot) -> Iterator[tuple[KeyPath, str]]:
@@ -82,8 +67,38 @@ def _extras(autopilot: Autopilot) -> Iterator[tuple[KeyPath, str]]:
             f"autopilot.controller = {shown(autopilot.controller)} is not a class; "
             "write package.module:Class or path/to/file.py:Class",
         )
-    if autopilot.signing_key_file is not None:
-        try:
-            read_key_file(autopilot.signing_key_file)
-        except UserError as error:
-            yield ("autopilot", "signing_key_file"), f"autopilot.signing_key_file: {error}"
+    for key in ("signing_key_file", "link_key_file"):
+        file = getattr(autopilot, key)
+        if file is not None:
+            try:
+                read_key_file(file)
+            except UserError as error:
+                yield ("autopilot", key), f"autopilot.{key}: {error}"
+
+
+def _standby(profile: Profile, autopilot: Autopilot) -> Iterator[tuple[KeyPath, str]]:
+    standby = autopilot.standby
+    if standby is None or autopilot.kind == "none":
+        return
+    path: KeyPath = ("autopilot", "standby")
+    if profile.clock is not None and profile.clock.mode == "lockstep":
+        yield (
+            path,
+            "autopilot.standby has nothing to do in lockstep, where time stands still for an agent that is silent; "
+            "use clock.mode: realtime, or leave the standby out",
+        )
+    if profile.driver is not None and profile.driver.kind == "ground-station":
+        yield (
+            path,
+            "autopilot.standby would not get the mission that a ground station gives to the first agent; "
+            "use driver.kind: mission, or leave the standby out",
+        )
+    if standby.runs != "in-process":
+        if standby.link is None:
+            example = "udp://192.168.8.2:14660" if standby.runs == "board" else "udp://127.0.0.1:14661"
+            yield path, f"autopilot.standby.link is missing with runs = {standby.runs}; add one such as {example}"
+        elif standby.link == autopilot.link and "/pty" not in standby.link and "://pty" not in standby.link:
+            yield (
+                (*path, "link"),
+                f"autopilot.standby.link = {shown(standby.link)} is that of the first agent; give each its own",
+            )

@@ -8,6 +8,7 @@ Profile
 ├── sensors              sensors.py
 ├── mission, driver, autopilot   operation.py
 ├── clock, recording     session.py
+├── faults               faults.py
 └── graph                graph.py
 """
 

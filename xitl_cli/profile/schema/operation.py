@@ -78,12 +78,26 @@ class Driver(Group):
     replay: Replay = Replay()
 
 
+class Standby(Group):
+    """A second agent with the same sensors, parameters, mission and orders as the first.
+
+    It takes over when no motor command has come for `takeover_s`; no motor command then changes by more than `max_step`
+    from one exchange to the next, until it is where the new agent wants it.
+    """
+
+    runs: Literal["in-process", "process", "board"] = "process"
+    link: str | None = None
+    takeover_s: Annotated[float, Field(ge=0.06, le=60)] = 0.3
+    max_step: Annotated[float, Field(gt=0, le=2)] = 0.05
+
+
 class Autopilot(Group):
     """The autopilot, where it runs, the link to it, and who else may talk to it.
 
     `ground_stations`: `udp://host:port` is sent to, `tcp://host:port` is listened at; null is the usual pair in real
     time and nobody in lockstep. `controller` is a `module:Class`, or `file.py:Class`, in place of the
-    built-in one.
+    built-in one. `link_key_file` signs the link to the agent both ways. An agent that is silent for `silent_s` ends the
+    run.
     """
 
     kind: Literal["none", "embedded"] = "none"
@@ -92,6 +106,9 @@ class Autopilot(Group):
     ground_stations: tuple[str, ...] | None = None
     controller: str | None = None
     signing_key_file: str | None = None
+    link_key_file: str | None = None
     parameter_files: tuple[str, ...] = ()
     parameters: dict[str, float] = {}  # noqa: RUF012 - pydantic copies it
     connect_timeout_s: Annotated[float, Field(gt=0, le=600)] = 6.0
+    silent_s: Annotated[float, Field(ge=1, le=600)] = 10.0
+    standby: Standby | None = None

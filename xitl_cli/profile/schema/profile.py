@@ -7,6 +7,7 @@ from typing import Literal
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.environment import Environment
+from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.profile.schema.graph import NodeGraph
 from xitl_cli.profile.schema.group import Group
 from xitl_cli.profile.schema.operation import Autopilot, Driver, Mission
@@ -34,6 +35,7 @@ class Profile(Group):
     autopilot: Autopilot | None = None
     clock: Clock | None = None
     recording: Recording | None = None
+    faults: dict[str, Fault] | None = None
     graph: NodeGraph | None = None
 
     def missing_for_run(self) -> tuple[str, ...]:
@@ -72,6 +74,7 @@ class Profile(Group):
             autopilot=self.autopilot,
             clock=self.clock or Clock(),
             recording=self.recording or Recording(),
+            faults=self.faults or {},
             graph=self.graph,
         )
 
@@ -107,4 +110,5 @@ class RunProfile:
     autopilot: Autopilot
     clock: Clock
     recording: Recording
+    faults: dict[str, Fault]
     graph: NodeGraph

@@ -1,0 +1,213 @@
+"""The graph that a run had, from counts of messages small enough to check by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agent.wire import dialect
+from xitl_cli.commands.wdri import wdri
+from xitl_cli.errors import UserError
+from xitl_cli.graph.measured import FROM_AGENT, TO_AGENT, AgentSeen, link_names, measured_graph
+from xitl_cli.graph.nodes import is_node_name
+from xitl_cli.graph.of_profile import wdri_of
+from xitl_cli.graph.of_run import measured_run
+from xitl_cli.profile import load_profile, resolved_yaml
+from xitl_cli.run.pilot import LinkReport, NodeReport
+from xitl_cli.run.run_graph import graph_section
+
+IMU, COMMAND, RUN = (
+    dialect.MAVLINK_MSG_ID_XITL_IMU,
+    dialect.MAVLINK_MSG_ID_COMMAND_LONG,
+    dialect.MAVLINK_MSG_ID_XITL_RUN,
+)
+ACTUATORS, ATTITUDE, HEARTBEAT = (
+    dialect.MAVLINK_MSG_ID_XITL_ACTUATORS,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    dialect.MAVLINK_MSG_ID_HEARTBEAT,
+)
+EVERYTHING = {"tx": {IMU: 9, COMMAND: 1, RUN: 2}, "rx": {ACTUATORS: 5, ATTITUDE: 3, HEARTBEAT: 1}}
+
+
+def seen(nodes: str = "LS,LC,LA", kind: str = "virtual", **other: Any) -> AgentSeen:
+    values = {"to_agent": EVERYTHING["tx"], "from_agent": EVERYTHING["rx"], "estimates": 4, "efforts": 4, **other}
+    return AgentSeen(nodes, kind, "board", **values)
+
+
+def links(reports: list[LinkReport] | None = None) -> list[LinkReport]:
+    return reports or [LinkReport("sensors", 12, 12, 0, 0, 0), LinkReport("actuators", 9, 9, 0, 0, 0)]
+
+
+def node(**values: Any) -> NodeReport:
+    return NodeReport("LS,LC,LA", "board", "1", None, 0, **{"estimates": 4, "efforts": 4, **values})
+
+
+def section(name: str = "sitl", traffic: Any = None, nodes: Any = None, reports: Any = None) -> dict[str, Any]:
+    profile = load_profile(name).runnable()
+    traffic = {"agent": EVERYTHING} if traffic is None else traffic
+    return graph_section(profile, 10.0, 0.0, links(reports), [node()] if nodes is None else nodes, traffic)
+
+
+def test_a_whole_run_measures_what_it_claims() -> None:
+    graph = measured_graph([seen()], [("PS1", "M")])
+    assert link_names(graph) == ["D-LC", "PS1-LS", "PS1-LA", "PS1-M", "LS-LC", "LS-M", "LC-LA", "LC-M", "LA-M"]
+    found = section()
+    assert (found["missing"], found["unclaimed"]) == ([], [])
+    assert found["measured"]["wdri"] == found["claimed"]["wdri"] == wdri_of(load_profile("sitl")).wdri
+
+
+def test_what_keeps_the_link_going_is_no_traffic() -> None:
+    graph = measured_graph([seen(to_agent={RUN: 5}, from_agent={}, estimates=0, efforts=0)], [])
+    assert link_names(graph) == []
+    assert graph.present() == 3  # the nodes said that they are there
+
+
+@pytest.mark.parametrize(
+    ("lacks", "missing"),
+    [
+        ({"to_agent": {COMMAND: 1}}, "PS1-LS"),
+        ({"to_agent": {IMU: 1}}, "D-LC"),
+        ({"from_agent": {ATTITUDE: 1, HEARTBEAT: 1}}, "PS1-LA LA-M"),
+        ({"from_agent": {ACTUATORS: 1, HEARTBEAT: 1}}, "LS-M"),
+        ({"from_agent": {ACTUATORS: 1, ATTITUDE: 1, HEARTBEAT: 0}}, "LC-M"),
+        ({"estimates": 0}, "LS-LC"),
+        ({"efforts": 0}, "LC-LA"),
+    ],
+)
+def test_a_link_that_carried_nothing_is_not_there(lacks: dict[str, Any], missing: str) -> None:
+    whole = link_names(measured_graph([seen()], [("PS1", "M")]))
+    without = link_names(measured_graph([seen(**lacks)], [("PS1", "M")]))
+    assert [link for link in whole if link not in without] == missing.split()
+
+
+def test_kinds_come_from_what_the_board_announced() -> None:
+    graph = measured_graph([seen(kind="real")], [("PS1", "M")])
+    kinds = {vertex.name: (vertex.kind, vertex.weight, vertex.runs_on) for vertex in graph.vertices}
+    assert kinds["LS"] == kinds["LC"] == kinds["LA"] == ("real", 1.0, "board")
+    assert kinds["D"] == kinds["PS1"] == kinds["M"] == ("virtual", 0.5, "this machine")
+    assert kinds["HS"] == ("absent", 0.0, "")
+    # (1 (3 - 1) for LS, 1 (4 - 1) for LC, 1 (3 - 1) for LA, 0.5 (1 - 1) D, 0.5 (3 - 1) PS1, 0.5 (4 - 1) M) / 9
+    assert graph.weighted_degree(9) == pytest.approx((2 + 3 + 2 + 0 + 1 + 1.5) / 9)
+    assert section(nodes=[node(kind="real")])["measured"]["wdri"] > section()["measured"]["wdri"]
+
+
+def test_a_companion_is_the_high_level() -> None:
+    companion = seen("HS,HC,HA", "real", to_agent={}, from_agent={HEARTBEAT: 3}, estimates=0, efforts=0)
+    graph = measured_graph([seen(), companion], [])
+    assert "HC-M" in link_names(graph)
+    assert {vertex.name: vertex.kind for vertex in graph.vertices}["HC"] == "real"
+
+
+def test_of_two_agents_for_the_same_nodes_the_real_one_counts() -> None:
+    for agents in ([seen(kind="real"), seen()], [seen(), seen(kind="real")]):
+        graph = measured_graph(agents, [])
+        assert {vertex.kind for vertex in graph.vertices if vertex.name in ("LS", "LC", "LA")} == {"real"}
+
+
+def test_nothing_announced_and_nonsense_announced() -> None:
+    assert measured_graph([], []).present() == 0
+    graph = measured_graph([seen("LS,XX,,PS0", "imaginary", from_agent={}, to_agent={}, estimates=0, efforts=0)], [])
+    assert [vertex.name for vertex in graph.vertices if vertex.kind == "virtual"] == ["LS"]
+
+
+def test_the_tables_name_messages_of_the_dialect_and_nodes_of_the_architecture() -> None:
+    level = {"S": "LS", "C": "LC", "A": "LA"}
+    for table in (TO_AGENT, FROM_AGENT):
+        for message_id, pairs in table.items():
+            assert message_id in dialect.mavlink_map
+            assert all(is_node_name(level.get(end, end)) for pair in pairs for end in pair)
+
+
+def test_frames_that_never_arrived_carried_nothing() -> None:
+    cut = [LinkReport("sensors", 12, 0, 12, 0, 0), LinkReport("actuators", 9, 9, 0, 0, 0)]
+    assert section(reports=cut)["missing"] == ["D-LC", "PS1-LS"]
+
+
+def test_a_standby_counts_its_own_link() -> None:
+    both = {"agent": {}, "standby": EVERYTHING}
+    nodes = [node(estimates=0, efforts=0), node(link="standby")]
+    reports = [*links(), LinkReport("standby sensors", 1, 1, 0, 0, 0), LinkReport("standby actuators", 1, 1, 0, 0, 0)]
+    assert section(traffic=both, nodes=nodes, reports=reports)["missing"] == []
+    reports[2] = LinkReport("standby sensors", 1, 0, 1, 0, 0)
+    assert section(traffic=both, nodes=nodes, reports=reports)["missing"] == ["D-LC", "PS1-LS"]
+
+
+def test_without_an_autopilot_the_driver_reaches_vessel_and_recording() -> None:
+    found = section("mitl", {}, [], [])
+    assert found["measured"]["links"] == ["D-PS1", "D-M", "PS1-M"]
+    assert (found["missing"], found["unclaimed"]) == ([], [])
+
+
+def test_a_person_at_a_ground_station_has_given_orders_once_the_vessel_is_let_go() -> None:
+    profile = load_profile("ground-station").runnable()
+    traffic: Any = {"agent": {"tx": {IMU: 1}, "rx": {ACTUATORS: 1}}}
+    for moored_s, ordered in ((10.0, False), (4.0, True)):
+        found = graph_section(profile, 10.0, moored_s, links(), [node()], traffic)
+        assert ("D-LC" in found["measured"]["links"]) == ordered
+
+
+def test_a_run_that_failed_before_it_began_has_no_measured_index() -> None:
+    profile = load_profile("sitl").runnable()
+    found = graph_section(profile, 0.0, 0.0, [], [], {})
+    assert found["measured"]["wdri"] is None
+    assert found["missing"] == found["claimed"]["links"]
+    json.dumps(found, allow_nan=False)
+
+
+def run_directory(tmp_path: Path, graph: Any, name: str = "hitl-beaglebone") -> Path:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "summary.json").write_text(json.dumps({"graph": graph}))
+    (folder / "profile.yaml").write_text(resolved_yaml(load_profile(name)))
+    return folder
+
+
+def test_the_graph_of_a_run_directory(tmp_path: Path) -> None:
+    found = section("hitl-beaglebone", traffic={"agent": {**EVERYTHING, "tx": {IMU: 1}}}, nodes=[node(kind="real")])
+    run = measured_run(run_directory(tmp_path, found))
+    assert run.missing == ("D-LC",)
+    assert run.wdri.wdri == found["measured"]["wdri"]
+    assert run.wdri.d_w_sim == found["measured"]["d_w_sim"]
+    assert run.claimed_wdri == wdri_of(load_profile("hitl-beaglebone")).wdri
+    assert run.wdri.wdri < run.claimed_wdri
+
+
+def test_the_command_shows_a_run_within_80_columns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for variable in ("FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+        monkeypatch.delenv(variable, raising=False)
+    found = section(traffic={"agent": {**EVERYTHING, "tx": {}}})
+    folder = run_directory(tmp_path, found, "sitl")
+    wdri(str(folder))
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 80
+    assert "D-LC, PS1-LS" in text
+    assert f"{found['claimed']['wdri']:.4f}" in text
+    assert f"{found['measured']['wdri']:.4f}" in text
+    wdri(str(folder), reference="complete", as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert (document["reference"], document["missing"]) == ("complete", ["D-LC", "PS1-LS"])
+
+
+def test_run_directories_that_cannot_be_shown(tmp_path: Path) -> None:
+    folder = run_directory(tmp_path, {"measured": {}})
+    with pytest.raises(UserError, match=r"summary.json: its graph cannot be read .*; run again with this xitl"):
+        wdri(str(folder))
+    (folder / "summary.json").write_text("{}")
+    with pytest.raises(UserError, match=r"summary.json: holds no graph, it is of an older xitl; run again"):
+        wdri(str(folder))
+    (folder / "summary.json").write_text("{")
+    with pytest.raises(UserError, match=r"summary.json: cannot be read"):
+        wdri(str(folder))
+    with pytest.raises(UserError, match="is a run that is over, --set changes nothing in it"):
+        wdri(str(folder), overrides=["a=b"])
+    found = section(traffic={}, nodes=[])
+    found["measured"] = {**found["measured"], "nodes": [], "links": []}
+    (folder / "summary.json").write_text(json.dumps({"graph": found}))
+    with pytest.raises(UserError, match="nothing was measured, the run ended before it began"):
+        wdri(str(folder))

@@ -1,0 +1,132 @@
+"""Faults in a profile: what is refused, with the sentence, and what goes together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
+from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.profile.schema import faults as schema
+
+Write = Callable[..., Path]
+PARTS = [name for name in shipped_profiles() if name.startswith("faults/")]
+
+
+def problems(write: Write, base: str, fault: str) -> list[str]:
+    with pytest.raises(ProfileError) as caught:
+        load_profile(str(write(f"extends: {base}\nfaults:\n  x: {fault}\n")))
+    return [str(problem) for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_every_shipped_fault_goes_with_a_real_time_run(name: str, write: Write) -> None:
+    profile = load_profile(str(write(f"extends: [hitl-loopback, {name}]"))).runnable()
+    assert list(profile.faults) == [name.removeprefix("faults/")]
+    assert load_profile("hitl-loopback").runnable().faults == {}
+
+
+def test_faults_are_put_together_by_name(write: Write) -> None:
+    path = write("extends: [hitl-loopback, faults/link-cut, faults/imu-bias]\nfaults: {link-cut: {from_s: 41}}")
+    faults = load_profile(str(path)).runnable().faults
+    assert list(faults) == ["link-cut", "imu-bias"]
+    assert (faults["link-cut"].from_s, faults["link-cut"].until_s) == (41.0, 45.0)
+
+
+def test_a_resolved_profile_shows_the_groups_that_are_there(write: Write) -> None:
+    profile = load_profile(str(write("extends: [hitl-loopback, faults/link-cut]")))
+    text = resolved_yaml(profile)
+    assert "cut: true" in text
+    assert "magnetometer: null" not in text
+    assert load_profile(str(write(text, "resolved.yaml"))).faults == profile.faults
+
+
+def test_a_standby_can_have_its_own_faults(write: Write) -> None:
+    standby = "autopilot: {standby: {link: 'udp://127.0.0.1:14661', runs: process}}"
+    path = write(f"extends: hitl-loopback\n{standby}\nfaults: {{x: {{link: {{cut: true, which: standby}}}}}}")
+    assert load_profile(str(path)).runnable().faults["x"].link is not None
+
+
+def test_a_fault_can_be_moved_from_the_command_line(write: Write) -> None:
+    path = write("extends: [hitl-loopback, faults/link-cut]")
+    profile = load_profile(str(path), ["faults.link-cut.until_s=60", "faults.link-cut.link.direction=sensors"])
+    assert profile.faults is not None
+    assert profile.faults["link-cut"].until_s == 60.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        ("{from_s: 3}", "faults.x does nothing; give it link, agent, imu, gnss, magnetometer or barometer"),
+        ("{link: {}}", "faults.x.link does nothing; give it delay_s, jitter_s, loss, duplicate, reorder or cut"),
+        ("{link: {direction: sensors}}", "faults.x.link does nothing; give it delay_s"),
+        ("{agent: {}}", "faults.x.agent does nothing; give it cpu_load, clock_offset_s or clock_skew_ppm"),
+        ("{barometer: {freeze: false}}", "faults.x.barometer does nothing; give it dropout, freeze or pressure_bias"),
+        ("{from_s: 5, until_s: 5, imu: {freeze: true}}", "faults.x.until_s = 5 is not after from_s (5); use a later"),
+        ("{imu: {dropout: 1.5}}", "faults.x.imu.dropout = 1.5 is too large; use a value of at most 1"),
+        ("{imu: {pressure_bias_pa: 1}}", "faults.x.imu.pressure_bias_pa is not a known key; known keys: dropout"),
+        ("{imu: {gyro_bias_frd_radps: [1, 2]}}", "faults.x.imu.gyro_bias_frd_radps"),
+        ("{agent: {clock_offset_s: -1}}", "faults.x.agent.clock_offset_s = -1 is too small; use a value of at least 0"),
+        (
+            "{agent: {clock_skew_ppm: 20000}}",
+            "faults.x.agent.clock_skew_ppm = 20000 is too large; use a value of at most 10000 in ppm",
+        ),
+        ("{link: {direction: out}}", "faults.x.link.direction = 'out' is not one of the choices; use both, sensors or"),
+        (
+            "{until_s: 9, agent: {clock_skew_ppm: 80}}",
+            "faults.x.agent.clock_skew_ppm has no end, since a clock that ran ahead does not go back; drop until_s of "
+            "faults.x",
+        ),
+        ("{link: {cut: true, which: standby}}", "faults.x.link.which = standby names an agent that this profile"),
+    ],
+)
+def test_what_is_refused(fault: str, sentence: str, write: Write) -> None:
+    found = problems(write, "hitl-loopback", fault)
+    assert len(found) == 1
+    assert found[0].startswith(f"boat.yaml:3: {sentence}")
+
+
+@pytest.mark.parametrize(
+    ("fault", "key"),
+    [
+        ("{link: {delay_s: 0.1}}", "link.delay_s"),
+        ("{link: {loss: 0.1, jitter_s: 0.1}}", "link.jitter_s"),
+        ("{agent: {cpu_load: 0.5}}", "agent.cpu_load"),
+        ("{agent: {clock_offset_s: 1}}", "agent.clock_offset_s"),
+    ],
+)
+def test_what_takes_time_means_nothing_in_lockstep(fault: str, key: str, write: Write) -> None:
+    assert problems(write, "sitl", fault) == [
+        f"boat.yaml:3: faults.x.{key} means nothing in lockstep, where time stands still on the way; "
+        "use clock.mode: realtime, or drop it"
+    ]
+
+
+@pytest.mark.parametrize(
+    "fault", ["{link: {loss: 0.1, duplicate: 0.1, reorder: 0.1, cut: true}}", "{imu: {freeze: true}}"]
+)
+def test_the_rest_works_in_lockstep(fault: str, write: Write) -> None:
+    profile = load_profile(str(write(f"extends: sitl\nfaults: {{x: {fault}}}")))
+    assert profile.runnable().faults
+
+
+def test_without_an_autopilot_there_is_nothing_to_go_wrong(write: Write) -> None:
+    found = problems(write, "mitl", "{imu: {freeze: true}}")
+    assert len(found) == 1
+    assert "faults.x.imu has nothing to act on: without an autopilot there is neither a link nor a sensor" in found[0]
+
+
+def test_the_page_names_every_key_and_every_shipped_part() -> None:
+    text = (Path(__file__).parents[3] / "docs/faults.md").read_text()
+    words = set(re.findall(r"\w+", text))
+
+    def keys(model: type[BaseModel]) -> Iterator[str]:
+        yield from model.model_fields
+
+    groups = [value for value in vars(schema).values() if isinstance(value, type) and issubclass(value, schema.Group)]
+    assert {key for group in groups for key in keys(group)} <= words
+    assert all(f"`{name.removeprefix('faults/')}`" in text for name in PARTS)

@@ -1,0 +1,135 @@
+"""Real time on a clock that the test moves: catching up, slipping, and simulation time of any instant."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from xitl_cli.run.pace import Lockstep, Realtime
+
+MS = 1_000_000
+S = 1000 * MS
+PERIOD_S = 0.0025
+PERIOD = round(PERIOD_S * 1e9)
+START = 7 * S
+
+
+class Wall:
+    """A monotonic clock; waiting moves it on by as long as was asked for."""
+
+    def __init__(self) -> None:
+        self.now_ns = START
+
+    def __call__(self) -> int:
+        return self.now_ns
+
+    def idle(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9)
+
+
+class Steps:
+    """A loop of steps of one period each, worked on in no time."""
+
+    def __init__(self) -> None:
+        self.wall = Wall()
+        self.pace = Realtime(PERIOD_S, self.wall)
+        self.sim_ns = 0
+
+    def run(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.sim_ns += PERIOD
+            self.pace.wait_until(self.sim_ns, self.wall.idle)
+
+
+@pytest.fixture
+def steps() -> Steps:
+    return Steps()
+
+
+def test_steps_come_one_period_apart(steps: Steps) -> None:
+    steps.run(401)
+    assert steps.wall.now_ns == START + 400 * PERIOD
+    task = steps.pace.task(400.0)
+    assert (task.cycles, task.missed, steps.pace.slips) == (401, 0, 0)
+
+
+def test_a_short_stop_is_caught_up_with(steps: Steps) -> None:
+    steps.run(100)
+    steps.wall.now_ns += 400 * MS
+    steps.run(300)
+    assert steps.wall.now_ns == START + 399 * PERIOD  # as if nothing had been
+    assert steps.pace.slips == 0
+    assert steps.pace.task(400.0).missed == 158  # late by 397.5 ms and then by one period less each, until one period
+
+
+def test_a_long_stop_is_a_slip_and_not_raced_after(steps: Steps) -> None:
+    steps.run(100)
+    steps.wall.now_ns += 3 * S
+    steps.run(301)
+    report = steps.pace.report()
+    assert report.slips == steps.pace.slips == 1
+    assert report.slipped_s == pytest.approx(3.0 - PERIOD_S)
+    assert steps.wall.now_ns == START + 99 * PERIOD + 3 * S + 300 * PERIOD  # the rest in real time again
+    assert steps.pace.task(400.0).missed == 1
+
+
+def test_the_world_stands_still_while_the_host_does(steps: Steps) -> None:
+    steps.run(100)
+    stopped_ns, stopped_sim_ns = steps.wall.now_ns, steps.sim_ns
+    steps.wall.now_ns += 3 * S
+    steps.run(100)
+    sim = steps.pace.sim_of_host
+    assert sim(START) == PERIOD
+    assert sim(START - PERIOD) == 0
+    assert sim(START - S) == 0
+    assert sim(stopped_ns) == stopped_sim_ns
+    assert sim(stopped_ns + S) == sim(stopped_ns + 2 * S) == stopped_sim_ns + PERIOD
+    assert sim(stopped_ns + 3 * S) == stopped_sim_ns + PERIOD
+    assert sim(steps.wall.now_ns) == steps.pace.now_sim_ns(0) == steps.sim_ns
+    assert sim(steps.wall.now_ns + S // 3) == steps.sim_ns + S // 3
+
+
+def test_what_is_taken_in_before_the_slip_is_noticed_is_not_from_the_future(steps: Steps) -> None:
+    """The host sleeps while it waits for a step, and handles what came meanwhile before it looks at the clock."""
+    steps.run(100)
+    seen: list[int] = []
+
+    def sleeps(seconds: float) -> None:
+        steps.wall.now_ns += 3 * S
+        seen.append(steps.pace.now_sim_ns(steps.sim_ns))
+
+    steps.pace.wait_until(steps.sim_ns + PERIOD, sleeps)
+    assert seen == [steps.sim_ns + PERIOD]
+    assert steps.pace.now_sim_ns(0) == steps.sim_ns + PERIOD
+
+
+@given(st.lists(st.integers(0, 2 * S), min_size=1, max_size=100))
+def test_simulation_time_never_runs_back_nor_faster_than_the_clock(stops_ns: list[int]) -> None:
+    steps = Steps()
+    for stop_ns in stops_ns:
+        steps.run(3)
+        steps.wall.now_ns += stop_ns
+    steps.run()
+    times = range(START - S, steps.wall.now_ns, 100 * MS)
+    mapped = [steps.pace.sim_of_host(time_ns) for time_ns in times]
+    assert all(0 <= after - before <= 100 * MS for before, after in pairwise(mapped))
+
+
+def test_before_the_first_step_it_is_zero(steps: Steps) -> None:
+    assert steps.pace.sim_of_host(START) == 0
+    assert steps.pace.now_sim_ns(0) == 0
+
+
+def test_the_time_base_of_the_steps(steps: Steps) -> None:
+    """Even steps: the slope is the period, and nothing varies."""
+    steps.run(4001)
+    slope = steps.pace.slope(400.0)
+    assert slope.mean_s == pytest.approx(PERIOD_S, rel=1e-9)
+    assert slope.deviation_s == pytest.approx(0.0, abs=1e-12)
+    lockstep = Lockstep()
+    for number in range(3):
+        lockstep.wait_until(number, steps.wall.idle)
+    assert (lockstep.slope(400.0).mean_s, lockstep.slips) == (PERIOD_S, 0)

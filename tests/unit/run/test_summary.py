@@ -1,0 +1,170 @@
+"""summary.json and what a person sees of it, from a run made up so that every part of it has something to say."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from xitl_cli.commands.sim_report import show_result
+from xitl_cli.profile import load_profile
+from xitl_cli.recording.records import PaceReport, Task
+from xitl_cli.run.histogram import Histogram
+from xitl_cli.run.loop import Ending
+from xitl_cli.run.pilot import (
+    ActuatorReport,
+    ClockReport,
+    FaultReport,
+    LinkReport,
+    NodeReport,
+    TakeoverReport,
+)
+from xitl_cli.run.score import MissionScore
+from xitl_cli.run.session import Result
+from xitl_cli.run.summary import Outcome, summary_of
+
+
+def histogram(*values_ns: int) -> Histogram:
+    made = Histogram()
+    for value_ns in values_ns:
+        made.add(value_ns)
+    return made
+
+
+def outcome(**values: Any) -> Outcome:
+    profile = load_profile("hitl-beaglebone").runnable()
+    return Outcome(
+        ending=Ending.FINISHED,
+        error=None,
+        crash=None,
+        started_utc="2026-01-01T00:00:00+00:00",
+        duration_s=200.0,
+        wall_s=203.5,
+        mission=MissionScore(profile.mission.waypoints_ned_m),
+        completed=True,
+        moored_s=0.0,
+        estimation=None,
+        **{"links": [], "tasks": [], "clocks": [], "nodes": [], "stale_exchanges": 0, **values},
+    )
+
+
+def eventful() -> Outcome:
+    bins = (0, 0, 0, 0, 0, 700, 290, 8, 2, 0, 0, 0, 0, 0, 0, 0)
+    return outcome(
+        links=[
+            LinkReport("sensors", 70_000, 69_990, 12, 0, 0, histogram(300_000, 900_000), 10, 0, 2, 0, 12),
+            LinkReport("actuators", 12_000, 12_000, 0, 0, 3, histogram(400_000), 0, 0, 0, 1, 0),
+            LinkReport("standby sensors", 70_000, None, None, 0, 0),
+        ],
+        tasks=[
+            Task("PS1", "physics", 400.0, 80_000, 0, 0.00011, 0.00008, 0.0009),
+            Task("LC", "control", 50.0, 1000, 2, 0.0005, 6e-5, 0.0004, 1, 4e-5, 31_000_000_000, 5, bins, bins),
+        ],
+        clocks=[
+            ClockReport("PS1", None, None, slope_s=0.0025, slope_std_s=1e-6),
+            ClockReport("LC", -3e6, 79.98, 210.0, 1990, 12.0, 180.0, 0.12, 0.100008, 3.1e-5, 1),
+        ],
+        nodes=[
+            NodeReport(
+                "LS,LC,LA",
+                "TI AM335x BeagleBone Black",
+                "0.1.0",
+                30.6,
+                0,
+                kind="real",
+                kernel="Linux 6.1.80-ti-rt armv7l",
+                python="3.11.2",
+                flags=("PREEMPT_RT", "SCHED_FIFO", "memory locked", "[red]pinned[/red]"),
+                processors=1,
+                temperature_c=51.2,
+                cpu_percent=8.4,
+                estimates=10_000,
+                efforts=10_000,
+            )
+        ],
+        actuators=ActuatorReport(histogram(4_000_000, 9_000_000), 7, 3),
+        takeovers=[TakeoverReport(31.2, "agent", "standby", 0.31, 0.05)],
+        faults=[
+            FaultReport("link-cut", "link", 40.0, 45.0, {"frames_lost_to_agent": 12}),
+            FaultReport("drifting-clock", "agent", 20.0, None),
+            FaultReport("gnss-dropout", "gnss", None, None),
+        ],
+        pace=PaceReport(2, 3.4),
+        traffic={"agent": {"tx": {54002: 9}, "rx": {54006: 9}}},
+    )
+
+
+def shown(tmp_path: Path, made: Outcome) -> str:
+    profile = load_profile("hitl-beaglebone")
+    console = Console(width=80, record=True, file=io.StringIO(), color_system=None)
+    show_result(console, profile, Result(summary_of(profile.runnable(), made), tmp_path, 0))
+    return console.export_text()
+
+
+def test_the_summary_is_plain_json_with_everything_in_it() -> None:
+    summary = summary_of(load_profile("hitl-beaglebone").runnable(), eventful())
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    sensors = summary["links"][0]
+    assert (sensors["sent"], sensors["received"], sensors["lost"]) == (70_000, 69_990, 12)
+    assert (sensors["gaps"], sensors["late"], sensors["repeated"]) == (10, 0, 2)
+    assert (sensors["refused"], sensors["impaired"]) == (0, 12)
+    control = summary["tasks"][1]
+    # 700 of 1000 below 64 µs; 990 below 128 µs, the share of p99 exactly. The means and the maximum are as measured.
+    assert (control["start_jitter_p50_us"], control["start_jitter_p99_us"]) == (64.0, 128.0)
+    assert control["start_jitter_max_us"] == pytest.approx(500.0)
+    assert (control["skipped"], control["worst_run_s"], control["worst_start_s"]) == (1, 31.0, 5e-9)
+    assert (len(control["run_histogram"]), sum(control["start_histogram"])) == (16, 1000)
+    assert summary["tasks"][0]["start_jitter_p99_us"] is None
+    clock = summary["clocks"][1]
+    assert (clock["drift_ppm"], clock["drift_std_ppm"], clock["steps"], clock["slope_s"]) == (79.98, 0.12, 1, 0.100008)
+    assert summary["actuators"]["age_us"]["max"] == 9000.0
+    assert (summary["actuators"]["stale"], summary["actuators"]["longest_stale"]) == (7, 3)
+    assert summary["takeovers"][0]["to_node"] == "standby"
+    assert summary["pace"] == {"slips": 2, "slipped_s": 3.4}
+    assert [fault["until_s"] for fault in summary["faults"]] == [45.0, None, None]
+    assert summary["nodes"][0]["kind"] == "real"
+
+
+def test_quantiles_of_bins_never_exceed_the_maximum() -> None:
+    last = (0,) * 15 + (4,)
+    one = (4,) + (0,) * 15
+    tasks = [
+        Task("LC", "a", 1.0, 4, 0, start_jitter_max_s=1.0, start_histogram=last),
+        Task("LC", "b", 1.0, 4, 0, start_jitter_max_s=1e-6, start_histogram=one),
+        Task("LC", "c", 1.0, 0, 0, start_histogram=(0,) * 16),
+    ]
+    summary = summary_of(load_profile("hitl-beaglebone").runnable(), outcome(tasks=tasks))
+    assert [task["start_jitter_p99_us"] for task in summary["tasks"]] == [1e6, 1.0, None]
+
+
+def test_the_report_fits_80_columns_and_says_what_happened(tmp_path: Path) -> None:
+    text = shown(tmp_path, eventful())
+    assert max(len(line.rstrip()) for line in text.splitlines() if str(tmp_path) not in line) <= 80
+    assert "…" not in text
+    words = " ".join(text.split())
+    for expected in (
+        "claimed, but nothing was carried: D-LC, LS-M, LC-M",
+        "real, TI AM335x BeagleBone Black, PREEMPT_RT, SCHED_FIFO, memory locked, [red]pinned[/red], 31 MiB, CPU 8 %",
+        "at most 9.0 ms; none new at 7 exchanges, at most 3 in a row",
+        "sensors: 10 gaps, 2 repeated, 12 lost on purpose",
+        "actuators: 1 refused",
+        "standby for agent at 31.20 s, which was silent for 0.31 s; largest step 0.050",
+        "2 times, 3.4 s in all",
+        "link-cut 40 45 12 frames lost to agent",
+        "drifting-clock 20 the end –",
+        "gnss-dropout never – –",
+        "79.98 0.12 100.00800 31.0 1",
+    ):
+        assert expected in words
+
+
+def test_an_uneventful_run_is_said_in_few_lines(tmp_path: Path) -> None:
+    text = shown(tmp_path, outcome())
+    assert "fault" not in text
+    assert "takeover" not in text
+    assert "stood still" not in text
+    assert len(text.splitlines()) < 12

@@ -1,0 +1,191 @@
+"""Faults on purpose by the clock of a run: what is in force on a link and its agent, said and kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import reduce
+from operator import xor
+from typing import Any
+
+from agent.wire import dialect
+from agent.wire.impaired import NO_FAULTS, LinkFaults
+from xitl_cli.profile.schema.faults import Fault, LinkFault
+from xitl_cli.recording.recorder import Recorder
+from xitl_cli.run.fault_words import words_of
+from xitl_cli.run.pilot import FaultReport
+from xitl_cli.run.seeds import Seeds
+
+NEVER_NS = 1 << 62
+_NOTICE = 5  # MAV_SEVERITY_NOTICE
+_KINDS = ("link", "agent", "imu", "gnss", "magnetometer", "barometer")
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """What is in force on one link and the agent behind it; as made, nothing is.
+
+    to_agent goes to the host's own ImpairedTransport with `seed`, the rest to the agent by `message`.
+    """
+
+    to_agent: LinkFaults = NO_FAULTS
+    from_agent: LinkFaults = NO_FAULTS
+    cpu_load: float = 0.0
+    clock_offset_s: float = 0.0
+    clock_skew_ppm: float = 0.0
+    seed: int = 0
+
+    @property
+    def on_agent(self) -> bool:
+        """Whether the agent has anything to do for it."""
+        return self.from_agent != NO_FAULTS or any((self.cpu_load, self.clock_offset_s, self.clock_skew_ppm))
+
+    def message(self, sim_ns: int) -> Any:
+        """XITL_FAULTS that puts the agent's part in force."""
+        link = self.from_agent
+        return dialect.MAVLink_xitl_faults_message(
+            time_usec=sim_ns // 1000,
+            clock_offset_ns=round(self.clock_offset_s * 1e9),
+            clock_skew_ppm=self.clock_skew_ppm,
+            seed=self.seed ^ 1 if link != NO_FAULTS else 0,
+            delay_usec=round(link.delay_s * 1e6),
+            jitter_usec=round(link.jitter_s * 1e6),
+            loss=link.loss,
+            duplicate=link.duplicate,
+            reorder=link.reorder,
+            cpu_load=self.cpu_load,
+            cut=int(link.cut),
+        )
+
+
+class FaultSchedule:
+    """The faults of a profile in simulation time. `seeds` make what is drawn repeat."""
+
+    def __init__(self, faults: Mapping[str, Fault], seeds: Seeds) -> None:
+        self._timed = [_Timed(name, fault, seeds) for name, fault in faults.items()]
+        self._next_ns: dict[str, int] = {}
+        self._in_force: dict[str, Faults] = {}
+        self._next_said_ns = min((timed.from_ns for timed in self._timed), default=NEVER_NS)
+        self._impaired: dict[str, tuple[int, int]] = {}
+
+    def at(self, sim_ns: int, link: str = "agent") -> Faults | None:
+        """What is in force on `link` from now on; None while that is what it was. To be asked at every exchange."""
+        if sim_ns < self._next_ns.get(link, 0):
+            return None
+        edges = [edge for timed in self._timed for edge in timed.edges_ns if edge > sim_ns]
+        self._next_ns[link] = min(edges, default=NEVER_NS)
+        faults = _combined([timed for timed in self._timed if timed.in_force(sim_ns)], link)
+        if faults == self._in_force.get(link, Faults()):
+            return None
+        self._in_force[link] = faults
+        return faults
+
+    def record(self, sim_ns: int, recorder: Recorder) -> None:
+        """Record and say what has begun and ended since the last call. To be called at every exchange."""
+        if sim_ns < self._next_said_ns:
+            return
+        for timed in self._timed:
+            if not timed.begun and timed.from_ns <= sim_ns:
+                timed.begun = True
+                recorder.fault(sim_ns, timed.name, active=True)
+                recorder.say(sim_ns, _NOTICE, "run", f"fault {timed.name} begins: {words_of(timed.fault)}")
+            if timed.begun and not timed.ended and timed.until_ns <= sim_ns:
+                timed.ended = True
+                recorder.fault(sim_ns, timed.name, active=False)
+                recorder.say(sim_ns, _NOTICE, "run", f"fault {timed.name} ends")
+        edges = [edge for timed in self._timed for edge in timed.edges_ns if edge > sim_ns]
+        self._next_said_ns = min(edges, default=NEVER_NS)
+
+    def names_in_force(self) -> tuple[str, ...]:
+        """The faults that have been said to have begun and not yet to have ended."""
+        return tuple(timed.name for timed in self._timed if timed.begun and not timed.ended)
+
+    def count_impaired(self, to_agent: int, from_agent: int, link: str = "agent") -> None:
+        """Frames that faults have kept back for good on `link` so far, both ways. To be called after `record`.
+
+        What came since the last call is put down to each fault that was in force since. The agent's count comes late,
+        so a fault that is over still gets the first that comes after it.
+        """
+        before = self._impaired.get(link, (0, 0))
+        self._impaired[link] = to_agent, from_agent
+        self._put_down(link, "sensors", "frames_lost_to_agent", to_agent - before[0], comes_late=False)
+        self._put_down(link, "actuators", "frames_lost_from_agent", from_agent - before[1], comes_late=True)
+
+    def _put_down(self, link: str, way: str, name: str, count: int, comes_late: bool) -> None:
+        for timed in self._timed:
+            fault = timed.fault.link
+            if fault is None or fault.which != link or fault.direction not in ("both", way):
+                continue
+            if timed.begun and way not in timed.settled:
+                if count > 0:
+                    timed.did[name] = timed.did.get(name, 0) + count
+                if timed.ended and (count > 0 or not comes_late):
+                    timed.settled.add(way)
+
+    def reports(self, sensors: Mapping[str, Mapping[str, int]]) -> list[FaultReport]:
+        """How it went; `sensors` are Sensing's counts by fault."""
+        return [
+            FaultReport(
+                name=timed.name,
+                kind=", ".join(timed.kinds),
+                from_s=timed.fault.from_s if timed.begun else None,
+                until_s=timed.fault.until_s if timed.ended else None,
+                did={**timed.did, **sensors.get(timed.name, {})},
+            )
+            for timed in self._timed
+        ]
+
+
+class _Timed:
+    """One fault, its instants in nanoseconds and what it did. In force from from_ns to before until_ns."""
+
+    def __init__(self, name: str, fault: Fault, seeds: Seeds) -> None:
+        self.name = name
+        self.fault = fault
+        self.from_ns, self.until_ns = span_ns(fault)
+        self.edges_ns = (self.from_ns, self.until_ns)
+        self.seed = int(seeds.of(f"faults/{name}").generate_state(1)[0])
+        self.kinds = [kind for kind in _KINDS if getattr(fault, kind) is not None]
+        self.begun = self.ended = False
+        self.settled: set[str] = set()
+        self.did: dict[str, int] = {}
+
+    def in_force(self, sim_ns: int) -> bool:
+        return self.from_ns <= sim_ns < self.until_ns
+
+
+def span_ns(fault: Fault) -> tuple[int, int]:
+    """From when to before when `fault` is in force."""
+    return round(fault.from_s * 1e9), NEVER_NS if fault.until_s is None else round(fault.until_s * 1e9)
+
+
+def _combined(timed: list[_Timed], link: str) -> Faults:
+    """All that is in force on one link: the busiest processor counts, offsets and skews add up."""
+    links = [one.fault.link for one in timed if one.fault.link is not None and one.fault.link.which == link]
+    agents = [one.fault.agent for one in timed if one.fault.agent is not None and one.fault.agent.which == link]
+    return Faults(
+        to_agent=_one_way([link for link in links if link.direction != "actuators"]),
+        from_agent=_one_way([link for link in links if link.direction != "sensors"]),
+        cpu_load=max((agent.cpu_load for agent in agents), default=0.0),
+        clock_offset_s=math.fsum(agent.clock_offset_s for agent in agents),
+        clock_skew_ppm=math.fsum(agent.clock_skew_ppm for agent in agents),
+        seed=reduce(xor, (one.seed for one in timed if one.fault.link is not None and one.fault.link.which == link), 0),
+    )
+
+
+def _one_way(links: list[LinkFault]) -> LinkFaults:
+    """Several faults on one direction: delays add up, and each takes its share independently of the others."""
+    return LinkFaults(
+        delay_s=math.fsum(link.delay_s for link in links),
+        jitter_s=math.fsum(link.jitter_s for link in links),
+        loss=_any_of([link.loss for link in links]),
+        duplicate=_any_of([link.duplicate for link in links]),
+        reorder=_any_of([link.reorder for link in links]),
+        cut=any(link.cut for link in links),
+    )
+
+
+def _any_of(shares: list[float]) -> float:
+    several = [share for share in shares if share]
+    return several[0] if len(several) == 1 else 1.0 - math.prod(1.0 - share for share in several)

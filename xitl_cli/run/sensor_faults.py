@@ -1,0 +1,129 @@
+"""Faults of a sensor, between what it measured and what is sent of it: bias, freeze and dropout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.random import default_rng
+
+from sim_core.geodesy import LocalFrame
+from sim_core.sensors.barometer import BarometerSample
+from sim_core.sensors.gnss import GnssSample
+from sim_core.sensors.imu import ImuSample
+from sim_core.sensors.magnetometer import MagnetometerSample
+from xitl_cli.profile.schema.faults import (
+    BarometerFault,
+    Fault,
+    GnssFault,
+    ImuFault,
+    MagnetometerFault,
+    SensorFault,
+)
+from xitl_cli.run.faults import span_ns
+from xitl_cli.run.seeds import Seeds
+
+Bias = Callable[[Any], Any]
+
+
+class SensorFaults:
+    """All faults of one sensor. `counts[fault]` says how many samples each has touched, as `<sensor>_dropped`."""
+
+    def __init__(self, sensor: str, faults: Mapping[str, Fault], seeds: Seeds, frame: LocalFrame) -> None:
+        self.counts: dict[str, dict[str, int]] = {}
+        self._faults = [
+            _SensorFault(name, sensor, fault, seeds, frame, self.counts.setdefault(name, {}))
+            for name, fault in faults.items()
+            if getattr(fault, sensor) is not None
+        ]
+        self._kept: Any = None
+
+    def __bool__(self) -> bool:
+        return bool(self._faults)
+
+    def applied(self, stamp_ns: int, sample: Any) -> Any:
+        """What becomes of a sample taken at `stamp_ns`; None when it is lost.
+
+        Biases add up. A sensor that stands still repeats the last sample it gave before, or its first.
+        """
+        in_force = [fault for fault in self._faults if fault.from_ns <= stamp_ns < fault.until_ns]
+        for fault in in_force:
+            sample = fault.biased(sample)
+        frozen = [fault for fault in in_force if fault.freezes]
+        for fault in frozen:
+            fault.count("frozen")
+        if frozen and self._kept is not None:
+            sample = self._kept
+        self._kept = sample
+        lost = [fault.drops() for fault in in_force]
+        return None if any(lost) else sample
+
+
+class _SensorFault:
+    def __init__(
+        self, name: str, sensor: str, fault: Fault, seeds: Seeds, frame: LocalFrame, counts: dict[str, int]
+    ) -> None:
+        what: SensorFault = getattr(fault, sensor)
+        self.from_ns, self.until_ns = span_ns(fault)
+        self.freezes = what.freeze
+        self._dropout = what.dropout
+        self._bias = _bias(what, frame)
+        self._sensor = sensor
+        self._counts = counts
+        self._rng = default_rng(seeds.of(f"faults/{name}/{sensor}"))
+
+    def biased(self, sample: Any) -> Any:
+        if self._bias is None:
+            return sample
+        self.count("biased")
+        return self._bias(sample)
+
+    def drops(self) -> bool:
+        if not self._dropout or self._rng.random() >= self._dropout:
+            return False
+        self.count("dropped")
+        return True
+
+    def count(self, what: str) -> None:
+        key = f"{self._sensor}_{what}"
+        self._counts[key] = self._counts.get(key, 0) + 1
+
+
+def _bias(fault: SensorFault, frame: LocalFrame) -> Bias | None:
+    """What adds the constants of `fault` to a sample, None where there are none."""
+    if isinstance(fault, ImuFault):
+        gyro, accel = np.array([fault.gyro_bias_frd_radps]), np.array([fault.accel_bias_frd_mps2])
+
+        def imu(sample: ImuSample) -> ImuSample:
+            return replace(
+                sample, gyro_frd_radps=sample.gyro_frd_radps + gyro, accel_frd_mps2=sample.accel_frd_mps2 + accel
+            )
+
+        return imu if gyro.any() or accel.any() else None
+    if isinstance(fault, GnssFault):
+        position, velocity = np.array([fault.position_bias_ned_m]), np.array([fault.velocity_bias_ned_mps])
+
+        def gnss(sample: GnssSample) -> GnssSample:
+            place = frame.ned(sample.lat_deg, sample.lon_deg, sample.alt_m) + position
+            lat_deg, lon_deg, alt_m = frame.geodetic(place)
+            return replace(
+                sample, lat_deg=lat_deg, lon_deg=lon_deg, alt_m=alt_m, vel_ned_mps=sample.vel_ned_mps + velocity
+            )
+
+        return gnss if position.any() or velocity.any() else None
+    if isinstance(fault, MagnetometerFault):
+        field = np.array([fault.field_bias_frd_gauss])
+
+        def magnetometer(sample: MagnetometerSample) -> MagnetometerSample:
+            return replace(sample, field_frd_gauss=sample.field_frd_gauss + field)
+
+        return magnetometer if field.any() else None
+    assert isinstance(fault, BarometerFault)
+    pressure_pa = fault.pressure_bias_pa
+
+    def barometer(sample: BarometerSample) -> BarometerSample:
+        return replace(sample, pressure_pa=sample.pressure_pa + pressure_pa)
+
+    return barometer if pressure_pa else None

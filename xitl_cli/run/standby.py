@@ -1,0 +1,105 @@
+"""Two agents: the one in standby is kept where the active one is, and takes over from it when that goes silent."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from xitl_cli.profile.schema.operation import Standby
+from xitl_cli.recording.recorder import Recorder
+from xitl_cli.recording.records import Takeover
+from xitl_cli.run.agent_connection import WARNING, AgentConnection
+from xitl_cli.run.agent_view import AgentView
+from xitl_cli.run.orders import MODE_NUMBERS, Orders
+from xitl_cli.run.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
+from xitl_cli.run.pilot import TakeoverReport
+from xitl_cli.run.takeover import Ramp
+from xitl_cli.run.takeover import Takeover as Decision
+
+PATIENCE_NS = 3_000_000_000
+
+
+class Follower:
+    """Brings an agent that does not steer into the state of the one that does: armed or not, mode, waypoint."""
+
+    def __init__(self, agent: AgentConnection) -> None:
+        self._view = agent.inbox.view
+        self._orders = Orders(self._view, agent.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        self._wanted: tuple[bool, str] | None = None
+        self._astray_ns: int | None = None
+
+    def update(self, sim_ns: int, active: AgentView) -> None:
+        """Give the orders that are due."""
+        wanted, view, orders = (active.armed, active.mode), self._view, self._orders
+        if wanted != self._wanted:
+            self._wanted = wanted
+            orders.forget()
+        if (view.armed, view.mode) == wanted and view.target_seq == active.target_seq:
+            self._astray_ns = None
+            return
+        if self._astray_ns is None:
+            self._astray_ns = sim_ns
+        patient = sim_ns - self._astray_ns < PATIENCE_NS
+        if view.mode != active.mode and active.mode in MODE_NUMBERS:
+            orders.set_mode(sim_ns, active.mode)
+        elif view.armed != active.armed:
+            if view.ready_to_arm or not active.armed:
+                orders.arm(sim_ns, active.armed)
+        elif not patient and active.target_seq is not None:
+            orders.set_waypoint(active.target_seq)
+        if not patient:
+            self._astray_ns = None
+            orders.forget()
+
+
+class Redundancy:
+    """Decides at every exchange who steers, and with which motor commands.
+
+    `view` is what the driver sees: that of the active agent, with the waypoints that any has reached.
+    """
+
+    def __init__(self, agents: Sequence[AgentConnection], view: AgentView, standby: Standby) -> None:
+        self.takeovers: list[TakeoverReport] = []
+        self._agents = agents
+        self._view = view
+        self._decision = Decision(standby.takeover_s, len(agents), time.monotonic_ns())
+        self._ramp = Ramp(standby.max_step)
+        self._followers = [Follower(agent) for agent in agents]
+        self._motors: tuple[float, ...] = ()
+
+    @property
+    def active(self) -> AgentConnection:
+        """Who steers."""
+        return self._agents[self._decision.active]
+
+    def update(self, sim_ns: int, recorder: Recorder) -> tuple[float, ...]:
+        """Once all that has come is taken in: switch if it is time, keep the others in line. Returns the motors."""
+        before = self.active
+        for number, agent in enumerate(self._agents):
+            if agent.gone is None and agent.inbox.command_ns:
+                self._decision.heard(number, agent.inbox.command_ns)
+        switch = self._decision.decide(time.monotonic_ns())
+        if switch is not None:
+            self._view.adopt(self.active.inbox.view)
+            self._ramp.start()
+        motors = self._ramp.next(self.active.inbox.command.motors)
+        if switch is not None:
+            step = max((abs(to - at) for to, at in zip(motors, self._motors, strict=True)), default=0.0)
+            self._keep(sim_ns, recorder, Takeover(before.name, self.active.name, switch.silent_ns * 1e-9, step))
+        self._motors = motors
+        for number, agent in enumerate(self._agents):
+            if agent is not self.active and agent.gone is None:
+                self._followers[number].update(sim_ns, self._view)
+        return motors
+
+    def _keep(self, sim_ns: int, recorder: Recorder, takeover: Takeover) -> None:
+        recorder.takeover(sim_ns, takeover)
+        recorder.say(
+            sim_ns,
+            WARNING,
+            "run",
+            f"{takeover.to_node} takes over from {takeover.from_node}, silent for {takeover.silent_s:.2f} s",
+        )
+        self.takeovers.append(
+            TakeoverReport(sim_ns * 1e-9, takeover.from_node, takeover.to_node, takeover.silent_s, takeover.step)
+        )

@@ -1,0 +1,105 @@
+"""The time base of a node: its clock against the number of the sample, and how evenly it goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+from agent.timing.sync import ClockSync
+
+WINDOW_NS = 10_000_000_000
+WINDOW_SAMPLES = 20  # fewer in a window say nothing about drift
+
+
+class Spread:
+    """Mean and standard deviation of an endless stream (Welford's recurrence)."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.mean = 0.0
+        self._squares = 0.0
+
+    def add(self, value: float) -> None:
+        """One more value."""
+        self.count += 1
+        away = value - self.mean
+        self.mean += away / self.count
+        self._squares += away * (value - self.mean)
+
+    @property
+    def deviation(self) -> float | None:
+        """Standard deviation with one degree of freedom less, None of fewer than two values."""
+        return sqrt(self._squares / (self.count - 1)) if self.count > 1 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """A time base as a straight line: seconds a sample, and the standard deviation of the single steps about it."""
+
+    mean_s: float | None = None
+    deviation_s: float | None = None
+
+
+class TimeBase:
+    """The curve "time base against sample number": its slope and how that varies, in constant memory.
+
+    The mean is the chord from the first sample to the newest; the deviation is that of the steps between neighbours,
+    each divided by the samples it spans.
+    """
+
+    def __init__(self) -> None:
+        self._first: tuple[int, int] | None = None
+        self._newest: tuple[int, int] = (0, 0)
+        self._steps = Spread()
+
+    def add(self, sample: int, clock_ns: int) -> None:
+        """The node's clock at a sample; a number that is not above the last one is passed over."""
+        if self._first is None:
+            self._first = self._newest = (sample, clock_ns)
+            return
+        last, last_ns = self._newest
+        if sample <= last:
+            return
+        self._steps.add((clock_ns - last_ns) * 1e-9 / (sample - last))
+        self._newest = (sample, clock_ns)
+
+    @property
+    def slope(self) -> Slope:
+        """The line so far."""
+        if self._first is None or self._newest == self._first:
+            return Slope()
+        (first, first_ns), (last, last_ns) = self._first, self._newest
+        return Slope((last_ns - first_ns) * 1e-9 / (last - first), self._steps.deviation)
+
+
+class DriftWindows:
+    """How a clock's drift varies: the drift in each 10 s by itself.
+
+    A window in which the clock stepped, or with too few exchanges, is left out.
+    """
+
+    def __init__(self) -> None:
+        self._sync = ClockSync()
+        self._began_ns: int | None = None
+        self._drifts = Spread()
+
+    def add(self, t1_ns: int, t2_ns: int, t3_ns: int, t4_ns: int) -> None:
+        """An exchange, see ClockSync."""
+        if self._began_ns is None:
+            self._began_ns = t1_ns
+        if t1_ns - self._began_ns >= WINDOW_NS:
+            self._close()
+            self._began_ns = t1_ns
+            self._sync = ClockSync()
+        self._sync.add(t1_ns, t2_ns, t3_ns, t4_ns)
+
+    def _close(self) -> None:
+        if self._sync.ready:
+            estimate = self._sync.estimate
+            if estimate.used >= WINDOW_SAMPLES and not estimate.steps:
+                self._drifts.add(estimate.drift_ppm)
+
+    @property
+    def deviation_ppm(self) -> float | None:
+        """Standard deviation over the whole windows so far, None of fewer than two."""
+        return self._drifts.deviation
