@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.bench.bench_ground import attitude_gap_ms, parameter_list_s
+from tests.bench.bench_link import agent_cpu_percent, lost_messages, round_trip_ratios
 from tests.bench.bench_vessel_step import median_step_us
 
 RUNS = 5
@@ -79,6 +80,12 @@ def agent_flying_mib() -> list[float]:
     return [run("sim", "--profile", "hitl-loopback", "--duration", "20", ok=1)["nodes"][0]["memory_mib"]]
 
 
+def lost_in_20_s() -> list[float]:
+    """Both ways; `make soak` goes on for ten minutes."""
+    counts = lost_messages(20.0)
+    return [counts["to_agent_lost"] + counts["to_host_lost"] + counts["unsent"]]
+
+
 def with_agent(look: Callable[[int], float | None]) -> tuple[float, float | None]:
     """Seconds until the agent listens, and what `look` says of its process."""
     started_s = time.perf_counter()
@@ -108,6 +115,10 @@ FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("agent process until it listens", "< 0.5", "s", agent_start_s),
     ("all parameters to a ground station", "< 2", "s", parameter_list_s),
     ("longest gap of 50 Hz attitude to three stations", "< 60", "ms", attitude_gap_ms),
+    ("sensor to actuator at 400 Hz, p50, of an echo's", "<= 4", "x", round_trip_ratios(0.5)),
+    ("the same, p99", "<= 4", "x", round_trip_ratios(0.99)),
+    ("agent's processor time at 100 Hz", "< 10", "% of a core", agent_cpu_percent),
+    ("messages lost in 20 s at 2000 a second", "0", "", lost_in_20_s),
     ("agent process resident, waiting", "< 40", "MiB", agent_resident_mib),
     ("agent process resident, flying in real time", "< 40", "MiB", agent_flying_mib),
 ]

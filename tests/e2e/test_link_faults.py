@@ -1,0 +1,292 @@
+"""What breaks in a run with an agent: the run goes on or ends with one sentence, the recording opens, counts add up."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import command, environment, payloads, summary
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+
+pytestmark = pytest.mark.slow
+
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def free_ports() -> list[int]:
+    probes = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    for probe in probes:
+        probe.bind(("127.0.0.1", 0))
+    ports = [probe.getsockname()[1] for probe in probes]
+    for probe in probes:
+        probe.close()
+    return ports
+
+
+@pytest.fixture
+def start(tmp_path: Path, free_ports: list[int]) -> Iterator[Start]:
+    """`xitl sim` in real time with an agent process, under way; whatever is left of it is killed at the end."""
+    started: list[subprocess.Popen[str]] = []
+
+    def begin(*arguments: str, yaml: str = "extends: hitl-loopback\n") -> subprocess.Popen[str]:
+        (tmp_path / "boat.yaml").write_text(yaml)
+        link = f"autopilot.link=udp://127.0.0.1:{free_ports[0]}"
+        nobody = "autopilot.ground_stations=[]"
+        process = subprocess.Popen(
+            command("sim", "--profile", "boat.yaml", "--set", link, "--set", nobody, *arguments, "--out", "run"),
+            cwd=tmp_path,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        assert process.stdout is not None
+        process.stdout.readline()  # the first line of progress
+        return process
+
+    yield begin
+    for process in started:
+        if process.poll() is None:
+            for child in children_of(process):
+                os.kill(child, signal.SIGCONT)
+            process.send_signal(signal.SIGCONT)
+            process.kill()
+        process.communicate()
+
+
+def children_of(process: subprocess.Popen[str]) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+
+
+def ended(process: subprocess.Popen[str], code: int, timeout_s: float = 30.0) -> str:
+    """What the run said on stderr: nothing, or one sentence when it failed."""
+    _, stderr = process.communicate(timeout=timeout_s)
+    assert process.returncode == code, stderr
+    assert len(stderr.strip().splitlines()) == (code == 2), stderr
+    return stderr
+
+
+def said(directory: Path) -> str:
+    return "\n".join(data.decode("utf-8", "replace") for _, data in payloads(directory / "run.mcap")["/log"])
+
+
+def decoded(directory: Path, topic: str) -> list[Any]:
+    with (directory / "run.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [message for *_, message in reader.iter_decoded_messages(topics=[topic])]
+
+
+def assert_counts_add_up(told: dict[str, Any]) -> None:
+    for link in told["links"]:
+        assert link["sent"] == link["received"] - link["repeated"] + link["lost"], link
+
+
+def test_an_agent_that_is_killed_ends_the_run(start: Start, tmp_path: Path) -> None:
+    process = start("--duration", "60")
+    (agent,) = children_of(process)
+    os.kill(agent, signal.SIGKILL)
+    stderr = ended(process, 2)
+    assert "agent process ended: signal 9 killed it" in stderr
+    told = summary(tmp_path / "run")
+    assert told["error"] in stderr
+    sensors, actuators = told["links"]
+    assert sensors["sent"] > 0
+    assert sensors["received"] is sensors["lost"] is actuators["sent"] is None  # nobody is left to tell
+    assert payloads(tmp_path / "run/run.mcap")["/truth/state"]
+
+
+def test_an_agent_that_is_silent_for_five_seconds_is_said_and_the_run_goes_on(start: Start, tmp_path: Path) -> None:
+    process = start("--duration", "7.5")
+    (agent,) = children_of(process)
+    os.kill(agent, signal.SIGSTOP)
+    time.sleep(5.0)
+    os.kill(agent, signal.SIGCONT)
+    ended(process, 1)
+    told = summary(tmp_path / "run")
+    assert told["error"] is None
+    text = said(tmp_path / "run")
+    assert text.count("no motor commands from the agent for 0.5 s") == 1
+    assert text.count("the agent commands again after 5.") == 1
+    assert told["actuators"]["longest_stale"] >= 240  # exchanges at 50 Hz
+    assert told["actuators"]["age_us"]["max"] > 4.8e6
+    assert told["pace"]["slips"] == 0
+    assert_counts_add_up(told)
+
+
+def test_an_agent_that_stays_silent_ends_the_run_with_one_sentence(start: Start, tmp_path: Path) -> None:
+    process = start("--duration", "60", "--set", "autopilot.silent_s=1")
+    (agent,) = children_of(process)
+    os.kill(agent, signal.SIGSTOP)
+    stderr = ended(process, 2)
+    assert "stopped answering and was silent for 1 s" in stderr
+    assert summary(tmp_path / "run")["error"] in stderr
+    assert payloads(tmp_path / "run/run.mcap")["/truth/state"]
+
+
+def test_a_host_that_is_suspended_for_three_seconds_goes_on_where_it_was(start: Start, tmp_path: Path) -> None:
+    process = start("--duration", "4")
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGCONT)
+    ended(process, 1)
+    told = summary(tmp_path / "run")
+    assert told["error"] is None
+    assert told["duration_s"] == pytest.approx(4.0)
+    assert told["pace"]["slips"] == 1
+    assert 2.5 < told["pace"]["slipped_s"] < 3.5
+    assert told["wall_s"] == pytest.approx(told["duration_s"] + told["pace"]["slipped_s"], abs=0.2)
+    assert "this machine stood still" in said(tmp_path / "run")
+    assert_counts_add_up(told)
+    # Nothing in the recording is from a time that the simulation had not reached.
+    topics = payloads(tmp_path / "run/run.mcap")
+    assert max(stamp_ns for messages in topics.values() for stamp_ns, _ in messages) < 4.2e9
+    states = [stamp_ns for stamp_ns, _ in topics["/truth/state"]]
+    assert states == [number * 20_000_000 for number in range(1, 201)]
+
+
+def test_a_link_that_is_cut_for_five_seconds(start: Start, tmp_path: Path) -> None:
+    """Some 1500 frames to the agent and 500 from it are lost in a row, which no sequence number can tell."""
+    cut = "extends: hitl-loopback\nfaults:\n  gap: {from_s: 1.0, until_s: 6.0, link: {cut: true}}\n"
+    ended(start("--duration", "7.5", yaml=cut), 1)
+    told = summary(tmp_path / "run")
+    assert told["error"] is None
+    assert_counts_add_up(told)
+    sensors, actuators = told["links"]
+    assert sensors["lost"] > 300
+    assert actuators["lost"] > 300
+    assert (sensors["impaired"], actuators["impaired"]) == (sensors["lost"], actuators["lost"])
+    assert (sensors["repeated"], actuators["repeated"]) == (0, 0)
+    text = said(tmp_path / "run")
+    assert "Failsafe over" in text  # that it began was lost
+    assert "the agent commands again after 5." in text
+    (fault,) = told["faults"]
+    assert (fault["from_s"], fault["until_s"]) == (1.0, 6.0)
+
+
+def test_a_link_that_loses_repeats_delays_and_reorders_adds_up(start: Start, tmp_path: Path) -> None:
+    link = "{loss: 0.1, duplicate: 0.1, reorder: 0.1, delay_s: 0.02, jitter_s: 0.01}"
+    ended(start("--duration", "4", yaml=f"extends: hitl-loopback\nfaults:\n  bad: {{from_s: 0.5, link: {link}}}\n"), 1)
+    told = summary(tmp_path / "run")
+    assert_counts_add_up(told)
+    for report in told["links"]:
+        assert report["lost"] == report["impaired"] > 10
+        assert report["repeated"] > 10
+        assert report["latency_us"]["p50"] > 20_000
+
+
+def test_a_board_clock_that_steps_is_found_and_the_run_goes_on(start: Start, tmp_path: Path) -> None:
+    step = "extends: hitl-loopback\nfaults:\n  step: {from_s: 2.0, agent: {clock_offset_s: 0.5}}\n"
+    ended(start("--duration", "4.5", yaml=step), 1)
+    told = summary(tmp_path / "run")
+    assert told["error"] is None
+    assert told["clocks"][0]["steps"] == 1
+    assert_counts_add_up(told)
+    clocks = decoded(tmp_path / "run", "/clocks")
+    seen_s = [clock.stamp.sec + clock.stamp.nanosec * 1e-9 for clock in clocks if clock.steps == 1]
+    assert 2.0 < min(seen_s) < 4.0  # within 2 s
+    step_s = clocks[-1].offset_s - clocks[0].offset_s
+    assert step_s == pytest.approx(0.5, abs=2e-3)  # at most 100 ppm of 5 s, and half a round trip
+
+
+def test_a_disk_that_fills_up_ends_the_run_and_leaves_summary_and_recording(tmp_path: Path) -> None:
+    script = 'mount -t tmpfs -o size=1500k none small && cd small && "$@"; code=$?; cp -r run ../run; exit $code'
+    if os.geteuid() != 0 or shutil.which("unshare") is None:
+        pytest.skip("a small file system can be mounted by root alone")
+    (tmp_path / "small").mkdir()
+    result = subprocess.run(
+        ["unshare", "--mount", "sh", "-c", script, "sh", *command("sim", "--duration", "100", "--out", "run")],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    if "mount" in result.stderr:
+        pytest.skip(f"a small file system cannot be mounted here: {result.stderr.strip()}")
+    assert result.returncode == 2, result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert "run.mcap: the recording cannot be written (No space left on device); free space" in result.stderr
+    told = summary(tmp_path / "run")
+    assert "No space left on device" in told["error"]
+    assert_counts_add_up(told)
+    newest_ns = 0
+    with (tmp_path / "run/run.mcap").open("rb") as file:
+        try:
+            for record in StreamReader(file, emit_chunks=False, validate_crcs=True).records:
+                if isinstance(record, Message):
+                    newest_ns = max(newest_ns, record.log_time)
+        except EndOfFile:
+            pass
+    assert newest_ns > 5e9
+
+
+STANDBY = """\
+extends: hitl-loopback
+mission: {speed_mps: 3.0}
+autopilot: {standby: {runs: process, link: "udp://127.0.0.1:%d", takeover_s: 0.2, max_step: 0.04}}
+"""
+
+
+def test_the_standby_takes_over_without_a_jump(start: Start, tmp_path: Path, free_ports: list[int]) -> None:
+    process = start("--duration", "16", yaml=STANDBY % free_ports[1])
+    active, _ = children_of(process)
+    time.sleep(12.5)  # armed and under way
+    os.kill(active, signal.SIGKILL)
+    ended(process, 1)
+    told = summary(tmp_path / "run")
+    assert told["error"] is None
+    (takeover,) = told["takeovers"]
+    assert (takeover["from_node"], takeover["to_node"]) == ("agent", "standby")
+    assert 0.2 <= takeover["silent_s"] < 0.3  # and an exchange or two on a busy machine
+    assert takeover["step"] <= 0.04 + 1e-9
+    topics = payloads(tmp_path / "run/run.mcap")
+    assert len(topics["/takeovers"]) == 1
+    assert topics["/link/standby/tx"]
+    assert topics["/link/standby/rx"]
+    used = decoded(tmp_path / "run", "/actuators")
+    at = round(takeover["at_s"] * 50)  # exchanges are numbered from 1
+    before, after = used[at - 2], used[at - 1 :]
+    assert before.armed, "the first agent was armed"
+    assert any(before.command), "and steered"
+    assert all(exchange.armed for exchange in after), "and so is the standby, from the first exchange on"
+    for one, other in zip([before, *after[:9]], after[:10], strict=True):
+        assert max(abs(a - b) for a, b in zip(one.command, other.command, strict=True)) <= 0.04 + 1e-9
+    _, _, sensors, actuators = told["links"]
+    assert (sensors["name"], actuators["name"]) == ("standby sensors", "standby actuators")
+    assert_counts_add_up({"links": [sensors, actuators]})
+
+
+def test_an_agent_that_was_started_anew_ends_the_run(tmp_path: Path, start: Start, free_ports: list[int]) -> None:
+    def agent() -> subprocess.Popen[bytes]:
+        link = f"udp://127.0.0.1:{free_ports[0]}"
+        process = subprocess.Popen([sys.executable, "-m", "agent", "--link", link], stdout=subprocess.PIPE)
+        assert process.stdout is not None
+        process.stdout.readline()
+        return process
+
+    first = agent()
+    process = start("--duration", "60", yaml="extends: hitl-loopback\nautopilot: {runs: board}\n")
+    first.kill()
+    with first, agent() as second:
+        try:
+            stderr = ended(process, 2)
+        finally:
+            second.kill()
+    assert "was started anew" in stderr
+    assert summary(tmp_path / "run")["error"] in stderr
