@@ -80,9 +80,7 @@ PAIRS: dict[str, Callable[[], Ends]] = {
     "can virtual": lambda: virtual_pair(CLASSIC),
     "can virtual FD": lambda: virtual_pair(FD),
 }
-if [name for _, name in socket.if_nameindex()] == [
-    "lo"
-]:  # where nobody else can hear it: test_multicast_keeps_the_contract
+if [name for _, name in socket.if_nameindex()] == ["lo"]:  # nobody else hears it: test_multicast_keeps_the_contract
     PAIRS["can multicast"] = lambda: multicast_pair(CLASSIC)
     PAIRS["can multicast FD"] = lambda: multicast_pair(FD)
 LISTENING: dict[str, str] = {"udp": "udp://127.0.0.1:0", "tcp": "tcp://127.0.0.1:0"}
