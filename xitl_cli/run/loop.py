@@ -110,6 +110,9 @@ class Loop:
                 )
                 lat, lon, alt = frame.geodetic(motion.pos_ned_m)
                 recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
+                point = pace.clock(number, now_ns)
+                if point is not None:
+                    recorder.clock(now_ns, point)
             if number % every_task == 0:
                 recorder.task(now_ns, pace.task(clock.physics_rate_hz))
             if number % every_exchange == 0:

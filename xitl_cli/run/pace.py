@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from xitl_cli.recording.records import PaceReport, Task
+from xitl_cli.recording.records import Clock, PaceReport, Task
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.time_base import Slope, TimeBase
 
@@ -38,6 +38,9 @@ class Pace(Protocol):
     def slope(self, rate_hz: float) -> Slope:
         """The host's clock against the number of the step."""
 
+    def clock(self, step: int, sim_ns: int) -> Clock | None:
+        """A point of that curve: when the step that ended at `sim_ns` began. None where time is simulation time."""
+
     def report(self) -> PaceReport:
         """How it went."""
 
@@ -63,6 +66,9 @@ class Lockstep:
 
     def slope(self, rate_hz: float) -> Slope:
         return Slope(1.0 / rate_hz, 0.0) if self._cycles > 1 else Slope()
+
+    def clock(self, step: int, sim_ns: int) -> Clock | None:
+        return None
 
     def report(self) -> PaceReport:
         return PaceReport()
@@ -155,6 +161,12 @@ class Realtime:
 
     def slope(self, rate_hz: float) -> Slope:
         return self._time_base.slope
+
+    def clock(self, step: int, sim_ns: int) -> Clock:
+        late_ns = self._began_ns - self._start_ns - sim_ns
+        return Clock(
+            "PS1", step, self._began_ns, sim_ns, 0.0, -self._start_ns * 1e-9, 0.0, residual_s=-late_ns * 1e-9
+        )
 
     def report(self) -> PaceReport:
         return PaceReport(self.slips, self._slipped_s)

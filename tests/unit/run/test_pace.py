@@ -133,3 +133,17 @@ def test_the_time_base_of_the_steps(steps: Steps) -> None:
     for number in range(3):
         lockstep.wait_until(number, steps.wall.idle)
     assert (lockstep.slope(400.0).mean_s, lockstep.slips) == (PERIOD_S, 0)
+
+
+def test_a_point_of_the_physics_time_base_says_when_the_step_began_and_how_late() -> None:
+    """The third step is asked for 4 ms after the second was due: 1.5 ms late."""
+    steps = Steps()
+    steps.pace.wait_until(PERIOD, steps.wall.idle)
+    steps.pace.wait_until(2 * PERIOD, steps.wall.idle)
+    steps.wall.now_ns += 4 * MS
+    steps.pace.wait_until(3 * PERIOD, steps.wall.idle)
+    point = steps.pace.clock(3, 3 * PERIOD)
+    assert (point.node, point.sample, point.host_ns, point.node_ns) == ("PS1", 3, steps.wall.now_ns, 3 * PERIOD)
+    assert point.residual_s == pytest.approx(-1.5e-3)
+    assert point.host_ns * 1e-9 + point.offset_s + point.residual_s == pytest.approx(point.node_ns * 1e-9)
+    assert Lockstep().clock(3, 3 * PERIOD) is None
