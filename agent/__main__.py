@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from contextlib import ExitStack
 
 import agent
 from agent.assembly import REFUSALS, assemble
+from agent.attached import end_with
 from agent.board.notify import ready
 from agent.options import parse
 from agent.timing.realtime import set_up
@@ -17,11 +19,14 @@ from agent.wire.transport import open_transport
 def main(arguments: list[str] | None = None, program: str = "python -m agent") -> int:
     """Serve until interrupted. Returns the exit code: 0 after an interrupt, 2 when it could not start."""
     stop: list[int] = []
+    parent = os.getppid()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stop.append(received))
     with ExitStack() as opened:
         try:
             options = parse(arguments, program)
+            if options.attached:
+                end_with(parent)
             transport = opened.enter_context(open_transport(options.link, listen=True))
             node = assemble(transport, options, opened)
         except REFUSALS as error:

@@ -98,7 +98,7 @@ class AutopilotRole(Role):
     # -- the host's messages
 
     def take(self, message: Message, now_ns: int) -> Sequence[Message]:
-        if message.get_msgId() == dialect.MAVLINK_MSG_ID_XITL_IMU:
+        if isinstance(message, dialect.MAVLink_xitl_imu_message):
             self._imu_stamp_us, self._imu_received_us = message.time_usec, now_ns // 1000
         return self._services.handle(message, now_ns)
 

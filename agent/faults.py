@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 from agent.timing.clock import Clock, SteppedClock
 from agent.wire import dialect
 from agent.wire.codec import Message
-from agent.wire.impaired import NO_FAULTS, ImpairedTransport, LinkFaults
+from agent.wire.impaired import NO_FAULTS, OVERTAKEN_S, ImpairedTransport, LinkFaults
 from agent.wire.transport import Transport
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ LAPSE_NS = 10_000_000_000
 """The host says once a second what is in force; when it has not for so long, link and processors are well again."""
 
 _MOST_US = 60_000_000  # of delay and of jitter
+_MOST_AHEAD_NS = 10**18  # 31 years: a board that does not know the date is no further off
 
 
 class Faults:
@@ -55,7 +56,9 @@ class Faults:
         """A run starts, on this clock, None in lockstep. None is in force."""
         self.end()
         self._clock = clock
-        self._lost_before = 0 if self._transport is None else self._transport.lost
+        if self._transport is not None:
+            self._lost_before = self._transport.lost
+            self._transport.patience_s = inf if clock is None else OVERTAKEN_S
 
     def take(self, message: Message) -> Iterator[str]:
         """XITL_FAULTS: put in force what it says; a repetition changes nothing. Yields what is to be said about it."""
@@ -130,5 +133,7 @@ def _problem(message: Message) -> str:
     for name in ("delay_usec", "jitter_usec"):
         if getattr(message, name) > _MOST_US:
             return f"{name} {getattr(message, name)} is above {_MOST_US}"
+    if abs(message.clock_offset_ns) > _MOST_AHEAD_NS:
+        return f"clock_offset_ns {message.clock_offset_ns} is not within {_MOST_AHEAD_NS}"
     skew_ppm = message.clock_skew_ppm
     return "" if isfinite(skew_ppm) and abs(skew_ppm) < 1e5 else f"clock_skew_ppm {skew_ppm:g} is not within 100000"

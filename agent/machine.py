@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+SHORTEST_S = 0.5  # the processor time of less is that of a single moment
 VIRTUAL, REAL = "virtual", "real"
 _STAND_INS = ("linux,dummy-virt", "riscv-virtio,qemu")  # models that emulators give themselves
 _CPU_SENSORS = ("cpu", "soc", "x86_pkg", "core", "mcu")  # in a thermal zone's type
@@ -28,7 +29,7 @@ class Machine(NamedTuple):
 
 
 class Health(NamedTuple):
-    """How it is doing. cpu_percent: of one core, by this process since the last look.
+    """How it is doing. cpu_percent: of one core, by this process since an earlier look, `SHORTEST_S` ago or more.
 
     load_1min: below 0 unknown. temperature_degc: None unknown. memory_kib: resident, 0 unknown.
     """
@@ -62,18 +63,20 @@ class HealthMonitor:
         self._thermal = _thermal_zone(root)
         self._last_s = time.monotonic()
         self._last_cpu_s = time.process_time()
+        self._percent: float | None = None
 
     def look(self) -> Health:
         """How it is doing now."""
         now_s, cpu_s = time.monotonic(), time.process_time()
         elapsed_s = now_s - self._last_s
-        percent = 100.0 * (cpu_s - self._last_cpu_s) / elapsed_s if elapsed_s > 0.0 else 0.0
-        self._last_s, self._last_cpu_s = now_s, cpu_s
+        if self._percent is None or elapsed_s >= SHORTEST_S:
+            self._percent = 100.0 * (cpu_s - self._last_cpu_s) / elapsed_s if elapsed_s > 0.0 else 0.0
+            self._last_s, self._last_cpu_s = now_s, cpu_s
         try:
             load = os.getloadavg()[0]
         except OSError:
             load = -1.0
-        return Health(percent, load, _degrees(self._thermal), resident_kib())
+        return Health(self._percent, load, _degrees(self._thermal), resident_kib())
 
 
 def resident_kib() -> int:

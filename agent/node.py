@@ -13,7 +13,7 @@ from agent.timing.clock import Clock, MonotonicClock, SteppedClock, TickClock
 from agent.timing.tasks import Executor
 from agent.timing.waiting import wait_readable
 from agent.wire import dialect
-from agent.wire.codec import Message
+from agent.wire.codec import Message, Prepared, prepare
 from agent.wire.link import Link
 
 __all__ = ["PROTOCOL", "AgentNode"]
@@ -22,6 +22,7 @@ STATUS_RATE_HZ = 1.0
 IDLE_WAIT_S = 0.5
 SILENCE_S = 60.0
 MISSES_A_CYCLE = 10
+LATEST_NS = 1 << 62  # here a host's time stands still: after 146 years, half of what the wire's signed fields hold
 _WARNING = 4  # MAV_SEVERITY
 
 
@@ -53,17 +54,17 @@ class AgentNode:
         self._faults = Faults(self._monotonic) if faults is None else faults
         self._health = HealthMonitor()
         self._silence_ns = round(silence_s * 1e9)
-        self._handlers: dict[int, Callable[[Message], None]] = {
-            dialect.MAVLINK_MSG_ID_XITL_RUN: self._on_run,
-            dialect.MAVLINK_MSG_ID_XITL_TICK: self._on_tick,
-            dialect.MAVLINK_MSG_ID_XITL_TIMESYNC: self._on_timesync,
-            dialect.MAVLINK_MSG_ID_XITL_FAULTS: self._on_faults,
+        self._handlers: dict[type, Callable[[Message], None]] = {
+            dialect.MAVLink_xitl_run_message: self._on_run,
+            dialect.MAVLink_xitl_tick_message: self._on_tick,
+            dialect.MAVLink_xitl_timesync_message: self._on_timesync,
+            dialect.MAVLink_xitl_faults_message: self._on_faults,
         }
         self._running = False
         self._heard_ns = 0
         self._host_is_gone = False
         self._last_word: Sequence[Message] = ()
-        self._untold: list[Message] = []
+        self._untold: list[Prepared] = []
         self._reset(lockstep=False, start_ns=0)
         self._be_idle()
 
@@ -86,7 +87,7 @@ class AgentNode:
             self._heard_ns = self._monotonic.now_ns()
             handlers, take = self._handlers, self._take
             for message in messages:
-                handlers.get(message.get_msgId(), take)(message)
+                handlers.get(type(message), take)(message)
         executor = self._due_now()
         if executor is not None:
             executor.run_due(executor.clock.now_ns())
@@ -137,7 +138,8 @@ class AgentNode:
     def _on_run(self, message: Message) -> None:
         self._faults.answering = True
         if message.command == dialect.XITL_RUN_COMMAND_START:
-            self._start_run(message.clock_mode == dialect.XITL_CLOCK_MODE_LOCKSTEP, message.time_usec * 1000)
+            lockstep = message.clock_mode == dialect.XITL_CLOCK_MODE_LOCKSTEP
+            self._start_run(lockstep, min(message.time_usec * 1000, LATEST_NS))
         elif message.command == dialect.XITL_RUN_COMMAND_STOP:
             self._end_run()
         repeatable = message.clock_mode == dialect.XITL_CLOCK_MODE_LOCKSTEP
@@ -166,7 +168,7 @@ class AgentNode:
         self._host_is_gone = False
         was_running, self._running = self._running, False
         now_ns = self._clock.now_ns()
-        self._link.send(*self._untold)
+        self._link.send_prepared(self._untold)
         self._untold.clear()
         if was_running:
             self._faults.end()
@@ -189,16 +191,16 @@ class AgentNode:
             return
         if message.tick != self._last_tick:
             self._last_tick = message.tick
-            self._ticks.advance_to(message.time_usec * 1000)
+            self._ticks.advance_to(min(message.time_usec * 1000, LATEST_NS))
             self.executor.run_urgent(self._clock.now_ns())
         now_ns = self._clock.now_ns()
-        self._link.send(*self._untold, *self.role.answer(message.tick, now_ns))
+        self._link.send_prepared([*self._untold, *map(prepare, self.role.answer(message.tick, now_ns))])
         self._untold.clear()
         self.executor.run_due(now_ns)
 
     def _tell(self, *messages: Message) -> None:
         if self._lockstep and self._running:
-            self._untold += messages
+            self._untold += map(prepare, messages)  # here, as the host works on
         else:
             self._link.send(*messages)
 

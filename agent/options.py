@@ -32,6 +32,7 @@ class Options:
     this folder; log_file: each run into this file. signing_key: of ground stations; link_key: of the host. realtime:
     priority of SCHED_FIFO, 0 without. cpus: processors to keep to, empty for any. kind: `real`, `virtual`, or empty to
     find out. machine: name of the machine, empty to find out. silence_s: a host silent for so long is gone, 0 never.
+    attached: it ends with the program that started it.
     """
 
     link: str = DEFAULT_LINK
@@ -49,6 +50,7 @@ class Options:
     kind: str = ""
     machine: str = ""
     silence_s: float = 60.0
+    attached: bool = False
 
 
 def parse(arguments: list[str] | None, program: str) -> Options:
@@ -76,7 +78,7 @@ def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
         option[2:]: action
         for action in parser._actions
         for option in action.option_strings
-        if option.startswith("--") and action.dest not in ("help", "version", "config")
+        if option.startswith("--") and action.dest not in ("help", "version", "config", "attached")
     }
     config = ConfigParser(interpolation=None, default_section="")
     try:
@@ -189,6 +191,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
         metavar="SECONDS",
         help=f"end a run in real time when the host is silent for so long (default: {Options.silence_s:g}; 0: never)",
     )
+    add("--attached", action="store_true", help="end with the program that started this one, even when it is killed")
     add("--config", type=Path, metavar="FILE", help=f"the same options as KEY = VALUE under [{SECTION}]")
     add("--version", action="version", version=f"xitl agent {agent.__version__}")
     return parser

@@ -7,6 +7,12 @@ from binascii import crc_hqx
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
+def checksum(data: bytes) -> bytes:
+    """Of all bytes, as the two that end a frame."""
+    reflected = crc_hqx(data.translate(_REVERSED), 0xFFFF)  # as x25crc, without the object
+    return bytes((_REVERSED[reflected >> 8], _REVERSED[reflected & 0xFF]))
+
+
 class x25crc:  # noqa: N801  the name the generated codec asks for
     """Running checksum over bytes, in `crc`.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from agent.wire import dialect
-from agent.wire.crc import x25crc
+from agent.wire.crc import checksum
 
 MAGIC = 0xFD
 HEADER_BYTES = 10
@@ -114,15 +114,15 @@ class Framer:
             else:
                 flags = data[at + 2]
                 extra = _CRC_EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
-                checksum = at + HEADER_BYTES + data[at + 1]
-                end = checksum + (CHECKSUM_BYTES + SIGNATURE_BYTES if flags & SIGNED else CHECKSUM_BYTES)
+                payload_end = at + HEADER_BYTES + data[at + 1]
+                end = payload_end + (CHECKSUM_BYTES + SIGNATURE_BYTES if flags & SIGNED else CHECKSUM_BYTES)
                 if extra is None or flags & ~SIGNED:
                     self._unknown += at >= claimed_end
                 elif end > size:
                     if self._stream:
                         break
                     self._truncated += at >= claimed_end
-                elif x25crc(data[at + 1 : checksum] + extra).crc == data[checksum] | data[checksum + 1] << 8:
+                elif checksum(data[at + 1 : payload_end] + extra) == data[payload_end : payload_end + CHECKSUM_BYTES]:
                     frames.append(data[at:end])
                     good += end - at
                     at = claimed_end = end

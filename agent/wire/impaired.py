@@ -43,6 +43,7 @@ class ImpairedTransport(Transport):
     itself. Frames whose message number is `exempt` go out at once whatever the faults are. `clock_s` is what delays are
     measured on.
 
+    patience_s: how long a frame that is to be overtaken waits for one to do it; inf where time does not pass by itself.
     lost: frames that never reached `inner`, or that it did not take when their delay was over. duplicated, reordered:
     frames sent twice, and overtaken.
     """
@@ -58,6 +59,7 @@ class ImpairedTransport(Transport):
         self.name, self.stream, self.learns_peer = inner.name, inner.stream, inner.learns_peer
         self.datagram_bytes = inner.datagram_bytes
         self.capacity_bps = inner.capacity_bps
+        self.patience_s = OVERTAKEN_S
         self.lost = self.duplicated = self.reordered = 0
         self._exempt = exempt
         self._clock_s = clock_s
@@ -133,7 +135,7 @@ class ImpairedTransport(Transport):
             self._keep(max(own_due_s, due_s), data)
 
     def _flush(self) -> None:
-        if self._overtaken is not None and self._clock_s() - self._overtaken[0] >= OVERTAKEN_S:
+        if self._overtaken is not None and self._clock_s() - self._overtaken[0] >= self.patience_s:
             self._release_overtaken(0.0)
         delayed = self._delayed
         while delayed and delayed[0][0] <= self._clock_s():
@@ -159,7 +161,7 @@ class ImpairedTransport(Transport):
         if self._delayed:
             waits.append(max(self._delayed[0][0] - self._clock_s(), 0.0))
         if self._overtaken is not None:
-            waits.append(max(self._overtaken[0] + OVERTAKEN_S - self._clock_s(), 0.0))
+            waits.append(max(self._overtaken[0] + self.patience_s - self._clock_s(), 0.0))
         return min((wait for wait in waits if wait is not None), default=None)
 
     def counts(self) -> dict[str, int]:
@@ -173,8 +175,8 @@ class ImpairedTransport(Transport):
     def peer(self) -> str:
         return self.inner.peer
 
-    def credit(self, index: int, standing: Standing) -> None:
-        self.inner.credit(index, standing)
+    def credit(self, index: int, standing: Standing) -> bool:
+        return self.inner.credit(index, standing)
 
     def fileno(self) -> int | None:
         return self.inner.fileno()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import monotonic
 from typing import Callable
 
 from agent.wire.codec import Message, Packer, Prepared, decode, prepare
-from agent.wire.dialect import MAVLINK_MSG_ID_XITL_RUN, XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP
+from agent.wire.dialect import XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP, MAVLink_xitl_run_message
 from agent.wire.framing import Framer
 from agent.wire.priority import WaitingMessages
 from agent.wire.sequence import SequenceMonitor
@@ -23,7 +24,7 @@ _STANDING = {XITL_RUN_COMMAND_START: Standing.STARTS, XITL_RUN_COMMAND_STOP: Sta
 
 def _standing(messages: list[Message]) -> Standing:
     for message in messages:
-        if message.get_msgId() == MAVLINK_MSG_ID_XITL_RUN:
+        if isinstance(message, MAVLink_xitl_run_message):
             return _STANDING.get(message.command, Standing.HEARD)
     return Standing.HEARD
 
@@ -35,7 +36,8 @@ class LinkCounters:
     sent: frames handed to the transport. unsent: frames it did not take (their sequence numbers are used again), and
     messages that waited for a slow line until others needed their place. received: good frames. lost, late, repeated:
     from the sequence numbers, see `SequenceMonitor`. dropped_*: see `Framer`. bytes_in, bytes_out: all bytes, good or
-    not. refused: good frames without a signature that counts, see `Signing`.
+    not. refused: good frames without a signature that counts, see `Signing`. strangers: good frames of another than the
+    peer, on a transport that takes bytes from anybody.
     """
 
     sent: int
@@ -51,11 +53,13 @@ class LinkCounters:
     bytes_in: int
     bytes_out: int
     refused: int = 0
+    strangers: int = 0
 
     @property
     def dropped(self) -> int:
-        """Everything that arrived and was no good frame."""
-        return self.dropped_bad_crc + self.dropped_unknown + self.dropped_truncated + self.dropped_noise
+        """Everything that arrived and was no good frame of the peer."""
+        damaged = self.dropped_bad_crc + self.dropped_unknown + self.dropped_truncated + self.dropped_noise
+        return damaged + self.strangers
 
 
 class Link:
@@ -82,14 +86,11 @@ class Link:
         self.tap = tap
         self.refused_signature = 0
         self._signing = signing
-        self._packer = (
-            Packer(system_id, component_id)
-            if signing is None
-            else Packer(system_id, component_id, signing.outgoing(link_id))
-        )
+        self._packer = Packer(system_id, component_id, None if signing is None else signing.outgoing(link_id))
         self._framer = Framer(transport.stream)
         self._sequence = SequenceMonitor()
         self._sent = self._unsent = self._received = self._bytes_out = self._refused_before = 0
+        self._strangers = 0
         self._waiting: WaitingMessages | None = None
         self._take = transport.receive
         self._until_s = 0.0
@@ -113,18 +114,16 @@ class Link:
         Raises MessageRefusedError when a field does not fit the wire; the messages before it in the same call are then
         not sent either. True for a message that waits for its turn.
         """
+        return self.send_prepared([prepare(message) for message in messages])
+
+    def send_prepared(self, messages: Sequence[Prepared]) -> bool:
+        """The same, of messages whose fields were found to fit when there was time for that."""
         if self._waiting is not None:
-            return self._waiting.send([prepare(message) for message in messages])
+            return self._waiting.send(messages)
         packer = self._packer
-        start = packer.sequence
-        if len(messages) == 1:
-            frame = packer.pack(messages[0])
-            return self._hand_on([frame], frame, start)
-        try:
-            frames = [packer.pack(message) for message in messages]
-        except ValueError:
-            packer.sequence = start
-            raise
+        frames = [packer.pack_prepared(message) for message in messages]
+        if len(frames) == 1:
+            return self._hand_on(frames, frames[0], frames[0][4])
         most = self.transport.datagram_bytes
         while frames:
             size = count = 0
@@ -140,9 +139,8 @@ class Link:
         return True
 
     def _hand_on_prepared(self, prepared: Prepared) -> bool:
-        start = self._packer.sequence
         frame = self._packer.pack_prepared(prepared)
-        taken = self._hand_on([frame], frame, start)
+        taken = self._hand_on([frame], frame, frame[4])
         self._unsent -= not taken  # it may wait, which is for the caller to say
         return taken
 
@@ -173,13 +171,15 @@ class Link:
                     accepted = [frame for frame in frames if self._signing.accepts(frame)]
                     self.refused_signature += len(frames) - len(accepted)
                     frames = accepted
+                heard = list(map(decode, frames))
+                if frames and transport.learns_peer and not transport.credit(index, _standing(heard)):
+                    self._strangers += len(frames)
+                    continue
                 for frame in frames:
                     note(frame[5], frame[6], frame[4], frame[-2:])
                     if tap is not None:
                         tap("rx", frame)
-                    messages.append(decode(frame))
-                if frames and transport.learns_peer:
-                    transport.credit(index, _standing(messages[-len(frames) :]))
+                messages += heard
             if self._waiting is None:
                 break
             self._waiting.heard(messages)
@@ -226,11 +226,12 @@ class Link:
             bytes_in=framing.bytes_in,
             bytes_out=self._bytes_out,
             refused=self.refused_signature - self._refused_before,
+            strangers=self._strangers,
         )
 
     def reset_counters(self) -> None:
         """Count from zero and forget the senders, as at the start of a run. The own sequence number goes on."""
-        self._sent = self._unsent = self._received = self._bytes_out = 0
+        self._sent = self._unsent = self._received = self._bytes_out = self._strangers = 0
         self._refused_before = self.refused_signature
         if self._waiting is not None:
             self._waiting.given_up = 0

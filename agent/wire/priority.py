@@ -50,7 +50,7 @@ class WaitingMessages:
         """Send or keep messages. False when one, of these or an older one, was given up."""
         given_up = self.given_up
         for prepared in messages:
-            number = prepared.message.get_msgId()
+            number = prepared[0].get_msgId()
             if number in URGENT and not self._in_order and number != dialect.MAVLINK_MSG_ID_XITL_TICK:
                 if self._urgent or not self._hand_on(prepared):
                     self._keep(self._urgent, prepared, MOST_URGENT)

@@ -82,7 +82,8 @@ class SerialTransport(Transport):
     def _flush(self) -> bool:
         """True when nothing waits any more."""
         if self._rest:
-            self._rest = self._rest[self._write(self._rest) :]
+            taken = self._write(self._rest)  # forgets the rest when it finds the port gone
+            self._rest = self._rest[taken:]
         return not self._rest and self._port is not None
 
     def _write(self, data: bytes) -> int:

@@ -101,19 +101,17 @@ class Signing:
 
 
 class OutgoingSigning:
-    """The names that the generated pack() looks up."""
-
-    sign_outgoing = True
+    """Signs the frames of one link."""
 
     def __init__(self, signing: Signing, key: bytes, link_id: int) -> None:
-        self.secret_key = key
-        self.link_id = link_id & 0xFF
-        self.timestamp = 0
         self._signing = signing
+        self._key = key
+        self._link_id = bytes([link_id & 0xFF])
 
-    def advance(self) -> None:
-        """Take the timestamp of the next frame."""
-        self.timestamp = self._signing.next_timestamp()
+    def signed(self, frame: bytes) -> bytes:
+        """The frame with link number, timestamp and signature behind it."""
+        signed = frame + self._link_id + self._signing.next_timestamp().to_bytes(6, "little")
+        return signed + signature(self._key, signed)
 
 
 def signature(key: bytes, signed: bytes) -> bytes:

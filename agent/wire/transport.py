@@ -124,7 +124,7 @@ class Transport(ABC):
     def receive(self, timeout_s: float = 0.0) -> list[bytes]:
         """All chunks that are there, up to a bound, oldest first. Waits for the first at most timeout_s.
 
-        0 does not wait.
+        0 does not wait. One that was waited for may come alone, though others are close behind.
         """
 
     @abstractmethod
@@ -140,12 +140,13 @@ class Transport(ABC):
         """The other end as a URL, or an empty text while it is not known."""
         return ""
 
-    def credit(self, index: int, standing: Standing) -> None:  # noqa: B027  most transports have one peer for life
+    def credit(self, index: int, standing: Standing) -> bool:
         """Chunk `index` of the last `receive` held a good frame, which makes its sender what `standing` says.
 
         A transport that takes bytes from anybody learns its peer from this, so that stray bytes never redirect the
-        answers.
+        answers. False when the sender is not the peer: what it says is not for this end.
         """
+        return True
 
     def backlog_s(self) -> float:
         """How long what `send` took still occupies the line, in seconds; 0 where the line does not matter."""

@@ -14,9 +14,8 @@ from agent.wire.address import Address, address_url, explained, resolve
 from agent.wire.interface import interface_of, keep_to
 from agent.wire.transport import DatagramTooLongError, Standing, Transport, TransportClosedError
 
-BUFFER_BYTES = (
-    1 << 20
-)  # a second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max
+# A second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max.
+BUFFER_BYTES = 1 << 20
 BATCH = 512  # datagrams of one receive(): a flood may not hold the caller
 LARGEST = 65507
 PEER_SILENCE_S = 1.0
@@ -25,10 +24,10 @@ PEER_SILENCE_S = 1.0
 class UdpTransport(Transport):
     """A bound socket that learns its peer (listen), or a connected one.
 
-    Listening, datagrams of any sender are handed up, and answers go to the peer: the first sender of a good frame. It
-    gives way to another sender that starts a run, and to any other sender of a good frame once it has left or has been
-    silent for `PEER_SILENCE_S`. So garbage never moves it, a ground station or a second host that asks around does not
-    take the answers away in mid-run, and a host that restarts on another port is served.
+    Listening, datagrams of any sender are handed up, and answers go to the peer, the only one whom `credit` does not
+    deny: the first sender of a good frame. It gives way to another sender that starts a run, and to any other sender of
+    a good frame once it has left or has been silent for `PEER_SILENCE_S`. So garbage never moves it, a second host that
+    asks around does not take the answers away in mid-run, and a host that restarts on another port is served.
 
     refused: how often the other machine said that nobody listens at the port (ICMP). peer_changes: how often the peer
     moved after the first. batch: the most datagrams that one `receive` takes.
@@ -102,21 +101,21 @@ class UdpTransport(Transport):
     def receive(self, timeout_s: float = 0.0) -> list[bytes]:
         if self._closed:
             raise TransportClosedError(self.address)
-        chunks = self._drain()
+        chunks = self._drain(self.batch)
         if not chunks and timeout_s > 0.0:
             until_s = monotonic() + timeout_s
             left_s = timeout_s
             while not chunks and left_s > 0.0:
                 select.select([self._socket], (), (), left_s)  # poll() would round up to whole milliseconds
-                chunks = self._drain()
+                chunks = self._drain(1)  # somebody waits for it: to look for another would cost more than the next call
                 left_s = until_s - monotonic()
         return chunks
 
-    def _drain(self) -> list[bytes]:
+    def _drain(self, most: int) -> list[bytes]:
         chunks: list[bytes] = []
         self._sources = sources = []
         view, take = self._view, self._socket.recvfrom_into
-        for _ in range(self.batch):
+        for _ in range(most):
             try:
                 size, source = take(self._buffer)
             except BlockingIOError:
@@ -130,13 +129,16 @@ class UdpTransport(Transport):
             sources.append(source)
         return chunks
 
-    def credit(self, index: int, standing: Standing) -> None:
+    def credit(self, index: int, standing: Standing) -> bool:
         source, now_s = self._sources[index], self._clock_s()
         if source == self._peer:
             self._peer_heard_s = now_s if standing is not Standing.LEAVES else -inf
         elif self._peer is None or standing is Standing.STARTS or now_s - self._peer_heard_s > PEER_SILENCE_S:
             self.peer_changes += self._peer is not None
             self._peer, self._peer_heard_s = source, now_s
+        else:
+            return False
+        return True
 
     def counts(self) -> dict[str, int]:
         return {"refused": self.refused, "peer_changes": self.peer_changes}

@@ -23,7 +23,7 @@ from agent.wire.link import Link
 from agent.wire.transport import open_transport
 from sim_core.simulation import kinematics, step
 from xitl_cli.profile import load_profile
-from xitl_cli.run.agent_setup import Setup, mission_of, parameters_of
+from xitl_cli.run.agents.setup import Setup, mission_of, parameters_of
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensing import Sensing, local_frame
 from xitl_cli.run.world import build

@@ -19,6 +19,8 @@ from ssh_server import SshServer
 
 from agent.board.install import places
 
+pytestmark = pytest.mark.slow
+
 SYSTEMCTL = """\
 #!/bin/sh
 echo "$@" >> "$RECORD/calls"

@@ -14,7 +14,7 @@ _ODD = {
     "impaired": "lost on purpose",
 }
 _HOST_END = {
-    "losses": "times without the line",
+    "losses": "breaks of the line",
     "errors": "bus errors",
     "incomplete": "transfers with a hole",
     "malformed": "malformed frames",
@@ -55,6 +55,8 @@ def _node(node: dict[str, Any]) -> str:
     for key, text in (("memory_mib", "{:.0f} MiB"), ("cpu_percent", "CPU {:.0f} %"), ("temperature_c", "{:.0f} °C")):
         if node[key] is not None:
             words.append(text.format(node[key]))
+    if node["log_dropped"]:
+        words.append(f"{node['log_dropped']} records of its log not written")
     return ", ".join(word for word in words if word)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from agent.wire.can_line import CanLine
 from agent.wire.serial_line import BITS_PER_BYTE
@@ -22,7 +22,7 @@ SIGNATURE_BYTES = 13
 SYNC_RATE_HZ = 10.0
 STATUS_RATE_HZ = 1.0
 LOWEST_IMU_HZ = 50.0  # a sample for each control cycle
-TASKS = 4
+TASKS = 5  # control, log, telemetry, status, and ground stations where there are any
 _SENSORS = {"imu": "XITL_IMU", "gnss": "XITL_GNSS", "magnetometer": "XITL_MAGNETOMETER", "barometer": "XITL_BAROMETER"}
 
 
@@ -48,6 +48,16 @@ class Load:
 
     to_agent: tuple[Flow, ...]
     to_host: tuple[Flow, ...]
+
+    def times(self, agents: int) -> Load:
+        """Of so many agents, each with all of it."""
+        if agents == 1:
+            return self
+        there, back = (
+            tuple(replace(flow, rate_hz=flow.rate_hz * agents) for flow in flows)
+            for flows in (self.to_agent, self.to_host)
+        )
+        return Load(there, back)
 
     def serial_share(self, baud: int) -> float:
         """Of the busier direction."""

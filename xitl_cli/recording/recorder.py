@@ -148,7 +148,8 @@ class Recorder:
 
     def actuators(self, stamp_ns: int, command: MotorCommand) -> None:
         """The motor commands in force."""
-        payload = self._actuators_layout.pack(stamp_ns, *command.motors, command.armed, command.failsafe, command.age_s)
+        age_s = math.nan if command.age_s is None else command.age_s
+        payload = self._actuators_layout.pack(stamp_ns, *command.motors, command.armed, command.failsafe, age_s)
         self._actuators(payload, stamp_ns)
 
     def actuator_age(self, stamp_ns: int, age: ActuatorAge) -> None:

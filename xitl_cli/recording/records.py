@@ -20,12 +20,12 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class MotorCommand:
-    """Commands in force, one a motor in [-1, 1], and how old they are on the simulation's clock."""
+    """Commands in force, one a motor in [-1, 1], and how old they are; None where that cannot be told."""
 
     motors: tuple[float, ...]
     armed: bool = False
     failsafe: bool = False
-    age_s: float = 0.0
+    age_s: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True)

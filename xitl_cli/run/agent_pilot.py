@@ -13,17 +13,19 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import Estimate, Task
-from xitl_cli.run.actuator_use import ActuatorUse
-from xitl_cli.run.agent_connection import WARNING, AgentConnection
-from xitl_cli.run.agent_inbox import AgentInbox
-from xitl_cli.run.agent_options import AgentOptions, missing_addresses
-from xitl_cli.run.agent_setup import mission_of, parameters_of
-from xitl_cli.run.agent_view import AgentView
+from xitl_cli.run.agents.actuator_use import ActuatorUse
+from xitl_cli.run.agents.connection import WARNING, AgentConnection
+from xitl_cli.run.agents.inbox import AgentInbox
+from xitl_cli.run.agents.options import AgentOptions, missing_addresses
+from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, Peer, open_peer
+from xitl_cli.run.agents.setup import mission_of, parameters_of
+from xitl_cli.run.agents.standby import Redundancy
+from xitl_cli.run.agents.view import AgentView
+from xitl_cli.run.agents.waiting import wait_for_any
 from xitl_cli.run.driver import make_driver
 from xitl_cli.run.faults import FaultSchedule
 from xitl_cli.run.orders import Orders
-from xitl_cli.run.pace import Pace
-from xitl_cli.run.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, Peer, open_peer
+from xitl_cli.run.pace import Lockstep, Pace
 from xitl_cli.run.pilot import (
     ActuatorReport,
     ClockReport,
@@ -37,9 +39,7 @@ from xitl_cli.run.pilot import (
 from xitl_cli.run.score import EstimationScore
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensing import Sensing, local_frame
-from xitl_cli.run.standby import Redundancy
 from xitl_cli.run.truth_history import TruthHistory
-from xitl_cli.run.waiting import wait_for_any
 from xitl_cli.signing import read_key_file
 
 TICK_REPEAT_S = 0.5
@@ -86,6 +86,7 @@ class AgentPilot:
         self.command = first.inbox.command
         self.stale_exchanges = 0
         self._use = ActuatorUse()
+        self._pace: Pace = Lockstep()  # until the run begins
         self._exchanges = 0
         self._step = 0
         self._sim_ns = 0
@@ -187,7 +188,9 @@ class AgentPilot:
         self._use.add(inbox.fresh, age_ns)
         self.stale_exchanges = self._use.report.stale
         self.command = replace(
-            inbox.command, motors=inbox.command.motors if motors is None else motors, age_s=(age_ns or 0) * 1e-9
+            inbox.command,
+            motors=inbox.command.motors if motors is None else motors,
+            age_s=None if age_ns is None else age_ns * 1e-9,
         )
         for agent in self._agents:
             agent.inbox.fresh = False

@@ -45,14 +45,26 @@ def create(path: Path, overwrite: bool) -> Path:
     return path
 
 
+def write_profile(path: Path, text: str) -> None:
+    """Keep the profile as resolved. Raises UserError when there is no room for it."""
+    try:
+        (path / PROFILE).write_text(text)
+    except OSError as error:
+        raise _no_room(path, error) from error
+
+
 def reserve(path: Path) -> IO[bytes]:
     """Room for the summary, should the disk fill up: closing gives it back. Raises UserError when there is none."""
     try:
         held = TemporaryFile(dir=path, buffering=0)  # noqa: SIM115  the caller closes it
         held.write(bytes(RESERVED_BYTES))
     except OSError as error:
-        raise UserError(f"{path}: no room for a run ({error.strerror}); free space, or choose another --out") from error
+        raise _no_room(path, error) from error
     return held
+
+
+def _no_room(path: Path, error: OSError) -> UserError:
+    return UserError(f"{path}: no room for a run ({error.strerror}); free space, or choose another --out")
 
 
 def keep_dataflash(path: Path) -> None:

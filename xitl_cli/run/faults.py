@@ -101,18 +101,19 @@ class FaultSchedule:
         """The faults that have been said to have begun and not yet to have ended."""
         return tuple(timed.name for timed in self._timed if timed.begun and not timed.ended)
 
-    def count_impaired(self, to_agent: int, from_agent: int, link: str = "agent") -> None:
+    def count_impaired(self, to_agent: int, from_agent: int, told_ns: int | None, link: str = "agent") -> None:
         """Frames that faults have kept back for good on `link` so far, both ways. To be called after `record`.
 
-        What came since the last call is put down to each fault that was in force since. The agent's count comes late,
-        so a fault that is over still gets the first that comes after it.
+        What came since the last call is put down to each fault that was in force since. The agent told its count at
+        `told_ns` (simulation time, None while unknown), so a fault that is over still gets what is told of its time.
         """
         before = self._impaired.get(link, (0, 0))
         self._impaired[link] = to_agent, from_agent
-        self._put_down(link, "sensors", "frames_lost_to_agent", to_agent - before[0], comes_late=False)
-        self._put_down(link, "actuators", "frames_lost_from_agent", from_agent - before[1], comes_late=True)
+        self._put_down(link, "sensors", "frames_lost_to_agent", to_agent - before[0], NEVER_NS)
+        self._put_down(link, "actuators", "frames_lost_from_agent", from_agent - before[1], told_ns or 0)
 
-    def _put_down(self, link: str, way: str, name: str, count: int, comes_late: bool) -> None:
+    def _put_down(self, link: str, way: str, name: str, count: int, until_ns: int) -> None:
+        """`until_ns`: up to when it was counted."""
         for timed in self._timed:
             fault = timed.fault.link
             if fault is None or fault.which != link or fault.direction not in ("both", way):
@@ -120,7 +121,7 @@ class FaultSchedule:
             if timed.begun and way not in timed.settled:
                 if count > 0:
                     timed.did[name] = timed.did.get(name, 0) + count
-                if timed.ended and (count > 0 or not comes_late):
+                if timed.ended and until_ns >= timed.until_ns:
                     timed.settled.add(way)
 
     def reports(self, sensors: Mapping[str, Mapping[str, int]]) -> list[FaultReport]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from agent.wire import dialect
-from xitl_cli.run.agent_view import MODES, AgentView
+from xitl_cli.run.agents.view import MODES, AgentView
 from xitl_cli.run.mission_download import MissionDownload
 
 REPEAT_S = 1.0

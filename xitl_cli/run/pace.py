@@ -164,9 +164,7 @@ class Realtime:
 
     def clock(self, step: int, sim_ns: int) -> Clock:
         late_ns = self._began_ns - self._start_ns - sim_ns
-        return Clock(
-            "PS1", step, self._began_ns, sim_ns, 0.0, -self._start_ns * 1e-9, 0.0, residual_s=-late_ns * 1e-9
-        )
+        return Clock("PS1", step, self._began_ns, sim_ns, 0.0, -self._start_ns * 1e-9, 0.0, residual_s=-late_ns * 1e-9)
 
     def report(self) -> PaceReport:
         return PaceReport(self.slips, self._slipped_s)

@@ -89,7 +89,7 @@ class NodeReport:
     """What a machine in the loop says of itself. link: the one it is on. None where it does not tell.
 
     kind: `real` or `virtual`. flags: how it runs, in words. estimates: those that its control used, efforts: those that
-    its actuation allocated.
+    its actuation allocated. log_dropped: records that its log had no room for.
     """
 
     nodes: str
@@ -107,6 +107,7 @@ class NodeReport:
     cpu_percent: float | None = None
     estimates: int = 0
     efforts: int = 0
+    log_dropped: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,8 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
-from xitl_cli.run.agent_options import options_of
 from xitl_cli.run.agent_pilot import AgentPilot, links_of
+from xitl_cli.run.agents.options import options_of
 from xitl_cli.run.ideal_pilot import IdealPilot
 from xitl_cli.run.loop import Ending, Loop
 from xitl_cli.run.pace import Lockstep, Pace, Realtime
@@ -62,7 +62,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
         pilot.prepare()
         directory.create(out, overwrite)
         with directory.reserve(out):
-            (out / directory.PROFILE).write_text(resolved_yaml(profile))
+            directory.write_profile(out, resolved_yaml(profile))
             motors, links = len(ready.vehicle.propellers), links_of(ready)
             recorder = Recorder(out / directory.RECORDING, ready.recording.compression, motors, links)
             pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(simulation.dt_s)

@@ -53,12 +53,15 @@ class TimeBase:
         self._steps = Spread()
 
     def add(self, sample: int, clock_ns: int) -> None:
-        """The node's clock at a sample; a number that is not above the last one is passed over."""
+        """The node's clock at a sample; what is not above the last one is passed over.
+
+        A clock that goes back is that of an agent that was started anew.
+        """
         if self._first is None:
             self._first = self._newest = (sample, clock_ns)
             return
         last, last_ns = self._newest
-        if sample <= last:
+        if sample <= last or clock_ns <= last_ns:
             return
         self._steps.add((clock_ns - last_ns) * 1e-9 / (sample - last))
         self._newest = (sample, clock_ns)

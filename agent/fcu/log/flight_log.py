@@ -8,9 +8,9 @@ hooks of those names only make the instant exact.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Callable, NamedTuple
+from typing import Callable
 
 import agent
 from agent.dataflash.files import Opener
@@ -18,43 +18,18 @@ from agent.dataflash.format import header
 from agent.dataflash.messages import FORMATS, FORMATS_IN_LOCKSTEP
 from agent.dataflash.writer import Writer
 from agent.fcu import modes
-from agent.fcu.autopilot import LOOP_HZ, Autopilot, Home
+from agent.fcu.autopilot import LOOP_HZ, Autopilot
 from agent.fcu.control.loops import ground_speed_mps
 from agent.fcu.events import INFO, WARNING, Event
-from agent.fcu.local_frame import LocalFrame
 from agent.fcu.log import records
-from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.log.changes import Changes
 from agent.fcu.log.loop_window import LoopWindow
-from agent.fcu.mission import Mission, MissionItem
-from agent.fcu.parameters import TABLE, Parameters
-from agent.fcu.samples import Actuators, BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample, Vector3
+from agent.fcu.samples import Actuators, BarometerSample, Estimate, GnssSample, ImuSample, MagnetometerSample
 from agent.timing.misses import Miss
 from agent.timing.tasks import TaskStats
 
-ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42  # EV
-EKF_CHECK, EKF_BAD = 16, 2  # ERR subsystem and its code
-FAILSAFES = {"GCS": 8, "Fence": 9, "EKF": 17, "IMU": 26}  # ERR subsystems
-RESOLVED, OCCURRED = 0, 1  # ERR codes
-_ITEMS_A_CYCLE = 8  # a mission of hundreds of items is not logged in one cycle
-_TEXT_BYTES = 64
-_DEFAULTS = {row.name: float(row.default) for row in TABLE}
 
-
-class _Seen(NamedTuple):
-    """What a cycle compares with the cycle before."""
-
-    mode: int = -1
-    armed: bool = False
-    failsafes: tuple[str, ...] = ()
-    parameters_version: int = -1
-    position_valid: bool = False
-    home: Home | None = None
-    frame: LocalFrame | None = None
-    mission: Mission = Mission()
-    current: int = 0
-
-
-class FlightLog(NullFlightLog):
+class FlightLog(Changes):
     """Logs to where `opener` says, each run to a new log; `now_ns` is the agent's clock, for what carries no instant.
 
     Nothing here waits for the disk, except in lockstep, where time stands still meanwhile and the log is to be the same
@@ -80,15 +55,7 @@ class FlightLog(NullFlightLog):
         self._lockstep = lockstep
         self._formats = FORMATS_IN_LOCKSTEP if lockstep else FORMATS
         self._count = 0
-        self._seen = _Seen()
-        self._mode = -1
-        self._armed = False
-        self._ekf_bad = False
-        self._fence_on = False
-        self._values: dict[str, float] = {}
-        self._offset_mgauss: Vector3 = (0.0, 0.0, 0.0)
-        self._items: Iterator[tuple[int, MissionItem]] = iter(())
-        self._items_total = 0
+        self._forget()
         self._gnss_us: int | None = None
         self._said_problem = ""
         self._said_drops = False
@@ -165,27 +132,13 @@ class FlightLog(NullFlightLog):
             return
         self._window.loop(now_ns)
         estimate = autopilot.estimate
-        old = self._seen
-        seen = self._seen = _Seen(
-            autopilot.mode,
-            autopilot.armed,
-            autopilot.failsafes,
-            autopilot.parameters.version,
-            estimate.position_valid,
-            autopilot.home,
-            autopilot.estimator.frame,
-            autopilot.mission,
-            autopilot.pilot.current if autopilot.armed and autopilot.mode == modes.AUTO else 0,
-        )
-        if seen != old:
-            self._log_changes(now_ns, autopilot, old, seen)
+        self._look(now_ns, autopilot)
         now_us = now_ns // 1000
-        output = autopilot.navigation if seen.armed else None
+        output = autopilot.navigation if autopilot.armed else None
         self._put(records.attitude(now_us, estimate, math.nan if output is None else output.heading_rad))
         self._put(records.outputs(now_us, actuators))
         self._turns[self._count % len(self._turns)](now_us, autopilot, estimate)
-        if self._items_total:
-            self._log_items(now_ns)
+        self._log_items(now_ns)
         if self._count % LOOP_HZ == 0:
             self._watch_writer(now_us, autopilot, self._writer)
         self._count += 1
@@ -216,56 +169,7 @@ class FlightLog(NullFlightLog):
         sticks = autopilot.manual.sticks(now_us * 1000)
         self._put(records.control(now_us, sticks, speed_mps, desired_mps, estimate.gyro_frd_radps[2]))
 
-    # -- what changes now and then
-
-    def _log_changes(self, now_ns: int, autopilot: Autopilot, old: _Seen, seen: _Seen) -> None:
-        now_us = now_ns // 1000
-        if seen.parameters_version != old.parameters_version:
-            self.parameters(now_ns, autopilot.parameters)
-            self._log_fence(now_us, autopilot.fence.enabled)
-        self.mode(now_ns, seen.mode)
-        self.arm(now_ns, seen.armed)
-        frame, home = seen.frame, seen.home
-        if frame is not None and frame is not old.frame:
-            self._put_important(records.place(now_us, records.ORIGIN, frame.lat_deg, frame.lon_deg, frame.alt_m))
-        if home is not None and home != old.home:
-            self._put_important(records.place(now_us, records.HOME, *home))
-            self._put_important(FORMATS["EV"].pack(now_us, HOME_SET))
-        if old.position_valid and not seen.position_valid:
-            self._ekf_bad = True
-            self._error(now_us, EKF_CHECK, EKF_BAD)
-        elif self._ekf_bad and seen.position_valid:
-            self._ekf_bad = False
-            self._error(now_us, EKF_CHECK, RESOLVED)
-        if seen.failsafes != old.failsafes:
-            self._log_failsafes(now_us, autopilot.parameters, old.failsafes, seen.failsafes)
-        if seen.mission != old.mission:
-            self._items_total = len(seen.mission.items)
-            self._items = iter(enumerate(seen.mission.items))
-        if seen.current != old.current and 0 < seen.current < len(seen.mission.items):
-            item = seen.mission.items[seen.current]
-            total = len(seen.mission.items)
-            self._put_important(records.mission_item("MISE", now_us, seen.current, total, item))
-
-    def _log_fence(self, now_us: int, on: bool) -> None:
-        if on != self._fence_on:
-            self._put_important(FORMATS["EV"].pack(now_us, FENCE_ON if on else FENCE_OFF))
-        self._fence_on = on
-
-    def _log_failsafes(self, now_us: int, p: Parameters, old: tuple[str, ...], new: tuple[str, ...]) -> None:
-        for name, subsystem in FAILSAFES.items():
-            if (name in old) != (name in new):
-                # A fence's code is the bits of FENCE_TYPE that were breached; which of two it was is not told apart.
-                occurred = int(p["FENCE_TYPE"]) & 0xFF if name == "Fence" else OCCURRED
-                self._error(now_us, subsystem, occurred if name in new else RESOLVED)
-
-    def _log_items(self, now_ns: int) -> None:
-        for _ in range(_ITEMS_A_CYCLE):
-            following = next(self._items, None)
-            if following is None:
-                self._items_total = 0
-                return
-            self.command(now_ns, *following)
+    # -- trouble
 
     def _watch_writer(self, now_us: int, autopilot: Autopilot, writer: Writer) -> None:
         """Once a second: what was dropped into the log, and trouble to the ground station."""
@@ -278,47 +182,11 @@ class FlightLog(NullFlightLog):
             autopilot.say(Event(WARNING, "Log: the disk is too slow, records are dropped"))
             self._said_drops = True
 
-    def _error(self, now_us: int, subsystem: int, code: int) -> None:
-        self._put_important(FORMATS["ERR"].pack(now_us, subsystem, code))
-
     def _put_important(self, record: bytes) -> None:
         if self._writer is not None:
             self._writer.put(record, True)
 
-    # -- hooks for what changes now and then
-
-    def event(self, now_ns: int, severity: int, text: str) -> None:
-        data = text.encode("ascii", "replace")
-        for at in range(0, len(data), _TEXT_BYTES):
-            self._put_important(FORMATS["MSG"].pack(now_ns // 1000, data[at : at + _TEXT_BYTES]))
-
-    def mode(self, now_ns: int, number: int, reason: int = 0) -> None:
-        if number != self._mode:
-            self._mode = number
-            self._put_important(FORMATS["MODE"].pack(now_ns // 1000, number, number, reason))
-
-    def arm(self, now_ns: int, armed: bool) -> None:
-        if armed != self._armed:
-            self._armed = armed
-            now_us = now_ns // 1000
-            self._put_important(FORMATS["ARM"].pack(now_us, int(armed), int(self._values.get("ARMING_CHECK", 0))))
-            self._put_important(FORMATS["EV"].pack(now_us, ARMED if armed else DISARMED))
-
-    def command(self, now_ns: int, seq: int, item: MissionItem) -> None:
-        total = max(self._items_total, seq + 1)
-        self._put_important(records.mission_item("CMD", now_ns // 1000, seq, total, item))
-
-    def parameters(self, now_ns: int, parameters: Parameters) -> None:
-        if self._writer is None:
-            return
-        pack, values = FORMATS["PARM"].pack, self._values
-        for name in parameters:
-            value = parameters[name]
-            if values.get(name) != value:
-                values[name] = value
-                self._put_important(pack(now_ns // 1000, name.encode(), value, _DEFAULTS.get(name, math.nan)))
-        x, y, z = (values.get(f"COMPASS_OFS_{axis}", 0.0) for axis in "XYZ")
-        self._offset_mgauss = (x, y, z)
+    # -- deadlines
 
     def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
         times = None if self._writer is None else self._window.take(now_ns, stats)

@@ -108,14 +108,10 @@ def propagated(
 
 def shifted(state: InertialState, vel_ned_mps: Vector3, pos_ned_m: Vector3) -> InertialState:
     """The state with a velocity and a position correction added."""
-    return state._replace(
-        vel_north_mps=state.vel_north_mps + vel_ned_mps[0],
-        vel_east_mps=state.vel_east_mps + vel_ned_mps[1],
-        vel_down_mps=state.vel_down_mps + vel_ned_mps[2],
-        north_m=state.north_m + pos_ned_m[0],
-        east_m=state.east_m + pos_ned_m[1],
-        down_m=state.down_m + pos_ned_m[2],
-    )
+    stamp_ns, w, x, y, z, vn, ve, vd, pn, pe, pd, *rest = state  # spelled out: a late fix shifts dozens at a time
+    dvn, dve, dvd = vel_ned_mps
+    dpn, dpe, dpd = pos_ned_m
+    return InertialState(stamp_ns, w, x, y, z, vn + dvn, ve + dve, vd + dvd, pn + dpn, pe + dpe, pd + dpd, *rest)
 
 
 def frd_to_ned(state: InertialState, v_frd: Vector3) -> Vector3:
@@ -132,6 +128,11 @@ def ned_to_frd(state: InertialState, v_ned: Vector3) -> Vector3:
     vx, vy, vz = v_ned
     tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
     return (vx - w * tx + y * tz - z * ty, vy - w * ty + z * tx - x * tz, vz - w * tz + x * ty - y * tx)
+
+
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """The vector product."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def euler(w: float, x: float, y: float, z: float) -> Vector3:

@@ -68,6 +68,19 @@ def test_the_temperature_is_the_processors(tmp_path: Path) -> None:
     assert HealthMonitor(tmp_path / "nowhere").look().temperature_degc is None
 
 
+def test_a_moment_says_nothing_about_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run ends at any time after the last look: what it took to end it is not how busy the board was."""
+    now = {"monotonic": 0.0, "process_time": 0.0}
+    for name in now:
+        monkeypatch.setattr(f"agent.machine.time.{name}", lambda name=name: now[name])
+    monitor = HealthMonitor()
+    told = []
+    for clock_s, used_s in ((1.0, 0.05), (2.0, 0.15), (2.01, 0.155), (3.0, 0.20)):
+        now.update(monotonic=clock_s, process_time=used_s)
+        told.append(monitor.look().cpu_percent)
+    assert told == pytest.approx([5.0, 10.0, 10.0, 5.0])
+
+
 def test_how_this_machine_is_doing() -> None:
     monitor = HealthMonitor()
     used_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime

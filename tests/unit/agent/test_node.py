@@ -187,6 +187,21 @@ def test_time_is_told_as_it_is() -> None:
     assert (answer.t1_ns, answer.t2_ns, answer.t3_ns, answer.sequence) == (5, 123_456_789, 123_456_789, 9)
 
 
+@pytest.mark.parametrize("start_us", [0, 2**53, 2**63, 2**64 - 1])
+def test_any_time_of_the_host_is_taken_and_answered(start_us: int) -> None:
+    """Instants have 64 bits on the wire, some of them signed and in nanoseconds."""
+    host = Host()
+    host.send(mav.MAVLink_xitl_run_message(start_us, b"test", START, LOCKSTEP, 2))
+    for tick, time_us in enumerate((start_us, 2**63, 2**64 - 1)):
+        said = host.send(
+            mav.MAVLink_xitl_timesync_message(5, 0, 0, 9),
+            mav.MAVLink_timesync_message(0, 7),
+            mav.MAVLink_xitl_tick_message(time_us, tick),
+        )
+        assert kinds(said)[:2] == ["XITL_TIMESYNC", "TIMESYNC"]
+        assert kinds(said)[-1] == "XITL_ACTUATORS"
+
+
 def test_in_lockstep_every_byte_repeats_and_what_would_not_is_unknown() -> None:
     heard = []
     for pause_ns in (0, 12_345_678):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 from node_host import HELLO, LOCKSTEP, MS, START, STOP, Host, of, texts
 
 from agent.wire import dialect as mav
+from agent.wire.impaired import OVERTAKEN_S
 
 SECOND = 1000 * MS
 
@@ -114,11 +116,28 @@ def test_all_zero_ends_everything_but_time_goes_on_from_where_it_is(host: Host) 
         ({"cpu_load": -0.1}, "Faults refused: cpu_load -0.1 is no share of 1"),
         ({"delay_usec": 60_000_001}, "Faults refused: delay_usec 60000001 is above 60000000"),
         ({"clock_skew_ppm": math.inf}, "Faults refused: clock_skew_ppm inf is not within 100000"),
+        ({"clock_offset_ns": 2**63 - 1}, "Faults refused: clock_offset_ns 9223372036854775807 is not within"),
     ],
 )
 def test_what_no_fault_can_be_is_refused_and_said(host: Host, fields: dict[str, float], said: str) -> None:
     assert "".join(texts(host.faults(**fields) + host.live(0.1))).startswith(said[:50])
     assert len(of("XITL_ACTUATORS", host.live(1.0))) == 50
+
+
+def test_in_lockstep_reordering_does_not_depend_on_how_fast_the_machine_is() -> None:
+    heard = []
+    for pause_s in (0.0, 1.1 * OVERTAKEN_S):
+        host = Host()
+        host.run(START, LOCKSTEP)
+        host.faults(reorder=0.5)
+        for tick in range(60):
+            if tick % 5 == 2:
+                time.sleep(pause_s)
+            host.step()
+        host.run(STOP, LOCKSTEP)
+        heard.append(host.frames)
+    assert len(heard[0]) > 80
+    assert heard[0] == heard[1]
 
 
 def test_a_new_run_has_none(host: Host) -> None:

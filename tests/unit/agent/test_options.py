@@ -44,6 +44,7 @@ def test_a_command_line() -> None:
         link="udp://usb0:14660", role="companion", realtime=50, cpus=(1, 3), kind="virtual", silence_s=0.0
     )
     assert parse(["--realtime", "99"], "agent").realtime == 99
+    assert (parse(["--attached"], "agent").attached, parse([], "agent").attached) == (True, False)
 
 
 def test_a_file_says_the_same(tmp_path: Path) -> None:
@@ -84,6 +85,7 @@ def test_an_option_that_stands_alone_may_do_so_in_the_file(tmp_path: Path) -> No
         ("[agent]\nbaud = 5\n", "unknown key baud; use one of controller, cpu, gcs, kind, link, "),
         ("[agent]\nconfig = x\n", "unknown key config; use one of"),
         ("[agent]\nversion = 1\n", "unknown key version; use one of"),
+        ("[agent]\nattached = 1\n", "unknown key attached; use one of"),
         ("[agent]\nrole = cook\n", "role = cook; use one of fcu, companion"),
         ("[agent]\ncpu = one\n", "cpu = one: one names no processors; write them like 1 or 2,3"),
         ("[agent]\nrealtime = 100\n", "realtime = 100: 100 is no priority of SCHED_FIFO; use 1 to 99"),

@@ -106,6 +106,13 @@ def test_every_topic_reads_back_with_its_values(tmp_path: Path) -> None:
     assert {"/tf", "/truth/pose", "/truth/fix", "/log"} <= topics.keys()
 
 
+def test_an_age_that_cannot_be_told_is_not_zero(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder.actuators(5, MotorCommand((0.0, 0.0), age_s=None))
+    recorder.close()
+    assert np.isnan(read_all(tmp_path / "run.mcap")["/actuators"][0][1].age_s)
+
+
 def test_what_a_board_and_its_link_report_reads_back(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2, links=("agent", "standby"))
     histogram = tuple(range(16))

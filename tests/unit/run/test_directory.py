@@ -55,3 +55,10 @@ def test_only_a_log_that_the_agent_numbered_is_renamed(tmp_path: Path) -> None:
         "mine.bin": b"mine",
         "autopilot.bin": b"log",
     }
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_no_room_for_the_profile_is_said(tmp_path: Path) -> None:
+    (tmp_path / directory.PROFILE).symlink_to("/dev/full")
+    with pytest.raises(UserError, match=r"no room for a run \(No space left on device\); free space"):
+        directory.write_profile(tmp_path, "name: sitl\n")

@@ -12,7 +12,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.operation import ScriptStep
 from xitl_cli.replay.track import Track
-from xitl_cli.run.agent_view import AgentView
+from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.ground_station_driver import GroundStationDriver
 from xitl_cli.run.mission_driver import READY_TIMEOUT_S, MissionDriver
 from xitl_cli.run.orders import Orders

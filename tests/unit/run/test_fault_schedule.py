@@ -153,12 +153,12 @@ def test_beginnings_and_ends_are_recorded_and_said_once() -> None:
     ]
 
 
-def counted(made: FaultSchedule, counts: list[tuple[float, int, int]]) -> list[dict[str, int]]:
-    """What each fault did when the ends' totals were so at these instants."""
+def counted(made: FaultSchedule, counts: list[tuple[float, int, int, float]]) -> list[dict[str, int]]:
+    """What each fault did when the ends' totals were so at these instants, the agent's as told at another."""
     recorder: Any = Recorder()
-    for now_s, to_agent, from_agent in counts:
+    for now_s, to_agent, from_agent, told_s in counts:
         made.record(round(now_s * S), recorder)
-        made.count_impaired(to_agent, from_agent)
+        made.count_impaired(to_agent, from_agent, round(told_s * S))
     return [report.did for report in made.reports({})]
 
 
@@ -167,10 +167,11 @@ def test_lost_frames_are_put_down_to_the_fault_in_force() -> None:
         one={"from_s": 1.0, "until_s": 2.0, "link": {"loss": 0.5}},
         two={"from_s": 3.0, "until_s": 4.0, "link": {"cut": True}},
     )
-    # At 2.0 and 2.5 s the first is over: what the agent counts late is still its own.
-    first, second = counted(made, [(0.5, 0, 0), (1.0, 0, 0), (1.5, 10, 4), (2.0, 12, 4), (2.5, 12, 6), (3.5, 40, 6)])
+    # What the agent tells of the first one's time comes when that is over, in two parts.
+    counts = [(1.0, 0, 0, 0.7), (1.5, 10, 0, 0.7), (2.0, 12, 4, 1.7), (2.5, 12, 4, 1.7), (2.9, 12, 6, 2.7)]
+    first, second = counted(made, [*counts, (3.5, 40, 6, 2.7), (5.0, 45, 16, 4.7)])
     assert first == {"frames_lost_to_agent": 12, "frames_lost_from_agent": 6}
-    assert second == {"frames_lost_to_agent": 28}
+    assert second == {"frames_lost_to_agent": 33, "frames_lost_from_agent": 10}
 
 
 def test_lost_frames_are_put_down_to_faults_of_their_direction() -> None:
@@ -179,7 +180,7 @@ def test_lost_frames_are_put_down_to_faults_of_their_direction() -> None:
         back={"from_s": 1.0, "until_s": 3.0, "link": {"loss": 0.5, "direction": "actuators"}},
         other={"from_s": 1.0, "link": {"loss": 0.5, "which": "standby"}},
     )
-    assert counted(made, [(1.0, 0, 0), (2.0, 5, 7), (4.0, 6, 8)]) == [
+    assert counted(made, [(1.0, 0, 0, 1.0), (2.0, 5, 7, 2.0), (4.0, 6, 8, 4.0)]) == [
         {"frames_lost_to_agent": 6},
         {"frames_lost_from_agent": 8},
         {},
@@ -188,6 +189,6 @@ def test_lost_frames_are_put_down_to_faults_of_their_direction() -> None:
 
 def test_a_fault_shorter_than_the_time_between_two_counts_gets_its_own() -> None:
     made = schedule(blip={"from_s": 1.1, "until_s": 1.3, "link": {"cut": True}})
-    assert counted(made, [(1.0, 0, 0), (2.0, 50, 0), (3.0, 50, 20), (4.0, 60, 30)]) == [
+    assert counted(made, [(1.0, 0, 0, 1.0), (2.0, 50, 0, 1.0), (3.0, 50, 20, 2.0), (4.0, 60, 30, 3.0)]) == [
         {"frames_lost_to_agent": 50, "frames_lost_from_agent": 20}
     ]

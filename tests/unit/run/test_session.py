@@ -8,9 +8,14 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from agent.wire import dialect
+from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
+from xitl_cli.recording.recorder import Recorder
 from xitl_cli.run import session
+from xitl_cli.run.agent_pilot import AgentPilot
 from xitl_cli.run.ideal_pilot import IdealPilot
+from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.view import NoView
 
 
@@ -32,3 +37,27 @@ def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(
     assert "ZeroDivisionError" in told["error"]
     with (tmp_path / "run/run.mcap").open("rb") as file:
         assert sum(1 for _ in make_reader(file).iter_messages(topics=["/truth/state"])) == 25
+
+
+def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(recorder: Recorder, name: str, media_type: str, data: bytes) -> None:
+        raise UserError("run.mcap: the recording cannot be written (No space left on device); free space")
+
+    monkeypatch.setattr(Recorder, "attach", full)
+    result = session.run(load_profile("sitl"), tmp_path / "run", False, NoView)
+    assert result.exit_code == session.USER_ERROR
+    told = json.loads((tmp_path / "run/summary.json").read_text())
+    assert "No space left on device" in told["error"]
+    assert [clock["node"] for clock in told["clocks"]] == ["LC", "PS1"]
+
+
+def test_an_agent_still_at_the_run_of_another_host_can_be_reached() -> None:
+    """What it believes of that run is nothing to this one, which has not begun."""
+    pilot = AgentPilot(load_profile("sitl").runnable(), Seeds(1))
+    view = pilot._agents[0].inbox.view
+    view.take(dialect.MAVLink_gps_global_origin_message(-88_000_000, -639_500_000, 70_000, 0))
+    view.take(dialect.MAVLink_attitude_quaternion_message(500, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    view.take(dialect.MAVLink_local_position_ned_message(500, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0))
+    assert pilot.position_error_m() is None

@@ -32,6 +32,15 @@ def test_too_little_says_nothing() -> None:
     assert DriftWindows().deviation_ppm is None
 
 
+def test_the_clock_of_an_agent_that_was_started_anew_is_no_part_of_the_curve() -> None:
+    base = TimeBase()
+    for sample in range(50):
+        base.add(sample, sample * S // 10)
+    before = base.slope
+    base.add(51, S // 5)
+    assert base.slope == before
+
+
 def test_slope_and_its_variation_with_samples_missing() -> None:
     """A clock 80 ppm fast, sampled every 0.1 s with 1 ms of noise.
 

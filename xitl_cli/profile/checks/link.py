@@ -122,7 +122,14 @@ def _too_much(profile: Profile, autopilot: Autopilot, url: SplitResult) -> str |
     if url.scheme == "serial":
         _, baud = device_and_baud(_without_pty(url))
         return _too_much_for_baud(load, baud, lower)
-    return _too_much_for_bus(load, can_settings(url, listen=False).line, lower)
+    return _too_much_for_bus(load, _agents_on(autopilot, url), can_settings(url, listen=False).line, lower)
+
+
+def _agents_on(autopilot: Autopilot, bus: SplitResult) -> int:
+    """How many agents share the bus: the standby may be on that of the first."""
+    links = [autopilot.link, None if autopilot.standby is None else autopilot.standby.link]
+    there = [urlsplit(link) for link in links if link is not None]
+    return sum((url.scheme, url.netloc, url.path) == (bus.scheme, bus.netloc, bus.path) for url in there)
 
 
 def _too_much_for_baud(load: Load, baud: int, lower: Callable[[Callable[[Load], float]], str]) -> str | None:
@@ -139,19 +146,23 @@ def _too_much_for_baud(load: Load, baud: int, lower: Callable[[Callable[[Load], 
     )
 
 
-def _too_much_for_bus(load: Load, line: CanLine, lower: Callable[[Callable[[Load], float]], str]) -> str | None:
+def _too_much_for_bus(
+    one_agent: Load, agents: int, line: CanLine, lower: Callable[[Callable[[Load], float]], str]
+) -> str | None:
+    load = one_agent.times(agents)
     if load.can_share(line) <= MOST_SHARE:
         return None
     wanted = bytes_per_s((*load.to_agent, *load.to_host))
     there = wanted / load.can_share(line)
     faster = next((bus for bus in BUSES if bus.fd >= line.fd and load.can_share(bus) <= MOST_SHARE), None)
     remedies = [
-        lower(lambda one: one.can_share(line)),
+        lower(lambda one: one.times(agents).can_share(line)),
         "" if faster is None else f"use {_rates(faster)}",
     ]
     return (
         f"carries {there:.0f} bytes/s of such frames both ways together, of which {MOST_SHARE:.0%} can be planned with "
         f"({MOST_SHARE * there:.0f}); wanted are {wanted:.0f} bytes/s "
+        f"{'' if agents == 1 else f'for {agents} agents '}"
         f"({', '.join(map(str, (*load.to_agent, *load.to_host)))}); {_remedy(remedies)}"
     )
 

@@ -36,7 +36,8 @@ from agent.dataflash.format import header
 from agent.dataflash.messages import FORMATS
 from agent.fcu import modes
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.log.flight_log import FlightLog, NullFlightLog
+from agent.fcu.log.flight_log import FlightLog
+from agent.fcu.log.hooks import NullFlightLog
 from agent.fcu.log.records import health
 from agent.fcu.mission import change_speed, mission, waypoint
 from agent.fcu.parameters import Parameters

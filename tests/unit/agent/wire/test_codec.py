@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as common
 from pymavlink.generator import mavgen
 
 from agent.wire import dialect
-from agent.wire.codec import MessageRefusedError, Packer, decode
+from agent.wire.codec import MessageRefusedError, Packer, decode, prepare
 from agent.wire.framing import Framer
 
 
@@ -111,6 +111,15 @@ def test_the_sequence_wraps_and_does_not_move_when_a_message_is_refused() -> Non
         with pytest.raises(MessageRefusedError, match=f"{bad.get_type()}: a field does not fit the wire"):
             packer.pack(bad)
     assert packer.sequence == 300 % 256
+
+
+def test_a_message_is_prepared_as_it_is_now_and_stays_as_it_is() -> None:
+    message = imu()
+    before = dict(vars(message))
+    prepared, frame = prepare(message), Packer(1, 1).pack(message)
+    assert vars(message) == before
+    message.temperature += 1.0
+    assert Packer(1, 1).pack_prepared(prepared) == frame != Packer(1, 1).pack(message)
 
 
 def test_ids_must_fit_a_byte() -> None:

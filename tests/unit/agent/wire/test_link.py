@@ -155,8 +155,9 @@ class Credits(Transport):
     def close(self) -> None:
         pass
 
-    def credit(self, index: int, standing: Standing) -> None:
+    def credit(self, index: int, standing: Standing) -> bool:
         self.noted.append((index, standing))
+        return True
 
 
 def run_message(command: int) -> Any:
@@ -182,6 +183,29 @@ def test_only_good_frames_earn_credit_and_runs_claim_the_link() -> None:
         (3, Standing.LEAVES),
         (4, Standing.HEARD),
     ]
+
+
+def test_over_udp_a_second_host_changes_neither_the_run_of_the_first_nor_its_counts() -> None:
+    """Both count their frames by themselves, under the same system: mixed, each would make gaps for the other."""
+    listening = open_transport("udp://127.0.0.1:0", listen=True)
+    first = open_transport(listening.address, listen=False)
+    second = open_transport(listening.address, listen=False)
+    with listening, first, second:
+        agent, host, stranger = Link(listening, 1, 1), Link(first, 255, 190), Link(second, 255, 190)
+        heard: list[Any] = []
+        for number in range(10):
+            host.send(imu())
+            heard += agent.receive(5.0)
+            if number % 3 == 0:
+                stranger.send(run_message(dialect.XITL_RUN_COMMAND_HELLO), run_message(dialect.XITL_RUN_COMMAND_STOP))
+                heard += agent.receive(5.0)
+        counters = agent.counters
+        assert {message.get_msgId() for message in heard} == {dialect.MAVLINK_MSG_ID_XITL_IMU}
+        assert (counters.received, counters.lost, counters.late) == (10, 0, 0)
+        assert (counters.strangers, counters.dropped) == (8, 8)
+        assert agent.send(imu())
+        assert host.receive(5.0)
+        assert stranger.receive() == []
 
 
 def test_over_udp_the_listener_answers_the_one_who_speaks_the_dialect() -> None:

@@ -11,9 +11,9 @@ from agent.wire.can_line import CanLine
 from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, Segmenter
 from agent.wire.transport import Transport, open_transport
 from xitl_cli.errors import UserError
-from xitl_cli.run.can_loopback import CanLoopback
-from xitl_cli.run.loopback import loopback_of
-from xitl_cli.run.serial_loopback import SerialLoopback
+from xitl_cli.run.agents.can_loopback import CanLoopback
+from xitl_cli.run.agents.loopback import loopback_of
+from xitl_cli.run.agents.serial_loopback import SerialLoopback
 
 WAIT_S = 5.0
 

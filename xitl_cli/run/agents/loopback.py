@@ -9,8 +9,8 @@ from agent.wire.can_url import can_settings
 from agent.wire.serial_line import device_and_baud
 from agent.wire.transport import BadUrlError
 from xitl_cli.errors import UserError
-from xitl_cli.run.can_loopback import CanLoopback
-from xitl_cli.run.serial_loopback import SerialLoopback
+from xitl_cli.run.agents.can_loopback import CanLoopback
+from xitl_cli.run.agents.serial_loopback import SerialLoopback
 
 
 class Loopback(Protocol):

@@ -10,7 +10,7 @@ import pytest
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.ground_stations import USUAL, ground_stations_of
 from xitl_cli.run import directory
-from xitl_cli.run.agent_options import AgentOptions, missing_addresses, options_of
+from xitl_cli.run.agents.options import AgentOptions, missing_addresses, options_of
 
 
 @pytest.mark.parametrize(

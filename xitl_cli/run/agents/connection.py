@@ -15,15 +15,15 @@ from agent.wire.signing import Signing
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
-from xitl_cli.run.agent_inbox import AgentInbox
-from xitl_cli.run.agent_setup import Setup
+from xitl_cli.run.agents.inbox import AgentInbox
+from xitl_cli.run.agents.link_accounts import state_of
+from xitl_cli.run.agents.node_words import node_report
+from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
+from xitl_cli.run.agents.setup import Setup
+from xitl_cli.run.agents.silence import SAID_S, Silence
 from xitl_cli.run.faults import Faults
-from xitl_cli.run.link_accounts import state_of
-from xitl_cli.run.node_words import node_report
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.pilot import LinkReport, NodeReport
-from xitl_cli.run.silence import SAID_S, Silence
 
 HELLO_INTERVAL_S = 0.5
 START_TRIES = 6
@@ -72,7 +72,7 @@ class AgentConnection:
         timeout_s = self._profile.autopilot.connect_timeout_s
         while self.inbox.view.status is None:
             if time.monotonic() - started_s > timeout_s:
-                raise peer.unreachable(timeout_s)
+                raise self._not_understood() or peer.unreachable(timeout_s)
             peer.check()
             self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
             self._receive_until(lambda: self.inbox.view.status is not None, HELLO_INTERVAL_S)
@@ -199,6 +199,23 @@ class AgentConnection:
             f"{self._now_ns() * 1e-9:.2f} s of simulation time; look at its log, its power and the cable"
         )
 
+    def _not_understood(self) -> UserError | None:
+        """What to say when something came, but no good frame; None when nothing did."""
+        where = self.peer.transport.peer
+        if self.link.refused_signature:
+            key = self._profile.autopilot.link_key_file
+            return UserError(
+                f"{where}: {self._who} answers, but not signed with autopilot.link_key_file = {key}; start it with "
+                "--link-key and the same key, or leave it out here"
+            )
+        if self.link.counters.dropped:
+            baud = "; or the baud rates differ" if self.peer.transport.name == "serial" else ""
+            return UserError(
+                f"{where}: what answers there is not understood by this host; install the same release of xitl on "
+                f"both{baud}"
+            )
+        return None
+
     def _restarted(self) -> UserError:
         return UserError(
             f"{self.peer.transport.peer}: {self._who} answers but has no run on, at {self._now_ns() * 1e-9:.2f} s of "
@@ -262,10 +279,13 @@ class AgentConnection:
     # Reports
 
     @property
-    def impaired(self) -> tuple[int, int]:
-        """Frames that faults have kept back for good: towards the agent, and from it."""
+    def impaired(self) -> tuple[int, int, int | None]:
+        """Frames that faults have kept back for good: towards the agent, and from it; and when the agent told."""
         status = self.inbox.view.status
-        return 0 if self._impaired is None else self._impaired.lost, 0 if status is None else status.frames_impaired
+        ours = 0 if self._impaired is None else self._impaired.lost
+        if status is None:
+            return ours, 0, None
+        return ours, status.frames_impaired, self.inbox.sim_ns(status.time_usec)
 
     def links(self) -> tuple[LinkReport, LinkReport]:
         """Towards the agent, and from it."""

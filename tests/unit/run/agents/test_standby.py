@@ -9,8 +9,8 @@ import pytest
 
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
-from xitl_cli.run.agent_view import AgentView
-from xitl_cli.run.standby import Follower
+from xitl_cli.run.agents.standby import Follower
+from xitl_cli.run.agents.view import AgentView
 
 S = 1_000_000_000
 FRAME = LocalFrame(-8.8, -63.95, 70.0)
@@ -75,19 +75,38 @@ def test_nothing_is_said_while_both_are_alike(active: AgentView, standby: Standb
 
 def test_it_is_set_to_the_mode_and_armed_once_it_is_ready(active: AgentView, standby: Standby) -> None:
     beat(active, AUTO, armed=True)
-    assert standby.told(1.0, active) == [(SET_MODE, 1.0, AUTO)]
-    assert standby.told(1.5, active) == []  # waits for the answer
-    assert standby.told(2.1, active) == [(SET_MODE, 1.0, AUTO)]  # and asks again
+    assert standby.told(0.0, active) == []
+    assert standby.told(1.5, active) == [(SET_MODE, 1.0, AUTO)]
+    assert standby.told(2.0, active) == []  # waits for the answer
+    assert standby.told(2.6, active) == [(SET_MODE, 1.0, AUTO)]  # and asks again
     accept(standby, SET_MODE)
     beat(standby.view, AUTO, armed=False)
-    assert standby.told(2.2, active) == []  # not ready to arm
+    assert standby.told(2.7, active) == []  # not ready to arm
     standby.view.ready_to_arm = True
-    assert standby.told(2.3, active) == [(ARM, 1.0)]
+    assert standby.told(2.8, active) == [(ARM, 1.0)]
 
 
 def test_it_is_disarmed_when_the_active_one_is(active: AgentView, standby: Standby) -> None:
     beat(standby.view, HOLD, armed=True)
-    assert standby.told(1.0, active) == [(ARM, 0.0)]
+    assert standby.told(1.0, active) == []
+    assert standby.told(2.5, active) == [(ARM, 0.0)]
+
+
+def test_two_that_were_told_the_same_may_say_so_a_heartbeat_apart(active: AgentView, standby: Standby) -> None:
+    """Armed both, and the standby's heartbeat comes first: it is not to be disarmed, the active one may go any time."""
+    beat(standby.view, HOLD, armed=True)
+    assert [standby.told(1.0 + number * 0.02, active) for number in range(60)] == [[]] * 60
+    beat(active, HOLD, armed=True)
+    assert [standby.told(2.2 + number * 0.02, active) for number in range(100)] == [[]] * 100
+
+
+def test_nobody_follows_one_that_is_silent(active: AgentView, standby: Standby) -> None:
+    beat(standby.view, AUTO, armed=True)
+    standby.told(1.0, active)
+    for number in range(200):
+        standby.follower.update(round((1.0 + number * 0.02) * S), active, speaks=False)
+    assert standby.sent == []
+    assert standby.told(5.0, active) == []  # it speaks again, and its heartbeat is to be waited for
 
 
 def test_one_that_falls_out_of_line_is_told_again(active: AgentView, standby: Standby) -> None:
@@ -95,11 +114,13 @@ def test_one_that_falls_out_of_line_is_told_again(active: AgentView, standby: St
     beat(active, AUTO, armed=True)
     beat(standby.view, AUTO, armed=False)
     standby.view.ready_to_arm = True
-    assert standby.told(1.0, active) == [(ARM, 1.0)]
+    assert standby.told(1.0, active) == []
+    assert standby.told(2.5, active) == [(ARM, 1.0)]
     accept(standby, ARM)
-    assert [standby.told(1.0 + number * 0.1, active) for number in range(1, 30)] == [[]] * 29
+    assert [standby.told(2.5 + number * 0.1, active) for number in range(1, 15)] == [[]] * 14
     assert standby.told(4.1, active) == []  # out of patience: what was accepted counts no more
-    assert standby.told(4.2, active) == [(ARM, 1.0)]
+    assert standby.told(4.2, active) == []
+    assert standby.told(5.7, active) == [(ARM, 1.0)]
 
 
 def test_a_waypoint_behind_is_moved_on_only_when_it_stays_behind(active: AgentView, standby: Standby) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from agent.wire.serial_line import BITS_PER_BYTE
-from xitl_cli.run.pty_pair import PtyPair
+from xitl_cli.run.agents.pty_pair import PtyPair
 
 BUFFER_BYTES = 4096  # as of a UART's driver; what comes when it is full stays with the sender
 

@@ -36,6 +36,7 @@ def node_report(link: str, info: Any, status: Any) -> NodeReport:
         cpu_percent=_cpu_percent(status),
         estimates=status.estimates,
         efforts=status.efforts,
+        log_dropped=status.log_dropped,
     )
 
 

@@ -10,12 +10,12 @@ from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import Estimate, MotorCommand
-from xitl_cli.run.agent_view import AgentView
-from xitl_cli.run.link_accounts import LinkAccounts
-from xitl_cli.run.link_timing import LinkTiming, LockstepTiming
-from xitl_cli.run.node_words import node_state
+from xitl_cli.run.agents.link_accounts import LinkAccounts
+from xitl_cli.run.agents.link_timing import LinkTiming, LockstepTiming
+from xitl_cli.run.agents.node_words import node_state
+from xitl_cli.run.agents.stamps import sent_ns
+from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.stamps import sent_ns
 
 OnEstimate = Callable[[int | None, Estimate], None]
 
@@ -31,9 +31,8 @@ class AgentInbox:
     def __init__(self, name: str, frame: LocalFrame, motors: int, lockstep: bool, on_estimate: OnEstimate) -> None:
         node = "LC" if name == "agent" else name
         self.on_message: Callable[[Any], None] = lambda message: None
-        self.view = AgentView(
-            frame, self._on_text, lambda agent_us, seen: on_estimate(self.sim_ns(agent_us), seen), node, self.sim_ns
-        )
+        self._on_estimate = on_estimate
+        self.view = AgentView(frame, self._on_text, self._on_belief, node, self.sim_ns)
         self.timing = LockstepTiming(node) if lockstep else LinkTiming(node)
         self.accounts = LinkAccounts()
         self.traffic: dict[str, dict[int, int]] = {"tx": {}, "rx": {}}
@@ -149,6 +148,10 @@ class AgentInbox:
             self.no_run = message
         if self._recorder is not None and self.view.info is not None:
             self._recorder.node(self._now_ns(), node_state(self._name, self.view.info, message))
+
+    def _on_belief(self, agent_us: int, estimate: Estimate) -> None:
+        if self._recorder is not None:  # an agent may still be at the run of a host that was killed
+            self._on_estimate(self.sim_ns(agent_us), estimate)
 
     def _on_text(self, severity: int, text: str) -> None:
         self.say(severity, self._speaker, text)

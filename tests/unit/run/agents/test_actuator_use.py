@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from xitl_cli.run.actuator_use import ActuatorUse
+from xitl_cli.run.agents.actuator_use import ActuatorUse
 
 
 def test_exchanges_without_a_new_command_and_the_most_in_a_row() -> None:

@@ -8,7 +8,7 @@ import pytest
 from agent.fcu.mavlink.texts import Texts
 from agent.wire.codec import Packer, decode
 from sim_core.geodesy import LocalFrame
-from xitl_cli.run.agent_view import AgentView
+from xitl_cli.run.agents.view import AgentView
 
 
 @pytest.mark.parametrize("length", [1, 49, 50, 51, 99, 100, 101, 250])

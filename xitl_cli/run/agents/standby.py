@@ -8,15 +8,17 @@ from collections.abc import Sequence
 from xitl_cli.profile.schema.operation import Standby
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import Takeover
-from xitl_cli.run.agent_connection import WARNING, AgentConnection
-from xitl_cli.run.agent_view import AgentView
+from xitl_cli.run.agents.connection import WARNING, AgentConnection
+from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
+from xitl_cli.run.agents.takeover import Ramp
+from xitl_cli.run.agents.takeover import Takeover as Decision
+from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.orders import MODE_NUMBERS, Orders
-from xitl_cli.run.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.pilot import TakeoverReport
-from xitl_cli.run.takeover import Ramp
-from xitl_cli.run.takeover import Takeover as Decision
 
+SETTLED_NS = 1_500_000_000  # heartbeats come at 1 Hz: before, two that were told the same may seem to differ
 PATIENCE_NS = 3_000_000_000
+SPEAKS_NS = 500_000_000
 
 
 class Follower:
@@ -28,8 +30,11 @@ class Follower:
         self._wanted: tuple[bool, str] | None = None
         self._astray_ns: int | None = None
 
-    def update(self, sim_ns: int, active: AgentView) -> None:
-        """Give the orders that are due."""
+    def update(self, sim_ns: int, active: AgentView, speaks: bool = True) -> None:
+        """Give the orders that are due. Nobody is brought to where one was that no longer `speaks`."""
+        if not speaks:
+            self._astray_ns = None
+            return
         wanted, view, orders = (active.armed, active.mode), self._view, self._orders
         if wanted != self._wanted:
             self._wanted = wanted
@@ -39,6 +44,8 @@ class Follower:
             return
         if self._astray_ns is None:
             self._astray_ns = sim_ns
+        if sim_ns - self._astray_ns < SETTLED_NS:
+            return
         patient = sim_ns - self._astray_ns < PATIENCE_NS
         if view.mode != active.mode and active.mode in MODE_NUMBERS:
             orders.set_mode(sim_ns, active.mode)
@@ -65,7 +72,6 @@ class Redundancy:
         self._decision = Decision(standby.takeover_s, len(agents), time.monotonic_ns())
         self._ramp = Ramp(standby.max_step)
         self._followers = [Follower(agent) for agent in agents]
-        self._motors: tuple[float, ...] = ()
 
     @property
     def active(self) -> AgentConnection:
@@ -84,12 +90,12 @@ class Redundancy:
             self._ramp.start()
         motors = self._ramp.next(self.active.inbox.command.motors)
         if switch is not None:
-            step = max((abs(to - at) for to, at in zip(motors, self._motors, strict=True)), default=0.0)
-            self._keep(sim_ns, recorder, Takeover(before.name, self.active.name, switch.silent_ns * 1e-9, step))
-        self._motors = motors
+            silent_s, step = switch.silent_ns * 1e-9, self._ramp.largest
+            self._keep(sim_ns, recorder, Takeover(before.name, self.active.name, silent_s, step))
+        speaks = time.monotonic_ns() - self.active.inbox.command_ns < SPEAKS_NS
         for number, agent in enumerate(self._agents):
             if agent is not self.active and agent.gone is None:
-                self._followers[number].update(sim_ns, self._view)
+                self._followers[number].update(sim_ns, self._view, speaks)
         return motors
 
     def _keep(self, sim_ns: int, recorder: Recorder, takeover: Takeover) -> None:

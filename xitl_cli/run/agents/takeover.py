@@ -48,7 +48,8 @@ class Ramp:
     """Motor commands on their way from one agent's to another's, at most `max_step` of each an exchange.
 
     Started by `start`, it ends at the first exchange at which all motors are where they should be; outside of that
-    commands go through as they are. `largest` is the largest step that it has let through so.
+    commands go through as they are. `largest` is the largest step that it has let through since it was started; the
+    first exchange tells, since where a motor has further to go it takes the whole step.
     """
 
     def __init__(self, max_step: float) -> None:
@@ -60,6 +61,7 @@ class Ramp:
     def start(self) -> None:
         """Another agent steers from the next exchange on."""
         self._under_way = True
+        self.largest = 0.0
 
     @property
     def under_way(self) -> bool:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xitl_cli.run.silence import Silence
-from xitl_cli.run.takeover import Ramp, Switch, Takeover
+from xitl_cli.run.agents.silence import Silence
+from xitl_cli.run.agents.takeover import Ramp, Switch, Takeover
 
 MS = 1_000_000
 PERIOD = 20 * MS

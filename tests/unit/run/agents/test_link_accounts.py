@@ -11,8 +11,8 @@ import pytest
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.memory import MemoryTransport, memory_pair
-from xitl_cli.run.link_accounts import LinkAccounts, state_of
-from xitl_cli.run.link_timing import LockstepTiming
+from xitl_cli.run.agents.link_accounts import LinkAccounts, state_of
+from xitl_cli.run.agents.link_timing import LockstepTiming
 
 Fate = Callable[[], int]
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Protocol
 
@@ -15,9 +16,9 @@ from agent.options import Options
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
-from xitl_cli.run.agent_options import AgentOptions
+from xitl_cli.run.agents.loopback import loopback_of
+from xitl_cli.run.agents.options import AgentOptions
 from xitl_cli.run.directory import DATAFLASH
-from xitl_cli.run.loopback import loopback_of
 
 HOST_SYSTEM_ID = 255
 HOST_COMPONENT_ID = 190
@@ -91,7 +92,7 @@ class OwnProcess:
             url, agent_url = self._loopback.host_url, self._loopback.agent_url
         self._url = url
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "agent", "--link", agent_url, *options.arguments()],
+            [sys.executable, "-m", "agent", "--attached", "--link", agent_url, *options.arguments()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -186,10 +187,21 @@ def _advice(url: str) -> str:
             "rate with the node numbers the other way round"
         )
     host, _, port = rest.rpartition(":")
+    there = f"{host}:{port}" if _is_address(host) else f"usb0:{port}"
     return (
-        f"{host} answers a ping (cable, power, address of this machine's USB-Ethernet interface) and that the board "
-        f"runs `xitl agent --link {scheme}://0.0.0.0:{port}`"
+        f"{host} answers a ping (cable, power, address of this machine's USB-Ethernet interface), and that the board "
+        f"runs `xitl agent --link {scheme}://{there}`, serves no other host and has the same link key as this one, or "
+        "none like it"
     )
+
+
+def _is_address(host: str) -> bool:
+    """A board may know itself by its name as 127.0.1.1, where nobody else reaches it."""
+    try:
+        ip_address(host.strip("[]"))
+    except ValueError:
+        return False
+    return True
 
 
 def open_peer(runs: str, link: str | None, options: AgentOptions) -> Peer:

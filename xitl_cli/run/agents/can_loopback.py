@@ -6,7 +6,7 @@ from collections import deque
 from typing import NamedTuple
 
 from agent.wire.can_line import FD_LENGTHS, CanLine
-from xitl_cli.run.pty_pair import PtyPair
+from xitl_cli.run.agents.pty_pair import PtyPair
 
 MOST_FRAMES = 256  # that an adapter keeps; the computer keeps the rest
 SHORTEST_LINE, LONGEST_LINE = 6, 140

@@ -6,8 +6,8 @@ from typing import Any
 
 from agent.wire.link import LinkCounters
 from xitl_cli.recording.records import LinkState
+from xitl_cli.run.agents.link_timing import LinkTiming
 from xitl_cli.run.histogram import Histogram
-from xitl_cli.run.link_timing import LinkTiming
 from xitl_cli.run.pilot import LinkReport
 
 
