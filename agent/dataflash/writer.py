@@ -30,7 +30,7 @@ class Writer:
     With `lossless`, for a clock that stands still meanwhile, `put` waits for room instead; a disk in trouble is waited
     for once.
 
-    dropped, dropped_bytes: refused by `put`. errors: failed attempts to open or write. problem: what the last attempt
+    dropped, dropped_bytes: refused by `put`, or still unwritten when `close` gave up. errors: failed attempts to open or write. problem: what the last attempt
     failed of, empty when it did not. path: of the file, None until it is open.
     """
 
@@ -56,6 +56,7 @@ class Writer:
         self._accepted = 0
         self._written = 0
         self._batch = memoryview(b"")
+        self._batch_records = 0
         self._descriptor = -1
         self._wake = threading.Event()
         self._wake.set()  # open the file at once
@@ -91,11 +92,20 @@ class Writer:
 
         A thread that hangs in the disk is left behind; it keeps no process alive.
         """
-        if not self._closing:
+        if self._closing:
+            return self._ended(timeout_s)
+        if last:
             self._accepted += len(last)
             self._queue.append(last)
-            self._closing = True
-            self._wake.set()
+        self._closing = True
+        self._wake.set()
+        ended = self._ended(timeout_s)
+        if not ended:
+            self.dropped += self._batch_records + len(self._queue)
+            self.dropped_bytes += self.unwritten_bytes
+        return ended
+
+    def _ended(self, timeout_s: float) -> bool:
         self._thread.join(timeout_s)
         return not self._thread.is_alive() and self.unwritten_bytes == 0
 
@@ -136,6 +146,8 @@ class Writer:
                 self._batch = memoryview(self._next_batch())
             count = _write(self._descriptor, self._batch)
             self._batch = self._batch[count:]
+            if not self._batch:
+                self._batch_records = 0
             self._written += count
             self._room.set()
             changed = True
@@ -146,4 +158,5 @@ class Writer:
         batch = bytearray()
         while self._queue and len(batch) < _CHUNK_BYTES:
             batch += self._queue.popleft()
+            self._batch_records += 1
         return bytes(batch)

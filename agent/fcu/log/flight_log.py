@@ -77,10 +77,10 @@ class FlightLog(Changes):
             return ""
         if writer.problem:
             return writer.problem
-        if writer.dropped:
-            return f"{writer.dropped} records dropped: the disk is too slow"
         if self._writer is None and writer.unwritten_bytes:
             return f"{writer.unwritten_bytes} bytes not written: the disk hangs"
+        if writer.dropped:
+            return f"{writer.dropped} records dropped: the disk is too slow"
         return ""
 
     @property

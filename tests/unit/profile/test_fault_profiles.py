@@ -61,6 +61,11 @@ def test_a_fault_can_be_moved_from_the_command_line(write: Write) -> None:
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [
+        (
+            "{from_s: 1.0, until_s: 1.01, link: {cut: true}}",
+            "faults.x.until_s = 1.01 ends it before it acts: faults.x.link is put in force at exchanges, "
+            "every 0.02 s (clock.exchange_rate_hz); use 1.02 or later",
+        ),
         ("{from_s: 3}", "faults.x does nothing; give it link, agent, imu, gnss, magnetometer or barometer"),
         ("{link: {}}", "faults.x.link does nothing; give it delay_s, jitter_s, loss, duplicate, reorder or cut"),
         ("{link: {direction: sensors}}", "faults.x.link does nothing; give it delay_s"),

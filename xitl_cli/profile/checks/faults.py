@@ -59,8 +59,21 @@ def _group(profile: Profile, path: KeyPath, fault: Fault, value: Group) -> Itera
                     f"drop until_s of {dotted(path[:-1])}",
                 )
     if isinstance(value, (LinkFault, AgentFault)):
+        yield from _shortest(profile, path, fault)
         yield from _mode(profile, path, value, set_keys)
         yield from _standby(profile, path, value)
+
+
+def _shortest(profile: Profile, path: KeyPath, fault: Fault) -> Iterator[tuple[KeyPath, str]]:
+    """Faults of links and agents are put in force at exchanges: between two of them there is nothing to hurt."""
+    period_s = 1.0 / (profile.clock or Clock()).exchange_rate_hz
+    if fault.until_s is not None and 0.0 < fault.until_s - fault.from_s < period_s:
+        name = dotted(path[:-1])
+        yield (
+            (*path[:-1], "until_s"),
+            f"{name}.until_s = {fault.until_s:g} ends it before it acts: {dotted(path)} is put in force at exchanges, "
+            f"every {period_s:g} s (clock.exchange_rate_hz); use {fault.from_s + period_s:g} or later",
+        )
 
 
 def _mode(

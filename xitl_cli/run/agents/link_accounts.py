@@ -84,11 +84,14 @@ class LinkAccounts:
         )
 
     def _from_agent(self, prefix: str, counters: LinkCounters, status: Any, latency: Histogram) -> LinkReport:
-        sent, lost = None, counters.lost
+        sent: int | None = None
+        lost: int | None = counters.lost
         received, repeated = self.heard - self._base_heard, counters.repeated - self._base_repeated
         if self._final is not None and self._base is not None:
             sent = self._sent_by_agent()
             lost = max(sent - (received - repeated), 0)
+        elif self.over:
+            lost = None
         return LinkReport(
             name=f"{prefix}actuators",
             sent=sent,

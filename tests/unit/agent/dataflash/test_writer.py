@@ -139,6 +139,9 @@ def test_closing_on_a_full_disk_gives_up_and_says_what_is_missing(tmp_path: Path
     writer.put(record(1))
     assert not writer.close(record(2), timeout_s=30.0)
     assert writer.unwritten_bytes == 2 * EV.length
+    assert (writer.dropped, writer.dropped_bytes) == (2, 2 * EV.length)
+    assert not writer.close()
+    assert writer.dropped == 2
     assert not writer._thread.is_alive()
 
 
