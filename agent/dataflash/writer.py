@@ -30,8 +30,8 @@ class Writer:
     With `lossless`, for a clock that stands still meanwhile, `put` waits for room instead; a disk in trouble is waited
     for once.
 
-    dropped, dropped_bytes: refused by `put`, or still unwritten when `close` gave up. errors: failed attempts to open or write. problem: what the last attempt
-    failed of, empty when it did not. path: of the file, None until it is open.
+    dropped, dropped_bytes: refused by `put`, or still unwritten when `close` gave up. errors: failed attempts to open
+    or write. problem: what the last attempt failed of, empty when it did not. path: of the file, None until it is open.
     """
 
     def __init__(
