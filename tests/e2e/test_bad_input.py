@@ -31,6 +31,7 @@ from pymavlink.dialects.v20 import common
         ("extends: paper/eq34-full-sitl\n", ("graph",)),
     ],
 )
+@pytest.mark.slow
 def test_a_broken_profile(xitl: Xitl, tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
     (tmp_path / "boat.yaml").write_text(text)
     assert_one_line_error(xitl("sim", "--profile", "boat.yaml", "--out", "run"), *words)
@@ -50,6 +51,7 @@ def test_a_broken_profile(xitl: Xitl, tmp_path: Path, text: str, words: tuple[st
         (("profiles", "show", "stil"), ("stil",)),
     ],
 )
+@pytest.mark.slow
 def test_bad_arguments(xitl: Xitl, tmp_path: Path, arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
     assert_one_line_error(xitl(*arguments), *words)
     assert list(tmp_path.iterdir()) == []
@@ -66,6 +68,7 @@ def test_a_file_where_the_directory_should_be(xitl: Xitl, tmp_path: Path) -> Non
     assert_one_line_error(xitl("sim", "--out", "taken"), "taken", "not a directory")
 
 
+@pytest.mark.slow
 def test_an_earlier_run_is_kept(xitl: Xitl, tmp_path: Path) -> None:
     assert xitl("sim", "--duration", "1", "--out", "run").returncode == 1
     before = (tmp_path / "run/run.mcap").read_bytes()

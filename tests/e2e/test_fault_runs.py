@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from conftest import Xitl, payloads, summary
 
 FAULTS = """\
@@ -17,6 +18,7 @@ faults:
 """
 
 
+@pytest.mark.slow
 def test_faults_repeat_byte_for_byte_and_add_up(xitl: Xitl, tmp_path: Path) -> None:
     (tmp_path / "faulty.yaml").write_text(FAULTS)
     texts = [xitl("sim", "-p", "faulty.yaml", "--out", name).stdout for name in ("one", "other")]

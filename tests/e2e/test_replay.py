@@ -172,6 +172,7 @@ def test_a_script_of_orders_arms_and_steers(xitl: Xitl, tmp_path: Path) -> None:
         ("time_s,C1,C3\n0,1500,1500\n1,1500,1500\n", ("no output ever leaves 1500 µs",)),
     ],
 )
+@pytest.mark.slow
 def test_a_broken_recording_leaves_nothing_behind(
     xitl: Xitl, tmp_path: Path, text: str, words: tuple[str, ...]
 ) -> None:

@@ -40,6 +40,7 @@ def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_pat
     assert all(task["missed"] == 0 for task in told["tasks"])
 
 
+@pytest.mark.slow
 def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, tmp_path: Path) -> None:
     for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
         assert xitl("sim", "--seed", seed, "--duration", "15", "--out", name).returncode == 1
