@@ -15,8 +15,9 @@ mkdir -p "$root"
 work=$(mktemp -d "$root/.work-XXXXXX")
 trap 'rm -rf "$work"' EXIT
 
-mirror=$(apt-get indextargets --format '$(REPO_URI) $(LABEL)' 'Created-By: Packages' | awk '$2 == "Debian" {print $1; exit}')
-[ -n "$mirror" ] || { echo "$0: apt knows no Debian mirror here; run apt-get update, on Debian" >&2; exit 2; }
+targets=$(apt-get indextargets --no-release-info --format '$(REPO_URI)' 'Created-By: Packages')
+mirror=$(grep --max-count=1 '/debian/\?$' <<< "$targets") ||
+    { echo "$0: apt knows no Debian mirror here (an address that ends in /debian); the ARM tests will skip" >&2; exit 0; }
 
 fetch() { # SUITE: its packages from this machine's own mirror to $work/cache/archives
     rm -rf "$work"/*
