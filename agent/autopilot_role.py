@@ -69,6 +69,7 @@ class AutopilotRole(Role):
         self._actuators = Actuators()
         self._count = 0
         self._controlled_ns = 0
+        self._missed_before = self._stations_missed()
         if self._storage is not None:
             self._vehicle.keeper = self._storage
             self._storage.apply(self._autopilot)
@@ -169,7 +170,12 @@ class AutopilotRole(Role):
             autopilot.efforts,
             self._services.refused,
             0 if self._log is None else self._log.dropped,
+            self._stations_missed() - self._missed_before,
+            autopilot.events.lost,
         )
+
+    def _stations_missed(self) -> int:
+        return 0 if self._ground is None else self._ground.counters.missed
 
     # -- ground stations
 

@@ -80,6 +80,8 @@ def node_status(
         traffic.messages_refused & _MOST,
         misses_unreported & _MOST,
         traffic.log_dropped & _MOST,
+        traffic.stations_missed & _MOST,
+        traffic.events_lost & _MOST,
         traffic.estimates & _MOST,
         traffic.efforts & _MOST,
         min(health.memory_kib, _MOST),

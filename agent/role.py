@@ -12,12 +12,17 @@ from agent.wire.codec import Message
 
 
 class Traffic(NamedTuple):
-    """What has passed between the node's own parts since the run began, and what was refused."""
+    """What has passed between the node's own parts since the run began, what was refused, and what got lost.
+
+    stations_missed: what ground stations did not get, or said in vain. events_lost: sentences that nobody took in time.
+    """
 
     estimates: int = 0
     efforts: int = 0
     messages_refused: int = 0
     log_dropped: int = 0
+    stations_missed: int = 0
+    events_lost: int = 0
 
 
 class Role:

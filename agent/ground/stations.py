@@ -26,7 +26,7 @@ class StationCounters(NamedTuple):
 
     turned_away: connections beyond `MOST_CLIENTS`. dropped: stations that took nothing for ten seconds. unsent: frames
     that a station did not take. skipped: cycles in which one was too slow to be sent anything. refused: frames without
-    a good signature.
+    a good signature. unpackable: messages with a field that does not fit the wire.
     """
 
     connected: int
@@ -36,6 +36,12 @@ class StationCounters(NamedTuple):
     unsent: int
     skipped: int
     refused: int
+    unpackable: int
+
+    @property
+    def missed(self) -> int:
+        """Everything that stations did not get, or said in vain."""
+        return self.turned_away + self.dropped + self.unsent + self.skipped + self.refused + self.unpackable
 
 
 class GroundStations:
@@ -52,6 +58,7 @@ class GroundStations:
         self._vehicle: Vehicle | None = None
         self._made = 0
         self._turned_away = self._dropped = self._sent = self._unsent = self._skipped = self._refused = 0
+        self._unpackable = 0
         self._spoke_ns = time.monotonic_ns()
         try:
             for url in urls:
@@ -101,6 +108,7 @@ class GroundStations:
             self._unsent + sum(one.unsent for one in counted),
             self._skipped + sum(client.skipped for client in self._clients),
             self._refused + sum(client.link.refused_signature for client in self._clients),
+            self._unpackable + sum(client.unpackable for client in self._clients),
         )
 
     def descriptors(self) -> list[int]:
@@ -165,6 +173,7 @@ class GroundStations:
         self._sent += counters.sent
         self._unsent += counters.unsent
         self._skipped += client.skipped
+        self._unpackable += client.unpackable
         self._refused += client.link.refused_signature
         transport = client.transport
         self._dropped += isinstance(transport, TcpAccepted) and transport.connected

@@ -76,11 +76,12 @@ def test_every_frame_is_accounted_for(told: dict[str, Any]) -> None:
 
 
 def test_the_clocks_are_related(told: dict[str, Any]) -> None:
-    """One machine, so one clock: what is found between the two processes is the error of the method.
+    """One machine, so one clock: the drift that is found between the two processes is the error of the method.
 
-    The path has no floor of its own; its asymmetry is below the bound that the smallest round trip sets.
+    Over the run it may tilt the line by no more than the exchanges scatter about it, taken as three times their RMS:
+    some 20 ppm over UDP, more on a slow line, where frames wait for others.
     """
     clock = next(clock for clock in told["clocks"] if clock["node"] == "LC")
-    assert abs(clock["drift_ppm"]) < 50.0
+    assert abs(clock["drift_ppm"]) * told["duration_s"] < 3.0 * clock["residual_us"]
     assert clock["steps"] == 0
     assert clock["samples"] > 100

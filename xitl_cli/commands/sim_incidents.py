@@ -20,6 +20,11 @@ _HOST_END = {
     "malformed": "malformed frames",
     "foreign": "foreign frames",
 }
+_NODE = {
+    "log_dropped": "records of its log not written",
+    "stations_missed": "things ground stations missed",
+    "events_lost": "sentences lost",
+}
 
 
 def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -55,8 +60,7 @@ def _node(node: dict[str, Any]) -> str:
     for key, text in (("memory_mib", "{:.0f} MiB"), ("cpu_percent", "CPU {:.0f} %"), ("temperature_c", "{:.0f} °C")):
         if node[key] is not None:
             words.append(text.format(node[key]))
-    if node["log_dropped"]:
-        words.append(f"{node['log_dropped']} records of its log not written")
+    words += [f"{node[key]} {text}" for key, text in _NODE.items() if node[key]]
     return ", ".join(word for word in words if word)
 
 

@@ -89,7 +89,8 @@ class NodeReport:
     """What a machine in the loop says of itself. link: the one it is on. None where it does not tell.
 
     kind: `real` or `virtual`. flags: how it runs, in words. estimates: those that its control used, efforts: those that
-    its actuation allocated. log_dropped: records that its log had no room for.
+    its actuation allocated. log_dropped: records that its log had no room for. stations_missed: what ground stations
+    did not get, or said in vain. events_lost: sentences that nobody took in time.
     """
 
     nodes: str
@@ -108,6 +109,8 @@ class NodeReport:
     estimates: int = 0
     efforts: int = 0
     log_dropped: int = 0
+    stations_missed: int = 0
+    events_lost: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from agent.autopilot_role import AutopilotRole
 from agent.fcu.autopilot import Autopilot
 from agent.fcu.log.hooks import NullFlightLog
 from agent.fcu.mavlink.services import Services
-from agent.ground.stations import GroundStations
+from agent.ground.stations import MOST_CLIENTS, GroundStations
 from agent.node import AgentNode
 from agent.storage import Storage
 from agent.wire import dialect as mav
@@ -253,3 +254,26 @@ def _shared() -> Bench:
 def teardown_module() -> None:
     for one in _kept:
         one.close()
+
+
+def test_what_stations_miss_reaches_the_host_counted_from_the_start_of_the_run() -> None:
+    bench = Bench(with_ground=True)
+    assert bench.ground is not None
+    url = bench.ground.addresses[0]
+
+    def missed(command: int) -> int:
+        bench.run(command)
+        status = [message for message in bench.host.receive() if message.get_type() == "XITL_NODE_STATUS"][-1]
+        assert status.events_lost == 0
+        return int(status.stations_missed)
+
+    with ExitStack() as opened:
+        for turned_away in (2, 3):  # the first time the bench's own station is there already
+            bench.run(mav.XITL_RUN_COMMAND_START)
+            bench.host.receive()
+            count = MOST_CLIENTS + 1 if turned_away == 2 else turned_away
+            for _ in range(count):
+                opened.enter_context(open_transport(url, listen=False))
+            bench.poll(0.2)
+            assert missed(mav.XITL_RUN_COMMAND_HELLO) == turned_away
+    bench.close()

@@ -37,6 +37,8 @@ def node_report(link: str, info: Any, status: Any) -> NodeReport:
         estimates=status.estimates,
         efforts=status.efforts,
         log_dropped=status.log_dropped,
+        stations_missed=status.stations_missed,
+        events_lost=status.events_lost,
     )
 
 

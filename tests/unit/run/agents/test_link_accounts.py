@@ -51,9 +51,9 @@ class Pair:
         if running:
             self.agent.reset_counters()
         counters = self.agent.counters
-        fields = [0] * 21
+        fields = [0] * len(dialect.MAVLink_xitl_node_status_message.fieldnames)
         fields[1:7] = counters.sent, 0, counters.received, counters.lost, counters.late, counters.repeated
-        fields[19], fields[20] = running, 2
+        fields[-2:] = running, 2
         status = dialect.MAVLink_xitl_node_status_message(*fields)
         for _ in range(extra):
             self.agent.send(dialect.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3))
