@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Callable
 
 from agent.timing.clock import Clock
-from agent.timing.histogram import BINS, EMPTY
+from agent.timing.histogram import BINS, EMPTY, bin_of
 from agent.timing.misses import Miss, Misses
 
 
@@ -84,16 +84,14 @@ class _Task:
         self.jitter_sum_ns += jitter_ns
         if jitter_ns > self.jitter_max_ns or not cycles:
             self.jitter_max_ns, self.worst_start_ns = jitter_ns, begin_ns
-        number = (jitter_ns // 1000).bit_length() - 1  # as bin_of, without the call
-        self.jitter_bins[0 if number < 1 else number if number < BINS else -1] += 1
+        self.jitter_bins[bin_of(jitter_ns)] += 1
         run_ns = end_ns - begin_ns
         if run_ns < 0:
             run_ns = 0
         self.run_sum_ns += run_ns
         if run_ns > self.run_max_ns or not cycles:
             self.run_max_ns, self.worst_run_ns = run_ns, begin_ns
-        number = (run_ns // 1000).bit_length() - 1
-        self.run_bins[0 if number < 1 else number if number < BINS else -1] += 1
+        self.run_bins[bin_of(run_ns)] += 1
         if end_ns > next_ns or index != first:
             self.missed += end_ns > next_ns
             misses.note(Miss(self.name, first, due_ns, begin_ns, end_ns, index - first))

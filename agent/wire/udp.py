@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import errno
-import select
 import socket
 from math import inf
 from time import monotonic
 from typing import Callable
 from urllib.parse import SplitResult
 
+from agent.timing.waiting import wait_readable
 from agent.wire.address import Address, address_url, explained, resolve
 from agent.wire.interface import interface_of, keep_to
 from agent.wire.transport import DatagramTooLongError, Standing, Transport, TransportClosedError
@@ -106,7 +106,7 @@ class UdpTransport(Transport):
             until_s = monotonic() + timeout_s
             left_s = timeout_s
             while not chunks and left_s > 0.0:
-                select.select([self._socket], (), (), left_s)  # poll() would round up to whole milliseconds
+                wait_readable((self._socket.fileno(),), left_s)
                 chunks = self._drain(1)  # somebody waits for it: to look for another would cost more than the next call
                 left_s = until_s - monotonic()
         return chunks

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import select
 import time
 from collections.abc import Sequence
 
+from agent.timing.waiting import wait_readable
 from agent.wire.link import Link
 
 POLL_S = 0.001  # where a link has no descriptor to wait for
@@ -22,4 +22,4 @@ def wait_for_any(links: Sequence[Link], seconds: float) -> None:
     if len(present) < len(descriptors):
         time.sleep(min(seconds, POLL_S))
         return
-    select.select(present, (), (), seconds)
+    wait_readable(present, seconds)
