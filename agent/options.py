@@ -12,7 +12,8 @@ from agent.machine import REAL, VIRTUAL
 from agent.timing.realtime import DEFAULT_PRIORITY
 
 DEFAULT_LINK = "udp://127.0.0.1:14660"
-FCU, COMPANION = "fcu", "companion"
+FCU, COMPANION, BRIDGE = "fcu", "companion", "bridge"
+INJECTIONS = ("vectornav", "microstrain7", "hil", "px4")
 SECTION = "agent"
 _BESIDE = {
     "xitl agent": "To bring it to a board: xitl agent package, xitl agent deploy. To check a machine: xitl doctor.",
@@ -33,6 +34,11 @@ class Options:
     priority of SCHED_FIFO, 0 without. cpus: processors to keep to, empty for any. kind: `real`, `virtual`, or empty to
     find out. machine: name of the machine, empty to find out. silence_s: a host silent for so long is gone, 0 never.
     attached: it ends with the program that started it.
+
+    Of a bridge to another autopilot: `autopilot` is the URL of its MAVLink; `world` where its simulator interface (the
+    JSON backend) is served, which sets its time; `sensors` how sensors get in, at `sensor_link` where that is a link of
+    its own; `outputs` the channels that drive the motors in their order, 1 from the bottom up, with `trim_us` for
+    neutral and `span_us` from there to full.
     """
 
     link: str = DEFAULT_LINK
@@ -51,6 +57,13 @@ class Options:
     machine: str = ""
     silence_s: float = 60.0
     attached: bool = False
+    autopilot: str = ""
+    world: str = ""
+    sensors: str = ""
+    sensor_link: str = ""
+    outputs: tuple[int, ...] = (1, 3)
+    trim_us: float = 1500.0
+    span_us: float = 400.0
 
 
 def parse(arguments: list[str] | None, program: str) -> Options:
@@ -157,7 +170,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("--link", metavar="URL", help=f"where to wait for the host (default: {DEFAULT_LINK})")
-    add("--role", choices=(FCU, COMPANION), help=f"what this node is there for (default: {FCU})")
+    add("--role", choices=(FCU, COMPANION, BRIDGE), help=f"what this node is there for (default: {FCU})")
     add(
         "--gcs",
         dest="ground",

@@ -369,6 +369,8 @@ enums["MAV_TYPE"] = Enum()
 enums["MAV_TYPE"].bitmask = False
 MAV_TYPE_GCS = 6
 enums["MAV_TYPE"][6] = EnumEntry("MAV_TYPE_GCS", """Ground station""")
+MAV_TYPE_GROUND_ROVER = 10
+enums["MAV_TYPE"][10] = EnumEntry("MAV_TYPE_GROUND_ROVER", """Ground vehicle""")
 MAV_TYPE_SURFACE_BOAT = 11
 enums["MAV_TYPE"][11] = EnumEntry("MAV_TYPE_SURFACE_BOAT", """Surface vessel""")
 MAV_TYPE_ONBOARD_CONTROLLER = 18
@@ -385,8 +387,10 @@ MAV_AUTOPILOT_ARDUPILOTMEGA = 3
 enums["MAV_AUTOPILOT"][3] = EnumEntry("MAV_AUTOPILOT_ARDUPILOTMEGA", """ArduPilot""")
 MAV_AUTOPILOT_INVALID = 8
 enums["MAV_AUTOPILOT"][8] = EnumEntry("MAV_AUTOPILOT_INVALID", """Not an autopilot""")
-MAV_AUTOPILOT_ENUM_END = 9
-enums["MAV_AUTOPILOT"][9] = EnumEntry("MAV_AUTOPILOT_ENUM_END", """""")
+MAV_AUTOPILOT_PX4 = 12
+enums["MAV_AUTOPILOT"][12] = EnumEntry("MAV_AUTOPILOT_PX4", """PX4""")
+MAV_AUTOPILOT_ENUM_END = 13
+enums["MAV_AUTOPILOT"][13] = EnumEntry("MAV_AUTOPILOT_ENUM_END", """""")
 
 # MAV_STATE
 enums["MAV_STATE"] = Enum()
@@ -958,16 +962,25 @@ MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED = 84
 MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED = 85
 MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT = 86
 MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT = 87
+MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS = 93
+MAVLINK_MSG_ID_HIL_SENSOR = 107
+MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL = 110
 MAVLINK_MSG_ID_TIMESYNC = 111
+MAVLINK_MSG_ID_HIL_GPS = 113
+MAVLINK_MSG_ID_DISTANCE_SENSOR = 132
 MAVLINK_MSG_ID_BATTERY_STATUS = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
 MAVLINK_MSG_ID_FENCE_STATUS = 162
 MAVLINK_MSG_ID_EKF_STATUS_REPORT = 193
+MAVLINK_MSG_ID_GPS_INPUT = 232
 MAVLINK_MSG_ID_HOME_POSITION = 242
 MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
 MAVLINK_MSG_ID_EXTENDED_SYS_STATE = 245
+MAVLINK_MSG_ID_NAMED_VALUE_FLOAT = 251
 MAVLINK_MSG_ID_STATUSTEXT = 253
 MAVLINK_MSG_ID_SETUP_SIGNING = 256
+MAVLINK_MSG_ID_OBSTACLE_DISTANCE = 330
+MAVLINK_MSG_ID_ODOMETRY = 331
 MAVLINK_MSG_ID_XITL_RUN = 54000
 MAVLINK_MSG_ID_XITL_TICK = 54001
 MAVLINK_MSG_ID_XITL_IMU = 54002
@@ -981,6 +994,8 @@ MAVLINK_MSG_ID_XITL_NODE_STATUS = 54009
 MAVLINK_MSG_ID_XITL_TASK_MISS = 54010
 MAVLINK_MSG_ID_XITL_NODE_INFO = 54011
 MAVLINK_MSG_ID_XITL_FAULTS = 54012
+MAVLINK_MSG_ID_XITL_TRUTH = 54013
+MAVLINK_MSG_ID_XITL_BRIDGE_STATUS = 54014
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -2981,6 +2996,141 @@ class MAVLink_position_target_global_int_message(MAVLink_message):
 setattr(MAVLink_position_target_global_int_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_hil_actuator_controls_message(MAVLink_message):
+    """
+    Outputs of a PX4 autopilot for a simulator.
+    """
+
+    id = MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
+    msgname = "HIL_ACTUATOR_CONTROLS"
+    fieldnames = ["time_usec", "controls", "mode", "flags"]
+    ordered_fieldnames = ["time_usec", "flags", "controls", "mode"]
+    fieldtypes = ["uint64_t", "float", "uint8_t", "uint64_t"]
+    fielddisplays_by_name: Dict[str, str] = {"mode": "bitmask"}
+    fieldenums_by_name: Dict[str, str] = {"mode": "MAV_MODE_FLAG"}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us"}
+    native_format = bytearray(b"<QQfB")
+    orders = [0, 2, 3, 1]
+    lengths = [1, 1, 16, 1]
+    array_lengths = [0, 0, 16, 0]
+    crc_extra = 47
+    unpacker = struct.Struct("<QQ16fB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, controls: Sequence[float], mode: int, flags: int):
+        MAVLink_message.__init__(self, MAVLink_hil_actuator_controls_message.id, MAVLink_hil_actuator_controls_message.msgname)
+        self._fieldnames = MAVLink_hil_actuator_controls_message.fieldnames
+        self._instance_field = MAVLink_hil_actuator_controls_message.instance_field
+        self._instance_offset = MAVLink_hil_actuator_controls_message.instance_offset
+        self.time_usec = time_usec
+        self.controls = controls
+        self.mode = mode
+        self.flags = flags
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.flags, self.controls[0], self.controls[1], self.controls[2], self.controls[3], self.controls[4], self.controls[5], self.controls[6], self.controls[7], self.controls[8], self.controls[9], self.controls[10], self.controls[11], self.controls[12], self.controls[13], self.controls[14], self.controls[15], self.mode), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_hil_actuator_controls_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_hil_sensor_message(MAVLink_message):
+    """
+    Simulated inertial sensors, magnetometer and barometer.
+    """
+
+    id = MAVLINK_MSG_ID_HIL_SENSOR
+    msgname = "HIL_SENSOR"
+    fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "abs_pressure", "diff_pressure", "pressure_alt", "temperature", "fields_updated", "id"]
+    ordered_fieldnames = ["time_usec", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "abs_pressure", "diff_pressure", "pressure_alt", "temperature", "fields_updated", "id"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "xacc": "m/s/s", "yacc": "m/s/s", "zacc": "m/s/s", "xgyro": "rad/s", "ygyro": "rad/s", "zgyro": "rad/s", "xmag": "gauss", "ymag": "gauss", "zmag": "gauss", "abs_pressure": "hPa", "diff_pressure": "hPa", "temperature": "degC"}
+    native_format = bytearray(b"<QfffffffffffffIB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 108
+    unpacker = struct.Struct("<QfffffffffffffIB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, xmag: float, ymag: float, zmag: float, abs_pressure: float, diff_pressure: float, pressure_alt: float, temperature: float, fields_updated: int, id: int = 0):
+        MAVLink_message.__init__(self, MAVLink_hil_sensor_message.id, MAVLink_hil_sensor_message.msgname)
+        self._fieldnames = MAVLink_hil_sensor_message.fieldnames
+        self._instance_field = MAVLink_hil_sensor_message.instance_field
+        self._instance_offset = MAVLink_hil_sensor_message.instance_offset
+        self.time_usec = time_usec
+        self.xacc = xacc
+        self.yacc = yacc
+        self.zacc = zacc
+        self.xgyro = xgyro
+        self.ygyro = ygyro
+        self.zgyro = zgyro
+        self.xmag = xmag
+        self.ymag = ymag
+        self.zmag = zmag
+        self.abs_pressure = abs_pressure
+        self.diff_pressure = diff_pressure
+        self.pressure_alt = pressure_alt
+        self.temperature = temperature
+        self.fields_updated = fields_updated
+        self.id = id
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.xacc, self.yacc, self.zacc, self.xgyro, self.ygyro, self.zgyro, self.xmag, self.ymag, self.zmag, self.abs_pressure, self.diff_pressure, self.pressure_alt, self.temperature, self.fields_updated, self.id), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_hil_sensor_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_file_transfer_protocol_message(MAVLink_message):
+    """
+    A piece of MAVLink FTP.
+    """
+
+    id = MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
+    msgname = "FILE_TRANSFER_PROTOCOL"
+    fieldnames = ["target_network", "target_system", "target_component", "payload"]
+    ordered_fieldnames = ["target_network", "target_system", "target_component", "payload"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<BBBB")
+    orders = [0, 1, 2, 3]
+    lengths = [1, 1, 1, 251]
+    array_lengths = [0, 0, 0, 251]
+    crc_extra = 84
+    unpacker = struct.Struct("<BBB251B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_network: int, target_system: int, target_component: int, payload: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_file_transfer_protocol_message.id, MAVLink_file_transfer_protocol_message.msgname)
+        self._fieldnames = MAVLink_file_transfer_protocol_message.fieldnames
+        self._instance_field = MAVLink_file_transfer_protocol_message.instance_field
+        self._instance_offset = MAVLink_file_transfer_protocol_message.instance_offset
+        self.target_network = target_network
+        self.target_system = target_system
+        self.target_component = target_component
+        self.payload = payload
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.target_network, self.target_system, self.target_component, self.payload[0], self.payload[1], self.payload[2], self.payload[3], self.payload[4], self.payload[5], self.payload[6], self.payload[7], self.payload[8], self.payload[9], self.payload[10], self.payload[11], self.payload[12], self.payload[13], self.payload[14], self.payload[15], self.payload[16], self.payload[17], self.payload[18], self.payload[19], self.payload[20], self.payload[21], self.payload[22], self.payload[23], self.payload[24], self.payload[25], self.payload[26], self.payload[27], self.payload[28], self.payload[29], self.payload[30], self.payload[31], self.payload[32], self.payload[33], self.payload[34], self.payload[35], self.payload[36], self.payload[37], self.payload[38], self.payload[39], self.payload[40], self.payload[41], self.payload[42], self.payload[43], self.payload[44], self.payload[45], self.payload[46], self.payload[47], self.payload[48], self.payload[49], self.payload[50], self.payload[51], self.payload[52], self.payload[53], self.payload[54], self.payload[55], self.payload[56], self.payload[57], self.payload[58], self.payload[59], self.payload[60], self.payload[61], self.payload[62], self.payload[63], self.payload[64], self.payload[65], self.payload[66], self.payload[67], self.payload[68], self.payload[69], self.payload[70], self.payload[71], self.payload[72], self.payload[73], self.payload[74], self.payload[75], self.payload[76], self.payload[77], self.payload[78], self.payload[79], self.payload[80], self.payload[81], self.payload[82], self.payload[83], self.payload[84], self.payload[85], self.payload[86], self.payload[87], self.payload[88], self.payload[89], self.payload[90], self.payload[91], self.payload[92], self.payload[93], self.payload[94], self.payload[95], self.payload[96], self.payload[97], self.payload[98], self.payload[99], self.payload[100], self.payload[101], self.payload[102], self.payload[103], self.payload[104], self.payload[105], self.payload[106], self.payload[107], self.payload[108], self.payload[109], self.payload[110], self.payload[111], self.payload[112], self.payload[113], self.payload[114], self.payload[115], self.payload[116], self.payload[117], self.payload[118], self.payload[119], self.payload[120], self.payload[121], self.payload[122], self.payload[123], self.payload[124], self.payload[125], self.payload[126], self.payload[127], self.payload[128], self.payload[129], self.payload[130], self.payload[131], self.payload[132], self.payload[133], self.payload[134], self.payload[135], self.payload[136], self.payload[137], self.payload[138], self.payload[139], self.payload[140], self.payload[141], self.payload[142], self.payload[143], self.payload[144], self.payload[145], self.payload[146], self.payload[147], self.payload[148], self.payload[149], self.payload[150], self.payload[151], self.payload[152], self.payload[153], self.payload[154], self.payload[155], self.payload[156], self.payload[157], self.payload[158], self.payload[159], self.payload[160], self.payload[161], self.payload[162], self.payload[163], self.payload[164], self.payload[165], self.payload[166], self.payload[167], self.payload[168], self.payload[169], self.payload[170], self.payload[171], self.payload[172], self.payload[173], self.payload[174], self.payload[175], self.payload[176], self.payload[177], self.payload[178], self.payload[179], self.payload[180], self.payload[181], self.payload[182], self.payload[183], self.payload[184], self.payload[185], self.payload[186], self.payload[187], self.payload[188], self.payload[189], self.payload[190], self.payload[191], self.payload[192], self.payload[193], self.payload[194], self.payload[195], self.payload[196], self.payload[197], self.payload[198], self.payload[199], self.payload[200], self.payload[201], self.payload[202], self.payload[203], self.payload[204], self.payload[205], self.payload[206], self.payload[207], self.payload[208], self.payload[209], self.payload[210], self.payload[211], self.payload[212], self.payload[213], self.payload[214], self.payload[215], self.payload[216], self.payload[217], self.payload[218], self.payload[219], self.payload[220], self.payload[221], self.payload[222], self.payload[223], self.payload[224], self.payload[225], self.payload[226], self.payload[227], self.payload[228], self.payload[229], self.payload[230], self.payload[231], self.payload[232], self.payload[233], self.payload[234], self.payload[235], self.payload[236], self.payload[237], self.payload[238], self.payload[239], self.payload[240], self.payload[241], self.payload[242], self.payload[243], self.payload[244], self.payload[245], self.payload[246], self.payload[247], self.payload[248], self.payload[249], self.payload[250]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_file_transfer_protocol_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_timesync_message(MAVLink_message):
     """
     Time stamps there and back; tc1 is 0 in a request.
@@ -3018,6 +3168,107 @@ class MAVLink_timesync_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_timesync_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_hil_gps_message(MAVLink_message):
+    """
+    Simulated satellite receiver.
+    """
+
+    id = MAVLINK_MSG_ID_HIL_GPS
+    msgname = "HIL_GPS"
+    fieldnames = ["time_usec", "fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "vn", "ve", "vd", "cog", "satellites_visible", "id", "yaw"]
+    ordered_fieldnames = ["time_usec", "lat", "lon", "alt", "eph", "epv", "vel", "vn", "ve", "vd", "cog", "fix_type", "satellites_visible", "id", "yaw"]
+    fieldtypes = ["uint64_t", "uint8_t", "int32_t", "int32_t", "int32_t", "uint16_t", "uint16_t", "uint16_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint8_t", "uint8_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "lat": "degE7", "lon": "degE7", "alt": "mm", "vel": "cm/s", "vn": "cm/s", "ve": "cm/s", "vd": "cm/s", "cog": "cdeg", "yaw": "cdeg"}
+    native_format = bytearray(b"<QiiiHHHhhhHBBBH")
+    orders = [0, 11, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12, 13, 14]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 124
+    unpacker = struct.Struct("<QiiiHHHhhhHBBBH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, fix_type: int, lat: int, lon: int, alt: int, eph: int, epv: int, vel: int, vn: int, ve: int, vd: int, cog: int, satellites_visible: int, id: int = 0, yaw: int = 0):
+        MAVLink_message.__init__(self, MAVLink_hil_gps_message.id, MAVLink_hil_gps_message.msgname)
+        self._fieldnames = MAVLink_hil_gps_message.fieldnames
+        self._instance_field = MAVLink_hil_gps_message.instance_field
+        self._instance_offset = MAVLink_hil_gps_message.instance_offset
+        self.time_usec = time_usec
+        self.fix_type = fix_type
+        self.lat = lat
+        self.lon = lon
+        self.alt = alt
+        self.eph = eph
+        self.epv = epv
+        self.vel = vel
+        self.vn = vn
+        self.ve = ve
+        self.vd = vd
+        self.cog = cog
+        self.satellites_visible = satellites_visible
+        self.id = id
+        self.yaw = yaw
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.lat, self.lon, self.alt, self.eph, self.epv, self.vel, self.vn, self.ve, self.vd, self.cog, self.fix_type, self.satellites_visible, self.id, self.yaw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_hil_gps_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_distance_sensor_message(MAVLink_message):
+    """
+    Range along one direction.
+    """
+
+    id = MAVLINK_MSG_ID_DISTANCE_SENSOR
+    msgname = "DISTANCE_SENSOR"
+    fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
+    ordered_fieldnames = ["time_boot_ms", "min_distance", "max_distance", "current_distance", "type", "id", "orientation", "covariance", "horizontal_fov", "vertical_fov", "quaternion", "signal_quality"]
+    fieldtypes = ["uint32_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "float", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "min_distance": "cm", "max_distance": "cm", "current_distance": "cm", "covariance": "cm^2", "horizontal_fov": "rad", "vertical_fov": "rad", "signal_quality": "%"}
+    native_format = bytearray(b"<IHHHBBBBfffB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 4, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0]
+    crc_extra = 85
+    unpacker = struct.Struct("<IHHHBBBBff4fB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, min_distance: int, max_distance: int, current_distance: int, type: int, id: int, orientation: int, covariance: int, horizontal_fov: float = 0, vertical_fov: float = 0, quaternion: Sequence[float] = (0, 0, 0, 0), signal_quality: int = 0):
+        MAVLink_message.__init__(self, MAVLink_distance_sensor_message.id, MAVLink_distance_sensor_message.msgname)
+        self._fieldnames = MAVLink_distance_sensor_message.fieldnames
+        self._instance_field = MAVLink_distance_sensor_message.instance_field
+        self._instance_offset = MAVLink_distance_sensor_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.min_distance = min_distance
+        self.max_distance = max_distance
+        self.current_distance = current_distance
+        self.type = type
+        self.id = id
+        self.orientation = orientation
+        self.covariance = covariance
+        self.horizontal_fov = horizontal_fov
+        self.vertical_fov = vertical_fov
+        self.quaternion = quaternion
+        self.signal_quality = signal_quality
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.min_distance, self.max_distance, self.current_distance, self.type, self.id, self.orientation, self.covariance, self.horizontal_fov, self.vertical_fov, self.quaternion[0], self.quaternion[1], self.quaternion[2], self.quaternion[3], self.signal_quality), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_distance_sensor_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_battery_status_message(MAVLink_message):
@@ -3206,6 +3457,62 @@ class MAVLink_ekf_status_report_message(MAVLink_message):
 setattr(MAVLink_ekf_status_report_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_gps_input_message(MAVLink_message):
+    """
+    Position for an autopilot, as a satellite receiver gives it.
+    """
+
+    id = MAVLINK_MSG_ID_GPS_INPUT
+    msgname = "GPS_INPUT"
+    fieldnames = ["time_usec", "gps_id", "ignore_flags", "time_week_ms", "time_week", "fix_type", "lat", "lon", "alt", "hdop", "vdop", "vn", "ve", "vd", "speed_accuracy", "horiz_accuracy", "vert_accuracy", "satellites_visible", "yaw"]
+    ordered_fieldnames = ["time_usec", "time_week_ms", "lat", "lon", "alt", "hdop", "vdop", "vn", "ve", "vd", "speed_accuracy", "horiz_accuracy", "vert_accuracy", "ignore_flags", "time_week", "gps_id", "fix_type", "satellites_visible", "yaw"]
+    fieldtypes = ["uint64_t", "uint8_t", "uint16_t", "uint32_t", "uint16_t", "uint8_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint8_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "time_week_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "m", "vn": "m/s", "ve": "m/s", "vd": "m/s", "speed_accuracy": "m/s", "horiz_accuracy": "m", "vert_accuracy": "m", "yaw": "cdeg"}
+    native_format = bytearray(b"<QIiifffffffffHHBBBH")
+    orders = [0, 15, 13, 1, 14, 16, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 17, 18]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 151
+    unpacker = struct.Struct("<QIiifffffffffHHBBBH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, gps_id: int, ignore_flags: int, time_week_ms: int, time_week: int, fix_type: int, lat: int, lon: int, alt: float, hdop: float, vdop: float, vn: float, ve: float, vd: float, speed_accuracy: float, horiz_accuracy: float, vert_accuracy: float, satellites_visible: int, yaw: int = 0):
+        MAVLink_message.__init__(self, MAVLink_gps_input_message.id, MAVLink_gps_input_message.msgname)
+        self._fieldnames = MAVLink_gps_input_message.fieldnames
+        self._instance_field = MAVLink_gps_input_message.instance_field
+        self._instance_offset = MAVLink_gps_input_message.instance_offset
+        self.time_usec = time_usec
+        self.gps_id = gps_id
+        self.ignore_flags = ignore_flags
+        self.time_week_ms = time_week_ms
+        self.time_week = time_week
+        self.fix_type = fix_type
+        self.lat = lat
+        self.lon = lon
+        self.alt = alt
+        self.hdop = hdop
+        self.vdop = vdop
+        self.vn = vn
+        self.ve = ve
+        self.vd = vd
+        self.speed_accuracy = speed_accuracy
+        self.horiz_accuracy = horiz_accuracy
+        self.vert_accuracy = vert_accuracy
+        self.satellites_visible = satellites_visible
+        self.yaw = yaw
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.time_week_ms, self.lat, self.lon, self.alt, self.hdop, self.vdop, self.vn, self.ve, self.vd, self.speed_accuracy, self.horiz_accuracy, self.vert_accuracy, self.ignore_flags, self.time_week, self.gps_id, self.fix_type, self.satellites_visible, self.yaw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_gps_input_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_home_position_message(MAVLink_message):
     """
     Where home is.
@@ -3332,6 +3639,47 @@ class MAVLink_extended_sys_state_message(MAVLink_message):
 setattr(MAVLink_extended_sys_state_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_named_value_float_message(MAVLink_message):
+    """
+    A number by name.
+    """
+
+    id = MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
+    msgname = "NAMED_VALUE_FLOAT"
+    fieldnames = ["time_boot_ms", "name", "value"]
+    ordered_fieldnames = ["time_boot_ms", "value", "name"]
+    fieldtypes = ["uint32_t", "char", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms"}
+    native_format = bytearray(b"<Ifc")
+    orders = [0, 2, 1]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 10]
+    crc_extra = 170
+    unpacker = struct.Struct("<If10s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, name: bytes, value: float):
+        MAVLink_message.__init__(self, MAVLink_named_value_float_message.id, MAVLink_named_value_float_message.msgname)
+        self._fieldnames = MAVLink_named_value_float_message.fieldnames
+        self._instance_field = MAVLink_named_value_float_message.instance_field
+        self._instance_offset = MAVLink_named_value_float_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self._name_raw = name
+        self.name = name.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.value = value
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.value, self._name_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_named_value_float_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_statustext_message(MAVLink_message):
     """
     A sentence for the person at the ground station.
@@ -3414,6 +3762,107 @@ class MAVLink_setup_signing_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_setup_signing_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_obstacle_distance_message(MAVLink_message):
+    """
+    Ranges around the vehicle.
+    """
+
+    id = MAVLINK_MSG_ID_OBSTACLE_DISTANCE
+    msgname = "OBSTACLE_DISTANCE"
+    fieldnames = ["time_usec", "sensor_type", "distances", "increment", "min_distance", "max_distance", "increment_f", "angle_offset", "frame"]
+    ordered_fieldnames = ["time_usec", "distances", "min_distance", "max_distance", "sensor_type", "increment", "increment_f", "angle_offset", "frame"]
+    fieldtypes = ["uint64_t", "uint8_t", "uint16_t", "uint8_t", "uint16_t", "uint16_t", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"frame": "MAV_FRAME"}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "distances": "cm", "increment": "deg", "min_distance": "cm", "max_distance": "cm", "increment_f": "deg", "angle_offset": "deg"}
+    native_format = bytearray(b"<QHHHBBffB")
+    orders = [0, 4, 1, 5, 2, 3, 6, 7, 8]
+    lengths = [1, 72, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 72, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 23
+    unpacker = struct.Struct("<Q72HHHBBffB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, sensor_type: int, distances: Sequence[int], increment: int, min_distance: int, max_distance: int, increment_f: float = 0, angle_offset: float = 0, frame: int = 0):
+        MAVLink_message.__init__(self, MAVLink_obstacle_distance_message.id, MAVLink_obstacle_distance_message.msgname)
+        self._fieldnames = MAVLink_obstacle_distance_message.fieldnames
+        self._instance_field = MAVLink_obstacle_distance_message.instance_field
+        self._instance_offset = MAVLink_obstacle_distance_message.instance_offset
+        self.time_usec = time_usec
+        self.sensor_type = sensor_type
+        self.distances = distances
+        self.increment = increment
+        self.min_distance = min_distance
+        self.max_distance = max_distance
+        self.increment_f = increment_f
+        self.angle_offset = angle_offset
+        self.frame = frame
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.distances[0], self.distances[1], self.distances[2], self.distances[3], self.distances[4], self.distances[5], self.distances[6], self.distances[7], self.distances[8], self.distances[9], self.distances[10], self.distances[11], self.distances[12], self.distances[13], self.distances[14], self.distances[15], self.distances[16], self.distances[17], self.distances[18], self.distances[19], self.distances[20], self.distances[21], self.distances[22], self.distances[23], self.distances[24], self.distances[25], self.distances[26], self.distances[27], self.distances[28], self.distances[29], self.distances[30], self.distances[31], self.distances[32], self.distances[33], self.distances[34], self.distances[35], self.distances[36], self.distances[37], self.distances[38], self.distances[39], self.distances[40], self.distances[41], self.distances[42], self.distances[43], self.distances[44], self.distances[45], self.distances[46], self.distances[47], self.distances[48], self.distances[49], self.distances[50], self.distances[51], self.distances[52], self.distances[53], self.distances[54], self.distances[55], self.distances[56], self.distances[57], self.distances[58], self.distances[59], self.distances[60], self.distances[61], self.distances[62], self.distances[63], self.distances[64], self.distances[65], self.distances[66], self.distances[67], self.distances[68], self.distances[69], self.distances[70], self.distances[71], self.min_distance, self.max_distance, self.sensor_type, self.increment, self.increment_f, self.angle_offset, self.frame), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_obstacle_distance_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_odometry_message(MAVLink_message):
+    """
+    Pose and velocity as an external estimator sees them.
+    """
+
+    id = MAVLINK_MSG_ID_ODOMETRY
+    msgname = "ODOMETRY"
+    fieldnames = ["time_usec", "frame_id", "child_frame_id", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed", "pose_covariance", "velocity_covariance", "reset_counter", "estimator_type", "quality"]
+    ordered_fieldnames = ["time_usec", "x", "y", "z", "q", "vx", "vy", "vz", "rollspeed", "pitchspeed", "yawspeed", "pose_covariance", "velocity_covariance", "frame_id", "child_frame_id", "reset_counter", "estimator_type", "quality"]
+    fieldtypes = ["uint64_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint8_t", "uint8_t", "int8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"frame_id": "MAV_FRAME", "child_frame_id": "MAV_FRAME"}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "x": "m", "y": "m", "z": "m", "vx": "m/s", "vy": "m/s", "vz": "m/s", "rollspeed": "rad/s", "pitchspeed": "rad/s", "yawspeed": "rad/s", "quality": "%"}
+    native_format = bytearray(b"<QffffffffffffBBBBb")
+    orders = [0, 13, 14, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15, 16, 17]
+    lengths = [1, 1, 1, 1, 4, 1, 1, 1, 1, 1, 1, 21, 21, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 4, 0, 0, 0, 0, 0, 0, 21, 21, 0, 0, 0, 0, 0]
+    crc_extra = 91
+    unpacker = struct.Struct("<Qfff4fffffff21f21fBBBBb")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, frame_id: int, child_frame_id: int, x: float, y: float, z: float, q: Sequence[float], vx: float, vy: float, vz: float, rollspeed: float, pitchspeed: float, yawspeed: float, pose_covariance: Sequence[float], velocity_covariance: Sequence[float], reset_counter: int = 0, estimator_type: int = 0, quality: int = 0):
+        MAVLink_message.__init__(self, MAVLink_odometry_message.id, MAVLink_odometry_message.msgname)
+        self._fieldnames = MAVLink_odometry_message.fieldnames
+        self._instance_field = MAVLink_odometry_message.instance_field
+        self._instance_offset = MAVLink_odometry_message.instance_offset
+        self.time_usec = time_usec
+        self.frame_id = frame_id
+        self.child_frame_id = child_frame_id
+        self.x = x
+        self.y = y
+        self.z = z
+        self.q = q
+        self.vx = vx
+        self.vy = vy
+        self.vz = vz
+        self.rollspeed = rollspeed
+        self.pitchspeed = pitchspeed
+        self.yawspeed = yawspeed
+        self.pose_covariance = pose_covariance
+        self.velocity_covariance = velocity_covariance
+        self.reset_counter = reset_counter
+        self.estimator_type = estimator_type
+        self.quality = quality
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.x, self.y, self.z, self.q[0], self.q[1], self.q[2], self.q[3], self.vx, self.vy, self.vz, self.rollspeed, self.pitchspeed, self.yawspeed, self.pose_covariance[0], self.pose_covariance[1], self.pose_covariance[2], self.pose_covariance[3], self.pose_covariance[4], self.pose_covariance[5], self.pose_covariance[6], self.pose_covariance[7], self.pose_covariance[8], self.pose_covariance[9], self.pose_covariance[10], self.pose_covariance[11], self.pose_covariance[12], self.pose_covariance[13], self.pose_covariance[14], self.pose_covariance[15], self.pose_covariance[16], self.pose_covariance[17], self.pose_covariance[18], self.pose_covariance[19], self.pose_covariance[20], self.velocity_covariance[0], self.velocity_covariance[1], self.velocity_covariance[2], self.velocity_covariance[3], self.velocity_covariance[4], self.velocity_covariance[5], self.velocity_covariance[6], self.velocity_covariance[7], self.velocity_covariance[8], self.velocity_covariance[9], self.velocity_covariance[10], self.velocity_covariance[11], self.velocity_covariance[12], self.velocity_covariance[13], self.velocity_covariance[14], self.velocity_covariance[15], self.velocity_covariance[16], self.velocity_covariance[17], self.velocity_covariance[18], self.velocity_covariance[19], self.velocity_covariance[20], self.frame_id, self.child_frame_id, self.reset_counter, self.estimator_type, self.quality), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_odometry_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_xitl_run_message(MAVLink_message):
@@ -4018,6 +4467,111 @@ class MAVLink_xitl_faults_message(MAVLink_message):
 setattr(MAVLink_xitl_faults_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_xitl_truth_message(MAVLink_message):
+    """
+    Host to agent: the true motion of the body origin, for an
+    autopilot that simulates its own sensors, and the apparent wind.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_TRUTH
+    msgname = "XITL_TRUTH"
+    fieldnames = ["time_usec", "pos_ned", "vel_ned", "quat", "gyro", "wind_speed", "wind_direction"]
+    ordered_fieldnames = ["time_usec", "pos_ned", "vel_ned", "quat", "gyro", "wind_speed", "wind_direction"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "pos_ned": "m", "vel_ned": "m/s", "gyro": "rad/s", "wind_speed": "m/s", "wind_direction": "rad"}
+    native_format = bytearray(b"<Qffffff")
+    orders = [0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 3, 3, 4, 3, 1, 1]
+    array_lengths = [0, 3, 3, 4, 3, 0, 0]
+    crc_extra = 35
+    unpacker = struct.Struct("<Q3f3f4f3fff")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, pos_ned: Sequence[float], vel_ned: Sequence[float], quat: Sequence[float], gyro: Sequence[float], wind_speed: float, wind_direction: float):
+        MAVLink_message.__init__(self, MAVLink_xitl_truth_message.id, MAVLink_xitl_truth_message.msgname)
+        self._fieldnames = MAVLink_xitl_truth_message.fieldnames
+        self._instance_field = MAVLink_xitl_truth_message.instance_field
+        self._instance_offset = MAVLink_xitl_truth_message.instance_offset
+        self.time_usec = time_usec
+        self.pos_ned = pos_ned
+        self.vel_ned = vel_ned
+        self.quat = quat
+        self.gyro = gyro
+        self.wind_speed = wind_speed
+        self.wind_direction = wind_direction
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.pos_ned[0], self.pos_ned[1], self.pos_ned[2], self.vel_ned[0], self.vel_ned[1], self.vel_ned[2], self.quat[0], self.quat[1], self.quat[2], self.quat[3], self.gyro[0], self.gyro[1], self.gyro[2], self.wind_speed, self.wind_direction), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_truth_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_bridge_status_message(MAVLink_message):
+    """
+    Agent to host: what a bridge to another autopilot has done since
+    the run started.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_BRIDGE_STATUS
+    msgname = "XITL_BRIDGE_STATUS"
+    fieldnames = ["time_usec", "imu_out", "solution_out", "gnss_out", "unsent", "world_in", "world_resent", "world_lost", "restarts", "outputs_in", "commands_in", "junk", "mavlink_in", "mavlink_lost", "mavlink_dropped", "mavlink_passed", "mavlink_out", "script_in", "script_out", "script_dropped", "world_rate", "connected"]
+    ordered_fieldnames = ["time_usec", "imu_out", "solution_out", "gnss_out", "unsent", "world_in", "world_resent", "world_lost", "restarts", "outputs_in", "commands_in", "junk", "mavlink_in", "mavlink_lost", "mavlink_dropped", "mavlink_passed", "mavlink_out", "script_in", "script_out", "script_dropped", "world_rate", "connected"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "world_rate": "Hz"}
+    native_format = bytearray(b"<QIIIIIIIIIIIIIIIIIIIHB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 184
+    unpacker = struct.Struct("<QIIIIIIIIIIIIIIIIIIIHB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, imu_out: int, solution_out: int, gnss_out: int, unsent: int, world_in: int, world_resent: int, world_lost: int, restarts: int, outputs_in: int, commands_in: int, junk: int, mavlink_in: int, mavlink_lost: int, mavlink_dropped: int, mavlink_passed: int, mavlink_out: int, script_in: int, script_out: int, script_dropped: int, world_rate: int, connected: int):
+        MAVLink_message.__init__(self, MAVLink_xitl_bridge_status_message.id, MAVLink_xitl_bridge_status_message.msgname)
+        self._fieldnames = MAVLink_xitl_bridge_status_message.fieldnames
+        self._instance_field = MAVLink_xitl_bridge_status_message.instance_field
+        self._instance_offset = MAVLink_xitl_bridge_status_message.instance_offset
+        self.time_usec = time_usec
+        self.imu_out = imu_out
+        self.solution_out = solution_out
+        self.gnss_out = gnss_out
+        self.unsent = unsent
+        self.world_in = world_in
+        self.world_resent = world_resent
+        self.world_lost = world_lost
+        self.restarts = restarts
+        self.outputs_in = outputs_in
+        self.commands_in = commands_in
+        self.junk = junk
+        self.mavlink_in = mavlink_in
+        self.mavlink_lost = mavlink_lost
+        self.mavlink_dropped = mavlink_dropped
+        self.mavlink_passed = mavlink_passed
+        self.mavlink_out = mavlink_out
+        self.script_in = script_in
+        self.script_out = script_out
+        self.script_dropped = script_dropped
+        self.world_rate = world_rate
+        self.connected = connected
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.imu_out, self.solution_out, self.gnss_out, self.unsent, self.world_in, self.world_resent, self.world_lost, self.restarts, self.outputs_in, self.commands_in, self.junk, self.mavlink_in, self.mavlink_lost, self.mavlink_dropped, self.mavlink_passed, self.mavlink_out, self.script_in, self.script_out, self.script_dropped, self.world_rate, self.connected), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_bridge_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -4063,16 +4617,25 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: MAVLink_position_target_local_ned_message,
     MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: MAVLink_set_position_target_global_int_message,
     MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: MAVLink_position_target_global_int_message,
+    MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS: MAVLink_hil_actuator_controls_message,
+    MAVLINK_MSG_ID_HIL_SENSOR: MAVLink_hil_sensor_message,
+    MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: MAVLink_file_transfer_protocol_message,
     MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
+    MAVLINK_MSG_ID_HIL_GPS: MAVLink_hil_gps_message,
+    MAVLINK_MSG_ID_DISTANCE_SENSOR: MAVLink_distance_sensor_message,
     MAVLINK_MSG_ID_BATTERY_STATUS: MAVLink_battery_status_message,
     MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
     MAVLINK_MSG_ID_FENCE_STATUS: MAVLink_fence_status_message,
     MAVLINK_MSG_ID_EKF_STATUS_REPORT: MAVLink_ekf_status_report_message,
+    MAVLINK_MSG_ID_GPS_INPUT: MAVLink_gps_input_message,
     MAVLINK_MSG_ID_HOME_POSITION: MAVLink_home_position_message,
     MAVLINK_MSG_ID_MESSAGE_INTERVAL: MAVLink_message_interval_message,
     MAVLINK_MSG_ID_EXTENDED_SYS_STATE: MAVLink_extended_sys_state_message,
+    MAVLINK_MSG_ID_NAMED_VALUE_FLOAT: MAVLink_named_value_float_message,
     MAVLINK_MSG_ID_STATUSTEXT: MAVLink_statustext_message,
     MAVLINK_MSG_ID_SETUP_SIGNING: MAVLink_setup_signing_message,
+    MAVLINK_MSG_ID_OBSTACLE_DISTANCE: MAVLink_obstacle_distance_message,
+    MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
     MAVLINK_MSG_ID_XITL_RUN: MAVLink_xitl_run_message,
     MAVLINK_MSG_ID_XITL_TICK: MAVLink_xitl_tick_message,
     MAVLINK_MSG_ID_XITL_IMU: MAVLink_xitl_imu_message,
@@ -4086,6 +4649,8 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_XITL_TASK_MISS: MAVLink_xitl_task_miss_message,
     MAVLINK_MSG_ID_XITL_NODE_INFO: MAVLink_xitl_node_info_message,
     MAVLINK_MSG_ID_XITL_FAULTS: MAVLink_xitl_faults_message,
+    MAVLINK_MSG_ID_XITL_TRUTH: MAVLink_xitl_truth_message,
+    MAVLINK_MSG_ID_XITL_BRIDGE_STATUS: MAVLink_xitl_bridge_status_message,
 }
 
 

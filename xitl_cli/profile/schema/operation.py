@@ -91,16 +91,39 @@ class Standby(Group):
     max_step: Annotated[float, Field(gt=0, le=2)] = 0.05
 
 
+class Bridge(Group):
+    """How another autopilot is reached. Every URL is as the bridge sees it, on the machine where it runs.
+
+    `mavlink`: its MAVLink. `world`: where its JSON simulator interface is served, in lockstep. `sensors`: how our sensors
+    get in, at `sensor_link` where that is a link of its own; null leaves them to its own simulation of the true motion.
+    `outputs`: the channels of the motors in the order of the propellers (of steered ones the steering after all motors),
+    `trim_us` neutral, `span_us` from there to full.
+    """
+
+    mavlink: str = "tcp://127.0.0.1:5760"
+    world: str | None = None
+    sensors: Literal["vectornav", "microstrain7", "hil", "px4"] | None = None
+    sensor_link: str | None = None
+    outputs: Annotated[tuple[Annotated[int, Field(ge=1, le=32)], ...], Field(min_length=1)] = (1, 3)
+    trim_us: Annotated[float, Field(ge=800, le=2200)] = 1500.0
+    span_us: Annotated[float, Field(gt=0, le=1000)] = 400.0
+
+
 class Autopilot(Group):
     """The autopilot, where it runs, the link to it, and who else may talk to it.
 
     `ground_stations`: `udp://host:port` is sent to, `tcp://host:port` is listened at; null is the usual pair in real
     time and nobody in lockstep. `controller` is a `module:Class`, or `file.py:Class`, in place of the
     built-in one. `link_key_file` signs the link to the agent both ways. An agent that is silent for `silent_s` ends the
-    run.
+    run, and so does an autopilot that is not armed after `arm_timeout_s`. With `moored_until_armed` the vessel is held in
+    its place until then, and the duration does not run.
+
+    Of another autopilot than the embedded one the agent is a bridge. `firmware`: `external` for one that somebody else
+    starts, `find` for one that is started here, from the PATH or what `xitl firmware get` has brought, or the path of
+    its program, with `firmware_arguments` after our own.
     """
 
-    kind: Literal["none", "embedded"] = "none"
+    kind: Literal["none", "embedded", "ardupilot", "px4"] = "none"
     runs: Literal["in-process", "process", "board"] = "in-process"
     link: str | None = None
     ground_stations: tuple[str, ...] | None = None
@@ -112,3 +135,9 @@ class Autopilot(Group):
     connect_timeout_s: Annotated[float, Field(gt=0, le=600)] = 6.0
     silent_s: Annotated[float, Field(ge=1, le=600)] = 10.0
     standby: Standby | None = None
+    bridge: Bridge = Bridge()
+    firmware: str = "external"
+    firmware_build: Literal["sitl", "linux"] = "sitl"
+    firmware_arguments: tuple[str, ...] = ()
+    arm_timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+    moored_until_armed: bool = False

@@ -1,0 +1,77 @@
+"""One way for simulated sensors to get into an autopilot; the bridge role drives any number of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Callable, Optional
+
+from agent.timing.clock import Clock
+from agent.wire.codec import Message
+
+
+class Injection:
+    """Counts since the run began, as XITL_BRIDGE_STATUS tells them."""
+
+    def __init__(self) -> None:
+        self.imu_out = 0
+        self.solution_out = 0
+        self.gnss_out = 0
+        self.unsent = 0
+        self.world_in = 0
+        self.world_resent = 0
+        self.world_lost = 0
+        self.world_rate = 0
+        self.restarts = 0
+        self.outputs_in = 0
+        self.commands_in = 0
+        self.junk = 0
+        self.script_in = 0
+        self.script_out = 0
+        self.script_dropped = 0
+        self.script_answers = False
+        self.taken = False
+
+
+class Injector:
+    """The role calls; instants are of the clock of the run. Nothing here raises for what the autopilot sends.
+
+    title: for people. counts: fresh with every `reset`; `taken` says that the autopilot takes what is sent.
+    """
+
+    title: str
+    counts: Injection
+
+    def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
+        """A run starts on this clock; `say` brings a sentence, with a MAV_SEVERITY, to the host."""
+        raise NotImplementedError
+
+    def take(self, message: Message, now_ns: int) -> None:
+        """A sensor sample or the truth from the host, as it comes; passed over where it is of no use here."""
+        raise NotImplementedError
+
+    def serve(self, now_ns: int) -> None:
+        """With every poll, in runs and between: hear what the autopilot sends, answer what it asks for. Never waits."""
+
+    def advance(self, now_ns: int) -> bool:
+        """Lockstep: let the autopilot run up to this instant; False when it has not followed after a short wait."""
+        return True
+
+    def pulses(self) -> Optional[Sequence[int]]:
+        """Latest pulse widths in us, by output from 1 on; None where the outputs do not come back this way."""
+        return None
+
+    def commands(self) -> Optional[Sequence[float]]:
+        """Latest outputs as they are already normalised to [-1, 1]; None where there are none such."""
+        return None
+
+    def descriptors(self) -> Sequence[int]:
+        """What becomes readable when the autopilot has something to say here."""
+        return ()
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where it waits or goes to, for people."""
+        return ()
+
+    def close(self) -> None:
+        """Give back what is open."""
