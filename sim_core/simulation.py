@@ -73,7 +73,7 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
-    """One dt_s later, under (N, P) propeller commands in [-1, 1], (1, P) for the same on all vessels."""
+    """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselModel."""
     environment = state.environment
     if state.time_ns % simulation.drift_ns == 0:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)

@@ -101,14 +101,30 @@ class Damping:
 
 
 @dataclass(frozen=True, slots=True)
+class SteeringGear:
+    """What turns a propeller about its mast: to either side up to an angle, at one rate."""
+
+    max_angle_deg: float
+    rate_degps: float
+
+    def __post_init__(self) -> None:
+        _require_positive("propeller.steering", max_angle_deg=self.max_angle_deg, rate_degps=self.rate_degps)
+        _require(
+            self.max_angle_deg <= 180.0,
+            f"propeller.steering.max_angle_deg = {self.max_angle_deg} is more than about turn; use 180 or less",
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Propeller:
-    """An air propeller that pushes along the body's x axis; its lag follows the sense in which its speed changes."""
+    """An air propeller; its lag follows the sense in which its speed changes. Without a gear it pushes along x."""
 
     position_frd_m: tuple[float, float, float]
     max_thrust_n: float
     max_reverse_thrust_n: float
     spin_up_s: float
     spin_down_s: float
+    steering: SteeringGear | None = None
 
     def __post_init__(self) -> None:
         _require_vector("propeller", "position_frd_m", self.position_frd_m)
@@ -142,7 +158,11 @@ class Windage:
 
 @dataclass(frozen=True, slots=True)
 class VesselModel:
-    """Everything that tells one vessel from another. Propellers in the order of the command: port, starboard."""
+    """Everything that tells one vessel from another.
+
+    Commands are the throttles of the propellers in their order (port, starboard), then the steering of those that have
+    a gear, positive for the bow to starboard with the propeller at the stern.
+    """
 
     name: str
     mass_kg: float
@@ -165,3 +185,8 @@ class VesselModel:
             "must not exceed the sum of the other two",
         )
         _require(len(self.propellers) > 0, "vehicle.propellers is empty; give at least one propeller")
+
+    @property
+    def commands(self) -> int:
+        """How many: one for each propeller and one for each gear."""
+        return len(self.propellers) + sum(propeller.steering is not None for propeller in self.propellers)

@@ -16,6 +16,7 @@ from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
 from sim_core.vessel.hydrodynamics import Hydrodynamics
 from sim_core.vessel.model import VesselModel
 from sim_core.vessel.propulsion import Propulsion
+from sim_core.vessel.steered_propulsion import SteeredPropulsion, propulsion_of
 from sim_core.vessel.windage import WindDrag
 
 Array = NDArray[float64]
@@ -33,7 +34,10 @@ _HALF_RATES = 0.5 * np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VesselState:
-    """motion: of N vessels; rotor_speed: (N, P) fraction of full speed, negative in reverse."""
+    """motion: of N vessels; rotor_speed: what follows the (N, C) commands, in their order.
+
+    That is the fraction of full speed, negative in reverse, of each propeller, then of full angle of each gear.
+    """
 
     motion: Kinematics
     rotor_speed: Array
@@ -56,7 +60,7 @@ class Vessel:
     dt_s: float
     hydrodynamics: Hydrodynamics
     buoyancy: Buoyancy
-    propulsion: Propulsion
+    propulsion: Propulsion | SteeredPropulsion
     windage: WindDrag
     acceleration_per_term: Array  # (terms, 6), in the order of `accelerate`
     draft_m: float
@@ -67,7 +71,7 @@ class Vessel:
         """Matrices of all parts. Raises ValueError when the vessel does not float."""
         hydrodynamics = Hydrodynamics.of(model)
         buoyancy = Buoyancy.of(model, water)
-        propulsion = Propulsion.of(model, dt_s)
+        propulsion = propulsion_of(model, dt_s)
         windage = WindDrag.of(model)
         # The water at the surface slides down its slope with g, and rises with it: a_f = g (down + normal) - rise down.
         of_water = hydrodynamics.water_wrench
@@ -98,11 +102,11 @@ def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
     quat = euler_to_quat(euler_rad)
     zero = np.zeros((vessels, 3))
     motion = Kinematics(pos_ned_m, zero, zero, quat, quat_to_matrix(quat), zero, zero)
-    return VesselState(motion, np.zeros((vessels, len(vessel.model.propellers))))
+    return VesselState(motion, np.zeros((vessels, vessel.model.commands)))
 
 
 def step(vessel: Vessel, state: VesselState, command: Array, around: Surroundings) -> VesselState:
-    """One step under (N, P) commands in [-1, 1]."""
+    """One step under (N, C) commands in [-1, 1]."""
     rotor_speed = vessel.propulsion.spin(state.rotor_speed, command)
     acceleration_frd = accelerate(vessel, state.motion, rotor_speed, around)
     return VesselState(advance(state.motion, acceleration_frd, vessel.dt_s), rotor_speed)

@@ -1,0 +1,118 @@
+"""Odometry: pose and velocity from an estimator of its own, a camera's say, that starts at zero and wanders off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.random import Generator
+
+from sim_core.frames import Array, euler_to_quat, quat_conjugate, quat_multiply, quat_to_matrix
+from sim_core.kinematics import Kinematics
+from sim_core.sensors.checks import require_non_negative, require_positive
+
+
+@dataclass(frozen=True, slots=True)
+class OdometrySample:
+    """Position (N, 3) from the first sample, in axes level and turned to the heading of then; attitude (N, 4) against
+    the same; velocity and angular rate (N, 3) in the body. Deviations of position and heading by now, (N,).
+    """
+
+    pos_local_m: Array
+    quat_local_frd: Array
+    vel_frd_mps: Array
+    gyro_frd_radps: Array
+    position_deviation_m: Array
+    yaw_deviation_rad: Array
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryState:
+    """What it started from, how far it has wandered by now, and for how many samples; None before the first sample."""
+
+    start_ned_m: Array | None = None
+    start_quat: Array | None = None
+    drift_m: Array | None = None
+    drift_yaw_rad: Array | None = None
+    samples: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Odometry:
+    """Position and heading drift as random walks, by their deviation after one second; the rest is white noise.
+
+    Deviations are per axis and sample, drift_mprts and yaw_drift_degprts per square root of a second. Raises ValueError
+    naming the field that cannot be.
+    """
+
+    rate_hz: float = 20.0
+    latency_s: float = 0.0
+    position_noise_m: float = 0.0
+    velocity_noise_mps: float = 0.0
+    attitude_noise_deg: float = 0.0
+    rate_noise_radps: float = 0.0
+    drift_mprts: float = 0.0
+    yaw_drift_degprts: float = 0.0
+    _drift_m: float = field(init=False, repr=False, compare=False)
+    _drift_rad: float = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_positive("odometry", rate_hz=self.rate_hz)
+        require_non_negative(
+            "odometry",
+            latency_s=self.latency_s,
+            position_noise_m=self.position_noise_m,
+            velocity_noise_mps=self.velocity_noise_mps,
+            attitude_noise_deg=self.attitude_noise_deg,
+            rate_noise_radps=self.rate_noise_radps,
+            drift_mprts=self.drift_mprts,
+            yaw_drift_degprts=self.yaw_drift_degprts,
+        )
+        per_sample = math.sqrt(1.0 / self.rate_hz)
+        object.__setattr__(self, "_drift_m", self.drift_mprts * per_sample)
+        object.__setattr__(self, "_drift_rad", math.radians(self.yaw_drift_degprts) * per_sample)
+
+    def initial(self, vessels: int, rng: Generator) -> OdometryState:
+        """It starts with its first sample."""
+        return OdometryState()
+
+    def measure(self, state: OdometryState, truth: Kinematics, rng: Generator) -> tuple[OdometryState, OdometrySample]:
+        """One sample of `truth`; drift goes on between samples."""
+        vessels = len(truth.pos_ned_m)
+        if (
+            state.start_ned_m is None
+            or state.start_quat is None
+            or state.drift_m is None
+            or state.drift_yaw_rad is None
+        ):
+            return self.measure(self._started(truth), truth, rng)
+        noise = rng.standard_normal((vessels, 16))
+        drift_m = state.drift_m + self._drift_m * noise[:, :3] * (state.samples > 0)
+        drift_yaw = state.drift_yaw_rad + self._drift_rad * noise[:, 3] * (state.samples > 0)
+        turn = np.zeros((vessels, 3))
+        turn[:, 2] = drift_yaw
+        to_local = quat_multiply(euler_to_quat(turn), quat_conjugate(state.start_quat))
+        moved = (quat_to_matrix(to_local) @ (truth.pos_ned_m - state.start_ned_m)[:, :, None])[:, :, 0]
+        shake = euler_to_quat(math.radians(self.attitude_noise_deg) * noise[:, 4:7])
+        sample = OdometrySample(
+            pos_local_m=moved + drift_m + self.position_noise_m * noise[:, 7:10],
+            quat_local_frd=quat_multiply(quat_multiply(to_local, truth.quat_ned_frd), shake),
+            vel_frd_mps=(truth.vel_ned_mps[:, None] @ truth.rot_ned_frd)[:, 0]
+            + self.velocity_noise_mps * noise[:, 10:13],
+            gyro_frd_radps=truth.gyro_frd_radps + self.rate_noise_radps * noise[:, 13:16],
+            position_deviation_m=np.full(
+                vessels, math.hypot(self.position_noise_m, self._drift_m * math.sqrt(state.samples))
+            ),
+            yaw_deviation_rad=np.full(
+                vessels,
+                math.hypot(math.radians(self.attitude_noise_deg), self._drift_rad * math.sqrt(state.samples)),
+            ),
+        )
+        return OdometryState(state.start_ned_m, state.start_quat, drift_m, drift_yaw, state.samples + 1), sample
+
+    def _started(self, truth: Kinematics) -> OdometryState:
+        vessels = len(truth.pos_ned_m)
+        heading = np.zeros((vessels, 3))
+        heading[:, 2] = np.arctan2(truth.rot_ned_frd[:, 1, 0], truth.rot_ned_frd[:, 0, 0])
+        return OdometryState(truth.pos_ned_m, euler_to_quat(heading), np.zeros((vessels, 3)), np.zeros(vessels))

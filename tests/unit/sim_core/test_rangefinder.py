@@ -1,0 +1,78 @@
+"""Ranges of a beam against closed forms: depth over the cosine of the lean, walls, noise as configured."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from motion import at_rest
+
+from sim_core.environment.obstacles import Wall, Walls
+from sim_core.sensors.rangefinder import Rangefinder
+
+
+def measured(unit: Rangefinder, truth=None, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return unit.measure(unit.initial(1, rng), at_rest() if truth is None else truth, rng)[1].range_m
+
+
+def test_it_reads_the_depth_below_its_own_place() -> None:
+    assert measured(Rangefinder(bed_down_m=20.0, position_frd_m=(0.3, 0.0, 0.2)))[0] == pytest.approx(19.8)
+
+
+@pytest.mark.parametrize("roll_deg", [5.0, 20.0, -35.0])
+def test_a_narrow_beam_lengthens_with_the_lean_and_a_wide_one_does_not(roll_deg: float) -> None:
+    truth = at_rest(euler_rad=(math.radians(roll_deg), 0.0, 0.0))
+    narrow = measured(Rangefinder(bed_down_m=20.0), truth)[0]
+    assert narrow == pytest.approx(20.0 / math.cos(math.radians(roll_deg)))
+    assert measured(Rangefinder(bed_down_m=20.0, beam_deg=80.0), truth)[0] == pytest.approx(20.0)
+    half = measured(Rangefinder(bed_down_m=20.0, beam_deg=6.0), truth)[0]
+    assert half == pytest.approx(20.0 / math.cos(math.radians(abs(roll_deg) - 3.0)))
+
+
+def test_the_arm_to_the_unit_leans_too() -> None:
+    """Rolled to starboard by r, a unit b to starboard is b sin(r) deeper."""
+    truth = at_rest(euler_rad=(0.2, 0.0, 0.0))
+    unit = Rangefinder(bed_down_m=10.0, position_frd_m=(0.0, 0.6, 0.0))
+    assert measured(unit, truth)[0] == pytest.approx((10.0 - 0.6 * math.sin(0.2)) / math.cos(0.2))
+
+
+def test_through_air_it_meets_the_surface_and_looking_up_nothing() -> None:
+    down = Rangefinder(bed_down_m=20.0, surface_down_m=0.5, through="air", position_frd_m=(0.0, 0.0, -2.0))
+    assert measured(down)[0] == pytest.approx(2.5)
+    assert np.isinf(measured(Rangefinder(bed_down_m=20.0, direction_frd=(0.0, 0.0, -1.0)))[0])
+    assert np.isinf(measured(Rangefinder(bed_down_m=20.0, direction_frd=(1.0, 0.0, 0.0)))[0])
+
+
+def test_a_wall_ahead_is_met_before_the_bed() -> None:
+    walls = Walls.of([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 40.0)])
+    ahead = Rangefinder(bed_down_m=20.0, walls=walls, direction_frd=(1.0, 0.0, 0.0))
+    assert measured(ahead)[0] == pytest.approx(30.0)
+    turned = at_rest(euler_rad=(0.0, 0.0, math.radians(60.0)))
+    assert measured(ahead, turned)[0] == pytest.approx(60.0)
+
+
+def test_noise_is_that_of_the_configuration() -> None:
+    """20 m with 0.05 m and 1 %: deviation sqrt(0.05^2 + 0.2^2) = 0.206 m; of 4000 draws within 4 % (3.6 sigma)."""
+    unit = Rangefinder(bed_down_m=20.0, noise_m=0.05, noise_share=0.01)
+    rng = np.random.default_rng(7)
+    _, sample = unit.measure(unit.initial(4000, rng), at_rest(4000), rng)
+    assert sample.range_m.std() == pytest.approx(math.hypot(0.05, 0.2), rel=0.04)
+    assert sample.range_m.mean() == pytest.approx(20.0, abs=0.014)
+    steps = measured(Rangefinder(bed_down_m=20.013, resolution_m=0.05))[0]
+    assert steps == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("rate_hz", 0.0, "rangefinder.rate_hz = 0.0"),
+        ("noise_m", -1.0, "rangefinder.noise_m = -1.0"),
+        ("direction_frd", (0.0, 0.0, 0.0), "is nowhere"),
+        ("bed_down_m", math.nan, "rangefinder.bed_down_m = nan"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(field: str, value: object, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        Rangefinder(**{"bed_down_m": 20.0, field: value})  # type: ignore[arg-type]
