@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from typing import Callable
 
+from agent.bridges.injector import Injector
 from agent.faults import Faults
 from agent.fcu.control.controller import ControllerError
 from agent.fcu.log.hooks import NullFlightLog
 from agent.fcu.parameters import ParameterError
 from agent.machine import look_around
 from agent.node import AgentNode
-from agent.options import COMPANION, Options, OptionsError
+from agent.options import BRIDGE, COMPANION, Options, OptionsError, check_bridge
 from agent.reports import Identity
 from agent.role import Role
 from agent.storage import StorageError
@@ -21,6 +23,16 @@ from agent.wire.codec import Message
 from agent.wire.link import Link
 from agent.wire.signing import Signing, SigningKeyError, read_key
 from agent.wire.transport import Transport, TransportError
+
+INJECTORS = {
+    "vectornav": "agent.bridges.vectornav:VectorNav",
+    "microstrain7": "agent.bridges.microstrain:MicroStrain7",
+    "hil": "agent.bridges.hil:HilMessages",
+    "px4": "agent.bridges.px4:Px4",
+}
+"""How sensors get into another autopilot, by the name in the options: a class with `make(options, vehicle)`."""
+
+_WORLD = "agent.bridges.json_world:JsonWorld"
 
 SYSTEM_ID = 1
 AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID = 1, 191  # MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_ONBOARD_COMPUTER
@@ -40,21 +52,52 @@ def assemble(transport: Transport, options: Options, opened: ExitStack) -> Agent
     key = _signing(options.link_key)
     component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
     link = Link(faults.wrap(transport), SYSTEM_ID, component_id, signing=key)
-    role = _companion(options) if options.role == COMPANION else _autopilot(options, link.send, opened)
+    role = _role(options, link.send, opened)
     machine = look_around()
     machine = machine._replace(kind=options.kind or machine.kind, name=options.machine or machine.name)
     identity = Identity(role.nodes, machine, signed=key is not None)
     return AgentNode(link, role, identity, faults, options.silence_s, clock)
 
 
-def _companion(options: Options) -> Role:
-    from agent.companion.role import CompanionRole
+def _role(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
+    check_bridge(options)
+    if options.role == COMPANION:
+        return _companion(options)
+    return _bridge(options, send, opened) if options.role == BRIDGE else _autopilot(options, send, opened)
 
+
+def _refuse_what_the_embedded_one_has(options: Options, who: str) -> None:
     for name in ("ground", "controller", "parameters", "storage", "log_dir", "log_file", "signing_key"):
         if getattr(options, name):
             option = "gcs" if name == "ground" else name.replace("_", "-")
-            raise OptionsError(f"{option}: a companion has none; leave it out, or use the role fcu")
+            raise OptionsError(f"{option}: {who} has none; leave it out, or use the role fcu")
+
+
+def _companion(options: Options) -> Role:
+    from agent.companion.role import CompanionRole
+
+    _refuse_what_the_embedded_one_has(options, "a companion")
     return CompanionRole()
+
+
+def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
+    from agent.bridges.outputs import Outputs
+    from agent.bridges.role import BridgeRole
+    from agent.bridges.vehicle_link import VehicleLink
+
+    _refuse_what_the_embedded_one_has(options, "a bridge")
+    injectors: list[Injector] = []
+    where = [_WORLD] if options.world else []
+    where += [INJECTORS[options.sensors]] if options.sensors else []
+    vehicle = VehicleLink(options.autopilot, outputs_wanted=not options.world and options.sensors != "px4")
+    opened.callback(vehicle.close)
+    for module, _, name in (entry.partition(":") for entry in where):
+        make: Callable[[Options, VehicleLink], Injector] = getattr(import_module(module), name).make
+        injector = make(options, vehicle)
+        opened.callback(injector.close)
+        injectors.append(injector)
+    outputs = Outputs(options.outputs, options.trim_us, options.span_us)
+    return BridgeRole(send, vehicle, injectors, outputs)
 
 
 def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitStack) -> Role:

@@ -76,10 +76,36 @@ def parse(arguments: list[str] | None, program: str) -> Options:
     config = given.pop("config", None)
     if config is not None:
         given = {**_of_file(config, parser), **given}
-    for name in ("ground", "cpus"):
+    for name in ("ground", "cpus", "outputs"):
         if name in given:
             given[name] = tuple(given[name])
     return Options(**given)
+
+
+def check_bridge(options: Options) -> None:
+    """Raises OptionsError for options of a bridge that are missing, contradict each other or belong to no bridge."""
+    if options.role != BRIDGE:
+        for name in ("autopilot", "world", "sensors", "sensor_link"):
+            if getattr(options, name):
+                raise OptionsError(f"{name.replace('_', '-')}: the role {options.role} has none; use --role {BRIDGE}")
+        return
+    if not options.autopilot:
+        raise OptionsError(
+            "autopilot: a bridge needs the URL of its MAVLink; write it like --autopilot tcp://127.0.0.1:5760"
+        )
+    if not options.world and not options.sensors:
+        raise OptionsError("sensors, world: nothing gets into the autopilot; give --sensors, --world or both")
+    if options.world and not options.world.startswith("udp://"):
+        raise OptionsError(f"world: {options.world} is no address of datagrams; write it like udp://127.0.0.1:9002")
+    if options.world and options.sensors == "px4":
+        raise OptionsError("world: PX4 has none beside its simulator messages; leave it out")
+    if options.sensors in ("vectornav", "microstrain7") and not options.sensor_link:
+        raise OptionsError(
+            f"sensor-link: {options.sensors} needs a line of its own; write it like --sensor-link serial:///dev/ttyUSB0"
+        )
+    if options.sensor_link and options.sensors not in ("vectornav", "microstrain7", "px4"):
+        who = f"the sensors {options.sensors} use" if options.sensors else "the world uses"
+        raise OptionsError(f"sensor-link: {who} none; leave it out")
 
 
 def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
@@ -150,6 +176,23 @@ def _cpus(text: str) -> tuple[int, ...]:
     return tuple(sorted({int(word) for word in words}))
 
 
+def _channels(text: str) -> tuple[int, ...]:
+    words = text.replace(",", " ").split()
+    if not 1 <= len(words) <= 8 or not all(word.isdigit() and 1 <= int(word) <= 32 for word in words):
+        raise argparse.ArgumentTypeError(f"{text or 'nothing'} names no output channels; write them like 1,3 (1 to 32)")
+    return tuple(map(int, words))
+
+
+def _pulse(text: str) -> float:
+    try:
+        pulse_us = float(text)
+    except ValueError:
+        pulse_us = -1.0
+    if not 0.0 < pulse_us <= 3000.0:
+        raise argparse.ArgumentTypeError(f"{text} is no pulse width; use microseconds, like 1500")
+    return pulse_us
+
+
 def _seconds(text: str) -> float:
     try:
         seconds = float(text)
@@ -163,7 +206,7 @@ def _seconds(text: str) -> float:
 def _parser(program: str) -> argparse.ArgumentParser:
     parser = _Parser(
         prog=program,
-        description="Run the embedded autopilot, or a companion computer, for a simulation host.",
+        description="Run the embedded autopilot, a companion or a bridge to another autopilot for a simulation host.",
         epilog=_BESIDE.get(program),
         argument_default=argparse.SUPPRESS,
         allow_abbrev=False,
@@ -204,6 +247,13 @@ def _parser(program: str) -> argparse.ArgumentParser:
         metavar="SECONDS",
         help=f"end a run in real time when the host is silent for so long (default: {Options.silence_s:g}; 0: never)",
     )
+    add("--autopilot", metavar="URL", help="bridge: MAVLink of the other autopilot, like tcp://127.0.0.1:5760")
+    add("--world", metavar="URL", help="bridge: serve its JSON simulator interface here, like udp://127.0.0.1:9002")
+    add("--sensors", choices=INJECTIONS, help="bridge: how our sensors get into it")
+    add("--sensor-link", metavar="URL", help="bridge: where, when that is a line of its own")
+    add("--outputs", type=_channels, metavar="N[,N]", help="bridge: its channels of the motors, in their order")
+    add("--trim", dest="trim_us", type=_pulse, metavar="US", help="bridge: pulse width of a motor at rest")
+    add("--span", dest="span_us", type=_pulse, metavar="US", help="bridge: from there to full")
     add("--attached", action="store_true", help="end with the program that started this one, even when it is killed")
     add("--config", type=Path, metavar="FILE", help=f"the same options as KEY = VALUE under [{SECTION}]")
     add("--version", action="version", version=f"xitl agent {agent.__version__}")

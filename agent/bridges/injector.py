@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Callable, Optional
+from typing import Callable
 
 from agent.timing.clock import Clock
 from agent.wire.codec import Message
@@ -56,11 +56,11 @@ class Injector:
         """Lockstep: let the autopilot run up to this instant; False when it has not followed after a short wait."""
         return True
 
-    def pulses(self) -> Optional[Sequence[int]]:
+    def pulses(self) -> Sequence[int] | None:
         """Latest pulse widths in us, by output from 1 on; None where the outputs do not come back this way."""
         return None
 
-    def commands(self) -> Optional[Sequence[float]]:
+    def commands(self) -> Sequence[float] | None:
         """Latest outputs as they are already normalised to [-1, 1]; None where there are none such."""
         return None
 

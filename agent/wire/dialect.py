@@ -967,6 +967,7 @@ MAVLINK_MSG_ID_HIL_SENSOR = 107
 MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL = 110
 MAVLINK_MSG_ID_TIMESYNC = 111
 MAVLINK_MSG_ID_HIL_GPS = 113
+MAVLINK_MSG_ID_HIL_STATE_QUATERNION = 115
 MAVLINK_MSG_ID_DISTANCE_SENSOR = 132
 MAVLINK_MSG_ID_BATTERY_STATUS = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
@@ -3222,6 +3223,59 @@ class MAVLink_hil_gps_message(MAVLink_message):
 setattr(MAVLink_hil_gps_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_hil_state_quaternion_message(MAVLink_message):
+    """
+    Simulated attitude, position and velocity.
+    """
+
+    id = MAVLINK_MSG_ID_HIL_STATE_QUATERNION
+    msgname = "HIL_STATE_QUATERNION"
+    fieldnames = ["time_usec", "attitude_quaternion", "rollspeed", "pitchspeed", "yawspeed", "lat", "lon", "alt", "vx", "vy", "vz", "ind_airspeed", "true_airspeed", "xacc", "yacc", "zacc"]
+    ordered_fieldnames = ["time_usec", "attitude_quaternion", "rollspeed", "pitchspeed", "yawspeed", "lat", "lon", "alt", "vx", "vy", "vz", "ind_airspeed", "true_airspeed", "xacc", "yacc", "zacc"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "int32_t", "int32_t", "int32_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "int16_t", "int16_t", "int16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "rollspeed": "rad/s", "pitchspeed": "rad/s", "yawspeed": "rad/s", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "cm/s", "vy": "cm/s", "vz": "cm/s", "ind_airspeed": "cm/s", "true_airspeed": "cm/s", "xacc": "mG", "yacc": "mG", "zacc": "mG"}
+    native_format = bytearray(b"<QffffiiihhhHHhhh")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 4
+    unpacker = struct.Struct("<Q4ffffiiihhhHHhhh")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int):
+        MAVLink_message.__init__(self, MAVLink_hil_state_quaternion_message.id, MAVLink_hil_state_quaternion_message.msgname)
+        self._fieldnames = MAVLink_hil_state_quaternion_message.fieldnames
+        self._instance_field = MAVLink_hil_state_quaternion_message.instance_field
+        self._instance_offset = MAVLink_hil_state_quaternion_message.instance_offset
+        self.time_usec = time_usec
+        self.attitude_quaternion = attitude_quaternion
+        self.rollspeed = rollspeed
+        self.pitchspeed = pitchspeed
+        self.yawspeed = yawspeed
+        self.lat = lat
+        self.lon = lon
+        self.alt = alt
+        self.vx = vx
+        self.vy = vy
+        self.vz = vz
+        self.ind_airspeed = ind_airspeed
+        self.true_airspeed = true_airspeed
+        self.xacc = xacc
+        self.yacc = yacc
+        self.zacc = zacc
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.attitude_quaternion[0], self.attitude_quaternion[1], self.attitude_quaternion[2], self.attitude_quaternion[3], self.rollspeed, self.pitchspeed, self.yawspeed, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ind_airspeed, self.true_airspeed, self.xacc, self.yacc, self.zacc), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_hil_state_quaternion_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_distance_sensor_message(MAVLink_message):
     """
     Range along one direction.
@@ -4622,6 +4676,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL: MAVLink_file_transfer_protocol_message,
     MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
     MAVLINK_MSG_ID_HIL_GPS: MAVLink_hil_gps_message,
+    MAVLINK_MSG_ID_HIL_STATE_QUATERNION: MAVLink_hil_state_quaternion_message,
     MAVLINK_MSG_ID_DISTANCE_SENSOR: MAVLink_distance_sensor_message,
     MAVLINK_MSG_ID_BATTERY_STATUS: MAVLink_battery_status_message,
     MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,

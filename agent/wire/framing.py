@@ -46,6 +46,11 @@ class FramingCounters:
         return self.dropped_bad_crc + self.dropped_unknown + self.dropped_truncated + self.dropped_noise
 
 
+def is_known(frame: bytes) -> bool:
+    """Whether the dialect has this kind of message."""
+    return frame[7] | frame[8] << 8 | frame[9] << 16 in _CRC_EXTRA
+
+
 class Framer:
     """Finds the frames of the XITL dialect in chunks of bytes.
 
@@ -59,11 +64,14 @@ class Framer:
       checksum cannot be judged or the protocol forbids a guess.
     - Bytes outside any frame, MAVLink 1 frames among them (XITL ids do not fit those): dropped_noise, one event per
       run.
+    - With `foreign`, the other end has kinds that the dialect has not. A frame of such a kind comes out too when it
+      ends with the chunk or another begins behind it, for want of a checksum that could be judged.
     - Signed frames are accepted on their checksum; the signature is passed on in the raw frame, not verified here.
     """
 
-    def __init__(self, stream: bool) -> None:
+    def __init__(self, stream: bool, foreign: bool = False) -> None:
         self._stream = stream
+        self._foreign = foreign
         self._held = b""
         self._claimed = 0  # bytes ahead of the held ones that a damaged frame claimed
         self._in_noise = False
@@ -116,7 +124,17 @@ class Framer:
                 extra = _CRC_EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
                 payload_end = at + HEADER_BYTES + data[at + 1]
                 end = payload_end + (CHECKSUM_BYTES + SIGNATURE_BYTES if flags & SIGNED else CHECKSUM_BYTES)
-                if extra is None or flags & ~SIGNED:
+                if extra is None and self._foreign and not flags & ~SIGNED:
+                    if end > size and self._stream:
+                        break
+                    if end == size or (end < size and data[end] == MAGIC):
+                        frames.append(data[at:end])
+                        good += end - at
+                        at = claimed_end = end
+                        self._in_noise = False
+                        continue
+                    self._unknown += at >= claimed_end
+                elif extra is None or flags & ~SIGNED:
                     self._unknown += at >= claimed_end
                 elif end > size:
                     if self._stream:

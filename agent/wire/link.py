@@ -9,7 +9,7 @@ from typing import Callable
 
 from agent.wire.codec import Message, Packer, Prepared, decode, prepare
 from agent.wire.dialect import XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP, MAVLink_xitl_run_message
-from agent.wire.framing import Framer
+from agent.wire.framing import Framer, is_known
 from agent.wire.priority import WaitingMessages
 from agent.wire.sequence import SequenceMonitor
 from agent.wire.signing import Signing
@@ -69,6 +69,9 @@ class Link:
     order. With `signing`, frames go out signed as from link `link_id`, and frames that it does not accept are counted
     in `refused_signature` and go no further.
 
+    `foreign`: the other end knows kinds of messages that the dialect does not have. They are counted in `passed`, their
+    sequence numbers count as any, and they go no further.
+
     On a transport with a capacity, messages that are not urgent wait until the line has room, see `WaitingMessages`:
     `receive` sends them on, and `wake_s` says when it wants to.
     """
@@ -81,13 +84,16 @@ class Link:
         tap: Tap | None = None,
         signing: Signing | None = None,
         link_id: int = 0,
+        foreign: bool = False,
     ) -> None:
         self.transport = transport
         self.tap = tap
         self.refused_signature = 0
         self._signing = signing
         self._packer = Packer(system_id, component_id, None if signing is None else signing.outgoing(link_id))
-        self._framer = Framer(transport.stream)
+        self._framer = Framer(transport.stream, foreign)
+        self._foreign = foreign
+        self.passed = 0
         self._sequence = SequenceMonitor()
         self._sent = self._unsent = self._received = self._bytes_out = self._refused_before = 0
         self._strangers = 0
@@ -171,7 +177,11 @@ class Link:
                     accepted = [frame for frame in frames if self._signing.accepts(frame)]
                     self.refused_signature += len(frames) - len(accepted)
                     frames = accepted
-                heard = list(map(decode, frames))
+                if self._foreign:
+                    heard = [decode(frame) for frame in frames if is_known(frame)]
+                    self.passed += len(frames) - len(heard)
+                else:
+                    heard = list(map(decode, frames))
                 if frames and transport.learns_peer and not transport.credit(index, _standing(heard)):
                     self._strangers += len(frames)
                     continue
@@ -231,7 +241,7 @@ class Link:
 
     def reset_counters(self) -> None:
         """Count from zero and forget the senders, as at the start of a run. The own sequence number goes on."""
-        self._sent = self._unsent = self._received = self._bytes_out = self._strangers = 0
+        self._sent = self._unsent = self._received = self._bytes_out = self._strangers = self.passed = 0
         self._refused_before = self.refused_signature
         if self._waiting is not None:
             self._waiting.given_up = 0

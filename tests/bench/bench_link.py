@@ -91,7 +91,9 @@ class Rig:
         self.tick += 1
         self._state = step(self._simulation, self._state, self._motors, self._rng)
         stamp_ns = self._state.time_ns
-        due = self._sensing.due(self.tick, stamp_ns, kinematics(self._simulation, self._state))
+        due = self._sensing.due(
+            self.tick, stamp_ns, kinematics(self._simulation, self._state), self._state.wind_ned_mps
+        )
         return [*due, dialect.MAVLink_xitl_tick_message(stamp_ns // 1000, self.tick)]
 
     def trip_s(self, messages: list[Any]) -> float:

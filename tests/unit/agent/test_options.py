@@ -82,11 +82,11 @@ def test_an_option_that_stands_alone_may_do_so_in_the_file(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[agent]\nbaud = 5\n", "unknown key baud; use one of controller, cpu, gcs, kind, link, "),
+        ("[agent]\nbaud = 5\n", "unknown key baud; use one of autopilot, controller, cpu, gcs, kind, "),
         ("[agent]\nconfig = x\n", "unknown key config; use one of"),
         ("[agent]\nversion = 1\n", "unknown key version; use one of"),
         ("[agent]\nattached = 1\n", "unknown key attached; use one of"),
-        ("[agent]\nrole = cook\n", "role = cook; use one of fcu, companion"),
+        ("[agent]\nrole = cook\n", "role = cook; use one of fcu, companion, bridge"),
         ("[agent]\ncpu = one\n", "cpu = one: one names no processors; write them like 1 or 2,3"),
         ("[agent]\nrealtime = 100\n", "realtime = 100: 100 is no priority of SCHED_FIFO; use 1 to 99"),
         ("[agent]\nsilence = -1\n", "silence = -1: -1 is no duration; use seconds, 0 for ever"),

@@ -1,0 +1,200 @@
+"""The socket of a JSON world: servo packets in, answers out, and which frames the autopilot still has to take."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+from collections import deque
+from time import monotonic
+from typing import Callable
+from urllib.parse import urlsplit
+
+from agent.bridges.injector import Injection
+from agent.bridges.json_frames import head_of, pulses_of
+from agent.timing.waiting import wait_readable
+from agent.wire.address import Address, address_url, explained, resolve
+from agent.wire.transport import BadUrlError
+
+BATCH = 512
+BUFFER_BYTES = 1 << 20
+UDP_SEGMENT, SEGMENTS = 103, 64  # linux/udp.h: the option, and how many datagrams a call may make
+ASKED_AGAIN_S = 0.5  # ArduPilot asks again after 1 s; what comes sooner is a repeat of the network's
+
+
+class JsonLine:
+    """A bound socket. The autopilot that asked last is served; with each answer that it takes it asks for the next one.
+
+    asked: the frame that it asks for now, None before the first. served: the first frame that is not answered yet.
+    `on_start(sender, anew)` is called when another sender asks, or the same from frame 0 on.
+    """
+
+    def __init__(self, url: str, on_start: Callable[[str, bool], None]) -> None:
+        try:
+            parts = urlsplit(url)
+            if parts.scheme != "udp":
+                raise ValueError("the JSON interface is served over UDP")
+        except ValueError as error:
+            raise BadUrlError(url, str(error), "write it like udp://127.0.0.1:9002") from None
+        family, kind, protocol, _, target = resolve(parts, True, socket.SOCK_DGRAM)
+        self._socket = socket.socket(family, kind, protocol)
+        try:
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            self._socket.bind(target)
+        except OSError as error:
+            self._socket.close()
+            raise explained(error, parts, True) from None
+        self.address = address_url("udp", self._socket.getsockname())
+        self.counts = Injection()
+        self.asked: int | None = None
+        self.served = 0
+        self.rate_hz = 0
+        self._on_start = on_start
+        self._peer: Address | None = None
+        self._newest = self._expected = b""
+        self._unread = False
+        self._answers: deque[bytes] = deque()
+        self._sent_s = 0.0
+        self._at_once = sys.platform == "linux"
+
+    @property
+    def behind(self) -> int:
+        """How many answers the autopilot has not taken yet."""
+        return 0 if self.asked is None else self.served - self.asked
+
+    @property
+    def peer(self) -> str:
+        """The autopilot's end, empty while there is none."""
+        return "" if self._peer is None else address_url("udp", self._peer)
+
+    def wait(self, behind: int, until_s: float) -> bool:
+        """Hear the autopilot until it has taken all answers but so many, False at `until_s` of time.monotonic()."""
+        while True:
+            self.hear()
+            if self.asked is not None and self.behind <= behind:
+                return True
+            left_s = until_s - monotonic()
+            if left_s <= 0.0:
+                return False
+            wait_readable((self._socket.fileno(),), left_s)
+
+    def hear(self) -> None:
+        """Take what has come, without waiting."""
+        receive, length = self._socket.recvfrom, len(self._newest)
+        for _ in range(BATCH):
+            try:
+                packet, sender = receive(256)
+            except OSError:  # nothing there, or word of an answer that nobody took
+                return
+            if packet[:8] == self._expected and len(packet) == length and sender == self._peer:
+                self._on_next(packet)
+            else:
+                self._on_packet(packet, sender)
+                length = len(self._newest)
+            if self.asked == self.served:
+                return
+
+    def _on_next(self, packet: bytes) -> None:
+        """The usual: it asks for the frame behind the last one, as before."""
+        assert self.asked is not None
+        if self._answers:
+            self._answers.popleft()
+        else:
+            self.served += 1
+        self._keep(packet, self.asked + 1)
+
+    def _keep(self, packet: bytes, frame: int) -> None:
+        self.asked = frame
+        self._expected = packet[:4] + (frame + 1 & 0xFFFFFFFF).to_bytes(4, "little")
+        self.counts.world_in += 1
+        self._newest = packet
+        self._unread = True
+
+    def _on_packet(self, packet: bytes, sender: Address) -> None:
+        head = head_of(packet)
+        if head is None:
+            self.counts.junk += len(packet)
+            return
+        rate_hz, frame = head
+        asked = self.asked
+        if sender != self._peer or asked is None or (frame == 0 and asked):
+            self._start(sender, frame)
+        elif frame == asked:
+            self.counts.world_resent += 1
+            self._answer_again()
+            return
+        else:
+            step = frame - asked
+            if step < 0:  # overtaken on the way
+                return
+            self.counts.world_lost += step - 1
+            self._take(step)
+        self.rate_hz = self.counts.world_rate = rate_hz
+        self._keep(packet, frame)
+
+    def _start(self, sender: Address, frame: int) -> None:
+        first = self._peer is None
+        self._peer = sender
+        self.asked = self.served = frame
+        self._answers.clear()
+        if not first:
+            self._on_start(self.peer, frame == 0)
+
+    def _take(self, step: int) -> None:
+        """The autopilot has taken so many answers; more than there were when somebody else answered too."""
+        answers = self._answers
+        if step >= len(answers):
+            self.served += step - len(answers)
+            answers.clear()
+        else:
+            for _ in range(step):
+                answers.popleft()
+
+    def _answer_again(self) -> None:
+        if self._answers and monotonic() - self._sent_s > ASKED_AGAIN_S:
+            self._send(list(self._answers))
+
+    def answer(self, answers: list[bytes]) -> None:
+        """Answers for the next frames, one datagram each."""
+        self._answers += answers
+        self.served += len(answers)
+        self._send(answers)
+
+    def _send(self, answers: list[bytes]) -> None:
+        self._sent_s = monotonic()
+        if self._at_once and len(answers) > 1 and self._send_at_once(answers):
+            return
+        assert self._peer is not None
+        send, peer = self._socket.sendto, self._peer
+        for answer in answers:
+            try:
+                send(answer, peer)
+            except OSError:  # no room, or the autopilot has gone: it asks again
+                self.counts.unsent += 1
+
+    def _send_at_once(self, answers: list[bytes]) -> bool:
+        """Linux cuts the bytes of one call into datagrams: the call and waking the reader cost more than an answer."""
+        length = len(answers[0])
+        if len(answers) > SEGMENTS or any(len(answer) != length for answer in answers):
+            return False
+        segment = [(socket.IPPROTO_UDP, UDP_SEGMENT, struct.pack("=H", length))]
+        try:
+            self._socket.sendmsg([b"".join(answers)], segment, 0, self._peer)
+        except BlockingIOError:
+            return False
+        except OSError:  # not on this system, or not on this way to the autopilot
+            self._at_once = False
+            return False
+        return True
+
+    def new_pulses(self) -> tuple[int, ...] | None:
+        """Pulse widths of the newest packet, None when they were fetched before."""
+        if not self._unread:
+            return None
+        self._unread = False
+        return pulses_of(self._newest)
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._socket.close()

@@ -1,0 +1,231 @@
+"""Another autopilot as a node: the host's sensors in by one or more ways, its outputs and its MAVLink back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from time import monotonic
+from typing import Callable
+
+from agent.bridges.injector import Injector
+from agent.bridges.outputs import Outputs, actuators, pulses_of
+from agent.bridges.status import bridge_status
+from agent.bridges.vehicle_link import VehicleLink
+from agent.fcu.mavlink.texts import Texts
+from agent.role import Role, Traffic
+from agent.timing.clock import Clock, MonotonicClock
+from agent.timing.tasks import Executor
+from agent.wire import dialect as mav
+from agent.wire.codec import Message
+
+WATCH_HZ = 10.0
+STATUS_NS = 1_000_000_000
+TELEMETRY_HZ = 10.0
+SPACING_NS = 4_000_000  # of XITL_ACTUATORS in real time, at least
+REACH_S, PATIENCE_S = 0.4, 3.0  # of real time: at a try, and in all
+PREFIX = "Bridge: "
+
+_FOR_INJECTORS = (
+    mav.MAVLink_xitl_imu_message,
+    mav.MAVLink_xitl_gnss_message,
+    mav.MAVLink_xitl_magnetometer_message,
+    mav.MAVLink_xitl_barometer_message,
+    mav.MAVLink_xitl_truth_message,
+)
+_OWN_FIRST_ID, _OWN_LAST_ID = mav.MAVLINK_MSG_ID_XITL_RUN, mav.MAVLINK_MSG_ID_XITL_RUN + 99
+_WARNING = 4  # MAV_SEVERITY
+_FORCED = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: also in motion
+
+
+class BridgeRole(Role):
+    """LS, LC and LA are the other autopilot's. `send` hands messages to the host; the rest is the role's to serve.
+
+    The injectors are asked in their order: the first that has outputs gives them, else SERVO_OUTPUT_RAW does.
+    """
+
+    title = "bridge to an autopilot"
+    nodes = "LS,LC,LA"
+    telemetry_hz = TELEMETRY_HZ
+
+    def __init__(
+        self, send: Callable[..., bool], vehicle: VehicleLink, injectors: Sequence[Injector], outputs: Outputs
+    ) -> None:
+        self._send = send
+        self._vehicle = vehicle
+        self._injectors = tuple(injectors)
+        self._outputs = outputs
+        self._texts = Texts()
+        self._running = False
+        self._lockstep = False
+        vehicle.add_tap(self._on_vehicle)
+        self.reset(MonotonicClock(), False)
+
+    # -- the life of a run
+
+    def reset(self, clock: Clock, lockstep: bool) -> None:
+        self._lockstep = lockstep
+        self._waiting: list[Message] = []
+        self._pulses_us: tuple[int, ...] = ()
+        self._commands: tuple[float, ...] = (0.0,) * len(self._outputs.channels)
+        self._raw_is_new = self._fresh = False
+        self._sent_ns: int | None = None
+        self._told_ns: int | None = None
+        self._patience_s = PATIENCE_S
+        self._count = 0
+        self._efforts = 0
+        self._estimates = 0
+        self._imu_stamp_us = self._imu_received_us = 0
+        self._vehicle.reset(clock, self.say)
+        for injector in self._injectors:
+            injector.reset(clock, lockstep, self.say)
+
+    def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
+        self._running = True
+        executor.add("bridge", WATCH_HZ, self._watch)
+
+    def end(self, now_ns: int) -> Sequence[Message]:
+        """The host takes the world away: the autopilot is disarmed, where it still hears."""
+        self._running = False
+        if self._vehicle.armed:
+            disarm = mav.MAV_CMD_COMPONENT_ARM_DISARM
+            self._vehicle.send(mav.MAVLink_command_long_message(1, 1, disarm, 0, 0, _FORCED, 0, 0, 0, 0, 0))
+        neutral = (0.0,) * len(self._outputs.channels)
+        last = actuators(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
+        waiting, self._waiting = self._waiting, []
+        return (*waiting, self._status(now_ns), last)
+
+    # -- the host's messages
+
+    def take(self, message: Message, now_ns: int) -> Sequence[Message]:
+        if isinstance(message, _FOR_INJECTORS):
+            if isinstance(message, mav.MAVLink_xitl_imu_message):
+                self._imu_stamp_us, self._imu_received_us = message.time_usec, now_ns // 1000
+        elif _OWN_FIRST_ID <= message.get_msgId() <= _OWN_LAST_ID or isinstance(message, mav.MAVLink_heartbeat_message):
+            return ()
+        else:
+            self._vehicle.send(message)
+        for injector in self._injectors:
+            injector.take(message, now_ns)
+        return ()
+
+    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+        self._count = tick
+        followed = True
+        for injector in self._injectors:
+            followed = injector.advance(now_ns) and followed
+        followed = followed and self._reach()
+        self._hear(now_ns)
+        waiting, self._waiting = self._waiting, []
+        if not followed:
+            return waiting
+        self._take_outputs()
+        waiting.append(self._actuators(now_ns))
+        return waiting
+
+    def _reach(self) -> bool:
+        """The world waits a while for the connection, so that nothing of the autopilot's start is missed."""
+        vehicle = self._vehicle
+        if vehicle.line_is_up:
+            self._patience_s = PATIENCE_S
+        elif self._patience_s > 0.0:
+            began_s = monotonic()
+            up = vehicle.reach(REACH_S)
+            self._patience_s -= monotonic() - began_s
+            if not up and self._patience_s <= 0.0:
+                self.say(_WARNING, f"no connection to the autopilot's MAVLink at {vehicle.address}; going on without")
+            return up
+        return True
+
+    # -- the autopilot's side
+
+    def serve(self, now: Callable[[], int]) -> None:
+        now_ns = now()
+        for injector in self._injectors:
+            injector.serve(now_ns)
+        self._hear(now_ns)
+        if self._lockstep and self._running:
+            return
+        self._take_outputs()
+        out, self._waiting = self._waiting, []
+        if self._fresh and self._running and (self._sent_ns is None or now_ns - self._sent_ns >= SPACING_NS):
+            self._sent_ns = now_ns
+            self._fresh = False
+            self._count += 1
+            out.append(self._actuators(now_ns))
+        if out:
+            self._send(*out)
+
+    def _hear(self, now_ns: int) -> None:
+        self._waiting += self._vehicle.serve(now_ns)
+
+    def _on_vehicle(self, message: Message) -> None:
+        if isinstance(message, mav.MAVLink_local_position_ned_message):
+            self._estimates += 1
+        elif isinstance(message, mav.MAVLink_servo_output_raw_message):
+            self._pulses_us = pulses_of(message, self._pulses_us)
+            self._raw_is_new = True
+
+    def _take_outputs(self) -> None:
+        """The latest outputs, from where they come; `_fresh` when there are newer ones than last time."""
+        for injector in self._injectors:
+            values = injector.commands()
+            if values is not None:
+                self._note(self._outputs.of_values(values), injector.counts.outputs_in)
+                return
+            pulses_us = injector.pulses()
+            if pulses_us is not None:
+                self._note(self._outputs.of_pulses(pulses_us), injector.counts.outputs_in)
+                return
+        if self._raw_is_new:
+            self._raw_is_new = False
+            self._note(self._outputs.of_pulses(self._pulses_us), self._efforts + 1)
+
+    def _note(self, commands: tuple[float, ...], count: int) -> None:
+        if count != self._efforts:
+            self._efforts = count
+            self._fresh = True
+            self._commands = commands
+
+    def _actuators(self, now_ns: int) -> Message:
+        return actuators(
+            self._commands, self._vehicle.armed, self._imu_stamp_us, self._imu_received_us, now_ns, self._count
+        )
+
+    # -- tasks and words
+
+    def _watch(self, now_ns: int) -> None:
+        self._vehicle.keep(now_ns)
+
+    def telemetry(self, now_ns: int) -> Sequence[Message]:
+        if self._told_ns is not None and now_ns - self._told_ns < STATUS_NS:
+            return ()
+        self._told_ns = now_ns
+        return (self._status(now_ns),)
+
+    def say(self, severity: int, text: str) -> None:
+        self._waiting.extend(self._texts.messages(severity, PREFIX + text))
+
+    def _status(self, now_ns: int) -> Message:
+        return bridge_status(now_ns, [injector.counts for injector in self._injectors], self._vehicle, self._efforts)
+
+    @property
+    def traffic(self) -> Traffic:
+        return Traffic(self._estimates, self._efforts)
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        own = [address for injector in self._injectors for address in injector.addresses]
+        return (self._vehicle.address, *own)
+
+    def descriptors(self) -> Sequence[int]:
+        if self._lockstep and self._running:
+            return ()  # they are heard at the ticks
+        found = [*self._vehicle.descriptors()]
+        for injector in self._injectors:
+            found += injector.descriptors()
+        return found
+
+    def close(self) -> None:
+        """Give back what is open."""
+        for injector in self._injectors:
+            injector.close()
+        self._vehicle.close()

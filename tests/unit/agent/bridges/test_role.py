@@ -1,0 +1,287 @@
+"""The bridge as a node's role: what goes where, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import pytest
+from bridged_vehicle import ARMED, VehicleDouble, until
+
+from agent.bridges.injector import Injection, Injector
+from agent.bridges.outputs import Outputs
+from agent.bridges.role import BridgeRole
+from agent.bridges.vehicle_link import VehicleLink
+from agent.node import PROTOCOL, AgentNode
+from agent.timing.clock import Clock
+from agent.wire import dialect as mav
+from agent.wire.link import Link
+from agent.wire.memory import memory_pair
+
+LOCKSTEP, REALTIME = mav.XITL_CLOCK_MODE_LOCKSTEP, mav.XITL_CLOCK_MODE_REALTIME
+START, STOP = mav.XITL_RUN_COMMAND_START, mav.XITL_RUN_COMMAND_STOP
+
+
+class Way(Injector):
+    """A way in that does as it is told."""
+
+    title = "way"
+
+    def __init__(self, pulses_us: Sequence[int] | None = None, values: Sequence[float] | None = None) -> None:
+        self.counts = Injection()
+        self.taken: list[str] = []
+        self.follows = True
+        self.advanced_ns: list[int] = []
+        self.pulses_us, self.values = pulses_us, values
+        self.say: Callable[[int, str], None] = lambda severity, text: None
+        self.closed = False
+
+    def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
+        self.counts = Injection()
+        self.say = say
+
+    def take(self, message: Any, now_ns: int) -> None:
+        self.taken.append(message.get_type())
+
+    def advance(self, now_ns: int) -> bool:
+        self.advanced_ns.append(now_ns)
+        self.counts.outputs_in += 1
+        return self.follows
+
+    def pulses(self) -> Sequence[int] | None:
+        return self.pulses_us
+
+    def commands(self) -> Sequence[float] | None:
+        return self.values
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        return ("way://here",)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Bench:
+    """A node that is a bridge with these ways in, a host's link to it, the autopilot at its other end."""
+
+    def __init__(self, *ways: Injector) -> None:
+        here, there = memory_pair()
+        self.host, own = Link(here, 255, 190), Link(there, 1, 1)
+        self.double = VehicleDouble()
+        self.vehicle = VehicleLink(self.double.url)
+        self.role = BridgeRole(own.send, self.vehicle, ways, Outputs((1, 3)))
+        self.node = AgentNode(own, self.role)
+        assert self.vehicle.reach(2.0)
+        self.double.link.receive(0.01)
+        self.tick = self._told = 0
+
+    def start(self, mode: int) -> list[Any]:
+        self._told = 0
+        return self.send(mav.MAVLink_xitl_run_message(0, b"test", START, mode, PROTOCOL))
+
+    def stop(self) -> list[Any]:
+        return self.send(mav.MAVLink_xitl_run_message(0, b"test", STOP, LOCKSTEP, PROTOCOL))
+
+    def send(self, *messages: Any) -> list[Any]:
+        """What the host gets after these."""
+        self.host.send(*messages)
+        self.node.poll()
+        return self.host.receive()
+
+    def tell(self, *messages: Any) -> None:
+        """The autopilot says this, and it has arrived."""
+        before = self.double.link.counters.bytes_out
+        self.double.say(*messages)
+        self._told += self.double.link.counters.bytes_out - before
+        until(self._arrived)
+
+    def _arrived(self) -> bool:
+        self.vehicle._arrived += self.vehicle._link.receive()
+        return self.vehicle.counters.bytes_in >= self._told
+
+    def exchange(self) -> list[Any]:
+        self.tick += 1
+        return self.again()
+
+    def again(self) -> list[Any]:
+        return self.send(mav.MAVLink_xitl_tick_message(self.tick * 10_000, self.tick))
+
+    def close(self) -> None:
+        self.role.close()
+        self.double.close()
+
+
+@pytest.fixture
+def make() -> Iterator[Callable[..., Bench]]:
+    made: list[Bench] = []
+
+    def bench(*ways: Injector) -> Bench:
+        made.append(Bench(*ways))
+        return made[-1]
+
+    yield bench
+    for one in made:
+        one.close()
+
+
+def of(messages: list[Any], name: str) -> list[Any]:
+    return [message for message in messages if message.get_type() == name]
+
+
+def beat(flags: int = 0) -> Any:
+    return mav.MAVLink_heartbeat_message(11, 3, flags, 0, 4, 3)
+
+
+def servo(*pulses: int) -> Any:
+    return mav.MAVLink_servo_output_raw_message(0, 0, *pulses, *(0,) * (16 - len(pulses)))
+
+
+def test_who_it_is(make: Callable[..., Bench]) -> None:
+    bench = make(Way())
+    (info,) = of(bench.start(LOCKSTEP), "XITL_NODE_INFO")
+    assert info.nodes == "LS,LC,LA"
+    assert bench.role.addresses == (bench.double.url, "way://here")
+
+
+def test_sensors_go_to_all_ways_and_orders_to_the_autopilot(make: Callable[..., Bench]) -> None:
+    one, two = Way(), Way()
+    bench = make(one, two)
+    bench.start(LOCKSTEP)
+    bench.send(
+        mav.MAVLink_xitl_imu_message(1, [0] * 3, [0] * 3, 20),
+        mav.MAVLink_xitl_truth_message(1, [0] * 3, [0] * 3, [1, 0, 0, 0], [0] * 3, -1, 0),
+        mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
+        mav.MAVLink_xitl_timesync_message(0, 0, 0, 1),
+        mav.MAVLink_distance_sensor_message(0, 20, 4000, 250, 0, 1, 25, 0),
+        mav.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0),
+    )
+    assert one.taken == two.taken == ["XITL_IMU", "XITL_TRUTH", "DISTANCE_SENSOR", "COMMAND_LONG"]
+    until(lambda: bench.double.hear() and len(bench.double.heard) >= 3)
+    heard = [(message.get_type(), message.get_srcComponent()) for message in bench.double.heard]
+    own_heartbeat = ("HEARTBEAT", 190)
+    assert heard == [own_heartbeat, ("DISTANCE_SENSOR", 190), ("COMMAND_LONG", 190)]
+
+
+def test_a_tick_lets_all_ways_advance_and_answers_with_the_outputs(make: Callable[..., Bench]) -> None:
+    way = Way(pulses_us=[1700, 0, 1300])
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    bench.send(mav.MAVLink_xitl_imu_message(9_000, [0] * 3, [0] * 3, 20))
+    (answer,) = of(bench.exchange(), "XITL_ACTUATORS")
+    assert way.advanced_ns == [10_000_000]
+    assert list(answer.command[:2]) == pytest.approx([0.5, -0.5])
+    assert (answer.tick, answer.count, answer.time_usec, answer.imu_time_usec) == (1, 2, 10_000, 9_000)
+
+
+def test_an_autopilot_that_does_not_follow_is_not_answered_for(make: Callable[..., Bench]) -> None:
+    way = Way(pulses_us=[1500] * 3)
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    way.follows = False
+    way.say(4, "it does not follow")
+    came = bench.exchange()
+    assert of(came, "XITL_ACTUATORS") == []
+    assert [message.text for message in of(came, "STATUSTEXT")] == ["Bridge: it does not follow"]
+    way.follows = True
+    assert of(bench.again(), "XITL_ACTUATORS")[0].tick == 1
+    assert way.advanced_ns == [10_000_000] * 2
+
+
+def test_normalised_outputs_come_before_pulses(make: Callable[..., Bench]) -> None:
+    bench = make(Way(), Way(pulses_us=[1900] * 3, values=[0.1, 0.2, 0.3]))
+    bench.start(LOCKSTEP)
+    (answer,) = of(bench.exchange(), "XITL_ACTUATORS")
+    assert list(answer.command[:2]) == pytest.approx([0.1, 0.3])
+
+
+def test_what_the_autopilot_says_is_passed_on_ahead_of_the_answer(make: Callable[..., Bench]) -> None:
+    bench = make(Way(pulses_us=[1500] * 3))
+    bench.start(LOCKSTEP)
+    bench.tell(beat(ARMED), mav.MAVLink_local_position_ned_message(5, 1, 2, 3, 4, 5, 6))
+    assert bench.host.receive() == []
+    names = [message.get_type() for message in bench.exchange()]
+    assert names[-3:] == ["HEARTBEAT", "LOCAL_POSITION_NED", "XITL_ACTUATORS"]
+    (answer,) = of(bench.exchange(), "XITL_ACTUATORS")
+    assert answer.flags == mav.XITL_ACTUATOR_FLAGS_ARMED
+    assert bench.role.traffic.estimates == 1
+
+
+def test_real_time_outputs_are_sent_as_they_come_and_silence_stays_silence(make: Callable[..., Bench]) -> None:
+    bench = make(Way())
+    bench.start(REALTIME)
+    bench.tell(beat(), servo(1900, 0, 1100))
+    (first,) = of(bench.send(), "XITL_ACTUATORS")
+    assert list(first.command[:2]) == [1.0, -1.0]
+    assert all(not of(bench.send(), "XITL_ACTUATORS") for _ in range(20))
+    bench.tell(servo(1900, 0, 1100))
+    (second,) = until(lambda: of(bench.send(), "XITL_ACTUATORS"))
+    assert second.tick == first.tick + 1
+    assert bench.role.traffic.efforts == 2
+
+
+def test_between_runs_it_passes_on_but_commands_nothing(make: Callable[..., Bench]) -> None:
+    bench = make(Way())
+    bench.tell(beat(), servo(1900, 0, 1100))
+    names = [message.get_type() for message in bench.send()]
+    assert names == ["HEARTBEAT", "SERVO_OUTPUT_RAW"]
+
+
+def test_the_end_is_neutral_disarmed_and_counted(make: Callable[..., Bench]) -> None:
+    way = Way(pulses_us=[1900] * 3)
+    bench = make(way)
+    bench.start(LOCKSTEP)
+    bench.tell(beat(ARMED))
+    bench.exchange()
+    way.counts.imu_out, way.counts.restarts, way.counts.taken = 7, 2, True
+    bench.double.heard.clear()
+    came = bench.stop()
+    last = of(came, "XITL_ACTUATORS")[-1]
+    assert (last.flags, list(last.command[:2])) == (0, [0.0, 0.0])
+    status = of(came, "XITL_BRIDGE_STATUS")[-1]
+    assert (status.imu_out, status.restarts, status.outputs_in, status.mavlink_in) == (7, 2, 1, 1)
+    assert status.connected == 3
+    until(lambda: bench.double.hear() and of(bench.double.heard, "COMMAND_LONG"))
+    order = of(bench.double.heard, "COMMAND_LONG")[-1]
+    assert (order.command, order.param1) == (mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+
+
+def test_its_status_comes_once_a_second(make: Callable[..., Bench]) -> None:
+    bench = make(Way(pulses_us=[1500] * 3))
+    bench.start(LOCKSTEP)
+    came = [message for _ in range(301) for message in bench.exchange()]
+    assert [status.time_usec for status in of(came, "XITL_BRIDGE_STATUS")] == [0, 1_000_000, 2_000_000, 3_000_000]
+
+
+def test_lockstep_is_not_woken_by_the_autopilot(make: Callable[..., Bench]) -> None:
+    bench = make(Way())
+    assert len(bench.role.descriptors()) == 1
+    bench.start(LOCKSTEP)
+    assert bench.role.descriptors() == ()
+    bench.stop()
+    assert len(bench.role.descriptors()) == 1
+
+
+def test_it_closes_what_it_has(make: Callable[..., Bench]) -> None:
+    way = Way()
+    make(way).role.close()
+    assert way.closed
+
+
+def test_the_world_waits_for_the_connection_and_then_goes_on_without(
+    make: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("agent.bridges.role.REACH_S", 0.01)
+    monkeypatch.setattr("agent.bridges.role.PATIENCE_S", 0.05)
+    bench = make(Way(pulses_us=[1500] * 3))
+    bench.start(LOCKSTEP)
+    assert of(bench.exchange(), "XITL_ACTUATORS")
+    bench.double.close()
+    until(lambda: bench.vehicle.serve(0) or not bench.vehicle.line_is_up)
+    came = bench.exchange()
+    assert of(came, "XITL_ACTUATORS") == []
+    for _ in range(20):
+        came += bench.again()
+    assert of(came, "XITL_ACTUATORS")
+    text = "".join(message.text for message in of(came, "STATUSTEXT"))
+    assert text == f"Bridge: no connection to the autopilot's MAVLink at {bench.double.url}; going on without"

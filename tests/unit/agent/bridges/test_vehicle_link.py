@@ -1,0 +1,190 @@
+"""MAVLink with another autopilot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from bridged_vehicle import ARMED, BOAT, PLANE, VehicleDouble, until
+
+from agent.bridges.vehicle_link import VehicleLink
+from agent.timing.clock import TickClock
+from agent.wire import dialect as mav
+from agent.wire.transport import TransportError
+
+S = 1_000_000_000
+
+
+@pytest.fixture
+def double() -> Iterator[VehicleDouble]:
+    double = VehicleDouble(system_id=7, component_id=3)
+    yield double
+    double.close()
+
+
+class Bench:
+    """A link to the double, and what it said and handed on."""
+
+    def __init__(self, url: str) -> None:
+        self.link = VehicleLink(url)
+        self.said: list[tuple[int, str]] = []
+        self.tapped: list[Any] = []
+        self.passed: list[Any] = []
+        self.link.add_tap(self.tapped.append)
+        self.link.reset(TickClock(), lambda severity, text: self.said.append((severity, text)))
+
+    def serve(self, now_ns: int, count: int = 1) -> list[Any]:
+        """Until so many messages have come."""
+        before, new = len(self.tapped), []
+
+        def come() -> bool:
+            new.extend(self.link.serve(now_ns))
+            return len(self.tapped) - before >= count
+
+        until(come)
+        self.passed += new
+        return new
+
+
+@pytest.fixture
+def bench(double: VehicleDouble) -> Iterator[Bench]:
+    bench = Bench(double.url)
+    assert bench.link.reach(2.0)
+    double.link.receive(0.01)  # accepts the call
+    yield bench
+    bench.link.close()
+
+
+def test_a_bad_address() -> None:
+    with pytest.raises(TransportError, match="unknown scheme"):
+        VehicleLink("pigeon://coop")
+
+
+def test_its_ids_are_those_of_its_heartbeat(double: VehicleDouble, bench: Bench) -> None:
+    assert not bench.link.connected
+    double.beat(flags=ARMED)
+    assert [message.get_type() for message in bench.serve(0)] == ["HEARTBEAT"]
+    assert bench.link.connected
+    assert bench.link.armed
+    order: Any = mav.MAVLink_command_long_message(1, 1, mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 0, 0, 0, 0, 0, 0)
+    bench.link.send(order, mav.MAVLink_set_mode_message(1, 0, 4), mav.MAVLink_manual_control_message(1, 0, 0, 0, 0, 0))
+    command, mode, sticks = double.hear()
+    assert (command.target_system, command.target_component) == (7, 3)
+    assert (mode.target_system, sticks.target) == (7, 7)
+    assert (command.get_srcSystem(), command.get_srcComponent()) == (255, 190)
+
+
+def test_others_on_the_same_line_are_tapped_alone(double: VehicleDouble, bench: Bench) -> None:
+    camera = VehicleDouble(7, 100, "udp://127.0.0.1:0")
+    station = mav.MAVLink_heartbeat_message(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+    double.beat()
+    bench.serve(0)
+    double.transport.send(camera.link._packer.pack(station))
+    double.say(mav.MAVLink_system_time_message(1, 2))
+    assert [message.get_type() for message in bench.serve(0, 2)] == ["SYSTEM_TIME"]
+    assert len(bench.tapped) == 3
+    camera.close()
+
+
+def test_a_heartbeat_once_a_second(double: VehicleDouble, bench: Bench) -> None:
+    for now_ns in range(0, 3 * S, S // 10):
+        bench.link.keep(now_ns)
+    beats = until(lambda: double.hear() and double.heard)
+    assert [beat.type for beat in beats] == [mav.MAV_TYPE_GCS] * 3
+
+
+def test_streams_are_asked_for_once_it_is_heard_and_again_after_a_reboot(double: VehicleDouble, bench: Bench) -> None:
+    bench.link.keep(0)
+    assert double.asked_for() == set()
+    double.beat()
+    double.say(mav.MAVLink_system_time_message(0, 50_000))
+    bench.serve(0, 2)
+    for _ in range(4):
+        bench.link.keep(S)
+    first = double.asked_for()
+    assert mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW in first
+    assert mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED in first
+    double.say(mav.MAVLink_system_time_message(0, 1_000))
+    bench.serve(S)
+    for _ in range(4):
+        bench.link.keep(S)
+    assert double.asked_for() == first
+    assert bench.link.reboots == 1
+
+
+def test_a_plane_is_said_once(double: VehicleDouble, bench: Bench) -> None:
+    for _ in range(3):
+        double.beat(PLANE)
+    bench.serve(0, 3)
+    assert bench.said == [(3, "the autopilot is a fixed-wing aircraft (MAV_TYPE 1), no rover or boat")]
+
+
+@pytest.mark.parametrize("kind", [mav.MAV_TYPE_GROUND_ROVER, BOAT])
+def test_a_rover_or_a_boat_is_fine(double: VehicleDouble, bench: Bench, kind: int) -> None:
+    double.beat(kind)
+    bench.serve(0)
+    assert bench.said == []
+
+
+def test_silence_and_its_end(double: VehicleDouble, bench: Bench) -> None:
+    double.beat()
+    bench.serve(0)
+    for second in range(6):
+        bench.link.keep(second * S)
+    assert bench.said == [(4, f"no MAVLink from the autopilot at {double.url}")]
+    assert not bench.link.connected
+    double.beat()
+    bench.serve(6 * S)
+    bench.link.keep(6 * S)
+    assert bench.said[1:] == [(5, "MAVLink from the autopilot again")]
+    assert bench.link.connected
+
+
+def test_nothing_ever_comes(double: VehicleDouble, bench: Bench) -> None:
+    for second in range(10):
+        bench.link.keep(second * S)
+    assert len(bench.said) == 1
+    assert bench.said[0][1].startswith(f"nothing comes from the autopilot's MAVLink at {double.url}; check")
+
+
+def test_what_comes_is_no_mavlink(double: VehicleDouble, bench: Bench) -> None:
+    double.transport.send(b"\n\nInit ArduRover\n" * 3)
+    until(lambda: bench.link.serve(0) or bench.link.counters.bytes_in)
+    bench.link.keep(6 * S)
+    assert "no MAVLink 2; set SERIALn_PROTOCOL 2 there" in bench.said[0][1]
+    assert bench.link.counters.dropped_noise == 1
+
+
+def test_nobody_is_there() -> None:
+    gone = VehicleDouble()
+    gone.close()
+    bench = Bench(gone.url)
+    assert not bench.link.reach(0.05)
+    assert not bench.link.line_is_up
+    bench.link.keep(6 * S)
+    assert bench.said[0][1].startswith(f"nobody answers at the autopilot's MAVLink, {gone.url}; check the address")
+    bench.link.close()
+
+
+def test_its_time_requests_are_answered_here(double: VehicleDouble, bench: Bench) -> None:
+    double.beat()
+    bench.serve(0)
+    double.say(mav.MAVLink_timesync_message(0, 1234), mav.MAVLink_timesync_message(55, 66))
+    assert [(message.tc1, message.ts1) for message in bench.serve(7 * S, 2)] == [(55, 66)]
+    (answer,) = double.hear()
+    assert (answer.tc1, answer.ts1) == (7 * S, 1234)
+
+
+def test_kinds_that_the_dialect_has_not_are_no_damage(double: VehicleDouble, bench: Bench) -> None:
+    double.beat()
+    bench.serve(0)
+    packer = double.link._packer
+    frame = bytearray(packer.pack(mav.MAVLink_system_time_message(1, 2)))
+    frame[7:10] = (168).to_bytes(3, "little")  # WIND of ArduPilot; its checksum is not known here
+    double.transport.send(bytes(frame))
+    double.beat()
+    bench.serve(0)
+    counters = bench.link.counters
+    assert bench.link.passed == 1
+    assert (counters.received, counters.lost, counters.dropped) == (2, 0, 0)
