@@ -1,0 +1,309 @@
+"""The simulated units as the role drives them: what flows, when, and what is said."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+
+import pytest
+
+from agent.bridges import microstrain_frames, vectornav_frames
+from agent.bridges.ahrs import Ahrs
+from agent.bridges.microstrain import MicroStrain7
+from agent.bridges.sensor_line import SensorLine
+from agent.bridges.vectornav import VectorNav
+from agent.bridges.vectornav_commands import sentence
+from agent.options import Options, OptionsError
+from agent.timing.clock import TickClock
+from agent.wire import dialect as mav
+from agent.wire.transport import Standing, Transport
+
+LAT_DEG, LON_DEG, ALT_M = -8.8, -63.95, 60.0
+FIELD_FRD_GAUSS = (0.25, -0.0637, -0.05)  # of that place, level and pointing north
+SET_UP = (
+    "VNASY,0",
+    "VNWRG,06,0,1",
+    "VNWRG,06,0,2",
+    "VNRRG,01",
+    "VNWRG,75,3,2,01,0721",
+    "VNWRG,76,3,8,31,0001,0106,0613",
+    "VNWRG,77,3,80,49,0003,26B8,0018",
+    "VNASY,1",
+)
+MS = 1_000_000
+INERTIAL, SOLUTION, FIX = "inertial", "solution", "fix"
+KINDS = {
+    b"\xfa" + vectornav_frames.INERTIAL_HEADER: INERTIAL,
+    b"\xfa" + vectornav_frames.SOLUTION_HEADER: SOLUTION,
+    b"\xfa" + vectornav_frames.RECEIVER_HEADER: FIX,
+    bytes((0x75, 0x65, microstrain_frames.SENSORS)): INERTIAL,
+    bytes((0x75, 0x65, microstrain_frames.FILTER)): SOLUTION,
+    bytes((0x75, 0x65, microstrain_frames.RECEIVER_1)): FIX,
+}
+
+
+class Wire(Transport):
+    """A line whose other end is the test."""
+
+    name = "wire"
+    stream = True
+
+    def __init__(self) -> None:
+        super().__init__("wire://here")
+        self.sent: list[bytes] = []
+        self.coming: list[bytes] = []
+        self.there = True
+        self.credited = 0
+
+    @classmethod
+    def open(cls, url: object, listen: bool) -> Wire:
+        return cls()
+
+    @property
+    def peer(self) -> str:
+        return "wire://there" if self.there else ""
+
+    def send(self, data: bytes) -> bool:
+        self.sent.append(data)
+        return True
+
+    def receive(self, timeout_s: float = 0.0) -> list[bytes]:
+        chunks, self.coming = self.coming, []
+        return chunks
+
+    def credit(self, index: int, standing: Standing) -> bool:
+        self.credited += 1
+        return True
+
+    def fileno(self) -> int | None:
+        return None
+
+    def close(self) -> None:
+        pass
+
+
+class Bench:
+    """A unit on a wire, and a host whose vessel lies level with its bow to the north."""
+
+    def __init__(self, make: Callable[[SensorLine], Ahrs], imu_hz: int = 200, lockstep: bool = True) -> None:
+        self.wire = Wire()
+        self.unit = make(SensorLine(self.wire))
+        self.said: list[str] = []
+        self.imu_hz = imu_hz
+        self.step = 0
+        self.unit.reset(TickClock(), lockstep, lambda severity, text: self.said.append(text))
+
+    def hear(self, *bodies: str) -> None:
+        self.wire.coming += [sentence(body) for body in bodies]
+        self.unit.serve(self.now_ns)
+
+    @property
+    def now_ns(self) -> int:
+        return self.step * 1_000_000_000 // self.imu_hz
+
+    def run(self, seconds: float, without: tuple[str, ...] = ()) -> None:
+        for _ in range(round(seconds * self.imu_hz)):
+            self.step += 1
+            at_us, now_ns = self.now_ns // 1000, self.now_ns
+            self.unit.take(mav.MAVLink_xitl_imu_message(at_us, (0.0, 0.0, 0.0), (0.0, 0.0, -9.78), 21.0), now_ns)
+            if self.step % (self.imu_hz // 50) == 0 and "field" not in without:
+                self.unit.take(mav.MAVLink_xitl_magnetometer_message(at_us, FIELD_FRD_GAUSS), now_ns)
+            if self.step % (self.imu_hz // 50) == 0:
+                self.unit.take(mav.MAVLink_xitl_barometer_message(at_us, 100_600.0, 21.0), now_ns)
+            if self.step % (self.imu_hz // 5) == 0 and "gnss" not in without:
+                self.unit.take(self.gnss(at_us), now_ns)
+            self.unit.serve(now_ns)
+
+    @staticmethod
+    def gnss(at_us: int) -> mav.MAVLink_xitl_gnss_message:
+        lat, lon = round(LAT_DEG * 1e7), round(LON_DEG * 1e7)
+        return mav.MAVLink_xitl_gnss_message(at_us, lat, lon, 60_000, (0.0, 0.0, 0.0), 0.5, 1.0, 0.05, 3, 14)
+
+    def frames(self, kind: str) -> list[bytes]:
+        return [sent for sent in self.wire.sent if any(sent.startswith(head) and KINDS[head] == kind for head in KINDS)]
+
+
+def vectornav() -> Bench:
+    bench = Bench(VectorNav)
+    bench.hear(*SET_UP)
+    return bench
+
+
+def test_a_vectornav_is_silent_until_it_is_set_up() -> None:
+    bench = Bench(VectorNav)
+    bench.run(3.0)
+    assert bench.wire.sent == []
+    bench.hear(*SET_UP[:-1])
+    assert len(bench.wire.sent) == 7
+    bench.run(0.1)
+    assert not bench.frames(INERTIAL)[1:]
+    bench.hear(SET_UP[-1])
+    before = len(bench.frames(INERTIAL))
+    bench.run(0.5)
+    assert len(bench.frames(INERTIAL)) - before == 100
+    assert bench.unit.counts.commands_in == 8
+    assert bench.unit.counts.taken
+
+
+@pytest.mark.parametrize("make", [VectorNav, MicroStrain7])
+def test_what_flows(make: Callable[[SensorLine], Ahrs]) -> None:
+    bench = Bench(make)
+    bench.hear(*SET_UP)
+    bench.run(10.0)
+    counts = bench.unit.counts
+    inertial, solution, fixes = (bench.frames(kind) for kind in (INERTIAL, SOLUTION, FIX))
+    assert (len(inertial), len(solution), len(fixes)) == (counts.imu_out, counts.solution_out, counts.gnss_out)
+    assert counts.imu_out == 2000 - 4  # from the first field and pressure on
+    assert counts.gnss_out == 50
+    assert 300 < counts.solution_out < 400  # 50 Hz from the first attitude and five fixes on: 2 to 4 s
+    assert counts.unsent == 0
+
+
+def test_no_solution_before_a_place_is_known() -> None:
+    bench = vectornav()
+    bench.run(10.0, without=("gnss",))
+    assert bench.frames(SOLUTION) == []
+    bench.run(5.0)
+    assert bench.frames(SOLUTION)
+
+
+def test_the_solution_is_where_and_how_the_vessel_is() -> None:
+    bench = vectornav()
+    bench.run(20.0)
+    values = struct.unpack_from("<3f4f3fH3d3f", bench.frames(SOLUTION)[-1], 8 + 8)
+    yaw, pitch, roll = values[:3]
+    assert (pitch, roll) == pytest.approx((0.0, 0.0), abs=0.1)
+    declination_deg = -14.3
+    compass_deg = -math.degrees(math.atan2(FIELD_FRD_GAUSS[1], FIELD_FRD_GAUSS[0]))
+    assert yaw == pytest.approx(compass_deg + declination_deg, abs=0.2)
+    lat_deg, lon_deg, alt_m = values[11:14]
+    assert lat_deg == pytest.approx(LAT_DEG, abs=1e-6)
+    assert lon_deg == pytest.approx(LON_DEG, abs=1e-6)
+    assert alt_m == pytest.approx(ALT_M, abs=0.5)
+
+
+def test_a_dead_compass_is_told_in_the_status() -> None:
+    bench = vectornav()
+    bench.run(10.0)
+    bench.run(2.0, without=("field",))
+    assert struct.unpack_from("<H", bench.frames(SOLUTION)[-1], 8 + 48)[0] & vectornav_frames.FIELD_FAULT
+
+
+def test_inertial_frames_at_the_rate_that_was_asked_for() -> None:
+    bench = Bench(VectorNav, imu_hz=400)
+    bench.hear(*SET_UP)  # asks for 400 / 2
+    bench.run(1.0)
+    assert len(bench.frames(INERTIAL)) == 200 - 4  # from the first field and pressure on
+    assert bench.said[1:] == []
+
+
+def test_a_sensor_that_is_slower_than_asked_for_is_told() -> None:
+    bench = Bench(VectorNav, imu_hz=100)
+    bench.hear(*SET_UP)
+    bench.run(5.0)
+    assert bench.said[1:] == [
+        "inertial samples come at 100 Hz, the autopilot asks for 200; set EAHRS_RATE to sensors.imu.rate_hz"
+    ]
+
+
+@pytest.mark.parametrize(("make", "name"), [(VectorNav, "VectorNav"), (MicroStrain7, "MicroStrain 7")])
+def test_nobody_there_is_said_once(make: Callable[[SensorLine], Ahrs], name: str) -> None:
+    bench = Bench(make)
+    bench.wire.there = False
+    bench.run(12.0)
+    assert len(bench.said) == 1
+    assert bench.said[0].startswith(f"nothing asks for a {name} at wire://here; check EAHRS_TYPE")
+    assert not bench.unit.counts.taken
+
+
+def test_a_restart_of_the_autopilot() -> None:
+    bench = vectornav()
+    bench.run(1.0)
+    bench.hear(SET_UP[0])
+    before = len(bench.frames(INERTIAL))
+    bench.run(1.0)
+    assert len(bench.frames(INERTIAL)) == before
+    bench.hear(*SET_UP[1:])
+    bench.run(1.0)
+    assert len(bench.frames(INERTIAL)) == before + 200
+    assert bench.unit.counts.restarts == 1
+    assert len(bench.said) == 2
+
+
+def test_a_run_begins_with_counts_of_its_own_and_the_set_up_of_the_last() -> None:
+    bench = vectornav()
+    bench.run(1.0)
+    bench.wire.coming.append(b"noise")
+    bench.unit.serve(0)
+    assert bench.unit.counts.junk == 5
+    bench.unit.reset(TickClock(), True, lambda severity, text: None)
+    counts = bench.unit.counts
+    assert (counts.imu_out, counts.commands_in, counts.junk) == (0, 0, 0)
+    bench.run(1.0)
+    assert bench.unit.counts.imu_out == 200 - 4  # from the first field and pressure on
+
+
+def test_only_who_makes_sense_is_the_other_end() -> None:
+    bench = Bench(VectorNav)
+    bench.wire.coming = [b"noise", b"$VNBAD*00\r\n", sentence("VNASY,0")]
+    bench.unit.serve(0)
+    assert bench.wire.credited == 1
+
+
+def test_lockstep_repeats_itself_byte_for_byte() -> None:
+    runs = []
+    for date in (0.0, 2e9):
+        bench = Bench(lambda line, date=date: MicroStrain7(line, lambda: date))  # type: ignore[misc]
+        bench.run(8.0)
+        runs.append(bench.wire.sent)
+    assert runs[0] == runs[1]
+
+
+def test_in_real_time_the_date_is_that_of_the_machine() -> None:
+    bench = Bench(lambda line: MicroStrain7(line, lambda: 1_767_225_600.0), lockstep=False)  # start of 2026, UTC
+    bench.run(1.0)
+    second, week = struct.unpack_from(">dH", bench.frames(FIX)[-1], 6)
+    assert week == 2399
+    assert second == pytest.approx(4 * 86_400 + 18 + 1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "text"),
+    [
+        (VectorNav.make, Options(sensors="vectornav"), "sensor-link: vectornav needs"),
+        (MicroStrain7.make, Options(sensors="microstrain7"), "sensor-link: microstrain7 needs"),
+        (MicroStrain7.make, Options(sensor_link="udp://127.0.0.1:0?listen"), "this driver never speaks"),
+    ],
+)
+def test_refused_options(make: Callable[..., Ahrs], options: Options, text: str) -> None:
+    with pytest.raises(OptionsError, match=text):
+        make(options, None)
+
+
+@pytest.mark.parametrize("make", [VectorNav, MicroStrain7])
+def test_samples_that_cannot_be_do_no_harm(make: Callable[[SensorLine], Ahrs]) -> None:
+    bench = Bench(make)
+    bench.hear(*SET_UP)
+    bench.run(10.0)
+    before = bench.unit.counts.solution_out
+    bad, at_us = math.nan, bench.now_ns // 1000
+    messages = [
+        mav.MAVLink_xitl_imu_message(at_us + 1, (bad, math.inf, 0.0), (bad, 0.0, -math.inf), bad),
+        mav.MAVLink_xitl_magnetometer_message(at_us + 1, (bad, bad, bad)),
+        mav.MAVLink_xitl_barometer_message(at_us + 1, math.inf, bad),
+        mav.MAVLink_xitl_gnss_message(at_us + 1, 2**31 - 1, -(2**31), 0, (bad, bad, bad), bad, math.inf, bad, 255, 255),
+    ]
+    for message in messages:
+        bench.unit.take(message, bench.now_ns)
+    bench.run(1.0)
+    assert bench.unit.counts.solution_out - before == 50
+    assert bench.unit.counts.gnss_out == 50 + 1 + 5
+
+
+def test_nothing_is_made_for_nobody() -> None:
+    bench = Bench(MicroStrain7)
+    bench.wire.there = False
+    bench.run(2.0)
+    counts = bench.unit.counts
+    assert (counts.imu_out, counts.solution_out, counts.gnss_out, counts.unsent) == (0, 0, 0, 0)
