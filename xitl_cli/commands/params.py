@@ -1,9 +1,10 @@
-"""`xitl params show|diff|set|push|pull`."""
+"""`xitl params show|diff|set|push|pull|check`."""
 
 from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -16,6 +17,7 @@ from rich.table import Table
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
+    from xitl_cli.params.check import Findings
     from xitl_cli.params.compare import Change
 
 SourceArgument = Annotated[
@@ -26,7 +28,10 @@ SourceArgument = Annotated[
 ]
 VehicleArgument = Annotated[
     str,
-    typer.Argument(metavar="VEHICLE", help="tcp://host:port, or udp://host:port (waits there if it is this machine)."),
+    typer.Argument(
+        metavar="VEHICLE",
+        help="tcp://host:port, serial:///dev/ttyACM0, or udp://host:port (waits there if it is this machine).",
+    ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Key = Annotated[
@@ -115,18 +120,55 @@ def set_values(
 def push(
     file: Annotated[str, typer.Argument(metavar="FILE", help="A .parm file, or a shipped one's name.")],
     vehicle: VehicleArgument,
+    with_script: Annotated[
+        bool, typer.Option("--with-script", help="Bring the script for HIL messages to an ArduPilot as well.")
+    ] = False,
+    reboot: Annotated[
+        bool, typer.Option("--reboot", help="Restart the vehicle, and set what appears only then, until all is set.")
+    ] = False,
     signing_key: Key = None,
     as_json: Json = False,
 ) -> None:
     """Set on a vehicle what differs from a file, each value read back."""
-    from xitl_cli.params.compare import push as push_values
+    from xitl_cli.params.bring import bring
+    from xitl_cli.params.script import shipped_script
     from xitl_cli.params.source import read_file
-    from xitl_cli.params.vehicle import connected
 
     wanted = read_file(file).values
+    script = shipped_script() if with_script else None
+    with Console(stderr=True).status("parameters") as status:
+        done = bring(_vehicle(vehicle), _key(signing_key), wanted, script, reboot, status.update)
+    more = {"script": done.script or None, "script_written": done.written, "restarts": done.restarts}
+    told = [f"{done.script} {'written' if done.written else 'is there already'}"] if done.script else []
+    told += ["a restart is due: --reboot, or its power off and on"] if done.restart_due and (reboot or script) else []
+    _report(vehicle, list(done.changes), len(wanted), as_json, more if with_script or reboot else {}, told)
+
+
+def check(
+    source: Annotated[
+        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm file, a shipped one's name, or a profile.")
+    ],
+    vehicle: VehicleArgument,
+    signing_key: Key = None,
+    as_json: Json = False,
+) -> None:
+    """Hold a vehicle against a file or a profile: what differs, what its version does not have.
+
+    Exit code: 0 nothing, 1 something, 2 something to put right.
+    """
+    from xitl_cli.params.check import findings, firmware
+    from xitl_cli.params.source import wanted_of
+    from xitl_cli.params.vehicle import connected
+
+    wanted = wanted_of(source)
     with connected(_vehicle(vehicle), _key(signing_key)) as reached:
-        changes = push_values(reached, wanted, reached.read_all())
-    _report(vehicle, changes, len(wanted), as_json)
+        version = firmware(reached)
+        found = findings(wanted, reached.read_all())
+    if as_json:
+        _print_json({"source": source, "vehicle": vehicle, "firmware": version, **asdict(found)})
+    else:
+        _show_findings(version, found)
+    raise typer.Exit(0 if found.fine else 1)
 
 
 def pull(
@@ -155,7 +197,29 @@ def pull(
         Console(highlight=False, soft_wrap=True).print(f"{file}: {len(found.values)} parameters", markup=False)
 
 
-def _report(vehicle: str, changes: list[Change], asked: int, as_json: bool) -> None:
+def _show_findings(version: str, found: Findings) -> None:
+    from xitl_cli.params.text import shown
+
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(version, markup=False)
+    if found.differs:
+        table = _table("name", "wanted", "vehicle")
+        for difference in found.differs:
+            table.add_row(difference.name, shown(difference.wanted), shown(difference.kept))
+        console.print(table)
+    for missing in found.absent:
+        console.print(f"{missing.name} = {shown(missing.wanted)}: {missing.sentence(shown)}", markup=False)
+    console.print(f"{found.same} as they should be, {len(found.differs)} differ, {len(found.absent)} are not there")
+
+
+def _report(
+    vehicle: str,
+    changes: list[Change],
+    asked: int,
+    as_json: bool,
+    also: dict[str, Any] | None = None,
+    told: Sequence[str] = (),
+) -> None:
     from xitl_cli.params.text import shown
 
     refused = [change for change in changes if change.reason]
@@ -173,6 +237,7 @@ def _report(vehicle: str, changes: list[Change], asked: int, as_json: bool) -> N
                     for change in refused
                 ],
                 "unchanged": asked - len(changes),
+                **(also or {}),
             }
         )
     else:
@@ -183,6 +248,8 @@ def _report(vehicle: str, changes: list[Change], asked: int, as_json: bool) -> N
                 console.print(f"{change.name} = {shown(change.wanted)} refused: {change.reason}", markup=False)
             else:
                 console.print(f"{change.name} = {before}{shown(change.wanted)}", markup=False)
+        for line in told:
+            console.print(line, markup=False)
         console.print(
             f"{len(changes) - len(refused)} set, {len(refused)} refused, {asked - len(changes)} were so already"
         )
@@ -210,7 +277,7 @@ def _vehicle(url: str) -> str:
     from xitl_cli.params.source import is_vehicle
 
     if not is_vehicle(url):
-        raise UserError(f"{url!r} is no vehicle; write tcp://host:port or udp://host:port")
+        raise UserError(f"{url!r} is no vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0")
     return url
 
 

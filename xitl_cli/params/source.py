@@ -58,3 +58,32 @@ def read_file(source: str) -> ParameterSet:
         raise UserError(f"{path}: is not text; give a .parm file, one NAME value a line") from None
     except ParameterError as error:
         raise UserError(str(error)) from error
+
+
+def wanted_of(source: str) -> Mapping[str, float]:
+    """What a .parm file, a shipped one or a profile's autopilot asks for. Raises UserError."""
+    if source.endswith(SUFFIXES):
+        return read_file(source).values
+    try:
+        return read_file(source).values
+    except UserError:
+        if not _is_profile(source):
+            raise
+    from xitl_cli.profile import load_profile
+
+    autopilot = load_profile(source).autopilot
+    values: dict[str, float] = {}
+    if autopilot is not None:
+        for file in autopilot.parameter_files:
+            values.update(read_file(file).values)
+        values.update(autopilot.parameters)
+    if not values:
+        raise UserError(f"{source}: its autopilot has no parameters; give a profile with autopilot.parameter_files")
+    return values
+
+
+def _is_profile(source: str) -> bool:
+    from xitl_cli.profile.catalogue import SUFFIXES as PROFILE_SUFFIXES
+    from xitl_cli.profile.catalogue import shipped_profiles
+
+    return source.endswith(PROFILE_SUFFIXES) or source in shipped_profiles()

@@ -43,11 +43,11 @@ class Answer:
 
 
 @contextmanager
-def connected(url: str, key: bytes | None = None) -> Iterator[Vehicle]:
+def connected(url: str, key: bytes | None = None, wait_s: float | None = None) -> Iterator[Vehicle]:
     """The vehicle at `url`, heard and ready to be asked. Raises UserError when none is there.
 
-    `tcp://host:port` connects. `udp://host:port` waits for the vehicle where the host is this machine, as a ground
-    station does, and goes to it elsewhere; `udpin://` and `udpout://` say which.
+    `serial:///dev/…` opens a line, `tcp://host:port` connects. `udp://host:port` waits for the vehicle where the host
+    is this machine, as a ground station does, and goes to it elsewhere; `udpin://` and `udpout://` say which.
     """
     plain, listen = _direction(url)
     try:
@@ -56,17 +56,21 @@ def connected(url: str, key: bytes | None = None) -> Iterator[Vehicle]:
         raise UserError(str(error)) from error
     with transport:
         vehicle = Vehicle(transport, url, None if key is None else Signing(key))
-        vehicle.wait_for_it(CONNECT_S)
+        vehicle.wait_for_it(CONNECT_S if wait_s is None else wait_s)
         yield vehicle
 
 
 class Vehicle:
-    """One vehicle, the first whose heartbeat is heard. Everything raises UserError when it falls silent."""
+    """One vehicle, the first whose heartbeat is heard. Everything raises UserError when it falls silent.
+
+    kind: its MAV_TYPE.
+    """
 
     def __init__(self, transport: Transport, url: str, signing: Signing | None) -> None:
         self._link = Link(transport, SYSTEM_ID, COMPONENT_ID, signing=signing)
         self._url = url
         self._target: tuple[int, int] | None = None
+        self.kind = 0
         self._beat_s = -HEARTBEAT_S
         self._types: dict[str, int] = {}
         self._texts: deque[str] = deque(maxlen=20)
@@ -84,6 +88,7 @@ class Vehicle:
                         name = BYTEWISE_AUTOPILOTS[message.autopilot]
                         raise UserError(f"{self._url}: is a {name} vehicle; only ArduPilot's parameters can be read")
                     self._target = (message.get_srcSystem(), message.get_srcComponent())
+                    self.kind = int(message.type)
                     break
 
     def read_all(self) -> dict[str, float]:
@@ -146,6 +151,51 @@ class Vehicle:
     def texts(self) -> tuple[str, ...]:
         """What it said lately."""
         return tuple(self._texts)
+
+    @property
+    def target(self) -> tuple[int, int]:
+        """Its system and component."""
+        assert self._target is not None
+        return self._target
+
+    def send(self, message: Any) -> bool:
+        """Send a message of the dialect."""
+        return self._link.send(message)
+
+    def receive(self, timeout_s: float) -> list[Any]:
+        """What it has said, waiting for it at most `timeout_s`."""
+        return [
+            message
+            for message in self._receive(timeout_s)
+            if (message.get_srcSystem(), message.get_srcComponent()) == self._target
+        ]
+
+    def command(self, number: int, *values: float) -> int | None:
+        """A MAV_CMD with its parameters: the MAV_RESULT, None when it does not answer."""
+        padded = (*values, *(0.0 for _ in range(7 - len(values))))
+        for repeat in range(TRIES):
+            self._link.send(dialect.MAVLink_command_long_message(*self.target, number, repeat, *padded))
+            deadline_s = time.monotonic() + ANSWER_S
+            while time.monotonic() < deadline_s:
+                for message in self.receive(0.05):
+                    if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_ACK and message.command == number:
+                        return int(message.result)
+        return None
+
+    def request(self, number: int) -> Any:
+        """One message of that number, None when it does not come."""
+        for _ in range(TRIES):
+            self._link.send(
+                dialect.MAVLink_command_long_message(
+                    *self.target, dialect.MAV_CMD_REQUEST_MESSAGE, 0, number, 0, 0, 0, 0, 0, 0
+                )
+            )
+            deadline_s = time.monotonic() + ANSWER_S
+            while time.monotonic() < deadline_s:
+                for message in self.receive(0.05):
+                    if message.get_msgId() == number:
+                        return message
+        return None
 
     def _ask(self, message: Any, name: str) -> Any:
         for _ in range(TRIES):
@@ -211,8 +261,10 @@ def _direction(url: str) -> tuple[str, bool]:
         return f"udp{separator}{place}", scheme == "udpin"
     if scheme == "udp":
         return url, place.rpartition(":")[0] in LOCAL_HOSTS
-    if scheme != "tcp":
-        raise UserError(f"{url}: is no address of a vehicle; write tcp://host:port or udp://host:port")
+    if scheme not in ("tcp", "serial"):
+        raise UserError(
+            f"{url}: is no address of a vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0"
+        )
     return url, False
 
 

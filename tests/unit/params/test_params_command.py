@@ -100,7 +100,8 @@ def test_a_written_file_reads_in_pymavlink(tmp_path: Path) -> None:
     [
         (("show", "embeded-asv-full"), ("did you mean 'embedded-asv-full'?", "tcp://host:port")),
         (("show", "gone.parm"), ("gone.parm does not exist",)),
-        (("show", "serial://x:1"), ("is no address of a vehicle", "tcp://host:port or udp://host:port")),
+        (("show", "can://x:1"), ("is no address of a vehicle", "udp://host:port or serial:///dev/ttyACM0")),
+        (("show", "serial://x:1"), ("write it like serial:///dev/ttyACM0",)),
         (("show", "tcp://127.0.0.1"), ("port is missing",)),
         (("pull", "boat.parm", "x.parm"), ("'boat.parm' is no vehicle",)),
         (("pull", "tcp://127.0.0.1:9", "/no/where/x.parm"), ("/no/where: is no directory",)),

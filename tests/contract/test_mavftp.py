@@ -1,0 +1,93 @@
+"""MAVLink FTP against a vehicle by pymavlink's codec, on lines that lose, and what can go wrong with a file.
+
+The same client brings a file to a real Rover in test_hil_rover.py.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from tests.doubles.ftp_vehicle import FtpVehicle, crc32, listening
+from xitl_cli.errors import UserError
+from xitl_cli.params import ftp, script
+from xitl_cli.params.ftp import Files, RefusedError, checksum
+from xitl_cli.params.vehicle import connected
+
+CONTENT = bytes(random.Random(3).randbytes(2000))
+
+
+@pytest.fixture(autouse=True)
+def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ftp, "ANSWER_S", 0.12)
+
+
+@contextmanager
+def client(vehicle: FtpVehicle) -> Iterator[Any]:
+    with listening(vehicle) as url, connected(url) as reached:
+        yield reached
+
+
+@pytest.mark.parametrize("content", [b"", b"a", b"123456789", bytes(range(256)) * 3])
+def test_the_checksum_is_that_of_the_protocol(content: bytes) -> None:
+    assert checksum(content) == crc32(content)
+
+
+@pytest.mark.parametrize("lose", [0, 5, 7])
+def test_a_file_arrives_whole_though_messages_are_lost(lose: int) -> None:
+    vehicle = FtpVehicle(folders={"/scripts"}, lose=lose)
+    with client(vehicle) as reached:
+        files = Files(reached)
+        heard: list[float] = []
+        files.write("scripts/a.lua", CONTENT, heard.append)
+        assert files.checksum("scripts/a.lua") == checksum(CONTENT)
+        assert files.checksum("scripts/b.lua") is None
+    assert vehicle.files == {"/scripts/a.lua": CONTENT}
+    assert vehicle.done.count(ftp.WRITE) == -(-len(CONTENT) // ftp.DATA_BYTES)  # a repetition is not done twice
+    assert vehicle.done.count(ftp.TERMINATE) == 1
+    assert heard == sorted(heard)
+    assert heard[-1] == 1.0
+
+
+def test_the_script_goes_where_the_vehicle_keeps_its_scripts() -> None:
+    board, plain = FtpVehicle(folders={"/APM"}), FtpVehicle()
+    for vehicle, path in ((board, "/APM/scripts/xitl_hil.lua"), (plain, "/scripts/xitl_hil.lua")):
+        with client(vehicle) as reached:
+            where, written = script.install(reached, CONTENT)
+            assert written
+            assert f"/{where.lstrip('/')}" == path
+            assert vehicle.files == {path: CONTENT}
+            assert script.install(reached, CONTENT) == (where, False)
+            assert script.install(reached, CONTENT + b"new") == (where, True)
+        assert vehicle.done.count(ftp.CREATE) == 2
+
+
+def test_a_vehicle_whose_files_another_client_has_is_asked_again() -> None:
+    vehicle = FtpVehicle(folders={"/scripts"}, busy=2)
+    with client(vehicle) as reached:
+        assert Files(reached).checksum("scripts/a.lua") is None
+
+
+def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ftp, "BUSY_S", 0.3)
+    with (
+        client(FtpVehicle(busy=10_000)) as reached,
+        pytest.raises(RefusedError, match="another client is busy with its files"),
+    ):
+        Files(reached).checksum("scripts/a.lua")
+
+
+def test_what_goes_wrong_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    for vehicle, words in (
+        (FtpVehicle(no_card=True), r"its file system fails \(error 30\); check that it has a memory card"),
+        (FtpVehicle(spoil=True), "came out damaged on the vehicle"),
+    ):
+        with client(vehicle) as reached, pytest.raises(UserError, match=words):
+            script.install(reached, CONTENT)
+    monkeypatch.setattr(ftp, "TRIES", 2)
+    with client(FtpVehicle(deaf=True)) as reached, pytest.raises(UserError, match="does not answer to MAVLink FTP"):
+        script.install(reached, CONTENT)

@@ -1,0 +1,162 @@
+"""What `xitl params check` finds, and how `push` goes about parameters that ArduPilot hides."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from vehicle_double import VehicleDouble, over_tcp
+
+from xitl_cli.params import vehicle as live
+from xitl_cli.params.check import Absent, Differs, findings
+from xitl_cli.params.renames import RENAMES, other_name
+
+Params = Any  # of conftest.py: `xitl params ARGUMENTS`, in this process
+BOAT = {"WP_SPEED": 2.0, "WP_RADIUS": 2.0, "CRUISE_SPEED": 0.1, "GPS1_TYPE": 1.0, "ARMING_SKIPCHK": 0.0}
+SCRIPTS = {"SCR_ENABLE": 0.0, "EAHRS_TYPE": 0.0}
+
+
+@pytest.fixture(autouse=True)
+def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "CONNECT_S", 0.8)
+    monkeypatch.setattr(live, "QUIET_S", 0.15)
+    monkeypatch.setattr(live, "ANSWER_S", 0.1)
+    monkeypatch.setattr(live, "TRIES", 2)
+
+
+def test_what_is_as_it_should_be_is_counted_in_single_precision() -> None:
+    found = findings({"CRUISE_SPEED": 0.1, "WP_SPEED": 2.0}, {"CRUISE_SPEED": 0.10000000149, "WP_SPEED": 2.0})
+    assert (found.same, found.fine) == (2, True)
+
+
+def test_what_differs_has_both_values() -> None:
+    assert findings({"WP_SPEED": 3.0}, BOAT).differs == (Differs("WP_SPEED", 3.0, 2.0),)
+
+
+def test_a_misspelt_name_gets_the_nearest() -> None:
+    (missing,) = findings({"WP_SPED": 3.0}, BOAT).absent
+    assert missing.nearest[0] == "WP_SPEED"
+    assert missing.sentence(str).startswith("this version has none; nearest: WP_SPEED")
+    (missing,) = findings({"ZZ_TOP": 3.0}, BOAT).absent
+    assert missing.sentence(str) == "this version has none"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "present", "name"),
+    [
+        ("GPS_TYPE", {"GPS1_TYPE": 1.0}, "GPS1_TYPE"),
+        ("GPS1_TYPE", {"GPS_TYPE": 1.0}, "GPS_TYPE"),
+        ("GPS1_POS_X", {"GPS_POS1_X": 1.0}, "GPS_POS1_X"),
+        ("SYSID_THISMAV", {"MAV_SYSID": 1.0}, "MAV_SYSID"),
+        ("SR0_EXTRA1", {"MAV1_EXTRA1": 1.0}, "MAV1_EXTRA1"),
+    ],
+)
+def test_a_name_of_another_version_is_known(wanted: str, present: dict[str, float], name: str) -> None:
+    (missing,) = findings({wanted: 1.0}, present).absent
+    assert missing.nearest == (name,)
+    assert missing.sentence(str).startswith(f"this version has it as {name} = 1.0 (")
+
+
+def test_a_rename_whose_value_means_otherwise_says_so() -> None:
+    (missing,) = findings({"ARMING_CHECK": 1.0}, BOAT).absent
+    assert "1 becomes 0" in missing.sentence(str)
+
+
+def test_renames_are_of_names_that_fit_the_wire() -> None:
+    assert all(max(len(rename.old), len(rename.new)) <= 16 for rename in RENAMES)
+    assert len({rename.old for rename in RENAMES}) == len(RENAMES)
+    assert other_name("WP_SPEED", BOAT) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "behind"),
+    [("SCR_HEAP_SIZE", "SCR_ENABLE"), ("SCR_SDEV1_PROTO", "SCR_SDEV_EN"), ("EAHRS_RATE", "EAHRS_TYPE")],
+)
+def test_what_a_switch_hides_is_told_from_what_is_not_there(name: str, behind: str) -> None:
+    wanted = {"SCR_ENABLE": 1.0, "SCR_SDEV_EN": 1.0, "EAHRS_TYPE": 1.0, name: 36.0}
+    assert Absent(name, 36.0, behind=behind) in findings(wanted, BOAT | SCRIPTS).absent
+    (missing,) = findings({"SCR_NO_SUCH": 1.0}, BOAT | {"SCR_ENABLE": 1.0, "SCR_HEAP_SIZE": 1.0}).absent
+    assert missing.behind == ""
+
+
+# The command
+
+
+def test_a_vehicle_as_it_should_be(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "boat.parm"
+    file.write_text("WP_SPEED 2\nCRUISE_SPEED 0.1\n")
+    with over_tcp(VehicleDouble(BOAT)) as url:
+        ran = params("check", str(file), url)
+        told = params("check", str(file), url, "--json")
+    assert (ran.code, told.code) == (0, 0)
+    assert "ArduPilot Rover (boat)" in ran.out
+    assert "2 as they should be, 0 differ, 0 are not there" in ran.out
+    assert (told.told["same"], told.told["differs"], told.told["absent"]) == (2, [], [])
+
+
+def test_a_vehicle_that_is_otherwise(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "boat.parm"
+    file.write_text("WP_SPEED 3\nGPS_TYPE 14\nCRUISE_SPED 1\n")
+    with over_tcp(VehicleDouble(BOAT)) as url:
+        ran = params("check", str(file), url)
+        told: Any = params("check", str(file), url, "--json").told
+    assert ran.code == 1
+    assert "GPS_TYPE = 14: this version has it as GPS1_TYPE = 1 (GPS1_TYPE since 4.6)" in ran.out
+    assert "CRUISE_SPED = 1: this version has none; nearest: CRUISE_SPEED" in ran.out
+    assert told["differs"] == [{"name": "WP_SPEED", "wanted": 3.0, "kept": 2.0}]
+    assert [row["name"] for row in told["absent"]] == ["GPS_TYPE", "CRUISE_SPED"]
+
+
+def test_a_profile_is_checked_with_its_own_parameters(params: Params) -> None:
+    with over_tcp(VehicleDouble(BOAT)) as url:
+        told = params("check", "hitl-ardupilot-usb", url, "--json").told
+    assert "EAHRS_TYPE" in {row["name"] for row in told["absent"]}
+    assert "WP_SPEED" in {row["name"] for row in told["differs"]} or told["same"] > 0
+
+
+def test_what_cannot_be_checked_is_one_line(params: Params) -> None:
+    assert "there is no parameter file 'no-such'" in params("check", "no-such", "tcp://127.0.0.1:9").error
+    assert "has no parameters" in params("check", "environments/calm", "tcp://127.0.0.1:9").error
+    assert "no vehicle was heard" in params("check", "rover-hil", "tcp://127.0.0.1:9").error
+
+
+# Pushing
+
+
+class HidingVehicle(VehicleDouble):
+    """SCR_ parameters appear with SCR_ENABLE, as in ArduPilot. crashed: EAHRS_TYPE was set before its port was."""
+
+    crashed = False
+
+    def _answer(self, message: Any) -> None:
+        super()._answer(message)
+        if message.get_type() == "PARAM_SET":
+            if self.values["SCR_ENABLE"] > 0:
+                self.values.setdefault("SCR_SDEV_EN", 0.0)
+                self.types.setdefault("SCR_SDEV_EN", self.types["SCR_ENABLE"])
+            if self.values.get("SCR_SDEV_EN", 0) > 0:
+                self.values.setdefault("SCR_SDEV1_PROTO", -1.0)
+                self.types.setdefault("SCR_SDEV1_PROTO", self.types["SCR_ENABLE"])
+            self.crashed |= self.values["EAHRS_TYPE"] > 0 and self.values.get("SCR_SDEV1_PROTO") != 36.0
+
+
+def test_hidden_parameters_are_set_as_they_appear_and_the_driver_last(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "hil.parm"
+    file.write_text("EAHRS_TYPE 1\nSCR_ENABLE 1\nSCR_SDEV_EN 1\nSCR_SDEV1_PROTO 36\n")
+    double = HidingVehicle(BOAT | SCRIPTS)
+    with over_tcp(double) as url:
+        ran = params("push", str(file), url, "--json")
+    assert ran.code == 0
+    assert [row["name"] for row in ran.told["set"]] == ["SCR_ENABLE", "SCR_SDEV_EN", "SCR_SDEV1_PROTO", "EAHRS_TYPE"]
+    assert not double.crashed
+
+
+def test_what_takes_a_restart_is_said(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "hil.parm"
+    file.write_text("EAHRS_TYPE 1\nSCR_ENABLE 1\nSCR_SDEV_EN 1\n")
+    with over_tcp(VehicleDouble(BOAT | SCRIPTS)) as url:
+        ran = params("push", str(file), url, "--json")
+    reasons = {row["name"]: row["reason"] for row in ran.told["refused"]}
+    assert reasons["SCR_SDEV_EN"] == "it appears after a restart with SCR_ENABLE on; add --reboot"
+    assert reasons["EAHRS_TYPE"] == "it comes last, when the port that it listens at is there; add --reboot"
