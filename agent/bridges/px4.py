@@ -1,0 +1,268 @@
+"""PX4's simulator messages: HIL_SENSOR and HIL_GPS out, HIL_ACTUATOR_CONTROLS in.
+
+To a program (SITL) over a line of its own: we listen, by custom at TCP 4560, and PX4 calls. A SITL build has no clock
+but the stamps of HIL_SENSOR, so that it waits for us; that we wait for it is ours to see to. To a board in HITL mode
+(SYS_HITL 1) over its MAVLink, in real time. As PX4's documentation has it (docs.px4.io, Simulation, "Simulator MAVLink
+API" and "HITL") and its source (simulator_mavlink, pwm_out_sim); not yet run against PX4.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from time import monotonic
+from typing import Callable
+
+from agent.bridges import hil_messages as hil
+from agent.bridges.gps_time import GpsTime, fixed, of_unix_time
+from agent.bridges.injector import Injection, Injector
+from agent.bridges.px4_line import Px4Line
+from agent.bridges.samples import InertialSample, ReceiverFix
+from agent.bridges.vehicle_link import VehicleLink
+from agent.fcu.samples import Vector3
+from agent.options import Options
+from agent.timing.clock import Clock, MonotonicClock
+from agent.wire import dialect as mav
+from agent.wire.codec import Message
+
+OUTPUTS = 16
+HIL_ENABLED = 32  # MAV_MODE_FLAG_HIL_ENABLED
+UNSIMULATED_NS = 5_000_000_000
+UNPROVEN = "this bridge follows PX4's documentation and has not yet been run against PX4"
+BLOCK_S = 0.4  # the longest wait of one `advance`
+UNCALLED_S = 3.0
+_NO_FIELD: Vector3 = (0.0, 0.0, 0.0)
+_ERROR, _WARNING, _NOTICE = 3, 4, 5  # MAV_SEVERITY
+
+
+class Px4(Injector):
+    """`line` to a program, None for a board at the other end of `vehicle`."""
+
+    title = "PX4 simulator messages"
+
+    def __init__(self, vehicle: VehicleLink, line: Px4Line | None, unix_s: Callable[[], float] = time.time) -> None:
+        self.counts = Injection()
+        self._vehicle = vehicle
+        self._line = line
+        self._unix_s = unix_s
+        vehicle.add_tap(self._hear)
+        self.reset(MonotonicClock(), False, lambda severity, text: None)
+
+    @classmethod
+    def make(cls, options: Options, vehicle: VehicleLink) -> Px4:
+        """With `sensor_link` a program calls there, without it is a board. Raises TransportError."""
+        return cls(vehicle, Px4Line(options.sensor_link) if options.sensor_link else None)
+
+    # -- the role's side
+
+    def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
+        self.counts = Injection()
+        self._clock = clock
+        self._lockstep = lockstep
+        self._say = say
+        self._time: GpsTime | None = None
+        self._field: Vector3 = _NO_FIELD
+        self._pressure_pa = self._temperature_degc = 0.0
+        self._updated = 0
+        self._queue: deque[Message] = deque()
+        self._outputs: tuple[float, ...] | None = None
+        self._waited_s = 0.0
+        self._uncalled = False
+        self._heard_ns: int | None = None
+        self._unsimulated = False
+        self._introduced = False
+        if self._line is not None:
+            self._line.begin()
+        elif lockstep:
+            say(_ERROR, "PX4 on a board keeps its own time; use clock.mode=realtime, or a simulator link for its SITL")
+
+    def take(self, message: Message, now_ns: int) -> None:
+        if isinstance(message, mav.MAVLink_xitl_imu_message):
+            self._send(self._sensor_message(message))
+        elif isinstance(message, mav.MAVLink_xitl_gnss_message):
+            self._send(self._gps_message(message))
+        elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
+            x, y, z = message.field
+            self._field = (x, y, z)
+            self._updated |= hil.FIELD
+        elif isinstance(message, mav.MAVLink_xitl_barometer_message):
+            self._pressure_pa, self._temperature_degc = message.pressure, message.temperature
+            self._updated |= hil.PRESSURE | hil.TEMPERATURE
+
+    def serve(self, now_ns: int) -> None:
+        line = self._line
+        if line is not None:
+            self._note(line.receive(0.0))
+            self.counts.junk = line.junk
+            self.counts.taken = line.connected
+            if self.counts.imu_out:
+                self._introduce()
+            return
+        if self._unsimulated or self._heard_ns is None or now_ns - self._heard_ns < UNSIMULATED_NS:
+            return
+        if not self.counts.taken:
+            self._unsimulated = True
+            self._say(_WARNING, "PX4 does not simulate: it is not in HITL mode; set SYS_HITL 1 and start it anew")
+
+    def advance(self, now_ns: int) -> bool:
+        """Hand on what has been sampled, one IMU sample after the other, each as far as PX4 answers such."""
+        line = self._line
+        if line is None:
+            return True
+        until_s = monotonic() + BLOCK_S
+        if not self._reach(line, until_s):
+            return False
+        queue = self._queue
+        while queue:
+            if not line.settle(until_s):
+                self._note(line.taken())
+                return False
+            if self._handed_on(line, queue[0]):
+                queue.popleft()
+                continue
+            self._note(line.receive(0.01))
+            if monotonic() > until_s or not line.connected:
+                return False
+        followed = line.settle(until_s)
+        self._note(line.taken())
+        return followed
+
+    def commands(self) -> tuple[float, ...] | None:
+        return self._outputs
+
+    def descriptors(self) -> tuple[int, ...]:
+        return () if self._line is None else self._line.descriptors()
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        return () if self._line is None else (self._line.address,)
+
+    def close(self) -> None:
+        if self._line is not None:
+            self._line.close()
+
+    def _introduce(self) -> None:
+        """Once a run, when it has begun."""
+        if not self._introduced:
+            self._introduced = True
+            self._say(_NOTICE, UNPROVEN)
+
+    # -- out
+
+    def _send(self, message: Message) -> None:
+        line = self._line
+        if line is not None and self._lockstep:
+            self._queue.append(message)
+        elif line is not None:
+            self.counts.unsent += not self._handed_on(line, message)
+        elif self._vehicle.send(message):
+            self._count(message)
+        else:
+            self.counts.unsent += 1
+
+    def _handed_on(self, line: Px4Line, message: Message) -> bool:
+        """False when the line does not take it now. A sample that is not newer than the last one is dropped."""
+        if line.is_old(message):
+            self.counts.unsent += 1
+        elif line.send(message):
+            self._count(message)
+        else:
+            return False
+        return True
+
+    def _count(self, message: Message) -> None:
+        if isinstance(message, mav.MAVLink_hil_gps_message):
+            self.counts.gnss_out += 1
+        else:
+            self.counts.imu_out += 1
+
+    def _sensor_message(self, message: Message) -> Message:
+        updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
+        gx, gy, gz = message.gyro
+        fx, fy, fz = message.accel
+        sample = InertialSample(
+            message.time_usec * 1000,
+            (gx, gy, gz),
+            (fx, fy, fz),
+            self._field,
+            self._pressure_pa,
+            self._temperature_degc,
+        )
+        return hil.sensor_message(sample, updated)
+
+    def _gps_message(self, message: Message) -> Message:
+        stamp_ns = message.time_usec * 1000
+        if self._time is None:
+            self._time = fixed() if self._lockstep else of_unix_time(self._unix_s(), stamp_ns)
+        vn, ve, vd = message.velocity
+        fix = ReceiverFix(
+            stamp_ns,
+            self._time.at(stamp_ns),
+            message.lat * 1e-7,
+            message.lon * 1e-7,
+            message.alt * 1e-3,
+            (vn, ve, vd),
+            message.h_acc,
+            message.v_acc,
+            message.s_acc,
+            message.fix_type,
+            message.satellites,
+        )
+        return hil.gps_message(fix)
+
+    # -- in
+
+    def _reach(self, line: Px4Line, until_s: float) -> bool:
+        """Whether PX4 is there; waits for its call, and says so once when it does not come."""
+        began_s = monotonic()
+        while not line.connected and monotonic() < until_s:
+            self._note(line.receive(until_s - monotonic()))
+        self.counts.taken = line.connected
+        if line.connected:
+            self._waited_s = 0.0
+            self._introduce()
+            if self._uncalled:
+                self._uncalled = False
+                self._say(_NOTICE, f"PX4 has called at {line.address}")
+            return True
+        self._waited_s += monotonic() - began_s
+        if self._waited_s > UNCALLED_S and not self._uncalled:
+            self._uncalled = True
+            self._say(_WARNING, f"PX4 does not call at {line.address}; start it with this simulator port")
+        return False
+
+    def _hear(self, message: Message) -> None:
+        """From the autopilot's MAVLink, where a board has its outputs."""
+        if self._line is not None:
+            return
+        if isinstance(message, mav.MAVLink_hil_actuator_controls_message):
+            self._note([message])
+        elif isinstance(message, mav.MAVLink_heartbeat_message) and message.autopilot == mav.MAV_AUTOPILOT_PX4:
+            self._heard_ns = self._clock.now_ns() if self._heard_ns is None else self._heard_ns
+            if self.counts.imu_out:
+                self._introduce()
+            self.counts.taken = bool(message.base_mode & HIL_ENABLED)
+
+    def _note(self, messages: list[Message]) -> None:
+        line = self._line
+        for message in messages:
+            if isinstance(message, mav.MAVLink_hil_actuator_controls_message):
+                self.counts.outputs_in += 1
+                armed = message.mode & mav.MAV_MODE_FLAG_SAFETY_ARMED
+                self._outputs = tuple(map(_limited, message.controls)) if armed else (0.0,) * OUTPUTS
+        if line is None:
+            return
+        if line.restarts > self.counts.restarts:
+            self.counts.restarts = line.restarts
+            self._outputs = (0.0,) * OUTPUTS
+            self.counts.outputs_in += 1
+            self._say(_WARNING, f"PX4 has left {line.address}; its outputs are taken for 0 until it is back")
+        word = line.word()
+        if word:
+            self._say(_WARNING, word)
+
+
+def _limited(value: float) -> float:
+    """An output that is none, NaN, is one at rest."""
+    return max(-1.0, min(1.0, value)) if math.isfinite(value) else 0.0
