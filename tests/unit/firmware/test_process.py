@@ -1,0 +1,151 @@
+"""An autopilot as a process: stand-ins that say something, stay, die or do not heed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from xitl_cli.errors import UserError
+from xitl_cli.firmware.find import find_firmware
+from xitl_cli.firmware.process import FirmwareProcess, free_port, newest_log
+
+
+def script(path: Path, body: str) -> Path:
+    path.write_text(f"#!{sys.executable}\nimport os, signal, sys, time\n{body}\n")
+    path.chmod(0o755)
+    return path
+
+
+def wait_for_end(process: FirmwareProcess) -> UserError:
+    until_s = time.monotonic() + 10
+    while time.monotonic() < until_s:
+        try:
+            process.check()
+        except UserError as error:
+            return error
+        time.sleep(0.01)
+    raise AssertionError("it did not end")
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_it_works_where_it_is_put_and_what_it_says_is_kept(tmp_path: Path) -> None:
+    program = script(tmp_path / "rover", "print('at', os.getcwd(), sys.argv[1], flush=True)\ntime.sleep(60)")
+    (tmp_path / "work").mkdir()
+    process = FirmwareProcess(program, ["--x"], tmp_path / "work")
+    assert process.wait_for("at ", timeout_s=10)
+    assert process.last_line() == f"at {tmp_path / 'work'} --x"
+    process.check()
+    process.stop()
+    process.stop()
+    process.check()  # stopped on purpose is no trouble
+    assert not is_alive(process.pid)
+
+
+def test_one_that_dies_tells_how_and_its_last_words(tmp_path: Path) -> None:
+    program = script(tmp_path / "rover", "print('one')\nprint('PANIC: no', flush=True)\nos.abort()")
+    error = wait_for_end(FirmwareProcess(program, [], tmp_path))
+    assert "rover ended by itself (signal 6 ended it); the last it said: PANIC: no; look at " in str(error)
+    assert str(tmp_path / "console.txt") in str(error)
+    program = script(tmp_path / "other", "sys.exit(3)")
+    assert "(exit code 3); look at" in str(wait_for_end(FirmwareProcess(program, [], tmp_path)))
+
+
+def test_one_that_does_not_heed_is_killed_with_what_it_started(tmp_path: Path) -> None:
+    body = (
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN)\nimport subprocess\n"
+        "child = subprocess.Popen(['sleep', '60'])\nprint('child', child.pid, flush=True)\ntime.sleep(60)"
+    )
+    process = FirmwareProcess(script(tmp_path / "rover", body), [], tmp_path)
+    assert process.wait_for("child", timeout_s=10)
+    child = int(process.last_line().split()[1])
+    process.stop(0.1)
+    assert not is_alive(process.pid)
+    until_s = time.monotonic() + 5
+    while is_alive(child) and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not is_alive(child)
+
+
+def test_it_ends_when_its_host_is_killed(tmp_path: Path) -> None:
+    program = script(tmp_path / "rover", "print('up', flush=True)\ntime.sleep(60)")
+    host = (
+        "import sys, time\nfrom pathlib import Path\nfrom xitl_cli.firmware.process import FirmwareProcess\n"
+        f"p = FirmwareProcess(Path({str(program)!r}), [], Path({str(tmp_path)!r}))\n"
+        "p.wait_for('up', timeout_s=10)\nprint(p.pid, flush=True)\ntime.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", host], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        pid = int(process.stdout.readline())
+        assert is_alive(pid)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    until_s = time.monotonic() + 5
+    while is_alive(pid) and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not is_alive(pid)
+
+
+def test_what_is_no_program_is_refused(tmp_path: Path) -> None:
+    empty = tmp_path / "rover"
+    empty.write_bytes(b"\x7fELF")
+    empty.chmod(0o755)
+    with pytest.raises(UserError, match="cannot be started"):
+        FirmwareProcess(empty, [], tmp_path)
+
+
+def test_the_newest_log_is_found_below(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    assert newest_log(tmp_path) is None
+    for number, name in enumerate(("00000001.BIN", "00000002.BIN", "00000003.BIN", "eeprom.bin")):
+        (logs / name).write_bytes(b"" if number == 2 else b"x")
+        os.utime(logs / name, (number, number))
+    assert newest_log(tmp_path) == logs / "00000002.BIN"
+
+
+def test_free_ports_are_free() -> None:
+    assert 1024 < free_port() < 65536
+
+
+def test_a_path_that_is_given_is_checked(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="does not exist"):
+        find_firmware("rover", "sitl", str(tmp_path / "none"))
+    plain = tmp_path / "ardurover"
+    plain.write_text("not executable")
+    with pytest.raises(UserError, match="is not executable; run `chmod"):
+        find_firmware("rover", "sitl", str(plain))
+    plain.chmod(0o755)
+    with pytest.raises(UserError, match="no program for this machine's processor"):
+        find_firmware("rover", "sitl", str(plain))
+    assert find_firmware("rover", "sitl", str(script(tmp_path / "wrapped", ""))) == tmp_path / "wrapped"
+
+
+def test_it_is_looked_for_on_the_path_and_then_in_the_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XITL_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    with pytest.raises(UserError, match="no ardurover on the PATH or in the cache; run `xitl firmware get rover`"):
+        find_firmware("rover", "sitl")
+    with pytest.raises(UserError, match="no ardurover-linux on the PATH or in the cache; build ArduPilot"):
+        find_firmware("rover", "linux")
+    kept = tmp_path / "cache" / "firmware" / "rover" / "stable" / "sitl" / "ardurover"
+    kept.parent.mkdir(parents=True)
+    kept.write_bytes(Path(sys.executable).resolve().read_bytes()[:64])
+    kept.chmod(0o755)
+    assert find_firmware("rover", "sitl") == kept
+    (tmp_path / "bin").mkdir()
+    own = script(tmp_path / "bin" / "ardurover", "")
+    assert find_firmware("rover", "sitl") == own
+    linux = script(tmp_path / "bin" / "ardurover-linux", "")
+    assert find_firmware("rover", "linux") == linux

@@ -1,0 +1,139 @@
+"""`xitl firmware get|list|path`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+from rich.table import Table
+
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from xitl_cli.firmware.cache import Kept
+
+VehicleArgument = Annotated[str, typer.Argument(metavar="VEHICLE", help="rover (boats too), plane, copter or sub.")]
+Version = Annotated[str, typer.Option(help="stable, beta, latest, or numbers: 4.6.3, or 4.6 for the newest of them.")]
+Board = Annotated[
+    str | None,
+    typer.Option(help="sitl, sitl-armhf, or a board's folder on the server (default: the sitl of this machine)."),
+]
+Url = Annotated[str | None, typer.Option("--url", metavar="BASE", help="A mirror of https://firmware.ardupilot.org.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+
+def get(
+    vehicle: VehicleArgument,
+    version: Version = "stable",
+    board: Board = None,
+    url: Url = None,
+    force: Annotated[bool, typer.Option("--force", help="Download it again, from the start.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Download ArduPilot firmware from the project's public server into the cache, where `xitl sim` finds it."""
+    from xitl_cli.firmware.get import get as get_firmware
+    from xitl_cli.firmware.server import BASE
+
+    console = Console(stderr=as_json, highlight=False, soft_wrap=True)
+    shown = console.is_terminal and not as_json
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
+    bar = Progress(*columns, TimeRemainingColumn(), console=console, transient=True)
+    task = bar.add_task(f"{vehicle} {version}", total=None)
+
+    def progress(done: int, total: int | None) -> None:
+        if shown:
+            bar.start()
+            bar.update(task, completed=done, total=total)
+
+    try:
+        got = get_firmware(vehicle, version, board, url or BASE, force, progress)
+    finally:
+        if shown:
+            bar.stop()
+    if as_json:
+        _print_json({**_told(got.kept), "fresh": got.fresh, "resumed": got.resumed, "note": got.note})
+        return
+    record = got.kept.record
+    what = f"{vehicle} {record.version or got.kept.version} for {got.kept.board}"
+    how = "downloaded" if got.fresh else "is here already"
+    went_on = f", went on after {got.resumed} bytes" if got.resumed else ""
+    console.print(f"{what}: {how}{went_on}", markup=False)
+    console.print(f"  {got.kept.file}", markup=False)
+    if record.verified:
+        console.print(f"  checked: {', '.join(record.verified)}", markup=False)
+    if got.note:
+        console.print(f"  note: {got.note}", markup=False)
+
+
+def list_firmware(
+    available: Annotated[
+        str | None, typer.Option("--available", metavar="VEHICLE", help="Ask the server which releases there are.")
+    ] = None,
+    url: Url = None,
+    as_json: Json = False,
+) -> None:
+    """List the firmware in the cache, or the releases of the server."""
+    from xitl_cli.firmware.cache import PROGRAMS, firmware_root, kept
+    from xitl_cli.firmware.server import BASE, MOVING, releases
+
+    console = Console(highlight=False, soft_wrap=True)
+    if available is not None:
+        if available not in PROGRAMS:
+            raise UserError(f"{available}: no firmware is known for it; use one of {', '.join(PROGRAMS)}")
+        found = releases(url or BASE, available)
+        if as_json:
+            _print_json({"vehicle": available, "releases": [*MOVING, *found]})
+        else:
+            console.print("  ".join([*MOVING, *found]), markup=False)
+        return
+    all_kept = kept()
+    if as_json:
+        _print_json({"folder": str(firmware_root()), "firmware": [_told(one) for one in all_kept]})
+        return
+    if not all_kept:
+        console.print(f"{firmware_root()}: no firmware yet; bring some with `xitl firmware get rover`", markup=False)
+        return
+    table = Table("vehicle", "version", "board", "is", "bytes", "commit", box=None, header_style="bold")
+    for one in all_kept:
+        record = one.record
+        size = str(record.size or one.file.stat().st_size)
+        table.add_row(one.vehicle, one.version, one.board, record.version or "put there by hand", size, record.git[:8])
+    console.print(table)
+
+
+def path(
+    vehicle: VehicleArgument = "rover",
+    version: Annotated[str | None, typer.Option(help="Only this version.")] = None,
+    board: Annotated[str | None, typer.Option(help="Only for this board.")] = None,
+) -> None:
+    """Print the path of a firmware in the cache, the one that `xitl sim` would take unless more is said."""
+    from xitl_cli.firmware.cache import firmware_root, kept, program
+
+    if version is None and board is None:
+        chosen = program(vehicle, "sitl")
+    else:
+        fitting = (one for one in kept(vehicle) if version in (None, one.version) and board in (None, one.board))
+        chosen = next((one.file for one in fitting), None)
+    if chosen is None:
+        raise UserError(
+            f"{firmware_root()}: holds no such firmware of {vehicle}; bring it with `xitl firmware get {vehicle}`"
+        )
+    typer.echo(chosen)
+
+
+def _told(one: Kept) -> dict[str, Any]:
+    told: dict[str, Any] = {
+        "vehicle": one.vehicle,
+        "asked_version": one.version,
+        "board": one.board,
+        "file": str(one.file),
+    }
+    return {**told, **asdict(one.record)}
+
+
+def _print_json(told: dict[str, Any]) -> None:
+    typer.echo(json.dumps(told, indent=2, ensure_ascii=False))

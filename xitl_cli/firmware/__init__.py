@@ -1,0 +1,1 @@
+"""Firmware of other autopilots: where it is kept, how it is brought here, how it is started."""

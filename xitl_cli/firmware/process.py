@@ -1,0 +1,140 @@
+"""An autopilot as a process of its own on this machine: started, watched, stopped, its log found."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+
+CONSOLE = "console.txt"
+STOP_S = 5.0
+_POLL_S = 0.02
+_LAST_BYTES = 4096
+_PR_SET_PDEATHSIG = 1
+
+
+class FirmwareProcess:
+    """`program` running in `directory`, where its output goes to console.txt. It ends with this process at the latest.
+
+    Raises UserError when it cannot be started.
+    """
+
+    def __init__(self, program: Path, arguments: Sequence[str], directory: Path) -> None:
+        self.program = program
+        self.directory = directory
+        self._console = directory / CONSOLE
+        self._stopped = False
+        try:
+            with self._console.open("wb") as console:
+                self._process = subprocess.Popen(
+                    [str(program), *arguments],
+                    cwd=directory,
+                    stdin=subprocess.DEVNULL,
+                    stdout=console,
+                    stderr=subprocess.STDOUT,
+                    start_new_session=True,
+                    preexec_fn=_dies_with_parent(),
+                )
+        except OSError as error:
+            raise UserError(
+                f"autopilot.firmware: {program} cannot be started ({error.strerror}); check that it is a program for "
+                "this machine"
+            ) from error
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def check(self) -> None:
+        """Raise UserError when it has ended by itself, with the last thing it said."""
+        code = self._process.poll()
+        if code is None or self._stopped:
+            return
+        how = f"signal {-code} ended it" if code < 0 else f"exit code {code}"
+        said = self.last_line()
+        raise UserError(
+            f"{self.program.name} ended by itself ({how})"
+            + (f"; the last it said: {said}" if said else "")
+            + f"; look at {self._console}"
+        )
+
+    def wait_for(self, *words: str, timeout_s: float) -> bool:
+        """Whether one of the words has appeared on its console in time. UserError when it ends meanwhile."""
+        until_s = time.monotonic() + timeout_s
+        while True:
+            text = self.console_text()
+            if any(word in text for word in words):
+                return True
+            self.check()
+            if time.monotonic() > until_s:
+                return False
+            time.sleep(_POLL_S)
+
+    def console_text(self) -> str:
+        """All it has said."""
+        return self._console.read_text(errors="replace")
+
+    def last_line(self) -> str:
+        """The last thing it said; empty when it said nothing."""
+        try:
+            with self._console.open("rb") as console:
+                console.seek(0, os.SEEK_END)
+                console.seek(max(console.tell() - _LAST_BYTES, 0))
+                lines = console.read().decode(errors="replace").split("\n")
+        except OSError:
+            return ""
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+    def stop(self, patience_s: float = STOP_S) -> None:
+        """End it, gently first, and for good after `patience_s`. Safe to call again."""
+        self._stopped = True
+        if self._process.poll() is None:
+            self._signal(signal.SIGTERM)
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(patience_s)
+        self._signal(signal.SIGKILL)  # what it may have started
+        self._process.wait()
+
+    def _signal(self, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, number)
+
+
+def newest_log(directory: Path) -> Path | None:
+    """The latest DataFlash log under the directory, None when there is none."""
+    logs = [path for path in directory.rglob("*") if path.suffix.lower() == ".bin" and path.stem.isdigit()]
+    logs = [path for path in logs if path.stat().st_size]
+    return max(logs, key=lambda path: (path.stat().st_mtime_ns, path.name), default=None)
+
+
+def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
+    """A port of this machine's loopback address that nobody uses now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def _dies_with_parent() -> Callable[[], None] | None:
+    """Called in the new process: when the host dies, however, it ends too. Linux knows how."""
+    if sys.platform != "linux":
+        return None
+    prctl = ctypes.CDLL(None).prctl
+    parent = os.getpid()
+
+    def bind() -> None:
+        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)
+
+    return bind

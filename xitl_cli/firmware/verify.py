@@ -1,0 +1,113 @@
+"""Whether a file that was downloaded is what it should be, as far as it can be told.
+
+The server publishes no checksum beside a program. What a program or image says of itself is held against what the
+server says: the processor and the length in the ELF header, the commit that is compiled in; in an image for a board the
+length and the two CRC-32 that its bootloader checks (the descriptor of ArduPilot's Tools/ardupilotwaf/chibios.py).
+Where a mirror puts a .sha256 beside the file, that too.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import re
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+from xitl_cli.firmware.cache import SITL, SITL_ARMHF
+
+_ELF_MACHINE = {SITL: (62, "x86-64"), SITL_ARMHF: (40, "ARM")}
+_SHA256 = re.compile(r"\b([0-9a-fA-F]{64})\b")
+# Eight bytes that mark the descriptor in an image, and its length: without and with a signature.
+_DESCRIPTORS = ((bytes.fromhex("40a2e4f164689106"), 16), (bytes.fromhex("41a3e5f265699207"), 92))
+_MOST_IMAGE_BYTES = 64_000_000
+
+
+class DamagedError(ValueError):
+    """The file is not what it should be; the text says what is wrong with it."""
+
+
+def verify(file: Path, image: bool, board: str, git: str, published: str | None) -> tuple[str, ...]:
+    """What was checked, in words.
+
+    `image`: for a board, not a program. `git` is the commit or empty, `published` the text of a .sha256 or None.
+    Raises DamagedError. A commit that is not found in the file is no damage; it is only not told of as checked.
+    """
+    data = file.read_bytes()
+    checked = [f"{len(data)} bytes"]
+    if published is not None:
+        checked += _published(data, published)
+    checked += _image(data) if image else _program(data, board)
+    if git and _contains(data, git, image):
+        checked.append(f"commit {git[:8]}")
+    return tuple(checked)
+
+
+def sha256(file: Path) -> str:
+    """Hexadecimal digest of a file."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+def _published(data: bytes, published: str) -> list[str]:
+    wanted = _SHA256.search(published)
+    if wanted is None:
+        return []
+    if hashlib.sha256(data).hexdigest() != wanted[1].lower():
+        raise DamagedError("its SHA-256 is not the one that is published beside it")
+    return ["SHA-256 as published"]
+
+
+def _program(data: bytes, board: str) -> list[str]:
+    if len(data) < 52 or data[:4] != b"\x7fELF":
+        raise DamagedError("it is no program (no ELF header)")
+    order = ">" if data[5] == 2 else "<"
+    (machine,) = struct.unpack_from(order + "H", data, 18)
+    if board in _ELF_MACHINE and machine != _ELF_MACHINE[board][0]:
+        raise DamagedError(f"it is a program for another processor than {_ELF_MACHINE[board][1]}")
+    wide = data[4] == 2
+    if wide and len(data) < 64:
+        raise DamagedError("it is cut off (in the ELF header)")
+    (sections,) = struct.unpack_from(order + ("Q" if wide else "I"), data, 40 if wide else 32)
+    each, count = struct.unpack_from(order + "HH", data, 58 if wide else 46)
+    if len(data) < sections + each * count:
+        raise DamagedError(f"it is cut off ({len(data)} bytes of at least {sections + each * count})")
+    return ["ELF program, complete"]
+
+
+def _image(data: bytes) -> list[str]:
+    try:
+        described: Any = json.loads(data)
+        size = int(described["image_size"])
+        packed = base64.b64decode(described["image"], validate=True)
+        image = zlib.decompressobj().decompress(packed, _MOST_IMAGE_BYTES)
+    except (ValueError, TypeError, KeyError, binascii.Error, zlib.error) as error:
+        raise DamagedError(f"it is no firmware image ({error})") from None
+    if len(image) != size:
+        raise DamagedError(f"its image has {len(image)} bytes where it says {size}")
+    for mark, length in _DESCRIPTORS:
+        at = image.find(mark) + len(mark)
+        if at >= len(mark) and at + length <= len(image):
+            before, after, whole = struct.unpack_from("<III", image, at)
+            if not (before or after or whole):
+                break
+            if (_crc(image[:at]), _crc(image[at + length :]), len(image)) != (before, after, whole):
+                raise DamagedError("the CRC-32 of its image are not those in its descriptor")
+            return [f"image of {size} bytes", "CRC-32 of the image"]
+    return [f"image of {size} bytes"]
+
+
+def _crc(data: bytes) -> int:
+    """CRC-32 as the bootloader computes it: from 0 and without a final complement."""
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def _contains(data: bytes, git: str, image: bool) -> bool:
+    if not image:
+        return git[:8].encode() in data
+    said = str(json.loads(data).get("git_identity", ""))
+    return len(said) >= 7 and git.startswith(said)
