@@ -40,7 +40,7 @@ def fail(message: str) -> NoReturn:
 def _app() -> typer.Typer:
     import typer
 
-    from xitl_cli.commands import agent, doctor, params, profiles, sim, wdri
+    from xitl_cli.commands import agent, doctor, firmware, paper, params, profiles, sim, wdri
 
     app = typer.Typer(
         name="xitl",
@@ -65,12 +65,22 @@ def _app() -> typer.Typer:
     parameter_commands.command("set")(params.set_values)
     parameter_commands.command("push")(params.push)
     parameter_commands.command("pull")(params.pull)
+    parameter_commands.command("check")(params.check)
+    firmware_commands = typer.Typer(help="Download the firmware of other autopilots.", no_args_is_help=True)
+    firmware_commands.command("get")(firmware.get)
+    firmware_commands.command("list")(firmware.list_firmware)
+    firmware_commands.command("path")(firmware.path)
+    paper_commands = typer.Typer(help="Repeat the experiments of the paper.", no_args_is_help=True)
+    paper_commands.callback()(_several)
+    paper_commands.command("4.2")(paper.section_4_2)
     app.command("sim")(sim.sim)
     app.add_typer(agent_commands, name="agent")
     app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)
     app.add_typer(profile_commands, name="profiles")
     app.add_typer(parameter_commands, name="params")
+    app.add_typer(firmware_commands, name="firmware")
+    app.add_typer(paper_commands, name="paper")
     version = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
 
     def options(version: bool = version) -> None:
@@ -78,6 +88,10 @@ def _app() -> typer.Typer:
 
     app.callback()(options)
     return app
+
+
+def _several() -> None:
+    """Keeps the name of a group's only command."""
 
 
 def _show_version(wanted: bool) -> None:

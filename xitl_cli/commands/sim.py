@@ -26,6 +26,14 @@ def sim(
         float | None, typer.Option("--duration", metavar="S", help="End after this much simulation time.")
     ] = None,
     clock: Annotated[str | None, typer.Option("--clock", help="lockstep or realtime.")] = None,
+    firmware: Annotated[
+        str | None,
+        typer.Option(
+            "--firmware",
+            metavar="PATH",
+            help="Program of the autopilot to start; `find` looks for one, `external` waits for one started elsewhere.",
+        ),
+    ] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Seed of everything random.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run in the same DIR.")] = False,
@@ -39,7 +47,7 @@ def sim(
     from xitl_cli.run.session import run
     from xitl_cli.run.view import make_view
 
-    options = {"clock.duration_s": duration, "clock.mode": clock, "clock.seed": seed}
+    options = {"clock.duration_s": duration, "clock.mode": clock, "clock.seed": seed, "autopilot.firmware": firmware}
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
     loaded = load_profile(profile, [*(overrides or []), *given])
     console = Console(stderr=as_json)

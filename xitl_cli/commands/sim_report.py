@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from xitl_cli.commands.sim_autopilot import autopilot_rows
 from xitl_cli.commands.sim_incidents import incidents
 from xitl_cli.profile import Profile
 from xitl_cli.run import directory
@@ -46,6 +47,8 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
             f"{_number(estimation['position_rms_m'], 'm')} RMS in position, "
             f"{_number(estimation['heading_rms_deg'], '°')} in heading",
         )
+    for what, text in autopilot_rows(summary["autopilot"]):
+        table.add_row(what, Text(text))
     for what, text in incidents(summary):
         table.add_row(what, Text(text))
     console.print(table, highlight=False)

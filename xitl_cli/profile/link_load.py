@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from agent.wire.can_line import CanLine
 from agent.wire.serial_line import BITS_PER_BYTE
-from xitl_cli.profile.schema.sensors import Sensors
+from xitl_cli.profile.schema.sensors import Sensors, sensors_of
 
 MOST_SHARE = 0.8
 """Of a line that can be planned with: parameters, missions, texts and repetitions need the rest."""
@@ -23,6 +23,12 @@ SYNC_RATE_HZ = 10.0
 STATUS_RATE_HZ = 1.0
 LOWEST_IMU_HZ = 50.0  # a sample for each control cycle
 TASKS = 5  # control, log, telemetry, status, and ground stations where there are any
+_OTHERS = {
+    "rangefinders": "DISTANCE_SENSOR",
+    "gps_input": "GPS_INPUT",
+    "obstacle_distance": "OBSTACLE_DISTANCE",
+    "odometry": "ODOMETRY",
+}
 _SENSORS = {"imu": "XITL_IMU", "gnss": "XITL_GNSS", "magnetometer": "XITL_MAGNETOMETER", "barometer": "XITL_BAROMETER"}
 
 
@@ -95,6 +101,12 @@ def load_of(sensors: Sensors, signed: bool = False, imu_rate_hz: float | None = 
     return Load(
         to_agent=(
             *(flow(sensor, message, rate_hz(sensor)) for sensor, message in _SENSORS.items()),
+            *(
+                flow(".".join(map(str, path[1:])), message, sensor.rate_hz)
+                for path, sensor in sensors_of(sensors)
+                for key, message in _OTHERS.items()
+                if key in path
+            ),
             flow("timesync", "XITL_TIMESYNC", SYNC_RATE_HZ),
         ),
         to_host=(

@@ -25,6 +25,8 @@ _ANY_FILE: tuple[KeyPath, ...] = (
     ("autopilot", "link_key_file"),
 )
 
+_NO_FILE = ("external", "find")  # of autopilot.firmware
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedProfile:
@@ -84,6 +86,9 @@ def _with_absolute_paths(entry: Entry) -> Entry:
     for path in _ANY_FILE:
         entry = _rewritten(entry, path, ("",))
     entry = _rewritten(entry, ("autopilot", "controller"), (".py",), behind=":")
+    firmware = entry.nearest(("autopilot", "firmware"))
+    if firmware[1] == 2 and firmware[0].value not in _NO_FILE:
+        entry = _rewritten(entry, ("autopilot", "firmware"), ("",))
     files = entry.nearest(("autopilot", "parameter_files"))
     if files[1] == 2 and isinstance(files[0].value, tuple):
         for number in range(len(files[0].value)):

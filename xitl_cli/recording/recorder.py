@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -66,6 +66,7 @@ class Recorder:
         self._clocks = file.ros_channel("/clocks", "xitl_msgs/msg/Clock", schemas.CLOCK)
         self._links = file.ros_channel("/links", "xitl_msgs/msg/Link", schemas.LINK)
         self._nodes = file.ros_channel("/nodes", "xitl_msgs/msg/Node", schemas.NODE)
+        self._bridges = file.ros_channel("/bridge", "xitl_msgs/msg/Bridge", schemas.BRIDGE)
         self._takeovers = file.ros_channel("/takeovers", "xitl_msgs/msg/Takeover", schemas.TAKEOVER)
         self._faults = file.ros_channel("/faults", "xitl_msgs/msg/Fault", schemas.FAULT)
         self._sent, self._received = (
@@ -233,6 +234,11 @@ class Recorder:
         layout = _layout(*(("string", text) for text in texts), ("f64", 4), "u8", ("string", state.flags))
         numbers = _numbers(state.memory_mib, state.cpu_percent, state.load, state.temperature_c)
         self._nodes(layout.pack(stamp_ns, *numbers, state.running), stamp_ns)
+
+    def bridge(self, stamp_ns: int, counts: Mapping[str, int]) -> None:
+        """What a bridge to another autopilot has done, by the names of `schemas.BRIDGE_COUNTS`."""
+        values = [counts[name] for name in schemas.BRIDGE_COUNTS]
+        self._bridges(_layout(("i64", len(values))).pack(stamp_ns, *values), stamp_ns)
 
     def takeover(self, stamp_ns: int, takeover: Takeover) -> None:
         """One agent stepped in for another."""

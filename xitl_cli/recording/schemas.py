@@ -147,6 +147,21 @@ string flags
 MSG: builtin_interfaces/Time
 {_TIME}"""
 
+BRIDGE_COUNTS = (
+    "imu_out", "solution_out", "gnss_out", "unsent", "world_in", "world_resent", "world_lost", "restarts",
+    "outputs_in", "commands_in", "junk", "mavlink_in", "mavlink_lost", "mavlink_dropped", "mavlink_passed",
+    "mavlink_out", "script_in", "script_out", "script_dropped", "world_rate", "connected",
+)  # fmt: skip
+"""Those of XITL_BRIDGE_STATUS."""
+
+_BRIDGE_COUNTS = "".join(f"int64 {name}\n" for name in BRIDGE_COUNTS)
+
+BRIDGE = f"""\
+builtin_interfaces/Time stamp
+{_BRIDGE_COUNTS}{_SEPARATOR}
+MSG: builtin_interfaces/Time
+{_TIME}"""
+
 TAKEOVER = f"""\
 builtin_interfaces/Time stamp
 string from_node

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from agent.wire.signing import Signing
+from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
@@ -20,8 +20,11 @@ from xitl_cli.run.agents.options import AgentOptions, missing_addresses
 from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, Peer, open_peer
 from xitl_cli.run.agents.setup import mission_of, parameters_of
 from xitl_cli.run.agents.standby import Redundancy
+from xitl_cli.run.agents.tick import tick_and_wait
 from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.agents.waiting import wait_for_any
+from xitl_cli.run.autopilot.attended import Attended
+from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.driver import make_driver
 from xitl_cli.run.faults import FaultSchedule
 from xitl_cli.run.orders import Orders
@@ -38,11 +41,10 @@ from xitl_cli.run.pilot import (
 )
 from xitl_cli.run.score import EstimationScore
 from xitl_cli.run.seeds import Seeds
-from xitl_cli.run.sensing import Sensing, local_frame
+from xitl_cli.run.sensing import local_frame, sensing_of
 from xitl_cli.run.truth_history import TruthHistory
 from xitl_cli.signing import read_key_file
 
-TICK_REPEAT_S = 0.5
 SYNC_RATE_HZ = 10.0
 LINKS_RATE_HZ = 1.0
 
@@ -55,16 +57,22 @@ def links_of(profile: RunProfile) -> tuple[str, ...]:
 class AgentPilot:
     """See Pilot. In lockstep every exchange is a tick and its answer; in real time both sides go on their own.
 
-    A second agent, if the profile has one in standby, gets all that the first one gets.
+    A second agent, if the profile has one in standby, gets all that the first one gets. `attended` is the autopilot of
+    another make, to which the agent is then a bridge.
     """
 
-    def __init__(self, profile: RunProfile, seeds: Seeds, options: AgentOptions | None = None) -> None:
-        assert profile.sensors is not None
+    def __init__(
+        self,
+        profile: RunProfile,
+        seeds: Seeds,
+        options: AgentOptions | None = None,
+        attended: Attended | None = None,
+    ) -> None:
         self._profile = profile
         self._options = options or AgentOptions()
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
-        self._sensing = Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults)
+        self._sensing = sensing_of(profile, seeds)
         self._faults = FaultSchedule(profile.faults, seeds) if profile.faults else None
         standby = profile.autopilot.standby
         self._agents = [self._connection(name) for name in links_of(profile)]
@@ -72,12 +80,15 @@ class AgentPilot:
         self._view = first.inbox.view
         if standby is not None:
             self._view = AgentView(self._frame, lambda severity, text: None, lambda agent_us, estimate: None)
+        self._attended = attended
         self._driver = make_driver(
             profile, Orders(self._view, self._send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID), self._frame
         )
+        if attended is not None:
+            self._driver = attended.preparation(self._driver, self._view, self._send, self._frame)
         self._redundancy = None if standby is None else Redundancy(self._agents, self._view, standby)
         for agent in self._agents:
-            agent.inbox.on_message = self._driver.take if standby is None else self._hears(agent)
+            agent.inbox.on_message = self._take if standby is None else self._hears(agent)
         self._truth = TruthHistory(profile.clock.physics_rate_hz)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
         self._links_every = max(round(profile.clock.exchange_rate_hz / LINKS_RATE_HZ), 1)
@@ -99,10 +110,15 @@ class AgentPilot:
             if agent is self._active:
                 self._on_estimate(stamp_ns, estimate)
 
-        inbox = AgentInbox(name, self._frame, len(profile.vehicle.propellers), self._lockstep, on_estimate)
+        inbox = AgentInbox(name, self._frame, profile.vehicle.commands, self._lockstep, on_estimate)
         key = autopilot.link_key_file
         agent = AgentConnection(name, profile, inbox, None if key is None else Signing(read_key_file(key)))
         return agent
+
+    def _take(self, message: Any) -> None:
+        if self._attended is not None:
+            self._attended.take(message)
+        self._driver.take(message)
 
     def _hears(self, agent: AgentConnection) -> Callable[[Any], None]:
         """Of two agents the driver hears the one that steers."""
@@ -135,20 +151,26 @@ class AgentPilot:
     def begin(self, recorder: Recorder, pace: Pace) -> None:
         self._recorder = recorder
         self._pace = pace
-        waypoints = self._profile.mission.waypoints_ned_m
-        mission = mission_of(self._profile, self._frame) if waypoints else []
+        parameters: dict[str, float] = {}
+        mission: list[tuple[float, float, float]] = []
+        if self._attended is None:
+            parameters = parameters_of(self._profile)
+            mission = mission_of(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
         for agent in self._agents:
-            agent.begin(recorder, pace, self._now_ns, parameters_of(self._profile), mission)
+            agent.begin(recorder, pace, self._now_ns, parameters, mission)
+        if self._attended is not None:
+            self._attended.begin(recorder, pace, self._now_ns, self._agents[0].inbox)
+            self._attended.start(self._agents[0].receive)
         for address in missing_addresses(self._profile, self._options):
             recorder.say(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
 
     # In the run
 
-    def sense(self, sim_ns: int, motion: Kinematics) -> None:
+    def sense(self, sim_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
         self._sim_ns = sim_ns
         self._step += 1
         self._truth.add(sim_ns, motion)
-        messages = self._sensing.due(self._step, sim_ns, motion)
+        messages = self._sensing.due(self._step, sim_ns, motion, air_ned_mps)
         if messages:
             for agent in self._agents:
                 if agent.gone is None:
@@ -163,6 +185,8 @@ class AgentPilot:
             self._tick_and_wait(sim_ns)
         else:
             self._take_in(sim_ns)
+        if self._attended is not None:
+            self._attended.update(sim_ns, self.command, motion)
         if self._exchanges % self._links_every == 0:
             for agent in self._agents:
                 agent.record_links(self._recorder, sim_ns)
@@ -212,22 +236,13 @@ class AgentPilot:
             agent.receive(seconds)
 
     def _tick_and_wait(self, sim_ns: int) -> None:
-        agent, tick = self._agents[0], self._exchanges
-        inbox = agent.inbox
-        agent.send_tick(sim_ns, tick)
-        agent.receive(0.0)
-        if inbox.answered_tick != tick:
-            started_s = sent_s = time.monotonic()
-            while inbox.answered_tick != tick:
-                agent.receive(TICK_REPEAT_S)
-                now_s = time.monotonic()
-                if now_s - started_s > self._profile.autopilot.silent_s:
-                    raise agent.silent(now_s - started_s)
-                if now_s - sent_s > TICK_REPEAT_S:
-                    agent.peer.check()
-                    agent.send_tick(sim_ns, tick)
-                    sent_s = now_s
-        self.command = inbox.command
+        agent = self._agents[0]
+        tick_and_wait(agent, sim_ns, self._exchanges, self._profile.autopilot.silent_s, self._check_autopilot)
+        self.command = agent.inbox.command
+
+    def _check_autopilot(self) -> None:
+        if self._attended is not None:
+            self._attended.check()
 
     def _send(self, message: Any) -> None:
         for agent in self._agents:
@@ -262,10 +277,14 @@ class AgentPilot:
             agent.stop()
             if self._faults is not None:
                 self._faults.count_impaired(*agent.impaired, agent.name)
+        if self._attended is not None:
+            self._attended.end()
 
     def close(self) -> None:
         for agent in self._agents:
             agent.close()
+        if self._attended is not None:
+            self._attended.end()
 
     def links(self) -> list[LinkReport]:
         return [report for agent in self._agents for report in agent.links()]
@@ -276,7 +295,8 @@ class AgentPilot:
     def clocks(self) -> list[ClockReport]:
         slope = self._pace.slope(self._profile.clock.physics_rate_hz)
         physics = ClockReport("PS1", 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)
-        return [*(agent.inbox.timing.report() for agent in self._agents), physics]
+        others = [] if self._attended is None else self._attended.clocks()
+        return [*(agent.inbox.timing.report() for agent in self._agents), *others, physics]
 
     def nodes(self) -> list[NodeReport]:
         return [report for agent in self._agents if (report := agent.node()) is not None]
@@ -289,6 +309,9 @@ class AgentPilot:
 
     def faults(self) -> list[FaultReport]:
         return [] if self._faults is None else self._faults.reports(self._sensing.fault_counts())
+
+    def autopilot(self) -> AutopilotReport | None:
+        return None if self._attended is None else self._attended.report()
 
     def traffic(self) -> Traffic:
         return {agent.name: agent.inbox.traffic for agent in self._agents}

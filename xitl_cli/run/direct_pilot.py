@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import MotorCommand, Task
@@ -34,7 +35,7 @@ class DirectPilot:
     def begin(self, recorder: Recorder, pace: Pace) -> None:
         pass
 
-    def sense(self, sim_ns: int, motion: Kinematics) -> None:
+    def sense(self, sim_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
         pass
 
     def idle(self, seconds: float) -> None:
@@ -69,6 +70,9 @@ class DirectPilot:
 
     def faults(self) -> list[FaultReport]:
         return []
+
+    def autopilot(self) -> None:
+        return None
 
     def traffic(self) -> Traffic:
         return {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -15,8 +16,9 @@ RECORDING = "run.mcap"
 SUMMARY = "summary.json"
 PROFILE = "profile.yaml"
 DATAFLASH = "autopilot.bin"
+AUTOPILOT = "autopilot"  # a folder: where an autopilot that the run started works
 RESERVED_BYTES = 256 * 1024
-_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH)
+_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH, AUTOPILOT)
 
 
 def check_writable(path: Path) -> None:
@@ -39,7 +41,10 @@ def create(path: Path, overwrite: bool) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
         for name in present:
-            (path / name).unlink()
+            if (path / name).is_dir():
+                shutil.rmtree(path / name)
+            else:
+                (path / name).unlink()
     except OSError as error:
         raise UserError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
     return path

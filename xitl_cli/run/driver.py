@@ -52,13 +52,13 @@ def make_driver(profile: RunProfile, orders: Orders, frame: LocalFrame) -> Drive
     """The driver that the profile asks for. Raises UserError when its file cannot be played."""
     driver, waypoints = profile.driver, len(profile.mission.waypoints_ned_m)
     if driver.kind == "mission":
-        return MissionDriver(orders, waypoints)
+        return MissionDriver(orders, waypoints, profile.autopilot.arm_timeout_s)
     if driver.kind == "ground-station":
         return GroundStationDriver(orders, frame, ground_stations_of(profile), driver.stay)
     if driver.kind == "script":
         return ScriptDriver(orders, frame, driver.script, waypoints)
     if driver.kind == "replay":
         assert driver.file is not None
-        track = track_of_file(driver.file, driver.replay, len(profile.vehicle.propellers))
-        return ReplayDriver(orders, track, driver.replay.rc_channels)
+        track = track_of_file(driver.file, driver.replay, profile.vehicle.commands)
+        return ReplayDriver(orders, track, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
     return NoDriver(orders, waypoints)

@@ -86,7 +86,7 @@ class Loop:
                 self.state = state = replace(state, vessel=before)
             now_ns = state.time_ns
             motion = kinematics(simulation, state)
-            pilot.sense(now_ns, motion)
+            pilot.sense(now_ns, motion, state.wind_ned_mps)
             if number % every_exchange == 0:
                 pilot.exchange(now_ns, motion)
                 recorder.actuators(now_ns, pilot.command)

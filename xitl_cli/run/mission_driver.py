@@ -11,8 +11,8 @@ from xitl_cli.run.orders import Orders
 from xitl_cli.run.pilot import Progress
 
 READY_TIMEOUT_S = 60.0
-ASK_WHY_S = 55.0
-PREARM = "PreArm: "
+ASK_WHY_S = 5.0  # before giving up
+PREARM = ("PreArm: ", "Arm: ")
 
 
 class Phase(Enum):
@@ -27,12 +27,13 @@ class Phase(Enum):
 class Departure:
     """Arms the autopilot when it is ready and sets a mode.
 
-    Raises UserError from `update` when that is not done `READY_TIMEOUT_S` after the start.
+    Raises UserError from `update` when that is not done `timeout_s` after the start.
     """
 
-    def __init__(self, orders: Orders, mode: str) -> None:
+    def __init__(self, orders: Orders, mode: str, timeout_s: float = READY_TIMEOUT_S) -> None:
         self._orders = orders
         self._mode = mode
+        self._timeout_s = timeout_s
         self.phase = Phase.READY
 
     def update(self, sim_ns: int) -> bool:
@@ -41,15 +42,15 @@ class Departure:
         if self.phase is Phase.READY and orders.view.ready_to_arm:
             orders.forget()
             self.phase = Phase.ARMED
-        if self.phase is Phase.READY and sim_ns > ASK_WHY_S * 1e9:
+        if self.phase is Phase.READY and sim_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
             orders.arm(sim_ns)  # refused, with the reasons
         if self.phase is Phase.ARMED and orders.arm(sim_ns):
             self.phase = Phase.STARTED
         if self.phase is Phase.STARTED and orders.set_mode(sim_ns, self._mode):
             self.phase = Phase.UNDER_WAY
-        if self.phase is not Phase.UNDER_WAY and sim_ns > READY_TIMEOUT_S * 1e9:
+        if self.phase is not Phase.UNDER_WAY and sim_ns > self._timeout_s * 1e9:
             said = f"; it said: {', '.join(_latest_reasons(orders.view.texts))}" if orders.view.texts else ""
-            raise UserError(f"gave up after {READY_TIMEOUT_S:.0f} s of waiting for {self.phase.value}{said}")
+            raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{said}")
         return self.phase is Phase.UNDER_WAY
 
 
@@ -62,9 +63,9 @@ def _latest_reasons(texts: Iterable[str]) -> list[str]:
 class MissionDriver:
     """Sends the commands a person at a ground station would; the mission has `waypoints` items after home."""
 
-    def __init__(self, orders: Orders, waypoints: int) -> None:
+    def __init__(self, orders: Orders, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
         self._view = orders.view
-        self._departure = Departure(orders, "AUTO")
+        self._departure = Departure(orders, "AUTO", arm_timeout_s)
         self._total = waypoints
         self._under_way = False
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from agent.wire import dialect
 from xitl_cli.run.agents.view import MODES, AgentView
+from xitl_cli.run.autopilot import px4_modes
 from xitl_cli.run.mission_download import MissionDownload
 
 REPEAT_S = 1.0
@@ -15,13 +16,15 @@ RELEASE_ABOVE_8 = 65534  # where 0 leaves a channel alone, as a sender of eight 
 RC_CHANNELS = 18
 POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and yaw rate are ignored
 
+Send = Callable[[Any], object]
+
 MODE_NUMBERS = {name: number for number, name in MODES.items()}
 
 
 class Orders:
     """Sends to one autopilot through `send`; `view` knows what it answered."""
 
-    def __init__(self, view: AgentView, send: Callable[[Any], object], system_id: int, component_id: int) -> None:
+    def __init__(self, view: AgentView, send: Send, system_id: int, component_id: int) -> None:
         self.view = view
         self._send = send
         self._target = (system_id, component_id)
@@ -41,6 +44,8 @@ class Orders:
 
     def set_mode(self, sim_ns: int, mode: str) -> bool:
         """Ask for the mode until it is accepted; True once it is."""
+        if self.view.px4:
+            return self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, *px4_modes.mode_parameters(mode))
         flag = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
         return self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, flag, float(MODE_NUMBERS[mode]))
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import MotorCommand, Task
+from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.score import EstimationScore
@@ -171,8 +173,8 @@ class Pilot(Protocol):
     def begin(self, recorder: Recorder, pace: Pace) -> None:
         """The run starts: simulation time is 0."""
 
-    def sense(self, sim_ns: int, motion: Kinematics) -> None:
-        """After every physics step: measure and send what is due."""
+    def sense(self, sim_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
+        """After every physics step: measure and send what is due. air_ned_mps: (N, 3) velocity of the air there."""
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:
         """At the exchange rate: ask for and take in commands."""
@@ -200,3 +202,4 @@ class Pilot(Protocol):
     def takeovers(self) -> list[TakeoverReport]: ...
     def faults(self) -> list[FaultReport]: ...
     def traffic(self) -> Traffic: ...
+    def autopilot(self) -> AutopilotReport | None: ...

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from xitl_cli.replay.track import Track
-from xitl_cli.run.mission_driver import Departure
+from xitl_cli.run.mission_driver import READY_TIMEOUT_S, Departure
 from xitl_cli.run.orders import Orders
 from xitl_cli.run.pilot import Progress
 
@@ -19,11 +19,17 @@ class ReplayDriver:
     commands only as well as its settings equal those of the recorded vehicle.
     """
 
-    def __init__(self, orders: Orders, track: Track, rc_channels: tuple[int, int]) -> None:
+    def __init__(
+        self,
+        orders: Orders,
+        track: Track,
+        rc_channels: tuple[int, int],
+        arm_timeout_s: float = READY_TIMEOUT_S,
+    ) -> None:
         self._orders = orders
         self._track = track
         self._channels = rc_channels
-        self._departure = Departure(orders, "MANUAL")
+        self._departure = Departure(orders, "MANUAL", arm_timeout_s)
         self._started_ns: int | None = None
         self._played_ns = -1
 

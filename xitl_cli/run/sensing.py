@@ -3,55 +3,34 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from numpy.random import Generator, default_rng
+from numpy.random import default_rng
 
-from agent.wire import dialect
+from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame, normal_gravity_mps2
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.barometer import Barometer, BarometerSample
-from sim_core.sensors.gnss import Gnss, GnssSample
-from sim_core.sensors.imu import Imu, ImuSample
-from sim_core.sensors.magnetometer import Magnetometer, MagnetometerSample, local_field_ned_gauss
+from sim_core.sensors.barometer import Barometer
+from sim_core.sensors.gnss import Gnss
+from sim_core.sensors.imu import Imu
+from sim_core.sensors.magnetometer import Magnetometer, local_field_ned_gauss
+from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.profile.schema.place import Site
 from xitl_cli.profile.schema.sensors import Sensors
+from xitl_cli.run import sensor_messages
+from xitl_cli.run.channel import Channel, SensorChannel
+from xitl_cli.run.further_channels import further_channels
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensor_faults import SensorFaults
-
-Message = Any  # the generated codec is untyped
-
-
-class _Channel:
-    """One sensor, its state and random generator, its faults, and how its sample becomes a message."""
-
-    def __init__(
-        self, sensor: Any, rng: Generator, every: int, encode: Callable[[int, Any], Message], faults: SensorFaults
-    ) -> None:
-        self.every = every
-        self.latency_ns = round(sensor.latency_s * 1e9)
-        self._sensor = sensor
-        self._rng = rng
-        self._state = sensor.initial(1, rng)
-        self._encode = encode
-        self.faults = faults
-        self._faulty = bool(faults)
-
-    def message(self, stamp_ns: int, motion: Kinematics) -> Message | None:
-        self._state, sample = self._sensor.measure(self._state, motion, self._rng)
-        if self._faulty:
-            sample = self.faults.applied(stamp_ns, sample)
-            if sample is None:
-                return None
-        return self._encode(stamp_ns // 1000, sample)
+from xitl_cli.run.sensor_messages import Message
 
 
 class Sensing:
     """All sensors of the profile and their faults. `due` is called after each physics step, with steps counted from 1.
 
-    A sensor measures on behind its faults, so that what comes after one is what would have come without it.
+    `further` are sent after the usual four of the same step.
     """
 
     def __init__(
@@ -61,41 +40,47 @@ class Sensing:
         physics_rate_hz: float,
         seeds: Seeds,
         faults: Mapping[str, Fault] | None = None,
+        further: Sequence[Channel] = (),
     ) -> None:
         frame = local_frame(site)
         models: list[tuple[str, Any, Callable[[int, Any], Message]]] = [
             (
                 "imu",
                 Imu(gravity_mps2=normal_gravity_mps2(site.latitude_deg, site.altitude_m), **sensors.imu.model_dump()),
-                _imu,
+                sensor_messages.imu,
             ),
-            ("gnss", Gnss(frame=frame, **sensors.gnss.model_dump()), _gnss),
+            ("gnss", Gnss(frame=frame, **sensors.gnss.model_dump()), sensor_messages.gnss),
             (
                 "magnetometer",
                 Magnetometer(field_ned_gauss=magnetic_field_ned_gauss(site), **sensors.magnetometer.model_dump()),
-                _magnetometer,
+                sensor_messages.magnetometer,
             ),
-            ("barometer", Barometer(origin_altitude_m=site.altitude_m, **sensors.barometer.model_dump()), _barometer),
+            (
+                "barometer",
+                Barometer(origin_altitude_m=site.altitude_m, **sensors.barometer.model_dump()),
+                sensor_messages.barometer,
+            ),
         ]
-        self._channels = [
-            _Channel(
+        self._sensors = [
+            SensorChannel(
                 model,
                 default_rng(seeds.of(name)),
-                round(physics_rate_hz / model.rate_hz),
+                physics_rate_hz,
                 encode,
                 SensorFaults(name, faults or {}, seeds, frame),
             )
             for name, model, encode in models
         ]
+        self._channels: list[Channel] = [*self._sensors, *further]
         self._waiting: list[tuple[int, int, Message]] = []
         self._order = 0
 
-    def due(self, step: int, stamp_ns: int, motion: Kinematics) -> list[Message]:
+    def due(self, step: int, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> list[Message]:
         """Measure what is due at this step; return what has waited out its latency, oldest first."""
         ready: list[Message] = []
         for channel in self._channels:
             if step % channel.every == 0:
-                message = channel.message(stamp_ns, motion)
+                message = channel.message(stamp_ns, motion, air_ned_mps)
                 if message is None:
                     continue
                 if channel.latency_ns:
@@ -110,10 +95,17 @@ class Sensing:
     def fault_counts(self) -> dict[str, dict[str, int]]:
         """How many samples each fault has touched, by its name."""
         counts: dict[str, dict[str, int]] = {}
-        for channel in self._channels:
-            for name, of_channel in channel.faults.counts.items():
+        for channel in self._sensors:
+            for name, of_channel in channel.faults.counts.items() if channel.faults is not None else ():
                 counts.setdefault(name, {}).update(of_channel)
         return counts
+
+
+def sensing_of(profile: RunProfile, seeds: Seeds) -> Sensing:
+    """All that the profile's agents are told of the world."""
+    assert profile.sensors is not None
+    further = list(further_channels(profile, seeds, local_frame(profile.site)))
+    return Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
 
 
 def local_frame(site: Site) -> LocalFrame:
@@ -126,33 +118,3 @@ def magnetic_field_ned_gauss(site: Site) -> tuple[float, float, float]:
     if site.magnetic_field_ned_gauss is not None:
         return site.magnetic_field_ned_gauss
     return local_field_ned_gauss(site.latitude_deg, site.longitude_deg, site.altitude_m, site.year).ned_gauss
-
-
-def _imu(stamp_us: int, sample: ImuSample) -> Message:
-    gyro, accel = sample.gyro_frd_radps[0].tolist(), sample.accel_frd_mps2[0].tolist()
-    return dialect.MAVLink_xitl_imu_message(stamp_us, gyro, accel, float(sample.temperature_degc[0]))
-
-
-def _gnss(stamp_us: int, sample: GnssSample) -> Message:
-    return dialect.MAVLink_xitl_gnss_message(
-        stamp_us,
-        round(float(sample.lat_deg[0]) * 1e7),
-        round(float(sample.lon_deg[0]) * 1e7),
-        round(float(sample.alt_m[0]) * 1e3),
-        sample.vel_ned_mps[0].tolist(),
-        float(sample.horizontal_accuracy_m[0]),
-        float(sample.vertical_accuracy_m[0]),
-        float(sample.speed_accuracy_mps[0]),
-        int(sample.fix_type[0]),
-        int(sample.satellites[0]),
-    )
-
-
-def _magnetometer(stamp_us: int, sample: MagnetometerSample) -> Message:
-    return dialect.MAVLink_xitl_magnetometer_message(stamp_us, sample.field_frd_gauss[0].tolist())
-
-
-def _barometer(stamp_us: int, sample: BarometerSample) -> Message:
-    return dialect.MAVLink_xitl_barometer_message(
-        stamp_us, float(sample.pressure_pa[0]), float(sample.temperature_degc[0])
-    )

@@ -22,6 +22,7 @@ from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
 from xitl_cli.run.agent_pilot import AgentPilot, links_of
 from xitl_cli.run.agents.options import options_of
+from xitl_cli.run.autopilot.attended import Attended
 from xitl_cli.run.ideal_pilot import IdealPilot
 from xitl_cli.run.loop import Ending, Loop
 from xitl_cli.run.pace import Lockstep, Pace, Realtime
@@ -63,7 +64,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
         directory.create(out, overwrite)
         with directory.reserve(out):
             directory.write_profile(out, resolved_yaml(profile))
-            motors, links = len(ready.vehicle.propellers), links_of(ready)
+            motors, links = ready.vehicle.commands, links_of(ready)
             recorder = Recorder(out / directory.RECORDING, ready.recording.compression, motors, links)
             pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(simulation.dt_s)
             with closing(make_view()) as view, _interrupts() as interrupted:
@@ -121,6 +122,7 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
         faults=loop.pilot.faults(),
         traffic=loop.pilot.traffic(),
         pace=loop.pace.report(),
+        autopilot=loop.pilot.autopilot(),
     )
 
 
@@ -128,7 +130,10 @@ def make_pilot(profile: RunProfile, seeds: Seeds, out: Path | None = None) -> Pi
     """Who steers in this profile. `out` is where an autopilot's own log goes. Raises UserError for a file to replay."""
     if profile.autopilot.kind == "embedded":
         return AgentPilot(profile, seeds, options_of(profile, out))
-    driver, propellers = profile.driver, len(profile.vehicle.propellers)
+    if profile.autopilot.kind != "none":
+        attended = Attended(profile, out)
+        return AgentPilot(profile, seeds, options_of(profile, out, attended.bridge), attended)
+    driver, propellers = profile.driver, profile.vehicle.commands
     if driver.kind == "script":
         return TrackPilot(track_of_script(driver.script), "SCRIPT", propellers)
     if driver.kind == "replay":

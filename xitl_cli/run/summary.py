@@ -9,6 +9,7 @@ from agent import __version__
 from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.records import PaceReport, Task
+from xitl_cli.run.autopilot.report import AutopilotReport, autopilot_section
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
 from xitl_cli.run.pilot import (
@@ -54,6 +55,7 @@ class Outcome:
     faults: list[FaultReport] = field(default_factory=list)
     traffic: Traffic = field(default_factory=dict)
     pace: PaceReport = field(default_factory=PaceReport)
+    autopilot: AutopilotReport | None = None
 
 
 def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
@@ -92,6 +94,7 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "nodes": [{**asdict(node), "flags": list(node.flags)} for node in outcome.nodes],
         "stale_exchanges": outcome.stale_exchanges,
         "actuators": None if outcome.actuators is None else _actuators(outcome.actuators),
+        "autopilot": None if outcome.autopilot is None else autopilot_section(outcome.autopilot, outcome.tasks),
         "takeovers": [asdict(takeover) for takeover in outcome.takeovers],
         "faults": [asdict(fault) for fault in outcome.faults],
         "pace": asdict(outcome.pace),

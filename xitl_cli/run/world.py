@@ -15,10 +15,11 @@ from sim_core.environment.water import Water
 from sim_core.environment.waves import FlatWater, IrregularWaves, RegularWave, WaveField
 from sim_core.environment.wind import Air, StillAir, Wind
 from sim_core.simulation import Simulation, SimulationState, initial
-from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, VesselModel, Windage
+from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, SteeringGear, VesselModel, Windage
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema import environment as schema
+from xitl_cli.profile.schema.vehicle import Propeller as PropellerKeys
 from xitl_cli.profile.schema.vehicle import Vehicle
 from xitl_cli.run.seeds import Seeds
 
@@ -48,8 +49,16 @@ def _vessel(vehicle: Vehicle) -> VesselModel:
         added_mass=AddedMass(**vehicle.added_mass.model_dump()),
         damping_linear=Damping(**vehicle.damping_linear.model_dump()),
         damping_quadratic=Damping(**vehicle.damping_quadratic.model_dump()),
-        propellers=tuple(Propeller(**propeller.model_dump()) for propeller in vehicle.propellers),
+        propellers=tuple(_propeller(propeller) for propeller in vehicle.propellers),
         wind=Windage(**vehicle.wind.model_dump()),
+    )
+
+
+def _propeller(propeller: PropellerKeys) -> Propeller:
+    gear = propeller.steering
+    return Propeller(
+        **propeller.model_dump(exclude={"steering"}),
+        steering=None if gear is None else SteeringGear(**gear.model_dump()),
     )
 
 

@@ -22,7 +22,11 @@ Write = Callable[..., Path]
 
 LOOPBACKS = [f"hitl-{link}-loopback" for link in ("beaglebone", "can", "canfd", "serial")]
 BOARDS = [f"hitl-{link}" for link in ("beaglebone", "can", "canfd", "serial")]
-RUNNABLE = sorted(["ground-station", *BOARDS, *LOOPBACKS, "hitl-loopback", "mitl", "mitl-replay", "sitl"])
+ARDUPILOT_WAYS = [f"hitl-ardupilot-{way}{what}" for way in ("ahrs", "linux", "usb") for what in ("", "-loopback")]
+OTHERS = [
+    *ARDUPILOT_WAYS, "sitl-ardupilot", "sitl-ardupilot-ahrs", "sitl-ardupilot-steered", "sitl-px4", "hitl-px4",
+]  # fmt: skip
+RUNNABLE = sorted(["ground-station", *BOARDS, *LOOPBACKS, *OTHERS, "hitl-loopback", "mitl", "mitl-replay", "sitl"])
 
 
 @pytest.mark.parametrize("name", shipped_profiles())

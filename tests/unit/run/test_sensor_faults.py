@@ -17,6 +17,7 @@ from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensing import Sensing, local_frame
 
 PHYSICS_HZ = 400
+STILL_AIR = np.zeros((1, 3))
 IDS = {54002: "imu", 54003: "gnss", 54004: "magnetometer", 54005: "barometer"}
 
 
@@ -46,7 +47,7 @@ def sensed(faults: dict[str, Any] | None, seconds: float, seed: int = 3) -> tupl
     sensing = Sensing(profile.sensors, profile.site, PHYSICS_HZ, Seeds(seed), made)
     by_sensor: dict[str, dict[int, Any]] = {name: {} for name in IDS.values()}
     for step in range(1, round(seconds * PHYSICS_HZ) + 1):
-        for message in sensing.due(step, step * 1_000_000_000 // PHYSICS_HZ, motion(step)):
+        for message in sensing.due(step, step * 1_000_000_000 // PHYSICS_HZ, motion(step), STILL_AIR):
             of_sensor = by_sensor[IDS[message.get_msgId()]]
             assert message.time_usec not in of_sensor
             of_sensor[message.time_usec] = message

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TypeAlias
 
-from xitl_cli.profile.checks import autopilot, environment, faults, graph, link, operation, rates, vehicle
+from xitl_cli.profile.checks import (
+    autopilot,
+    bridge,
+    environment,
+    faults,
+    graph,
+    link,
+    operation,
+    rates,
+    sensors,
+    vehicle,
+)
 from xitl_cli.profile.entry import KeyPath
 from xitl_cli.profile.schema import Profile
 
@@ -15,10 +26,12 @@ Finding: TypeAlias = tuple[KeyPath, str]
 def check(profile: Profile) -> Iterator[Finding]:
     """Everything in `profile` that does not go together."""
     yield from rates.check(profile)
+    yield from sensors.check(profile)
     yield from vehicle.check(profile)
     yield from environment.check(profile)
     yield from operation.check(profile)
     yield from autopilot.check(profile)
+    yield from bridge.check(profile)
     yield from link.check(profile)
     yield from faults.check(profile)
     yield from graph.check(profile)

@@ -25,6 +25,8 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from _ground_stations(profile.autopilot)
     yield from _extras(profile.autopilot)
     yield from _standby(profile, profile.autopilot)
+    if profile.autopilot.kind not in ("none", "embedded"):
+        return
     for number, name in enumerate(profile.autopilot.parameter_files):
         path = ("autopilot", "parameter_files", number)
         try:

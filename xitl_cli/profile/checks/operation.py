@@ -30,7 +30,14 @@ def _driver(profile: Profile, driver: Driver) -> Iterator[tuple[KeyPath, str]]:
     if driver.kind == "mission":
         if profile.mission is None or not profile.mission.waypoints_ned_m:
             yield kind, "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
-        if profile.vehicle is not None and len(profile.vehicle.propellers) != STEERED_PROPELLERS:
+        other = autopilot is not None and autopilot.kind not in ("none", "embedded")
+        if profile.vehicle is not None and not other and profile.vehicle.commands > len(profile.vehicle.propellers):
+            yield (
+                ("vehicle", "propellers"),
+                "vehicle.propellers has a steering gear, which the embedded autopilot does not turn; "
+                "leave out steering, or use autopilot.kind: ardupilot or driver.kind: script",
+            )
+        elif profile.vehicle is not None and not other and len(profile.vehicle.propellers) != STEERED_PROPELLERS:
             yield (
                 ("vehicle", "propellers"),
                 f"vehicle.propellers has {len(profile.vehicle.propellers)}, but a mission is steered with "
@@ -106,11 +113,14 @@ def _script(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[
 
 
 def _motors(profile: Profile, path: KeyPath, key: str, motors: tuple[float, ...]) -> Iterator[tuple[KeyPath, str]]:
-    propellers = len(profile.vehicle.propellers) if profile.vehicle else len(motors)
-    if len(motors) != propellers:
+    commands = profile.vehicle.commands if profile.vehicle else len(motors)
+    if len(motors) != commands:
+        what = f"{len(profile.vehicle.propellers)} propellers" if profile.vehicle else ""
+        if profile.vehicle and (steered := commands - len(profile.vehicle.propellers)):
+            what += f" and {steered} steering"
         yield (
             (*path, "motors"),
-            f"{key}.motors = {shown(motors)} does not fit a vessel with {propellers} propellers; give {propellers}",
+            f"{key}.motors = {shown(motors)} does not fit a vessel with {what}; give {commands}",
         )
 
 
@@ -131,7 +141,7 @@ def _replay(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[
             ("driver", "replay", "end_s"),
             f"driver.replay.end_s = {replay.end_s:g} is not after start_s ({replay.start_s:g}); use a later end",
         )
-    needed = len(profile.vehicle.propellers) if profile.vehicle else STEERED_PROPELLERS
+    needed = profile.vehicle.commands if profile.vehicle else STEERED_PROPELLERS
     mixed = replay.outputs_are == "steering-throttle"
     if (embedded or mixed) and needed != STEERED_PROPELLERS:
         yield (
@@ -168,5 +178,6 @@ def _technique(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     if profile.technique == "sitl" and (autopilot.kind == "none" or autopilot.runs == "board"):
         what = "mitl" if autopilot.kind == "none" else "hitl"
         yield path, f"technique = sitl runs an autopilot on this machine; use technique: {what}"
-    if profile.technique == "hitl" and (autopilot.kind == "none" or autopilot.runs == "in-process"):
+    behind_link = autopilot.kind in ("ardupilot", "px4") or autopilot.runs != "in-process"
+    if profile.technique == "hitl" and (autopilot.kind == "none" or not behind_link):
         yield path, "technique = hitl runs an autopilot behind a link; use autopilot.runs: board (or process)"

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from xitl_cli.profile.entry import KeyPath, dotted
 from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.sensors import sensors_of
 from xitl_cli.profile.schema.session import Clock
 
 _NS = 1_000_000_000
@@ -46,8 +47,8 @@ def divisors_around(rate_hz: float, physics_hz: float) -> tuple[float | None, fl
 
 def _rates(profile: Profile) -> Iterator[tuple[KeyPath, float]]:
     if profile.sensors is not None:
-        for sensor in type(profile.sensors).model_fields:
-            yield ("sensors", sensor, "rate_hz"), getattr(profile.sensors, sensor).rate_hz
+        for path, sensor in sensors_of(profile.sensors):
+            yield (*path, "rate_hz"), sensor.rate_hz
     if profile.clock is not None:
         yield ("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz
     if profile.recording is not None:

@@ -94,10 +94,10 @@ class Standby(Group):
 class Bridge(Group):
     """How another autopilot is reached. Every URL is as the bridge sees it, on the machine where it runs.
 
-    `mavlink`: its MAVLink. `world`: where its JSON simulator interface is served, in lockstep. `sensors`: how our sensors
-    get in, at `sensor_link` where that is a link of its own; null leaves them to its own simulation of the true motion.
-    `outputs`: the channels of the motors in the order of the propellers (of steered ones the steering after all motors),
-    `trim_us` neutral, `span_us` from there to full.
+    `mavlink`: its MAVLink. `world`: where its JSON simulator interface is served, in lockstep. `sensors`: how ours get
+    in, at `sensor_link` where that is a link of its own; null leaves them to its own simulation of the true motion.
+    `outputs`: the channels of the motors in the order of the propellers (of steered ones the steering after all
+    motors), `trim_us` neutral, `span_us` from there to full.
     """
 
     mavlink: str = "tcp://127.0.0.1:5760"
@@ -115,8 +115,8 @@ class Autopilot(Group):
     `ground_stations`: `udp://host:port` is sent to, `tcp://host:port` is listened at; null is the usual pair in real
     time and nobody in lockstep. `controller` is a `module:Class`, or `file.py:Class`, in place of the
     built-in one. `link_key_file` signs the link to the agent both ways. An agent that is silent for `silent_s` ends the
-    run, and so does an autopilot that is not armed after `arm_timeout_s`. With `moored_until_armed` the vessel is held in
-    its place until then, and the duration does not run.
+    run, and so does an autopilot that is not armed after `arm_timeout_s`. With `moored_until_armed` the vessel is held
+    in its place until then, and the duration does not run.
 
     Of another autopilot than the embedded one the agent is a bridge. `firmware`: `external` for one that somebody else
     starts, `find` for one that is started here, from the PATH or what `xitl firmware get` has brought, or the path of

@@ -41,14 +41,22 @@ class Damping(Group):
     yaw: NonNegative = 0.0
 
 
+class Steering(Group):
+    """The gear that turns a propeller about its mast."""
+
+    max_angle_deg: Annotated[float, Field(gt=0, le=180)]
+    rate_degps: Positive
+
+
 class Propeller(Group):
-    """One air propeller that pushes along the body's x axis."""
+    """One air propeller. It pushes along the body's x axis, or where its `steering` turns it."""
 
     position_frd_m: Vector
     max_thrust_n: Positive
     max_reverse_thrust_n: NonNegative
     spin_up_s: Positive
     spin_down_s: Positive
+    steering: Steering | None = None
 
 
 class Windage(Group):
@@ -63,7 +71,7 @@ class Windage(Group):
 
 
 class Vehicle(Group):
-    """The vessel. The first propeller is the port one, the second starboard."""
+    """The vessel. The first propeller is the port one, the second starboard; steering comes after all throttles."""
 
     name: str
     mass_kg: Positive
@@ -74,3 +82,8 @@ class Vehicle(Group):
     damping_quadratic: Damping
     propellers: Annotated[tuple[Propeller, ...], Field(min_length=1, max_length=16)]
     wind: Windage
+
+    @property
+    def commands(self) -> int:
+        """How many: a throttle for each propeller, then a steering for each that has a gear."""
+        return len(self.propellers) + sum(propeller.steering is not None for propeller in self.propellers)

@@ -15,6 +15,7 @@ from agent.wire.signing import Signing
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
+from xitl_cli.run.agents import sentences
 from xitl_cli.run.agents.inbox import AgentInbox
 from xitl_cli.run.agents.link_accounts import state_of
 from xitl_cli.run.agents.node_words import node_report
@@ -86,7 +87,8 @@ class AgentConnection:
         if info is not None and "LC" not in info.nodes.split(","):
             raise UserError(
                 f"{transport.peer}: the agent there is no autopilot, it runs {info.nodes}; "
-                "start it with --role fcu, or use another autopilot.link"
+                f"start it with --role {'fcu' if self._profile.autopilot.kind == 'embedded' else 'bridge'}, "
+                "or use another autopilot.link"
             )
 
     def begin(
@@ -185,7 +187,7 @@ class AgentConnection:
             inbox.say(WARNING, "run", f"no motor commands from {self._who} for {SAID_S:g} s")
         if silence.under_way:
             if not inbox.view.status.running:
-                self.gone = self._restarted()
+                self.gone = sentences.restarted(self.peer.transport.peer, self._who, self._sim_s())
             elif silence.too_long(now_ns):
                 self.gone = self.silent(self._profile.autopilot.silent_s)
             elif now_ns - self._probed_ns > HELLO_INTERVAL_S * 1e9:
@@ -194,33 +196,10 @@ class AgentConnection:
 
     def silent(self, seconds: float) -> UserError:
         """What to say when the run cannot go on without it."""
-        return UserError(
-            f"{self.peer.transport.peer}: {self._who} stopped answering and was silent for {seconds:g} s, at "
-            f"{self._now_ns() * 1e-9:.2f} s of simulation time; look at its log, its power and the cable"
-        )
+        return sentences.silent(self._profile, self.peer.transport.peer, self._who, seconds, self._sim_s())
 
     def _not_understood(self) -> UserError | None:
-        """What to say when something came, but no good frame; None when nothing did."""
-        where = self.peer.transport.peer
-        if self.link.refused_signature:
-            key = self._profile.autopilot.link_key_file
-            return UserError(
-                f"{where}: {self._who} answers, but not signed with autopilot.link_key_file = {key}; start it with "
-                "--link-key and the same key, or leave it out here"
-            )
-        if self.link.counters.dropped:
-            baud = "; or the baud rates differ" if self.peer.transport.name == "serial" else ""
-            return UserError(
-                f"{where}: what answers there is not understood by this host; install the same release of xitl on "
-                f"both{baud}"
-            )
-        return None
-
-    def _restarted(self) -> UserError:
-        return UserError(
-            f"{self.peer.transport.peer}: {self._who} answers but has no run on, at {self._now_ns() * 1e-9:.2f} s of "
-            "simulation time: it was started anew; look at its log for why it ended, then run again"
-        )
+        return sentences.not_understood(self._profile, self.link, self._who)
 
     def apply_faults(self, sim_ns: int, faults: Faults | None) -> None:
         """Put new faults in force, and remind the agent of its part once a second. None: as they were."""

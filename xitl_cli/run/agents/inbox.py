@@ -17,6 +17,8 @@ from xitl_cli.run.agents.stamps import sent_ns
 from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.pace import Pace
 
+OWN_IDS = dialect.MAVLINK_MSG_ID_XITL_RUN  # and above: between host and agent, on the agent's clock
+
 OnEstimate = Callable[[int | None, Estimate], None]
 
 
@@ -25,12 +27,15 @@ class AgentInbox:
 
     on_message: gets every message that is not between the two ends alone. command: the latest motor commands, which
     answer `answered_tick` and came at command_ns on the host's monotonic clock. fresh: whether some came since it was
-    set to False. no_run: the latest status that told of no run, which a delayed one of the run may come after.
+    set to False. vehicle_sim_ns: simulation time of an instant in us on the clock of the standard messages, which is
+    the agent's unless it is a bridge. no_run: the latest status that told of no run, which a delayed one of the run may
+    come after.
     """
 
     def __init__(self, name: str, frame: LocalFrame, motors: int, lockstep: bool, on_estimate: OnEstimate) -> None:
         node = "LC" if name == "agent" else name
         self.on_message: Callable[[Any], None] = lambda message: None
+        self.vehicle_sim_ns: Callable[[int], int | None] = self.sim_ns
         self._on_estimate = on_estimate
         self.view = AgentView(frame, self._on_text, self._on_belief, node, self.sim_ns)
         self.timing = LockstepTiming(node) if lockstep else LinkTiming(node)
@@ -84,7 +89,8 @@ class AgentInbox:
         now_ns, left_ns = self._now_ns(), None
         if not self._lockstep:
             stamp_ns = sent_ns(frame)
-            left_ns = None if stamp_ns is None else self._sim_of(stamp_ns)
+            if stamp_ns is not None:
+                left_ns = self._sim_of(stamp_ns) if number >= OWN_IDS else self.vehicle_sim_ns(stamp_ns // 1000)
         recorder.frame_received(now_ns, frame, left_ns, self._name)
 
     def sim_ns(self, agent_us: int) -> int | None:
@@ -151,7 +157,7 @@ class AgentInbox:
 
     def _on_belief(self, agent_us: int, estimate: Estimate) -> None:
         if self._recorder is not None:  # an agent may still be at the run of a host that was killed
-            self._on_estimate(self.sim_ns(agent_us), estimate)
+            self._on_estimate(self.vehicle_sim_ns(agent_us), estimate)
 
     def _on_text(self, severity: int, text: str) -> None:
         self.say(severity, self._speaker, text)

@@ -8,19 +8,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from agent.options import BRIDGE
 from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.operation import Bridge
 
 
 @dataclass(frozen=True, slots=True)
 class AgentOptions:
-    """The agent's own options, see `xitl agent --help`. `log_dir` is where its DataFlash log goes, None for no log."""
+    """The agent's own options, see `xitl agent --help`. `log_dir` is where its DataFlash log goes, None for no log.
+
+    `bridge`: it is one to another autopilot.
+    """
 
     ground_stations: tuple[str, ...] = ()
     controller: str | None = None
     signing_key_file: str | None = None
     link_key_file: str | None = None
     log_dir: Path | None = None
+    bridge: Bridge | None = None
 
     def arguments(self) -> list[str]:
         """The same as a command line."""
@@ -32,15 +38,27 @@ class AgentOptions:
             "--log-dir": self.log_dir,
         }
         given += [(option, str(value)) for option, value in others.items() if value is not None]
+        if self.bridge is not None:
+            given += [("--role", BRIDGE), *_bridge_options(self.bridge)]
         return [word for pair in given for word in pair]
 
 
-def options_of(profile: RunProfile, run_directory: Path | None) -> AgentOptions:
+def _bridge_options(bridge: Bridge) -> list[tuple[str, str]]:
+    given = [("--autopilot", bridge.mavlink)]
+    others = {"--world": bridge.world, "--sensors": bridge.sensors, "--sensor-link": bridge.sensor_link}
+    given += [(option, value) for option, value in others.items() if value is not None]
+    given.append(("--outputs", ",".join(map(str, bridge.outputs))))
+    return [*given, ("--trim", f"{bridge.trim_us:g}"), ("--span", f"{bridge.span_us:g}")]
+
+
+def options_of(profile: RunProfile, run_directory: Path | None, bridge: Bridge | None = None) -> AgentOptions:
     """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
     autopilot = profile.autopilot
+    if bridge is not None:
+        return AgentOptions(link_key_file=autopilot.link_key_file, bridge=bridge)
     addresses = ground_stations_of(profile)
     if autopilot.ground_stations is None:
-        addresses = tuple(url for url in addresses if _is_free(url))
+        addresses = tuple(url for url in addresses if is_free(url))
     return AgentOptions(
         ground_stations=addresses,
         controller=autopilot.controller,
@@ -52,10 +70,12 @@ def options_of(profile: RunProfile, run_directory: Path | None) -> AgentOptions:
 
 def missing_addresses(profile: RunProfile, options: AgentOptions) -> Sequence[str]:
     """The usual addresses that another program holds: nobody asked for them, so the run goes on without."""
+    if options.bridge is not None:
+        return []
     return [url for url in ground_stations_of(profile) if url not in options.ground_stations]
 
 
-def _is_free(url: str) -> bool:
+def is_free(url: str) -> bool:
     """Whether a listener could be opened there; always for what is sent to."""
     parts = urlsplit(url)
     if parts.scheme != "tcp":

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from agent.assembly import REFUSALS, assemble
 from agent.machine import VIRTUAL
-from agent.options import Options
+from agent.options import BRIDGE, Options
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
@@ -53,7 +53,7 @@ class InProcess:
         self.transport, theirs = memory_pair("agent")
         self._opened = ExitStack()
         try:
-            node = assemble(theirs, _own_options(options), self._opened)
+            node = assemble(theirs, own_options(options), self._opened)
         except REFUSALS as error:
             self.close()
             raise UserError(str(error)) from error
@@ -70,8 +70,22 @@ class InProcess:
         self.transport.close()
 
 
-def _own_options(options: AgentOptions) -> Options:
+def own_options(options: AgentOptions) -> Options:
     """As `xitl agent` would get them."""
+    if options.bridge is not None:
+        bridge = options.bridge
+        return Options(
+            role=BRIDGE,
+            link_key=None if options.link_key_file is None else Path(options.link_key_file),
+            kind=VIRTUAL,
+            autopilot=bridge.mavlink,
+            world=bridge.world or "",
+            sensors=bridge.sensors or "",
+            sensor_link=bridge.sensor_link or "",
+            outputs=bridge.outputs,
+            trim_us=bridge.trim_us,
+            span_us=bridge.span_us,
+        )
     return Options(
         ground=options.ground_stations,
         controller=options.controller or "",

@@ -11,8 +11,12 @@ import numpy as np
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.recording.records import Estimate, Miss, Task
+from xitl_cli.run.autopilot import px4_modes
 
 MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
+OTHER_MODES = {6: "FOLLOW", 7: "SIMPLE", 8: "DOCK", 9: "CIRCLE", 12: "SMART_RTL", 16: "INITIALISING"}
+"""Those that ArduPilot's Rover has beside."""
+ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
 STATUSTEXT_BYTES = 50
 
@@ -22,6 +26,8 @@ class AgentView:
 
     `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
     are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
+    heard: the autopilot's heartbeat has been; px4: it is a PX4. has_origin: its estimator has an origin. pair_ms: how
+    much older than a position its attitude may be to make an estimate with it.
     """
 
     def __init__(
@@ -34,6 +40,10 @@ class AgentView:
     ) -> None:
         self.status: Any = None
         self.info: Any = None
+        self.pair_ms = 0
+        self.heard = False
+        self.px4 = False
+        self.has_origin = False
         self.mode = "–"
         self.armed = False
         self.ready_to_arm = False
@@ -80,8 +90,12 @@ class AgentView:
         self.acks |= other.acks
 
     def _heartbeat(self, message: Any) -> None:
+        self.heard = True
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.mode = MODES.get(message.custom_mode, f"mode {message.custom_mode}")
+        self.px4 = message.autopilot == px4_modes.AUTOPILOT
+        number = message.custom_mode
+        known = MODES.get(number) or OTHER_MODES.get(number, f"mode {number}")
+        self.mode = px4_modes.mode_name(number) if self.px4 else known
 
     def _sys_status(self, message: Any) -> None:
         self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)
@@ -95,6 +109,8 @@ class AgentView:
             self._chunks = {sentence: whole}
             return
         self.texts.append(whole)
+        if whole.endswith(ORIGIN_SET):
+            self.has_origin = True
         self._on_text(message.severity, whole)
 
     def _command_ack(self, message: Any) -> None:
@@ -111,13 +127,16 @@ class AgentView:
             np.array([value]) for value in (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         )
         self._origin_ned_m = self._frame.ned(*place)[0]
+        self.has_origin = True
 
     def _attitude_quaternion(self, message: Any) -> None:
         self._attitude = message
 
     def _local_position(self, message: Any) -> None:
         attitude = self._attitude
-        if self._origin_ned_m is None or attitude is None or attitude.time_boot_ms != message.time_boot_ms:
+        if self._origin_ned_m is None or attitude is None:
+            return
+        if not 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
             return
         estimate = Estimate(
             pos_ned_m=self._origin_ned_m + np.array([message.x, message.y, message.z]),

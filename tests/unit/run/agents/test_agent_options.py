@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from agent.options import parse
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.ground_stations import USUAL, ground_stations_of
 from xitl_cli.run import directory
 from xitl_cli.run.agents.options import AgentOptions, missing_addresses, options_of
+from xitl_cli.run.agents.peer import own_options
 
 
 @pytest.mark.parametrize(
@@ -47,6 +49,16 @@ def test_the_command_line_of_the_agent(tmp_path: Path) -> None:
         *("--signing-key", str(tmp_path / "key")),
         *("--log-dir", str(tmp_path)),
     ]
+
+
+def test_a_bridge_is_told_the_same_on_a_command_line_and_in_this_process() -> None:
+    overrides = ["autopilot.bridge.outputs=[3, 1]", "autopilot.bridge.trim_us=1510", "autopilot.bridge.span_us=380.5"]
+    autopilot = load_profile("sitl-ardupilot-ahrs", overrides).runnable().autopilot
+    options = AgentOptions(bridge=autopilot.bridge)
+    told, own = parse(options.arguments(), "xitl agent"), own_options(options)
+    for name in ("role", "autopilot", "world", "sensors", "sensor_link", "outputs", "trim_us", "span_us"):
+        assert getattr(told, name) == getattr(own, name), name
+    assert (own.role, own.outputs, own.sensors, own.span_us) == ("bridge", (3, 1), "vectornav", 380.5)
 
 
 def test_nothing_given_is_nothing_said(tmp_path: Path) -> None:

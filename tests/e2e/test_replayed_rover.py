@@ -1,0 +1,66 @@
+"""`sitl-ardupilot` from end to end with a stand-in that sends again, frame by frame, what a real ArduRover sent."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+from conftest import command, environment, summary
+
+TESTS = Path(__file__).parents[1]
+DOUBLE = TESTS / "doubles" / "replayed_rover.py"
+CAPTURE = TESTS / "data" / "captures" / "sitl-ardupilot.xz"
+CAPTURED_CROSS_TRACK_RMS_M = 0.44
+DEATH = 60_000  # of 1200 frames a second: under way
+pytestmark = pytest.mark.slow
+
+
+def run(folder: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command("sim", "--profile", "sitl-ardupilot", "--firmware", str(DOUBLE), "--out", "run", *arguments),
+        cwd=folder,
+        env={**environment(), "XITL_CAPTURE": str(CAPTURE), "PYTHONPATH": os.pathsep.join(_paths()), **variables},
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+
+
+def _paths() -> list[str]:
+    return [path for path in (str(TESTS.parent), os.environ.get("PYTHONPATH", "")) if path]
+
+
+def test_the_mission_that_was_captured_is_sailed_again(tmp_path: Path) -> None:
+    done = run(tmp_path)
+    assert done.returncode == 0, done.stderr
+    result = summary(tmp_path / "run")
+    assert result["mission"]["completed"]
+    assert result["mission"]["waypoints_reached"] == 6
+    # From its release on the vessel is a function of the outputs, frame by frame. It is let go when the arming is
+    # heard, some hundredths of a second earlier or later than then, which leaves it some centimetres beside.
+    assert result["mission"]["cross_track_rms_m"] == pytest.approx(CAPTURED_CROSS_TRACK_RMS_M, abs=0.1)
+    assert max(result["mission"]["closest_m"]) < 2.0
+    autopilot = result["autopilot"]
+    assert autopilot["vehicle"] == "surface boat"
+    assert autopilot["firmware"].startswith("4.7")
+    assert 0 < autopilot["time_to_heartbeat_s"] < autopilot["time_to_origin_s"] < autopilot["time_to_ready_s"]
+    assert autopilot["time_to_ready_s"] <= autopilot["time_to_arm_s"] < autopilot["time_to_motion_s"]
+    bridge = autopilot["bridge"]
+    assert bridge["world_rate"] == 1200
+    assert bridge["world_lost"] == bridge["world_resent"] == bridge["restarts"] == 0
+    assert bridge["world_in"] == pytest.approx(1200 * result["duration_s"], abs=1200)
+    assert bridge["mavlink_lost"] == 0
+    # ArduRover's own estimate, from its own sensors, told over MAVLink and stamped by its clock
+    assert result["estimation"]["position_rms_m"] < 0.5
+
+
+def test_an_autopilot_that_dies_under_way_ends_the_run_with_its_last_words(tmp_path: Path) -> None:
+    done = run(tmp_path, XITL_REPLAY_DIES=str(DEATH))
+    assert done.returncode == 2
+    assert "replayed_rover.py ended by itself (signal 6 ended it); the last it said: Segmentation fault" in done.stderr
+    result = summary(tmp_path / "run")
+    assert result["ended"] == "failed"
+    assert result["duration_s"] == pytest.approx(DEATH / 1200, abs=1.0)

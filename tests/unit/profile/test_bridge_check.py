@@ -1,0 +1,86 @@
+"""What does not go together in a profile with an autopilot of another make, each with one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from xitl_cli.profile import ProfileError, load_profile
+
+Write = Callable[..., Path]
+
+LOCKSTEP, BOARD, LINUX = "sitl-ardupilot", "hitl-ardupilot-ahrs", "hitl-ardupilot-linux-loopback"
+
+
+def sentences(profile: str, *overrides: str) -> list[str]:
+    try:
+        load_profile(profile, list(overrides))
+    except ProfileError as error:
+        return [problem.sentence for problem in error.problems]
+    return []
+
+
+@pytest.mark.parametrize(
+    ("profile", "override", "sentence"),
+    [
+        (LOCKSTEP, "clock.mode=realtime", "autopilot.bridge.world sets the autopilot's time; use clock.mode: lockstep"),
+        (LOCKSTEP, "autopilot.bridge.world=null", "clock.mode = lockstep needs autopilot.bridge.world"),
+        (LOCKSTEP, "autopilot.bridge.world=tcp://127.0.0.1:9002", "use udp://127.0.0.1:0"),
+        (LOCKSTEP, "autopilot.bridge.mavlink=serial:///dev/ttyACM0?baud=115200", "use tcp://127.0.0.1:0"),
+        (LOCKSTEP, "autopilot.bridge.mavlink=nonsense", "is not a link"),
+        (
+            LOCKSTEP,
+            "autopilot.bridge.sensors=vectornav",
+            "sensor_link is missing: vectornav has a line",
+        ),
+        (LOCKSTEP, "autopilot.bridge.sensor_link=tcp://127.0.0.1:0", "leads nowhere with sensors = null"),
+        (LOCKSTEP, "autopilot.bridge.sensors=px4", "does not go with autopilot.kind = ardupilot"),
+        (LOCKSTEP, "autopilot.bridge.outputs=[1, 2, 3]", "does not fit a vessel with 2 commands"),
+        (LOCKSTEP, "autopilot.bridge.outputs=[3, 3]", "has a channel twice"),
+        (LOCKSTEP, "autopilot.controller=a.b:C", "autopilot.controller: ardupilot steers by itself"),
+        (LOCKSTEP, "autopilot.parameter_files=[rover-jason]", "did you mean 'rover-json'?"),
+        (
+            LOCKSTEP,
+            "autopilot.kind=embedded",
+            "autopilot.firmware is for another autopilot than",
+        ),
+        (BOARD, "autopilot.bridge.sensors=null", "nothing gets in without a world"),
+        (BOARD, "autopilot.bridge.mavlink=tcp://127.0.0.1:0", "has no such port"),
+        (BOARD, "autopilot.ground_stations=[udp://127.0.0.1:14550]", "this one is started elsewhere"),
+        ("hitl-ardupilot-linux", "autopilot.firmware=find", "runs on this machine, and the bridge on a board"),
+        (LINUX, "autopilot.bridge.world=udp://127.0.0.1:0", "firmware_build = linux runs on a real clock"),
+        (LINUX, "autopilot.standby={link: 'udp://127.0.0.1:14661'}", "autopilot.standby: ardupilot has no second one"),
+    ],
+)
+def test_what_cannot_be_is_said(profile: str, override: str, sentence: str) -> None:
+    assert sentence in " ".join(sentences(profile, override))
+
+
+def test_more_ground_stations_than_it_has_ports_are_refused() -> None:
+    three = ", ".join(f"udp://127.0.0.1:{port}" for port in (14550, 14551, 14552))
+    found = sentences(LOCKSTEP, f"autopilot.ground_stations=[{three}]")
+    assert len(found) == 1
+    assert "there is room for 2 at an autopilot started here, on its ports SERIAL1 and SERIAL2" in found[0]
+
+
+def test_a_parameter_file_is_read_but_not_held_against_the_embedded_autopilot(write: Write) -> None:
+    good = write("MADE_UP_NAME 3\n", "good.parm")
+    bad = write("MADE_UP_NAME three\n", "bad.parm")
+    assert sentences(LOCKSTEP, f"autopilot.parameter_files=[{good}]") == []
+    (sentence,) = sentences(LOCKSTEP, f"autopilot.parameter_files=[{bad}]")
+    assert "autopilot.parameter_files.0" in sentence
+    assert "bad.parm" in sentence
+
+
+def test_firmware_is_meant_from_the_profile_that_names_it_but_words_are_words(write: Write, tmp_path: Path) -> None:
+    path = write("extends: sitl-ardupilot\nautopilot: {firmware: build/ardurover}", "boats/mine.yaml")
+    autopilot = load_profile(str(path)).autopilot
+    assert autopilot is not None
+    assert autopilot.firmware == str(tmp_path / "boats/build/ardurover")
+    for word in ("find", "external"):
+        ports = ["autopilot.bridge.mavlink=tcp://127.0.0.1:5760", "autopilot.bridge.world=udp://127.0.0.1:9002"]
+        kept = load_profile(LOCKSTEP, [f"autopilot.firmware={word}", *ports]).autopilot
+        assert kept is not None
+        assert kept.firmware == word

@@ -1,0 +1,169 @@
+"""Another autopilot than the embedded one: how the bridge reaches it, and how its sensors and outputs go."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from urllib.parse import urlsplit
+
+from agent.fcu.parameters import ParameterError, parm_lines
+from xitl_cli.errors import UserError
+from xitl_cli.profile.checks.link import problem_of_url
+from xitl_cli.profile.entry import KeyPath
+from xitl_cli.profile.ground_stations import ground_stations_of
+from xitl_cli.profile.parameter_files import find_parameter_file
+from xitl_cli.profile.problems import shown
+from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.operation import Autopilot, Bridge
+
+Finding = tuple[KeyPath, str]
+
+EXTERNAL = "external"
+OWN_LINK = ("vectornav", "microstrain7")
+MOST_GROUND_STATIONS = 2
+_EMBEDDED_ONLY = {
+    "controller": "steers by itself",
+    "signing_key_file": "signs by its own settings",
+    "standby": "has no second one here",
+}
+
+
+def check(profile: Profile) -> Iterator[Finding]:
+    """What does not go together in the keys of another autopilot, or is of one where there is none."""
+    autopilot = profile.autopilot
+    if autopilot is None:
+        return
+    if autopilot.kind in ("none", "embedded"):
+        yield from _of_another(autopilot)
+        return
+    for key, why in _EMBEDDED_ONLY.items():
+        if getattr(autopilot, key) is not None:
+            yield ("autopilot", key), f"autopilot.{key}: {autopilot.kind} {why}; leave it out, or use kind: embedded"
+    yield from _parameter_files(autopilot)
+    yield from _firmware(profile, autopilot)
+    yield from _ways_in(profile, autopilot, autopilot.bridge)
+    yield from _urls(autopilot)
+    yield from _outputs(profile, autopilot.bridge)
+
+
+def _of_another(autopilot: Autopilot) -> Iterator[Finding]:
+    for key, default in (("firmware", EXTERNAL), ("moored_until_armed", False), ("bridge", Bridge())):
+        if getattr(autopilot, key) != default:
+            yield (
+                ("autopilot", key),
+                f"autopilot.{key} is for another autopilot than autopilot.kind = {autopilot.kind}; "
+                "leave it out, or use kind: ardupilot",
+            )
+
+
+def _parameter_files(autopilot: Autopilot) -> Iterator[Finding]:
+    for number, name in enumerate(autopilot.parameter_files):
+        try:
+            file = find_parameter_file(name)
+            list(parm_lines(file.read_text(encoding="utf-8"), str(file)))
+        except (UserError, ParameterError, ValueError, OSError) as error:
+            yield ("autopilot", "parameter_files", number), f"autopilot.parameter_files.{number}: {error}"
+
+
+def _firmware(profile: Profile, autopilot: Autopilot) -> Iterator[Finding]:
+    path: KeyPath = ("autopilot", "firmware")
+    if autopilot.firmware == EXTERNAL:
+        if autopilot.ground_stations and autopilot.runs != "board":
+            yield (
+                ("autopilot", "ground_stations"),
+                "autopilot.ground_stations are given to an autopilot at its start, and this one is started elsewhere; "
+                "connect the ground station there, or use autopilot.firmware: find",
+            )
+        return
+    key = f"autopilot.firmware = {shown(autopilot.firmware)}"
+    if autopilot.kind != "ardupilot":
+        yield path, f"{key} starts ArduPilot; with autopilot.kind = {autopilot.kind} start it yourself: use external"
+    if autopilot.runs == "board":
+        yield path, f"{key} runs on this machine, and the bridge on a board; use external, or runs: in-process"
+    if autopilot.firmware_build == "linux" and autopilot.bridge.world is not None:
+        yield (
+            ("autopilot", "bridge", "world"),
+            "autopilot.bridge.world is for a SITL build, and firmware_build = linux runs on a real clock; "
+            "leave it out and give bridge.sensors",
+        )
+    if len(ground_stations_of(profile)) > MOST_GROUND_STATIONS:
+        yield (
+            ("autopilot", "ground_stations"),
+            f"autopilot.ground_stations: there is room for {MOST_GROUND_STATIONS} at an autopilot started here, on its "
+            "ports SERIAL1 and SERIAL2; drop the others",
+        )
+
+
+def _ways_in(profile: Profile, autopilot: Autopilot, bridge: Bridge) -> Iterator[Finding]:
+    lockstep = profile.clock is not None and profile.clock.mode == "lockstep"
+    world: KeyPath = ("autopilot", "bridge", "world")
+    sensors: KeyPath = ("autopilot", "bridge", "sensors")
+    link: KeyPath = ("autopilot", "bridge", "sensor_link")
+    if bridge.world is not None and not lockstep:
+        yield world, "autopilot.bridge.world sets the autopilot's time; use clock.mode: lockstep, or leave it out"
+    if bridge.world is None and lockstep and bridge.sensors != "px4":
+        yield (
+            ("clock", "mode"),
+            "clock.mode = lockstep needs autopilot.bridge.world, which sets the autopilot's time; add one such as "
+            "udp://127.0.0.1:9002, or use clock.mode: realtime",
+        )
+    if bridge.world is None and bridge.sensors is None and not lockstep:
+        yield (
+            sensors,
+            "autopilot.bridge.sensors is missing: nothing gets in without a world; use for instance vectornav",
+        )
+    if (bridge.sensors == "px4") != (autopilot.kind == "px4"):
+        yield (
+            sensors,
+            f"autopilot.bridge.sensors = {shown(bridge.sensors)} does not go with autopilot.kind = {autopilot.kind}; "
+            "px4 goes with px4, the others with ardupilot",
+        )
+    if bridge.sensors in OWN_LINK and bridge.sensor_link is None:
+        yield (
+            link,
+            f"autopilot.bridge.sensor_link is missing: {bridge.sensors} has a line of its own; add the port of the "
+            "autopilot, such as serial:///dev/ttyUSB0?baud=921600 or tcp://127.0.0.1:5763",
+        )
+    if bridge.sensor_link is not None and bridge.sensors not in (*OWN_LINK, "px4"):
+        yield link, f"autopilot.bridge.sensor_link leads nowhere with sensors = {shown(bridge.sensors)}; leave it out"
+
+
+def _urls(autopilot: Autopilot) -> Iterator[Finding]:
+    started = autopilot.firmware != EXTERNAL
+    for key in ("mavlink", "world", "sensor_link"):
+        url = getattr(autopilot.bridge, key)
+        if url is None:
+            continue
+        path, said = ("autopilot", "bridge", key), f"autopilot.bridge.{key} = {shown(url)}"
+        free = started and url.startswith(("udp://", "tcp://")) and url.endswith(":0")
+        problem = None if free else problem_of_url(url)
+        if problem is None and started and urlsplit(url).scheme not in _schemes(autopilot, key):
+            problem = f"is none that an autopilot started here has; use {_schemes(autopilot, key)[0]}://127.0.0.1:0"
+        if problem is None and key == "world" and urlsplit(url).scheme != "udp":
+            problem = "is not UDP, which the JSON interface speaks; write udp://127.0.0.1:9002"
+        if problem is not None:
+            yield path, f"{said} {problem}"
+
+
+def _schemes(autopilot: Autopilot, key: str) -> tuple[str, ...]:
+    if key == "world":
+        return ("udp",)
+    if key == "mavlink":
+        return ("tcp",) if autopilot.firmware_build == "sitl" else ("tcp", "udp")
+    return ("tcp", "serial") if autopilot.firmware_build == "sitl" else ("tcp", "udp", "serial")
+
+
+def _outputs(profile: Profile, bridge: Bridge) -> Iterator[Finding]:
+    if profile.vehicle is None:
+        return
+    propellers = profile.vehicle.propellers
+    needed = profile.vehicle.commands
+    steered = needed - len(propellers)
+    path: KeyPath = ("autopilot", "bridge", "outputs")
+    if len(bridge.outputs) != needed:
+        yield (
+            path,
+            f"autopilot.bridge.outputs = {shown(bridge.outputs)} does not fit a vessel with {needed} commands "
+            f"({len(propellers)} throttles, {steered} steering); give one channel for each",
+        )
+    if len(set(bridge.outputs)) != len(bridge.outputs):
+        yield path, f"autopilot.bridge.outputs = {shown(bridge.outputs)} has a channel twice; give each command its own"

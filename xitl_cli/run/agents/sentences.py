@@ -1,0 +1,46 @@
+"""What to say when a run cannot go on with an agent: one sentence each."""
+
+from __future__ import annotations
+
+from agent.wire.link import Link
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema import RunProfile
+
+
+def silent(profile: RunProfile, peer: str, who: str, seconds: float, sim_s: float) -> UserError:
+    """Nothing came for so long; behind a bridge that is for the autopilot's want of outputs."""
+    if profile.autopilot.kind == "embedded":
+        return UserError(
+            f"{peer}: {who} stopped answering and was silent for {seconds:g} s, at {sim_s:.2f} s of simulation time; "
+            "look at its log, its power and the cable"
+        )
+    return UserError(
+        f"{profile.autopilot.bridge.mavlink}: the autopilot behind {who} stopped and was silent for {seconds:g} s, "
+        f"at {sim_s:.2f} s of simulation time; look at its power, its cables and its log"
+    )
+
+
+def restarted(peer: str, who: str, sim_s: float) -> UserError:
+    """It is there, but knows of no run."""
+    return UserError(
+        f"{peer}: {who} answers but has no run on, at {sim_s:.2f} s of simulation time: it was started anew; look at "
+        "its log for why it ended, then run again"
+    )
+
+
+def not_understood(profile: RunProfile, link: Link, who: str) -> UserError | None:
+    """Something came, but no good frame; None when nothing did."""
+    where = link.transport.peer
+    if link.refused_signature:
+        key = profile.autopilot.link_key_file
+        return UserError(
+            f"{where}: {who} answers, but not signed with autopilot.link_key_file = {key}; start it with "
+            "--link-key and the same key, or leave it out here"
+        )
+    if link.counters.dropped:
+        baud = "; or the baud rates differ" if link.transport.name == "serial" else ""
+        return UserError(
+            f"{where}: what answers there is not understood by this host; install the same release of xitl on "
+            f"both{baud}"
+        )
+    return None
