@@ -5,9 +5,8 @@ from __future__ import annotations
 from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
-from typing import Callable
+from typing import TYPE_CHECKING, Callable
 
-from agent.bridges.injector import Injector
 from agent.faults import Faults
 from agent.fcu.control.controller import ControllerError
 from agent.fcu.log.hooks import NullFlightLog
@@ -23,6 +22,9 @@ from agent.wire.codec import Message
 from agent.wire.link import Link
 from agent.wire.signing import Signing, SigningKeyError, read_key
 from agent.wire.transport import Transport, TransportError
+
+if TYPE_CHECKING:
+    from agent.bridges.injector import Injector
 
 INJECTORS = {
     "vectornav": "agent.bridges.vectornav:VectorNav",

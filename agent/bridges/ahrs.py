@@ -20,10 +20,9 @@ import time
 from collections.abc import Sequence
 from typing import Callable
 
-from agent.bridges.gps_time import fixed, of_unix_time
 from agent.bridges.injector import Injection, Injector
-from agent.bridges.navigation_solution import NavigationSolution
 from agent.bridges.pace import Pace, RateGauge, SpeedLimit
+from agent.bridges.readings import Readings
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
 from agent.bridges.sensor_line import SensorLine
 from agent.fcu.samples import BarometerSample, ImuSample, MagnetometerSample
@@ -35,6 +34,7 @@ SOLUTION_NS = 20_000_000
 LOCKSTEP_FACTOR = 8.0
 PATIENCE_NS = 5_000_000_000  # of a run, before it is said that nothing is heard at the line
 _WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
+_KINDS = _INERTIAL, _SOLUTION, _FIX = "inertial", "solution", "fix"
 _SLOW = 0.9  # below this part of the rate that was asked for, it is said
 
 Say = Callable[[int, str], None]
@@ -89,13 +89,9 @@ class Ahrs(Injector):
     def reset(self, clock: Clock, lockstep: bool, say: Say) -> None:
         self.counts = Injection()
         self._say = say
-        self._lockstep = lockstep
         self._line.clear()
         self._began_ns = clock.now_ns()
-        self._solver: NavigationSolution | None = None
-        self._time = fixed()
-        self._field: MagnetometerSample | None = None
-        self._pressure: BarometerSample | None = None
+        self._readings = Readings(lockstep, self._unix_s)
         self._solution_pace = Pace(SOLUTION_NS)
         self._inertial_pace, self._paced_hz = Pace(0), 0.0
         self._gauge = RateGauge()
@@ -106,37 +102,40 @@ class Ahrs(Injector):
         if isinstance(message, mav.MAVLink_xitl_imu_message):
             self._on_imu(message)
         elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            x, y, z = message.field
-            self._field = MagnetometerSample(message.time_usec * 1000, (x, y, z))
-            if self._solver is not None:
-                self._solver.on_magnetometer(self._field)
+            self._readings.take_field(message)
         elif isinstance(message, mav.MAVLink_xitl_barometer_message):
-            self._pressure = BarometerSample(message.time_usec * 1000, message.pressure, message.temperature)
-            if self._solver is not None:
-                self._solver.on_barometer(self._pressure)
+            self._readings.take_pressure(message)
         elif isinstance(message, mav.MAVLink_xitl_gnss_message):
             self._on_gnss(message)
-        self._line.flush(now_ns)
-        self.counts.unsent = self._line.unsent
+        self._flush(now_ns)
+        self.counts.refused = self._readings.refused
 
     def serve(self, now_ns: int) -> None:
         for index, chunk in enumerate(self._line.receive()):
             if self.hear(chunk):
                 self._line.heard(index)
-        self._line.flush(now_ns)
-        self.counts.unsent = self._line.unsent
+        self._flush(now_ns)
         taken = self.taken()
         if taken and not self._was_taken:
+            self._told_absent = True  # from here on it can only leave
             self._say(_NOTICE, f"the autopilot takes our sensors as a {self.title} at {self._line.address}")
+        elif self._was_taken and not taken:
+            self._say(_WARNING, f"the autopilot takes no sensors at {self._line.address} any more; they are lost")
         elif not taken and not self._told_absent and now_ns - self._began_ns > PATIENCE_NS:
             self._told_absent = True
             self._say(_WARNING, f"nothing asks for a {self.title} at {self._line.address}; {self.absent()}")
         self._was_taken = self.counts.taken = taken
 
     def advance(self, now_ns: int) -> bool:
-        self._line.flush(now_ns)
+        self._flush(now_ns)
         self._limit.hold(now_ns)
         return True
+
+    def _flush(self, now_ns: int) -> None:
+        counts, line = self.counts, self._line
+        line.flush(now_ns)
+        counts.imu_out, counts.solution_out, counts.gnss_out = (line.sent[kind] for kind in _KINDS)
+        counts.unsent = line.unsent
 
     def descriptors(self) -> Sequence[int]:
         return self._line.descriptors()
@@ -151,22 +150,18 @@ class Ahrs(Injector):
     # -- samples
 
     def _on_imu(self, message: Message) -> None:
-        stamp_ns = message.time_usec * 1000
-        gx, gy, gz = message.gyro
-        fx, fy, fz = message.accel
-        sample = ImuSample(stamp_ns, (gx, gy, gz), (fx, fy, fz), message.temperature)
-        if self._field is not None and self._pressure is not None:
-            self._send_inertial(sample, self._field, self._pressure)
-        if self._solver is None:
-            self._time = fixed() if self._lockstep else of_unix_time(self._unix_s(), stamp_ns)
-            self._solver = NavigationSolution(self._time)
-        self._solver.on_imu(sample)
-        if self._solution_pace.due(stamp_ns):
-            navigation = self._solver.newest()
+        readings = self._readings
+        sample = readings.imu(message)
+        if sample is None:
+            return
+        if readings.field is not None and readings.pressure is not None:
+            self._send_inertial(sample, readings.field, readings.pressure)
+        readings.solve(sample)
+        if self._solution_pace.due(sample.stamp_ns):
+            navigation = readings.newest()
             frame = None if navigation is None else self.solution(navigation)
             if frame is not None:
-                self._line.send(frame)
-                self.counts.solution_out += 1
+                self._line.send(frame, _SOLUTION)
 
     def _send_inertial(self, imu: ImuSample, field: MagnetometerSample, pressure: BarometerSample) -> None:
         asked_hz = self.asked_hz()
@@ -190,28 +185,13 @@ class Ahrs(Injector):
             )
         )
         if frame is not None:
-            self._line.send(frame)
-            self.counts.imu_out += 1
+            self._line.send(frame, _INERTIAL)
 
     def _on_gnss(self, message: Message) -> None:
-        vn, ve, vd = message.velocity
-        stamp_ns = message.time_usec * 1000
-        fix = ReceiverFix(
-            stamp_ns,
-            self._time.at(stamp_ns),
-            message.lat * 1e-7,
-            message.lon * 1e-7,
-            message.alt * 1e-3,
-            (vn, ve, vd),
-            message.h_acc,
-            message.v_acc,
-            message.s_acc,
-            message.fix_type,
-            message.satellites,
-        )
+        fix = self._readings.fix(message)
+        if fix is None:
+            return
         frame = self.fix(fix)
         if frame is not None:
-            self._line.send(frame)
-            self.counts.gnss_out += 1
-        if self._solver is not None:
-            self._solver.on_fix(fix)
+            self._line.send(frame, _FIX)
+        self._readings.solve(fix)

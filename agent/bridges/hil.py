@@ -2,22 +2,22 @@
 
 `firmware_params/lua/xitl_hil.lua` runs on the autopilot and plays a VectorNav there, so that one cable to stock
 ArduPilot is enough. Once a second it says by NAMED_VALUE_FLOAT how many messages it took and how many frames it handed
-on. The messages go by no handshake: what the line does not take is lost and counted.
+on. The messages go by no handshake: what the line has no room for is lost and counted.
 """
 
 from __future__ import annotations
 
 import time
+from math import isfinite
 from typing import Callable
 
 from agent.bridges import hil_messages as hil
-from agent.bridges.gps_time import fixed, of_unix_time
 from agent.bridges.injector import Injection, Injector
-from agent.bridges.navigation_solution import NavigationSolution
 from agent.bridges.pace import Pace
-from agent.bridges.samples import InertialSample, ReceiverFix
+from agent.bridges.readings import Readings
+from agent.bridges.samples import InertialSample
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.samples import BarometerSample, ImuSample, MagnetometerSample, Vector3
+from agent.fcu.samples import Vector3
 from agent.options import Options, OptionsError
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
@@ -30,6 +30,7 @@ STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_DEGC = 101_325.0, 15.0
 _WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
 _NO_FIELD: Vector3 = (0.0, 0.0, 0.0)
 _PREFIX = "xitl_"
+_COUNTERS = {"in": "script_in", "out": "script_out", "drop": "script_dropped"}
 
 
 class HilMessages(Injector):
@@ -41,7 +42,7 @@ class HilMessages(Injector):
         self.counts = Injection()
         self._vehicle = vehicle
         self._unix_s = unix_s
-        self._told: dict[str, float] = {}  # by the script, of its own life and not of a run
+        self._told: dict[str, float] = {}  # last by the script, of its own life and not of a run
         vehicle.add_tap(self._hear)
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
@@ -58,15 +59,10 @@ class HilMessages(Injector):
         self.counts = Injection()
         self._clock = clock
         self._say = say
-        self._lockstep = lockstep
-        self._time = fixed()
-        self._solver: NavigationSolution | None = None
-        self._field: MagnetometerSample | None = None
-        self._pressure: BarometerSample | None = None
+        self._readings = Readings(lockstep, self._unix_s)
         self._updated = 0
         self._first_ns: int | None = None
         self._pace = Pace(SOLUTION_NS)
-        self._before = dict(self._told)
         self._heard_ns: int | None = None
         self._waiting_since_ns: int | None = None
         self._silent = False
@@ -77,16 +73,11 @@ class HilMessages(Injector):
         elif isinstance(message, mav.MAVLink_xitl_gnss_message):
             self._on_gnss(message)
         elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            x, y, z = message.field
-            self._field = MagnetometerSample(message.time_usec * 1000, (x, y, z))
-            self._updated |= hil.FIELD
-            if self._solver is not None:
-                self._solver.on_magnetometer(self._field)
-        elif isinstance(message, mav.MAVLink_xitl_barometer_message):
-            self._pressure = BarometerSample(message.time_usec * 1000, message.pressure, message.temperature)
+            if self._readings.take_field(message):
+                self._updated |= hil.FIELD
+        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.take_pressure(message):
             self._updated |= hil.PRESSURE | hil.TEMPERATURE
-            if self._solver is not None:
-                self._solver.on_barometer(self._pressure)
+        self.counts.refused = self._readings.refused
 
     def serve(self, now_ns: int) -> None:
         if not self._vehicle.connected or self._first_ns is None:
@@ -111,15 +102,14 @@ class HilMessages(Injector):
     # -- samples
 
     def _on_imu(self, message: Message) -> None:
-        stamp_ns = message.time_usec * 1000
-        gx, gy, gz = message.gyro
-        fx, fy, fz = message.accel
-        imu = ImuSample(stamp_ns, (gx, gy, gz), (fx, fy, fz), message.temperature)
-        if self._first_ns is None or self._solver is None:
+        readings = self._readings
+        imu = readings.imu(message)
+        if imu is None:
+            return
+        stamp_ns = imu.stamp_ns
+        if self._first_ns is None:
             self._first_ns = stamp_ns
-            self._time = fixed() if self._lockstep else of_unix_time(self._unix_s(), stamp_ns)
-            self._solver = NavigationSolution(self._time)
-        field, pressure = self._field, self._pressure
+        field, pressure = readings.field, readings.pressure
         complete = field is not None and pressure is not None
         if complete or stamp_ns - self._first_ns > ABSENT_NS:
             sample = InertialSample(
@@ -132,36 +122,23 @@ class HilMessages(Injector):
             )
             updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
             self.counts.imu_out += self._send(hil.sensor_message(sample, updated))
-        self._solver.on_imu(imu)
+        readings.solve(imu)
         if self._pace.due(stamp_ns):
-            navigation = self._solver.newest()
+            navigation = readings.newest()
             if navigation is not None:
                 self.counts.solution_out += self._send(hil.state_message(navigation, imu.gyro_frd_radps))
 
     def _on_gnss(self, message: Message) -> None:
-        stamp_ns = message.time_usec * 1000
-        vn, ve, vd = message.velocity
-        fix = ReceiverFix(
-            stamp_ns,
-            self._time.at(stamp_ns),
-            message.lat * 1e-7,
-            message.lon * 1e-7,
-            message.alt * 1e-3,
-            (vn, ve, vd),
-            message.h_acc,
-            message.v_acc,
-            message.s_acc,
-            message.fix_type,
-            message.satellites,
-        )
+        fix = self._readings.fix(message)
+        if fix is None:
+            return
         self.counts.gnss_out += self._send(hil.gps_message(fix))
-        if self._solver is not None:
-            self._solver.on_fix(fix)
+        self._readings.solve(fix)
 
-    def _send(self, message: Message) -> int:
-        taken = self._vehicle.send(message)
+    def _send(self, message: Message) -> bool:
+        taken = self._vehicle.send_sample(message)
         self.counts.unsent += not taken
-        return int(taken)
+        return taken
 
     # -- the script
 
@@ -172,17 +149,21 @@ class HilMessages(Injector):
         name = (raw.decode("ascii", "replace") if isinstance(raw, bytes) else str(raw)).partition("\0")[0]
         if not name.startswith(_PREFIX):
             return
-        self._heard_ns = self._clock.now_ns()
         key, value = name[len(_PREFIX) :], float(message.value)
-        if key == "in" and value < self._told.get("in", 0.0):
-            self._before.clear()
-            self.counts.restarts += 1
-        self._told[key] = value
-        self._before.setdefault(key, 0.0 if self.counts.restarts else value)
-        since = max(round(value - self._before[key]), 0)
-        if key == "in":
-            self.counts.script_in = since
-        elif key == "out":
-            self.counts.script_out = since
-        elif key == "drop":
-            self.counts.script_dropped = since
+        if not isfinite(value):
+            return
+        self._heard_ns = self._clock.now_ns()
+        told = self._told
+        if key == "in" and self._began_anew(value):
+            self.counts.restarts += key in told
+            told.update(dict.fromkeys(_COUNTERS, 0.0))
+        before, told[key] = told.get(key, value), value
+        counter = _COUNTERS.get(key)
+        if counter is not None:
+            setattr(self.counts, counter, getattr(self.counts, counter) + max(round(value - before), 0))
+
+    def _began_anew(self, taken: float) -> bool:
+        """Whether the script has started since it was last heard; when never heard before, whether in this run."""
+        before = self._told.get("in")
+        counts = self.counts
+        return taken <= counts.imu_out + counts.solution_out + counts.gnss_out if before is None else taken < before

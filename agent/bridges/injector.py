@@ -10,7 +10,11 @@ from agent.wire.codec import Message
 
 
 class Injection:
-    """Counts since the run began, as XITL_BRIDGE_STATUS tells them."""
+    """Counts since the run began, as XITL_BRIDGE_STATUS tells them.
+
+    imu_out, solution_out, gnss_out: frames that the line took, not those counted as `unsent`. refused: messages of the
+    host that were no measurement, which XITL_NODE_STATUS tells.
+    """
 
     def __init__(self) -> None:
         self.imu_out = 0
@@ -25,6 +29,7 @@ class Injection:
         self.outputs_in = 0
         self.commands_in = 0
         self.junk = 0
+        self.refused = 0
         self.script_in = 0
         self.script_out = 0
         self.script_dropped = 0

@@ -121,7 +121,6 @@ class JsonLine:
         if sender != self._peer or asked is None or (frame == 0 and asked):
             self._start(sender, frame)
         elif frame == asked:
-            self.counts.world_resent += 1
             self._answer_again()
             return
         else:
@@ -152,7 +151,9 @@ class JsonLine:
                 answers.popleft()
 
     def _answer_again(self) -> None:
+        """It has missed one; where there is no answer yet, it only waits for the host."""
         if self._answers and monotonic() - self._sent_s > ASKED_AGAIN_S:
+            self.counts.world_resent += 1
             self._send(list(self._answers))
 
     def answer(self, answers: list[bytes]) -> None:

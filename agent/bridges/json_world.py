@@ -18,6 +18,7 @@ from agent.bridges.injector import Injection, Injector
 from agent.bridges.interpolation import Path, Truth, truth_of
 from agent.bridges.json_frames import RANGEFINDERS, datagrams, extras_text, frame_text, imu_text
 from agent.bridges.json_line import JsonLine
+from agent.bridges.readings import imu_of
 from agent.bridges.vehicle_link import VehicleLink
 from agent.options import Options
 from agent.timing.clock import Clock
@@ -27,6 +28,7 @@ from agent.wire.codec import Message
 WAIT_S = 0.45
 SILENT_S = 1.0
 WINDOW = 64  # answers on their way: what any system's buffer holds
+SAMPLES = 4096  # of one exchange
 _NOTICE, _WARNING = 5, 4  # MAV_SEVERITY
 
 
@@ -57,7 +59,7 @@ class JsonWorld(Injector):
         self._times = FrameTimes(start_ns // 1000)
         self._truth: Truth | None = None
         self._path: Path | None = None
-        self._imu: deque[tuple[int, str]] = deque(maxlen=WINDOW)
+        self._imu: deque[tuple[int, str]] = deque(maxlen=SAMPLES)
         self._imu_text: str | None = None
         self._ranges_m: list[float | None] = [None] * RANGEFINDERS
         self._wind: tuple[float, float] | None = None
@@ -72,8 +74,12 @@ class JsonWorld(Injector):
         if isinstance(message, mav.MAVLink_xitl_truth_message):
             self._take_truth(message)
         elif isinstance(message, mav.MAVLink_xitl_imu_message):
-            if isfinite(sum(message.gyro) + sum(message.accel)):
-                self._imu.append((message.time_usec, imu_text(message.gyro, message.accel)))
+            sample = imu_of(message)
+            if sample is None:
+                self.counts.refused += 1
+            else:
+                text = imu_text(sample.gyro_frd_radps, sample.accel_frd_mps2)
+                self._imu.append((message.time_usec, text))
         elif isinstance(message, mav.MAVLink_distance_sensor_message) and message.id < RANGEFINDERS:
             self._ranges_m[message.id] = message.current_distance * 0.01
             self._extras = extras_text(self._ranges_m, self._wind)
@@ -81,6 +87,9 @@ class JsonWorld(Injector):
     def _take_truth(self, message: Message) -> None:
         truth = truth_of(message)
         if truth is None:
+            self.counts.refused += 1
+            return
+        if self._truth is not None and truth.stamp_us <= self._truth.stamp_us:  # repeated or overtaken on the way
             return
         self._path = Path(truth if self._truth is None else self._truth, truth)
         self._truth = truth

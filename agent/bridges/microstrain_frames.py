@@ -18,7 +18,8 @@ STANDARD_GRAVITY_MPS2 = 9.80665
 SENSORS, FILTER, RECEIVER_1 = 0x80, 0x82, 0x91
 FULL_NAVIGATION = 4  # state of the filter
 
-_FIX_KINDS = {3: 0, 2: 1, 1: 2}  # dimensions to the unit's kind of fix; time alone is 2, none 3
+_FIX_KINDS = {2: 1, 3: 0, 4: 0, 5: 5, 6: 6}
+"""GPS_FIX_TYPE to the unit's: two dimensions, three, three with corrections, RTK floating and fixed."""
 _NO_FIX = 3
 
 _TIME = struct.Struct(">BBdHH")

@@ -15,12 +15,12 @@ from time import monotonic
 from typing import Callable
 
 from agent.bridges import hil_messages as hil
-from agent.bridges.gps_time import GpsTime, fixed, of_unix_time
 from agent.bridges.injector import Injection, Injector
 from agent.bridges.px4_line import Px4Line
-from agent.bridges.samples import InertialSample, ReceiverFix
+from agent.bridges.readings import Readings
+from agent.bridges.samples import InertialSample
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.samples import Vector3
+from agent.fcu.samples import ImuSample, Vector3
 from agent.options import Options
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
@@ -61,12 +61,10 @@ class Px4(Injector):
         self._clock = clock
         self._lockstep = lockstep
         self._say = say
-        self._time: GpsTime | None = None
-        self._field: Vector3 = _NO_FIELD
-        self._pressure_pa = self._temperature_degc = 0.0
+        self._readings = Readings(lockstep, self._unix_s, solves=False)
         self._updated = 0
         self._queue: deque[Message] = deque()
-        self._outputs: tuple[float, ...] | None = None
+        self._outputs = (0.0,) * OUTPUTS
         self._waited_s = 0.0
         self._uncalled = False
         self._heard_ns: int | None = None
@@ -79,16 +77,19 @@ class Px4(Injector):
 
     def take(self, message: Message, now_ns: int) -> None:
         if isinstance(message, mav.MAVLink_xitl_imu_message):
-            self._send(self._sensor_message(message))
+            imu = self._readings.imu(message)
+            if imu is not None:
+                self._send(self._sensor_message(imu))
         elif isinstance(message, mav.MAVLink_xitl_gnss_message):
-            self._send(self._gps_message(message))
+            fix = self._readings.fix(message)
+            if fix is not None:
+                self._send(hil.gps_message(fix))
         elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            x, y, z = message.field
-            self._field = (x, y, z)
-            self._updated |= hil.FIELD
-        elif isinstance(message, mav.MAVLink_xitl_barometer_message):
-            self._pressure_pa, self._temperature_degc = message.pressure, message.temperature
+            if self._readings.take_field(message):
+                self._updated |= hil.FIELD
+        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.take_pressure(message):
             self._updated |= hil.PRESSURE | hil.TEMPERATURE
+        self.counts.refused = self._readings.refused
 
     def serve(self, now_ns: int) -> None:
         line = self._line
@@ -128,7 +129,7 @@ class Px4(Injector):
         self._note(line.taken())
         return followed
 
-    def commands(self) -> tuple[float, ...] | None:
+    def commands(self) -> tuple[float, ...]:
         return self._outputs
 
     def descriptors(self) -> tuple[int, ...]:
@@ -156,7 +157,7 @@ class Px4(Injector):
             self._queue.append(message)
         elif line is not None:
             self.counts.unsent += not self._handed_on(line, message)
-        elif self._vehicle.send(message):
+        elif self._vehicle.send_sample(message):
             self._count(message)
         else:
             self.counts.unsent += 1
@@ -177,39 +178,18 @@ class Px4(Injector):
         else:
             self.counts.imu_out += 1
 
-    def _sensor_message(self, message: Message) -> Message:
+    def _sensor_message(self, imu: ImuSample) -> Message:
         updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
-        gx, gy, gz = message.gyro
-        fx, fy, fz = message.accel
+        field, pressure = self._readings.field, self._readings.pressure
         sample = InertialSample(
-            message.time_usec * 1000,
-            (gx, gy, gz),
-            (fx, fy, fz),
-            self._field,
-            self._pressure_pa,
-            self._temperature_degc,
+            imu.stamp_ns,
+            imu.gyro_frd_radps,
+            imu.accel_frd_mps2,
+            _NO_FIELD if field is None else field.field_frd_gauss,
+            0.0 if pressure is None else pressure.pressure_pa,
+            0.0 if pressure is None else pressure.temperature_degc,
         )
         return hil.sensor_message(sample, updated)
-
-    def _gps_message(self, message: Message) -> Message:
-        stamp_ns = message.time_usec * 1000
-        if self._time is None:
-            self._time = fixed() if self._lockstep else of_unix_time(self._unix_s(), stamp_ns)
-        vn, ve, vd = message.velocity
-        fix = ReceiverFix(
-            stamp_ns,
-            self._time.at(stamp_ns),
-            message.lat * 1e-7,
-            message.lon * 1e-7,
-            message.alt * 1e-3,
-            (vn, ve, vd),
-            message.h_acc,
-            message.v_acc,
-            message.s_acc,
-            message.fix_type,
-            message.satellites,
-        )
-        return hil.gps_message(fix)
 
     # -- in
 

@@ -73,6 +73,7 @@ class BridgeRole(Role):
         self._count = 0
         self._efforts = 0
         self._estimates = 0
+        self._unsent = 0  # of the host's messages, once the autopilot was there
         self._imu_stamp_us = self._imu_received_us = 0
         self._vehicle.reset(clock, self.say)
         for injector in self._injectors:
@@ -102,7 +103,8 @@ class BridgeRole(Role):
         elif _OWN_FIRST_ID <= message.get_msgId() <= _OWN_LAST_ID or isinstance(message, mav.MAVLink_heartbeat_message):
             return ()
         else:
-            self._vehicle.send(message)
+            taken = self._vehicle.send(message)
+            self._unsent += self._vehicle.heard and not taken
         for injector in self._injectors:
             injector.take(message, now_ns)
         return ()
@@ -155,7 +157,10 @@ class BridgeRole(Role):
             self._send(*out)
 
     def _hear(self, now_ns: int) -> None:
-        self._waiting += self._vehicle.serve(now_ns)
+        """Between runs nobody is told: the counts of the run are closed."""
+        messages = self._vehicle.serve(now_ns)
+        if self._running:
+            self._waiting += messages
 
     def _on_vehicle(self, message: Message) -> None:
         if isinstance(message, mav.MAVLink_local_position_ned_message):
@@ -205,11 +210,13 @@ class BridgeRole(Role):
         self._waiting.extend(self._texts.messages(severity, PREFIX + text))
 
     def _status(self, now_ns: int) -> Message:
-        return bridge_status(now_ns, [injector.counts for injector in self._injectors], self._vehicle, self._efforts)
+        counts = [injector.counts for injector in self._injectors]
+        return bridge_status(now_ns, counts, self._vehicle, self._efforts, self._unsent)
 
     @property
     def traffic(self) -> Traffic:
-        return Traffic(self._estimates, self._efforts)
+        refused = sum(injector.counts.refused for injector in self._injectors)
+        return Traffic(self._estimates, self._efforts, refused)
 
     @property
     def addresses(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 
 from agent.wire.transport import DATAGRAM_BYTES, Standing, Transport, open_transport
 
@@ -27,13 +27,14 @@ class SensorLine:
     and in software in the loop, and more than that would pile up in front of it without an end.
 
     Frames that the line does not take wait, a few of them; when too many do, the oldest is dropped and counted.
-    unsent: frames dropped so, or sent while nobody was there.
+    unsent: frames dropped so, or sent while nobody was there. sent: those that the line took, by kind.
     """
 
     def __init__(self, transport: Transport) -> None:
         self.unsent = 0
+        self.sent: Counter[str] = Counter()
         self._transport = transport
-        self._waiting: deque[bytes] = deque()
+        self._waiting: deque[tuple[bytes, str]] = deque()
         self._sent_ns: int | None = None
 
     @property
@@ -46,9 +47,9 @@ class SensorLine:
         """Where it is, for people."""
         return self._transport.address
 
-    def send(self, frame: bytes) -> None:
+    def send(self, frame: bytes, kind: str = "") -> None:
         """Give a frame to the line; `flush` sends it on."""
-        self._waiting.append(frame)
+        self._waiting.append((frame, kind))
         if len(self._waiting) > WAITING_FRAMES:
             self._waiting.popleft()
             self.unsent += 1
@@ -62,8 +63,8 @@ class SensorLine:
             self.unsent += len(waiting)
             waiting.clear()
         elif transport.stream:
-            while waiting and transport.backlog_s() < BACKLOG_S and transport.send(waiting[0]):
-                waiting.popleft()
+            while waiting and transport.backlog_s() < BACKLOG_S and transport.send(waiting[0][0]):
+                self.sent[waiting.popleft()[1]] += 1
         elif self._sent_ns is None or not 0 <= now_ns - self._sent_ns < DATAGRAM_NS:
             self._sent_ns = now_ns
             self._send_bundled()
@@ -71,7 +72,7 @@ class SensorLine:
     def _send_bundled(self) -> None:
         waiting = self._waiting
         bundle, count = b"", 0
-        for frame in waiting:
+        for frame, _ in waiting:
             if count and len(bundle) + len(frame) > DATAGRAM_BYTES:
                 break
             bundle += frame
@@ -79,7 +80,7 @@ class SensorLine:
         if not self._transport.send(bundle):
             return
         for _ in range(count):
-            waiting.popleft()
+            self.sent[waiting.popleft()[1]] += 1
 
     def receive(self) -> list[bytes]:
         """What has come in. Looks for the other end too, where one has to be found."""
@@ -90,10 +91,11 @@ class SensorLine:
         return self._transport.credit(index, Standing.HEARD)
 
     def clear(self) -> None:
-        """Forget what waits, and the count."""
+        """Forget what waits, and the counts."""
         self._waiting.clear()
         self._sent_ns = None
         self.unsent = 0
+        self.sent.clear()
 
     def descriptors(self) -> tuple[int, ...]:
         """What becomes readable with bytes from the other end."""

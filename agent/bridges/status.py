@@ -13,8 +13,13 @@ HEARD, TAKEN, SCRIPT = 1, 2, 4
 _MOST = 0xFFFFFFFF
 
 
-def bridge_status(now_ns: int, counts: Sequence[Injection], vehicle: VehicleLink, outputs_in: int) -> Message:
-    """What all ways together have done since the run began; `outputs_in` sets of outputs were taken."""
+def bridge_status(
+    now_ns: int, counts: Sequence[Injection], vehicle: VehicleLink, outputs_in: int, unsent: int
+) -> Message:
+    """What all ways together have done since the run began; `outputs_in` sets of outputs were taken.
+
+    unsent: messages of the host that the autopilot's line did not take; they are added to the frames of the ways in.
+    """
     link = vehicle.counters
 
     def total(name: str) -> int:
@@ -29,7 +34,7 @@ def bridge_status(now_ns: int, counts: Sequence[Injection], vehicle: VehicleLink
         imu_out=total("imu_out"),
         solution_out=total("solution_out"),
         gnss_out=total("gnss_out"),
-        unsent=total("unsent"),
+        unsent=min(total("unsent") + unsent, _MOST),
         world_in=total("world_in"),
         world_resent=total("world_resent"),
         world_lost=total("world_lost"),

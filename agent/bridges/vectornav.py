@@ -56,7 +56,7 @@ class VectorNav(Ahrs):
         return len(answers) > port.refused - refused_before
 
     def taken(self) -> bool:
-        return self._port.set_up
+        return self._port.set_up and self._line.connected
 
     def asked_hz(self) -> float:
         divisor = self._port.divisors.get(INERTIAL)
@@ -71,7 +71,7 @@ class VectorNav(Ahrs):
     def solution(self, navigation: Navigation) -> bytes | None:
         if not self._flows(SOLUTION):
             return None
-        field, pressure = self._field, self._pressure
+        field, pressure = self._readings.field, self._readings.pressure
         faults = 0
         if (
             field is None

@@ -180,7 +180,9 @@ def _words(line: bytes) -> list[str]:
     good = (b"%02X" % reduce(xor, body, 0), b"%04X" % crc_hqx(body, 0), b"XX")
     if not star or checksum not in good:
         raise CommandError(BAD_CHECKSUM)
-    return body.decode("ascii", "replace").split(",")
+    if not body.isascii():
+        raise CommandError(BAD_COMMAND)
+    return body.decode("ascii").split(",")
 
 
 def _number(word: str, base: int) -> int:

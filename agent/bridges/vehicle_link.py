@@ -16,6 +16,7 @@ from agent.wire.transport import open_transport
 
 GROUND_SYSTEM_ID, GROUND_COMPONENT_ID = 255, 190  # whose RC overrides an ArduPilot takes: its MAV_GCS_SYSID
 REACH_STEP_S = 0.05
+SAMPLES_WAITING = 8  # 60 ms of them on a line of 115200 baud
 HEARTBEAT_NS = 1_000_000_000
 SILENT_NS = 3_000_000_000
 UNHEARD_NS = 5_000_000_000
@@ -93,7 +94,7 @@ class VehicleLink:
         return self.line_is_up
 
     def add_tap(self, tap: Tap) -> None:
-        """Have `tap` called with every message of the dialect that comes from the autopilot's side."""
+        """Have `tap` called with every message of the dialect from the autopilot; others on its line are not heard."""
         self._taps.append(tap)
 
     def send(self, *messages: Message) -> bool:
@@ -109,6 +110,10 @@ class VehicleLink:
                 target.target = self.system_id
         return self._link.send(*messages)
 
+    def send_sample(self, message: Message) -> bool:
+        """The same for what would mislead when it came late: False, and not sent, while others wait for the line."""
+        return self._link.waiting < SAMPLES_WAITING and self.send(message)
+
     def serve(self, now_ns: int) -> list[Message]:
         """Take in what has come, without waiting; returns what the host is to have."""
         messages = self._link.receive()
@@ -118,12 +123,12 @@ class VehicleLink:
             return messages
         for_host = []
         for message in messages:
-            for tap in self._taps:
-                tap(message)
             if isinstance(message, mav.MAVLink_heartbeat_message):
                 self._on_heartbeat(message, now_ns)
             if message.get_srcSystem() != self.system_id or message.get_srcComponent() != self.component_id:
                 continue
+            for tap in self._taps:
+                tap(message)
             self._note_time(message)
             self._streams.note(message.get_msgId(), now_ns)
             if isinstance(message, mav.MAVLink_timesync_message) and not message.tc1:

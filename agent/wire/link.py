@@ -210,6 +210,11 @@ class Link:
             if chunks or monotonic() >= self._until_s:
                 return chunks
 
+    @property
+    def waiting(self) -> int:
+        """How many messages wait for the line."""
+        return 0 if self._waiting is None else len(self._waiting)
+
     def wake_s(self) -> float | None:
         """Seconds until `receive` wants to be called although nothing came, None for never."""
         own_s = None if self._waiting is None else self._waiting.wake_s()

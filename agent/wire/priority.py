@@ -46,6 +46,9 @@ class WaitingMessages:
         self._in_order = False
         self._refused = False
 
+    def __len__(self) -> int:
+        return len(self._waiting) + len(self._urgent)
+
     def send(self, messages: Iterable[Prepared]) -> bool:
         """Send or keep messages. False when one, of these or an older one, was given up."""
         given_up = self.given_up

@@ -268,6 +268,57 @@ def test_another_autopilot_takes_over(world: JsonWorld) -> None:
     assert world.counts.restarts == 0
 
 
+def test_a_truth_that_comes_again_or_too_late_changes_nothing(world: JsonWorld) -> None:
+    double = Double()
+    double.start(world.address)
+    host = Host(world)
+    for _ in range(20):
+        host.now_us += TICK_US
+        for at_us in (host.now_us, host.now_us, host.now_us - TICK_US):
+            host.tell(at_us)
+        assert world.advance(host.now_us * 1000)
+    world.advance((host.now_us + 1) * 1000)
+    double.stop()
+    for index, told in enumerate(double.told):
+        pos, _, quat = host.motion((index + 1) * 1_000_000 // 1200)
+        assert told.position == pytest.approx(pos, abs=2e-5)
+        assert told.quaternion == pytest.approx(quat, abs=1e-6)
+
+
+def test_of_a_long_exchange_every_inertial_sample_is_told(world: JsonWorld) -> None:
+    """At 2 Hz there are 200 samples in an exchange; each is told from its instant on."""
+    double = Double()
+    double.start(world.address)
+    host = Host(world)
+    for stamp_us in range(2500, 500_001, 2500):
+        gyro = (stamp_us * 1e-6, 0.0, 0.0)
+        world.take(mav.MAVLink_xitl_imu_message(stamp_us, gyro, (0.0, 0.0, -9.8), 20.0), 0)
+    pos, vel, quat = host.motion(500_000)
+    world.take(mav.MAVLink_xitl_truth_message(500_000, pos, vel, quat, (0.0, 0.0, 0.1), -1.0, 0.0), 0)
+    while not world.advance(500_000_000):
+        pass
+    while not world.advance(500_001_000):
+        pass
+    double.stop()
+    for told in double.told[3:]:
+        assert 0.0 <= told.timestamp_s - told.gyro[0] < 0.0025 + 2e-6
+
+
+def test_a_host_that_is_slow_is_no_loss(world: JsonWorld) -> None:
+    double = Double()
+    double.start(world.address)
+    host = Host(world)
+    host.tick()
+    world.advance((host.now_us + 1) * 1000)  # waits for the last exchange
+    until_s = time.monotonic() + 10.0
+    while double.asked_again == 0 and time.monotonic() < until_s:
+        time.sleep(0.01)
+    host.tick()
+    double.stop()
+    assert double.asked_again > 0
+    assert world.counts.world_resent == 0
+
+
 def test_rangefinders_and_wind_vane(world: JsonWorld) -> None:
     double = Double()
     double.start(world.address)

@@ -23,7 +23,7 @@ CONTENT = bytes(random.Random(3).randbytes(2000))
 
 @pytest.fixture(autouse=True)
 def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ftp, "ANSWER_S", 0.12)
+    monkeypatch.setattr(ftp, "ANSWER_S", 0.06)
 
 
 @contextmanager
@@ -73,12 +73,33 @@ def test_a_vehicle_whose_files_another_client_has_is_asked_again() -> None:
 
 
 def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ftp, "BUSY_S", 0.3)
+    monkeypatch.setattr(ftp, "BUSY_S", 0.15)
     with (
         client(FtpVehicle(busy=10_000)) as reached,
         pytest.raises(RefusedError, match="another client is busy with its files"),
     ):
         Files(reached).checksum("scripts/a.lua")
+    with (
+        client(FtpVehicle(busy=10_000)) as reached,
+        pytest.raises(UserError, match="could not be brought to the vehicle: another client is busy"),
+    ):
+        script.install(reached, CONTENT)
+
+
+def test_an_answer_that_comes_late_is_not_taken_for_the_next() -> None:
+    vehicle = FtpVehicle(folders={"/scripts"}, files={"/scripts/a.lua": b"a"}, late=True)
+    with client(vehicle) as reached:
+        files = Files(reached)
+        assert files.checksum("scripts/a.lua") == checksum(b"a")
+        files.write("scripts/b.lua", CONTENT)
+        assert files.checksum("scripts/b.lua") == checksum(CONTENT)
+        assert files.checksum("scripts/a.lua") == checksum(b"a")
+
+
+def test_a_folder_may_be_empty() -> None:
+    with client(FtpVehicle(folders={"/APM"})) as reached:
+        files = Files(reached)
+        assert (files.has_folder("/APM"), files.has_folder("/elsewhere")) == (True, False)
 
 
 def test_what_goes_wrong_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

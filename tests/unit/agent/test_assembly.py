@@ -182,6 +182,21 @@ def test_a_refusal_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
         assert error.count("\n") == 1
 
 
+def test_an_embedded_autopilot_loads_nothing_of_the_bridges() -> None:
+    program = """
+import sys
+from contextlib import ExitStack
+from agent.assembly import assemble
+from agent.options import Options
+from agent.wire.memory import memory_pair
+with ExitStack() as opened:
+    assemble(memory_pair()[0], Options(), opened)
+print(*[name for name in sys.modules if name.startswith("agent.bridges")])
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == []
+
+
 @pytest.mark.slow
 def test_an_agent_in_real_time_keeps_deadlines_and_says_how_it_is() -> None:
     with started("--link", "udp://127.0.0.1:0") as process:

@@ -228,7 +228,31 @@ def test_a_restart_of_the_autopilot() -> None:
     bench.run(1.0)
     assert len(bench.frames(INERTIAL)) == before + 200
     assert bench.unit.counts.restarts == 1
-    assert len(bench.said) == 2
+    assert [text.partition(" sensors ")[0] for text in bench.said] == [
+        "the autopilot takes our",
+        "the autopilot takes no",
+        "the autopilot takes our",
+    ]
+
+
+@pytest.mark.parametrize("make", [VectorNav, MicroStrain7])
+def test_a_cable_that_is_pulled(make: Callable[[SensorLine], Ahrs]) -> None:
+    """What went out before counts as sent, the rest as unsent, and it is said once."""
+    bench = Bench(make)
+    bench.hear(*SET_UP)
+    bench.run(1.0)
+    before = bench.unit.counts.imu_out
+    bench.wire.there = False
+    bench.run(5.0 + 1.0)
+    counts = bench.unit.counts
+    assert (counts.imu_out, counts.taken) == (before, False)
+    assert counts.unsent >= 1000 or make is MicroStrain7  # which has no frames for nobody
+    assert bench.said[1:] == ["the autopilot takes no sensors at wire://here any more; they are lost"]
+    bench.wire.there = True
+    bench.run(1.0)
+    assert counts.imu_out == before + 200
+    assert counts.taken
+    assert len(bench.said) == 3
 
 
 def test_a_run_begins_with_counts_of_its_own_and_the_set_up_of_the_last() -> None:
@@ -298,7 +322,7 @@ def test_samples_that_cannot_be_do_no_harm(make: Callable[[SensorLine], Ahrs]) -
         bench.unit.take(message, bench.now_ns)
     bench.run(1.0)
     assert bench.unit.counts.solution_out - before == 50
-    assert bench.unit.counts.gnss_out == 50 + 1 + 5
+    assert (bench.unit.counts.gnss_out, bench.unit.counts.refused) == (50 + 5, 4)
 
 
 def test_nothing_is_made_for_nobody() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import tty
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as public
 
 from agent.bridges.gps_time import EPOCH_UNIX_S, LEAP_S, START_OF_RUNS_S
 from agent.bridges.hil import ABSENT_NS, SILENT_NS, HilMessages
+from agent.bridges.vehicle_link import SAMPLES_WAITING, VehicleLink
 from agent.options import Options, OptionsError
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
@@ -38,6 +41,8 @@ class Line:
             for message in messages:
                 self.sent += self._reader.parse_buffer(bytearray(self._packer.pack(message)))
         return not self.full
+
+    send_sample = send
 
     def of(self, name: str) -> list[Any]:
         return [message for message in self.sent if message.get_type() == name]
@@ -173,6 +178,27 @@ def test_what_the_line_does_not_take_is_counted(bridge: Bridge) -> None:
     assert (counts.imu_out, counts.gnss_out, counts.unsent) == (0, 0, 2)
 
 
+def test_a_slow_line_makes_samples_few_and_not_late() -> None:
+    """What waits for the line stays little; an order waits behind no more than that."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    vehicle = VehicleLink(f"serial://{os.ttyname(theirs)}?baud=9600")
+    injector = HilMessages(vehicle)
+    injector.reset(TickClock(), False, lambda severity, text: None)
+    injector.take(mav.MAVLink_xitl_magnetometer_message(0, FIELD), 0)
+    injector.take(mav.MAVLink_xitl_barometer_message(0, 100_650.0, 24.5), 0)
+    for step in range(1, 101):
+        injector.take(mav.MAVLink_xitl_imu_message(step * 5000, GYRO, ACCEL, 21.5), step * 5 * MS)
+    counts = injector.counts
+    assert counts.imu_out + counts.unsent == 100
+    assert vehicle._link.waiting <= SAMPLES_WAITING
+    assert counts.imu_out < 20
+    assert vehicle.send(mav.MAVLink_system_time_message(1, 2))
+    vehicle.close()
+    os.close(ours)
+    os.close(theirs)
+
+
 def test_extreme_values_fit_the_message(bridge: Bridge) -> None:
     bridge.imu(0)
     message = mav.MAVLink_xitl_gnss_message(0, 0, 0, 0, [400.0, -400.0, 0.0], 900.0, 900.0, 0.1, 0, 0)
@@ -203,6 +229,33 @@ def test_a_script_that_starts_anew_is_noticed(bridge: Bridge) -> None:
     bridge.script(2 * SECOND, **{"in": 40, "out": 30, "drop": 10, "hs": 0})
     counts = bridge.injector.counts
     assert (counts.restarts, counts.script_in, counts.script_dropped, counts.taken) == (1, 40, 10, False)
+
+
+def test_a_script_that_starts_in_the_run_is_counted_from_its_start(bridge: Bridge) -> None:
+    """It cannot have taken what was sent to it before, so that no more than was sent is all from this run."""
+    bridge.field(0)
+    bridge.pressure(0)
+    for step in range(1, 201):
+        bridge.imu(step * 5 * MS)
+    bridge.script(SECOND, **{"in": 195, "out": 190, "drop": 5})
+    counts = bridge.injector.counts
+    assert (counts.imu_out, counts.script_in, counts.script_out, counts.script_dropped) == (200, 195, 190, 5)
+    assert counts.restarts == 0
+
+
+def test_what_the_script_counted_before_it_started_anew_stays_counted(bridge: Bridge) -> None:
+    bridge.imu(0)
+    bridge.script(SECOND, **{"in": 5000, "out": 5000, "drop": 7})
+    bridge.script(2 * SECOND, **{"in": 5200, "out": 5190, "drop": 17})
+    bridge.script(3 * SECOND, **{"in": 40, "out": 30, "drop": 10})
+    counts = bridge.injector.counts
+    assert (counts.script_in, counts.script_out, counts.script_dropped) == (240, 220, 20)
+
+
+def test_a_count_that_is_no_number_is_passed_over(bridge: Bridge) -> None:
+    bridge.imu(0)
+    bridge.script(SECOND, **{"in": math.nan, "out": math.inf})
+    assert not bridge.injector.counts.script_answers
 
 
 def test_a_silent_script_is_said_once_and_again_when_it_is_heard(bridge: Bridge) -> None:

@@ -84,6 +84,7 @@ def test_a_receiver_packet() -> None:
     assert geometric > position == pytest.approx(math.hypot(0.75, 1.5))
 
 
-@pytest.mark.parametrize(("dimensions", "kind"), [(3, 0), (2, 1), (1, 2), (0, 3)])
-def test_kinds_of_fix(dimensions: int, kind: int) -> None:
-    assert fields(frames.receiver_frame(FIX._replace(fix_type=dimensions)), 0x91)[0x0B][0] == kind
+@pytest.mark.parametrize(("fix_type", "kind"), [(3, 0), (2, 1), (1, 3), (0, 3), (4, 0), (5, 5), (6, 6)])
+def test_kinds_of_fix(fix_type: int, kind: int) -> None:
+    """GPS_FIX_TYPE, where 1 is no fix, to the unit's."""
+    assert fields(frames.receiver_frame(FIX._replace(fix_type=fix_type)), 0x91)[0x0B][0] == kind

@@ -1,0 +1,143 @@
+"""The host's messages as samples, and that nothing a message can hold does any of the ways in harm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agent.bridges.gps_time import fixed
+from agent.bridges.hil import HilMessages
+from agent.bridges.injector import Injector
+from agent.bridges.json_world import JsonWorld
+from agent.bridges.microstrain import MicroStrain7
+from agent.bridges.px4 import Px4
+from agent.bridges.readings import LARGEST, Readings, field_of, fix_of, imu_of, pressure_of
+from agent.bridges.sensor_line import SensorLine
+from agent.bridges.vectornav import VectorNav
+from agent.bridges.vectornav_commands import sentence
+from agent.timing.clock import TickClock
+from agent.wire import dialect as mav
+from agent.wire.codec import Message, Packer
+from agent.wire.memory import MemoryTransport, memory_pair
+
+MS = 1_000_000
+OUTPUTS = ("VNWRG,75,3,2,01,0721", "VNWRG,76,3,8,31,0001,0106,0613", "VNWRG,77,3,80,49,0003,26B8,0018")
+
+
+def gnss(time_us: int = 0, velocity: Any = (1.0, -2.0, 0.5), h_acc: float = 0.8) -> Message:
+    message: Message = mav.MAVLink_xitl_gnss_message(
+        time_us, -88_012_345, -639_512_345, 61_230, velocity, h_acc, 1.2, 0.1, 3, 14
+    )
+    return message
+
+
+def test_a_fix_in_the_units_of_its_name() -> None:
+    fix = fix_of(gnss(250_000), fixed())
+    assert fix is not None
+    assert (fix.lat_deg, fix.lon_deg, fix.alt_m) == pytest.approx((-8.8012345, -63.9512345, 61.23))
+    assert fix.gps_ns == fixed().zero_ns + 250 * MS
+    assert (fix.fix_type, fix.satellites) == (3, 14)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, LARGEST])
+def test_what_is_no_number_or_beyond_all_sense_is_no_measurement(bad: float) -> None:
+    assert imu_of(mav.MAVLink_xitl_imu_message(0, (0.0, bad, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
+    assert imu_of(mav.MAVLink_xitl_imu_message(0, (0.0, 0.0, 0.0), (0.0, 0.0, bad), 20.0)) is None
+    assert field_of(mav.MAVLink_xitl_magnetometer_message(0, (0.0, 0.0, bad))) is None
+    assert pressure_of(mav.MAVLink_xitl_barometer_message(0, bad, 20.0)) is None
+    assert fix_of(gnss(velocity=(0.0, 0.0, bad)), fixed()) is None
+    assert fix_of(gnss(h_acc=bad), fixed()) is None
+    assert fix_of(gnss(2**64 - 1), fixed()) is None
+
+
+def test_what_is_refused_is_counted_and_the_last_good_one_stays() -> None:
+    readings = Readings(True, lambda: 0.0)
+    assert readings.take_field(mav.MAVLink_xitl_magnetometer_message(1, (0.2, 0.0, 0.1)))
+    assert not readings.take_field(mav.MAVLink_xitl_magnetometer_message(2, (math.nan, 0.0, 0.1)))
+    assert not readings.take_pressure(mav.MAVLink_xitl_barometer_message(2, math.nan, 20.0))
+    assert readings.fix(gnss(velocity=(math.nan, 0.0, 0.0))) is None
+    assert readings.imu(mav.MAVLink_xitl_imu_message(0, (math.nan, 0.0, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
+    assert readings.refused == 4
+    assert readings.field is not None
+    assert readings.field.stamp_ns == 1000
+
+
+class Vehicle:
+    """In place of the autopilot's line: packs what is sent."""
+
+    connected = True
+    address = "tcp://there"
+
+    def __init__(self) -> None:
+        self._packer = Packer(255, 190)
+
+    def add_tap(self, tap: Callable[[Message], None]) -> None:
+        self.tap = tap
+
+    def send(self, *messages: Message) -> bool:
+        return all(self._packer.pack(message) for message in messages)
+
+    send_sample = send
+
+
+def _ways_in() -> Iterator[tuple[Injector, MemoryTransport | None]]:
+    for make in (VectorNav, MicroStrain7):
+        ours, theirs = memory_pair()
+        unit = make(SensorLine(ours))
+        yield unit, theirs
+    vehicle: Any = Vehicle()
+    yield HilMessages(vehicle), None
+    yield Px4(vehicle, None), None
+    yield JsonWorld("udp://127.0.0.1:0", lambda: None), None
+
+
+numbers = st.floats(width=32)
+stamps = st.one_of(st.integers(0, 400).map(lambda step: step * 5000), st.integers(0, 2**64 - 1))
+vectors = st.tuples(numbers, numbers, numbers)
+words, bytes_ = st.integers(-(2**31), 2**31 - 1), st.integers(0, 255)
+messages = st.one_of(
+    st.builds(mav.MAVLink_xitl_imu_message, stamps, vectors, vectors, numbers),
+    st.builds(mav.MAVLink_xitl_magnetometer_message, stamps, vectors),
+    st.builds(mav.MAVLink_xitl_barometer_message, stamps, numbers, numbers),
+    st.builds(
+        mav.MAVLink_xitl_gnss_message,
+        *(stamps, words, words, words, vectors, numbers, numbers, numbers, bytes_, bytes_),
+    ),
+    st.builds(
+        mav.MAVLink_xitl_truth_message,
+        *(stamps, vectors, vectors, st.tuples(numbers, numbers, numbers, numbers), vectors, numbers, numbers),
+    ),
+    st.builds(
+        mav.MAVLink_distance_sensor_message, st.just(0), st.just(20), *[st.integers(0, 65535)] * 2, *[bytes_] * 4
+    ),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(messages, max_size=40))
+def test_whatever_the_host_says_nothing_breaks(said: list[Message]) -> None:
+    for injector, theirs in _ways_in():
+        injector.reset(TickClock(), False, lambda severity, text: None)
+        if theirs is not None:
+            for command in OUTPUTS:
+                theirs.send(sentence(command))
+            injector.serve(0)
+        for step, message in enumerate(said):
+            injector.take(message, step * 5 * MS)
+            injector.serve(step * 5 * MS)
+        injector.close()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(["in", "out", "drop", "hs", "?"]), numbers), max_size=20))
+def test_whatever_the_script_says_nothing_breaks(told: list[tuple[str, float]]) -> None:
+    vehicle: Any = Vehicle()
+    injector = HilMessages(vehicle)
+    for name, value in told:
+        vehicle.tap(mav.MAVLink_named_value_float_message(0, f"xitl_{name}".encode(), value))
+    assert min(injector.counts.script_in, injector.counts.script_out, injector.counts.script_dropped) >= 0
