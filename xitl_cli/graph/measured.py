@@ -23,11 +23,14 @@ def _table(rows: Iterable[tuple[list[int], tuple[Pair, ...]]]) -> dict[int, tupl
     return {message_id: pairs for ids, pairs in rows for message_id in ids}
 
 
+SENSORS = _ids("XITL_IMU", "XITL_GNSS", "XITL_MAGNETOMETER", "XITL_BAROMETER", "XITL_TRUTH")
+ACTUATORS = dialect.MAVLINK_MSG_ID_XITL_ACTUATORS
+
 # S, C and A are sensing, control and actuation of the level that the agent runs. What only keeps the link going (run,
 # tick, time stamps, status, parameters, the transfer of a mission) is no traffic of the simulated system.
 TO_AGENT = _table(
     [
-        (_ids("XITL_IMU", "XITL_GNSS", "XITL_MAGNETOMETER", "XITL_BAROMETER"), (("PS1", "S"),)),
+        (SENSORS, (("PS1", "S"),)),
         (
             _ids(
                 *("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "MANUAL_CONTROL", "RC_CHANNELS_OVERRIDE"),
@@ -40,7 +43,7 @@ TO_AGENT = _table(
 FROM_AGENT = _table(
     [
         # The commands move the vessel, and the recording keeps them.
-        (_ids("XITL_ACTUATORS"), (("A", "PS1"), ("A", "M"))),
+        ([ACTUATORS], (("A", "PS1"), ("A", "M"))),
         (_ids("SERVO_OUTPUT_RAW"), (("A", "M"),)),
         (
             _ids(

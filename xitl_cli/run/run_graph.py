@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from xitl_cli.graph.graph import Graph
-from xitl_cli.graph.measured import AgentSeen, Pair, link_names, measured_graph
+from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentSeen, Pair, link_names, measured_graph
 from xitl_cli.graph.of_profile import wdri_of, wdri_of_graph
 from xitl_cli.graph.wdri import Vertices, Wdri
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.pilot import LinkReport, NodeReport, Traffic
 
 
@@ -20,10 +24,17 @@ def graph_section(
     links: Sequence[LinkReport],
     nodes: Sequence[NodeReport],
     traffic: Traffic,
+    autopilot: AutopilotReport | None = None,
 ) -> dict[str, Any]:
-    """`graph` of summary.json: claimed, measured, and where they differ. docs/recording.md explains the keys."""
+    """`graph` of summary.json: claimed, measured, and where they differ. docs/recording.md explains the keys.
+
+    `autopilot`: the one of another make, to which the agent was a bridge.
+    """
     claimed = wdri_of(profile)
-    graph = measured_graph(list(_agents(links, nodes, traffic)), _inside_host(profile, duration_s, moored_s))
+    agents = list(_agents(links, nodes, traffic))
+    if autopilot is not None:
+        agents = [_behind(profile, autopilot, bridge) for bridge in agents]
+    graph = measured_graph(agents, _inside_host(profile, duration_s, moored_s))
     measured = _measured_wdri(graph, profile)
     claimed_links, measured_links = link_names(claimed.graph), link_names(graph)
     return {
@@ -72,6 +83,29 @@ def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: T
             estimates=node.estimates,
             efforts=node.efforts,
         )
+
+
+def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentSeen) -> AgentSeen:
+    """The autopilot behind a bridge: there when it was heard, reached by what the bridge could hand on to it."""
+    if autopilot.milestones.heartbeat_s is None:
+        return replace(bridge, nodes="", to_agent={}, from_agent={}, estimates=0, efforts=0)
+    counts = autopilot.bridge
+    ways_in = ("script_in",) if profile.autopilot.bridge.sensors == "hil" else ("imu_out", "solution_out", "gnss_out")
+    to_agent, from_agent = dict(bridge.to_agent), dict(bridge.from_agent)
+    if not any(counts.get(way) for way in ways_in):
+        to_agent = {number: count for number, count in to_agent.items() if number not in SENSORS}
+    if not bridge.efforts:
+        from_agent.pop(ACTUATORS, None)  # neutral ones of the bridge's own
+    seen = replace(bridge, to_agent=to_agent, from_agent=from_agent)
+    device = urlsplit(profile.autopilot.bridge.mavlink)
+    if device.scheme == "serial" and not _is_made_here(device.path):
+        seen = replace(seen, kind="real", machine=f"board at {device.path}")
+    return seen
+
+
+def _is_made_here(device: str) -> bool:
+    """Whether it is a pseudo terminal, whose other end is a program of the same machine."""
+    return Path(device).resolve().is_relative_to("/dev/pts")
 
 
 def _inside_host(profile: RunProfile, duration_s: float, moored_s: float) -> Iterator[Pair]:

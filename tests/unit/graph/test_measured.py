@@ -16,6 +16,8 @@ from xitl_cli.graph.nodes import is_node_name
 from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.graph.of_run import measured_run
 from xitl_cli.profile import load_profile, resolved_yaml
+from xitl_cli.run.autopilot.milestones import Milestones
+from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.pilot import LinkReport, NodeReport
 from xitl_cli.run.run_graph import graph_section
 
@@ -70,6 +72,7 @@ def test_what_keeps_the_link_going_is_no_traffic() -> None:
     [
         ({"to_agent": {COMMAND: 1}}, "PS1-LS"),
         ({"to_agent": {IMU: 1}}, "D-LC"),
+        ({"to_agent": {dialect.MAVLINK_MSG_ID_XITL_TRUTH: 1, COMMAND: 1}}, ""),
         ({"from_agent": {ATTITUDE: 1, HEARTBEAT: 1}}, "PS1-LA LA-M"),
         ({"from_agent": {ACTUATORS: 1, HEARTBEAT: 1}}, "LS-M"),
         ({"from_agent": {ACTUATORS: 1, ATTITUDE: 1, HEARTBEAT: 0}}, "LC-M"),
@@ -124,6 +127,59 @@ def test_the_tables_name_messages_of_the_dialect_and_nodes_of_the_architecture()
 def test_frames_that_never_arrived_carried_nothing() -> None:
     cut = [LinkReport("sensors", 12, 0, 12, 0, 0), LinkReport("actuators", 9, 9, 0, 0, 0)]
     assert section(reports=cut)["missing"] == ["D-LC", "PS1-LS"]
+
+
+BRIDGE_WORDS = dialect.MAVLINK_MSG_ID_STATUSTEXT
+SAID_BY_THE_BRIDGE = {"tx": EVERYTHING["tx"], "rx": {ACTUATORS: 1, BRIDGE_WORDS: 2}}
+
+
+def bridged(heard: bool = True, **counts: int) -> AutopilotReport:
+    return AutopilotReport("ardupilot", milestones=Milestones(heartbeat_s=1.0 if heard else None), bridge=counts)
+
+
+def behind(
+    name: str, report: AutopilotReport, traffic: Any = EVERYTHING, overrides: tuple[str, ...] = (), **values: Any
+) -> dict[str, Any]:
+    profile = load_profile(name, list(overrides)).runnable()
+    return graph_section(profile, 10.0, 0.0, links(), [node(**values)], {"agent": traffic}, report)
+
+
+def test_an_autopilot_that_was_never_heard_is_not_there_though_its_bridge_is() -> None:
+    report = bridged(heard=False, imu_out=1000)
+    found = behind("sitl-ardupilot", report, SAID_BY_THE_BRIDGE, estimates=0, efforts=0)
+    assert found["measured"]["links"] == ["PS1-M"]
+    assert [node["name"] for node in found["measured"]["nodes"]] == ["PS1", "M"]
+
+
+def test_what_did_not_get_past_the_bridge_reached_no_sensing_and_no_motor() -> None:
+    found = behind("sitl-ardupilot", bridged(imu_out=0), efforts=0)
+    assert found["missing"] == ["PS1-LS", "PS1-LA", "LC-LA", "LA-M"]
+    assert behind("sitl-ardupilot", bridged(solution_out=9))["missing"] == []
+
+
+def test_hil_messages_count_when_the_script_has_got_them() -> None:
+    name = "hitl-ardupilot-usb-loopback"
+    assert behind(name, bridged(imu_out=9))["missing"] == ["PS1-LS"]
+    assert behind(name, bridged(imu_out=9, script_in=8))["missing"] == []
+
+
+def test_an_autopilot_at_the_end_of_a_cable_is_a_board_whatever_runs_the_bridge() -> None:
+    name = "hitl-ardupilot-ahrs"
+    found = behind(name, bridged(imu_out=9))
+    assert found["measured"]["wdri"] == found["claimed"]["wdri"]
+    kinds = {node["name"]: (node["kind"], node["runs_on"]) for node in found["measured"]["nodes"]}
+    assert kinds["LS"] == kinds["LC"] == kinds["LA"] == ("real", "board at /dev/ttyACM0")
+
+
+def test_an_autopilot_on_this_machine_is_no_board() -> None:
+    started = behind("sitl-ardupilot", bridged(imu_out=9))
+    by_terminal = behind(
+        "hitl-ardupilot-ahrs",
+        bridged(imu_out=9),
+        overrides=("autopilot.bridge.mavlink=serial:///dev/pts/7?baud=115200",),
+    )
+    for found in (started, by_terminal):
+        assert {node["kind"] for node in found["measured"]["nodes"]} == {"virtual"}
 
 
 def test_a_standby_counts_its_own_link() -> None:

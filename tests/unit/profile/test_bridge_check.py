@@ -12,6 +12,7 @@ from xitl_cli.profile import ProfileError, load_profile
 Write = Callable[..., Path]
 
 LOCKSTEP, BOARD, LINUX = "sitl-ardupilot", "hitl-ardupilot-ahrs", "hitl-ardupilot-linux-loopback"
+PX4, PX4_BOARD = "sitl-px4", "hitl-px4"
 
 
 def sentences(profile: str, *overrides: str) -> list[str]:
@@ -47,15 +48,50 @@ def sentences(profile: str, *overrides: str) -> list[str]:
             "autopilot.firmware is for another autopilot than",
         ),
         (BOARD, "autopilot.bridge.sensors=null", "nothing gets in without a world"),
-        (BOARD, "autopilot.bridge.mavlink=tcp://127.0.0.1:0", "has no such port"),
+        (BOARD, "autopilot.bridge.mavlink=tcp://127.0.0.1:0", "has no port, and the autopilot is started"),
         (BOARD, "autopilot.ground_stations=[udp://127.0.0.1:14550]", "this one is started elsewhere"),
         ("hitl-ardupilot-linux", "autopilot.firmware=find", "runs on this machine, and the bridge on a board"),
+        (LOCKSTEP, "autopilot.bridge.mavlink=tcp://10.0.0.3:5760", "is on another machine"),
+        (LOCKSTEP, "driver={kind: none}", "autopilot.moored_until_armed would hold the vessel for ever"),
+        (LOCKSTEP, "driver={kind: script, script: [{at_s: 1, mode: AUTO}]}", "since driver.kind = script never arms"),
+        (LOCKSTEP, "faults={a: {gnss: {dropout: 1.0}}}", "faults.a.gnss reaches nobody"),
+        (
+            BOARD,
+            "autopilot.firmware_arguments=[-w]",
+            "autopilot.firmware_arguments are given to an autopilot at its start",
+        ),
+        (BOARD, "autopilot.bridge.sensor_link=serial:///dev/ttyACM0?baud=921600", "is that of its MAVLink"),
+        (
+            "sitl-ardupilot-steered",
+            "autopilot={kind: embedded, firmware: external, moored_until_armed: false, bridge: {}}",
+            "steering gear, which the embedded autopilot does not turn",
+        ),
+        ("sitl", "autopilot.firmware_build=linux", "autopilot.firmware_build is for another autopilot"),
+        ("sitl", "autopilot.firmware_arguments=[-w]", "autopilot.firmware_arguments is for another autopilot"),
+        (PX4, "autopilot.bridge.sensor_link=null", "in lockstep PX4 calls at a line of its own"),
+        (PX4_BOARD, "clock.mode=lockstep", "in lockstep PX4 calls at a line of its own"),
+        (PX4, "autopilot.bridge.world=udp://127.0.0.1:9002", "JSON interface, which PX4 does not have"),
+        (LINUX, "autopilot.bridge.sensors=vectornav", "is not heard by ArduPilot's Linux builds"),
         (LINUX, "autopilot.bridge.world=udp://127.0.0.1:0", "firmware_build = linux runs on a real clock"),
         (LINUX, "autopilot.standby={link: 'udp://127.0.0.1:14661'}", "autopilot.standby: ardupilot has no second one"),
     ],
 )
 def test_what_cannot_be_is_said(profile: str, override: str, sentence: str) -> None:
     assert sentence in " ".join(sentences(profile, override))
+
+
+@pytest.mark.parametrize(
+    ("profile", "override"),
+    [
+        (LOCKSTEP, "faults={a: {imu: {dropout: 0.5}}, b: {link: {loss: 0.1}}}"),
+        ("sitl-ardupilot-ahrs", "faults={a: {gnss: {dropout: 1.0}}}"),
+        (LOCKSTEP, "driver={kind: script, script: [{at_s: 1, arm: true}]}"),
+        (LOCKSTEP, "autopilot.bridge.mavlink=tcp://localhost:5770"),
+        (PX4_BOARD, "autopilot.bridge.sensor_link=null"),
+    ],
+)
+def test_what_can_be_is_let_through(profile: str, override: str) -> None:
+    assert sentences(profile, override) == []
 
 
 def test_more_ground_stations_than_it_has_ports_are_refused() -> None:

@@ -185,6 +185,22 @@ def test_the_load_is_what_the_messages_take(sensors: Sensors) -> None:
     assert faster.can_share(line) - load.can_share(line) == pytest.approx(alone)
 
 
+def test_further_sensors_are_in_the_load(sensors: Sensors) -> None:
+    more = sensors.model_dump() | {
+        "rangefinders": ({"rate_hz": 5.0}, {"rate_hz": 20.0}),
+        "messages": {"gps_input": sensors.gnss.model_dump(), "obstacle_distance": {}, "odometry": {}},
+    }
+    usual = load_of(sensors).to_agent
+    further = [flow for flow in load_of(Sensors(**more)).to_agent if flow not in usual]
+    assert [(flow.what, flow.rate_hz) for flow in further] == [
+        ("rangefinders.0", 5.0),
+        ("rangefinders.1", 20.0),
+        ("messages.gps_input", sensors.gnss.rate_hz),
+        ("messages.obstacle_distance", 10.0),
+        ("messages.odometry", 20.0),
+    ]
+
+
 def test_every_task_of_an_agent_with_ground_stations_is_in_the_load(sensors: Sensors, tmp_path: Path) -> None:
     here, there = memory_pair()
     with ExitStack() as opened:

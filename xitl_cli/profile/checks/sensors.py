@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from xitl_cli.profile.entry import KeyPath, dotted
 from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.sensors import ObstacleScanner, Rangefinder, sensors_of
+
+SHORTEST_DIRECTION = 1e-6
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -21,7 +24,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
                 f"{dotted((*path, 'min_range_m'))} = {sensor.min_range_m:g} is not below max_range_m = "
                 f"{sensor.max_range_m:g}; lower it, or raise the other",
             )
-        if isinstance(sensor, Rangefinder) and not any(sensor.direction_frd):
+        if isinstance(sensor, Rangefinder) and math.hypot(*sensor.direction_frd) < SHORTEST_DIRECTION:
             yield (
                 (*path, "direction_frd"),
                 f"{dotted((*path, 'direction_frd'))} = {shown(sensor.direction_frd)} looks nowhere; "
