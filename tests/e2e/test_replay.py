@@ -73,6 +73,7 @@ def test_a_recorded_run_replays_through_a_table_of_pulse_widths(xitl: Xitl, tmp_
         assert np.abs(again - first)[: 50 * seconds].max() < bound_m
 
 
+@pytest.mark.slow
 def test_a_replay_that_time_cuts_short_is_not_completed(xitl: Xitl, tmp_path: Path) -> None:
     assert xitl("sim", "--profile", "mitl-replay", "--duration", "5", "--out", "run").returncode == 1
     told = summary(tmp_path / "run")

@@ -118,7 +118,9 @@ def set_values(
 
 
 def push(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A .parm file, or a shipped one's name.")],
+    source: Annotated[
+        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm file, a shipped one's name, or a profile.")
+    ],
     vehicle: VehicleArgument,
     with_script: Annotated[
         bool, typer.Option("--with-script", help="Bring the script for HIL messages to an ArduPilot as well.")
@@ -129,12 +131,12 @@ def push(
     signing_key: Key = None,
     as_json: Json = False,
 ) -> None:
-    """Set on a vehicle what differs from a file, each value read back."""
+    """Set on a vehicle what differs from a file or a profile, each value read back."""
     from xitl_cli.params.bring import bring
     from xitl_cli.params.script import shipped_script
-    from xitl_cli.params.source import read_file
+    from xitl_cli.params.source import wanted_of
 
-    wanted = read_file(file).values
+    wanted = wanted_of(source)
     script = shipped_script() if with_script else None
     with Console(stderr=True).status("parameters") as status:
         done = bring(_vehicle(vehicle), _key(signing_key), wanted, script, reboot, status.update)

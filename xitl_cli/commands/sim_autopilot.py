@@ -35,7 +35,7 @@ def autopilot_rows(section: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
     if times:
         yield "", ", ".join(times)
     if not section["log"]:
-        yield "", "its own log stays where it runs"
+        yield "", "its own log stays where it runs" if section["program"] is None else "it left no log of its own"
     counts = section["bridge"]
     if counts is not None:
         yield "bridge", _bridge(counts)
@@ -61,7 +61,7 @@ def _scheduler(scheduler: dict[str, Any], clock: str, agent: dict[str, int]) -> 
     if scheduler["max_us"] is not None:
         text += f", longest {scheduler['max_us'] / 1e3:.1f} ms"
     if scheduler["load_max_percent"] is not None:
-        text += f", load {scheduler['load_mean_percent']:.0f} %, at most {scheduler['load_max_percent']:.0f} %"
+        text += f", load {scheduler['load_mean_percent']:.1f} %, at most {scheduler['load_max_percent']:.1f} %"
     if clock != "real":
         text += "\n(by its simulated clock: says nothing of processor time)"
     return text + f"\nthe agent missed {agent['missed']} of {agent['cycles']} cycles"

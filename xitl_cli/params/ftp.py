@@ -27,6 +27,7 @@ _HEADER = struct.Struct("<HBBBBBxI")  # sequence, session, operation, size, answ
 TERMINATE, LIST, CREATE, WRITE, MAKE_DIRECTORY, CHECKSUM = 1, 3, 6, 7, 9, 14
 _ACK, _NAK = 128, 129
 FAIL, FAIL_ERRNO, INVALID_SESSION, NO_SESSION, FILE_EXISTS, FILE_NOT_FOUND = 1, 2, 4, 5, 8, 10
+_NO_MORE = 6  # how a folder's list ends, that of an empty one at once
 _NO_SUCH_FILE = 2  # ENOENT
 _BUSY = (INVALID_SESSION, NO_SESSION)
 _REASONS = {
@@ -35,7 +36,7 @@ _REASONS = {
     3: "the request has a wrong size",
     INVALID_SESSION: "another client is busy with its files",
     NO_SESSION: "other clients are busy with its files",
-    6: "the file has ended",
+    _NO_MORE: "the file has ended",
     7: "it does not know this operation",
     FILE_EXISTS: "it exists",
     9: "it is protected",
@@ -91,7 +92,11 @@ class Files:
         try:
             self._ask(LIST, path.encode())
         except RefusedError as refusal:
-            return not (refusal.nothing_there or refusal.code == FAIL_ERRNO)
+            if refusal.code == _NO_MORE:
+                return True
+            if refusal.nothing_there or refusal.code == FAIL_ERRNO:
+                return False
+            raise
         return True
 
     def make_folder(self, path: str) -> None:

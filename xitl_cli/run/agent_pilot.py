@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -20,12 +19,13 @@ from xitl_cli.run.agents.options import AgentOptions, missing_addresses
 from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, Peer, open_peer
 from xitl_cli.run.agents.setup import mission_of, parameters_of
 from xitl_cli.run.agents.standby import Redundancy
-from xitl_cli.run.agents.tick import tick_and_wait
+from xitl_cli.run.agents.tick import StoppedWaitingError, tick_and_wait
 from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.agents.waiting import wait_for_any
 from xitl_cli.run.autopilot.attended import Attended
 from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.driver import make_driver
+from xitl_cli.run.estimate_check import EstimateCheck
 from xitl_cli.run.faults import FaultSchedule
 from xitl_cli.run.orders import Orders
 from xitl_cli.run.pace import Lockstep, Pace
@@ -42,7 +42,6 @@ from xitl_cli.run.pilot import (
 from xitl_cli.run.score import EstimationScore
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensing import local_frame, sensing_of
-from xitl_cli.run.truth_history import TruthHistory
 from xitl_cli.signing import read_key_file
 
 SYNC_RATE_HZ = 10.0
@@ -58,7 +57,7 @@ class AgentPilot:
     """See Pilot. In lockstep every exchange is a tick and its answer; in real time both sides go on their own.
 
     A second agent, if the profile has one in standby, gets all that the first one gets. `attended` is the autopilot of
-    another make, to which the agent is then a bridge.
+    another make, to which the agent is then a bridge. interrupted: asked while the answer to a tick is waited for.
     """
 
     def __init__(
@@ -86,16 +85,17 @@ class AgentPilot:
         )
         if attended is not None:
             self._driver = attended.preparation(self._driver, self._view, self._send, self._frame)
+            first.why_silent = attended.why_silent
         self._redundancy = None if standby is None else Redundancy(self._agents, self._view, standby)
         for agent in self._agents:
             agent.inbox.on_message = self._take if standby is None else self._hears(agent)
-        self._truth = TruthHistory(profile.clock.physics_rate_hz)
+        self._check = EstimateCheck(profile.clock.physics_rate_hz)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
         self._links_every = max(round(profile.clock.exchange_rate_hz / LINKS_RATE_HZ), 1)
-        self.estimation: EstimationScore | None = EstimationScore()
-        self._position_error_m: float | None = None
+        self.estimation: EstimationScore | None = self._check.score
         self.command = first.inbox.command
         self.stale_exchanges = 0
+        self.interrupted: Callable[[], bool] = lambda: False
         self._use = ActuatorUse()
         self._pace: Pace = Lockstep()  # until the run begins
         self._exchanges = 0
@@ -169,7 +169,7 @@ class AgentPilot:
     def sense(self, sim_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
         self._sim_ns = sim_ns
         self._step += 1
-        self._truth.add(sim_ns, motion)
+        self._check.add_truth(sim_ns, motion)
         messages = self._sensing.due(self._step, sim_ns, motion, air_ned_mps)
         if messages:
             for agent in self._agents:
@@ -237,10 +237,13 @@ class AgentPilot:
 
     def _tick_and_wait(self, sim_ns: int) -> None:
         agent = self._agents[0]
-        tick_and_wait(agent, sim_ns, self._exchanges, self._profile.autopilot.silent_s, self._check_autopilot)
+        silent_s = self._profile.autopilot.silent_s if self._attended is None else self._attended.silent_s
+        tick_and_wait(agent, sim_ns, self._exchanges, silent_s, self._check_autopilot)
         self.command = agent.inbox.command
 
     def _check_autopilot(self) -> None:
+        if self.interrupted():
+            raise StoppedWaitingError
         if self._attended is not None:
             self._attended.check()
 
@@ -251,13 +254,7 @@ class AgentPilot:
 
     def _on_estimate(self, stamp_ns: int | None, estimate: Estimate) -> None:
         self._recorder.estimate(self._now_ns() if stamp_ns is None else stamp_ns, estimate)
-        truth = None if stamp_ns is None else self._truth.at(stamp_ns)
-        if truth is None:
-            return
-        north, east = (estimate.pos_ned_m - truth.pos_ned_m[0])[:2].tolist()
-        self._position_error_m = math.hypot(north, east)
-        if self._view.armed and self.estimation is not None:
-            self.estimation.add(truth.pos_ned_m[0], truth.quat_ned_frd[0], estimate.pos_ned_m, estimate.quat_ned_frd)
+        self._check.add_estimate(stamp_ns, estimate, self._view.armed)
 
     def _now_ns(self) -> int:
         return self._pace.now_sim_ns(self._sim_ns)
@@ -268,7 +265,7 @@ class AgentPilot:
         return replace(self._driver.progress(), mode=view.mode, armed=view.armed, messages=tuple(texts), faults=faults)
 
     def position_error_m(self) -> float | None:
-        return self._position_error_m
+        return self._check.position_error_m
 
     # After the run
 

@@ -22,6 +22,7 @@ from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
 from xitl_cli.run.agent_pilot import AgentPilot, links_of
 from xitl_cli.run.agents.options import options_of
+from xitl_cli.run.agents.tick import StoppedWaitingError
 from xitl_cli.run.autopilot.attended import Attended
 from xitl_cli.run.ideal_pilot import IdealPilot
 from xitl_cli.run.loop import Ending, Loop
@@ -68,6 +69,8 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
             recorder = Recorder(out / directory.RECORDING, ready.recording.compression, motors, links)
             pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(simulation.dt_s)
             with closing(make_view()) as view, _interrupts() as interrupted:
+                if isinstance(pilot, AgentPilot):
+                    pilot.interrupted = interrupted
                 score = MissionScore(ready.mission.waypoints_ned_m)
                 loop = Loop(ready, simulation, state, pilot, pace, recorder, view, score, interrupted)
                 outcome = _fly(loop, profile, seeds)
@@ -97,6 +100,8 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
                 loop.pilot.end()
             finally:
                 loop.recorder.close()
+    except StoppedWaitingError:
+        ending = Ending.INTERRUPTED
     except UserError as problem:
         ending, error = Ending.FAILED, str(problem)
     except Exception as fault:  # noqa: BLE001  raised again when the summary is written: no recording is left without one

@@ -99,7 +99,13 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "faults": [asdict(fault) for fault in outcome.faults],
         "pace": asdict(outcome.pace),
         "graph": graph_section(
-            profile, outcome.duration_s, outcome.moored_s, outcome.links, outcome.nodes, outcome.traffic
+            profile,
+            outcome.duration_s,
+            outcome.moored_s,
+            outcome.links,
+            outcome.nodes,
+            outcome.traffic,
+            outcome.autopilot,
         ),
     }
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from vehicle_double import VehicleDouble, over_tcp
 
+from xitl_cli.params import bring, script
 from xitl_cli.params import vehicle as live
 from xitl_cli.params.check import Absent, Differs, findings
 from xitl_cli.params.renames import RENAMES, other_name
@@ -20,7 +22,7 @@ SCRIPTS = {"SCR_ENABLE": 0.0, "EAHRS_TYPE": 0.0}
 @pytest.fixture(autouse=True)
 def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "CONNECT_S", 0.8)
-    monkeypatch.setattr(live, "QUIET_S", 0.15)
+    monkeypatch.setattr(live, "QUIET_S", 0.08)
     monkeypatch.setattr(live, "ANSWER_S", 0.1)
     monkeypatch.setattr(live, "TRIES", 2)
 
@@ -160,3 +162,79 @@ def test_what_takes_a_restart_is_said(params: Params, tmp_path: Path) -> None:
     reasons = {row["name"]: row["reason"] for row in ran.told["refused"]}
     assert reasons["SCR_SDEV_EN"] == "it appears after a restart with SCR_ENABLE on; add --reboot"
     assert reasons["EAHRS_TYPE"] == "it comes last, when the port that it listens at is there; add --reboot"
+
+
+class RestartingVehicle(VehicleDouble):
+    """Tells how long it is up, and restarts when it is asked to; parameters appear by that.
+
+    restarts: how often it has. deaf: it says that it will, and does not. forgets: no value outlives a restart.
+    """
+
+    def __init__(self, deaf: bool = False, forgets: bool = False) -> None:
+        super().__init__(BOAT | SCRIPTS)
+        self.restarts = 0
+        self._deaf = deaf
+        self._forgets = forgets
+        self._began_s = time.monotonic() - 1000.0
+
+    def _answer(self, message: Any) -> None:
+        super()._answer(message)
+        if message.get_type() != "COMMAND_LONG":
+            return
+        if message.command == 512 and message.param1 == 2:
+            self._codec.system_time_send(0, round((time.monotonic() - self._began_s) * 1000))
+        elif message.command == 246:
+            self._codec.command_ack_send(246, 0)
+            if not self._deaf:
+                self._restart()
+
+    def _restart(self) -> None:
+        self.restarts += 1
+        self._began_s += 200.0
+        if self._forgets:
+            self.values["WP_SPEED"] = 9.0
+        elif self.values["SCR_ENABLE"] > 0:
+            self.values.setdefault("SCR_HEAP_SIZE", 10.0)
+            self.types.setdefault("SCR_HEAP_SIZE", self.types["SCR_ENABLE"])
+
+
+@pytest.fixture
+def quick_restarts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(script, "SETTLE_S", 0.0)
+    monkeypatch.setattr(script, "RETRY_S", 0.5)
+    monkeypatch.setattr(script, "LOST_MS", 50.0)
+
+
+@pytest.mark.usefixtures("quick_restarts")
+def test_what_appears_by_a_restart_is_set_after_it(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "hil.parm"
+    file.write_text("WP_SPEED 1.5\nSCR_ENABLE 1\nSCR_HEAP_SIZE 200\n")
+    double = RestartingVehicle()
+    with over_tcp(double) as url:
+        ran = params("push", str(file), url, "--reboot", "--json")
+        again = params("push", str(file), url, "--reboot", "--json")
+    assert (ran.code, ran.told["restarts"], ran.told["refused"]) == (0, 2, [])
+    assert double.values["SCR_HEAP_SIZE"] == 200.0
+    assert (again.code, again.told["restarts"], again.told["set"]) == (0, 0, [])
+
+
+@pytest.mark.usefixtures("quick_restarts")
+def test_a_vehicle_that_keeps_nothing_is_not_restarted_for_ever(params: Params, tmp_path: Path) -> None:
+    file = tmp_path / "speed.parm"
+    file.write_text("WP_SPEED 1.5\n")
+    double = RestartingVehicle(forgets=True)
+    with over_tcp(double) as url:
+        params("push", str(file), url, "--reboot")
+    assert double.restarts == bring.MOST_RESTARTS
+
+
+@pytest.mark.usefixtures("quick_restarts")
+def test_a_restart_that_does_not_happen_is_noticed(
+    params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(script, "RESTART_S", 0.3)
+    file = tmp_path / "speed.parm"
+    file.write_text("WP_SPEED 1.5\n")
+    with over_tcp(RestartingVehicle(deaf=True)) as url:
+        ran = params("push", str(file), url, "--reboot")
+    assert "the vehicle did not come back from its restart within 0 s; switch its power off and on" in ran.error

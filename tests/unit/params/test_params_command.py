@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import struct
 from collections.abc import Callable
@@ -30,8 +31,8 @@ ROVER = {f"PAR_{number:03d}": number * 0.37 for number in range(150)} | {
 @pytest.fixture(autouse=True)
 def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "CONNECT_S", 0.8)
-    monkeypatch.setattr(live, "QUIET_S", 0.15)
-    monkeypatch.setattr(live, "ANSWER_S", 0.2)
+    monkeypatch.setattr(live, "QUIET_S", 0.08)
+    monkeypatch.setattr(live, "ANSWER_S", 0.1)
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:
@@ -165,6 +166,24 @@ def test_a_push_sets_what_differs_and_no_more(params: Params, tmp_path: Path) ->
     assert {kind for name, _, kind in double.sets if name == "FRAME_CLASS"} == {double.types["FRAME_CLASS"]}
     assert double.values["PAR_003"] == 7.0
     assert (again.told["set"], again.told["unchanged"]) == ([], 4)
+
+
+def test_a_push_of_a_profile_sets_all_its_files_and_its_own_values(params: Params, tmp_path: Path) -> None:
+    (tmp_path / "one.parm").write_text("WP_SPEED 3\nPAR_003 7\n")
+    (tmp_path / "other.parm").write_text("WP_SPEED 3.25\n")
+    profile = tmp_path / "boat.yaml"
+    files = [str(tmp_path / "one.parm"), str(tmp_path / "other.parm")]
+    text = {"extends": "hitl-ardupilot-usb", "autopilot": {"parameter_files": files, "parameters": {"PAR_001": 5}}}
+    profile.write_text(json.dumps(text))
+    double = VehicleDouble(ROVER)
+    with over_tcp(double) as url:
+        ran = params("push", str(profile), url, "--json")
+    assert ran.code == 0, ran.error
+    assert {change["name"]: change["value"] for change in ran.told["set"]} == {
+        "WP_SPEED": 3.25,
+        "PAR_003": 7.0,
+        "PAR_001": 5.0,
+    }
 
 
 def test_what_a_vehicle_refuses_is_said_with_its_own_words(params: Params, tmp_path: Path) -> None:

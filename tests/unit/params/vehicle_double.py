@@ -104,8 +104,8 @@ def over_tcp(double: VehicleDouble) -> Iterator[str]:
                     peer, _ = listener.accept()
                 except TimeoutError:
                     continue
-                with peer:
-                    peer.settimeout(0.02)
+                with peer, suppress(ConnectionError):
+                    peer.settimeout(0.004)
                     double.serve(lambda peer=peer: _read(peer), peer.sendall, stop)  # type: ignore[misc]
 
         with _thread(serve, stop):

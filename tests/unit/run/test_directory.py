@@ -19,6 +19,15 @@ def test_a_directory_with_a_run_is_refused_and_replaced_only_when_asked(tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt"]
 
 
+def test_where_an_autopilot_worked_goes_with_the_run_that_it_was_of(tmp_path: Path) -> None:
+    (tmp_path / directory.AUTOPILOT / "logs").mkdir(parents=True)
+    (tmp_path / directory.AUTOPILOT / "logs/00000001.BIN").write_bytes(b"old")
+    with pytest.raises(UserError, match=r"already holds a run \(autopilot\)"):
+        directory.create(tmp_path, overwrite=False)
+    directory.create(tmp_path, overwrite=True)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(UserError, match="taken: is a file, not a directory"):

@@ -90,6 +90,12 @@ def test_an_echo_sounder_tells_the_depth_and_stays_within_its_limits() -> None:
     assert decoded(sensed(close, at(0, 0, 0), 0.1), "DISTANCE_SENSOR")[0].current_distance == 2499
 
 
+def test_the_variance_of_a_range_is_in_square_centimetres_and_at_most_254() -> None:
+    profile = ready("sensors.rangefinders=[{noise_m: 0.05}, {noise_m: 3.0}]")
+    messages = decoded(sensed(profile, at(0, 0, 0), 0.1), "DISTANCE_SENSOR")
+    assert [message.covariance for message in messages] == [25, 254]
+
+
 def test_a_slanted_beam_goes_as_custom_with_the_turn_from_the_bow() -> None:
     profile = ready("sensors.rangefinders=[{direction_frd: [1.0, 1.0, 0.0]}]")
     (message,) = decoded(sensed(profile, at(0, 0, 0), 0.1), "DISTANCE_SENSOR")
@@ -129,6 +135,16 @@ def test_the_scan_shows_the_log_boom_where_it_is() -> None:
     assert set(scan.distances[40:68]) == {6001}
 
 
+def test_the_dam_stands_across_its_heading() -> None:
+    """60 m long toward east and 4 m wide, centred 100 m to the north: its near side is 98 m ahead."""
+    dam = "{centre_ned_m: [100.0, 0.0, 0.0], size_m: [60.0, 4.0, 10.0], heading_deg: 90}"
+    profile = ready(f"world={{dam: {dam}}}", "sensors.messages.obstacle_distance={rate_hz: 2, max_range_m: 200}")
+    (scan,) = decoded(sensed(profile, at(0, 0, 0), 0.5), "OBSTACLE_DISTANCE")
+    assert scan.distances[0] == 9800
+    assert scan.distances[3] == pytest.approx(9800 / math.cos(math.radians(13.0)), abs=1)  # the nearest of its rays
+    assert scan.distances[4] == 20001  # past its end, 17 degrees off
+
+
 def test_odometry_starts_at_zero_in_local_axes() -> None:
     profile = ready("sensors.messages.odometry={rate_hz: 10, position_noise_m: 0.1, rate_noise_radps: 0.02}")
     first, second = decoded(sensed(profile, at(40, -10, 90, (0.0, 3.0, 0.0)), 0.2), "ODOMETRY")
@@ -147,6 +163,8 @@ def test_the_truth_goes_with_every_exchange_where_a_world_is_served() -> None:
     every_us = round(1e6 / profile.clock.exchange_rate_hz)
     assert [m.time_usec for m in told] == list(range(every_us, 500_001, every_us))
     assert tuple(told[0].pos_ned) == pytest.approx((5.0, 6.0, -0.14))
+    assert tuple(told[0].vel_ned) == pytest.approx((3.0, 0.0, 0.0))
+    assert tuple(told[0].gyro) == pytest.approx((0.0, 0.0, 0.1))
     assert told[0].wind_speed < 0.0  # none has come yet
     assert (told[-1].wind_speed, told[-1].wind_direction) == pytest.approx((5.0, math.atan2(4.0, 3.0)))
     before = [m.wind_speed for m in told if m.time_usec < 200_000]
@@ -166,6 +184,7 @@ def test_an_autopilot_without_a_world_is_not_told_the_truth() -> None:
         ("sensors.messages.odometry={rate_hz: 900}", "is above the physics rate"),
         ("sensors.rangefinders=[{min_range_m: 9, max_range_m: 3}]", "min_range_m = 9 is not below max_range_m"),
         ("sensors.rangefinders=[{direction_frd: [0.0, 0.0, 0.0]}]", "direction_frd = "),
+        ("sensors.rangefinders=[{direction_frd: [1.0e-9, 0.0, 0.0]}]", "direction_frd = "),
         ("sensors.wind_vane={}", "sensors.wind_vane reaches nobody"),
     ],
 )

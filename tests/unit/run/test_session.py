@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socket
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from mcap.reader import make_reader
 
 from agent.wire import dialect
 from xitl_cli.errors import UserError
+from xitl_cli.firmware.process import free_port
 from xitl_cli.profile import load_profile
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.run import session
@@ -51,6 +54,18 @@ def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
     told = json.loads((tmp_path / "run/summary.json").read_text())
     assert "No space left on device" in told["error"]
     assert [clock["node"] for clock in told["clocks"]] == ["LC", "PS1"]
+
+
+def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session, "_interrupts", lambda: nullcontext(lambda: True))
+    urls = [f"autopilot.bridge.mavlink=tcp://127.0.0.1:{free_port()}"]
+    urls += [f"autopilot.bridge.world=udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"]
+    profile = load_profile("sitl-ardupilot", ["autopilot.firmware=external", *urls])
+    result = session.run(profile, tmp_path / "run", False, NoView)
+    assert result.exit_code == session.INTERRUPTED
+    assert (result.summary["ended"], result.summary["error"]) == ("interrupted", None)
 
 
 def test_an_agent_still_at_the_run_of_another_host_can_be_reached() -> None:

@@ -13,6 +13,7 @@ from rich.console import Console
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.recording.records import PaceReport, Task
+from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
 from xitl_cli.run.pilot import (
@@ -127,6 +128,13 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
     assert summary["pace"] == {"slips": 2, "slipped_s": 3.4}
     assert [fault["until_s"] for fault in summary["faults"]] == [45.0, None, None]
     assert summary["nodes"][0]["kind"] == "real"
+
+
+def test_the_graph_is_that_of_the_autopilot_behind_the_bridge() -> None:
+    nodes = [NodeReport("LS,LC,LA", "board", "1", None, 0, kind="real")]
+    profile = load_profile("hitl-ardupilot-linux").runnable()
+    unheard = summary_of(profile, outcome(nodes=nodes, autopilot=AutopilotReport("ardupilot")))["graph"]["measured"]
+    assert [node["name"] for node in unheard["nodes"]] == ["PS1", "M"]
 
 
 def test_quantiles_of_bins_never_exceed_the_maximum() -> None:

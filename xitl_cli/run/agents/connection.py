@@ -40,12 +40,17 @@ _NEVER_IMPAIRED = {dialect.MAVLINK_MSG_ID_XITL_RUN, dialect.MAVLINK_MSG_ID_XITL_
 
 
 class AgentConnection:
-    """The agent called `name`, whose messages go to `inbox`. gone: why it cannot go on, None while it can."""
+    """The agent called `name`, whose messages go to `inbox`. gone: why it cannot go on, None while it can.
+
+    why_silent: what to say of so many seconds of silence until an instant of simulation time, where a bridge is only as
+    silent as the autopilot behind it.
+    """
 
     def __init__(self, name: str, profile: RunProfile, inbox: AgentInbox, signing: Signing | None = None) -> None:
         self.name = name
         self.inbox = inbox
         self.gone: UserError | None = None
+        self.why_silent: Callable[[float, float], UserError] | None = None
         self._who = "the agent" if name == "agent" else f"the {name} agent"
         self._prefix = "" if name == "agent" else f"{name} "
         self._profile = profile
@@ -196,7 +201,9 @@ class AgentConnection:
 
     def silent(self, seconds: float) -> UserError:
         """What to say when the run cannot go on without it."""
-        return sentences.silent(self._profile, self.peer.transport.peer, self._who, seconds, self._sim_s())
+        if self.why_silent is not None:
+            return self.why_silent(seconds, self._sim_s())
+        return sentences.silent(self.peer.transport.peer, self._who, seconds, self._sim_s())
 
     def _not_understood(self) -> UserError | None:
         return sentences.not_understood(self._profile, self.link, self._who)

@@ -7,16 +7,11 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 
 
-def silent(profile: RunProfile, peer: str, who: str, seconds: float, sim_s: float) -> UserError:
-    """Nothing came for so long; behind a bridge that is for the autopilot's want of outputs."""
-    if profile.autopilot.kind == "embedded":
-        return UserError(
-            f"{peer}: {who} stopped answering and was silent for {seconds:g} s, at {sim_s:.2f} s of simulation time; "
-            "look at its log, its power and the cable"
-        )
+def silent(peer: str, who: str, seconds: float, sim_s: float) -> UserError:
+    """Nothing came for so long."""
     return UserError(
-        f"{profile.autopilot.bridge.mavlink}: the autopilot behind {who} stopped and was silent for {seconds:g} s, "
-        f"at {sim_s:.2f} s of simulation time; look at its power, its cables and its log"
+        f"{peer}: {who} stopped answering and was silent for {seconds:.3g} s, at {sim_s:.2f} s of simulation time; "
+        "look at its log, its power and the cable"
     )
 
 

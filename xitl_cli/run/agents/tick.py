@@ -10,6 +10,10 @@ from xitl_cli.run.agents.connection import AgentConnection
 REPEAT_S = 0.5
 
 
+class StoppedWaitingError(Exception):
+    """Somebody ends the run while an answer is waited for."""
+
+
 def tick_and_wait(agent: AgentConnection, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
     """Send the tick until it is answered; what comes meanwhile is taken in.
 
@@ -18,11 +22,11 @@ def tick_and_wait(agent: AgentConnection, sim_ns: int, tick: int, silent_s: floa
     inbox = agent.inbox
     agent.send_tick(sim_ns, tick)
     agent.receive(0.0)
-    if inbox.answered_tick == tick:
-        return
     started_s = sent_s = time.monotonic()
     while inbox.answered_tick != tick:
         agent.receive(REPEAT_S)
+        if inbox.answered_tick == tick:
+            return
         now_s = time.monotonic()
         if now_s - started_s > silent_s:
             raise agent.silent(now_s - started_s)

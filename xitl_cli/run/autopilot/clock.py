@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from agent.wire import dialect
@@ -17,6 +18,7 @@ NODE = "autopilot"
 REALTIME_HZ, LOCKSTEP_HZ = 10.0, 1.0
 REQUESTS_KEPT = 256
 SETTLING_NS = 500_000_000  # an autopilot whose clock is further off in lockstep has been in a run before
+SIMULATED_GRAIN_NS = 10_000_000  # a SITL build in real time sleeps some ms, and its clock runs to catch up
 OLDEST_UTC_S = 1e9  # before it has the time from a satellite it counts from 1970
 
 Send = Callable[[Any], object]
@@ -27,15 +29,17 @@ class AutopilotClock:
 
     In real time offset and drift against the host's monotonic clock are estimated as for an agent. In lockstep it is
     told the time, and the offset is that of its answer against the tick that brought the request: it may be an
-    exchange behind, and its answer takes some more, which is the bound. utc_offset_s: its UTC (SYSTEM_TIME) less
+    exchange behind, and its answer takes some more, which is the bound. `grain_ns`: how far its readings may be off in
+    real time, which widens the bound. utc_offset_s: its UTC (SYSTEM_TIME) less
     this machine's, None in lockstep and until it knows the time.
     """
 
-    def __init__(self, lockstep: bool, send: Send) -> None:
+    def __init__(self, lockstep: bool, send: Send, grain_ns: int = 0) -> None:
         self.utc_offset_s: float | None = None
         self._lockstep = lockstep
         self._send = send
-        self._timing = LinkTiming(NODE)
+        self._grain_ns = grain_ns
+        self._timing = LinkTiming(NODE, lambda: time.monotonic_ns() + grain_ns)
         self._every_ns = round(1e9 / (LOCKSTEP_HZ if lockstep else REALTIME_HZ))
         self._asked_ns: int | None = None
         self._requests: dict[int, int] = {}
@@ -102,11 +106,19 @@ class AutopilotClock:
         if self._lockstep:
             clock: Clock | None = self._exchange(sequence, message.ts1, message.tc1, self._local_ns())
         else:
-            clock = self._timing.answered(
-                dialect.MAVLink_xitl_timesync_message(message.ts1, message.tc1, message.tc1, sequence)
-            )
+            clock = self._measured(sequence, message.ts1, message.tc1)
         if clock is not None and self._recorder is not None:
             self._recorder.clock(self._now_ns(), clock)
+
+    def _measured(self, sequence: int, sent_ns: int, node_ns: int) -> Clock | None:
+        """An uneven clock makes an exchange as uncertain as one that took so much longer on both ways."""
+        grain_ns = self._grain_ns
+        clock = self._timing.answered(
+            dialect.MAVLink_xitl_timesync_message(sent_ns - grain_ns, node_ns, node_ns, sequence)
+        )
+        if clock is None:
+            return None
+        return replace(clock, host_ns=sent_ns, round_trip_s=clock.round_trip_s - 2e-9 * grain_ns)
 
     def _exchange(self, sequence: int, sent_ns: int, node_ns: int, returned_ns: int) -> Clock:
         self._samples += 1

@@ -84,7 +84,9 @@ class ParameterSetting:
             self._left.pop(0)
             self._set = False
         elif self._set:
-            self._refusal = f"autopilot.parameters.{name} = {value:g}: the autopilot keeps {kept:g}"
+            self._refusal = (
+                f"autopilot.parameters.{name} = {value:g}: the autopilot keeps {kept:g}; use a value that it takes"
+            )
             return
         else:
             self._set = True

@@ -23,6 +23,7 @@ PARAMETERS = "parameters.parm"
 SCRIPTS = "scripts"  # where a SITL build looks for them
 LISTENS_S = 10.0
 STATION_PORTS = (1, 2)  # SERIAL1 and SERIAL2 speak MAVLink unless told otherwise
+SCRIPTING = {"SCR_ENABLE": 1, "SCR_SDEV_EN": 1, "SCR_SDEV1_PROTO": EXTERNAL_AHRS_PROTOCOL}
 SPEEDUP = 200  # as fast as the world comes
 _LISTENS = ("SERIAL0 on TCP port", "Waiting for connection", "Loaded defaults")
 
@@ -34,7 +35,10 @@ def resolved_bridge(bridge: Bridge) -> Bridge:
 
 
 class Launch:
-    """Starts the firmware of `profile`; `bridge` has the ports. Raises UserError when there is no firmware."""
+    """Starts the firmware of `profile`; `bridge` has the ports.
+
+    Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
+    """
 
     def __init__(self, profile: RunProfile, bridge: Bridge) -> None:
         autopilot = profile.autopilot
@@ -42,6 +46,8 @@ class Launch:
         self._profile = profile
         self._bridge = bridge
         self._values = start_values(profile)
+        if bridge.sensors == "hil":
+            self._check_scripting()
 
     def start(self, run_directory: Path) -> FirmwareProcess:
         """In `autopilot/` of the run's directory, which is made anew. Raises UserError."""
@@ -95,6 +101,16 @@ class Launch:
         if self._bridge.sensor_link is not None:
             serial[self._sensor_port()] = _linux_path(self._bridge.sensor_link, waits=True)
         return words + _serial_words(serial)
+
+    def _check_scripting(self) -> None:
+        """With the driver on and nothing at its other end, ArduPilot crashes as it starts."""
+        for name, wanted in SCRIPTING.items():
+            value = self._values.get(name, 0.0)
+            if value != wanted:
+                raise UserError(
+                    f"autopilot.parameters.{name} = {value:g}: autopilot.bridge.sensors = hil needs {wanted}, for the "
+                    "script that takes them; leave it as parameter file rover-hil has it"
+                )
 
     def _stations(self) -> Iterator[tuple[int, SplitResult]]:
         """Its serial ports for ground stations, and their addresses: of the usual ones those that nobody holds."""

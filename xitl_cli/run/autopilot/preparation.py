@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +19,8 @@ class Preparation:
     """A Driver that goes before another one: all on simulation time, repeated where something was lost.
 
     With `moored` the vessel is held until the autopilot has armed for the first time. `where` is its address, for
-    people; it is given up when nothing of it was heard for `heartbeat_s` from the start.
+    people; it is given up when nothing of it was heard for `heartbeat_s` from the start. `complained` ends the sentence
+    then and when the other driver gives up.
     """
 
     def __init__(
@@ -31,6 +33,7 @@ class Preparation:
         moored: bool,
         where: str,
         heartbeat_s: float,
+        complained: Callable[[], str] = lambda: "",
     ) -> None:
         self._driver = driver
         self._view = view
@@ -39,12 +42,8 @@ class Preparation:
         self._calibration = calibration
         self._moored = moored
         self._where = where
+        self._complained = complained
         self._heartbeat_s = max(heartbeat_s, SHORTEST_HEARTBEAT_S)
-
-    @property
-    def done(self) -> bool:
-        """Whether the orders have begun."""
-        return self._view.heard and self._parameters.done and self._mission.done and self._calibration.done
 
     def update(self, sim_ns: int) -> None:
         view = self._view
@@ -54,7 +53,7 @@ class Preparation:
             if sim_ns > self._heartbeat_s * 1e9:
                 raise UserError(
                     f"{self._where}: no heartbeat of the autopilot came in {self._heartbeat_s:.0f} s; check that it "
-                    "runs, that this is its MAVLink port, and autopilot.bridge.mavlink"
+                    f"runs, that this is its MAVLink port, and autopilot.bridge.mavlink{self._complained()}"
                 )
         elif not self._parameters.done:
             self._parameters.update(sim_ns)
@@ -63,7 +62,10 @@ class Preparation:
         elif not self._calibration.done:
             self._calibration.update(sim_ns)
         else:
-            self._driver.update(sim_ns)
+            try:
+                self._driver.update(sim_ns)
+            except UserError as error:
+                raise UserError(f"{error}{self._complained()}") from error
 
     def take(self, message: Any) -> None:
         self._parameters.take(message)

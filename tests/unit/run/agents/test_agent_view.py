@@ -26,7 +26,7 @@ def test_a_sentence_arrives_whole_whatever_its_length(length: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("pair_ms", "older_ms", "told"), [(0, 0, True), (0, 20, False), (50, 50, True), (50, 51, False)]
+    ("pair_ms", "older_ms", "told"), [(0, 0, True), (0, 20, False), (50, 50, True), (50, 51, False), (50, -20, False)]
 )
 def test_a_position_makes_an_estimate_with_an_attitude_that_is_not_too_old(
     pair_ms: int, older_ms: int, told: bool

@@ -29,6 +29,7 @@ def message(kind: Any, **values: int) -> Any:
         (dialect.MAVLink_xitl_task_stats_message, "time_usec", 1000),
         (dialect.MAVLink_xitl_node_status_message, "time_usec", 1000),
         (dialect.MAVLink_xitl_node_info_message, "time_usec", 1000),
+        (dialect.MAVLink_xitl_bridge_status_message, "time_usec", 1000),
         (dialect.MAVLink_xitl_timesync_message, "t3_ns", 1),
         (dialect.MAVLink_attitude_message, "time_boot_ms", 1_000_000),
         (dialect.MAVLink_attitude_quaternion_message, "time_boot_ms", 1_000_000),

@@ -84,6 +84,56 @@ def test_the_wrong_vehicle_ends_the_run_and_other_sentences_of_the_bridge_do_not
         case.update(2 * SECOND)
 
 
+def test_another_make_ends_the_run() -> None:
+    case = Case()
+    case.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_PX4, 0, 0, 4, 3))
+    with pytest.raises(UserError, match=r"^the autopilot is px4 \(MAV_AUTOPILOT 12\), not ardupilot; use"):
+        case.update(SECOND)
+
+
+def heartbeat(armed: bool) -> Any:
+    flags = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+    return dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 3, flags, 0, 4, 3)
+
+
+def test_one_that_starts_anew_in_the_mission_ends_the_run_and_before_it_arms_it_does_not() -> None:
+    case = Case()
+    case.status(restarts=1)
+    case.hear(heartbeat(armed=False))
+    case.update(SECOND)
+    case.hear(heartbeat(armed=True))
+    case.update(2 * SECOND)
+    case.hear(heartbeat(armed=False))
+    case.update(3 * SECOND)  # disarmed by a person
+    case.status(restarts=2)
+    with pytest.raises(UserError, match=r"^the autopilot started anew in the mission, before 4.0 s"):
+        case.update(4 * SECOND)
+
+
+def test_nobody_who_asks_for_the_world_is_told_apart_from_one_that_stopped() -> None:
+    case = Case()
+    assert case.attended.silent_s == 20.0  # time to start it elsewhere
+    assert str(case.attended.why_silent(20.0, 0.0)).startswith(
+        "udp://127.0.0.1:9002: no autopilot asked for the world there in 20 s; start one elsewhere with --model JSON"
+    )
+    case.hear(heartbeat(armed=False))
+    assert case.attended.silent_s == 10.0
+    assert str(case.attended.why_silent(10.0112, 3.14)).startswith(
+        "tcp://127.0.0.1:5760: the autopilot stopped and was silent for 10 s, at 3.14 s of simulation time"
+    )
+
+
+def test_what_the_bridge_complained_of_last_goes_with_the_reason_until_it_is_over() -> None:
+    case = Case()
+    case.say(4, "Bridge: the script on the autopilot says nothing; set SCR_ENABLE 1 and bring it there")
+    case.say(6, "an autopilot's own sentence, which is so long that it comes in more than one part")
+    ending = "cables and its log; the bridge said: the script on the autopilot says nothing; set SCR_ENABLE 1 and "
+    case.hear(heartbeat(armed=False))
+    assert ending in str(case.attended.why_silent(1.0, 2.0))
+    case.say(5, "Bridge: the script on the autopilot speaks again")
+    assert str(case.attended.why_silent(1.0, 2.0)).endswith("cables and its log")
+
+
 def test_an_agent_that_is_no_bridge_is_found_out() -> None:
     case = Case()
     case.hear(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
@@ -148,6 +198,8 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
         "missed 2 of 50",
     ):
         assert words in text
+    assert "its own log stays where it runs" in text
+    assert ("", "it left no log of its own") in list(autopilot_rows({**section, "program": "/opt/ardurover"}))
     assert list(autopilot_rows(None)) == []
 
 

@@ -30,11 +30,11 @@ class Pace:
 
 
 class Case:
-    def __init__(self, lockstep: bool) -> None:
+    def __init__(self, lockstep: bool, grain_ns: int = 0) -> None:
         self.sent: list[Any] = []
         self.recorder = Recorder()
         self.now_ns = 0
-        self.clock = AutopilotClock(lockstep, self.sent.append)
+        self.clock = AutopilotClock(lockstep, self.sent.append, grain_ns)
         self.clock.begin(self.recorder, Pace(), lambda: self.now_ns)  # type: ignore[arg-type]
 
 
@@ -94,6 +94,30 @@ def test_in_real_time_its_instants_become_simulation_time(monkeypatch: pytest.Mo
     report = case.clock.report()
     assert report.drift_ppm == pytest.approx(50.0, abs=0.5)
     assert report.steps == 0
+
+
+def test_a_simulated_clock_that_runs_unevenly_makes_no_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stands still and jumps by 8 ms, while an exchange takes 1 ms."""
+    host_ns = 100 * SECOND
+    monkeypatch.setattr(module.time, "monotonic_ns", lambda: host_ns)
+    steps = []
+    for grain_ns in (0, module.SIMULATED_GRAIN_NS):
+        case = Case(False, grain_ns)
+        for number in range(200):
+            case.now_ns = number * 103 * MS
+            host_ns = 100 * SECOND + case.now_ns
+            case.clock.update(case.now_ns)
+            request = case.sent.pop()
+            heard_ns = (host_ns + MS // 2) // (8 * MS) * (8 * MS)
+            host_ns += MS
+            case.clock.take(dialect.MAVLink_timesync_message(heard_ns, request.ts1))
+        report = case.clock.report()
+        steps.append(report.steps)
+        last = case.recorder.clocks[-1]
+        assert (last.host_ns, last.round_trip_s) == (host_ns - MS, pytest.approx(1e-3))
+    assert steps[0] > 5
+    assert steps[1] == 0
+    assert abs(report.offset_us) < report.asymmetry_bound_us < 12_000
 
 
 def test_its_own_requests_are_answered_and_strange_answers_passed_over() -> None:

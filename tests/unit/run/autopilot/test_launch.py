@@ -87,8 +87,10 @@ def test_a_linux_build_gets_folders_of_its_own_and_addresses_as_it_writes_them(p
     said = options(made.arguments())
     assert said["--log-directory"] == "logs"
     assert said["--serial0"] == f"tcp:127.0.0.1:{port(bridge.mavlink)}"
-    assert f"udpin:127.0.0.1:{port(bridge.sensor_link)}" in said.values()
+    assert f"tcp:127.0.0.1:{port(bridge.sensor_link)}:wait" in said.values()
     assert "--model" not in said
+    made, bridge = launch(program, "hitl-ardupilot-linux-loopback", "autopilot.bridge.sensor_link=udp://127.0.0.1:0")
+    assert f"udpin:127.0.0.1:{port(bridge.sensor_link)}" in options(made.arguments()).values()
     device = "autopilot.bridge.sensor_link=serial:///dev/pts/7?baud=921600"
     assert "/dev/pts/7" in launch(program, "hitl-ardupilot-linux-loopback", device)[0].arguments()
 
@@ -117,3 +119,10 @@ def test_it_starts_in_a_folder_of_the_run_with_the_parameters_of_files_mission_a
 
 def test_parameters_are_written_with_all_the_digits_that_an_autopilot_keeps() -> None:
     assert parm_text({"B": 0.1, "A": 16777215.0}) == "A 16777215\nB 0.1\n"
+
+
+@pytest.mark.parametrize("name", ["SCR_ENABLE", "SCR_SDEV1_PROTO"])
+def test_without_scripting_hil_messages_are_refused_before_it_starts(program: Path, name: str) -> None:
+    launch(program, "hitl-ardupilot-usb-loopback")
+    with pytest.raises(UserError, match=rf"^autopilot.parameters.{name} = 0: autopilot.bridge.sensors = hil needs"):
+        launch(program, "hitl-ardupilot-usb-loopback", f"autopilot.parameters.{name}=0")

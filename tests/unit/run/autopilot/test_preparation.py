@@ -36,9 +36,12 @@ class Orders:
     def __init__(self) -> None:
         self.asked = 0
         self.waits_for = ""
+        self.problem = ""
 
     def update(self, sim_ns: int) -> None:
         self.asked += 1
+        if self.problem:
+            raise UserError(self.problem)
 
     def take(self, message: Any) -> None:
         pass
@@ -61,6 +64,7 @@ class Case:
             moored,
             "tcp://127.0.0.1:5760",
             heartbeat_s=1.0,
+            complained=lambda: "; the bridge said: the script says nothing",
         )
 
     def hear(self, message: Any) -> None:
@@ -89,9 +93,11 @@ def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
     assert case.orders.asked == 0
     case.hear(dialect.MAVLink_mission_ack_message(255, 190, dialect.MAV_MISSION_ACCEPTED, 0))
     case.preparation.update(4 * SECOND)
-    assert case.preparation.done
     assert case.orders.asked == 1
     assert case.waits_for() == "the autopilot to become ready to arm"
+    case.orders.problem = "gave up after 60 s"
+    with pytest.raises(UserError, match=r"^gave up after 60 s; the bridge said: the script says nothing$"):
+        case.preparation.update(5 * SECOND)
 
 
 def test_the_vessel_is_let_go_when_it_arms_and_not_held_again() -> None:
