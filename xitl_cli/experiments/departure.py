@@ -81,7 +81,7 @@ def measure(
     for environment in ENVIRONMENTS:
         for sensors, base in WAYS.items():
             name = f"{environment}-{sensors}"
-            profile = _write_profile(out / f"{name}.yaml", base, environment)
+            profile = _write_profile(out / f"{name}.yaml", base, environment, overwrite)
             given = {"autopilot.firmware": firmware, "clock.seed": seed, "clock.duration_s": duration_s}
             overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
             result = make_run(load_profile(str(profile), overrides), out / name, overwrite, NoView)
@@ -124,7 +124,7 @@ def _departure(environment: str, sensors: str, profile: str, result: Result) -> 
     )
 
 
-def _write_profile(path: Path, base: str, environment: str) -> Path:
+def _write_profile(path: Path, base: str, environment: str, overwrite: bool) -> Path:
     text = (
         f"# Section 4.2 of the paper: {ENVIRONMENTS[environment]}.\n"
         f"extends: [{base}, environments/{environment}]\n"
@@ -132,6 +132,8 @@ def _write_profile(path: Path, base: str, environment: str) -> Path:
         "autopilot: {moored_until_armed: false}\n"
     )
     try:
+        if not overwrite and path.exists() and path.read_text(encoding="utf-8") != text:
+            raise UserError(f"{path}: exists, and is another profile; choose another --out or add --overwrite")
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:

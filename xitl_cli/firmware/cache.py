@@ -12,7 +12,7 @@ import platform
 import re
 import struct
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +118,11 @@ def read_record(at: Path) -> Record:
         return Record()
     if not isinstance(read, dict):
         return Record()
-    known = {field.name: read[field.name] for field in fields(Record) if field.name in read}
-    return Record(**{**known, "verified": tuple(known.get("verified", ()))})
+    defaults = asdict(Record())
+    known = {name: value for name, value in read.items() if name in defaults and type(value) is type(defaults[name])}
+    verified = read.get("verified")
+    checked = tuple(map(str, verified)) if isinstance(verified, list) else ()
+    return Record(**{**known, "verified": checked})
 
 
 def record_text(record: Record) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -18,7 +19,8 @@ CHUNK_BYTES = 1 << 16
 ATTEMPTS = 5
 MOST_BYTES = 500_000_000
 PAUSE_S = 1.0
-_CONTENT_RANGE = re.compile(r"bytes (\d+)-\d+/(\d+|\*)")
+_LENGTH = re.compile(r"[0-9]{1,18}")
+_CONTENT_RANGE = re.compile(r"bytes ([0-9]{1,18})-[0-9]{1,18}/([0-9]{1,18}|\*)")
 _RANGED, _WHOLE = 206, 200
 
 Progress = Callable[[int, int | None], None]
@@ -76,11 +78,13 @@ def download(
     known_etag: str = "",
     accept: Callable[[Path], None] = lambda part: None,
     pause_s: float = PAUSE_S,
+    anew: bool = False,
 ) -> Downloaded:
     """Bring a URL to a path. `accept` sees the whole file before it gets its name, and may refuse it by raising.
 
-    `known_etag` of the version that is there already makes the server say so instead of sending it again. A connection
-    that breaks is tried `ATTEMPTS` times, as long as each brings something; what is here then stays for the next call.
+    `anew` drops what an earlier attempt left. `known_etag` of the version that is there already makes the server say so
+    instead of sending it again. A connection that breaks is tried `ATTEMPTS` times, as long as each brings something;
+    what is here then stays for the next call.
     Raises UnreachableError, RefusedError, or UserError when this machine cannot keep the file; what `accept` raises
     goes through, and what was downloaded is dropped.
     """
@@ -91,7 +95,10 @@ def download(
         with part_path.open("ab") as file:
             _alone(file, part_path)
             part = _Part(url, file, notes)
-            part.recall()
+            if anew:
+                part.restart("")
+            else:
+                part.recall()
             got = _attempts(part, progress, known_etag, pause_s)
             if got.unchanged:
                 _drop(part_path, notes)
@@ -193,7 +200,7 @@ def _total(answer: web.Answer, start: int) -> int | None:
 
 def _length(answer: web.Answer) -> int | None:
     told = _header(answer, "Content-Length")
-    return int(told) if told.isdigit() else None
+    return int(told) if _LENGTH.fullmatch(told) else None
 
 
 def _header(answer: web.Answer, name: str) -> str:
@@ -202,9 +209,13 @@ def _header(answer: web.Answer, name: str) -> str:
 
 
 def _alone(file: IO[bytes], path: Path) -> None:
+    """Lock it, as long as it still has its name: another xitl that has just finished gave it that of the whole file."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        here = path.stat().st_ino == os.fstat(file.fileno()).st_ino
     except OSError:
+        here = False
+    if not here:
         raise UserError(f"{path}: another xitl is downloading it; wait for it, or end it") from None
 
 

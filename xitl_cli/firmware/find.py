@@ -41,18 +41,9 @@ def _checked(path: Path) -> Path:
         raise UserError(f"autopilot.firmware: {path} does not exist; check the path, or use `find`")
     if not os.access(path, os.X_OK):
         raise UserError(f"autopilot.firmware: {path} is not executable; run `chmod +x {path}`")
-    if not (runs_here(path) or _is_script(path)):
+    if not runs_here(path):
         raise UserError(
             f"autopilot.firmware: {path} is no program for this machine's processor; "
             "use one that is, for instance of `xitl firmware get rover`"
         )
     return path.absolute()
-
-
-def _is_script(path: Path) -> bool:
-    """A script that starts the program with something around it."""
-    try:
-        with path.open("rb") as file:
-            return file.read(2) == b"#!"
-    except OSError:
-        return False

@@ -67,15 +67,12 @@ def get(
 def _get(at: server.Place, here: Kept | None, force: bool, progress: Progress, pause_s: float) -> Got:
     about = server.about(at)
     to = cache.folder(at.vehicle, at.version, at.board)
-    if force:
-        for name in cache.names(at.vehicle, at.board):
-            (to / (name + ".part")).unlink(missing_ok=True)
     for name in cache.names(at.vehicle, at.board):
         etag = (
             here.record.etag if here is not None and here.file.name == name and here.record.url == at.url + name else ""
         )
         try:
-            return _get_file(at, about, to / name, etag, progress, pause_s)
+            return _get_file(at, about, to / name, etag, force, progress, pause_s)
         except web.RefusedError as error:
             if error.status != web.NOT_FOUND:
                 raise
@@ -83,7 +80,9 @@ def _get(at: server.Place, here: Kept | None, force: bool, progress: Progress, p
     raise server.missing(at)
 
 
-def _get_file(at: server.Place, about: server.About, to: Path, etag: str, progress: Progress, pause_s: float) -> Got:
+def _get_file(
+    at: server.Place, about: server.About, to: Path, etag: str, force: bool, progress: Progress, pause_s: float
+) -> Got:
     url = at.url + to.name
     published = web.text(url + _CHECKSUM_SUFFIX)
     checked: list[str] = []
@@ -97,7 +96,7 @@ def _get_file(at: server.Place, about: server.About, to: Path, etag: str, progre
         if not image:
             part.chmod(0o755)
 
-    done: Downloaded = download(url, to, progress, etag, accept, pause_s)
+    done: Downloaded = download(url, to, progress, etag, accept, pause_s, anew=force)
     if done.unchanged:
         kept = _at(at.vehicle, at.version, at.board)
         assert kept is not None

@@ -45,8 +45,13 @@ class Answer:
         self._body = body
 
     def read(self, most: int) -> bytes:
-        """At most so many bytes, empty at the end. Raises one of `CUT` when the connection breaks."""
-        return self._body.read(most)
+        """At most so many bytes, empty at the end. Raises one of `CUT` when the connection breaks, however it does."""
+        try:
+            return self._body.read(most)
+        except CUT:
+            raise
+        except OSError as error:
+            raise ConnectionError(error.errno, error.strerror) from error
 
     def close(self) -> None:
         """Give the connection back."""

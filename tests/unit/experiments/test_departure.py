@@ -71,6 +71,16 @@ def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
         measure(tmp_path / "taken" / "deeper", make_run=runs([]))
 
 
+def test_a_profile_of_somebody_s_own_is_not_written_over(tmp_path: Path) -> None:
+    own = tmp_path / "calm-own.yaml"
+    own.write_text("extends: sitl\n")
+    with pytest.raises(UserError, match=r"calm-own.yaml: exists, and is another profile; .* --overwrite"):
+        measure(tmp_path, make_run=runs([]))
+    assert own.read_text() == "extends: sitl\n"
+    measure(tmp_path, overwrite=True, make_run=runs([]))
+    measure(tmp_path, make_run=runs([]))  # its own from an earlier time are fine
+
+
 def invoke(monkeypatch: pytest.MonkeyPatch, make_run: Callable[..., Result], *words: str) -> tuple[int, str]:
     from xitl_cli.main import _app
 

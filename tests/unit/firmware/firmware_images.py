@@ -46,8 +46,8 @@ def crc32_from_zero(data: bytes) -> int:
     return state
 
 
-def image(commit: str = COMMIT, size: int = 3000, damaged: bool = False) -> bytes:
-    """A board's image with its descriptor."""
+def image(commit: str = COMMIT, size: int = 3000, damaged: bool = False, more: int = 0) -> bytes:
+    """A board's image with its descriptor. `more`: bytes that it is said to have besides."""
     before, after = b"\x11\x22\x33" * 100 + DESCRIPTOR, bytes(range(256)) * (size // 256)
     whole = len(before) + 16 + len(after)
     described = struct.pack("<IIII", crc32_from_zero(before), crc32_from_zero(after), whole, int(commit[:8], 16))
@@ -59,7 +59,7 @@ def image(commit: str = COMMIT, size: int = 3000, damaged: bool = False) -> byte
             "board_id": 53,
             "magic": "APJFWv1",
             "image": base64.b64encode(zlib.compress(bytes(raw))).decode(),
-            "image_size": len(raw),
+            "image_size": len(raw) + more,
             "git_identity": commit[:8],
         }
     ).encode()

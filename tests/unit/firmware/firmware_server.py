@@ -17,14 +17,16 @@ class FirmwareServer:
     """What it serves, and how.
 
     files: by path. moved: redirections by path. cuts: after so many bytes of a file's body the connection is closed,
-    one entry for each answer until none is left. pretend_length: a Content-Length beside the truth. ranges, etags: what
-    it can do. asked: the requests so far, as (path, Range, status).
+    one entry for each answer until none is left. pretend_length: a Content-Length beside the truth. pretend_start: a
+    range is said to start so many bytes later than asked. ranges, etags: what it can do. asked: the requests so far, as
+    (path, Range, status).
     """
 
     files: dict[str, bytes] = field(default_factory=dict)
     moved: dict[str, str] = field(default_factory=dict)
     cuts: list[int] = field(default_factory=list)
-    pretend_length: int | None = None
+    pretend_length: int | str | None = None
+    pretend_start: int = 0
     ranges: bool = True
     etags: bool = True
     dates: bool = False
@@ -78,7 +80,7 @@ def served(server: FirmwareServer) -> Iterator[FirmwareServer]:
                 if start >= len(body):
                     self._answer(416, b"", {"Content-Range": f"bytes */{len(body)}"}, asked_range)
                     return
-                headers["Content-Range"] = f"bytes {start}-{len(body) - 1}/{len(body)}"
+                headers["Content-Range"] = f"bytes {start + server.pretend_start}-{len(body) - 1}/{len(body)}"
             self._answer(206 if start else 200, body[start:], headers, asked_range, cuttable=len(body) > 200)
 
         def _answer(

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import errno
+import io
 import json
 import os
 import socket
 from pathlib import Path
+from typing import Any
 
 import pytest
 from firmware_images import COMMIT, image, program
@@ -11,7 +14,7 @@ from firmware_server import FirmwareServer
 from typer.testing import CliRunner
 
 from xitl_cli.errors import UserError
-from xitl_cli.firmware import cache
+from xitl_cli.firmware import cache, download, web
 from xitl_cli.firmware.get import Got
 from xitl_cli.firmware.get import get as get_firmware
 
@@ -99,6 +102,13 @@ def test_force_downloads_again_from_the_start(server: FirmwareServer, cache_at: 
     get(server, "4.6.3")
     assert get(server, "4.6.3", force=True).fresh
 
+    server.cuts = [120_000] + [0] * 20
+    with pytest.raises(UserError):
+        get(server)
+    server.cuts = []
+    assert get(server, force=True).resumed == 0
+    assert server.bodies(SITL)[-1] == ("", 200)
+
 
 # Bad days of the network
 
@@ -159,6 +169,37 @@ def test_a_part_that_is_longer_than_the_file_is_dropped(server: FirmwareServer, 
 def test_a_length_that_is_not_the_file_s_is_refused(server: FirmwareServer, cache_at: Path, pretended: int) -> None:
     server.pretend_length = pretended
     with pytest.raises(UserError):
+        get(server)
+    assert cache.kept() == []
+
+
+@pytest.mark.parametrize("pretended", [600_000_000, "2" * 30, "\xb2"])
+def test_what_is_larger_than_any_firmware_is_not_begun(
+    server: FirmwareServer, cache_at: Path, pretended: int | str
+) -> None:
+    server.pretend_length = pretended
+    if isinstance(pretended, int):
+        with pytest.raises(UserError, match="has 600000000 bytes, which is no firmware"):
+            get(server)
+        assert (cache_at / "firmware/rover/stable/sitl/ardurover.part").stat().st_size == 0
+    else:  # a length that is none is not believed; the file says itself that it is whole
+        assert get(server).kept.file.read_bytes() == program()
+
+
+def test_what_does_not_end_is_broken_off(
+    server: FirmwareServer, cache_at: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(download, "MOST_BYTES", 200_000)
+    server.pretend_length = ""
+    with pytest.raises(UserError, match="does not end, which is no firmware"):
+        get(server)
+
+
+def test_another_range_than_was_asked_for_is_not_put_behind_what_is_here(
+    server: FirmwareServer, cache_at: Path
+) -> None:
+    server.cuts, server.pretend_start = [100_000], 5
+    with pytest.raises(UserError, match="sends another part than was asked for; use --force"):
         get(server)
     assert cache.kept() == []
 
@@ -243,6 +284,7 @@ def test_an_unknown_vehicle(server: FirmwareServer, cache_at: Path) -> None:
         (SITL, "sitl", program(40), "for another processor than x86-64"),
         (PIXHAWK, "Pixhawk6X", image(damaged=True), "the CRC-32 of its image are not those in its descriptor"),
         (PIXHAWK, "Pixhawk6X", image()[:-50], "it is no firmware image"),
+        (PIXHAWK, "Pixhawk6X", image(more=4), "its image has 3140 bytes where it says 3144"),
     ],
 )
 def test_a_file_that_is_none_is_refused_and_dropped(
@@ -287,8 +329,41 @@ def test_a_second_download_at_the_same_time_is_refused(server: FirmwareServer, c
     part.parent.mkdir(parents=True)
     with part.open("ab") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
+        for force in (False, True):
+            with pytest.raises(UserError, match="another xitl is downloading it"):
+                get(server, force=force)
+        assert part.exists()
+
+
+def test_what_another_has_finished_meanwhile_is_left_alone(server: FirmwareServer, cache_at: Path) -> None:
+    """Between opening the part and locking it, the other one gave it its name and let go."""
+    import fcntl
+
+    whole = cache_at / "firmware/rover/stable/sitl/ardurover"
+    part = whole.with_name("ardurover.part")
+    whole.parent.mkdir(parents=True)
+    part.write_bytes(program())
+    lock = fcntl.flock
+
+    def finished(file: Any, operation: int) -> None:
+        part.rename(whole)
+        lock(file, operation)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fcntl, "flock", finished)
         with pytest.raises(UserError, match="another xitl is downloading it"):
             get(server)
+    assert whole.read_bytes() == program()
+
+
+@pytest.mark.parametrize("kind", [OSError, ConnectionResetError, TimeoutError])
+def test_however_a_connection_breaks_it_is_no_trouble_with_the_disk(kind: type[OSError]) -> None:
+    class Body(io.BytesIO):
+        def read(self, size: int | None = -1) -> bytes:
+            raise kind(errno.EHOSTUNREACH, "No route to host")
+
+    with web.Answer(200, {}, "http://a", Body()) as answer, pytest.raises(web.CUT):
+        answer.read(1)
 
 
 # The cache
@@ -323,12 +398,15 @@ def test_a_program_that_was_put_there_by_hand_counts(cache_at: Path) -> None:
     assert cache.runs_here(by_hand) == (os.uname().machine == "x86_64")
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"version": "4.6.3", "new key": 1}', "not json"])
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"version": "4.6.3", "new key": null}', "not json", '{"git": 4, "verified": 5, "size": "big"}']
+)
 def test_a_record_that_cannot_be_read_is_no_error(cache_at: Path, text: str) -> None:
     at = cache.folder("rover", "stable", "sitl")
     at.mkdir(parents=True)
     (at / cache.RECORD).write_text(text)
-    assert cache.read_record(at).git == ""
+    record = cache.read_record(at)
+    assert (record.git, record.verified, record.size) == ("", (), 0)
 
 
 def test_the_cache_is_where_the_user_s_caches_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -65,7 +65,7 @@ def test_one_that_dies_tells_how_and_its_last_words(tmp_path: Path) -> None:
 def test_one_that_does_not_heed_is_killed_with_what_it_started(tmp_path: Path) -> None:
     body = (
         "signal.signal(signal.SIGTERM, signal.SIG_IGN)\nimport subprocess\n"
-        "child = subprocess.Popen(['sleep', '60'])\nprint('child', child.pid, flush=True)\ntime.sleep(60)"
+        "child = subprocess.Popen(['sleep', '600'])\nprint('child', child.pid, flush=True)\ntime.sleep(600)"
     )
     process = FirmwareProcess(script(tmp_path / "rover", body), [], tmp_path)
     assert process.wait_for("child", timeout_s=10)
