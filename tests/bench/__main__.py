@@ -15,6 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from tests.bench import bench_ardupilot
 from tests.bench.bench_ground import attitude_gap_ms, parameter_list_s
 from tests.bench.bench_link import agent_cpu_percent, lost_messages, round_trip_ratios
 from tests.bench.bench_vessel_step import median_step_us
@@ -28,7 +29,18 @@ def main() -> None:
         values = measure()
         cells = (statistics.median(values), min(values), max(values))
         table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))
+    if bench_ardupilot.available():
+        measured = bench_ardupilot.factors()
+        for name, wanted, unit, values in (
+            ("sitl-ardupilot at 1200 frames a second", ">= 12", "x real time", measured.run),
+            ("the same, of a bare echo of the frames", ">= 0.5", "x", measured.ratios),
+            ("of an echo on one processor with ArduPilot", "", "x", measured.close_ratios),
+        ):
+            cells = (statistics.median(values), min(values), max(values))
+            table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))
     Console(width=110).print(table)
+    if not bench_ardupilot.available():
+        print("sitl-ardupilot was not measured: no ardurover on the PATH, in the cache, or named by XITL_ARDUROVER")
 
 
 def real_time_factors() -> list[float]:

@@ -21,7 +21,8 @@ FAIL, FAIL_ERRNO, INVALID_SESSION, FILE_EXISTS, FILE_NOT_FOUND = 1, 2, 4, 8, 10
 class FtpVehicle:
     """files: contents by path. lose: every so many requests and answers are lost. busy: a session that is not ours.
 
-    no_card: its file system fails. spoil: what it writes comes out damaged. done: operations that it carried out.
+    late: before each answer comes that to the request before. no_card: its file system fails. spoil: what it writes
+    comes out damaged. done: operations that it carried out.
     """
 
     folders: set[str] = field(default_factory=set)
@@ -31,10 +32,16 @@ class FtpVehicle:
     no_card: bool = False
     spoil: bool = False
     deaf: bool = False
+    late: bool = False
     done: list[int] = field(default_factory=list)
     _open: tuple[int, str] | None = None
     _last: tuple[int, int, bytes] | None = None
     _count: int = 0
+
+    @property
+    def latest(self) -> bytes | None:
+        """Its latest answer."""
+        return None if self._last is None else self._last[2]
 
     def answer(self, request: bytes) -> bytes | None:
         """The payload of its answer, None for silence."""
@@ -122,7 +129,7 @@ def _serve(server: socket.socket, vehicle: FtpVehicle, stop: threading.Event) ->
         except TimeoutError:
             continue
         with peer:
-            peer.settimeout(0.02)
+            peer.settimeout(0.004)
             _talk(peer, vehicle, stop)
 
 
@@ -142,6 +149,7 @@ def _talk(peer: socket.socket, vehicle: FtpVehicle, stop: threading.Event) -> No
             return
         for message in codec.parse_buffer(bytearray(data)) or []:
             if message.get_type() == "FILE_TRANSFER_PROTOCOL":
-                reply = vehicle.answer(bytes(message.payload))
-                if reply is not None:
-                    peer.sendall(mav.MAVLink_file_transfer_protocol_message(0, 254, 191, reply).pack(codec))
+                before, reply = vehicle.latest, vehicle.answer(bytes(message.payload))
+                for payload in (before if vehicle.late else None, reply):
+                    if payload is not None:
+                        peer.sendall(mav.MAVLink_file_transfer_protocol_message(0, 254, 191, payload).pack(codec))

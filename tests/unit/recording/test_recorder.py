@@ -29,6 +29,7 @@ from xitl_cli.recording.records import (
     Takeover,
     Task,
 )
+from xitl_cli.recording.schemas import BRIDGE_COUNTS
 
 
 def motion(north: float = 3.0) -> Kinematics:
@@ -164,6 +165,16 @@ def test_what_a_board_and_its_link_report_reads_back(tmp_path: Path) -> None:
     assert bytes(topics["/link/standby/tx"][0].frame) == b"\xfd1"
     assert bytes(topics["/link/standby/rx"][0].frame) == b"\xfd2"
     assert not {"/link/agent/tx", "/link/agent/rx"} & topics.keys()
+
+
+def test_the_counts_of_a_bridge_read_back_by_name(tmp_path: Path) -> None:
+    counts = {name: 10 + number for number, name in enumerate(BRIDGE_COUNTS)}
+    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder.bridge(7, counts)
+    recorder.close()
+    ((stamp_ns, bridge),) = read_all(tmp_path / "run.mcap")["/bridge"]
+    assert stamp_ns == 7
+    assert {name: getattr(bridge, name) for name in BRIDGE_COUNTS} == counts
 
 
 def test_a_frame_keeps_when_it_was_sent_beside_when_it_came(tmp_path: Path) -> None:

@@ -153,6 +153,7 @@ def test_pitch_period() -> None:
     assert period_s(pitch, 0.0025) == pytest.approx(2.0 * np.pi / omega, rel=4e-3)
 
 
+@pytest.mark.slow
 def test_a_drifting_vessel_ends_with_the_current() -> None:
     environment = Environment(water=Water(density_kgpm3=DENSITY), current=UniformCurrent(0.7, 60.0))
     simulation = Simulation.of(replace(FULL, wind=BARE.wind), environment, 0.01)
@@ -188,6 +189,7 @@ def energies_j(simulation: Simulation, motions: list[Kinematics]) -> tuple[np.nd
     return potential + [0.5 * v @ mass @ v for v in nu], potential
 
 
+@pytest.mark.slow
 def test_energy_is_conserved_without_damping() -> None:
     """In roll, heave and sway; pitch takes the centre of buoyancy at rest, which is good to second order only."""
     simulation = Simulation.of(FRICTIONLESS, CALM, 0.0005)
@@ -252,6 +254,7 @@ def test_an_imu_can_integrate_what_the_vessel_does() -> None:
     assert np.std(gyro[:, 1]) > 0.02  # the sea did move it
 
 
+@pytest.mark.slow
 def test_a_froude_scaled_vessel_moves_alike() -> None:
     """A quarter of the length in half the time, through waves, current and wind: holds only if every term does."""
     tracks = []

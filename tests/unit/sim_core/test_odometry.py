@@ -42,6 +42,15 @@ def test_drift_grows_with_the_root_of_time_and_it_says_how_far() -> None:
     assert math.degrees(sample.yaw_deviation_rad[0]) == pytest.approx(2.0)
 
 
+def test_the_first_sample_has_not_wandered_yet() -> None:
+    odometry = Odometry(rate_hz=1.0, drift_mprts=5.0, yaw_drift_degprts=40.0)
+    rng = np.random.default_rng(5)
+    _, sample = odometry.measure(odometry.initial(50, rng), at_rest(50), rng)
+    np.testing.assert_allclose(sample.pos_local_m, 0.0, atol=1e-12)
+    np.testing.assert_allclose(sample.quat_local_frd[:, 3], 0.0, atol=1e-12)
+    assert (sample.position_deviation_m[0], sample.yaw_deviation_rad[0]) == (0.0, 0.0)
+
+
 def test_white_noise_is_that_of_the_configuration() -> None:
     rng = np.random.default_rng(4)
     odometry = Odometry(position_noise_m=0.05, velocity_noise_mps=0.02, attitude_noise_deg=0.3, rate_noise_radps=0.01)
@@ -50,6 +59,9 @@ def test_white_noise_is_that_of_the_configuration() -> None:
     assert sample.vel_frd_mps.std() == pytest.approx(0.02, rel=0.03)
     assert sample.gyro_frd_radps.std() == pytest.approx(0.01, rel=0.03)
     assert np.degrees(2.0 * sample.quat_local_frd[:, 1:]).std() == pytest.approx(0.3, rel=0.03)
+    kinds = [sample.pos_local_m, sample.vel_frd_mps, sample.gyro_frd_radps, sample.quat_local_frd[:, 1:]]
+    related = np.corrcoef(np.concatenate(kinds, axis=1), rowvar=False) - np.eye(12)
+    assert np.abs(related).max() < 0.07  # 4.4 sigma of 4000 independent draws
 
 
 def test_what_cannot_be_is_refused_by_name() -> None:

@@ -45,6 +45,20 @@ def test_through_air_it_meets_the_surface_and_looking_up_nothing() -> None:
     assert np.isinf(measured(Rangefinder(bed_down_m=20.0, direction_frd=(1.0, 0.0, 0.0)))[0])
 
 
+def test_only_the_direction_counts_not_its_length() -> None:
+    walls = Walls.of([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 40.0)])
+    assert measured(Rangefinder(bed_down_m=20.0, direction_frd=(0.0, 0.0, 7.0)))[0] == pytest.approx(20.0)
+    slanted = Rangefinder(bed_down_m=90.0, walls=walls, direction_frd=(3.0, 3.0, 0.0))
+    assert measured(slanted)[0] == pytest.approx(30.0 * math.sqrt(2.0))
+
+
+def test_a_unit_beyond_its_plane_reads_nothing_and_noise_nothing_below() -> None:
+    below = Rangefinder(bed_down_m=20.0, through="air", position_frd_m=(0.0, 0.0, 0.4))
+    assert measured(below)[0] == 0.0
+    noisy = Rangefinder(bed_down_m=0.0, noise_m=0.5)
+    assert min(measured(noisy, seed=seed)[0] for seed in range(20)) == 0.0
+
+
 def test_a_wall_ahead_is_met_before_the_bed() -> None:
     walls = Walls.of([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 40.0)])
     ahead = Rangefinder(bed_down_m=20.0, walls=walls, direction_frd=(1.0, 0.0, 0.0))

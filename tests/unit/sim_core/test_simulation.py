@@ -107,6 +107,7 @@ def test_shapes_and_unit_quaternions() -> None:
     assert len({*state.elevation_m}) <= 5
 
 
+@pytest.mark.slow
 def test_a_storm_stays_finite_and_capsizes_nobody() -> None:
     """Hulls that dive and leave the water under any command: 64 vessels, 20 s each, waves as high as the hulls."""
     water = Water()

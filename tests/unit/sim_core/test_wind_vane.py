@@ -81,6 +81,14 @@ def test_noise_steps_and_full_scale() -> None:
     assert sample.speed_mps[0] == 5.0
 
 
+def test_from_astern_the_direction_stays_within_half_a_turn() -> None:
+    rng = np.random.default_rng(6)
+    noisy = WindVane(direction_noise_deg=10.0)
+    _, sample = noisy.measure(WindVaneState(), at_rest(400), air(4.0, 0.0, 400), rng)
+    assert np.all((sample.direction_rad > -math.pi) & (sample.direction_rad <= math.pi))
+    assert 0.3 < (sample.direction_rad > 0.0).mean() < 0.7
+
+
 def test_what_cannot_be_is_refused_by_name() -> None:
     with pytest.raises(ValueError, match=r"wind_vane.response_s = -1.0"):
         WindVane(response_s=-1.0)
