@@ -29,7 +29,7 @@ test: $(VENV)/.dev  ## all tests
 	$(BIN)/python -m pytest
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
-	$(BIN)/python -m pytest -m "not slow" -n auto
+	PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -m "not slow" -n auto
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
