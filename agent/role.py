@@ -1,4 +1,4 @@
-"""What a node is there for: the embedded autopilot, or a companion computer."""
+"""What a node is there for: the embedded autopilot, a bridge to another one, or a companion computer."""
 
 from __future__ import annotations
 
@@ -28,10 +28,12 @@ class Traffic(NamedTuple):
 class Role:
     """The node calls; instants are of the clock of the run, which between runs is this machine's.
 
-    title: for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: how often `telemetry` is asked.
+    title: for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: how often `telemetry` is asked. others: who
+    is at `addresses`.
     """
 
     title: str
+    others = "ground stations"
     nodes: str
     telemetry_hz: float
 

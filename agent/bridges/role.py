@@ -43,6 +43,7 @@ class BridgeRole(Role):
     """
 
     title = "bridge to an autopilot"
+    others = "autopilot"
     nodes = "LS,LC,LA"
     telemetry_hz = TELEMETRY_HZ
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Xitl, assert_one_line_error, command, environment, summary
 
 from tests.ardupilot import find_ardurover
-from tests.e2e.conftest import Xitl, assert_one_line_error, command, environment, summary
 
 pytestmark = [pytest.mark.slow, pytest.mark.ardupilot]
 
@@ -113,9 +113,10 @@ def test_a_parameter_that_it_does_not_have_ends_the_run(xitl: Xitl) -> None:
 def test_an_external_one_that_is_not_there_is_missed_with_its_address(xitl: Xitl, free_port: int) -> None:
     there = [f"autopilot.bridge.mavlink=tcp://127.0.0.1:{free_port}", "autopilot.firmware=external"]
     world = f"autopilot.bridge.world=udp://127.0.0.1:{free_port}"
-    overrides = [word for text in (*there, world, "autopilot.silent_s=2") for word in ("--set", text)]
+    patience = ("autopilot.connect_timeout_s=2", "autopilot.silent_s=2")
+    overrides = [word for text in (*there, world, *patience) for word in ("--set", text)]
     result = xitl("sim", *SITL, *overrides, "--out", "run")
-    assert_one_line_error(result, f"tcp://127.0.0.1:{free_port}", "silent for")
+    assert_one_line_error(result, f"udp://127.0.0.1:{free_port}", "no autopilot asked for the world there in 2 s")
 
 
 def test_one_that_is_killed_under_way_ends_the_run_and_keeps_the_recording(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def deploy(
     destination: Destination,
     service: Annotated[bool, typer.Option("--service", help="Have systemd start it now and at each boot.")] = False,
     link: Annotated[str | None, typer.Option(metavar="URL", help="Where the agent waits for the host.")] = None,
-    role: Annotated[str | None, typer.Option(help="fcu or companion.")] = None,
+    role: Annotated[str | None, typer.Option(help="fcu, companion or bridge.")] = None,
     gcs: Annotated[list[str] | None, typer.Option(metavar="URL", help="Ground station of the agent.")] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Options of the agent, see --config there.")
