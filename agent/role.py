@@ -28,8 +28,8 @@ class Traffic(NamedTuple):
 class Role:
     """The node calls; instants are of the clock of the run, which between runs is this machine's.
 
-    title: for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: how often `telemetry` is asked. others: who
-    is at `addresses`.
+    title: for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: how often `telemetry` is asked. others:
+    who is at `addresses`.
     """
 
     title: str
