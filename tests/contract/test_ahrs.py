@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -174,8 +175,10 @@ def test_in_lockstep_a_real_ekf_works_on_our_sensors(tmp_path: Path) -> None:
     """VectorNav and JSON world together: aligned, on GNSS, and right, in less than real time."""
     port = free_port()
     values = parameters("rover-vectornav.parm", "rover-no-simulated-sensors.parm")
-    world = JsonWorld("udp://127.0.0.1:0", lambda: None)
-    with Rover(tmp_path, values, world.address, {3: f"tcp:{port}:wait"}) as rover:
+    with (
+        closing(JsonWorld("udp://127.0.0.1:0", lambda: None)) as world,
+        Rover(tmp_path, values, world.address, {3: f"tcp:{port}:wait"}) as rover,
+    ):
         unit = VectorNav(open_line(f"tcp://127.0.0.1:{port}"))
         units = (unit, world)
         for each in units:
@@ -200,7 +203,6 @@ def test_in_lockstep_a_real_ekf_works_on_our_sensors(tmp_path: Path) -> None:
             seen = watcher.look(at_s)
         watcher.close()
         unit.close()
-    world.close()
     assert any("EKF3 IMU0 is using GPS" in text for text in watcher.texts), watcher.texts
     assert seen.euler_deg == pytest.approx((5.0, -3.0, 40.0), abs=1.0)
     assert seen.solution_vel_ned_mps == pytest.approx(VEL_NED_MPS, abs=0.1)
