@@ -91,7 +91,7 @@ class HilMessages(Injector):
             self._say(
                 _WARNING,
                 "the script on the autopilot says nothing; set SCR_ENABLE 1 and bring it there: "
-                "xitl params push rover-hil VEHICLE --with-script --reboot",
+                "xitl params push PROFILE VEHICLE --with-script --reboot",
             )
         elif self._silent and not silent:
             self._say(_NOTICE, "the script on the autopilot is heard")

@@ -263,7 +263,7 @@ def test_a_silent_script_is_said_once_and_again_when_it_is_heard(bridge: Bridge)
         bridge.imu(at_ns)
     (said,) = bridge.said
     assert said[0] == 4
-    assert "set SCR_ENABLE 1 and bring it there: xitl params push rover-hil" in said[1]
+    assert "set SCR_ENABLE 1 and bring it there: xitl params push PROFILE" in said[1]
     assert not bridge.injector.counts.script_answers
     bridge.script(3 * SILENT_NS, **{"in": 1, "hs": 1})
     assert bridge.said[1] == (5, "the script on the autopilot is heard")
