@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# What some tests need beside Python: an ssh server, network namespaces, an ARM emulator, systemd-analyze, Lua. As root on Debian
+# What some tests need beside Python: an ssh server, network namespaces, an ARM emulator, systemd-analyze, Lua, a browser. As root on Debian
 # or Ubuntu, install what is missing; elsewhere say so, and those tests skip. No service is started.
 set -euo pipefail
 declare -A package_of=(
     [ssh]=openssh-client [sshd]=openssh-server [ip]=iproute2 [lua5.3]=lua5.3 [qemu-arm-static]=qemu-user-static
-    [systemd-analyze]=systemd
+    [systemd-analyze]=systemd [chromium]=chromium
 )
 PATH=$PATH:/usr/sbin:/sbin
 missing=()
