@@ -1,0 +1,70 @@
+"""A log made of arrays, for tests of what reads any log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.table import ALL, Column, Rows
+
+
+class MadeTable:
+    """Columns as given; `instance` names one of them."""
+
+    def __init__(
+        self,
+        name: str,
+        stamp_ns: ArrayLike,
+        values: Mapping[str, ArrayLike],
+        instance: str | None = None,
+        units: Mapping[str, str] = MappingProxyType({}),
+        place: ArrayLike | None = None,
+    ) -> None:
+        self.name, self.instance = name, instance
+        self.stamp_ns: NDArray[np.int64] = np.asarray(stamp_ns, dtype=np.int64)
+        self.place = np.arange(len(self.stamp_ns)) if place is None else np.asarray(place, dtype=np.int64)
+        self._values = {column: np.asarray(each) for column, each in values.items()}
+        self.columns = {
+            column: Column(
+                column,
+                units.get(column, ""),
+                kind={"U": "text", "O": "bytes"}.get(each.dtype.kind, "number"),  # type: ignore[arg-type]
+                shape=each.shape[1:],
+            )
+            for column, each in self._values.items()
+        }
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
+        found: NDArray[Any] = self._values[column][rows]
+        return found
+
+
+class MadeLog:
+    def __init__(
+        self, *tables: MadeTable, kind: Format = "dataflash", base: Base = "boot", path: str = "made.bin"
+    ) -> None:
+        self.path, self.format, self.base = Path(path), kind, base
+        self.tables = {table.name: table for table in sorted(tables, key=lambda table: table.name)}
+        self.health = Health(0, sum(len(table) for table in tables))
+        self.facts: dict[str, str] = {}
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        stamps = [table.stamp_ns for table in self.tables.values() if len(table)]
+        return (min(int(one.min()) for one in stamps), max(int(one.max()) for one in stamps)) if stamps else None
+
+    def close(self) -> None: ...
+
+    def __enter__(self) -> MadeLog:
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
