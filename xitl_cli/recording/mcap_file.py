@@ -18,7 +18,13 @@ from mcap.writer import CompressionType, Writer
 from xitl_cli.errors import UserError
 
 FLUSH_INTERVAL_S = 1.0
+CHUNK_BYTES = 1 << 20
+APART_BYTES = 32 << 10
 _COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+
+_NO_CHANNEL = 0
+_Message = tuple[int, int, bytes, int]
+"""Channel, log time, payload, publish time, as Writer.add_message takes them."""
 
 
 class Log(Protocol):
@@ -30,9 +36,12 @@ class Log(Protocol):
 class McapFile:
     """Writes `path`, chunked and compressed.
 
-    `flush_if_due` closes the chunk about once a second; the file on disk always ends with a whole one, also when the
-    disk refuses a write: that is raised as UserError, once, and what comes after it is not kept. Raises UserError too
-    when the file cannot be made.
+    Messages are kept for about a second, until `flush_if_due` writes them, or until they fill a chunk. A channel that
+    has APART_BYTES by then gets a chunk of its own: who wants one topic unpacks what it shares a chunk with, and that
+    is then little. Chunks of the same second overlap in time; within a channel messages keep their order.
+
+    The file on disk always ends with a whole chunk, also when the disk refuses a write: that is raised as UserError,
+    once, and what comes after it is not kept. Raises UserError too when the file cannot be made.
     """
 
     def __init__(self, path: Path, compression: str = "lz4", now_s: Callable[[], float] = time.monotonic) -> None:
@@ -41,13 +50,16 @@ class McapFile:
         self._flushed_s = now_s()
         self._whole_bytes = 0
         self._refused_once = False
+        self._kept: list[_Message] = []
+        self._kept_bytes: dict[int, int] = {}
+        self._filled_bytes = 0
         try:
             self._file = path.open("xb")
         except OSError as error:
             raise UserError(
                 f"{path}: cannot be made ({error.strerror}); choose another directory with --out"
             ) from error
-        self._writer = Writer(self._file, compression=_COMPRESSION[compression])
+        self._writer = Writer(self._file, chunk_size=4 * CHUNK_BYTES, compression=_COMPRESSION[compression])
         self._guarded(self._writer.start, "xitl", "xitl")
         self._whole_bytes = self._file.tell()
 
@@ -70,16 +82,17 @@ class McapFile:
         self._guarded(self._writer.add_metadata, name, dict(values))
 
     def flush_if_due(self) -> None:
-        """Close the chunk and hand it to the operating system when a second has gone by."""
+        """Write what is kept and hand it to the operating system when a second has gone by."""
         now_s = self._now_s()
         if now_s - self._flushed_s >= FLUSH_INTERVAL_S:
             self._flushed_s = now_s
-            self._guarded(self._writer.flush)
+            self._guarded(self._write_kept, True)
             self._keep_whole()
 
     def close(self) -> None:
         """Write the index and close the file; after a refusal, cut it off behind the last whole chunk."""
         try:
+            self._guarded(self._write_kept, True)
             self._guarded(self._writer.finish)
             self._guarded(self._file.flush)
         finally:
@@ -93,15 +106,35 @@ class McapFile:
     def _channel(self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes) -> Log:
         schema = self._writer.register_schema(schema_name, schema_encoding, definition)
         channel = self._writer.register_channel(topic, encoding, schema)
-        add = self._writer.add_message
 
         def log(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
-            try:
-                add(channel, stamp_ns, payload, stamp_ns if sent_ns is None else max(sent_ns, 0))
-            except OSError as error:
-                self._refused(error)
+            if self._refused_once:
+                return
+            self._kept.append((channel, stamp_ns, payload, stamp_ns if sent_ns is None else max(sent_ns, 0)))
+            self._kept_bytes[channel] = self._kept_bytes.get(channel, 0) + len(payload)
+            self._filled_bytes += len(payload)
+            if self._filled_bytes >= CHUNK_BYTES:
+                self._guarded(self._write_kept, False)
 
         return log
+
+    def _write_kept(self, everything: bool) -> None:
+        """Write chunks of channels that have enough for one, and one of all others if they fill it, or `everything`."""
+        chunks: dict[int, list[_Message]] = {
+            channel: [] for channel, size in self._kept_bytes.items() if size >= APART_BYTES
+        }
+        rest: list[_Message] = []
+        for message in self._kept:
+            chunks.get(message[0], rest).append(message)
+        rest_bytes = {channel: size for channel, size in self._kept_bytes.items() if channel not in chunks}
+        if everything or sum(rest_bytes.values()) >= CHUNK_BYTES:
+            chunks[_NO_CHANNEL], rest, rest_bytes = rest, [], {}
+        self._kept, self._kept_bytes, self._filled_bytes = rest, rest_bytes, sum(rest_bytes.values())
+        close_chunk: Callable[[], None] = self._writer.flush
+        for channel in sorted(chunks):
+            for message in chunks[channel]:
+                self._writer.add_message(*message)
+            close_chunk()
 
     def _keep_whole(self) -> None:
         self._guarded(self._file.flush)

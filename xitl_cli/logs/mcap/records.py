@@ -1,0 +1,207 @@
+"""The records of MCAP 0, from bytes that may be anything."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")
+MESSAGE_HEAD = struct.Struct("<BQHIQQ")
+
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
+ATTACHMENT, ATTACHMENT_INDEX, STATISTICS, METADATA, METADATA_INDEX, SUMMARY_OFFSET, DATA_END = range(9, 16)
+
+CHUNK_FIXED = 40
+"""Bytes of a chunk's record beside the name of its compression and its data."""
+
+_CHUNK_HEAD = struct.Struct("<QQQII")
+
+
+class MalformedError(ValueError):
+    """These bytes are no such record."""
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    id: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    id: int
+    schema_id: int
+    topic: str
+    encoding: str
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkHead:
+    """A chunk's record without its data, which are `data_size` bytes `data_at` bytes behind the record's begin."""
+
+    start_ns: int
+    end_ns: int
+    unpacked_size: int
+    crc: int
+    compression: str
+    data_at: int
+    data_size: int
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkIndex:
+    """index_places: packed pairs of channel (u16) and place (u64)."""
+
+    start_ns: int
+    end_ns: int
+    place: int
+    length: int
+    index_places: bytes
+    index_length: int
+    compression: str
+    data_size: int
+    unpacked_size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    messages: int
+    chunks: int
+    start_ns: int
+    end_ns: int
+    counts: dict[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Attachment:
+    """Where the `size` bytes named `name` are."""
+
+    name: str
+    place: int
+    size: int
+
+
+class Cursor:
+    """Takes fields off the begin of bytes. Raises MalformedError when there are too few."""
+
+    def __init__(self, data: bytes, at: int = 0) -> None:
+        self.data = data
+        self.at = at
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.take(size), "little")
+
+    def text(self) -> str:
+        return self.take(self.number(4)).decode("utf-8", "replace")
+
+    def take(self, size: int) -> bytes:
+        end = self.at + size
+        if end > len(self.data):
+            raise MalformedError
+        taken = self.data[self.at : end]
+        self.at = end
+        return taken
+
+
+def header(body: bytes) -> tuple[str, str]:
+    """Profile and library."""
+    cursor = Cursor(body)
+    return cursor.text(), cursor.text()
+
+
+def footer(body: bytes) -> tuple[int, int]:
+    """Begin of the summary section (0: none), and its checksum (0: none)."""
+    if len(body) < 20:
+        raise MalformedError
+    start, _, crc = struct.unpack_from("<QQI", body)
+    return start, crc
+
+
+def schema(body: bytes) -> Schema:
+    cursor = Cursor(body)
+    return Schema(cursor.number(2), cursor.text(), cursor.text(), cursor.take(cursor.number(4)))
+
+
+def channel(body: bytes) -> Channel:
+    cursor = Cursor(body)
+    number, schema_id = cursor.number(2), cursor.number(2)
+    return Channel(number, schema_id, cursor.text(), cursor.text())
+
+
+def chunk_head(record: bytes, length: int) -> ChunkHead:
+    """Of the begin of a chunk's record, its own nine bytes included; `length` as these say."""
+    if len(record) < 9 + CHUNK_FIXED:
+        raise MalformedError
+    start_ns, end_ns, unpacked_size, crc, name_size = _CHUNK_HEAD.unpack_from(record, 9)
+    if name_size > 32:
+        raise MalformedError
+    cursor = Cursor(record, 9 + _CHUNK_HEAD.size)
+    compression = cursor.take(name_size).decode("utf-8", "replace")
+    data_size = cursor.number(8)
+    if CHUNK_FIXED + name_size + data_size > length:
+        raise MalformedError
+    return ChunkHead(start_ns, end_ns, unpacked_size, crc, compression, cursor.at, data_size)
+
+
+def chunk_index(body: bytes) -> ChunkIndex:
+    cursor = Cursor(body)
+    start_ns, end_ns, place, length = (cursor.number(8) for _ in range(4))
+    places = cursor.take(cursor.number(4))
+    if len(places) % 10:
+        raise MalformedError
+    index_length = cursor.number(8)
+    compression = cursor.text()
+    return ChunkIndex(
+        start_ns, end_ns, place, length, places, index_length, compression, cursor.number(8), cursor.number(8)
+    )
+
+
+def statistics(body: bytes) -> Statistics:
+    if len(body) < 46:
+        raise MalformedError
+    messages, _, _, _, _, chunks, start_ns, end_ns, size = struct.unpack_from("<QHIIIIQQI", body)
+    counts = Cursor(body, 46).take(size)
+    if size % 10:
+        raise MalformedError
+    return Statistics(messages, chunks, start_ns, end_ns, dict(struct.iter_unpack("<HQ", counts)))
+
+
+def attachment(begin: bytes, place: int, length: int) -> Attachment:
+    """Of the begin of an attachment's body; `place` of the body."""
+    cursor = Cursor(begin, 16)
+    name, _ = cursor.text(), cursor.text()
+    size = cursor.number(8)
+    if cursor.at + size + 4 > length:
+        raise MalformedError
+    return Attachment(name, place + cursor.at, size)
+
+
+def attachment_index(body: bytes) -> tuple[str, int, int]:
+    """Name, place and length of the attachment's record."""
+    cursor = Cursor(body)
+    place, length = cursor.number(8), cursor.number(8)
+    cursor.take(24)
+    return cursor.text(), place, length
+
+
+def metadata(body: bytes) -> tuple[str, dict[str, str]]:
+    cursor = Cursor(body)
+    name = cursor.text()
+    end = cursor.number(4) + cursor.at
+    if end > len(body):
+        raise MalformedError
+    values = {}
+    while cursor.at < end:
+        key = cursor.text()
+        values[key] = cursor.text()
+    return name, values
+
+
+def metadata_index(body: bytes) -> tuple[str, int, int]:
+    """Name, place and length of the metadata's record."""
+    cursor = Cursor(body)
+    place, length = cursor.number(8), cursor.number(8)
+    return cursor.text(), place, length

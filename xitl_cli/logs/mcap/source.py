@@ -1,0 +1,60 @@
+"""Reading pieces of a file that may be larger than memory."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+
+_WINDOW = 1 << 16
+
+
+class Source:
+    """`size` is that of the file when it was opened: what a recorder adds later is not seen."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+        status = os.fstat(self._file)
+        if stat.S_ISDIR(status.st_mode):
+            self.close()
+            raise UserError(f"{path}: cannot be read (it is a directory); name a file in it")
+        self.size = status.st_size
+        self._window = b""
+        self._window_at = 0
+
+    def read(self, place: int, size: int) -> bytes:
+        """The bytes from `place`, fewer at the end of the file, none outside of it or where the disk fails."""
+        end = min(place + size, self.size)
+        if place < 0 or end <= place:
+            return b""
+        parts = []
+        while place < end:
+            try:
+                os.lseek(self._file, place, os.SEEK_SET)
+                part = os.read(self._file, min(end - place, 1 << 30))
+            except OSError:
+                break
+            if not part:
+                break
+            parts.append(part)
+            place += len(part)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def peek(self, place: int, size: int) -> bytes:
+        """As `read`, for a few bytes of many records one after another."""
+        begin = place - self._window_at
+        if begin < 0 or begin + size > len(self._window):
+            if size > _WINDOW:
+                return self.read(place, size)
+            self._window, self._window_at, begin = self.read(place, _WINDOW), place, 0
+        return self._window[begin : begin + size]
+
+    def close(self) -> None:
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
