@@ -1,0 +1,203 @@
+"""The page in headless Chromium: it opens from disk without a network, draws, links, prints."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[1] / "unit" / "logs"))
+from report_samples import SECONDS, sample_report
+
+from xitl_cli.logs.report import html
+
+SCREEN = {"width": 1280, "height": 2600}
+CHROMIUM = Path("/usr/bin/chromium")
+FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright drives the browser; pip install playwright")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not CHROMIUM.exists(), reason=f"{CHROMIUM} is not there; apt install chromium"),
+]
+
+
+@dataclass
+class Opened:
+    """A page, and what it complained about or asked for."""
+
+    page: Any
+    said: list[str] = field(default_factory=list)
+    asked: list[str] = field(default_factory=list)
+
+    def draw_all(self) -> None:
+        for index in range(self.page.locator("figure.plot").count()):
+            self.page.locator("figure.plot").nth(index).scroll_into_view_if_needed()
+            self.page.locator("figure.plot").nth(index).locator(".main-svg").first.wait_for()
+
+    def followed(self) -> list[float]:
+        """The one range of all plots over time; those out of view follow when they come into it."""
+        self.draw_all()
+        self.page.wait_for_function(
+            """() => new Set([...document.querySelectorAll("figure.time .canvas")]
+            .map((canvas) => String(canvas.layout.xaxis.range))).size == 1"""
+        )
+        return self.ranges()[0]
+
+    def ranges(self) -> list[list[float]]:
+        """Of the time axis of every plot over time that is in view."""
+        found: list[list[float]] = self.page.evaluate(
+            """() => [...document.querySelectorAll("figure.time .canvas")]
+            .filter((canvas) => canvas.layout).map((canvas) => canvas.layout.xaxis.range)"""
+        )
+        return found
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        started = driver.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def report_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    html.write(sample_report(), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(browser: Any, report_file: Path) -> Iterator[Opened]:
+    context = browser.new_context(offline=True, viewport=SCREEN, color_scheme="light")
+    shown = Opened(context.new_page())
+    shown.page.on("console", lambda message: shown.said.append(message.text))
+    shown.page.on("pageerror", lambda error: shown.said.append(str(error)))
+    shown.page.on("request", lambda request: shown.asked.append(request.url))
+    shown.page.goto(report_file.as_uri())
+    yield shown
+    context.close()
+
+
+@pytest.fixture
+def opened(page: Opened) -> Opened:
+    """The one page (it takes seconds to load), as it was when it came."""
+    page.page.set_viewport_size(SCREEN)
+    page.page.emulate_media(color_scheme="light")
+    page.page.locator("#filter").fill("")
+    if page.page.locator("#whole").is_visible():
+        page.page.locator("#whole").click()
+    return page
+
+
+def test_it_draws_every_plot_without_a_network_or_a_complaint(opened: Opened, report_file: Path) -> None:
+    opened.draw_all()
+    assert opened.page.locator("figure.plot").count() == 6  # track, bands, speed, longest loop, rates, Allan
+    assert opened.page.locator("figure.plot[data-drawn]").count() == 6
+    assert opened.said == []
+    assert opened.asked == [report_file.as_uri()]
+
+
+def test_text_of_a_log_stays_text(opened: Opened) -> None:
+    opened.draw_all()
+    assert opened.page.locator("img").count() == 0
+    assert "taken" in opened.page.title()  # as text, between the tags that were meant to do it
+    assert opened.page.title().startswith("boat<_script><script>")
+    assert opened.page.locator("script").count() == 3 + 6  # data of the page, two scripts, data of the plots
+
+
+def test_evidence_leads_to_its_instant_in_all_plots(opened: Opened) -> None:
+    opened.draw_all()
+    whole = opened.ranges()
+    opened.page.locator("ol.findings button.at", has_text="PM.MaxT").click()
+    opened.page.locator("#whole").wait_for(state="visible")
+    assert len(whole) == 3
+    low, high = opened.followed()
+    assert whole[0][0] < low < 43.2
+    assert 53.2 < high <= SECONDS + 1e-6
+    assert "0:43.2" in opened.page.locator("#now").inner_text()
+    opened.page.locator("#whole").click()
+    assert opened.followed() == whole[0]
+
+
+def test_a_zoom_of_one_plot_is_followed_by_the_others(opened: Opened) -> None:
+    opened.draw_all()
+    box = opened.page.locator("figure.time .canvas").first.bounding_box()
+    y = box["y"] + box["height"] / 2
+    opened.page.mouse.move(box["x"] + box["width"] * 0.4, y)
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + box["width"] * 0.6, y, steps=5)
+    opened.page.mouse.up()
+    opened.page.locator("#whole").wait_for(state="visible")
+    low, high = opened.followed()
+    assert high - low == pytest.approx(0.2 * SECONDS, rel=0.1)  # a fifth of the width, less margins
+
+
+def test_the_cursor_tells_time_mode_and_values(opened: Opened) -> None:
+    opened.draw_all()
+    box = opened.page.locator("figure.time .canvas").first.bounding_box()
+    opened.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    opened.page.wait_for_function("() => document.querySelector('#now').textContent.includes('armed')")
+    assert opened.page.locator("#now").inner_text().startswith("0:")
+    assert opened.page.locator("figure.track .spot").is_visible()
+    value = opened.page.locator("figure.time .chip b").first.inner_text()
+    assert 1.0 <= float(value) <= 3.0  # 2 + sin t
+
+
+def test_keys_move_in_time(opened: Opened) -> None:
+    opened.draw_all()
+    opened.page.locator("figure.time").first.focus()
+    opened.page.keyboard.press("+")
+    half = opened.ranges()[0]
+    assert half[1] - half[0] == pytest.approx(SECONDS / 2, rel=1e-3)
+    opened.page.keyboard.press("ArrowRight")
+    assert opened.ranges()[0][0] > half[0]
+    opened.page.keyboard.press("0")
+    assert opened.ranges()[0] == pytest.approx([0.0, SECONDS], abs=1e-6)
+
+
+def test_dark_follows_the_system_and_the_switch(opened: Opened) -> None:
+    def ground() -> str:
+        return str(opened.page.evaluate("getComputedStyle(document.body).backgroundColor"))
+
+    light = ground()
+    opened.page.emulate_media(color_scheme="dark")
+    opened.page.wait_for_function("() => document.documentElement.dataset.theme === 'dark'")
+    dark = ground()
+    opened.page.locator("#theme").click()
+    assert ground() == light != dark
+    opened.page.locator("#theme").click()
+    assert ground() == dark
+    opened.page.locator("#theme").click()
+    assert opened.page.locator("#theme").inner_text() == "Auto"
+
+
+def test_the_filter_leaves_what_it_names(opened: Opened) -> None:
+    opened.page.locator("h1").click()
+    opened.page.keyboard.press("/")
+    opened.page.keyboard.type("gyroscope")
+    assert opened.page.locator("ol.findings > li:visible").count() == 1
+    assert not opened.page.get_by_role("heading", name="Scheduler").is_visible()
+    opened.page.locator("#filter").fill("no such thing anywhere")
+    assert opened.page.locator("#none").is_visible()
+
+
+def test_paper_gets_every_plot_in_light_colours(browser: Any, report_file: Path, tmp_path: Path) -> None:
+    page = browser.new_page(viewport={"width": 1000, "height": 300}, color_scheme="dark")
+    page.goto(report_file.as_uri())
+    paper = tmp_path / "report.pdf"
+    page.pdf(path=str(paper), format="A4")
+    assert paper.read_bytes().startswith(b"%PDF")
+    assert page.locator("figure.plot[data-drawn]").count() == 6  # although most were never in view
+    page.close()
+
+
+def test_nothing_is_wider_than_a_telephone(opened: Opened) -> None:
+    opened.page.set_viewport_size({"width": 360, "height": 2600})
+    opened.draw_all()
+    assert opened.page.evaluate("document.documentElement.scrollWidth") == 360

@@ -1,0 +1,122 @@
+"""`xitl logs analyze` and `xitl logs plot` on real logs, good and bad."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from xitl_cli.commands import logs_analyze
+from xitl_cli.errors import UserError
+from xitl_cli.logs.analyses import catalogue
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Section
+
+LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
+CALM = LOGS / "boat-auto-calm.bin"
+
+pytestmark = pytest.mark.skipif(not CALM.exists(), reason="needs the shared ArduRover logs beside the checkout")
+
+app = typer.Typer()
+app.command("analyze")(logs_analyze.analyze)
+app.command("plot")(logs_analyze.plot)
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    """Exit code, or 2 with the sentence as `main` prints it, and what was printed."""
+    told = CliRunner().invoke(app, [str(each) for each in arguments], env={"COLUMNS": "80", "NO_COLOR": "1"})
+    if isinstance(told.exception, UserError):
+        return 2, told.output + f"error: {told.exception}"
+    if told.exception is not None and not isinstance(told.exception, SystemExit):
+        raise told.exception
+    return told.exit_code, told.output
+
+
+@pytest.mark.parametrize("log", sorted(LOGS.glob("*.bin")), ids=lambda path: path.stem)
+def test_no_analysis_fails_on_a_shared_log(log: Path) -> None:
+    code, text = run("analyze", log, "--json")
+    told = json.loads(text)
+    assert code == 0
+    assert [file["failures"] for file in told["files"]] == [[]]
+    assert told["files"][0]["sections"].keys() >= {"vehicle", "modes", "scheduler", "sensors"}
+
+
+def test_answers_come_first_and_the_page_holds_the_overview(tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    code, text = run("analyze", CALM, "--report", page)
+    assert code == 0
+    assert text.startswith("boat-auto-calm.bin  rover, ArduRover V4.7.0-dev")
+    assert max(map(len, text.splitlines())) <= max(80, len(str(page)) + 60)  # the last line names the page
+    written = page.read_text(encoding="utf-8")
+    for title in ("Track", "Speed over ground", "Yaw", "Outputs to motors and servos"):
+        assert f"<h3>{title}</h3>" in written
+
+
+def test_one_section_only() -> None:
+    told = json.loads(run("analyze", CALM, "--section", "scheduler", "--json")[1])
+    assert list(told["files"][0]["sections"]) == ["scheduler"]
+    code, text = run("analyze", CALM, "--section", "schedular")
+    assert code == 2
+    assert "there is no section 'schedular'; did you mean 'scheduler'? choose from overview, vehicle" in text
+
+
+def test_a_bad_file_has_its_sentence_and_the_others_are_analysed(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.bin"
+    empty.write_bytes(b"")
+    code, text = run("analyze", empty, CALM, "--section", "vehicle")
+    assert code == 2
+    assert "ArduRover V4.7.0-dev" in text
+    assert f"error: {empty}: " in text
+
+
+def test_an_analysis_that_breaks_is_told_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = catalogue.analysis
+
+    def broken(log: Log) -> Section | None:
+        raise ZeroDivisionError("no rows")
+
+    monkeypatch.setattr(catalogue, "analysis", lambda name: broken if name == "power" else known(name))
+    code, text = run("analyze", CALM, "--section", "power", "--section", "modes")
+    assert code == 1
+    assert "the analysis of power failed at" in text
+    assert "ZeroDivisionError: no rows" in " ".join(text.split())
+    assert "In AUTO" in text
+
+
+def test_signals_are_drawn_by_unit(tmp_path: Path) -> None:
+    page = tmp_path / "plot.html"
+    code, text = run("plot", CALM, "ATT.Roll", "att.pitch", "IMU[1].AccX", "GPS.Spd", "--out", page, "--from", "1:00")
+    assert (code, text.strip()) == (0, str(page))
+    written = page.read_text(encoding="utf-8")
+    for title in ("ATT.Roll, ATT.Pitch", "IMU[1].AccX", "GPS.Spd"):
+        assert f"<h3>{title}</h3>" in written
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("nowhere.bin", "ATT.Roll"), "nowhere.bin: does not exist; name a log first"),
+        ((CALM,), "no signal to draw; add some after the file"),
+        ((CALM, "ATTT.Roll"), "has no message 'ATTT'; did you mean ATT?"),
+        ((CALM, "ATT.Rol"), "ATT has no field 'Rol'; did you mean 'Roll'?"),
+        ((CALM, "IMU[9].AccX"), "IMU has no instance 9; it has 0, 1"),
+        ((CALM, "ATT[1].Roll"), "ATT has no instances; write ATT.FIELD"),
+        ((CALM, "MSG.Message"), "MSG.Message is text, which cannot be drawn"),
+        ((CALM, "ATT.Roll[3]"), "ATT.Roll is a single number; write it without [3]"),
+        ((CALM, "ATT.Roll", "--from", "soon"), "'soon' is no time; write seconds (90.5)"),
+        ((CALM, "ATT.Roll", "--from", "90", "--until", "1:00"), "--until 1:00 is not after --from 90; swap them"),
+        ((CALM, "ATT.Roll", "--from", "9000"), "nothing of ATT.Roll lies between --from and --until"),
+        ((CALM, "ATT.Roll", "--out", "/nowhere/at/all.html"), "cannot be written"),
+    ],
+)
+def test_what_cannot_be_drawn_is_said(
+    arguments: tuple[str | Path, ...], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, text = run("plot", *arguments)
+    assert code == 2
+    assert sentence in text
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,179 @@
+"""`xitl logs analyze|plot`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.report.model import Refusal, Report
+
+Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
+
+
+def analyze(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog or .mcap; several of one run are aligned."),
+    ],
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="HTML", help="Write a page with plots and a map; it replaces an earlier one."),
+    ] = None,
+    sections: Annotated[
+        list[str] | None,
+        typer.Option("--section", metavar="NAME", help="Only this analysis, such as scheduler. Repeatable."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    open_it: Open = False,
+) -> None:
+    """Say what happened in a run: findings first, each with its evidence and a next step.
+
+    Exit code: 0 analysed, whatever was found; 1 an analysis failed; 2 a file could not be read (the others are
+    analysed).
+    """
+    from xitl_cli.logs.report import html
+    from xitl_cli.logs.report.build import build, sections_named
+    from xitl_cli.logs.report.json import document
+
+    wanted = sections_named(sections or ())
+    page = report or (_beside(files[0], "report") if open_it else None)
+    with _progress() as told:
+        found = build(files, wanted, told)
+        if page is not None and found.files:
+            told("page")
+            html.write(found, page)
+    with _quiet_pipe():
+        if as_json:
+            print(json.dumps(document(found), allow_nan=False, ensure_ascii=False))
+        elif found.files:
+            _show(found, page)
+        sys.stdout.flush()
+    if page is not None and open_it and found.files:
+        _open(page)
+    for file in found.files:
+        for failure in file.failures:
+            typer.echo(f"error: {file.name}: {failure.sentence}", err=True)
+    _refuse(found.refusals)
+    raise typer.Exit(1 if found.failures else 0)
+
+
+def plot(
+    arguments: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE... SIGNAL...",
+            help="Logs, then what to draw: ATT.Roll, 'IMU[1].AccX', RCOU, '/truth/state.position_ned_m[0]'.",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="HTML", help="The page (default: <log>.plot.html right here).")
+    ] = None,
+    from_time: Annotated[
+        str | None, typer.Option("--from", metavar="TIME", help="Only from here on: 90, 1:30.5 or 1:02:03.")
+    ] = None,
+    until_time: Annotated[str | None, typer.Option("--until", metavar="TIME", help="Only up to here.")] = None,
+    raw: Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")] = False,
+    open_it: Open = False,
+) -> None:
+    """Draw signals of logs into a page: one plot a unit, all on one time line.
+
+    Exit code 2 when a file cannot be read (the others are drawn).
+    """
+    from xitl_cli.logs.report import html
+    from xitl_cli.logs.report.instants import seconds_of
+    from xitl_cli.logs.report.signal_page import signal_page
+
+    files, signals = _files_and_signals(arguments)
+    from_s = None if from_time is None else seconds_of(from_time)
+    until_s = None if until_time is None else seconds_of(until_time)
+    if from_s is not None and until_s is not None and until_s <= from_s:
+        raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
+    path = out or _beside(files[0], "plot")
+    page, refusals = signal_page(files, signals, from_s, until_s, raw=raw)
+    html.write_page(page, path)
+    typer.echo(str(path))
+    if open_it:
+        _open(path)
+    _refuse(refusals)
+
+
+def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]:
+    """What is there is a file, and so is all before it; the rest are signals."""
+    there = [index for index, text in enumerate(arguments) if os.path.exists(text)]  # noqa: PTH110  never raises
+    if not there:
+        raise UserError(f"{arguments[0]}: does not exist; name a log first, then signals such as ATT.Roll")
+    files, signals = list(arguments[: there[-1] + 1]), list(arguments[there[-1] + 1 :])
+    if not signals:
+        raise UserError("no signal to draw; add some after the file, such as ATT.Roll or GPS.Spd")
+    return [Path(text) for text in files], signals
+
+
+def _show(found: Report, page: Path | None) -> None:
+    from rich.console import Console
+
+    from xitl_cli.logs.report import terminal
+
+    console = Console(highlight=False)
+    terminal.show(console, found)
+    if page is not None:
+        console.print(f"\n{page}: the same with plots, opens in any browser", markup=False, soft_wrap=True)
+
+
+def _refuse(refusals: Sequence[Refusal]) -> None:
+    for refusal in refusals[:-1]:
+        typer.echo(f"error: {refusal.sentence}", err=True)
+    if refusals:
+        raise UserError(refusals[-1].sentence)
+
+
+def _beside(log: Path, what: str) -> Path:
+    """In the current directory: logs often lie where nothing can be written."""
+    return Path(f"{log.stem}.{what}.html")
+
+
+def _open(page: Path) -> None:
+    """In the browser of the desktop; a machine without one gets a line instead of a browser in its terminal."""
+    import webbrowser
+
+    desktop = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    try:
+        opened = bool(desktop) and webbrowser.open(page.absolute().as_uri())
+    except (webbrowser.Error, OSError):
+        opened = False
+    if not opened:
+        typer.echo(f"no browser could be opened here; open {page} yourself", err=True)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """What is being done, while a person watches."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda _: None
+        return
+    with console.status("opening") as status:
+        yield lambda text: status.update(escape(text))
+
+
+@contextmanager
+def _quiet_pipe() -> Iterator[None]:
+    """A reader that has seen enough (`| head`) ends the output, and not with an error."""
+    try:
+        yield
+    except BrokenPipeError:
+        # What is left in the buffer would raise once more when the interpreter closes it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(0) from None

@@ -1,0 +1,231 @@
+"""One HTML file that holds all it needs: it opens from disk, and asks no network for anything."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import importlib.util
+import itertools
+import os
+import tempfile
+from collections.abc import Callable
+from html import escape
+from importlib import resources
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.report import markup
+from xitl_cli.logs.report.model import Overview, Report, TimeLine
+from xitl_cli.logs.report.page import Page, Part, page_of
+from xitl_cli.logs.report.payload import json_text, map_payload, page_payload, plot_payload, thinned_note
+from xitl_cli.logs.report.words import NAMES, counted, plural
+from xitl_cli.logs.sections import Finding, Plot, Severity
+
+_OVERVIEW_ID = "overview"
+_BANDS = (("mode", "modes"), ("armed", "arming"), ("finding", "findings"))
+_TOGGLES = (("mode", "Modes", "true"), ("armed", "Armed", "false"), ("finding", "Findings", "true"))
+_SCRIPTS = ("data.js", "plots.js", "time.js", "page.js")
+
+
+def write(report: Report, path: Path) -> None:
+    """Replaces what is at `path`. Raises UserError when it cannot be written."""
+    write_page(page_of(report), path)
+
+
+def write_page(page: Page, path: Path) -> None:
+    """As `write`: the file is there as a whole or not at all."""
+    write_text(path, html(page))
+
+
+def write_text(path: Path, text: str) -> None:
+    if path.is_dir():
+        raise UserError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
+    mask = os.umask(0)
+    os.umask(mask)
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=path.absolute().parent, prefix=f".{path.name}.", delete=False
+        ) as file:
+            partial = Path(file.name)
+            try:
+                file.write(text)
+                file.close()
+                partial.chmod(0o666 & ~mask)
+                partial.replace(path)
+            except BaseException:
+                partial.unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+
+
+def html(page: Page) -> str:
+    identified = [(part, f"s{number}") for number, part in enumerate(page.parts, 1)]
+    found = sorted(
+        ((finding, part, section_id) for part, section_id in identified for finding in part.section.findings),
+        key=lambda each: -each[0].severity,
+    )
+    numbers = itertools.count(1)
+
+    def next_plot() -> str:
+        return f"p{next(numbers)}"
+
+    body = [
+        _overview(page, next_plot),
+        *(_part(part, section_id, next_plot) for part, section_id in identified),
+    ]
+    plotly, script, style = _plotly(), _script(), _asset("page.css")
+    policy = (
+        f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'"
+    )
+    return (
+        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light dark">\n<meta name="referrer" content="no-referrer">\n'
+        f"<title>{escape(page.title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
+        '<a class="skip" href="#main">To the findings</a>\n'
+        f"{_bar(page)}\n{_navigation(page, identified, bool(found), bool(body[0]))}\n"
+        f'<main id="main">\n{_head(page, [finding for finding, _, _ in found])}\n'
+        f"{_findings(found)}\n{''.join(body)}\n"
+        '<p class="none" id="none" hidden>Nothing here matches the filter.</p>\n</main>\n'
+        f'<script type="application/json" id="page">{json_text(page_payload(page))}</script>\n'
+        f"<script>{plotly}</script>\n<script>{script}</script>\n</body>\n</html>\n"
+    )
+
+
+def _bar(page: Page) -> str:
+    kinds = {mark.kind for mark in page.marks}
+    toggles = "".join(
+        f'<button type="button" class="toggle" data-marks="{kind}" aria-pressed="{pressed}">{label}</button>'
+        for kind, label, pressed in _TOGGLES
+        if kind in kinds
+    )
+    return (
+        f'<header class="bar"><strong class="title">{escape(page.title)}</strong>'
+        '<output id="now" aria-live="off"></output>'
+        f'<span class="tools">{toggles}'
+        '<button type="button" id="whole" title="Show the whole time (0)" hidden>Whole time</button>'
+        '<input type="search" id="filter" placeholder="Filter" aria-label="Filter findings, facts, tables and plots" '
+        'title="Press / to come here">'
+        '<button type="button" id="theme" title="Colours: as the system, light, dark">Auto</button></span></header>'
+    )
+
+
+def _navigation(page: Page, identified: list[tuple[Part, str]], findings: bool, overview: bool) -> str:
+    links = ['<a href="#findings">Findings</a>'] if findings else []
+    if overview:
+        links.append(f'<a href="#{_OVERVIEW_ID}">Overview</a>')
+    label = ""
+    for part, section_id in identified:
+        if part.label != label:
+            label = part.label
+            links.append(f'<span class="of">{escape(label)}</span>')
+        worst = part.section.worst
+        many = sum(finding.severity == worst for finding in part.section.findings)
+        dot = (
+            f'<span class="dot {NAMES[worst]}" title="{plural(many, NAMES[worst])}">{many}</span>'
+            if worst > Severity.OK
+            else ""
+        )
+        links.append(f'<a href="#{section_id}">{escape(part.section.title)}{dot}</a>')
+    return f'<nav aria-label="Sections">{"".join(links)}</nav>'
+
+
+def _head(page: Page, findings: list[Finding]) -> str:
+    verdict = counted([finding.severity for finding in findings])
+    worst = max((finding.severity for finding in findings), default=Severity.OK)
+    summary = f'<p class="verdict {NAMES[worst]}">{escape(verdict)}</p>' if findings else ""
+    subtitle = f'<p class="subtitle">{escape(page.subtitle)}</p>' if page.subtitle else ""
+    notices = "".join(f'<p class="notice-bar" role="note">{escape(notice)}</p>' for notice in page.notices)
+    shown = f'<div class="cards">{markup.cards(page.cards)}</div>' if page.cards else ""
+    return f'<div class="head"><h1>{escape(page.title)}</h1>{subtitle}{summary}</div>{notices}{shown}'
+
+
+def _findings(found: list[tuple[Finding, Part, str]]) -> str:
+    if not found:
+        return ""
+    worse = [each for each in found if each[0].severity > Severity.OK]
+    fine = [each for each in found if each[0].severity == Severity.OK]
+    parts = f'<ol class="findings">{markup.finding_items(worse)}</ol>' if worse else ""
+    if fine:
+        parts += (
+            f"<details{'' if worse else ' open'}><summary>{len(fine)} looked at, and fine</summary>"
+            f'<ol class="findings">{markup.finding_items(fine)}</ol></details>'
+        )
+    return f'<section id="findings"><h2>Findings</h2>{parts}</section>'
+
+
+def _overview(page: Page, next_plot: Callable[[], str]) -> str:
+    parts = []
+    overview = page.overview
+    if overview is not None and overview.tracks:
+        origin = overview.origin
+        note = "" if origin is None else f"metres about {origin[0]:.6f}°, {origin[1]:.6f}°"
+        parts.append(
+            markup.plot(next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview))
+        )
+    if page.marks:
+        kinds = {mark.kind for mark in page.marks}
+        title = ", ".join(word for kind, word in _BANDS if kind in kinds).capitalize()
+        parts.append(markup.plot(next_plot(), title, "bands", "", json_text({"kind": "bands"})))
+    if overview is not None:
+        parts += [_plot(plot, TimeLine(), next_plot) for plot in overview.plots]
+        parts.append(markup.lacks(overview.lacks))
+    return f'<section id="{_OVERVIEW_ID}"><h2>Overview</h2>{"".join(parts)}</section>' if any(parts) else ""
+
+
+def _map_controls(overview: Overview) -> str:
+    choices = ["track"]
+    if overview.tracks[0].speed_mps is not None:
+        choices.insert(0, "speed")
+    if overview.modes:
+        choices.append("mode")
+    options = "".join(f'<option value="{choice}">{choice}</option>' for choice in choices)
+    return f'<label class="colour">Colour by <select>{options}</select></label>'
+
+
+def _part(part: Part, section_id: str, next_plot: Callable[[], str]) -> str:
+    section = part.section
+    label = f" <small>{escape(part.label)}</small>" if part.label else ""
+    return (
+        f'<section id="{section_id}" class="part"><h2>{escape(section.title)}{label}</h2>'
+        + markup.section_findings(section.findings, part.time_line, section_id)
+        + markup.facts(section.facts)
+        + "".join(_plot(plot, part.time_line, next_plot) for plot in section.plots)
+        + "".join(markup.grid(grid) for grid in section.grids)
+        + markup.lacks(section.lacks)
+        + "</section>"
+    )
+
+
+def _plot(plot: Plot, time_line: TimeLine, next_plot: Callable[[], str]) -> str:
+    return markup.plot(next_plot(), plot.title, plot.kind, thinned_note(plot), json_text(plot_payload(plot, time_line)))
+
+
+def _plotly() -> str:
+    """plotly.js as the installed plotly package brings it; the package itself is not loaded."""
+    found = importlib.util.find_spec("plotly")
+    if found is None or found.origin is None:
+        raise UserError("a page needs plotly.js, which the plotly package brings; install it with `pip install plotly`")
+    file = Path(found.origin).parent / "package_data" / "plotly.min.js"
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise UserError(
+            f"{file}: the plotly package lacks its script; reinstall it with `pip install plotly`"
+        ) from error
+
+
+def _script() -> str:
+    """The page's own, in a scope of its own."""
+    return '(() => {"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"
+
+
+def _asset(name: str) -> str:
+    return (resources.files("xitl_cli.logs.report") / "assets" / name).read_text(encoding="utf-8")
+
+
+def _hashed(script: str) -> str:
+    return "'sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii") + "'"

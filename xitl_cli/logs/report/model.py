@@ -1,0 +1,185 @@
+"""What is known about some logs after they were analysed: nothing in it reads a file any more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.report.words import damage_sentences
+from xitl_cli.logs.sections import Finding, Mark, Plot, Section, Severity
+from xitl_cli.logs.timeline.placement import Stretch
+
+
+@dataclass(frozen=True, slots=True)
+class TimeLine:
+    """How a log's stamps lie on the report's one time line, which counts seconds from `zero_ns` of the reference.
+
+    stretches: of the placement, in order; none for a log that is the reference or on its own. offset_ns, drift_ppm,
+    error_s, method and sentence: the placement's, for people.
+    """
+
+    zero_ns: int = 0
+    stretches: tuple[Stretch, ...] = ()
+    offset_ns: int = 0
+    drift_ppm: float = 0.0
+    error_s: float | None = None
+    method: str = ""
+    sentence: str = ""
+    reference: bool = True
+
+    def seconds(self, stamp_ns: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) on the report's time line."""
+        stamps = np.asarray(stamp_ns)
+        since_zero = stamps - (np.int64(self.zero_ns) if stamps.dtype.kind == "i" else float(self.zero_ns))
+        seconds: NDArray[np.float64] = since_zero.astype(np.float64) * 1e-9
+        if self.stretches:
+            begins = np.array([stretch.from_ns for stretch in self.stretches], dtype=np.int64)
+            which = np.maximum(np.searchsorted(begins, stamps, side="right") - 1, 0)
+            offset_s = np.array([stretch.offset_ns * 1e-9 for stretch in self.stretches])[which]
+            rate = np.array([stretch.drift_ppm * 1e-6 for stretch in self.stretches])[which]
+            seconds = seconds + offset_s + rate * ((stamps - begins[which]).astype(np.float64) * 1e-9)
+        return seconds
+
+    def second(self, stamp_ns: int) -> float:
+        return float(self.seconds(np.array([stamp_ns], dtype=np.int64))[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """An analysis that broke: a fault of this program, not of the log. place: file and line of the program."""
+
+    analysis: str
+    error: str
+    place: str
+
+    @property
+    def sentence(self) -> str:
+        return f"the analysis of {self.analysis} failed at {self.place} ({self.error}); please report it with this log"
+
+
+@dataclass(frozen=True, slots=True)
+class FileReport:
+    """name: short, and its own among the files of a report. span_ns: None without a stamped row.
+
+    vehicle: it and its firmware in words, "" where the log does not tell. left_out: rows whose stamp cannot be.
+    """
+
+    name: str
+    path: Path
+    format: Format
+    base: Base
+    span_ns: tuple[int, int] | None
+    health: Health
+    facts: Mapping[str, str]
+    sections: tuple[Section, ...]
+    time_line: TimeLine
+    vehicle: str = ""
+    failures: tuple[Failure, ...] = ()
+    left_out: int = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is missing or in doubt, each a sentence without its full stop."""
+        left_out = f"{self.left_out} rows with a time that cannot be were left out" if self.left_out else ""
+        return (*damage_sentences(self.health), *filter(None, [left_out]))
+
+    @property
+    def duration_s(self) -> float | None:
+        return None if self.span_ns is None else (self.span_ns[1] - self.span_ns[0]) * 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """A file that could not be opened, and the sentence why."""
+
+    path: Path
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A section and the file it is about."""
+
+    section: Section
+    file: FileReport
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A finding, the section and the file it is from."""
+
+    finding: Finding
+    section: Section
+    file: FileReport
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A way over ground: at_s (N,) on the report's time line, east_m and north_m (N,), speed_mps (N,) or None."""
+
+    name: str
+    at_s: NDArray[np.float64]
+    east_m: NDArray[np.float64]
+    north_m: NDArray[np.float64]
+    speed_mps: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    name: str
+    east_m: float
+    north_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Overview:
+    """What every report shows first, of all its files on one time line.
+
+    plots: x in nanoseconds on the report's time line. modes and armed: spans on the same line, of the first file that
+    tells. origin: latitude (deg), longitude (deg) and altitude (m) of the map's zero, where it is known.
+    """
+
+    plots: tuple[Plot, ...] = ()
+    tracks: tuple[Track, ...] = ()
+    waypoints: tuple[Waypoint, ...] = ()
+    modes: tuple[Mark, ...] = ()
+    armed: tuple[Mark, ...] = ()
+    origin: tuple[float, float, float] | None = None
+    lacks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """files: those that could be opened, in the order they were given."""
+
+    files: tuple[FileReport, ...]
+    refusals: tuple[Refusal, ...] = ()
+    overview: Overview = Overview()
+
+    @property
+    def found(self) -> list[Found]:
+        """All findings, the worst first, otherwise in the order of files and sections."""
+        every = [
+            Found(finding, section, file)
+            for file in self.files
+            for section in file.sections
+            for finding in section.findings
+        ]
+        return sorted(every, key=lambda each: -each.finding.severity)
+
+    @property
+    def placed(self) -> list[Placed]:
+        return [Placed(section, file) for file in self.files for section in file.sections]
+
+    @property
+    def worst(self) -> Severity:
+        return max((section.worst for file in self.files for section in file.sections), default=Severity.OK)
+
+    @property
+    def failures(self) -> list[Failure]:
+        return [failure for file in self.files for failure in file.failures]

@@ -1,0 +1,115 @@
+"""What is on a page, before it is HTML: of a report, of a plot of some signals, of a comparison."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from xitl_cli.logs.report.instants import duration_text
+from xitl_cli.logs.report.model import FileReport, Overview, Report, TimeLine
+from xitl_cli.logs.report.words import FORMATS
+from xitl_cli.logs.sections import Section, Severity
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """A file at the head of a page. notes: what is missing or in doubt. degraded: None where nothing is said of it."""
+
+    name: str
+    facts: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...] = ()
+    degraded: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A section, the time line its stamps lie on, and the file it is about where there are several."""
+
+    section: Section
+    time_line: TimeLine
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PageMark:
+    """Drawn across all plots over time, from `from_s` to `until_s` (equal: an instant) on the page's time line."""
+
+    kind: Literal["mode", "armed", "finding"]
+    from_s: float
+    until_s: float
+    text: str
+    severity: Severity = Severity.NOTICE
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """notices: sentences about the page as a whole, such as a file that could not be opened."""
+
+    title: str
+    subtitle: str
+    parts: tuple[Part, ...]
+    cards: tuple[Card, ...] = ()
+    notices: tuple[str, ...] = ()
+    marks: tuple[PageMark, ...] = ()
+    overview: Overview | None = None
+
+
+_MOST_MARKS = 400
+
+
+def page_of(report: Report) -> Page:
+    several = len(report.files) > 1
+    parts = tuple(
+        Part(placed.section, placed.file.time_line, placed.file.name if several else "") for placed in report.placed
+    )
+    notices = [refusal.sentence for refusal in report.refusals]
+    notices += [f"{file.name}: {failure.sentence}" for file in report.files for failure in file.failures]
+    overview = report.overview
+    shown = overview.plots or overview.tracks or overview.modes or overview.armed or overview.lacks
+    return Page(
+        " + ".join(file.name for file in report.files) or "no log",
+        "",
+        parts,
+        tuple(_card(file, several) for file in report.files),
+        tuple(notices),
+        (*page_marks(overview), *_finding_marks(report)),
+        overview if shown else None,
+    )
+
+
+def _card(file: FileReport, several: bool) -> Card:
+    facts = [("vehicle", file.vehicle)]
+    if file.duration_s is not None:
+        facts.append(("duration", duration_text(file.duration_s)))
+    facts.append(
+        ("format", f"{FORMATS[file.format]}, {file.health.size_bytes / 1e6:.1f} MB, {file.health.records} records")
+    )
+    if several and file.time_line.sentence:
+        facts.append(("time line", file.time_line.sentence))
+    return Card(file.name, tuple((label, value) for label, value in facts if value), file.notes, file.health.degraded)
+
+
+def page_marks(overview: Overview) -> tuple[PageMark, ...]:
+    """Modes and arming, to be drawn across all plots over time."""
+    modes = (PageMark("mode", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.modes)
+    armed = (PageMark("armed", *_bounds(mark.at_ns, mark.until_ns), mark.text) for mark in overview.armed)
+    return (*modes, *armed)
+
+
+def _finding_marks(report: Report) -> tuple[PageMark, ...]:
+    marks: list[PageMark] = []
+    for found in report.found:
+        if found.finding.severity == Severity.OK:
+            continue
+        line = found.file.time_line
+        for evidence in found.finding.evidence:
+            if evidence.at_ns is None or len(marks) >= _MOST_MARKS:
+                continue
+            from_s = line.second(evidence.at_ns)
+            until_s = from_s if evidence.until_ns is None else max(from_s, line.second(evidence.until_ns))
+            marks.append(PageMark("finding", from_s, until_s, found.finding.sentence, found.finding.severity))
+    return tuple(marks)
+
+
+def _bounds(at_ns: int, until_ns: int | None) -> tuple[float, float]:
+    return at_ns * 1e-9, (at_ns if until_ns is None else until_ns) * 1e-9

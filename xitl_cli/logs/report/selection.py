@@ -1,0 +1,121 @@
+"""Signals by what a user typed: ATT.Roll, IMU[1].AccX, ATT, /truth/state.position_ned_m[0]."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.selecting.names import column_named
+from xitl_cli.logs.table import Table, by_instance
+
+_MOST_COMPONENTS = 32
+_REST = re.compile(r"(?:\[(?P<instance>\d+)\])?(?:\.(?P<column>.+))?")
+_INDEXED = re.compile(r"(?P<column>.+)\[(?P<index>\d+)\]")
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """stamp_ns and values: (N,), as logged. name: as it would be typed."""
+
+    name: str
+    unit: str
+    stamp_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> list[list[Signal]]:
+    """For each log what it has of it. Raises UserError when none has any."""
+    found: list[list[Signal]] = []
+    why: list[UserError] = []
+    for log in logs:
+        try:
+            found.append(_of(log, wanted, raw))
+        except UserError as error:
+            found.append([])
+            why.append(error)
+    if len(why) == len(logs):
+        raise why[0]
+    return found
+
+
+def _of(log: Log, wanted: str, raw: bool) -> list[Signal]:
+    folded = wanted.casefold()
+    names = [
+        name
+        for name in log.tables
+        if folded == name.casefold() or folded.startswith((f"{name}.".casefold(), f"{name}[".casefold()))
+    ]
+    if not names:
+        raise _no_message(log, wanted)
+    table = log.tables[max(names, key=len)]
+    rest = _REST.fullmatch(wanted[len(table.name) :])
+    if rest is None:
+        raise UserError(
+            f"{wanted!r} names no signal; write {table.name}.FIELD, or {table.name}[1].FIELD for an instance"
+        )
+    return [
+        signal
+        for label, part in _instances(table, rest["instance"])
+        for signal in _columns(part, label, rest["column"], raw)
+    ]
+
+
+def _no_message(log: Log, wanted: str) -> UserError:
+    typed = re.split(r"[.\[]", wanted, maxsplit=1)[0] if not wanted.startswith("/") else wanted
+    known = {name.casefold(): name for name in log.tables}
+    near = get_close_matches(typed.casefold(), known, n=1)
+    advice = f"did you mean {known[near[0]]}? " if near else ""
+    return UserError(f"{log.path}: has no message {typed!r}; {advice}`xitl logs info` lists them")
+
+
+def _instances(table: Table, wanted: str | None) -> list[tuple[str, Table]]:
+    if table.instance is None:
+        if wanted is not None:
+            raise UserError(f"{table.name} has no instances; write {table.name}.FIELD")
+        return [(table.name, table)]
+    split = by_instance(table)
+    if wanted is None:
+        return [(f"{table.name}[{number}]" if len(split) > 1 else table.name, part) for number, part in split.items()]
+    if int(wanted) not in split:
+        raise UserError(f"{table.name} has no instance {wanted}; it has {', '.join(map(str, split))}")
+    return [(f"{table.name}[{wanted}]", split[int(wanted)])]
+
+
+def _columns(table: Table, label: str, wanted: str | None, raw: bool) -> list[Signal]:
+    """wanted: a field, a field with an index; None: every field that is a number, but time and the instance."""
+    if wanted is None:
+        columns = [
+            name
+            for name, column in table.columns.items()
+            if column.kind == "number"
+            and column.raw_unit not in ("us", "ms")
+            and name not in ("TimeUS", "TimeMS", table.instance)
+        ]
+        return [signal for name in columns for signal in _components(table, label, name, None, raw)]
+    indexed = None if wanted in table.columns else _INDEXED.fullmatch(wanted)
+    name = column_named(table, indexed["column"] if indexed else wanted)
+    return _components(table, label, name, int(indexed["index"]) if indexed else None, raw)
+
+
+def _components(table: Table, label: str, name: str, index: int | None, raw: bool) -> list[Signal]:
+    column = table.columns[name]
+    if column.kind != "number":
+        raise UserError(f"{table.name}.{name} is {column.kind}, which cannot be drawn; `xitl logs dump` shows it")
+    values = np.asarray(table.values(name, raw=raw), dtype=np.float64)
+    unit = column.raw_unit if raw else column.unit
+    if values.ndim == 1:
+        if index is not None:
+            raise UserError(f"{table.name}.{name} is a single number; write it without [{index}]")
+        return [Signal(f"{label}.{name}", unit, table.stamp_ns, values)]
+    flat = values.reshape(len(values), -1)
+    if index is not None and index >= flat.shape[1]:
+        raise UserError(f"{table.name}.{name} has {flat.shape[1]} numbers a row; [{index}] is beyond them")
+    chosen = range(min(flat.shape[1], _MOST_COMPONENTS)) if index is None else (index,)
+    return [Signal(f"{label}.{name}[{each}]", unit, table.stamp_ns, flat[:, each]) for each in chosen]
