@@ -1,0 +1,160 @@
+"""`xitl logs info|dump|export|tasks` through the command's own entry; as processes where that makes a difference."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import Xitl, assert_one_line_error, command, environment
+
+from xitl_cli.main import main
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
+CALM = SHARED / "logs" / "boat-auto-calm.bin"
+CAPTURE = SHARED / "captures" / "ardurover-mission.tlog"
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+pytestmark = pytest.mark.skipif(not CALM.is_file(), reason=f"{CALM} is not there")
+
+
+@pytest.fixture
+def logs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run `xitl logs ARGUMENTS` in a temporary directory, in this process: a new one takes longer than the work."""
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr("sys.argv", ["xitl", "logs", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), told.out, told.err)
+
+    return run
+
+
+def test_info_of_several_files_and_one_that_is_none(xitl: Xitl, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("calm, a little rain\n")
+    told = xitl("logs", "info", str(CALM), "notes.txt", str(CAPTURE))
+    assert told.returncode == 2
+    assert told.stderr.strip().splitlines() == [
+        "error: notes.txt: is no log: it is text that begins with 'calm, a little rain'; "
+        "give a DataFlash .bin, a .tlog or an .mcap"
+    ]
+    first, _, second = told.stdout.partition(str(CAPTURE))
+    assert "DataFlash, 7.1 MB, 152455 records" in first
+    assert "ArduRover V4.7.0-dev" in first
+    assert "42.434 to 140.712 s (1:38 min) since the autopilot started" in first
+    assert "telemetry log, 342.3 kB, 7856 records" in second
+    assert "ATTITUDE" in second
+    lines = [line for line in told.stdout.splitlines() if not line.startswith("/")]
+    assert max(map(len, lines)) <= 80
+
+
+def test_info_as_json(logs: Run) -> None:
+    told = logs("info", "--json", str(CALM), "nowhere.bin")
+    assert told.returncode == 2
+    found = json.loads(told.stdout)
+    assert len(found["refused"]) == 1
+    (log,) = found["logs"]
+    assert (log["format"], log["time_base"], log["start_utc"]) == ("dataflash", "boot", "2026-11-20 12:18:41")
+    messages = {message["name"]: message for message in log["messages"]}
+    assert messages["IMU"]["instances"] == 2
+    assert messages["IMU"]["rate_hz"] == pytest.approx(50, abs=1)  # LOG_BITMASK logs it 50 times a second
+    assert {"name": "Roll", "unit": "deg", "kind": "number", "shape": []} in messages["ATT"]["fields"]
+    assert log["health"]["degraded"] is False
+
+
+def test_info_of_a_damaged_log_says_where(logs: Run, tmp_path: Path) -> None:
+    data = bytearray(CALM.read_bytes())
+    data[3_000_000:3_000_100] = bytes(100)
+    (tmp_path / "damaged.bin").write_bytes(data[:-5])
+    told = logs("info", "damaged.bin")
+    assert told.returncode == 0
+    assert "degraded" in told.stdout
+    assert "at byte " in told.stdout
+
+
+def test_dump_rows_that_a_condition_holds_of(logs: Run) -> None:
+    told = logs("dump", str(CALM), "att", "--fields", "roll,Yaw", "--where", "abs(Roll) > 0.1 and time_s < 90")
+    assert told.returncode == 0
+    names, units, *rows = [line.split() for line in told.stdout.splitlines()]
+    assert names == ["time_s", "Roll", "Yaw"]
+    assert units == ["s", "deg", "deg"]
+    assert rows
+    assert all(abs(float(roll)) > 0.1 and float(at) < 90 for at, roll, _ in rows)
+
+
+def test_dump_several_messages_in_the_order_of_the_file(logs: Run) -> None:
+    told = logs("dump", str(CALM), "MSG,MODE", "GPS", "--json", "--from", "42", "--until", "60", "--limit", "40")
+    rows = [json.loads(line) for line in told.stdout.splitlines()]
+    assert len(rows) == 40
+    assert {row["message"] for row in rows} == {"MSG", "MODE", "GPS"}
+    times = [row["time_s"] for row in rows]
+    assert times == sorted(times)
+    assert 42 <= times[0] <= times[-1] <= 60
+    assert {"message": "MSG", "time_s": 42.433853, "fields": {"TimeUS": 42433853, "Message": "Throttle armed"}} in rows
+
+
+def test_dump_raw_values_and_nothing(logs: Run) -> None:
+    told = logs("dump", str(CAPTURE), "GLOBAL_POSITION_INT", "--raw", "--json", "--limit", "1")
+    assert isinstance(json.loads(told.stdout)["fields"]["lat"], int)
+    told = logs("dump", str(CALM), "ATT", "--where", "Roll > 1000")
+    assert (told.returncode, told.stdout) == (0, "")
+    assert told.stderr == f"{CALM}: no row of ATT is so\n"
+
+
+def test_dump_ends_quietly_when_its_reader_has_enough(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        command("logs", "dump", str(CALM), "IMU"),
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    with process.stdout, process.stderr:
+        assert os.read(process.stdout.fileno(), 100)
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.wait(30) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("dump", str(CALM), "ATTT"), ("'ATTT'", "did you mean 'ATT'")),
+        (("dump", str(CALM), "ATT", "--fields", "Rol"), ("'Rol'", "'Roll'")),
+        (("dump", str(CALM), "ATT", "--where", "Roll ="), ("'Roll ='",)),
+        (("dump", str(CALM), "ATT", "--from", "5", "--until", "2"), ("--until = 2", "swap")),
+        (("dump", ".", "ATT"), ("is a directory",)),
+        (("export", str(CALM), "--format", "xlsx"), ("xlsx", "csv, parquet, mcap")),
+        (("export", str(CALM), "ATT", "--out", "/proc/out"), ("/proc/out",)),
+        (("tasks", "boat.bin"), ("is no vehicle", "tcp://")),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence(
+    logs: Run, tmp_path: Path, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    assert_one_line_error(logs(*arguments), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_export(logs: Run, tmp_path: Path) -> None:
+    told = logs("export", str(CALM), "ATT", "GPS", "--until", "60", "--out", "out")
+    assert told.returncode == 0
+    assert told.stdout.startswith("out: ")
+    with (tmp_path / "out" / "ATT.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert all(42 <= float(row["time_s"]) <= 60 for row in rows)
+    assert_one_line_error(logs("export", str(CALM), "ATT", "--out", "out"), "ATT.csv", "--overwrite")
+    told = logs("export", str(CALM), "ATT", "--format", "mcap", "--json")
+    assert json.loads(told.stdout)["files"] == ["boat-auto-calm-export.mcap"]
+    told = logs("info", "boat-auto-calm-export.mcap")
+    assert "/ATT" in told.stdout

@@ -1,0 +1,204 @@
+"""`xitl logs info|dump|export|tasks`."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from xitl_cli.errors import UserError
+
+FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog or an .mcap.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+From = Annotated[
+    float | None, typer.Option("--from", metavar="S", help="Only rows from this second on, as `info` counts them.")
+]
+Until = Annotated[float | None, typer.Option("--until", metavar="S", help="Only rows up to this second.")]
+Raw = Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")]
+
+
+def info(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog or .mcap.")],
+    fields: Annotated[bool, typer.Option("--fields", help="All fields of each message, with their units.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Show what logs hold: time, vehicle, how whole they are, messages.
+
+    Exit code 2 when one of them cannot be read; the others are shown.
+    """
+    from xitl_cli.commands.logs_info import summary_lines
+    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs.summary import summary_of
+
+    summaries, refusals = [], []
+    with _quiet_pipe():
+        for path in files:
+            try:
+                with open_log(path) as log:
+                    summary = summary_of(log, every_field=fields)
+            except UserError as error:
+                refusals.append(str(error))
+                continue
+            if as_json:
+                summaries.append(summary.as_json())
+                continue
+            if summaries:
+                print()
+            summaries.append({})
+            for line in summary_lines(summary, every_field=fields):
+                print(line)
+        if as_json:
+            print(json.dumps({"logs": summaries, "refused": refusals}, allow_nan=False, ensure_ascii=False))
+        sys.stdout.flush()
+    for refusal in refusals[:-1]:
+        typer.echo(f"error: {refusal}", err=True)
+    if refusals:
+        raise UserError(refusals[-1])
+
+
+def dump(
+    file: FileArgument,
+    messages: Annotated[
+        list[str], typer.Argument(metavar="MESSAGE...", help="Names of messages or topics; commas do as well.")
+    ],
+    fields: Annotated[str, typer.Option(metavar="A,B", help="Only these fields, in this order.")] = "",
+    where: Annotated[
+        str, typer.Option(metavar="CONDITION", help="Only rows of which this holds: 'Roll > 5 and I == 0'.")
+    ] = "",
+    from_s: From = None,
+    until_s: Until = None,
+    raw: Raw = False,
+    limit: Annotated[int | None, typer.Option(min=0, metavar="N", help="At most so many rows.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a row.")] = False,
+) -> None:
+    """Print rows of messages in the order of the file, their time in seconds first.
+
+    In a condition: names of fields and time_s, numbers, 'texts', comparisons, and, or, not, + - * / %, abs(), [0] for
+    an element of an array.
+    """
+    from xitl_cli.commands.logs_dump import Asked, row_lines
+    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs.selecting.conditions import Condition
+    from xitl_cli.logs.selecting.names import tables_named
+    from xitl_cli.logs.selecting.times import stamps_between
+
+    condition = Condition(where) if where.strip() else None
+    written = False
+    with open_log(file) as log, _quiet_pipe():
+        tables = tables_named(log, messages)
+        names = tuple(name.strip() for name in fields.split(",") if name.strip())
+        span_ns = stamps_between(log, from_s, until_s)
+        for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
+            sys.stdout.write(text)
+            written = True
+        sys.stdout.flush()
+    if not written:
+        typer.echo(f"{file}: no row of {', '.join(table.name for table in tables)} is so", err=True)
+
+
+def export(
+    file: FileArgument,
+    messages: Annotated[
+        list[str] | None, typer.Argument(metavar="[MESSAGE...]", help="Names of messages or topics; all without any.")
+    ] = None,
+    file_format: Annotated[str, typer.Option("--format", help="csv, parquet or mcap.")] = "csv",
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap the file itself.")
+    ] = None,
+    from_s: From = None,
+    until_s: Until = None,
+    raw: Raw = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Write messages to CSV (a file each), Parquet (a file each) or one MCAP with a ROS 2 topic each.
+
+    PlotJuggler reads all three, Foxglove and Lichtblick the MCAP.
+    """
+    from xitl_cli.logs.export.exporting import Wanted, export_log
+    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs.selecting.names import tables_named
+    from xitl_cli.logs.selecting.times import stamps_between
+
+    with open_log(file) as log:
+        tables = tables_named(log, messages or list(log.tables))
+        from_ns, until_ns = stamps_between(log, from_s, until_s)
+        done = export_log(log, Wanted(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
+    if as_json:
+        typer.echo(json.dumps(done.as_json(), ensure_ascii=False))
+        return
+    for note in done.notes:
+        typer.echo(note, err=True)
+    typer.echo(done.sentence)
+
+
+def tasks(
+    vehicle: Annotated[
+        str, typer.Argument(metavar="VEHICLE", help="tcp://host:port, udp://host:port or serial:///dev/ttyACM0.")
+    ],
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Keep the file as it is.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")] = False,
+    signing_key: Annotated[
+        Path | None, typer.Option("--signing-key", metavar="FILE", help="Sign with this key.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show what each task of an ArduPilot's scheduler takes, from @SYS/tasks.txt of the vehicle.
+
+    The vehicle then counts until it restarts: bit 0 of its SCHED_OPTIONS is set.
+    """
+    from xitl_cli.logs.export.safe_file import part_of, refuse_present
+    from xitl_cli.logs.tasks_file import counted, fetch_tasks, parse
+    from xitl_cli.params.source import is_vehicle
+    from xitl_cli.signing import read_key_file
+
+    if not is_vehicle(vehicle):
+        raise UserError(f"{vehicle!r} is no vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0")
+    if out is not None:
+        refuse_present([out], overwrite)
+    text = fetch_tasks(vehicle, None if signing_key is None else read_key_file(str(signing_key)))
+    if out is not None:
+        with part_of(out, overwrite) as part:
+            part.write_text(text, encoding="utf-8")
+    found = parse(text)
+    if as_json:
+        rows = [asdict(task) for task in found]
+        typer.echo(json.dumps({"vehicle": vehicle, "counted": counted(found), "tasks": rows}, ensure_ascii=False))
+        return
+    width = max(len("task"), *(len(task.name) for task in found))
+    typer.echo(f"{'task':<{width}} {'fast':>4} {'min us':>7} {'mean us':>7} {'max us':>7} {'overruns':>8} {'share':>7}")
+    for task in found:
+        typer.echo(
+            f"{task.name:<{width}} {'yes' if task.fast else '':>4} {task.least_us:>7} {task.mean_us:>7} "
+            f"{task.most_us:>7} {task.overruns:>8} {task.share_percent:>6.2f}%"
+        )
+    if not counted(found):
+        typer.echo("nothing was counted: the clock of a simulator stands still while a task runs", err=True)
+
+
+def _width() -> int | None:
+    """Columns of the terminal; None when the output goes elsewhere: then no line is folded."""
+    if not sys.stdout.isatty():
+        return None
+    try:
+        return os.get_terminal_size(sys.stdout.fileno()).columns
+    except (OSError, ValueError):
+        return 80
+
+
+@contextmanager
+def _quiet_pipe() -> Iterator[None]:
+    """A reader that has seen enough (`| head`) ends the output, and not with an error."""
+    try:
+        yield
+    except BrokenPipeError:
+        # What is left in the buffer would raise once more when the interpreter closes it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(0) from None

@@ -1,0 +1,211 @@
+"""Rows of messages as text: a table for one message, `name=value` for several, or JSON."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.selecting.cells import plain, texts
+from xitl_cli.logs.selecting.conditions import TIME, Condition
+from xitl_cli.logs.selecting.merged import merged, rows_at_once
+from xitl_cli.logs.selecting.names import column_named
+from xitl_cli.logs.selecting.times import zero_ns
+from xitl_cli.logs.table import Table
+
+_LINES = 2048
+_BREAKS = str.maketrans({"\n": "\\n", "\r": "\\r", "\x1b": "\\e"})
+_INDENT = " " * 6
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """fields: in this order, of the messages that have them; all when empty. span_ns: first and last stamp.
+
+    width: columns of a terminal to fit into; None: lines are as long as they are.
+    """
+
+    fields: tuple[str, ...] = ()
+    condition: Condition | None = None
+    span_ns: tuple[int | None, int | None] = (None, None)
+    raw: bool = False
+    limit: int | None = None
+    as_json: bool = False
+    width: int | None = None
+
+
+def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
+    """Pieces of text, each some whole lines. Raises UserError for a field that none of the messages has."""
+    zero, at_once = zero_ns(log), rows_at_once(log, tables)
+    columns = _columns(tables, asked.fields)
+    left = asked.limit
+    layout: _Layout | None = None
+    for batch in merged(tables, *asked.span_ns, asked.condition, zero, at_once, raw=asked.raw):
+        if left == 0:
+            return
+        shown = batch.first(left)
+        left = None if left is None else left - len(shown.order)
+        stretches = [
+            _stretch(table, names, rows, zero, asked.raw)
+            for table, names, rows in zip(tables, columns, shown.rows, strict=True)
+        ]
+        if layout is None:
+            layout = _layout(stretches, asked)
+            yield layout.head
+        lines = [_lines(layout, stretch) for stretch in stretches]
+        for begin in range(0, len(shown.order), _LINES):
+            yield "".join(next(lines[owner]) for owner in shown.order[begin : begin + _LINES].tolist())
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """Some rows of one table. since_ns: (n,) since second 0. values: (n, …) of each of the columns."""
+
+    table: Table
+    columns: Sequence[str]
+    since_ns: NDArray[np.int64]
+    values: Sequence[NDArray[Any]]
+
+    def part(self, rows: slice) -> _Stretch:
+        return _Stretch(self.table, self.columns, self.since_ns[rows], [values[rows] for values in self.values])
+
+    @property
+    def times(self) -> list[str]:
+        return [f"{since_ns * 1e-9:.6f}" for since_ns in self.since_ns.tolist()]
+
+
+def _stretch(table: Table, names: Sequence[str], rows: NDArray[np.intp], zero_ns: int, raw: bool) -> _Stretch:
+    values = [table.values(name, rows, raw=raw) for name in names]
+    return _Stretch(table, names, table.stamp_ns[rows] - zero_ns, values)
+
+
+def _lines(layout: _Layout, stretch: _Stretch) -> Iterator[str]:
+    for begin in range(0, len(stretch.since_ns), _LINES):
+        yield from layout.lines(stretch.part(slice(begin, begin + _LINES)))
+
+
+class _Layout(Protocol):
+    @property
+    def head(self) -> str: ...
+
+    def lines(self, stretch: _Stretch) -> list[str]:
+        """One a row; several lines of the terminal each, where they are folded."""
+        ...
+
+
+def _layout(stretches: Sequence[_Stretch], asked: Asked) -> _Layout:
+    if asked.as_json:
+        return _Json()
+    if len(stretches) == 1:
+        table = _Columns.for_rows_like(stretches[0], asked.raw)
+        if asked.width is None or table.width <= asked.width:
+            return table
+    return _Named(asked.width)
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """A table; its columns are as wide as the first rows need them."""
+
+    names: Sequence[str]
+    units: Sequence[str]
+    widths: Sequence[int]
+    left: Sequence[bool]
+
+    @classmethod
+    def for_rows_like(cls, stretch: _Stretch, raw: bool) -> _Columns:
+        columns = [stretch.table.columns[name] for name in stretch.columns]
+        names = [TIME, *stretch.columns]
+        units = ["s", *((column.raw_unit if raw else column.unit) for column in columns)]
+        cells = [stretch.times, *map(texts, stretch.values)]
+        widths = [max(map(len, [name, unit, *column])) for name, unit, column in zip(names, units, cells, strict=True)]
+        return cls(names, units, widths, [False, *(column.kind == "text" for column in columns)])
+
+    @property
+    def width(self) -> int:
+        return sum(self.widths) + 2 * (len(self.widths) - 1)
+
+    @property
+    def head(self) -> str:
+        return self._line(self.names) + self._line(self.units)
+
+    def lines(self, stretch: _Stretch) -> list[str]:
+        return [self._line(row) for row in zip(stretch.times, *map(texts, stretch.values), strict=True)]
+
+    def _line(self, cells: Sequence[str]) -> str:
+        placed = (
+            f"{cell:<{width}}" if left else f"{cell:>{width}}"
+            for cell, width, left in zip(cells, self.widths, self.left, strict=True)
+        )
+        return "  ".join(placed).rstrip().translate(_BREAKS) + "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class _Named:
+    """12.345678 ATT Roll=0.1 Pitch=0.2"""
+
+    width: int | None
+    head: str = ""
+
+    def lines(self, stretch: _Stretch) -> list[str]:
+        names = [f"{name}=" for name in stretch.columns]
+        cells = zip(stretch.times, *map(_quoted, stretch.values), strict=True)
+        return [
+            self._folded([at, stretch.table.name, *(name + value for name, value in zip(names, row, strict=True))])
+            for at, *row in cells
+        ]
+
+    def _folded(self, words: list[str]) -> str:
+        line = " ".join(words)
+        if self.width is None or len(line) <= self.width:
+            return line + "\n"
+        folded = textwrap.wrap(
+            line, max(self.width, 20), subsequent_indent=_INDENT, break_on_hyphens=False, break_long_words=False
+        )
+        return "\n".join(folded) + "\n"
+
+
+def _quoted(values: NDArray[Any]) -> list[str]:
+    """Texts in quotes where they would run into what follows."""
+    shown = texts(values)
+    if values.dtype.kind != "U":
+        return shown
+    return [json.dumps(text, ensure_ascii=False) if not text or not text.isalnum() else text for text in shown]
+
+
+@dataclass(frozen=True, slots=True)
+class _Json:
+    head: str = ""
+
+    def lines(self, stretch: _Stretch) -> list[str]:
+        columns = [plain(values) for values in stretch.values]
+        name, names = stretch.table.name, stretch.columns
+        rows = (
+            {TIME: since_ns / 1e9, "message": name, "fields": dict(zip(names, row, strict=True))}
+            for since_ns, *row in zip(stretch.since_ns.tolist(), *columns, strict=True)
+        )
+        return [json.dumps(row, allow_nan=False, ensure_ascii=False) + "\n" for row in rows]
+
+
+def _columns(tables: Sequence[Table], wanted: Sequence[str]) -> list[list[str]]:
+    """Of each table; all when none is wanted, else those it has."""
+    if not wanted:
+        return [list(table.columns) for table in tables]
+    found: list[list[str]] = [[] for _ in tables]
+    for name in wanted:
+        refusals = []
+        for table, names in zip(tables, found, strict=True):
+            try:
+                names.append(column_named(table, name))
+            except UserError as error:
+                refusals.append(error)
+        if len(refusals) == len(tables):
+            raise refusals[0]
+    return [list(dict.fromkeys(names)) for names in found]

@@ -1,0 +1,130 @@
+"""A summary of a log as lines of at most 80 columns. Without rich: loading it takes longer than reading a log."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+
+from xitl_cli.logs.report.instants import duration_text
+from xitl_cli.logs.report.words import FORMATS, damage_sentences, plural
+from xitl_cli.logs.summary import MessageSummary, Summary
+from xitl_cli.logs.table import Column
+
+_WIDTH = 80
+_PLACES = 10
+_TIME = {
+    "boot": "since the autopilot started",
+    "simulation": "since the run began",
+    "utc": "since the first row; stamps are UTC",
+    "unknown": "since the first row; what the stamps count from is not known",
+}
+
+
+def summary_lines(summary: Summary, *, every_field: bool = False) -> Iterator[str]:
+    told = list(_told(summary))
+    width = max(len(label) for label, _ in told) + 2
+    yield str(summary.path)
+    for label, text in told:
+        yield from textwrap.wrap(
+            " ".join(text.split()) or "-",
+            _WIDTH,
+            initial_indent=f"  {label:<{width}}",
+            subsequent_indent=" " * (width + 2),
+            break_on_hyphens=False,
+        )
+    yield ""
+    yield from _messages(summary.messages, every_field)
+
+
+def _told(summary: Summary) -> Iterator[tuple[str, str]]:
+    health = summary.health
+    yield "format", f"{FORMATS[summary.format]}, {_size(health.size_bytes)}, {plural(health.records, 'record')}"
+    if summary.span_s is None:
+        yield "time", "no row has a time stamp"
+    else:
+        begin, end = summary.span_s
+        yield "time", f"{begin:.3f} to {end:.3f} s ({duration_text(end - begin)}) {_TIME[summary.base]}"
+    if summary.start_utc is not None:
+        yield "start", f"{summary.start_utc} UTC"
+    if vehicle := _vehicle(summary):
+        yield "vehicle", vehicle
+    yield from summary.facts.items()
+    yield "health", "; ".join(["degraded" if health.degraded else "whole", *damage_sentences(health)])
+    if health.degraded:
+        for each in health.damage[:_PLACES]:
+            yield "", f"at byte {each.place}: {each.why}, {plural(each.lost, 'byte')} lost"
+        if health.damaged > _PLACES:
+            yield "", f"and {health.damaged - _PLACES} more places; --json lists the first 1000"
+
+
+def _vehicle(summary: Summary) -> str:
+    """Rover, ArduRover V4.6.0 (0123abcd), CubeOrange."""
+    about = {fact.key: str(fact.value) for fact in summary.about}
+    firmware = about.get("firmware", "")
+    version = about.get("firmware_version", "")
+    parts = [
+        about.get("vehicle_type") or about.get("vehicle", ""),
+        firmware if version in firmware else f"{firmware} {version}".strip(),
+        about.get("board", ""),
+    ]
+    return ", ".join(part for part in parts if part)
+
+
+def _messages(messages: tuple[MessageSummary, ...], every_field: bool) -> Iterator[str]:
+    if not messages:
+        yield "no message can be read"
+        return
+    name_width = max(len("message"), *(len(message.name) for message in messages))
+    head = f"{'message':<{name_width}} {'rows':>8} {'Hz':>8} {'inst':>4}  fields"
+    yield head.removesuffix("  fields") if every_field else head
+    begin = len(head) - len("fields")
+    for message in messages:
+        rate = "-" if message.rate_hz is None else _rate(message.rate_hz)
+        instances = "-" if message.instances is None else str(message.instances)
+        front = f"{message.name:<{name_width}} {message.rows:>8} {rate:>8} {instances:>4}  "
+        columns = message.columns or ()
+        names = [_field(column, every_field) for column in columns if not column.name.startswith("_")]
+        if every_field:
+            yield front.rstrip()
+            told = ", ".join(name.replace(" ", "\0") for name in names)  # a unit stays with its field
+            indent = " " * 4
+            wrapped = textwrap.wrap(
+                told, _WIDTH, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False
+            )
+            yield from (line.replace("\0", " ") for line in wrapped)
+        else:
+            yield (front + (_fitting(names, max(_WIDTH - begin, 16)) if names else "")).rstrip()
+    if any(message.columns is None for message in messages):
+        yield "fields are not read of a file so large; --fields reads it all"
+
+
+def _field(column: Column, with_unit: bool) -> str:
+    if not with_unit:
+        return column.name
+    counts = "".join(f"[{'' if count < 0 else count}]" for count in column.shape)
+    return f"{column.name}{counts} {column.unit}".strip()
+
+
+def _fitting(names: list[str], width: int) -> str:
+    """As many as fit on a line, and how many do not."""
+    shown = " ".join(names)
+    if len(shown) <= width:
+        return shown
+    while names:
+        more = f"+{len(shown.split()) - len(names)}"
+        line = " ".join([*names, more]) if more != "+0" else " ".join(names)
+        if len(line) <= width:
+            return line
+        names = names[:-1]
+    return f"{len(shown.split())} fields"
+
+
+def _rate(rate_hz: float) -> str:
+    return f"{rate_hz:.0f}" if rate_hz >= 1000 else f"{rate_hz:.3g}"
+
+
+def _size(size_bytes: int) -> str:
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size_bytes >= factor:
+            return f"{size_bytes / factor:.1f} {unit}"
+    return f"{size_bytes} bytes"

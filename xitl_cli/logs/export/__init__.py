@@ -1,0 +1,1 @@
+"""Tables of a log as files that other programs read: CSV, Parquet, MCAP."""

@@ -1,0 +1,128 @@
+"""Which files an export makes, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.export.csv_files import COLUMNS_FILE, write_columns, write_csv
+from xitl_cli.logs.export.flat import FlatColumn, stretches
+from xitl_cli.logs.export.naming import file_names
+from xitl_cli.logs.export.safe_file import make_directory, part_of, refuse_present
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.selecting.merged import inside, rows_at_once
+from xitl_cli.logs.selecting.times import zero_in_words, zero_ns
+from xitl_cli.logs.table import Table
+
+FORMATS = ("csv", "parquet", "mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """from_ns, until_ns: stamps, both included; None: no limit."""
+
+    tables: tuple[Table, ...]
+    from_ns: int | None = None
+    until_ns: int | None = None
+    raw: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """notes: whatever of the log is not in the files as it is in the log, a sentence each."""
+
+    files: tuple[str, ...]
+    rows: int
+    sentence: str
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def export_log(log: Log, wanted: Wanted, file_format: str, out: Path | None, overwrite: bool) -> Exported:
+    """Raises UserError for a format that is none, a place that takes no files, and a file that is there already."""
+    if file_format not in FORMATS:
+        raise UserError(f"--format = {file_format!r} is not known; choose from {', '.join(FORMATS)}")
+    if file_format == "mcap":
+        return _as_mcap(log, wanted, out, overwrite)
+    return _as_files(log, wanted, file_format, out or Path(f"{log.path.stem}-{file_format}"), overwrite)
+
+
+def _as_mcap(log: Log, wanted: Wanted, out: Path | None, overwrite: bool) -> Exported:
+    from xitl_cli.logs.export.mcap_export import write_mcap
+
+    path = out or Path(f"{log.path.stem}-export.mcap")
+    if path.is_dir():
+        path = path / f"{log.path.stem}-export.mcap"
+    _refuse_itself(log, [path])
+    refuse_present([path], overwrite)
+    make_directory(path.parent)
+    with part_of(path, overwrite) as part:
+        span_ns = (wanted.from_ns, wanted.until_ns)
+        try:
+            rows, early = write_mcap(part, log, list(wanted.tables), span_ns, wanted.raw)
+        except UserError as error:
+            raise UserError(str(error).replace(str(part), str(path))) from error
+    notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
+    return Exported((str(path),), rows, f"{path}: {rows} rows of {_messages(len(wanted.tables))}", notes)
+
+
+def _as_files(log: Log, wanted: Wanted, file_format: str, directory: Path, overwrite: bool) -> Exported:
+    write = _writer(file_format)
+    reserved = (COLUMNS_FILE.removesuffix(".csv"),)
+    names = {
+        name: f"{made}.{file_format}" for name, made in file_names((t.name for t in wanted.tables), reserved).items()
+    }
+    paths = [directory / name for name in names.values()]
+    also = [directory / COLUMNS_FILE] if file_format == "csv" else []
+    _refuse_itself(log, paths)
+    make_directory(directory)
+    refuse_present([*paths, *also], overwrite)
+    utc, zero, rows_written = log.base == "utc", zero_ns(log), 0
+    notes: list[str] = []
+    described: list[tuple[str, str, list[FlatColumn]]] = []
+    for table, path in zip(wanted.tables, paths, strict=True):
+        rows = inside(table, wanted.from_ns, wanted.until_ns)
+        at_once = rows_at_once(log, [table])
+        with part_of(path, overwrite) as part:
+            columns, left_out = write(part, table, stretches(rows, at_once), zero, utc, wanted.raw)
+        rows_written += len(rows)
+        described.append((path.name, table.name, columns))
+        if left_out:
+            notes.append(f"{table.name}: {', '.join(left_out)} left out for its length; --format mcap has all")
+    for path in also:
+        with part_of(path, overwrite) as part:
+            write_columns(part, described, wanted.raw)
+    what = f"{rows_written} rows of {_messages(len(wanted.tables))}, a file each"
+    sentence = f"{directory}: {what}; time_s counts seconds since {zero_in_words(log)}"
+    return Exported(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
+
+
+_Writer = Callable[[Path, Table, list[NDArray[np.intp]], int, bool, bool], tuple[list[FlatColumn], list[str]]]
+
+
+def _writer(file_format: str) -> _Writer:
+    if file_format == "csv":
+        return write_csv
+    from xitl_cli.logs.export.parquet_files import require_parquet, write_parquet
+
+    require_parquet()
+    return write_parquet
+
+
+def _refuse_itself(log: Log, paths: list[Path]) -> None:
+    """The log is mapped into memory: writing over it would take it away under the reader."""
+    for path in paths:
+        if path.exists() and log.path.exists() and path.samefile(log.path):
+            raise UserError(f"{path}: is the log itself; choose another place with --out")
+
+
+def _messages(count: int) -> str:
+    return f"{count} message{'' if count == 1 else 's'}"

@@ -1,0 +1,67 @@
+"""Files that are there whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+
+
+def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
+    """Raises UserError for a file that would be replaced, before anything is written."""
+    for path in paths:
+        if path.is_dir():
+            raise UserError(f"{path}: is a directory; name another place with --out")
+        if not overwrite and path.exists():
+            raise UserError(f"{path}: is there already; choose another place with --out, or add --overwrite")
+
+
+def make_directory(path: Path) -> None:
+    """With its parents. Raises UserError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise UserError(f"{path}: is no directory; choose another place with --out") from error
+    except OSError as error:
+        raise _refusal(path, error) from error
+
+
+@contextmanager
+def part_of(final: Path, overwrite: bool) -> Iterator[Path]:
+    """A path beside `final` to write to; when all went well the file there gets that name, otherwise it is removed.
+
+    Raises UserError when the place takes no file, when the disk is full, and when `final` has turned up meanwhile.
+    """
+    part = final.with_name(f".{final.name[:200]}.{os.getpid()}.part")
+    try:
+        yield part
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
+        if overwrite:
+            part.replace(final)
+        else:
+            _named_if_free(part, final)
+    except OSError as error:
+        raise _refusal(final, error) from error
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _named_if_free(part: Path, final: Path) -> None:
+    try:
+        os.link(part, final)
+    except FileExistsError as error:
+        raise UserError(f"{final}: is there already; choose another place with --out, or add --overwrite") from error
+    except OSError:  # a file system without links
+        refuse_present([final], overwrite=False)
+        part.replace(final)
+
+
+def _refusal(path: Path, error: OSError) -> UserError:
+    return UserError(
+        f"{path}: cannot be written ({error.strerror or error}); free space or choose another place with --out"
+    )

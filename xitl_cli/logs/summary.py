@@ -1,0 +1,167 @@
+"""What a log is, without analysing it: for `xitl logs info`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from xitl_cli.logs.log import Base, Format, Health, Log
+from xitl_cli.logs.sections import Fact
+from xitl_cli.logs.selecting.times import zero_ns
+from xitl_cli.logs.table import Column, Table
+
+_SHORTEST_S = 0.1
+_READ_WHOLE_BYTES = 16 << 20
+
+
+@runtime_checkable
+class _KeepsFrames(Protocol):
+    def frame_tables(self, topic: str) -> Mapping[str, Table]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSummary:
+    """rate_hz: of one instance, over the time from its message's first row to the last; None when that is no time.
+
+    instances: None when the message has none. columns: None where they were not read.
+    """
+
+    name: str
+    rows: int
+    rate_hz: float | None
+    instances: int | None
+    columns: tuple[Column, ...] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """facts: what the format says. about: vehicle, firmware and the like, as far as the log tells.
+
+    start_utc: of the first row, in the form 2026-11-21 12:00:00; None where it is not known.
+    """
+
+    path: Path
+    format: Format
+    base: Base
+    span_s: tuple[float, float] | None
+    start_utc: str | None
+    about: tuple[Fact, ...]
+    facts: Mapping[str, str]
+    health: Health
+    messages: tuple[MessageSummary, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        span = self.span_s
+        return {
+            "file": str(self.path),
+            "format": self.format,
+            "size_bytes": self.health.size_bytes,
+            "time_base": self.base,
+            "from_s": None if span is None else span[0],
+            "until_s": None if span is None else span[1],
+            "duration_s": None if span is None else span[1] - span[0],
+            "start_utc": self.start_utc,
+            "about": {fact.key: fact.value for fact in self.about},
+            "facts": dict(self.facts),
+            "health": _health(self.health),
+            "messages": [
+                {
+                    "name": message.name,
+                    "rows": message.rows,
+                    "rate_hz": message.rate_hz,
+                    "instances": message.instances,
+                    "fields": None if message.columns is None else [_field(column) for column in message.columns],
+                }
+                for message in self.messages
+            ],
+        }
+
+
+def summary_of(log: Log, *, every_field: bool = False) -> Summary:
+    """Of a large recording only what its index tells, unless `every_field`: its fields are known when it was read."""
+    span, zero = log.span_ns, zero_ns(log)
+    indexed = log.format == "mcap" and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field
+    about = () if indexed else _about(log)
+    utc = next((str(fact.value) for fact in about if fact.key == "utc_start"), None)
+    if utc is None and span is not None and log.base == "utc":
+        utc = (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=span[0] // 1000)).strftime("%Y-%m-%d %H:%M:%S")
+    return Summary(
+        path=log.path,
+        format=log.format,
+        base=log.base,
+        span_s=None if span is None else ((span[0] - zero) * 1e-9, (span[1] - zero) * 1e-9),
+        start_utc=utc,
+        about=tuple(fact for fact in about if fact.key not in ("utc_start", "duration_s")),
+        facts=log.facts,
+        health=log.health,
+        messages=tuple(_indexed(table, span) for table in log.tables.values()) if indexed else _messages(log),
+    )
+
+
+def _messages(log: Log) -> tuple[MessageSummary, ...]:
+    """With those in the MAVLink frames that a recording keeps."""
+    found = []
+    for name, table in log.tables.items():
+        found.append(_message(table))
+        if name.startswith("/") and "frame" in table.columns and isinstance(log, _KeepsFrames):
+            with suppress(KeyError):
+                found += [_message(inner) for inner in log.frame_tables(name).values()]
+    return tuple(found)
+
+
+def _message(table: Table) -> MessageSummary:
+    instances = None if table.instance is None else _distinct(table, table.instance)
+    stamps = table.stamp_ns
+    length_s = float(stamps[-1] - stamps[0]) * 1e-9
+    each = len(table) / (instances or 1)
+    rate_hz = (each - 1) / length_s if each > 1 and length_s >= _SHORTEST_S else None
+    return MessageSummary(table.name, len(table), rate_hz, instances, tuple(table.columns.values()))
+
+
+def _indexed(table: Table, span_ns: tuple[int, int] | None) -> MessageSummary:
+    length_s = 0.0 if span_ns is None else (span_ns[1] - span_ns[0]) * 1e-9
+    rate_hz = (len(table) - 1) / length_s if len(table) > 1 and length_s >= _SHORTEST_S else None
+    return MessageSummary(table.name, len(table), rate_hz, None, None)
+
+
+def _distinct(table: Table, column: str) -> int:
+    values = table.values(column, raw=True)
+    if values.dtype.kind == "u" and values.dtype.itemsize == 1:
+        return int(np.count_nonzero(np.bincount(values, minlength=256)))
+    return len(np.unique(values))
+
+
+def _about(log: Log) -> tuple[Fact, ...]:
+    from xitl_cli.logs.analyses.vehicle import analyse
+
+    try:
+        section = analyse(log)
+    except Exception:  # noqa: BLE001  a summary is shown of what can be told; `xitl logs analyze` names the fault
+        return ()
+    return () if section is None else tuple(fact for fact in section.facts if fact.value is not None)
+
+
+def _field(column: Column) -> dict[str, Any]:
+    return {"name": column.name, "unit": column.unit, "kind": column.kind, "shape": list(column.shape)}
+
+
+def _health(health: Health) -> dict[str, Any]:
+    return {
+        "degraded": health.degraded,
+        "records": health.records,
+        "damaged": health.damaged,
+        "damage": [{"place": each.place, "lost": each.lost, "why": each.why} for each in health.damage],
+        "lost_bytes": health.lost_bytes,
+        "suspect": health.suspect,
+        "truncated_bytes": health.truncated_bytes,
+        "unclosed": health.unclosed,
+        "back_in_time": health.back_in_time,
+        "redefined": health.redefined,
+        "undecoded": {name: {"rows": rows, "reason": why} for name, (rows, why) in health.undecoded.items()},
+    }
