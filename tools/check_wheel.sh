@@ -15,6 +15,7 @@ venv/bin/xitl profiles list > /dev/null
 venv/bin/xitl wdri paper/eq35-full-hitl --json | venv/bin/python -c 'import json, sys; assert round(json.load(sys.stdin)["wdri"], 4) == 0.9306'
 venv/bin/xitl sim --profile sitl --duration 5 --out run > /dev/null && exit 1 || test $? -eq 1
 test -s run/run.mcap && test -s run/summary.json
+venv/bin/xitl logs analyze run/run.mcap run/autopilot.bin --report report.html > /dev/null && test -s report.html
 venv/bin/xitl agent package > /dev/null
 venv/bin/python -I -S xitl-agent.pyz --version > /dev/null
 echo "the wheel works"

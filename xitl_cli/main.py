@@ -40,7 +40,19 @@ def fail(message: str) -> NoReturn:
 def _app() -> typer.Typer:
     import typer
 
-    from xitl_cli.commands import agent, doctor, firmware, paper, params, profiles, sim, wdri
+    from xitl_cli.commands import (
+        agent,
+        doctor,
+        firmware,
+        logs,
+        logs_analyze,
+        logs_compare,
+        paper,
+        params,
+        profiles,
+        sim,
+        wdri,
+    )
 
     app = typer.Typer(
         name="xitl",
@@ -70,6 +82,14 @@ def _app() -> typer.Typer:
     firmware_commands.command("get")(firmware.get)
     firmware_commands.command("list")(firmware.list_firmware)
     firmware_commands.command("path")(firmware.path)
+    log_commands = typer.Typer(help="Look into the logs of vehicles and runs.", no_args_is_help=True)
+    log_commands.command("info")(logs.info)
+    log_commands.command("dump")(logs.dump)
+    log_commands.command("export")(logs.export)
+    log_commands.command("analyze")(logs_analyze.analyze)
+    log_commands.command("plot")(logs_analyze.plot)
+    log_commands.command("compare")(logs_compare.compare)
+    log_commands.command("tasks")(logs.tasks)
     paper_commands = typer.Typer(help="Repeat the experiments of the paper.", no_args_is_help=True)
     paper_commands.callback()(_several)
     paper_commands.command("4.2")(paper.section_4_2)
@@ -80,6 +100,7 @@ def _app() -> typer.Typer:
     app.add_typer(profile_commands, name="profiles")
     app.add_typer(parameter_commands, name="params")
     app.add_typer(firmware_commands, name="firmware")
+    app.add_typer(log_commands, name="logs")
     app.add_typer(paper_commands, name="paper")
     version = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
 

@@ -1,4 +1,4 @@
-"""Files on a vehicle, by MAVLink FTP: checksum, folder, write. One request at a time, repeated until it is answered.
+"""Files on a vehicle, by MAVLink FTP: checksum, folder, read, write. One request at a time, repeated till answered.
 
 The protocol is that of mavlink.io/en/services/ftp.html. A repeated request keeps its sequence number, by which the
 vehicle knows it again and only repeats its answer; so nothing is done twice.
@@ -24,7 +24,7 @@ PAYLOAD_BYTES = 251
 DATA_BYTES = 239
 _HEADER = struct.Struct("<HBBBBBxI")  # sequence, session, operation, size, answered operation, burst, offset
 
-TERMINATE, LIST, CREATE, WRITE, MAKE_DIRECTORY, CHECKSUM = 1, 3, 6, 7, 9, 14
+TERMINATE, LIST, OPEN, READ, CREATE, WRITE, MAKE_DIRECTORY, CHECKSUM = 1, 3, 4, 5, 6, 7, 9, 14
 _ACK, _NAK = 128, 129
 FAIL, FAIL_ERRNO, INVALID_SESSION, NO_SESSION, FILE_EXISTS, FILE_NOT_FOUND = 1, 2, 4, 5, 8, 10
 _NO_MORE = 6  # how a folder's list ends, that of an empty one at once
@@ -107,6 +107,23 @@ class Files:
             if not self.has_folder(path):
                 raise
 
+    def read(self, path: str, most: int) -> bytes:
+        """What is in a file, `most` bytes at most: the size that a made-up file (@SYS/…) tells is not its own."""
+        session = self._ask(OPEN, path.encode()).session
+        content = b""
+        try:
+            while len(content) < most:
+                data = self._ask(READ, b"", len(content), session, wanted=DATA_BYTES).data
+                if not data:
+                    break
+                content += data
+        except RefusedError as refusal:
+            if refusal.code != _NO_MORE:
+                raise
+        finally:
+            self._ask(TERMINATE, b"", 0, session)
+        return content[:most]
+
     def write(self, path: str, content: bytes, progress: Callable[[float], None] = lambda done: None) -> None:
         """Write a file anew; `progress` hears what part is done."""
         session = self._ask(CREATE, path.encode()).session
@@ -118,21 +135,24 @@ class Files:
         finally:
             self._ask(TERMINATE, b"", 0, session)
 
-    def _ask(self, operation: int, data: bytes, offset: int = 0, session: int | None = None) -> _Answer:
+    def _ask(
+        self, operation: int, data: bytes, offset: int = 0, session: int | None = None, wanted: int | None = None
+    ) -> _Answer:
+        """`wanted`: bytes to read, where that is asked for."""
         deadline_s = time.monotonic() + BUSY_S
         while True:
             try:
-                return self._ask_once(operation, data, offset, self._session if session is None else session)
+                return self._ask_once(operation, data, offset, self._session if session is None else session, wanted)
             except RefusedError as refusal:
                 if refusal.code not in _BUSY or time.monotonic() > deadline_s:
                     raise
             time.sleep(0.2)
 
-    def _ask_once(self, operation: int, data: bytes, offset: int, session: int) -> _Answer:
+    def _ask_once(self, operation: int, data: bytes, offset: int, session: int, wanted: int | None) -> _Answer:
         sequence = self._sequence
         expected = (sequence + 1) & 0xFFFF
         self._sequence = (sequence + 2) & 0xFFFF
-        header = _HEADER.pack(sequence, session, operation, len(data), 0, 0, offset)
+        header = _HEADER.pack(sequence, session, operation, len(data) if wanted is None else wanted, 0, 0, offset)
         payload = (header + data).ljust(PAYLOAD_BYTES, b"\0")
         message = dialect.MAVLink_file_transfer_protocol_message(0, *self._vehicle.target, payload)
         for _ in range(TRIES):

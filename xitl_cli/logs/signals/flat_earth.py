@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _M_PER_DEG = math.radians(6_378_100.0)
 _STILL_M = 5.0
-_NEAR_SHARE = 0.2
+_NEAR_SHARE = 0.02
 
 
 def flat_ned(origin: tuple[float, float, float], geodetic: Array) -> Array:
@@ -36,7 +36,8 @@ def flat_ned(origin: tuple[float, float, float], geodetic: Array) -> Array:
 def is_of_its_world(told: Series, simulated: Series) -> bool:
     """Whether the place that a log tells is the one its simulator moved (SIM), by and large.
 
-    Another autopilot's senses leave the simulated vessel where it stood.
+    Where the senses come from elsewhere the simulated vehicle stands still, or is driven by the same outputs to another
+    place.
     """
     origin = (*map(float, simulated.values[0]),)
     true_m = flat_ned((origin[0], origin[1], origin[2]), simulated.values)[:, :2]

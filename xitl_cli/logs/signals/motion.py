@@ -130,6 +130,16 @@ def position_ned(log: Log, of: Of = "estimate", origin: tuple[float, float, floa
     return Position(found, about)
 
 
+def _simulated(log: Log) -> Series | None:
+    """Where ArduPilot's own simulator says the vehicle is; without a height from telemetry."""
+    if (found := _geodetic(log, "SIM", ("Lat", "Lng", "Alt"))) is not None:
+        return found
+    table = whole(log, "SIMSTATE")
+    if table is None or (place := vectors(table, ("lat", "lng"))) is None:
+        return None
+    return _on_earth(table.stamp_ns, np.column_stack([place, np.zeros(len(place))]), "SIMSTATE")
+
+
 def _first_place(geodetic: Series) -> tuple[float, float, float]:
     """Its first row, fit to be an origin."""
     latitude, longitude, altitude = map(float, geodetic.values[0])
@@ -138,7 +148,7 @@ def _first_place(geodetic: Series) -> tuple[float, float, float]:
 
 def _metres(log: Log, geodetic: Series, of: Of, about: tuple[float, float, float]) -> NDArray[np.float64]:
     """(N, 3) north, east, down about a place, by the metres of the world that the log is of."""
-    simulated = _geodetic(log, "SIM", ("Lat", "Lng", "Alt"))
+    simulated = _simulated(log)
     frame = LocalFrame(*about)
     if simulated is None or not (of == "truth" or is_of_its_world(geodetic, simulated)):
         return frame.ned(*geodetic.values.T)

@@ -1,0 +1,126 @@
+"""Analyses of who, what and when on logs that make no sense: a section or none, never an exception, never NaN."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_log import MadeLog, MadeTable
+
+from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Section, Severity
+
+CALM = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs" / "boat-auto-calm.bin"
+ANALYSES = ("vehicle", "modes", "arming", "events", "missions", "parameters", "estimator")
+TABLES: dict[str, tuple[str, ...]] = {
+    "ARM": ("ArmState", "ArmChecks", "Forced", "Method"),
+    "ATT": ("Roll", "Yaw", "AEKF"),
+    "AUXF": ("function", "pos", "source"),
+    "CMD": ("CTot", "CNum", "CId", "Lat", "Lng", "Alt", "Frame"),
+    "DSF": ("Dp",),
+    "EKF_STATUS_REPORT": ("flags", "velocity_variance", "compass_variance"),
+    "ERR": ("Subsys", "ECode"),
+    "EV": ("Id",),
+    "GPS": ("Status", "GWk", "GMS", "Lat", "Lng", "Alt", "Spd", "GCrs"),
+    "HEARTBEAT": ("type", "autopilot", "custom_mode", "base_mode", "_sysid"),
+    "MISE": ("CNum",),
+    "MISSION_CURRENT": ("seq", "total", "mission_state"),
+    "MODE": ("Mode", "ModeNum", "Rsn"),
+    "MON": ("Dly", "IErr"),
+    "ORGN": ("Type", "Lat", "Lng", "Alt"),
+    "PM": ("InE",),
+    "POS": ("Lat", "Lng", "Alt"),
+    "SIM": ("Yaw", "Lat", "Lng", "Alt"),
+    "SYS_STATUS": ("onboard_control_sensors_present", "onboard_control_sensors_health"),
+    "VER": ("BT", "BST", "Maj", "Min", "Pat", "FWT", "GH", "BU"),
+    "WDOG": ("Task", "IErr"),
+    "XKF1": ("C", "Yaw", "PN", "PE", "VN", "VE", "OH"),
+    "XKF3": ("C", "IVN", "IYAW"),
+    "XKF4": ("C", "SV", "SP", "SH", "SM", "FS", "TS", "SS", "PI", "OFN", "OFE"),
+    "XKFS": ("C", "SS", "MAG_FUSION"),
+    "XKT": ("C", "Cnt", "IMUMin", "EKFMax"),
+}
+SENTENCES = ("PreArm: x", "Reached waypoint #3", "Crash: Disarming", "Radio Failsafe", "", "Throttle armed", "Ω" * 9)
+MEASURED = {
+    *("Lat", "Lng", "Alt", "Yaw", "Roll", "SV", "SP", "SH", "SM", "PN", "PE", "VN", "VE", "OH", "OFN", "OFE"),
+    *("IVN", "IYAW", "Spd", "GCrs", "IMUMin", "EKFMax", "velocity_variance", "compass_variance"),
+}
+
+
+def column(name: str, rows: int, random: np.random.Generator) -> np.ndarray[Any, Any]:
+    if name not in MEASURED:
+        wide = [0, 1, 2, 3, 4, 10, 255, 65_535, 2**31 - 1]
+        return random.choice(np.array(wide), rows)
+    values = random.choice([0.0, 1.0, -8.8, 63.9, 359.0, 1e30, -1e30, np.nan, np.inf], rows)
+    return np.where(random.random(rows) < 0.5, random.normal(0.0, 50.0, rows), values)
+
+
+def nonsense(seed: int) -> MadeLog:
+    random = np.random.default_rng(seed)
+    tables = []
+    for name, columns in TABLES.items():
+        if random.random() < 0.4:
+            continue
+        rows = int(random.choice([1, 2, 3, 40]))
+        stamps = np.sort(random.integers(0, 100 * 10**9, rows))
+        if random.random() < 0.3:
+            stamps = random.choice([0, 10**9, 2**62], rows)
+        kept = [one for one in columns if random.random() < 0.85]
+        values = {one: column(one, rows, random) for one in kept}
+        instance = "C" if "C" in kept else None
+        tables.append(MadeTable(name, stamps, values, instance))
+    said = random.choice(SENTENCES, 6)
+    tables.append(MadeTable("MSG", np.arange(6) * 10**9, {"Message": said}))
+    tables.append(
+        MadeTable("PARM", np.arange(4), {"Name": ["A", "A", "", "FS_EKF_THRESH"], "Value": [1.0, np.nan, 2.0, 0.0]})
+    )
+    return MadeLog(*tables)
+
+
+def check(log: Log) -> None:
+    for name in ANALYSES:
+        section = importlib.import_module(f"xitl_cli.logs.analyses.{name}").analyse(log)
+        if section is not None:
+            assert_sound(section)
+
+
+def assert_sound(section: Section) -> None:
+    values = [fact.value for fact in section.facts]
+    values += [value for grid in section.grids for row in grid.rows for value in row]
+    assert not any(isinstance(value, float) and not math.isfinite(value) for value in values)
+    assert all(type(value) in (int, float, str, bool, type(None)) for value in values)
+    for grid in section.grids:
+        assert all(len(row) == len(grid.columns) for row in grid.rows)
+    for finding in section.findings:
+        assert finding.next_step or finding.severity is Severity.OK
+        assert "nan" not in finding.sentence.lower().split()
+    for plot in section.plots:
+        assert all(len(trace.x) == len(trace.y) for trace in plot.traces)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_nonsense(seed: int) -> None:
+    check(nonsense(seed))
+
+
+def test_an_empty_log() -> None:
+    check(MadeLog())
+
+
+@pytest.mark.skipif(not CALM.exists(), reason="the shared logs are not beside the checkout")
+@pytest.mark.parametrize("seed", range(2))
+def test_a_damaged_log(seed: int, tmp_path: Path) -> None:
+    """One byte in a thousand is another one."""
+    data = np.frombuffer(CALM.read_bytes()[:1_500_000], np.uint8).copy()
+    random = np.random.default_rng(seed)
+    places = random.integers(0, len(data), len(data) // 1000)
+    data[places] = random.integers(0, 256, len(places))
+    path = tmp_path / "damaged.bin"
+    path.write_bytes(data.tobytes())
+    with DataFlashLog(path) as log:
+        check(log)

@@ -1,0 +1,62 @@
+"""Rates and gaps of stamps that were put there."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from xitl_cli.logs.gaps import regularity
+
+MS = 1_000_000
+
+
+def test_an_even_series_has_no_gap():
+    found = regularity(np.arange(100) * 20 * MS)
+    assert found is not None
+    assert (found.rate_hz, found.jitter_s, found.gaps, found.repeated, found.backward) == (50.0, 0.0, 0, 0, 0)
+    assert found.longest == ()
+    assert found.longest_gap_s == 0.0
+
+
+def test_gaps_are_counted_sized_and_placed():
+    stamps = np.delete(np.arange(200) * 20 * MS, [*range(50, 60), 120])
+    found = regularity(stamps)
+    assert found is not None
+    assert (found.gaps, found.long_gaps, found.missing) == (2, 1, 11)
+    assert [(gap.from_ns, gap.until_ns, gap.missing) for gap in found.longest] == [
+        (49 * 20 * MS, 60 * 20 * MS, 10),
+        (119 * 20 * MS, 121 * 20 * MS, 1),
+    ]
+
+
+def test_repeated_and_backward_stamps_are_no_gaps():
+    stamps = np.arange(100) * 20 * MS
+    stamps[40] = stamps[39]
+    stamps[70] = 5 * MS  # one wrong stamp: 69 to 71 is what is missing, not 5 ms to 71
+    found = regularity(stamps)
+    assert found is not None
+    assert (found.repeated, found.backward) == (1, 1)
+    assert found.back_s == pytest.approx((69 * 20 - 5) * 1e-3)
+    assert [gap.missing for gap in found.longest] == [1, 1]
+
+
+def test_the_expected_period_may_be_given():
+    found = regularity(np.arange(100) * 40 * MS, period_s=0.02)
+    assert found is not None
+    assert (found.gaps, found.missing) == (99, 99)
+
+
+@pytest.mark.parametrize("stamps", [[], [1], [1, 2], [5, 5, 5, 5], [9, 8, 7]])
+def test_too_little_to_tell(stamps):
+    assert regularity(np.array(stamps, dtype=np.int64)) is None
+
+
+@given(st.lists(st.integers(-(2**60), 2**60), min_size=3, max_size=60))
+def test_any_stamps_are_counted(stamps):
+    found = regularity(np.array(stamps, dtype=np.int64))
+    if found is not None:
+        steps = np.diff(stamps)
+        assert found.repeated == np.count_nonzero(steps == 0)
+        assert found.backward == np.count_nonzero(steps < 0)
+        assert found.gaps >= found.long_gaps
+        assert found.missing >= found.gaps

@@ -1,0 +1,212 @@
+"""`xitl logs compare`."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from xitl_cli.logs.compare.comparison import Comparison
+    from xitl_cli.logs.log import Log
+    from xitl_cli.logs.report.page import Card, Page
+    from xitl_cli.logs.sections import Finding
+
+
+class Align(StrEnum):
+    NONE = "none"
+    ORIGIN = "origin"
+    SE3 = "se3"
+    SIM3 = "sim3"
+
+
+class Start(StrEnum):
+    AUTO = "auto"
+    CLOCKS = "clocks"
+    MISSION = "mission"
+    ARMED = "armed"
+    MOTION = "motion"
+    CORRELATION = "correlation"
+
+
+class Of(StrEnum):
+    ESTIMATE = "estimate"
+    TRUTH = "truth"
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A", help="The reference: a .bin, .tlog or MCAP file.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="What is held against it; may be the same file.")],
+    align: Annotated[
+        Align, typer.Option(help="Move B's path onto A's: by the first poses, or by least squares, with scale or not.")
+    ] = Align.NONE,
+    start: Annotated[
+        Start, typer.Option(help="How B is laid on A's time: by clocks, or by what happened in both.")
+    ] = Start.AUTO,
+    shift: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="B begins so much later than A, instead of --start.")
+    ] = None,
+    of_a: Annotated[Of, typer.Option("--of-a", help="What the autopilot believed, or the simulator knew.")] = (
+        Of.ESTIMATE
+    ),
+    of_b: Annotated[Of, typer.Option("--of-b", help="The same of B.")] = Of.ESTIMATE,
+    from_s: Annotated[
+        float | None,
+        typer.Option("--from", metavar="SECONDS", help="Compare from so long after the zero, which is said first."),
+    ] = None,
+    until_s: Annotated[float | None, typer.Option("--until", metavar="SECONDS", help="Compare until then.")] = None,
+    armed: Annotated[bool, typer.Option("--armed", help="Compare only while both were armed.")] = False,
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE", help="Write the plots and tables as one HTML page.")
+    ] = None,
+    tum: Annotated[
+        Path | None,
+        typer.Option("--tum", metavar="DIRECTORY", help="Write both paths as compared: a.tum and b.tum, for evo."),
+    ] = None,
+    open_page: Annotated[bool, typer.Option("--open", help="Show the page in a browser.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Hold one log against another: paths, errors, profiles, channels, events, scheduler, time bases."""
+    from xitl_cli.logs.compare.comparison import compare as compared
+    from xitl_cli.logs.opening import open_log
+
+    with open_log(a) as log_a, open_log(b) as log_b:
+        found = compared(
+            log_a,
+            log_b,
+            align=align.value,
+            start=start.value,
+            shift_s=shift,
+            of_a=of_a.value,
+            of_b=of_b.value,
+            from_s=from_s,
+            until_s=until_s,
+            armed=armed,
+        )
+        page = _page(log_a, log_b, found) if report is not None or open_page else None
+    if tum is not None:
+        _write_tum(tum, found)
+    if page is not None:
+        from xitl_cli.logs.report.html import write_page
+
+        report = report or Path("compare.html")
+        write_page(page, report)
+    if as_json:
+        typer.echo(json.dumps(_document(a, b, found), indent=2, allow_nan=False))
+    else:
+        _show(a, b, found, report)
+    if open_page and report is not None:
+        import webbrowser
+
+        webbrowser.open(report.absolute().as_uri())
+
+
+def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
+    from xitl_cli.logs.report.json import section_document
+    from xitl_cli.logs.report.model import TimeLine
+
+    line = TimeLine(found.zero_ns)
+    return {
+        "a": str(a),
+        "b": str(b),
+        "time": {
+            "method": found.pairing.method,
+            "sentence": found.pairing.sentence,
+            "error_s": found.pairing.error_s,
+            "zero_ns": found.zero_ns,
+        },
+        "sections": {section.key: section_document(section, line) for section in found.sections},
+    }
+
+
+def _page(a: Log, b: Log, found: Comparison) -> Page:
+    from xitl_cli.logs.report.build import short_names
+    from xitl_cli.logs.report.model import TimeLine
+    from xitl_cli.logs.report.page import Page, PageMark, Part
+
+    line = TimeLine(found.zero_ns)
+    names = [a.path.name] * 2 if a.path == b.path else short_names([a.path, b.path])
+    return Page(
+        " and ".join(names),
+        f"{found.pairing.sentence}; {found.zero_sentence}",
+        tuple(Part(section, line) for section in found.sections),
+        (_card("A", a), _card("B", b)),
+        marks=tuple(
+            PageMark(
+                "armed" if state.text == "armed" else "mode",
+                line.second(state.from_ns),
+                line.second(state.until_ns),
+                f"A: {state.text}",
+            )
+            for state in found.states
+        ),
+    )
+
+
+def _card(name: str, log: Log) -> Card:
+    from xitl_cli.logs.report.instants import duration_text
+    from xitl_cli.logs.report.page import Card
+    from xitl_cli.logs.report.words import FORMATS, damage_sentences
+
+    facts = [("file", str(log.path)), ("format", FORMATS[log.format])]
+    if log.span_ns is not None:
+        facts.append(("duration", duration_text((log.span_ns[1] - log.span_ns[0]) * 1e-9)))
+    return Card(name, tuple(facts), damage_sentences(log.health))
+
+
+def _show(a: Path, b: Path, found: Comparison, report: Path | None) -> None:
+    from rich.console import Console
+
+    from xitl_cli.logs.report.terminal import show_section
+    from xitl_cli.logs.sections import Severity, by_severity
+
+    console = Console(highlight=False)
+    table = _hanging([("A", str(a)), ("B", str(b)), ("time", found.pairing.sentence), ("", found.zero_sentence)])
+    console.print(table)
+    findings = by_severity(found.sections)
+    if findings:
+        console.print()
+        console.print(
+            _hanging([("" if each.severity == Severity.OK else each.severity.name, _said(each)) for each in findings])
+        )
+    for section in found.sections:
+        show_section(console, section)
+    if report is not None:
+        console.print(f"\n{report}", markup=False, soft_wrap=True)
+
+
+def _said(finding: Finding) -> str:
+    return f"{finding.sentence} {finding.next_step}".rstrip()
+
+
+def _hanging(rows: list[tuple[str, str]]) -> Table:
+    """A word and a sentence that is wrapped beside it."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for word, sentence in rows:
+        table.add_row(Text(word), Text("".join(letter if letter.isprintable() else " " for letter in sentence)))
+    return table
+
+
+def _write_tum(directory: Path, found: Comparison) -> None:
+    from xitl_cli.logs.compare.trajectories import tum_text
+
+    if found.trajectories is None:
+        raise UserError("no trajectories to write: not both logs hold positions; leave --tum out")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for name, trajectory in zip(("a.tum", "b.tum"), found.trajectories, strict=True):
+            (directory / name).write_text(tum_text(trajectory), encoding="ascii")
+    except OSError as error:
+        raise UserError(f"{directory}: cannot be written ({error.strerror}); choose another --tum") from error

@@ -1,0 +1,293 @@
+"""When it was armed, by whom, and what stood in the way before."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from xitl_cli.logs import signals
+from xitl_cli.logs.analyses.instants import Instants, grid, number
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.table import Table
+from xitl_cli.logs.words.arming import FAILSAFE_METHODS, checks_left_out, method_name
+from xitl_cli.logs.words.heard import heard
+
+_REFUSED = re.compile(r"^\s*(PreArm|Arm)\s*:\s*(.+?)\s*$", re.I)
+_PREARM_CHECK = 1 << 28  # MAV_SYS_STATUS_PREARM_CHECK
+_AGREES_NS = 1_000_000_000
+_MOST_FINDINGS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """One row of ARM: method, forced None where the version does not log them; checks: bits that were enabled."""
+
+    at_ns: int
+    armed: bool
+    method: int | None
+    forced: bool | None
+    checks: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """The same reason given `count` times; attempt: at an attempt to arm, not before one."""
+
+    reason: str
+    attempt: bool
+    count: int
+    first_ns: int
+    last_ns: int
+    source: str
+
+
+def analyse(log: Log) -> Section | None:
+    if log.span_ns is None or (log.format == "mcap" and not _tells(log)):
+        return None
+    instants = Instants(log)
+    spans, rows, refusals = signals.armed(log), switches(log), refused(log)
+    grids = [_intervals(spans, rows, instants)] if spans else []
+    if refusals:
+        grids.append(_refusals(refusals, instants))
+    findings = [*_never(log, spans, refusals, instants), *_how(rows, spans, instants)]
+    lacks = () if _tells(log) else ("Whether it was armed is not logged: no ARM, EV or MSG, no heartbeat.",)
+    facts = tuple(_facts(log, spans, refusals, instants))
+    return Section("arming", "Arming", facts, tuple(findings), tuple(grids), _plots(log, spans, instants), lacks)
+
+
+def switches(log: Log) -> list[Switch]:
+    """Rows of ARM in the order of time."""
+    table = log.tables.get("ARM")
+    if table is None or "ArmState" not in table.columns:
+        return []
+    states = np.asarray(table.values("ArmState", raw=True))
+    found = [
+        Switch(
+            at_ns,
+            bool(state),
+            _whole(table, "Method", row),
+            None if (forced := _whole(table, "Forced", row)) is None else bool(forced),
+            _whole(table, "ArmChecks", row),
+        )
+        for row, (at_ns, state) in enumerate(zip(table.stamp_ns.tolist(), states.tolist(), strict=True))
+    ]
+    return sorted(found, key=lambda each: each.at_ns)
+
+
+def refused(log: Log) -> list[Refusal]:
+    """Reasons not to arm, in the order they were first given."""
+    found: dict[tuple[str, bool], Refusal] = {}
+    for text in signals.texts(log):
+        match = _REFUSED.match(text.text)
+        if match is None:
+            continue
+        key = (match.group(2), match.group(1).lower() == "arm")
+        before = found.get(key)
+        first_ns, count = (text.at_ns, 0) if before is None else (before.first_ns, before.count)
+        found[key] = Refusal(*key, count + 1, first_ns, text.at_ns, text.source)
+    return list(found.values())
+
+
+def _whole(table: Table, column: str, row: int) -> int | None:
+    return int(table.values(column, slice(row, row + 1), raw=True)[0]) if column in table.columns else None
+
+
+def _tells(log: Log) -> bool:
+    names = ("ARM", "EV", "MSG", "HEARTBEAT", "/link/agent/rx:HEARTBEAT", "/actuators")
+    return any(name in log.tables for name in names) or bool(signals.armed(log))
+
+
+def _facts(log: Log, spans: list[signals.Span], refusals: list[Refusal], instants: Instants) -> list[Fact]:
+    facts = [
+        Fact("times_armed", "Times armed", len(spans)),
+        Fact("armed_s", "Armed", number(sum(span.until_ns - span.from_ns for span in spans) * 1e-9, 1), "s"),
+        Fact("refusals", "Reasons not to arm", len(refusals)),
+    ]
+    if not spans:
+        return facts
+    first_ns = spans[0].from_ns
+    facts.append(Fact("first_armed_s", "First armed at", instants.second(first_ns), "s"))
+    if (ready_ns := _ready_ns(log)) is not None and ready_ns <= first_ns:
+        facts.append(
+            Fact("ready_to_arm_s", "From checks passed to armed", number((first_ns - ready_ns) * 1e-9, 1), "s")
+        )
+    if (origin_ns := _origin_ns(log, instants)) is not None and origin_ns <= first_ns:
+        waited_s = number((first_ns - origin_ns) * 1e-9, 1)
+        facts.append(Fact("origin_to_arm_s", "From estimator origin to armed", waited_s, "s"))
+    return facts
+
+
+def _ready_ns(log: Log) -> int | None:
+    """When the pre-arm checks passed for the first time, as telemetry says."""
+    table = heard(log, "SYS_STATUS")
+    names = ("onboard_control_sensors_present", "onboard_control_sensors_health")
+    if table is None or not set(names) <= set(table.columns):
+        return None
+    present, health = (np.asarray(table.values(name, raw=True)).astype(np.int64) for name in names)
+    good = np.flatnonzero(present & health & _PREARM_CHECK)
+    return int(table.stamp_ns[good[0]]) if len(good) else None
+
+
+def _origin_ns(log: Log, instants: Instants) -> int | None:
+    """When it was first said to be set; a row at the very start of a log repeats what was before."""
+    said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
+    table = log.tables.get("ORGN")
+    if table is not None and "Type" in table.columns:
+        rows = table.stamp_ns[np.asarray(table.values("Type", raw=True)) == 0]
+        said += [int(at_ns) for at_ns in rows if at_ns > instants.start_ns + _AGREES_NS]
+    return min(said, default=None)
+
+
+def _intervals(spans: list[signals.Span], rows: list[Switch], instants: Instants) -> Grid:
+    def by(at_ns: int, armed: bool) -> str:
+        row = _row_at(rows, at_ns, armed)
+        if row is None:
+            return "armed when the log ends" if not armed and at_ns >= instants.end_ns else ""
+        if row.method is None:
+            return ""
+        return method_name(row.method) + (", forced" if row.forced else "")
+
+    return grid(
+        "armed",
+        "Armed",
+        ("from (s)", "until (s)", "duration (s)", "armed by", "disarmed by"),
+        [
+            (
+                instants.second(span.from_ns),
+                instants.second(span.until_ns),
+                number((span.until_ns - span.from_ns) * 1e-9, 1),
+                by(span.from_ns, True),
+                by(span.until_ns, False),
+            )
+            for span in spans
+        ],
+    )
+
+
+def _row_at(rows: list[Switch], at_ns: int, armed: bool) -> Switch | None:
+    near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
+    return min(near, key=lambda row: abs(row.at_ns - at_ns), default=None)
+
+
+def _refusals(refusals: list[Refusal], instants: Instants) -> Grid:
+    return grid(
+        "refusals",
+        "Reasons not to arm",
+        ("reason", "when", "times", "first (s)", "last (s)"),
+        [
+            (
+                each.reason,
+                "at an attempt" if each.attempt else "before",
+                each.count,
+                instants.second(each.first_ns),
+                instants.second(each.last_ns),
+            )
+            for each in refusals
+        ],
+    )
+
+
+def _never(log: Log, spans: list[signals.Span], refusals: list[Refusal], instants: Instants) -> list[Finding]:
+    attempts = [each for each in refusals if each.attempt]
+    if not spans and not _tells(log):
+        return []
+    if not spans and refusals:
+        worst = max(attempts or refusals, key=lambda each: each.last_ns)
+        return [
+            Finding(
+                "arming.refused",
+                Severity.WARNING,
+                f'It was never armed; the last reason given was "{worst.reason}" ({worst.count} times, until '
+                f"{instants.text(worst.last_ns)})",
+                tuple(_evidence(each) for each in refusals[:_MOST_FINDINGS]),
+                "Clear each reason in the table; the last one is what still held.",
+            )
+        ]
+    if not spans:
+        lasted = (instants.end_ns - instants.start_ns) * 1e-9
+        sentence = f"It was not armed in the {lasted:.0f} s of this log, and nobody is told to have tried"
+        return [Finding("arming.never", Severity.NOTICE, sentence, (), "Take a log of a run to judge one.")]
+    if not attempts:
+        return []
+    total = sum(each.count for each in attempts)
+    return [
+        Finding(
+            "arming.attempts_refused",
+            Severity.NOTICE,
+            f'Arming was refused {total} times, first for "{attempts[0].reason}"',
+            tuple(_evidence(each) for each in attempts[:_MOST_FINDINGS]),
+            "Wait for the pre-arm checks before arming.",
+        )
+    ]
+
+
+def _evidence(refusal: Refusal) -> Evidence:
+    message, _, field = refusal.source.partition(".")
+    return Evidence(message, field, refusal.first_ns, refusal.last_ns, f"{refusal.reason} ({refusal.count})")
+
+
+def _how(rows: list[Switch], spans: list[signals.Span], instants: Instants) -> list[Finding]:
+    findings = []
+    unchecked = [row for row in rows if row.armed and row.checks == 0]
+    partly = [row for row in rows if row.armed and row.checks and checks_left_out(row.checks)]
+    if unchecked:
+        findings.append(
+            Finding(
+                "arming.checks_off",
+                Severity.NOTICE,
+                f"It was armed at {instants.text(unchecked[0].at_ns)} with all arming checks switched off",
+                tuple(Evidence("ARM", "ArmChecks", row.at_ns, value="0") for row in unchecked[:_MOST_FINDINGS]),
+                "Switch the checks on (ARMING_CHECK 1, or ARMING_SKIPCHK 0 since 4.7) before trusting it on water.",
+            )
+        )
+    elif partly:
+        left_out = checks_left_out(partly[0].checks or 0)
+        findings.append(
+            Finding(
+                "arming.checks_partly_off",
+                Severity.NOTICE,
+                f"It was armed at {instants.text(partly[0].at_ns)} without the checks of {', '.join(left_out[:6])}"
+                + (f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""),
+                tuple(
+                    Evidence("ARM", "ArmChecks", row.at_ns, value=str(row.checks)) for row in partly[:_MOST_FINDINGS]
+                ),
+                "See that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
+            )
+        )
+    for row in [row for row in rows if row.armed and row.forced][:_MOST_FINDINGS]:
+        findings.append(
+            Finding(
+                "arming.forced",
+                Severity.WARNING,
+                f"It was armed by force at {instants.text(row.at_ns)}, past whatever the checks said",
+                (Evidence("ARM", "Forced", row.at_ns, value="1"),),
+                "Arm without force; the reasons refused are in the table.",
+            )
+        )
+    for row in [row for row in rows if not row.armed and row.method in FAILSAFE_METHODS][:_MOST_FINDINGS]:
+        findings.append(
+            Finding(
+                "arming.disarmed_by_failsafe",
+                Severity.CRITICAL,
+                f"At {instants.text(row.at_ns)} the autopilot disarmed by itself: {method_name(row.method or 0)}",
+                (Evidence("ARM", "Method", row.at_ns, value=str(row.method)),),
+                "The main loop stood still: see the scheduler section."
+                if row.method == 6
+                else "Look at the events just before.",
+            )
+        )
+    return findings
+
+
+def _plots(log: Log, spans: list[signals.Span], instants: Instants) -> tuple[Plot, ...]:
+    if not spans:
+        return ()
+    edges = [(instants.start_ns, 0.0)]
+    for span in spans:
+        edges += [(span.from_ns, 1.0), (span.until_ns, 0.0)]
+    stamps, values = np.array([at for at, _ in edges], dtype=np.int64), np.array([on for _, on in edges])
+    marks = tuple(Mark(span.from_ns, "armed", span.until_ns, Severity.OK) for span in spans[:200])
+    return (Plot("armed", "Armed", "armed", (Trace("armed", stamps, values, "steps"),), marks=marks),)

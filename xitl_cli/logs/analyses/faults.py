@@ -1,0 +1,272 @@
+"""Faults that were injected on purpose, takeovers, and what of them is to be seen elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from xitl_cli.logs.analyses.instants import Instants, grid, number
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.running.deadlines import missed
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.table import Table
+from xitl_cli.logs.timeline.relations import relations
+
+MOST_PROFILE = 1 << 20
+AFTER_NS = 1_000_000_000
+
+EXPECTED: Mapping[str, Mapping[str, str]] = {
+    "link": {
+        "cut": "no frames on the link, gaps in its sequence (links)",
+        "loss": "losses by the sequence (links)",
+        "duplicate": "repeated frames (links)",
+        "reorder": "late frames (links)",
+        "delay_s": "latencies longer by as much (links)",
+        "jitter_s": "latencies that scatter (links), a clock known less well (time bases)",
+    },
+    "agent": {
+        "cpu_load": "late starts and missed deadlines (scheduler)",
+        "clock_offset_s": "a step of the node's clock, skipped cycles (time bases, scheduler)",
+        "clock_skew_ppm": "a drift by as much (time bases)",
+    },
+    "imu": {
+        "dropout": "gaps of the IMU (sensors)",
+        "freeze": "an IMU that stands still (sensors)",
+        "gyro_bias_frd_radps": "gyroscopes that do not agree with the compass, heading innovations (estimator)",
+        "accel_bias_frd_mps2": "velocity innovations (estimator)",
+    },
+    "gnss": {
+        "dropout": "no fixes (GNSS), an estimate that coasts (estimator)",
+        "freeze": "a position that stands still (GNSS)",
+        "position_bias_ned_m": "position innovations, a reset (estimator)",
+        "velocity_bias_ned_mps": "velocity innovations (estimator)",
+    },
+    "magnetometer": {
+        "dropout": "gaps of the compass (sensors)",
+        "freeze": "a compass that stands still (sensors)",
+        "field_bias_frd_gauss": "heading innovations (estimator)",
+    },
+    "barometer": {
+        "dropout": "gaps of the barometer (sensors)",
+        "freeze": "a barometer that stands still (sensors)",
+        "pressure_bias_pa": "height innovations (estimator)",
+    },
+}
+"""By group and key of a fault in a profile: what other sections then show."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultSpan:
+    """until_ns: None when it is in force to the end. wrong: group and key of what it does, empty when not known."""
+
+    name: str
+    from_ns: int
+    until_ns: int | None
+    wrong: tuple[tuple[str, str, str], ...]
+
+    @property
+    def what(self) -> str:
+        return ", ".join(f"{group}.{key} {value}" for group, key, value in self.wrong) or "not told"
+
+    @property
+    def expected(self) -> str:
+        said = [EXPECTED.get(group, {}).get(key, "") for group, key, _ in self.wrong]
+        return "; ".join(dict.fromkeys(text for text in said if text))
+
+
+def analyse(log: Log) -> Section | None:
+    """None where nothing was injected and no agent took over."""
+    faults = fault_spans(log)
+    takeovers = log.tables.get("/takeovers")
+    handed = takeovers is not None and {"from_node", "to_node", "silent_s", "step"} <= set(takeovers.columns)
+    if not faults and not handed:
+        return None
+    instants = Instants(log)
+    findings = [_finding(fault, instants) for fault in faults]
+    grids = [_grid(log, faults, instants)] if faults else []
+    if takeovers is not None and handed:
+        findings += _takeovers(takeovers, instants)
+        grids.append(
+            grid(
+                "takeovers",
+                "Takeovers",
+                ("at (s)", "from", "to", "silent for (s)", "largest step of a motor command"),
+                [
+                    (instants.second(at_ns), str(one), str(other), number(silent_s), number(step))
+                    for at_ns, one, other, silent_s, step in _rows(takeovers)
+                ],
+            )
+        )
+    facts = (
+        Fact("faults", "Faults on purpose", len(faults)),
+        Fact("takeovers", "Takeovers", len(takeovers) if takeovers is not None and handed else 0),
+    )
+    return Section("faults", "Faults on purpose", facts, tuple(findings), tuple(grids), _plots(log, faults))
+
+
+def fault_spans(log: Log) -> list[FaultSpan]:
+    """In the order of their beginning."""
+    table = log.tables.get("/faults")
+    if table is None or not {"fault", "active"} <= set(table.columns):
+        return []
+    told = _told(log)
+    begun: dict[str, int] = {}
+    found: list[FaultSpan] = []
+    for at_ns, name, active in zip(
+        table.stamp_ns.tolist(), table.values("fault").tolist(), table.values("active", raw=True).tolist(), strict=True
+    ):
+        if active:
+            begun.setdefault(str(name), at_ns)
+        elif str(name) in begun:
+            found.append(FaultSpan(str(name), begun.pop(str(name)), at_ns, told.get(str(name), ())))
+    found += [FaultSpan(name, at_ns, None, told.get(name, ())) for name, at_ns in begun.items()]
+    return sorted(found, key=lambda fault: fault.from_ns)
+
+
+def _told(log: Log) -> dict[str, tuple[tuple[str, str, str], ...]]:
+    """What each fault does, by the profile inside the recording or beside it; empty where there is none."""
+    text: bytes | None = None
+    attachment = getattr(log, "attachment", None)
+    if attachment is not None:
+        text = attachment("profile.yaml")
+    if text is None:
+        try:
+            with log.path.with_name("profile.yaml").open("rb") as file:
+                text = file.read(MOST_PROFILE)
+        except OSError:
+            return {}
+    import yaml
+
+    try:
+        document: Any = yaml.safe_load(text[:MOST_PROFILE])
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError):
+        return {}
+    faults = document.get("faults") if isinstance(document, dict) else None
+    if not isinstance(faults, dict):
+        return {}
+    return {str(name): _wrongs(fault) for name, fault in faults.items() if isinstance(fault, dict)}
+
+
+def _wrongs(fault: Mapping[Any, Any]) -> tuple[tuple[str, str, str], ...]:
+    """Group, key and value of what is not as without the fault."""
+    return tuple(
+        (str(group), str(key), str(value))
+        for group, keys in fault.items()
+        if group in EXPECTED and isinstance(keys, dict)
+        for key, value in keys.items()
+        if key in EXPECTED[group] and _does_something(value)
+    )
+
+
+def _does_something(value: object) -> bool:
+    if isinstance(value, list):
+        return any(value)
+    return bool(value)
+
+
+def _finding(fault: FaultSpan, instants: Instants) -> Finding:
+    end = "to the end" if fault.until_ns is None else f"to {instants.text(fault.until_ns)}"
+    seen = f"; to be seen: {fault.expected}" if fault.expected else ""
+    return Finding(
+        "faults.injected",
+        Severity.NOTICE,
+        f"On purpose: {fault.name} from {instants.text(fault.from_ns)} {end} ({fault.what}){seen}",
+        (Evidence("/faults", "active", fault.from_ns, fault.until_ns, fault.what),),
+        "Read what other sections find in this time as its effect; what they find outside of it is not.",
+    )
+
+
+def _takeovers(table: Table, instants: Instants) -> list[Finding]:
+    return [
+        Finding(
+            "faults.takeover",
+            Severity.NOTICE,
+            f"At {instants.text(at_ns)} {other} took over from {one}, which had been silent for {silent_s:.2f} s; a "
+            f"motor command stepped by {step:.2f} at most",
+            (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s"),),
+            "See the links and the scheduler for why the first one fell silent.",
+        )
+        for at_ns, one, other, silent_s, step in _rows(table)[:20]
+    ]
+
+
+def _rows(table: Table) -> list[tuple[int, str, str, float, float]]:
+    return list(
+        zip(
+            table.stamp_ns.tolist(),
+            table.values("from_node").tolist(),
+            table.values("to_node").tolist(),
+            table.values("silent_s").tolist(),
+            table.values("step").tolist(),
+            strict=True,
+        )
+    )
+
+
+def _grid(log: Log, faults: Sequence[FaultSpan], instants: Instants) -> Grid:
+    steps = [
+        step for relation in relations(log) if relation.readings.key.startswith("clocks.") for step in relation.steps
+    ]
+    misses = missed(log)
+    rows: list[tuple[Value, ...]] = []
+    for fault in faults:
+        end_ns = fault.until_ns if fault.until_ns is not None else instants.end_ns
+        lasting = end_ns + AFTER_NS
+        late = None
+        if "/misses" in log.tables or "/clocks" in log.tables:
+            late = 0 if misses is None else int(np.sum((misses.due_ns >= fault.from_ns) & (misses.due_ns <= lasting)))
+        leapt = [step.size_s for step in steps if fault.from_ns - AFTER_NS <= step.at_ns <= lasting and step.size_s]
+        rows.append(
+            (
+                fault.name,
+                instants.second(fault.from_ns),
+                None if fault.until_ns is None else instants.second(fault.until_ns),
+                fault.what,
+                fault.expected or None,
+                _missing(log, fault.from_ns, lasting),
+                late,
+                ", ".join(f"{size_s:+.3f} s" for size_s in leapt) or None,
+            )
+        )
+    columns = (
+        "fault", "from (s)", "until (s)", "what", "to be seen", "frames lost then", "deadlines missed", "clock steps",
+    )  # fmt: skip
+    return grid("faults", "Faults on purpose, and what came with them", columns, rows)
+
+
+def _missing(log: Log, from_ns: int, until_ns: int) -> int | None:
+    """Frames that all links counted as lost in this time."""
+    table = log.tables.get("/links")
+    if table is None or not {"name", "lost", "gaps"} <= set(table.columns):
+        return None
+    names, stamps = np.asarray(table.values("name")), table.stamp_ns
+    lost, gaps = (np.asarray(table.values(count, raw=True)).astype(np.int64) for count in ("lost", "gaps"))
+    counts = np.maximum(lost, gaps)
+    total = 0
+    for name in dict.fromkeys(names.tolist()):
+        mine = names == name
+        before = counts[mine & (stamps <= from_ns)]
+        after = counts[mine & (stamps <= until_ns)]
+        if len(after):
+            total += max(int(after.max()) - (int(before.max()) if len(before) else 0), 0)
+    return total
+
+
+def _plots(log: Log, faults: Sequence[FaultSpan]) -> tuple[Plot, ...]:
+    """A band a fault."""
+    if not faults or log.span_ns is None:
+        return ()
+    end_ns = log.span_ns[1]
+    traces = tuple(
+        Trace(
+            fault.name,
+            np.array([fault.from_ns, fault.until_ns or end_ns], dtype=np.int64),
+            np.array([float(row), float(row)]),
+        )
+        for row, fault in enumerate(faults)
+    )
+    marks = tuple(Mark(fault.from_ns, fault.name, fault.until_ns or end_ns, Severity.NOTICE) for fault in faults)
+    return (Plot("faults", "Faults on purpose", "fault", traces, marks=marks),)

@@ -1,0 +1,160 @@
+"""Modes: from when until when, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from xitl_cli.logs import signals
+from xitl_cli.logs.analyses.instants import Instants, grid, inside, number
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.words.errors import error_name, is_failsafe
+from xitl_cli.logs.words.kinds import kind_of
+from xitl_cli.logs.words.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
+
+_SAME_CAUSE_NS = 1_000_000_000
+_MOST_MARKS = 200
+_STEPS = {
+    3: "Check the receiver and FS_THR_ENABLE, FS_TIMEOUT; switch the failsafe off where no RC is fitted.",
+    4: "Look at the power section, and at BATT_LOW_VOLT and BATT_CRT_VOLT.",
+    5: "Look at the telemetry link (radio section), FS_GCS_ENABLE and FS_GCS_TIMEOUT.",
+    6: "Look at the estimator section before this instant: which test ratio was over 1, of which sensor.",
+    10: "Compare track and fence; FENCE_ACTION decided what happened.",
+    19: "Look at attitude, throttle and speed just before.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ModeSpan:
+    """reason: number of ModeReason, None where none is logged. cause: in words, "" when not known."""
+
+    from_ns: int
+    until_ns: int
+    number: int | None
+    name: str
+    reason: int | None
+    cause: str
+    failsafe: bool
+    source: str
+
+
+def analyse(log: Log) -> Section | None:
+    spans = mode_spans(log)
+    if not spans:
+        if log.format == "mcap":
+            return None
+        return Section("modes", "Modes", lacks=("The log has no MODE and no HEARTBEAT, so modes are not known.",))
+    instants = Instants(log)
+    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
+    rows = [
+        (
+            instants.second(span.from_ns),
+            instants.second(span.until_ns),
+            number((span.until_ns - span.from_ns) * 1e-9),
+            span.name,
+            span.cause,
+        )
+        for span in spans
+    ]
+    in_mode: dict[str, float] = {}
+    for span in spans:
+        in_mode[span.name] = in_mode.get(span.name, 0.0) + (span.until_ns - span.from_ns) * 1e-9
+    facts = (
+        Fact("mode_changes", "Mode changes", len(spans) - 1),
+        *(
+            Fact(f"in_{name.lower().replace(' ', '_')}_s", f"In {name}", number(total_s, 1), "s")
+            for name, total_s in sorted(in_mode.items(), key=lambda item: -item[1])[:12]
+        ),
+    )
+    table = grid("modes", "Modes", ("from (s)", "until (s)", "duration (s)", "mode", "why"), rows)
+    findings = _failsafes(spans, armed, instants)
+    lacks: tuple[str, ...] = ()
+    if all(span.reason is None for span in spans):
+        lacks = ("Why modes changed is not logged here: telemetry does not carry the reason, the DataFlash log does.",)
+    return Section("modes", "Modes", facts, tuple(findings), (table,), _plots(spans), lacks)
+
+
+def mode_spans(log: Log) -> list[ModeSpan]:
+    """One after another; the same mode logged again is no new span."""
+    table = log.tables.get("MODE")
+    column = None if table is None else first_of(table, ("ModeNum", "Mode"))
+    if table is None or column is None:
+        return [
+            ModeSpan(span.from_ns, span.until_ns, None, span.text, None, "", False, span.source)
+            for span in signals.modes(log)
+        ]
+    return _from_rows(log, table, column)
+
+
+def _from_rows(log: Log, table: Table, column: str) -> list[ModeSpan]:
+    kind = kind_of(log)
+    order = np.argsort(table.stamp_ns, kind="stable")
+    stamps = table.stamp_ns[order].tolist()
+    numbers = np.asarray(table.values(column, raw=True))[order].astype(np.int64).tolist()
+    reason_column = first_of(table, ("Rsn", "Reason"))
+    reasons = [0] * len(stamps)
+    if reason_column is not None:
+        reasons = np.asarray(table.values(reason_column, raw=True))[order].astype(np.int64).tolist()
+    end_ns = max(stamps[-1], log.span_ns[1] if log.span_ns else 0)
+    starts = [row for row in range(len(stamps)) if row == 0 or numbers[row] != numbers[row - 1]]
+    spans = []
+    for place, row in enumerate(starts):
+        until_ns = stamps[starts[place + 1]] if place + 1 < len(starts) else end_ns
+        reason = reasons[row]
+        cause, failsafe = reason_name(reason), reason in FAILSAFE_REASONS
+        if reason == 0 and place and (trouble := _failsafe_at(log, stamps[row])):
+            cause, failsafe = trouble, True
+        name = mode_name(kind, numbers[row])
+        known = None if reason_column is None else reason
+        spans.append(ModeSpan(stamps[row], until_ns, numbers[row], name, known, cause, failsafe, f"MODE.{column}"))
+    return spans
+
+
+def _failsafe_at(log: Log, at_ns: int) -> str:
+    """The failsafe that was logged as an error with the mode change, for autopilots that give no reason."""
+    table = log.tables.get("ERR")
+    if table is None or not {"Subsys", "ECode"} <= set(table.columns):
+        return ""
+    near = np.flatnonzero(np.abs(table.stamp_ns - at_ns) <= _SAME_CAUSE_NS)
+    pairs = zip(
+        table.values("Subsys", near, raw=True).tolist(), table.values("ECode", near, raw=True).tolist(), strict=True
+    )
+    return next((error_name(subsystem, code) for subsystem, code in pairs if code and is_failsafe(subsystem)), "")
+
+
+def _failsafes(spans: list[ModeSpan], armed: list[tuple[int, int]], instants: Instants) -> list[Finding]:
+    found = []
+    for before, span in zip([None, *spans[:-1]], spans, strict=True):
+        if not span.failsafe:
+            continue
+        on = bool(inside(np.array([span.from_ns]), armed)[0])
+        interrupted = on and before is not None and before.name in NAVIGATING
+        severity = Severity.CRITICAL if interrupted else Severity.WARNING if on else Severity.NOTICE
+        left = "" if before is None else f" out of {before.name}"
+        state = "armed" if on else "not armed"
+        found.append(
+            Finding(
+                "modes.failsafe",
+                severity,
+                f"At {instants.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
+                (Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason)),),
+                _STEPS.get(span.reason or 0, "Look at the events around this instant for what set it off."),
+            )
+        )
+    return found
+
+
+def _plots(spans: list[ModeSpan]) -> tuple[Plot, ...]:
+    """Modes as steps, in the order they were first used, each with a band."""
+    levels = {name: float(level) for level, name in enumerate(dict.fromkeys(span.name for span in spans))}
+    stamps = np.array([span.from_ns for span in spans] + [spans[-1].until_ns], dtype=np.int64)
+    values = np.array([levels[span.name] for span in [*spans, spans[-1]]])
+    marks = tuple(
+        Mark(span.from_ns, span.name, span.until_ns, Severity.WARNING if span.failsafe else Severity.OK)
+        for span in spans[:_MOST_MARKS]
+    )
+    label = ", ".join(f"{level:.0f} {name}" for name, level in list(levels.items())[:8])
+    return (Plot("modes", "Modes", label, (Trace("mode", stamps, values, "steps"),), marks=marks),)

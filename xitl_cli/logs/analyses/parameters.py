@@ -1,0 +1,148 @@
+"""Parameters: which differ from their defaults, and which were changed when."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from xitl_cli.logs import signals
+from xitl_cli.logs.analyses.instants import Instants, grid, inside
+from xitl_cli.logs.analyses.parameter_rows import ParameterRow, parameter_rows
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity
+
+# Written by the autopilot itself, run after run.
+_BY_ITSELF = re.compile(
+    r"^(STAT_|MIS_TOTAL$|FENCE_TOTAL$|RALLY_TOTAL$|BARO\d_GND_PRESS$|GND_(ABS_PRESS|TEMP)|INS_GYR\d?(OFFS|_CALTEMP)|"
+    r"COMPASS_(DEC|OFS|DIA|ODI|MOT|SCALE)|LOG_LASTFILE$|SYS_NUM_RESETS$|.*_DEV_?ID\d*$|ARSPD\d?_OFFSET|CAL_|AHRS_TRIM)"
+)
+_COUNTERS = re.compile(r"^(STAT_|MIS_TOTAL$|FENCE_TOTAL$|RALLY_TOTAL$)")
+_SAME = 1e-6  # relative: a float32 written twice
+_MOST_EVIDENCE = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    at_ns: int
+    name: str
+    before: float
+    after: float
+    armed: bool
+    by_itself: bool
+    source: str
+
+
+def analyse(log: Log) -> Section | None:
+    rows = parameter_rows(log)
+    if not rows:
+        if log.format == "mcap":
+            return None
+        lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are not known."
+        return Section("parameters", "Parameters", lacks=(lack,))
+    instants = Instants(log)
+    found = changes(log, rows)
+    last = {row.name: row for row in rows}
+    defaults = {row.name: row.default for row in rows if row.default is not None}
+    differ = [
+        row
+        for name, row in last.items()
+        if name in defaults and not _same(row.value, defaults[name]) and not _BY_ITSELF.match(name)
+    ]
+    told = [each for each in found if not _COUNTERS.match(each.name)]
+    facts = (
+        Fact("parameters", "Parameters", len(last)),
+        Fact("differ_from_default", "Set to other than their default", len(differ) if defaults else None),
+        Fact("changes", "Changed by someone", sum(1 for each in found if not each.by_itself)),
+        Fact("changes_by_itself", "Changed by the autopilot itself", sum(1 for each in found if each.by_itself)),
+    )
+    grids = []
+    if told:
+        grids.append(
+            grid(
+                "parameter_changes",
+                "Changed during the log",
+                ("at (s)", "parameter", "from", "to", "while"),
+                [
+                    (
+                        instants.second(each.at_ns),
+                        each.name,
+                        _shown(each.before),
+                        _shown(each.after),
+                        ("armed" if each.armed else "not armed") + (", by itself" if each.by_itself else ""),
+                    )
+                    for each in told
+                ],
+            )
+        )
+    if differ:
+        listed = [(row.name, _shown(row.value), _shown(defaults[row.name])) for row in sorted(differ, key=_name)]
+        grids.append(grid("not_default", "Set to other than their default", ("parameter", "value", "default"), listed))
+    lacks = () if defaults else ("Defaults of parameters are not in this log, so which were set is not known.",)
+    shown = tuple(fact for fact in facts if fact.value is not None)
+    return Section(
+        "parameters", "Parameters", shown, tuple(_findings(log, found, last, instants)), tuple(grids), (), lacks
+    )
+
+
+def changes(log: Log, rows: list[ParameterRow]) -> list[Change]:
+    """Rows that give a parameter another value than the one before, in the log's order."""
+    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
+    on = inside(np.array([row.at_ns for row in rows], dtype=np.int64), armed)
+    known: dict[str, float] = {}
+    found = []
+    for row, armed_then in zip(rows, on.tolist(), strict=True):
+        before = known.get(row.name)
+        known[row.name] = row.value
+        if before is not None and not _same(before, row.value):
+            by_itself = _BY_ITSELF.match(row.name) is not None
+            found.append(Change(row.at_ns, row.name, before, row.value, armed_then, by_itself, row.source))
+    return found
+
+
+def _findings(log: Log, found: list[Change], last: dict[str, ParameterRow], instants: Instants) -> list[Finding]:
+    findings = []
+    while_armed = [each for each in found if each.armed and not each.by_itself]
+    if while_armed:
+        first = while_armed[0]
+        names = list(dict.fromkeys(each.name for each in while_armed))
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        findings.append(
+            Finding(
+                "parameters.changed_while_armed",
+                Severity.NOTICE,
+                f"{first.name}{more} changed while armed, first at {instants.text(first.at_ns)} from "
+                f"{_shown(first.before):g} to {_shown(first.after):g}",
+                tuple(
+                    Evidence(each.source, each.name, each.at_ns, value=f"{each.before:g} to {each.after:g}")
+                    for each in while_armed[:_MOST_EVIDENCE]
+                ),
+                "Judge the parts before and after by themselves.",
+            )
+        )
+    threshold = last.get("FS_EKF_THRESH")
+    if threshold is not None and threshold.value <= 0.0 and signals.armed(log):
+        findings.append(
+            Finding(
+                "parameters.ekf_failsafe_off",
+                Severity.NOTICE,
+                f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}): no ERR 16 or 17 says nothing here",
+                (Evidence(threshold.source, "FS_EKF_THRESH", threshold.at_ns, value=f"{threshold.value:g}"),),
+                "Set FS_EKF_THRESH to 0.8 to have a lost position noticed.",
+            )
+        )
+    return findings
+
+
+def _same(one: float, other: float) -> bool:
+    return abs(one - other) <= _SAME * max(abs(one), abs(other))
+
+
+def _shown(value: float) -> float:
+    """Seven digits, all a float32 has."""
+    return float(f"{value:.7g}")
+
+
+def _name(row: ParameterRow) -> str:
+    return row.name

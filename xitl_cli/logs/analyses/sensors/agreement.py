@@ -1,0 +1,214 @@
+"""Whether sensors of one kind say the same, by the limits of ArduPilot's checks before arming."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.sections import Evidence, Finding, Grid, Section, Severity, Value
+from xitl_cli.logs.sensing.columns import seconds, told
+from xitl_cli.logs.sensing.inertial import Inertial
+from xitl_cli.logs.sensing.plain import Plain
+
+# AP_Arming: accelerometers 0.75 m/s^2 with the vertical counted half, gyroscopes 5 deg/s, over ten seconds;
+# AP_Compass: 60 deg and 200 mGauss in the plane of the vessel.
+ACCEL_MPS2 = 0.75
+GYRO_RADPS = np.radians(5.0)
+MAG_ANGLE_DEG = 60.0
+MAG_LENGTH_MGAUSS = 200.0
+# ArduPilot's page on diagnosing with logs: a field whose length changes by under 30 % is good, over 60 % is bad.
+MAG_CHANGE_NOTICE, MAG_CHANGE_WARNING = 0.3, 0.6
+BARO_APART_PA = 60.0  # 5 m
+WINDOW_NS = 10_000_000_000
+_MOST_WINDOWS = 100_000
+
+
+def agreement(inertial: Sequence[Inertial], plain: Sequence[Plain]) -> Section:
+    findings: list[Finding] = []
+    rows: list[tuple[Value, ...]] = []
+    for one, other in combinations(inertial, 2):
+        if one.table.name != other.table.name and not _same_family(one.table.name, other.table.name):
+            continue
+        for what, a, b, fields, limit, unit, weights in (
+            ("gyroscopes", one.gyro_radps, other.gyro_radps, one.gyro_fields, GYRO_RADPS, "rad/s", (1.0, 1.0, 1.0)),
+            ("accelerometers", one.accel_mps2, other.accel_mps2, one.accel_fields, ACCEL_MPS2, "m/s²", (1.0, 1.0, 0.5)),
+        ):
+            if a is None or b is None:
+                continue
+            apart = _apart(one.stamp_ns, a, other.stamp_ns, b)
+            if apart is None:
+                continue
+            at_ns, difference = apart
+            length = np.linalg.norm(difference * np.array(weights), axis=1)
+            rows.append(
+                (f"{one.name}, {other.name}", what, told(float(np.median(length))), told(float(length.max())), unit)
+            )
+            if length.max() > limit:
+                worst = int(np.argmax(length))
+                findings.append(
+                    Finding(
+                        "sensors.disagree",
+                        Severity.WARNING,
+                        f"The {what} of {one.name} and {other.name} differ by {length[worst]:.3g} {unit} over ten "
+                        f"seconds from {seconds(int(at_ns[worst]))}; ArduPilot allows {limit:.3g} {unit} before arming",
+                        (Evidence(one.table.name, fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
+                        "Find which of them is off (against gravity, or standing still) and calibrate or disable it.",
+                    )
+                )
+    compasses = [each for each in plain if each.sort == "magnetometer"]
+    for one_mag, other_mag in combinations(compasses, 2):
+        findings += _compasses(one_mag, other_mag, rows)
+    lengths = [finding for each in compasses for finding in _field_length(each)]
+    barometers = [each for each in plain if each.sort == "barometer"]
+    for one_baro, other_baro in combinations(barometers, 2):
+        findings += _barometers(one_baro, other_baro, rows)
+    columns = ("sensors", "of", "median difference", "largest in 10 s", "unit")
+    grids = (Grid("sensor_agreement", "Agreement between instances, means of ten seconds", columns, tuple(rows)),)
+    return Section("sensors", "Sensors", findings=(*_merged(findings), *lengths), grids=grids if rows else ())
+
+
+def _merged(findings: list[Finding]) -> tuple[Finding, ...]:
+    """One finding of a kind, about the pair named first: one bad unit among three differs from both others."""
+    groups: dict[tuple[str, str | None], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.key, finding.evidence[0].field), []).append(finding)
+    merged = []
+    for first, *others in groups.values():
+        evidence = tuple(each for finding in (first, *others) for each in finding.evidence)
+        more = f" ({len(others)} more {'pair does' if len(others) == 1 else 'pairs do'} so, too)" if others else ""
+        worst = max(finding.severity for finding in (first, *others))
+        merged.append(replace(first, sentence=first.sentence + more, evidence=evidence, severity=worst))
+    return tuple(merged)
+
+
+def _same_family(one: str, other: str) -> bool:
+    """RAW_IMU with SCALED_IMU2, IMU with IMU2: of one autopilot, on one link."""
+    link, _, kind = one.rpartition(":")
+    other_link, _, other_kind = other.rpartition(":")
+    telemetry = all(name.startswith(("RAW_IMU", "SCALED_IMU")) for name in (kind, other_kind))
+    return link == other_link and (telemetry or kind.rstrip("0123456789") == other_kind.rstrip("0123456789"))
+
+
+def _apart(
+    one_ns: NDArray[np.int64], one: NDArray[np.float64], other_ns: NDArray[np.int64], other: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """When each common window of ten seconds begins, and the difference of the means there (W, k); None without one."""
+    first = _means(one_ns, one)
+    second = _means(other_ns, other)
+    if first is None or second is None:
+        return None
+    common, at, beside = np.intersect1d(first[0], second[0], return_indices=True)
+    if not len(common):
+        return None
+    return common * WINDOW_NS, first[1][at] - second[1][beside]
+
+
+def _means(
+    stamp_ns: NDArray[np.int64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Numbers of the windows that hold ten samples or more, and the means there."""
+    good = np.isfinite(values).all(axis=1) & (np.abs(values) < 1e9).all(axis=1)
+    if np.count_nonzero(good) < 10:
+        return None
+    number = stamp_ns[good] // WINDOW_NS
+    windows, place, count = np.unique(number, return_inverse=True, return_counts=True)
+    if len(windows) > _MOST_WINDOWS:
+        return None
+    sums = np.stack([np.bincount(place, column, len(windows)) for column in values[good].T], axis=1)
+    enough = count >= 10
+    return windows[enough], sums[enough] / count[enough, None]
+
+
+def _compasses(one: Plain, other: Plain, rows: list[tuple[Value, ...]]) -> list[Finding]:
+    if one.unit != other.unit:
+        return []
+    apart, mean = _apart(one.stamp_ns, one.values, other.stamp_ns, other.values), _means(one.stamp_ns, one.values)
+    beside = _means(other.stamp_ns, other.values)
+    if apart is None or mean is None or beside is None:
+        return []
+    at_ns, difference = apart
+    length = np.hypot(difference[:, 0], difference[:, 1])
+    numbers = at_ns // WINDOW_NS
+    a, b = mean[1][np.searchsorted(mean[0], numbers)], beside[1][np.searchsorted(beside[0], numbers)]
+    turned = np.degrees(np.abs(_wrapped(np.arctan2(a[:, 1], a[:, 0]) - np.arctan2(b[:, 1], b[:, 0]))))
+    rows.append(
+        (f"{one.name}, {other.name}", "compasses", told(float(np.median(length))), told(float(length.max())), one.unit)
+    )
+    rows.append(
+        (f"{one.name}, {other.name}", "compasses", told(float(np.median(turned))), told(float(turned.max())), "deg")
+    )
+    # Means of a whole turn are near zero and have no direction; the length of the difference still holds.
+    weak = np.minimum(np.hypot(a[:, 0], a[:, 1]), np.hypot(b[:, 0], b[:, 1])) < 0.2 * np.median(
+        np.linalg.norm(a, axis=1)
+    )
+    bad = (length > MAG_LENGTH_MGAUSS) | ((turned > MAG_ANGLE_DEG) & ~weak)
+    if not bad.any():
+        return []
+    worst = int(np.argmax(np.where(bad, length, -1.0)))
+    return [
+        Finding(
+            "sensors.compasses_disagree",
+            Severity.WARNING,
+            f"{one.name} and {other.name} differ by {length[worst]:.0f} {one.unit} and {turned[worst]:.0f}° in "
+            f"the plane of the vessel from {seconds(int(at_ns[worst]))}; ArduPilot allows "
+            f"{MAG_LENGTH_MGAUSS:.0f} mGauss and {MAG_ANGLE_DEG:.0f}°",
+            (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
+            "Check the orientation parameters of both and calibrate them; move one away from currents and iron.",
+        )
+    ]
+
+
+def _field_length(each: Plain) -> list[Finding]:
+    """How much the length of the measured field changes: iron and currents change it, turning does not."""
+    length = np.linalg.norm(each.values, axis=1)
+    length = length[np.isfinite(length)]
+    if len(length) < 20:
+        return []
+    low, middle, high = (float(part) for part in np.percentile(length, (2.0, 50.0, 98.0)))
+    if middle <= 0.0 or (high - low) / middle < MAG_CHANGE_NOTICE:
+        return []
+    change = (high - low) / middle
+    return [
+        Finding(
+            "sensors.field_changes",
+            Severity.WARNING if change > MAG_CHANGE_WARNING else Severity.NOTICE,
+            f"The length of the field at {each.name} changes by {100.0 * change:.0f} %, "
+            f"from {low:.3g} to {high:.3g} {each.unit}",
+            (Evidence(each.message, each.fields[0], int(each.stamp_ns[0]), int(each.stamp_ns[-1])),),
+            "See whether it follows the throttle (currents) or the heading (offsets): calibrate, or move the compass.",
+        )
+    ]
+
+
+def _barometers(one: Plain, other: Plain, rows: list[tuple[Value, ...]]) -> list[Finding]:
+    if one.unit != other.unit or one.unit != "Pa":
+        return []
+    apart = _apart(one.stamp_ns, one.values, other.stamp_ns, other.values)
+    if apart is None:
+        return []
+    at_ns, difference = apart
+    offset = float(np.median(difference))
+    strayed = np.abs(difference[:, 0] - offset)
+    largest = float(np.abs(difference).max())
+    rows.append((f"{one.name}, {other.name}", "barometers", told(abs(offset)), told(largest), "Pa"))
+    if strayed.max() <= BARO_APART_PA:
+        return []
+    worst = int(np.argmax(strayed))
+    return [
+        Finding(
+            "sensors.barometers_drift",
+            Severity.NOTICE,
+            f"{one.name} and {other.name} move apart by {strayed[worst]:.0f} Pa, as much as "
+            f"{strayed[worst] / 12.0:.1f} m of height, at {seconds(int(at_ns[worst]))}",
+            (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
+            "Look for wind on an open case, sun or heat on one of them.",
+        )
+    ]
+
+
+def _wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.mod(angle_rad + np.pi, 2.0 * np.pi) - np.pi

@@ -1,0 +1,184 @@
+"""What each task took: @SYS/tasks.txt of ArduPilot, TASK rows and /tasks of ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from xitl_cli.logs.analyses.instants import Instants, grid, number
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.running.deadlines import TaskTotal, still, totals
+from xitl_cli.logs.running.loops import simulated
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, Value
+from xitl_cli.logs.tasks_file import MOST_BYTES, MOST_OVERRUNS, MOST_US, PATH, TaskTime, counted, parse
+
+FILE_NAME = "tasks.txt"
+NAMED = 5
+_FETCH = (
+    "How long each task took is in @SYS/tasks.txt: fetch it during a run with `xitl logs tasks` into a file beside the "
+    "log."
+)
+
+
+def analyse(log: Log) -> Section | None:
+    """None where there are neither tasks nor a scheduler."""
+    own = totals(log)
+    if still(own):  # nothing was measured, which the scheduler section says
+        own = []
+    found = task_file(log)
+    if not own and found is None:
+        if log.format != "dataflash":
+            return None
+        return Section("tasks", "Tasks", lacks=(_FETCH,))
+    instants = Instants(log)
+    facts: list[Fact] = []
+    findings: list[Finding] = []
+    grids: list[Grid] = []
+    lacks: list[str] = []
+    if own:
+        facts += _own_facts(own)
+        grids.append(_own_grid(own, instants))
+    if found is not None:
+        times, source = found
+        if counted(times):
+            facts += _file_facts(times)
+            findings += _file_findings(times, source)
+            grids.append(_file_grid(times, source))
+        else:
+            why = simulated(log) or "nothing was counted yet"
+            lacks.append(f"{source} lists {len(times)} tasks without any time: {why}.")
+    if not findings and (own or (found is not None and counted(found[0]))):
+        findings.append(Finding("tasks.read", Severity.OK, "No task is known to have overrun its time"))
+    return Section("tasks", "Tasks", tuple(facts), tuple(findings), tuple(grids), (), tuple(lacks))
+
+
+def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
+    """The tasks and where they are from: the log itself, else a file beside it. None where there is none."""
+    for text, source in (*_embedded(log), *_beside(log.path)):
+        tasks = parse(text)
+        if tasks:
+            return tasks, source
+    return None
+
+
+def _embedded(log: Log) -> list[tuple[str, str]]:
+    if log.format != "dataflash" or "FILE" not in log.tables:
+        return []
+    from xitl_cli.logs.dataflash.embedded import files
+
+    return [
+        (bytes(content[:MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")
+        for name, content in files(log).items()
+        if Path(name).name == FILE_NAME
+    ]
+
+
+def _beside(path: Path) -> list[tuple[str, str]]:
+    """`<log>.tasks.txt`, or tasks.txt where the log lies."""
+    found = []
+    for candidate in (
+        path.with_name(path.name + "." + FILE_NAME),
+        path.with_suffix("." + FILE_NAME),
+        path.with_name(FILE_NAME),
+    ):
+        try:
+            with candidate.open("rb") as file:
+                found.append((file.read(MOST_BYTES).decode("utf-8", "replace"), candidate.name))
+        except OSError:
+            continue
+    return found
+
+
+def _own_facts(own: list[TaskTotal]) -> list[Fact]:
+    runs = [task for task in own if task.run_max_s is not None]
+    starts = [task for task in own if task.start_max_s is not None]
+    facts = [Fact("tasks", "Periodic tasks", len(own))]
+    if runs:
+        longest = max(runs, key=lambda task: task.run_max_s or 0.0)
+        facts.append(Fact("longest_run_ms", f"Longest run ({longest.name})", _ms(longest.run_max_s), "ms"))
+    if starts:
+        latest = max(starts, key=lambda task: task.start_max_s or 0.0)
+        facts.append(Fact("latest_start_ms", f"Latest start ({latest.name})", _ms(latest.start_max_s), "ms"))
+    return facts
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else number(1e3 * seconds)
+
+
+def _own_grid(own: list[TaskTotal], instants: Instants) -> Grid:
+    def second(at_ns: int | None) -> float | None:
+        return None if at_ns is None else instants.second(at_ns)
+
+    def busy(task: TaskTotal) -> float | None:
+        return None if task.run_mean_s is None else number(100.0 * task.run_mean_s * task.rate_hz, 2)
+
+    rows: list[tuple[Value, ...]] = [
+        (
+            task.name,
+            number(task.rate_hz, 1),
+            task.cycles,
+            task.missed,
+            task.skipped,
+            _ms(task.start_mean_s),
+            _ms(task.start_max_s),
+            second(task.worst_start_ns),
+            _ms(task.run_mean_s),
+            _ms(task.run_max_s),
+            second(task.worst_run_ns),
+            busy(task),
+        )
+        for task in sorted(own, key=lambda task: -(task.run_mean_s or 0.0) * task.rate_hz)
+    ]
+    columns = (
+        "task", "rate (Hz)", "cycles", "missed", "skipped", "start late, mean (ms)", "most (ms)", "at (s)",
+        "run, mean (ms)", "longest (ms)", "at (s) ", "of a processor (%)",
+    )  # fmt: skip
+    return grid("tasks", "Tasks, those that take most time first", columns, rows)
+
+
+def _file_facts(times: list[TaskTime]) -> list[Fact]:
+    longest = max(times, key=lambda task: task.most_us)
+    return [
+        Fact("scheduler_tasks", "Tasks of the scheduler", len(times)),
+        Fact("longest_task_us", f"Longest run ({longest.name})", longest.most_us, "us"),
+        Fact("overruns", "Runs over their budget", sum(task.overruns for task in times)),
+    ]
+
+
+def _file_findings(times: list[TaskTime], source: str) -> list[Finding]:
+    over = sorted((task for task in times if task.overruns), key=lambda task: -task.overruns)
+    if not over:
+        return []
+    named = ", ".join(f"{task.name} {task.overruns} (up to {task.most_us} us)" for task in over[:NAMED])
+    more = f" and {len(over) - NAMED} more" if len(over) > NAMED else ""
+    return [
+        Finding(
+            "tasks.overruns",
+            Severity.NOTICE,
+            f"{len(over)} of {len(times)} tasks ran longer than the scheduler allows them: {named}{more}",
+            (Evidence(source, "OVR", value=str(sum(task.overruns for task in over))),),
+            "It matters where long loops come together with it; a task that overruns in every window wants its cause "
+            "found (a slow device, a file, a script).",
+        )
+    ]
+
+
+def _file_grid(times: list[TaskTime], source: str) -> Grid:
+    def capped(value: int, most: int) -> Value:
+        return f"{most} or more" if value >= most else value
+
+    rows: list[tuple[Value, ...]] = [
+        (
+            task.name,
+            "yes" if task.fast else "",
+            task.share_percent,
+            task.mean_us if task.mean_us < MOST_US else f"{MOST_US} or more",
+            capped(task.most_us, MOST_US),
+            task.least_us,
+            capped(task.overruns, MOST_OVERRUNS),
+        )
+        for task in sorted(times, key=lambda task: (-task.share_percent, -task.most_us))
+        if task.most_us or task.overruns or task.share_percent
+    ]
+    columns = ("task", "every loop", "of all tasks (%)", "mean (us)", "longest (us)", "shortest (us)", "overruns")
+    return grid("task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({PATH})", columns, rows)

@@ -1,0 +1,225 @@
+"""What made the log: vehicle, firmware, board, when, for how long, and whether all of it is there."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from xitl_cli.logs.analyses.instants import Instants, number
+from xitl_cli.logs.analyses.parameter_rows import last_values
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value
+from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.words.heard import autopilot_heartbeats, heard
+from xitl_cli.logs.words.kinds import firmware_text, kind_of
+from xitl_cli.logs.words.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name
+
+_GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
+_LEAP_S = 18  # GPS is ahead of UTC by so much since 2017
+_EMBEDDED = re.compile(r"^xitl (\S+), messages and modes as")
+_HASH = re.compile(r"\(([0-9a-f]{6,12})\)")
+_REBOOT_NS = 1_000_000_000
+_STEADY = ("IMU", "ATT", "PARM", "GPS", "MSG")
+
+
+def analyse(log: Log) -> Section | None:
+    instants = Instants(log)
+    if log.span_ns is None:
+        return None
+    parameters = last_values(log)
+    firmware = _firmware(log)
+    facts = [
+        Fact("vehicle", "Vehicle", None if (kind := kind_of(log)) == "unknown" else kind),
+        Fact("vehicle_type", "Type", _mav_type(log)),
+        *firmware,
+        *_times(log, instants),
+        *_logging(parameters),
+    ]
+    findings = [*_simulated(log, parameters), *_reboots(log, instants), *_losses(log)]
+    lacks = []
+    if all(fact.value is None for fact in firmware):
+        lacks.append("Which firmware this was is not logged: no VER, no firmware name in MSG, no AUTOPILOT_VERSION.")
+    known = tuple(fact for fact in facts if fact.value is not None)
+    return Section("vehicle", "Vehicle", known, tuple(findings), lacks=tuple(lacks))
+
+
+def _firmware(log: Log) -> list[Fact]:
+    text = firmware_text(log)
+    version = log.tables.get("VER")
+    said = heard(log, "AUTOPILOT_VERSION")
+    name: Value = text
+    number_text: Value = None
+    commit: Value = None
+    build: Value = None
+    board: Value = None
+    if text is not None and (own := _EMBEDDED.match(text)):
+        name, number_text = "xitl embedded autopilot", own.group(1)
+    elif text is not None and (found := _HASH.search(text)):
+        commit = found.group(1)
+    if version is not None:
+        row = {column: version.values(column, raw=True)[-1] for column in version.columns}
+        name = str(row["FWS"]) if "FWS" in row and str(row["FWS"]) else name
+        if {"Maj", "Min", "Pat"} <= set(row):
+            number_text = f"{row['Maj']}.{row['Min']}.{row['Pat']}"
+        commit = f"{int(row['GH']):08x}" if "GH" in row else commit
+        build = release_name(int(row["FWT"])) if "FWT" in row else None
+        board = board_name(int(row["BT"]), int(row.get("BST", 0))) if "BT" in row else None
+    elif said is not None and "flight_sw_version" in said.columns:
+        packed = int(said.values("flight_sw_version", raw=True)[-1])
+        if packed:
+            number_text = number_text or f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}"
+            build = release_name(packed & 255)
+        commit = commit or _custom_version(said)
+    return [
+        Fact("firmware", "Firmware", name),
+        Fact("firmware_version", "Version", number_text),
+        Fact("firmware_commit", "Commit", commit),
+        Fact("firmware_release", "Release", build or None),
+        Fact("board", "Board", board),
+    ]
+
+
+def _custom_version(said: Table) -> str | None:
+    if "flight_custom_version" not in said.columns:
+        return None
+    characters = np.asarray(said.values("flight_custom_version", raw=True))[-1:].ravel()
+    text = bytes(int(each) & 255 for each in characters).split(b"\0", 1)[0].decode("ascii", "replace")
+    return text if text.isprintable() and text else None
+
+
+def _mav_type(log: Log) -> str | None:
+    beats = autopilot_heartbeats(log)
+    return None if beats is None else MAV_TYPES.get(int(beats.values("type", raw=True)[0]))
+
+
+def _times(log: Log, instants: Instants) -> list[Fact]:
+    length_s = (instants.end_ns - instants.start_ns) * 1e-9
+    facts = [Fact("duration_s", "Duration", number(length_s, 1), "s")]
+    if instants.since_boot:
+        facts += [
+            Fact("uptime_start_s", "Uptime at the start", number(instants.second(instants.start_ns), 1), "s"),
+            Fact("uptime_end_s", "Uptime at the end", number(instants.second(instants.end_ns), 1), "s"),
+        ]
+    start, source = _utc_at_start(log, instants)
+    if start is not None:
+        facts.append(Fact("utc_start", f"UTC at the start ({source})", start.strftime("%Y-%m-%d %H:%M:%S")))
+    facts += [
+        Fact(f"recording_{key}", label, log.facts[key])
+        for key, label in (("profile", "Profile"), ("technique", "Technique"), ("seed", "Seed"))
+        if key in log.facts
+    ]
+    return facts
+
+
+def _utc_at_start(log: Log, instants: Instants) -> tuple[datetime.datetime | None, str]:
+    if log.base == "utc":
+        try:
+            epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+            return epoch + datetime.timedelta(microseconds=instants.start_ns // 1000), "of the receiving machine"
+        except OverflowError:
+            return None, ""
+    gps = log.tables.get("GPS")
+    if gps is None:
+        return None, ""
+    week, ms = first_of(gps, ("GWk", "Week")), first_of(gps, ("GMS", "TimeMS"))
+    if week is None or ms is None or "Status" not in gps.columns:
+        return None, ""
+    weeks = np.asarray(gps.values(week, raw=True), dtype=np.int64)
+    good = (weeks > 1000) & (weeks < 10_000) & (np.asarray(gps.values("Status", raw=True)) >= 3)
+    if not good.any():
+        return None, ""
+    since_epoch_ns = weeks[good] * 604_800 * 10**9 + np.asarray(gps.values(ms, raw=True), dtype=np.int64)[good] * 10**6
+    offset_ns = int(np.median(since_epoch_ns - gps.stamp_ns[good]))
+    begin_us = (instants.start_ns + offset_ns) // 1000 - _LEAP_S * 10**6
+    return _GPS_EPOCH + datetime.timedelta(microseconds=begin_us), "by GPS"
+
+
+def _logging(parameters: Mapping[str, float]) -> list[Fact]:
+    rows = (("LOG_BITMASK", "log_bitmask"), ("LOG_DISARMED", "log_disarmed"), ("LOG_BACKEND_TYPE", "log_backend"))
+    return [Fact(key, name, int(parameters[name])) for name, key in rows if abs(parameters.get(name, np.inf)) < 2**32]
+
+
+def _simulated(log: Log, parameters: Mapping[str, float]) -> list[Finding]:
+    version = log.tables.get("VER")
+    evidence: list[Evidence] = []
+    if version is not None and "BT" in version.columns and int(version.values("BT", raw=True)[-1]) == SITL_BOARD:
+        evidence.append(Evidence("VER", "BT", value=str(SITL_BOARD)))
+    if "SIM" in log.tables:
+        evidence.append(Evidence("SIM"))
+    if any(name.startswith("SIM_") for name in parameters):
+        evidence.append(Evidence("PARM", "Name", value="SIM_…"))
+    if evidence:
+        sentence = (
+            "A SITL build of ArduPilot made this log: no board had a part in it, and vibration, power and radio "
+            "are what models say"
+        )
+        step = "Take no processor time, jitter, noise or supply from it; those need a log of the board."
+        return [Finding("vehicle.simulated", Severity.NOTICE, sentence, tuple(evidence), step)]
+    text = _lockstep_text(log)
+    if text is None:
+        return []
+    sentence = "The embedded autopilot ran in lockstep: its clock stood still while it worked"
+    step = "Judge deadlines and load on a run in real time (clock.mode: realtime)."
+    return [Finding("vehicle.lockstep", Severity.NOTICE, sentence, (text,), step)]
+
+
+def _lockstep_text(log: Log) -> Evidence | None:
+    table = log.tables.get("MSG")
+    if table is None or "Message" not in table.columns:
+        return None
+    for at_ns, text in zip(table.stamp_ns[:50].tolist(), table.values("Message", slice(0, 50)), strict=True):
+        if str(text).startswith("Lockstep:"):
+            return Evidence("MSG", "Message", at_ns, value=str(text))
+    return None
+
+
+def _reboots(log: Log, instants: Instants) -> list[Finding]:
+    """A clock that starts again; rows a little out of order are none."""
+    if log.format != "dataflash":
+        return []
+    counts = []
+    for name in _STEADY:
+        if (table := log.tables.get(name)) is None:
+            continue
+        stamps = table.stamp_ns
+        if len(stamps) < 4:
+            continue
+        # Two rows on either side: a damaged stamp stands alone.
+        before, after = np.minimum(stamps[:-3], stamps[1:-2]), np.maximum(stamps[2:-1], stamps[3:])
+        back = np.flatnonzero(after < before - _REBOOT_NS) + 1
+        counts.append((len(back), name, [int(stamps[row]) for row in back[:20]]))
+    several = sorted(count for count in counts if count[0])
+    if not several or len(several) < min(2, len(counts)):
+        return []
+    many, name, last = several[len(several) // 2]
+    times = "once" if many == 1 else f"{many} times"
+    first = f"the first time after {instants.text(last[0])} of uptime"
+    return [
+        Finding(
+            "vehicle.reboots",
+            Severity.CRITICAL,
+            f"The autopilot's clock started again {times} inside this log, {first}: it rebooted",
+            tuple(Evidence(name, "TimeUS", at_ns) for at_ns in last),
+            "Look at supply voltage, watchdog (WDOG) and the last messages before; judge each part by itself.",
+        )
+    ]
+
+
+def _losses(log: Log) -> list[Finding]:
+    table = log.tables.get("DSF")
+    if table is None or "Dp" not in table.columns:
+        return []
+    dropped = np.asarray(table.values("Dp", raw=True), dtype=np.int64)
+    new = np.diff(dropped, prepend=0)
+    new[new < 0] = dropped[new < 0]
+    lost = int(new.sum())
+    if lost == 0:
+        return []
+    rows = np.flatnonzero(new > 0)
+    sentence = f"{lost} records never reached this log: the logger had no room for them"
+    evidence = Evidence("DSF", "Dp", int(table.stamp_ns[rows[0]]), int(table.stamp_ns[rows[-1]]), str(lost))
+    step = "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK); gaps here need not be gaps in flight."
+    return [Finding("vehicle.log_dropped", Severity.WARNING, sentence, (evidence,), step)]

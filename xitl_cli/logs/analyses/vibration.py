@@ -1,0 +1,284 @@
+"""Vibration: the levels that the autopilot keeps, clipping, and spectra of batches or of fast records.
+
+Limits in m/s^2 as of ArduPilot's page on measuring vibration: under 30 is acceptable, over 60 nearly always a problem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.gaps import LONG_GAP_PERIODS, regularity
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.sensing.columns import labelled, numbers, seconds, stacked, stamps, tables_of, told
+from xitl_cli.logs.sensing.inertial import Inertial, units
+from xitl_cli.logs.sensing.rest import Rest, rest
+from xitl_cli.logs.sensing.settings import armed_rows, simulated
+from xitl_cli.logs.sensing.spectrum import Batch, Spectrum, batches, spectrum
+from xitl_cli.logs.table import Table, by_instance
+
+NOTICE_MPS2, WARNING_MPS2 = 30.0, 60.0
+_SHARE = 0.01  # of the time over a limit; less is a knock
+_TITLE = "Vibration"
+_FASTEST_NEEDED_HZ = 180.0
+_LENGTH = 1024
+_FROM_HZ = 5.0
+_SIMULATED = "The sensors are simulated: no motor shakes them, so that levels and spectra say little of a real vessel."
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """One instance of VIBE: level (N, 3) in m/s^2, clipped: (N,) count so far, None when not logged."""
+
+    name: str
+    message: str
+    stamp_ns: NDArray[np.int64]
+    level_mps2: NDArray[np.float64]
+    level_field: str
+    clipped: NDArray[np.float64] | None
+    clip_field: str
+
+
+def analyse(log: Log) -> Section | None:
+    """None where a log has neither levels nor an inertial unit."""
+    levels, inertial = _levels(log), units(log)
+    if not levels and not inertial:
+        return None
+    armed = {each.name: armed_rows(log, each.stamp_ns) for each in levels}
+    findings = [
+        finding for each in levels for finding in (*_high(each, armed[each.name]), *_clips(each, armed[each.name]))
+    ]
+    model = simulated(log)
+    spectra = _spectra(log, inertial)
+    still = rest(log, inertial)
+    lacks = (
+        []
+        if levels or log.format == "mcap"
+        else ["The autopilot's vibration levels are not logged (VIBE); set the bit IMU of LOG_BITMASK."]
+    )
+    if not spectra:
+        lacks.append(
+            "No spectrum: neither batches (INS_LOG_BAT_MASK) nor an inertial unit with "
+            f"{_FASTEST_NEEDED_HZ:.0f} Hz or more is logged."
+        )
+    if model:
+        lacks.append(_SIMULATED)
+    return Section(
+        "vibration",
+        _TITLE,
+        facts=_facts(levels),
+        findings=tuple(findings),
+        grids=tuple(grid for grid in (_grid(levels, armed), _spectrum_grid(spectra, still)) if grid.rows),
+        plots=(*_level_plots(levels), *_spectrum_plots(spectra)),
+        lacks=tuple(lacks),
+    )
+
+
+def _levels(log: Log) -> list[Level]:
+    found = []
+    for table in tables_of(log, ("VIBE", "VIBRATION")):
+        for number, each in by_instance(table).items():
+            for axes in (("VibeX", "VibeY", "VibeZ"), ("vibration_x", "vibration_y", "vibration_z")):
+                level = stacked(each, axes)
+                if level is None or not len(each):
+                    continue
+                clipped, field = _clipped(each)
+                name = labelled(table, number)
+                found.append(Level(name, table.name, stamps(each), level, axes[0], clipped, field))
+    return found
+
+
+def _clipped(table: Table) -> tuple[NDArray[np.float64] | None, str]:
+    """Count so far; of old logs and of telemetry the sum over the accelerometers."""
+    for names in (("Clip",), ("Clip0", "Clip1", "Clip2"), ("clipping_0", "clipping_1", "clipping_2")):
+        counts = [count for name in names if (count := numbers(table, name, raw=True)) is not None]
+        if counts:
+            return np.nansum(counts, axis=0), names[0]
+    return None, ""
+
+
+def _high(each: Level, armed: NDArray[np.bool_] | None) -> list[Finding]:
+    """Levels over a limit for more than a hundredth of the armed time."""
+    rows = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None or not armed.any() else armed
+    findings = []
+    for axis, letter in enumerate("XYZ"):
+        level = each.level_mps2[rows, axis]
+        level, stamps = level[np.isfinite(level)], each.stamp_ns[rows][np.isfinite(level)]
+        if not len(level):
+            continue
+        for limit, severity in ((WARNING_MPS2, Severity.WARNING), (NOTICE_MPS2, Severity.NOTICE)):
+            over = level > limit
+            if float(over.mean()) > _SHARE:
+                worst = int(np.argmax(level))
+                field = each.level_field[:-1] + (letter if each.level_field[-1].isupper() else letter.lower())
+                findings.append(
+                    Finding(
+                        "vibration.high",
+                        severity,
+                        f"{each.name}: vibration along {letter} is over {limit:.0f} m/s² for "
+                        f"{100.0 * float(over.mean()):.0f} % of the armed time, up to "
+                        f"{level[worst]:.0f} m/s² at {seconds(int(stamps[worst]))}",
+                        (Evidence(each.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
+                        "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s² height "
+                        "and velocity of the estimator suffer.",
+                    )
+                )
+                break
+    return findings
+
+
+def _clips(each: Level, armed: NDArray[np.bool_] | None) -> list[Finding]:
+    """Increments of the counter while armed."""
+    if each.clipped is None or len(each.clipped) < 2:
+        return []
+    step = np.diff(each.clipped)
+    grown = np.where(step > 0.0, step, 0.0)  # a counter that falls has begun anew
+    if armed is not None:
+        grown = np.where(armed[1:], grown, 0.0)
+    rows = np.flatnonzero(grown > 0.0) + 1
+    if not len(rows):
+        return []
+    first, last = int(each.stamp_ns[rows[0]]), int(each.stamp_ns[rows[-1]])
+    count = int(grown.sum())
+    return [
+        Finding(
+            "vibration.clipping",
+            Severity.WARNING,
+            f"{each.name}: accelerometers were at the end of their range {count} times, from {seconds(first)} to "
+            f"{seconds(last)}",
+            (Evidence(each.message, each.clip_field, first, last, str(count)),),
+            "Damp the mounting, look for knocks (waves, quay, loose parts): clipped samples are lost to the estimator.",
+        )
+    ]
+
+
+def _facts(levels: list[Level]) -> tuple[Fact, ...]:
+    known = [np.nanmax(each.level_mps2) for each in levels if np.isfinite(each.level_mps2).any()]
+    largest = told(float(max(known)), 3) if known else None
+    return (Fact("largest_vibration_mps2", "Largest vibration level", largest, "m/s²"),) if levels else ()
+
+
+def _grid(levels: list[Level], armed: dict[str, NDArray[np.bool_] | None]) -> Grid:
+    rows: list[tuple[Value, ...]] = []
+    for each in levels:
+        on = armed[each.name]
+        chosen = each.level_mps2 if on is None or not on.any() else each.level_mps2[on]
+        for axis, letter in enumerate("XYZ"):
+            level = chosen[:, axis][np.isfinite(chosen[:, axis])]
+            if len(level):
+                middle, high = np.percentile(level, (50.0, 99.0))
+                rows.append(
+                    (each.name, letter, told(float(middle), 3), told(float(high), 3), told(float(level.max()), 3))
+                )
+    return Grid("vibration", "Levels while armed, m/s²", ("instance", "axis", "median", "99 %", "largest"), tuple(rows))
+
+
+def _level_plots(levels: list[Level]) -> tuple[Plot, ...]:
+    traces = [
+        Trace(f"{each.name} {letter}", each.stamp_ns, each.level_mps2[:, axis])
+        for each in levels[:3]
+        for axis, letter in enumerate("XYZ")
+    ]
+    return (Plot("vibration", "Vibration levels", "m/s²", tuple(traces)),) if traces else ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A spectrum and what it is of. batches: () for one of a plain record."""
+
+    name: str
+    sort: str
+    rate_hz: float
+    batches: tuple[Batch, ...]
+    broken: int
+    spectrum: Spectrum
+
+
+def _spectra(log: Log, inertial: list[Inertial]) -> list[_Found]:
+    """Of the batches by instance and kind; without batches of the fastest inertial unit, if it is fast enough."""
+    every = batches(log)
+    groups: dict[tuple[int, str], list[Batch]] = {}
+    for batch in every.whole:
+        groups.setdefault((batch.instance, batch.sort), []).append(batch)
+    found = []
+    for (instance, sort), group in sorted(groups.items()):
+        rate_hz = float(np.median([batch.rate_hz for batch in group]))
+        length = min(_LENGTH, min(len(batch.samples) for batch in group))
+        computed = spectrum([batch.samples for batch in group], rate_hz, length) if length >= 64 else None
+        if computed is not None:
+            found.append(_Found(f"batch {sort}[{instance}]", sort, rate_hz, tuple(group), every.broken, computed))
+    if found:
+        return found
+    fast = [unit for unit in inertial if (rate := _rate(unit)) is not None and rate >= _FASTEST_NEEDED_HZ]
+    for unit in fast[:3]:
+        for sort, values in (("accel", unit.accel_mps2), ("gyro", unit.gyro_radps)):
+            computed = None if values is None else _of_record(unit, values)
+            if computed is not None:
+                found.append(_Found(f"{unit.name} {sort}", sort, _rate(unit) or 0.0, (), 0, computed))
+    return found
+
+
+def _rate(unit: Inertial) -> float | None:
+    regular = regularity(unit.sample_ns)
+    return None if regular is None or not 0.0 < regular.rate_hz < 1e5 else regular.rate_hz
+
+
+def _of_record(unit: Inertial, values: NDArray[np.float64]) -> Spectrum | None:
+    """Of the parts without a long gap; at most 400 spectra, from all over the record."""
+    rate_hz = _rate(unit)
+    if rate_hz is None:
+        return None
+    steps = np.diff(unit.sample_ns)
+    breaks = np.flatnonzero((steps > LONG_GAP_PERIODS * 1e9 / rate_hz) | (steps <= 0)) + 1
+    parts = [part for part in np.split(values, breaks) if len(part) >= _LENGTH]
+    pieces = [part[at : at + _LENGTH] for part in parts for at in range(0, len(part) - _LENGTH + 1, _LENGTH)]
+    if not pieces:
+        return None
+    chosen = np.unique(np.linspace(0, len(pieces) - 1, min(len(pieces), 400)).astype(np.intp))
+    return spectrum([pieces[place] for place in chosen], rate_hz, _LENGTH)
+
+
+def _spectrum_grid(spectra: list[_Found], still: Rest) -> Grid:
+    rows: list[tuple[Value, ...]] = []
+    for each in spectra:
+        peak = each.spectrum.peak(_FROM_HZ)
+        at_rest = None
+        if each.batches and still.stretches:
+            inside = still.rows(np.array([batch.stamp_ns for batch in each.batches], dtype=np.int64))
+            calm = [batch.samples for batch, calm in zip(each.batches, inside, strict=True) if calm]
+            quiet = spectrum(calm, each.rate_hz, min(_LENGTH, min(map(len, calm)))) if calm else None
+            if quiet is not None and (line := quiet.peak(_FROM_HZ)) is not None:
+                at_rest = told(line[0], 3)
+        rows.append(
+            (
+                each.name,
+                told(each.rate_hz),
+                len(each.batches) or None,
+                each.spectrum.averaged,
+                None if peak is None else told(peak[0], 3),
+                None if peak is None else told(peak[1], 3),
+                at_rest,
+            )
+        )
+    columns = ("of", "Hz", "batches", "spectra", "main line Hz", "its density /√Hz", "main line at rest Hz")
+    return Grid("spectra", f"Spectra, lines above {_FROM_HZ:.0f} Hz", columns, tuple(rows))
+
+
+def _spectrum_plots(spectra: list[_Found]) -> tuple[Plot, ...]:
+    plots = []
+    for sort, title, unit in (
+        ("accel", "Spectrum of the accelerometers", "m/s²/√Hz"),
+        ("gyro", "Spectrum of the gyroscopes", "rad/s/√Hz"),
+    ):
+        traces = [
+            Trace(f"{each.name} {letter}", each.spectrum.frequency_hz[1:], each.spectrum.density[1:, axis])
+            for each in spectra[:6]
+            if each.sort == sort
+            for axis, letter in enumerate("xyz")
+        ]
+        if traces:
+            plots.append(Plot(f"spectrum_{sort}", title, unit, tuple(traces), "loglog", "frequency (Hz)"))
+    return tuple(plots)
