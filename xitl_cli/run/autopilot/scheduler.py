@@ -1,22 +1,17 @@
-"""How the scheduler of an ArduPilot did, from the PM records of its DataFlash log.
-
-A record of the log is 0xA3 0x95, its type, its payload; FMT (type 128) tells length, name, format and columns of one.
-"""
+"""How the scheduler of an ArduPilot did, from the PM records of its DataFlash log."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-HEAD = b"\xa3\x95"
-_FMT = 128
-_FMT_PAYLOAD = struct.Struct("<BB4s16s64s")
-_CODES = {
-    "b": "b", "B": "B", "M": "B", "h": "h", "H": "H", "i": "i", "I": "I", "f": "f", "d": "d", "n": "4s", "N": "16s",
-    "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "q": "q", "Q": "Q", "g": "e", "a": "64s",
-}  # fmt: skip
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.table import Table, first_of
+
 _LOOPS = ("NL", "NLoop")  # by version
 
 
@@ -39,59 +34,31 @@ class SchedulerRecord:
 def scheduler_record(log: Path) -> SchedulerRecord | None:
     """From a DataFlash log; None when it cannot be read or has no PM records."""
     try:
-        data = log.read_bytes()
-    except OSError:
+        with DataFlashLog(log) as opened:
+            table = opened.tables.get("PM")
+            return None if table is None else _record(table)
+    except UserError:
         return None
-    found = _format(data, b"PM")
-    if found is None:
-        return None
-    kind, length, layout, columns = found
-    rows = list(_rows(data, kind, length, layout, columns))
-    if not rows:
-        return None
-    loops = next((name for name in _LOOPS if name in columns), None)
-    loads = [row["Load"] / 10.0 for row in rows if "Load" in row]
+
+
+def _record(table: Table) -> SchedulerRecord:
+    loops, long_loops = _column(table, first_of(table, _LOOPS)), _column(table, first_of(table, ("NLon",)))
+    longest, load = _column(table, first_of(table, ("MaxT",))), _column(table, first_of(table, ("Load",)))
     return SchedulerRecord(
-        rows=len(rows),
-        fields=tuple(name for name in columns if name != "TimeUS"),
-        loops=None if loops is None else int(sum(row[loops] for row in rows)),
-        long_loops=int(sum(row["NLon"] for row in rows)) if "NLon" in columns else None,
-        max_us=int(max(row["MaxT"] for row in rows)) if "MaxT" in columns else None,
-        load_mean_percent=sum(loads) / len(loads) if loads else None,
-        load_max_percent=max(loads) if loads else None,
+        rows=len(table),
+        fields=tuple(name for name in table.columns if name != "TimeUS"),
+        loops=None if loops is None else int(loops.sum()),
+        long_loops=None if long_loops is None else int(long_loops.sum()),
+        max_us=None if longest is None else int(longest.max()),
+        load_mean_percent=None if load is None else float(load.mean()) / 10.0,
+        load_max_percent=None if load is None else float(load.max()) / 10.0,
     )
 
 
-def _format(data: bytes, name: bytes) -> tuple[int, int, struct.Struct, tuple[str, ...]] | None:
-    """Type, length of a record, layout of its payload and columns."""
-    head = HEAD + bytes([_FMT])
-    at = data.find(head)
-    while at >= 0 and at + 3 + _FMT_PAYLOAD.size <= len(data):
-        kind, length, of, format_, columns = _FMT_PAYLOAD.unpack_from(data, at + 3)
-        if of.rstrip(b"\0") == name:
-            codes = [_CODES.get(letter) for letter in format_.rstrip(b"\0").decode("ascii", "replace")]
-            if None not in codes:
-                layout = struct.Struct("<" + "".join(code for code in codes if code))
-                names = tuple(columns.rstrip(b"\0").decode("ascii", "replace").split(","))
-                if layout.size + 3 == length and len(names) == len(codes):
-                    return kind, length, layout, names
-        at = data.find(head, at + 1)
-    return None
-
-
-def _rows(
-    data: bytes, kind: int, length: int, layout: struct.Struct, columns: tuple[str, ...]
-) -> Iterator[dict[str, float]]:
-    """Records that another one, or the end of the log, follows: the head may also stand within a payload."""
-    head = HEAD + bytes([kind])
-    at = data.find(head)
-    last_us = -1
-    while at >= 0:
-        end = at + length
-        if end == len(data) or data[end : end + 2] == HEAD:
-            row = dict(zip(columns, layout.unpack_from(data, at + 3), strict=True))
-            if row.get("TimeUS", 0) > last_us:
-                last_us = row.get("TimeUS", 0)
-                yield row
-                at = end - 1
-        at = data.find(head, at + 1)
+def _column(table: Table, name: str | None) -> NDArray[np.float64] | None:
+    """As logged, in single counts; None where no row has it."""
+    if name is None or table.columns[name].kind != "number" or table.columns[name].shape:
+        return None
+    values = table.values(name, raw=True).astype(np.float64)
+    known: NDArray[np.float64] = values[np.isfinite(values)]
+    return known if len(known) else None
