@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import sys
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 from xitl_cli.errors import UserError
@@ -22,10 +25,22 @@ def main() -> NoReturn:
         from agent.__main__ import main as agent_main  # without the command-line library: boards are small
 
         sys.exit(agent_main(sys.argv[2:], program="xitl agent"))
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files and texts of logs may hold what it cannot say
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        _app()()
+        try:
+            _app(sys.argv[1:])()
+        finally:
+            sys.stdout.flush()
     except UserError as error:
         fail(str(error))
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EPIPE):
+            raise
+        # What is left in the buffer would raise once more when the interpreter closes it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if error.errno != errno.EPIPE:
+            fail(f"the output cannot be written ({error.strerror}); free space or send it elsewhere")
     sys.exit(0)
 
 
@@ -33,26 +48,18 @@ def fail(message: str) -> NoReturn:
     """One red line, exit code 2."""
     from rich.console import Console
 
-    Console(stderr=True, soft_wrap=True, highlight=False).print(f"error: {message}", style="bold red", markup=False)
+    from xitl_cli.printable import printable
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    console.print(f"error: {printable(message)}", style="bold red", markup=False)
     sys.exit(2)
 
 
-def _app() -> typer.Typer:
+def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
+    """All commands. A group that is not named among these arguments stays empty: filling it takes its time."""
     import typer
 
-    from xitl_cli.commands import (
-        agent,
-        doctor,
-        firmware,
-        logs,
-        logs_analyze,
-        logs_compare,
-        paper,
-        params,
-        profiles,
-        sim,
-        wdri,
-    )
+    from xitl_cli.commands import doctor, sim, wdri
 
     app = typer.Typer(
         name="xitl",
@@ -62,46 +69,14 @@ def _app() -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    profile_commands = typer.Typer(help="List, show and check profiles.", no_args_is_help=True)
-    profile_commands.command("list")(profiles.list_profiles)
-    profile_commands.command("show")(profiles.show)
-    profile_commands.command("check")(profiles.check)
-    agent_commands = typer.Typer(
-        help="Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board."
-    )
-    agent_commands.command("package")(agent.package)
-    agent_commands.command("deploy")(agent.deploy)
-    parameter_commands = typer.Typer(help="Read, compare and set parameters of a vehicle.", no_args_is_help=True)
-    parameter_commands.command("show")(params.show)
-    parameter_commands.command("diff")(params.diff)
-    parameter_commands.command("set")(params.set_values)
-    parameter_commands.command("push")(params.push)
-    parameter_commands.command("pull")(params.pull)
-    parameter_commands.command("check")(params.check)
-    firmware_commands = typer.Typer(help="Download the firmware of other autopilots.", no_args_is_help=True)
-    firmware_commands.command("get")(firmware.get)
-    firmware_commands.command("list")(firmware.list_firmware)
-    firmware_commands.command("path")(firmware.path)
-    log_commands = typer.Typer(help="Look into the logs of vehicles and runs.", no_args_is_help=True)
-    log_commands.command("info")(logs.info)
-    log_commands.command("dump")(logs.dump)
-    log_commands.command("export")(logs.export)
-    log_commands.command("analyze")(logs_analyze.analyze)
-    log_commands.command("plot")(logs_analyze.plot)
-    log_commands.command("compare")(logs_compare.compare)
-    log_commands.command("tasks")(logs.tasks)
-    paper_commands = typer.Typer(help="Repeat the experiments of the paper.", no_args_is_help=True)
-    paper_commands.callback()(_several)
-    paper_commands.command("4.2")(paper.section_4_2)
     app.command("sim")(sim.sim)
-    app.add_typer(agent_commands, name="agent")
     app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)
-    app.add_typer(profile_commands, name="profiles")
-    app.add_typer(parameter_commands, name="params")
-    app.add_typer(firmware_commands, name="firmware")
-    app.add_typer(log_commands, name="logs")
-    app.add_typer(paper_commands, name="paper")
+    for name, (text, fill) in _GROUPS.items():
+        group = typer.Typer(help=text, no_args_is_help=name != "agent")
+        if arguments is None or name in arguments:
+            fill(group)
+        app.add_typer(group, name=name)
     version = typer.Option(False, "--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
 
     def options(version: bool = version) -> None:
@@ -109,6 +84,69 @@ def _app() -> typer.Typer:
 
     app.callback()(options)
     return app
+
+
+def _agent(group: typer.Typer) -> None:
+    from xitl_cli.commands import agent
+
+    group.command("package")(agent.package)
+    group.command("deploy")(agent.deploy)
+
+
+def _profiles(group: typer.Typer) -> None:
+    from xitl_cli.commands import profiles
+
+    group.command("list")(profiles.list_profiles)
+    group.command("show")(profiles.show)
+    group.command("check")(profiles.check)
+
+
+def _params(group: typer.Typer) -> None:
+    from xitl_cli.commands import params
+
+    group.command("show")(params.show)
+    group.command("diff")(params.diff)
+    group.command("set")(params.set_values)
+    group.command("push")(params.push)
+    group.command("pull")(params.pull)
+    group.command("check")(params.check)
+
+
+def _firmware(group: typer.Typer) -> None:
+    from xitl_cli.commands import firmware
+
+    group.command("get")(firmware.get)
+    group.command("list")(firmware.list_firmware)
+    group.command("path")(firmware.path)
+
+
+def _logs(group: typer.Typer) -> None:
+    from xitl_cli.commands import logs, logs_analyze, logs_compare
+
+    group.command("info")(logs.info)
+    group.command("dump")(logs.dump)
+    group.command("export")(logs.export)
+    group.command("analyze")(logs_analyze.analyze)
+    group.command("plot")(logs_analyze.plot)
+    group.command("compare")(logs_compare.compare)
+    group.command("tasks")(logs.tasks)
+
+
+def _paper(group: typer.Typer) -> None:
+    from xitl_cli.commands import paper
+
+    group.callback()(_several)
+    group.command("4.2")(paper.section_4_2)
+
+
+_GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {
+    "agent": ("Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board.", _agent),
+    "profiles": ("List, show and check profiles.", _profiles),
+    "params": ("Read, compare and set parameters of a vehicle.", _params),
+    "firmware": ("Download the firmware of other autopilots.", _firmware),
+    "logs": ("Look into the logs of vehicles and runs.", _logs),
+    "paper": ("Repeat the experiments of the paper.", _paper),
+}
 
 
 def _several() -> None:

@@ -15,7 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from tests.bench import bench_ardupilot
+from tests.bench import bench_ardupilot, bench_logs, bench_logs_mcap, bench_logs_tlog
 from tests.bench.bench_ground import attitude_gap_ms, parameter_list_s
 from tests.bench.bench_link import agent_cpu_percent, lost_messages, round_trip_ratios
 from tests.bench.bench_vessel_step import median_step_us
@@ -25,7 +25,8 @@ RUNS = 5
 
 def main() -> None:
     table = Table("figure", "unit", "wanted", "median", "least", "most", box=None)
-    for name, wanted, unit, measure in FIGURES:
+    logs = [part for part in (bench_logs, bench_logs_tlog) if part.available()]
+    for name, wanted, unit, measure in [*FIGURES, *(figure for part in logs for figure in part.FIGURES)]:
         values = measure()
         cells = (statistics.median(values), min(values), max(values))
         table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))
@@ -39,6 +40,8 @@ def main() -> None:
             cells = (statistics.median(values), min(values), max(values))
             table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))
     Console(width=110).print(table)
+    if len(logs) < 2:
+        print("not all readers of logs were measured: the recorded logs lie beside the checkout, in ../shared/data")
     if not bench_ardupilot.available():
         print("sitl-ardupilot was not measured: no ardurover on the PATH, in the cache, or named by XITL_ARDUROVER")
 
@@ -133,6 +136,7 @@ FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("messages lost in 20 s at 2000 a second", "0", "", lost_in_20_s),
     ("agent process resident, waiting", "< 40", "MiB", agent_resident_mib),
     ("agent process resident, flying in real time", "< 40", "MiB", agent_flying_mib),
+    *bench_logs_mcap.FIGURES,
 ]
 
 

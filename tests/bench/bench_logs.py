@@ -104,33 +104,35 @@ def pymavlink() -> Theirs:
     """Medians of three, of the long loop one."""
     from pymavlink import DFReader
 
-    def loop(next_one: Callable[[], object]) -> float:
-        started_s = time.perf_counter()
-        while next_one() is not None:
-            pass
-        return time.perf_counter() - started_s
-
     opens_s, dense_s, rare_s = [], [], []
     DFReader.DFReader_binary(str(large_log())).close()  # the file is in memory then, for both
     for _ in range(3):
         started_s = time.perf_counter()
         reader = DFReader.DFReader_binary(str(large_log()))
         opens_s.append(time.perf_counter() - started_s)
-        rare_s.append(loop(partial(reader.recv_match, type=RARE)))
+        rare_s.append(loop_s(partial(reader.recv_match, type=RARE)))
         reader.rewind()
-        dense_s.append(loop(partial(reader.recv_match, type=DENSE)))
+        dense_s.append(loop_s(partial(reader.recv_match, type=DENSE)))
         reader.rewind()
         if len(opens_s) < 3:
             reader.close()
-    all_s = loop(reader.recv_msg)
+    all_s = loop_s(reader.recv_msg)
     reader.close()
     return Theirs(*map(statistics.median, (opens_s, dense_s, rare_s, [all_s])))
 
 
-def _timed(work: Callable[[], None]) -> list[float]:
+def loop_s(next_one: Callable[[], object]) -> float:
+    started_s = time.perf_counter()
+    while next_one() is not None:
+        pass
+    return time.perf_counter() - started_s
+
+
+def timed(work: Callable[[], object], runs: int) -> list[float]:
+    """Seconds of each run, after one that is not counted."""
     work()
     took_s = []
-    for _ in range(RUNS):
+    for _ in range(runs):
         started_s = time.perf_counter()
         work()
         took_s.append(time.perf_counter() - started_s)
@@ -145,13 +147,13 @@ def all_ratios() -> list[float]:
             log.read()
 
     theirs = pymavlink()
-    return [(theirs.open_s + theirs.all_s) / took_s for took_s in _timed(work)]
+    return [(theirs.open_s + theirs.all_s) / took_s for took_s in timed(work, RUNS)]
 
 
 def dense_ratios() -> list[float]:
     """All fields of the IMU of an opened log, by pymavlink's recv_match and into scaled columns."""
     with DataFlashLog(large_log()) as log:
-        took_s = _timed(lambda: void(log.tables[DENSE].read()))
+        took_s = timed(lambda: log.tables[DENSE].read(), RUNS)
     return [pymavlink().dense_s / one for one in took_s]
 
 
@@ -162,7 +164,7 @@ def dense_mbps() -> list[float]:
         with DataFlashLog(large_log()) as log:
             log.tables[DENSE].read()
 
-    return [large_log().stat().st_size / 1e6 / took_s for took_s in _timed(work)]
+    return [large_log().stat().st_size / 1e6 / took_s for took_s in timed(work, RUNS)]
 
 
 def rare_ratios() -> list[float]:
@@ -173,7 +175,7 @@ def rare_ratios() -> list[float]:
             log.tables[RARE].read()
 
     theirs = pymavlink()
-    return [(theirs.open_s + theirs.rare_s) / took_s for took_s in _timed(work)]
+    return [(theirs.open_s + theirs.rare_s) / took_s for took_s in timed(work, RUNS)]
 
 
 def info_s() -> list[float]:
@@ -183,7 +185,7 @@ def info_s() -> list[float]:
         with DataFlashLog(large_log()) as log:
             void({name: len(table) for name, table in log.tables.items()}, log.span_ns)
 
-    return _timed(work)
+    return timed(work, RUNS)
 
 
 def health_s() -> list[float]:
@@ -193,7 +195,22 @@ def health_s() -> list[float]:
         with DataFlashLog(large_log()) as log:
             void({name: len(table) for name, table in log.tables.items()}, log.span_ns, log.health)
 
-    return _timed(work)
+    return timed(work, RUNS)
+
+
+def info_command_s() -> list[float]:
+    """`xitl logs info` as a process of its own."""
+    return timed(lambda: xitl("logs", "info", str(large_log())), RUNS)
+
+
+def analyze_command_s() -> list[float]:
+    """`xitl logs analyze --report` as a process of its own."""
+    page = large_log().with_name("large.html")
+    return timed(lambda: xitl("logs", "analyze", str(large_log()), "--report", str(page)), 3)
+
+
+def xitl(*arguments: str) -> None:
+    subprocess.run([sys.executable, "-m", "xitl_cli.main", *arguments], capture_output=True, check=True)
 
 
 def memory_over_file_mib() -> list[float]:
@@ -217,6 +234,8 @@ FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("its PM alone with opening, of pymavlink", ">= 1", "x", rare_ratios),
     ("its types, rows and span", "< 0.3", "s", info_s),
     ("the same and its health", "", "s", health_s),
+    ("xitl logs info of it", "< 0.5", "s", info_command_s),
+    ("xitl logs analyze of it, with a report", "< 10", "s", analyze_command_s),
     ("every column held, memory over the file's size", "< 250", "MiB", memory_over_file_mib),
 ]
 

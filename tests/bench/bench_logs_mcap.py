@@ -1,32 +1,37 @@
 """A 1 GB recording as the recorder writes it, with a point cloud: how fast it opens, what one topic of it costs.
 
-Run by hand: `python -m tests.bench.bench_logs_mcap [MEGABYTES]`. Read bytes are what the process asked the kernel for
-(/proc/self/io), so what the page cache holds counts, too.
+Run by hand, for each topic: `python -m tests.bench.bench_logs_mcap [MEGABYTES]`. Read bytes are what the process asked
+the kernel for (/proc/self/io), so what the page cache holds counts, too.
 """
 
 from __future__ import annotations
 
+import atexit
 import resource
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
+from tests.bench.bench_logs import timed, xitl
 from xitl_cli.logs.mcap.file import McapLog
 from xitl_cli.recording.cdr import Layout
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import Estimate, LinkState, MotorCommand, Task
 
+RUNS = 5
 POINTS = 9000
 CLOUD_HZ, TRUTH_HZ, FRAME_HZ = 10, 50, 350
 _CLOUD = "builtin_interfaces/Time stamp\nuint32 count\nuint8[] data\n"
-TOPICS = ("/links", "/log", "/environment", "/truth/state", "/truth/odometry", "/link/agent/tx", "/tf", "/cloud")
+_STATE = "/truth/state"
+TOPICS = ("/links", "/log", "/environment", _STATE, "/truth/odometry", "/link/agent/tx", "/tf", "/cloud")
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,33 @@ def costs(path: Path) -> list[Cost]:
         if there:
             found.append(measured(name, lambda name=name: topic(path, name)))
     return found
+
+
+@cache
+def recording() -> Path:
+    """1 GB with clouds, made anew in each run of the bench and gone with it."""
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    path = Path(folder.name) / "large.mcap"
+    write(path, 1_000_000_000)
+    return path
+
+
+def info_command_s() -> list[float]:
+    """`xitl logs info` as a process of its own."""
+    return timed(lambda: xitl("logs", "info", str(recording())), RUNS)
+
+
+def topic_percent() -> list[float]:
+    """Read for all columns of the vessel's state."""
+    cost = measured(_STATE, lambda: topic(recording(), _STATE))
+    return [100 * cost.read_bytes / recording().stat().st_size]
+
+
+FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
+    ("xitl logs info of a 1 GB recording", "< 1", "s", info_command_s),
+    ("one topic out of it, read of the file", "< 10", "%", topic_percent),
+]
 
 
 def main() -> None:

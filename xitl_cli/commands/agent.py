@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 Destination = Annotated[str, typer.Argument(metavar="USER@HOST", help="The board, as ssh knows it.")]
 Port = Annotated[int | None, typer.Option(min=1, max=65535, help="Port of the board's ssh server.")]
@@ -27,6 +25,9 @@ def package(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write it.")] = Path("xitl-agent.pyz"),
 ) -> None:
     """Make one file of the agent for a board: nothing to install there but Python 3.9 or newer."""
+    from rich.console import Console
+    from rich.text import Text
+
     from xitl_cli.deploy.package import build
     from xitl_cli.errors import UserError
 
@@ -63,6 +64,9 @@ def deploy(
     ssh_config: SshConfig = None,
 ) -> None:
     """Bring the agent to a board over ssh, check it there, and start it as a service. A second time changes nothing."""
+    from rich.console import Console
+    from rich.text import Text
+
     from agent.board.settings import to_json
     from xitl_cli.deploy.options import settings
     from xitl_cli.deploy.package import build

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from xitl_cli.commands.output import quiet_pipe, refuse
 from xitl_cli.errors import UserError
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog or an .mcap.")]
@@ -38,7 +37,7 @@ def info(
     from xitl_cli.logs.summary import summary_of
 
     summaries, refusals = [], []
-    with _quiet_pipe():
+    with quiet_pipe():
         for path in files:
             try:
                 with open_log(path) as log:
@@ -56,11 +55,7 @@ def info(
                 print(line)
         if as_json:
             print(json.dumps({"logs": summaries, "refused": refusals}, allow_nan=False, ensure_ascii=False))
-        sys.stdout.flush()
-    for refusal in refusals[:-1]:
-        typer.echo(f"error: {refusal}", err=True)
-    if refusals:
-        raise UserError(refusals[-1])
+    refuse(refusals)
 
 
 def dump(
@@ -91,14 +86,13 @@ def dump(
 
     condition = Condition(where) if where.strip() else None
     written = False
-    with open_log(file) as log, _quiet_pipe():
+    with open_log(file) as log, quiet_pipe():
         tables = tables_named(log, messages)
         names = tuple(name.strip() for name in fields.split(",") if name.strip())
         span_ns = stamps_between(log, from_s, until_s)
         for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
             sys.stdout.write(text)
             written = True
-        sys.stdout.flush()
     if not written:
         typer.echo(f"{file}: no row of {', '.join(table.name for table in tables)} is so", err=True)
 
@@ -191,14 +185,3 @@ def _width() -> int | None:
         return os.get_terminal_size(sys.stdout.fileno()).columns
     except (OSError, ValueError):
         return 80
-
-
-@contextmanager
-def _quiet_pipe() -> Iterator[None]:
-    """A reader that has seen enough (`| head`) ends the output, and not with an error."""
-    try:
-        yield
-    except BrokenPipeError:
-        # What is left in the buffer would raise once more when the interpreter closes it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise SystemExit(0) from None

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from xitl_cli.commands.output import quiet_pipe, refuse
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
-    from xitl_cli.logs.report.model import Refusal, Report
+    from xitl_cli.logs.report.model import Report
 
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
@@ -47,23 +48,24 @@ def analyze(
 
     wanted = sections_named(sections or ())
     page = report or (_beside(files[0], "report") if open_it else None)
+    if page is not None:
+        html.refuse_other(page)
     with _progress() as told:
         found = build(files, wanted, told)
         if page is not None and found.files:
             told("page")
             html.write(found, page)
-    with _quiet_pipe():
+    with quiet_pipe():
         if as_json:
             print(json.dumps(document(found), allow_nan=False, ensure_ascii=False))
         elif found.files:
             _show(found, page)
-        sys.stdout.flush()
     if page is not None and open_it and found.files:
         _open(page)
     for file in found.files:
         for failure in file.failures:
             typer.echo(f"error: {file.name}: {failure.sentence}", err=True)
-    _refuse(found.refusals)
+    refuse([refusal.sentence for refusal in found.refusals])
     raise typer.Exit(1 if found.failures else 0)
 
 
@@ -89,8 +91,8 @@ def plot(
 
     Exit code 2 when a file cannot be read (the others are drawn).
     """
+    from xitl_cli.logs.clock_text import seconds_of
     from xitl_cli.logs.report import html
-    from xitl_cli.logs.report.instants import seconds_of
     from xitl_cli.logs.report.signal_page import signal_page
 
     files, signals = _files_and_signals(arguments)
@@ -99,12 +101,13 @@ def plot(
     if from_s is not None and until_s is not None and until_s <= from_s:
         raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
     path = out or _beside(files[0], "plot")
+    html.refuse_other(path)
     page, refusals = signal_page(files, signals, from_s, until_s, raw=raw)
     html.write_page(page, path)
     typer.echo(str(path))
     if open_it:
         _open(path)
-    _refuse(refusals)
+    refuse([refusal.sentence for refusal in refusals])
 
 
 def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]:
@@ -127,13 +130,6 @@ def _show(found: Report, page: Path | None) -> None:
     terminal.show(console, found)
     if page is not None:
         console.print(f"\n{page}: the same with plots, opens in any browser", markup=False, soft_wrap=True)
-
-
-def _refuse(refusals: Sequence[Refusal]) -> None:
-    for refusal in refusals[:-1]:
-        typer.echo(f"error: {refusal.sentence}", err=True)
-    if refusals:
-        raise UserError(refusals[-1].sentence)
 
 
 def _beside(log: Path, what: str) -> Path:
@@ -166,14 +162,3 @@ def _progress() -> Iterator[Callable[[str], None]]:
         return
     with console.status("opening") as status:
         yield lambda text: status.update(escape(text))
-
-
-@contextmanager
-def _quiet_pipe() -> Iterator[None]:
-    """A reader that has seen enough (`| head`) ends the output, and not with an error."""
-    try:
-        yield
-    except BrokenPipeError:
-        # What is left in the buffer would raise once more when the interpreter closes it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise SystemExit(0) from None

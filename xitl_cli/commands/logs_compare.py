@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from xitl_cli.commands.output import quiet_pipe
 from xitl_cli.errors import UserError
+from xitl_cli.printable import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -77,6 +79,12 @@ def compare(
     from xitl_cli.logs.compare.comparison import compare as compared
     from xitl_cli.logs.opening import open_log
 
+    if report is None and open_page:
+        report = Path("compare.html")
+    if report is not None:
+        from xitl_cli.logs.report.html import refuse_other
+
+        refuse_other(report)
     with open_log(a) as log_a, open_log(b) as log_b:
         found = compared(
             log_a,
@@ -90,18 +98,18 @@ def compare(
             until_s=until_s,
             armed=armed,
         )
-        page = _page(log_a, log_b, found) if report is not None or open_page else None
+        page = _page(log_a, log_b, found) if report is not None else None
     if tum is not None:
         _write_tum(tum, found)
-    if page is not None:
+    if page is not None and report is not None:
         from xitl_cli.logs.report.html import write_page
 
-        report = report or Path("compare.html")
         write_page(page, report)
-    if as_json:
-        typer.echo(json.dumps(_document(a, b, found), indent=2, allow_nan=False))
-    else:
-        _show(a, b, found, report)
+    with quiet_pipe():
+        if as_json:
+            print(json.dumps(_document(a, b, found), indent=2, allow_nan=False))
+        else:
+            _show(a, b, found, report)
     if open_page and report is not None:
         import webbrowser
 
@@ -110,7 +118,7 @@ def compare(
 
 def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
     from xitl_cli.logs.report.json import section_document
-    from xitl_cli.logs.report.model import TimeLine
+    from xitl_cli.logs.timeline.line import TimeLine
 
     line = TimeLine(found.zero_ns)
     return {
@@ -128,8 +136,8 @@ def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
 
 def _page(a: Log, b: Log, found: Comparison) -> Page:
     from xitl_cli.logs.report.build import short_names
-    from xitl_cli.logs.report.model import TimeLine
     from xitl_cli.logs.report.page import Page, PageMark, Part
+    from xitl_cli.logs.timeline.line import TimeLine
 
     line = TimeLine(found.zero_ns)
     names = [a.path.name] * 2 if a.path == b.path else short_names([a.path, b.path])
@@ -151,7 +159,7 @@ def _page(a: Log, b: Log, found: Comparison) -> Page:
 
 
 def _card(name: str, log: Log) -> Card:
-    from xitl_cli.logs.report.instants import duration_text
+    from xitl_cli.logs.clock_text import duration_text
     from xitl_cli.logs.report.page import Card
     from xitl_cli.logs.report.words import FORMATS, damage_sentences
 
@@ -195,7 +203,7 @@ def _hanging(rows: list[tuple[str, str]]) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
     for word, sentence in rows:
-        table.add_row(Text(word), Text("".join(letter if letter.isprintable() else " " for letter in sentence)))
+        table.add_row(Text(word), Text(printable(sentence)))
     return table
 
 

@@ -21,7 +21,8 @@ from xitl_cli.logs.selecting.times import zero_ns
 from xitl_cli.logs.table import Table
 
 _LINES = 2048
-_BREAKS = str.maketrans({"\n": "\\n", "\r": "\\r", "\x1b": "\\e"})
+_CONTROLS = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0))}
+_BREAKS = {**_CONTROLS, ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", 0x1B: "\\e"}
 _INDENT = " " * 6
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from xitl_cli.logs.report.instants import duration_text
+from xitl_cli.logs.clock_text import duration_text
 from xitl_cli.logs.report.words import FORMATS, damage_sentences, plural
 from xitl_cli.logs.summary import MessageSummary, Summary
 from xitl_cli.logs.table import Column
+from xitl_cli.printable import printable
 
 _WIDTH = 80
 _PLACES = 10
@@ -23,10 +24,10 @@ _TIME = {
 def summary_lines(summary: Summary, *, every_field: bool = False) -> Iterator[str]:
     told = list(_told(summary))
     width = max(len(label) for label, _ in told) + 2
-    yield str(summary.path)
+    yield printable(str(summary.path))
     for label, text in told:
         yield from textwrap.wrap(
-            " ".join(text.split()) or "-",
+            printable(" ".join(text.split())) or "-",
             _WIDTH,
             initial_indent=f"  {label:<{width}}",
             subsequent_indent=" " * (width + 2),
@@ -60,11 +61,11 @@ def _told(summary: Summary) -> Iterator[tuple[str, str]]:
 def _vehicle(summary: Summary) -> str:
     """Rover, ArduRover V4.6.0 (0123abcd), CubeOrange."""
     about = {fact.key: str(fact.value) for fact in summary.about}
-    firmware = about.get("firmware", "")
     version = about.get("firmware_version", "")
+    firmware = about.get("firmware") or ("firmware" if version else "")
     parts = [
         about.get("vehicle_type") or about.get("vehicle", ""),
-        firmware if version in firmware else f"{firmware} {version}".strip(),
+        firmware if version in firmware else f"{firmware} {version}",
         about.get("board", ""),
     ]
     return ", ".join(part for part in parts if part)
@@ -81,7 +82,7 @@ def _messages(messages: tuple[MessageSummary, ...], every_field: bool) -> Iterat
     for message in messages:
         rate = "-" if message.rate_hz is None else _rate(message.rate_hz)
         instances = "-" if message.instances is None else str(message.instances)
-        front = f"{message.name:<{name_width}} {message.rows:>8} {rate:>8} {instances:>4}  "
+        front = f"{printable(message.name):<{name_width}} {message.rows:>8} {rate:>8} {instances:>4}  "
         columns = message.columns or ()
         names = [_field(column, every_field) for column in columns if not column.name.startswith("_")]
         if every_field:
@@ -100,9 +101,9 @@ def _messages(messages: tuple[MessageSummary, ...], every_field: bool) -> Iterat
 
 def _field(column: Column, with_unit: bool) -> str:
     if not with_unit:
-        return column.name
+        return printable(column.name)
     counts = "".join(f"[{'' if count < 0 else count}]" for count in column.shape)
-    return f"{column.name}{counts} {column.unit}".strip()
+    return printable(f"{column.name}{counts} {column.unit}".strip())
 
 
 def _fitting(names: list[str], width: int) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from xitl_cli.logs.table import Table
 
@@ -13,6 +13,9 @@ Format = Literal["dataflash", "mcap", "tlog"]
 
 # boot: since the autopilot started; simulation: since the run began; utc: since 1970; unknown: as the writer pleased
 Base = Literal["boot", "simulation", "utc", "unknown"]
+
+
+_MOST_DAMAGE = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +33,9 @@ class Health:
 
     suspect: records that were kept although what follows them is damaged. truncated_bytes: of a last record that was
     cut off. unclosed: the writer never finished the file (an MCAP without its index). back_in_time: rows stamped
-    earlier than the one before of their type. redefined: types described twice, differently. undecoded: rows by type or
-    topic that are there and cannot be read, with the reason. damage lists at most 1000 places; damaged counts all.
+    earlier than the one before of their type. replaced_stamps: rows with a time that cannot be, which are stamped as
+    the row before them. redefined: types described twice, differently. undecoded: rows by type or topic that are there
+    and cannot be read, with the reason. damage lists at most 1000 places; damaged counts all.
     """
 
     size_bytes: int
@@ -43,13 +47,65 @@ class Health:
     truncated_bytes: int = 0
     unclosed: bool = False
     back_in_time: int = 0
+    replaced_stamps: int = 0
     redefined: int = 0
     undecoded: Mapping[str, tuple[int, str]] = field(default_factory=dict)
 
     @property
     def degraded(self) -> bool:
         """Whether something that was written is missing or in doubt."""
-        return bool(self.damaged or self.lost_bytes or self.suspect or self.truncated_bytes or self.unclosed)
+        doubts = self.damaged, self.lost_bytes, self.suspect, self.truncated_bytes, self.unclosed, self.replaced_stamps
+        return any(doubts)
+
+    def as_json(self) -> dict[str, Any]:
+        undecoded = {name: {"rows": rows, "reason": why} for name, (rows, why) in self.undecoded.items()}
+        damage = [asdict(each) for each in self.damage]
+        counts = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {"degraded": self.degraded, **counts, "undecoded": undecoded, "damage": damage}
+
+
+@dataclass(slots=True)
+class Losses:
+    """What of a file could not be read, noted while it is read; the counts are those of `Health`."""
+
+    damaged: int = 0
+    damage: list[Damage] = field(default_factory=list)
+    lost_bytes: int = 0
+    suspect: int = 0
+    truncated_bytes: int = 0
+
+    def note(self, place: int, lost: int, why: str) -> None:
+        self.damaged += 1
+        self.lost_bytes += lost
+        if len(self.damage) < _MOST_DAMAGE:
+            self.damage.append(Damage(place, lost, why))
+
+    def health(
+        self,
+        size_bytes: int,
+        records: int,
+        *,
+        unclosed: bool = False,
+        back_in_time: int = 0,
+        replaced_stamps: int = 0,
+        redefined: int = 0,
+        undecoded: Mapping[str, tuple[int, str]],
+    ) -> Health:
+        """With what the reader has counted besides."""
+        return Health(
+            size_bytes,
+            records,
+            self.damaged,
+            tuple(self.damage),
+            self.lost_bytes,
+            self.suspect,
+            self.truncated_bytes,
+            unclosed,
+            back_in_time,
+            replaced_stamps,
+            redefined,
+            undecoded,
+        )
 
 
 class Log(Protocol):

@@ -25,9 +25,16 @@ class _KeepsFrames(Protocol):
     def frame_tables(self, topic: str) -> Mapping[str, Table]: ...
 
 
+@runtime_checkable
+class _KnowsEnds(Protocol):
+    @property
+    def ends_ns(self) -> tuple[int, int] | None: ...
+
+
 @dataclass(frozen=True, slots=True)
 class MessageSummary:
-    """rate_hz: of one instance, over the time from its message's first row to the last; None when that is no time.
+    """rate_hz: of one instance, over the time from its message's first row to the last; None when that is no time,
+    and where rows do not tell when they were written.
 
     instances: None when the message has none. columns: None where they were not read.
     """
@@ -69,7 +76,7 @@ class Summary:
             "start_utc": self.start_utc,
             "about": {fact.key: fact.value for fact in self.about},
             "facts": dict(self.facts),
-            "health": _health(self.health),
+            "health": self.health.as_json(),
             "messages": [
                 {
                     "name": message.name,
@@ -88,6 +95,7 @@ def summary_of(log: Log, *, every_field: bool = False) -> Summary:
     span, zero = log.span_ns, zero_ns(log)
     indexed = log.format == "mcap" and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field
     about = () if indexed else _about(log)
+    messages = tuple(_indexed(table, span) for table in log.tables.values()) if indexed else _messages(log)
     utc = next((str(fact.value) for fact in about if fact.key == "utc_start"), None)
     if utc is None and span is not None and log.base == "utc":
         utc = (datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=span[0] // 1000)).strftime("%Y-%m-%d %H:%M:%S")
@@ -95,12 +103,12 @@ def summary_of(log: Log, *, every_field: bool = False) -> Summary:
         path=log.path,
         format=log.format,
         base=log.base,
-        span_s=None if span is None else ((span[0] - zero) * 1e-9, (span[1] - zero) * 1e-9),
+        span_s=None if span is None else ((span[0] - zero) / 1e9, (span[1] - zero) / 1e9),
         start_utc=utc,
         about=tuple(fact for fact in about if fact.key not in ("utc_start", "duration_s")),
         facts=log.facts,
-        health=log.health,
-        messages=tuple(_indexed(table, span) for table in log.tables.values()) if indexed else _messages(log),
+        health=log.health,  # when the messages were read: damage inside of a recording is found then
+        messages=messages,
     )
 
 
@@ -117,11 +125,18 @@ def _messages(log: Log) -> tuple[MessageSummary, ...]:
 
 def _message(table: Table) -> MessageSummary:
     instances = None if table.instance is None else _distinct(table, table.instance)
-    stamps = table.stamp_ns
-    length_s = float(stamps[-1] - stamps[0]) * 1e-9
+    first_ns, last_ns = _ends_ns(table) or (0, 0)
+    length_s = (last_ns - first_ns) * 1e-9
     each = len(table) / (instances or 1)
     rate_hz = (each - 1) / length_s if each > 1 and length_s >= _SHORTEST_S else None
     return MessageSummary(table.name, len(table), rate_hz, instances, tuple(table.columns.values()))
+
+
+def _ends_ns(table: Table) -> tuple[int, int] | None:
+    if isinstance(table, _KnowsEnds):
+        return table.ends_ns
+    stamps = table.stamp_ns
+    return int(stamps[0]), int(stamps[-1])
 
 
 def _indexed(table: Table, span_ns: tuple[int, int] | None) -> MessageSummary:
@@ -138,30 +153,13 @@ def _distinct(table: Table, column: str) -> int:
 
 
 def _about(log: Log) -> tuple[Fact, ...]:
-    from xitl_cli.logs.analyses.vehicle import analyse
+    from xitl_cli.logs.analyses.vehicle import facts_of
 
     try:
-        section = analyse(log)
+        return facts_of(log)
     except Exception:  # noqa: BLE001  a summary is shown of what can be told; `xitl logs analyze` names the fault
         return ()
-    return () if section is None else tuple(fact for fact in section.facts if fact.value is not None)
 
 
 def _field(column: Column) -> dict[str, Any]:
     return {"name": column.name, "unit": column.unit, "kind": column.kind, "shape": list(column.shape)}
-
-
-def _health(health: Health) -> dict[str, Any]:
-    return {
-        "degraded": health.degraded,
-        "records": health.records,
-        "damaged": health.damaged,
-        "damage": [{"place": each.place, "lost": each.lost, "why": each.why} for each in health.damage],
-        "lost_bytes": health.lost_bytes,
-        "suspect": health.suspect,
-        "truncated_bytes": health.truncated_bytes,
-        "unclosed": health.unclosed,
-        "back_in_time": health.back_in_time,
-        "redefined": health.redefined,
-        "undecoded": {name: {"rows": rows, "reason": why} for name, (rows, why) in health.undecoded.items()},
-    }

@@ -56,7 +56,10 @@ class Table(Protocol):
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
-        """(N,) since the log's own zero (`Log.base`), as logged: it may repeat or go back. Read-only."""
+        """(N,) since the log's own zero (`Log.base`), as logged: it may repeat or go back. Read-only.
+
+        A time that cannot be, which is damage, is that of the row before (`Health.replaced_stamps`).
+        """
         ...
 
     @property
@@ -114,17 +117,9 @@ def by_instance(table: Table) -> dict[int, Table]:
     return {int(number): Selection(table, numbers == number) for number in np.unique(numbers)}
 
 
-def between(table: Table, from_ns: int | None, until_ns: int | None) -> Table:
-    """The rows stamped from `from_ns` to `until_ns`, both included; None: no limit."""
-    if from_ns is None and until_ns is None:
-        return table
-    stamps = table.stamp_ns
-    inside = np.ones(len(stamps), dtype=np.bool_)
-    if from_ns is not None:
-        inside &= stamps >= from_ns
-    if until_ns is not None:
-        inside &= stamps <= until_ns
-    return Selection(table, inside)
+def steps_back(stamp_ns: NDArray[np.int64]) -> int:
+    """How many are earlier than the one before."""
+    return int(np.count_nonzero(stamp_ns[1:] < stamp_ns[:-1]))
 
 
 def first_of(table: Table, names: Sequence[str]) -> str | None:

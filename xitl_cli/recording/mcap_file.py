@@ -20,9 +20,14 @@ from xitl_cli.errors import UserError
 FLUSH_INTERVAL_S = 1.0
 CHUNK_BYTES = 1 << 20
 APART_BYTES = 32 << 10
+"""Of a channel, from which on it gets a chunk of its own. Chunks that share less pack worse: 100 s in real time take
+5 % more room than without, in lockstep, where a second of wall time holds more, 12 %. One topic of them is had from
+67 % and 15 % of the bytes rather than 79 %. With 8 KiB it would be 16 % in real time, for twice as many chunks, which
+is what opening a long recording costs."""
 _COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
 
 _NO_CHANNEL = 0
+_RECORD_BYTES = 31  # of a message, before its payload
 _Message = tuple[int, int, bytes, int]
 """Channel, log time, payload, publish time, as Writer.add_message takes them."""
 
@@ -111,8 +116,9 @@ class McapFile:
             if self._refused_once:
                 return
             self._kept.append((channel, stamp_ns, payload, stamp_ns if sent_ns is None else max(sent_ns, 0)))
-            self._kept_bytes[channel] = self._kept_bytes.get(channel, 0) + len(payload)
-            self._filled_bytes += len(payload)
+            size = _RECORD_BYTES + len(payload)
+            self._kept_bytes[channel] = self._kept_bytes.get(channel, 0) + size
+            self._filled_bytes += size
             if self._filled_bytes >= CHUNK_BYTES:
                 self._guarded(self._write_kept, False)
 

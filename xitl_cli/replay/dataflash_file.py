@@ -25,9 +25,8 @@ def read_dataflash(path: Path) -> PulseLog:
         outputs = log.tables.get("RCOU")
         if outputs is None or "TimeUS" not in outputs.columns:
             raise UserError(f"{path}: holds no motor outputs (RCOU); log with bit RC OUT of LOG_BITMASK set")
-        at_us = outputs.values("TimeUS", raw=True).astype(np.float64)
-        latest_us = np.maximum.accumulate(np.concatenate(([-np.inf], at_us[:-1])))
-        rising = np.flatnonzero(at_us > latest_us)
+        at_us = outputs.stamp_ns // 1000
+        rising = np.flatnonzero(np.diff(np.maximum.accumulate(at_us), prepend=-1) > 0)
         channels = {int(match[1]): name for name in outputs.columns if (match := _CHANNEL.fullmatch(name))}
         pulses = {
             channel: tuple(
@@ -47,7 +46,7 @@ def _armed_s(log: Log) -> float | None:
     if table is None or not {"TimeUS", "ArmState"} <= table.columns.keys():
         return None
     armed = np.flatnonzero(table.values("ArmState", raw=True) == 1)
-    return float(table.values("TimeUS", armed[:1], raw=True)[0]) * 1e-6 if len(armed) else None
+    return int(table.stamp_ns[armed[0]]) // 1000 * 1e-6 if len(armed) else None
 
 
 def _functions(log: Log) -> dict[int, int]:

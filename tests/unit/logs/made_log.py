@@ -15,7 +15,10 @@ from xitl_cli.logs.table import ALL, Column, Rows
 
 
 class MadeTable:
-    """Columns as given; `instance` names one of them."""
+    """Columns as given; `instance` names one of them. What is in cdeg as stored is given in deg.
+
+    columns: what these are; without, their kind and shape is that of the values.
+    """
 
     def __init__(
         self,
@@ -25,27 +28,31 @@ class MadeTable:
         instance: str | None = None,
         units: Mapping[str, str] = MappingProxyType({}),
         place: ArrayLike | None = None,
+        columns: Mapping[str, Column] | None = None,
     ) -> None:
         self.name, self.instance = name, instance
         self.stamp_ns: NDArray[np.int64] = np.asarray(stamp_ns, dtype=np.int64)
         self.place = np.arange(len(self.stamp_ns)) if place is None else np.asarray(place, dtype=np.int64)
         self._values = {column: np.asarray(each) for column, each in values.items()}
-        self.columns = {
-            column: Column(
-                column,
-                units.get(column, ""),
-                kind={"U": "text", "O": "bytes"}.get(each.dtype.kind, "number"),  # type: ignore[arg-type]
-                shape=each.shape[1:],
-            )
-            for column, each in self._values.items()
-        }
+        self.columns = (
+            columns
+            or {
+                column: Column(
+                    column,
+                    units.get(column, ""),
+                    kind={"U": "text", "O": "bytes"}.get(each.dtype.kind, "number"),  # type: ignore[arg-type]
+                    shape=each.shape[1:],
+                )
+                for column, each in self._values.items()
+            }
+        )
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         found: NDArray[Any] = self._values[column][rows]
-        return found
+        return (found * 100).astype(np.int32) if raw and self.columns[column].raw_unit == "cdeg" else found
 
 
 class MadeLog:

@@ -1,69 +1,19 @@
-"""A log of made-up tables, with every kind of column."""
+"""Tables of which the columns are described, and one with every kind of column."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from made_log import MadeTable
 
-from xitl_cli.logs.log import Base, Format, Health
-from xitl_cli.logs.table import ALL, Column, Rows, Table
-
-
-@dataclass
-class MadeTable:
-    name: str
-    columns: Mapping[str, Column]
-    held: Mapping[str, NDArray[Any]]
-    stamp_ns: NDArray[np.int64]
-    place: NDArray[np.int64]
-    instance: str | None = None
-
-    def __len__(self) -> int:
-        return len(self.stamp_ns)
-
-    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
-        values = self.held[column][rows]
-        return (values * 100).astype(np.int32) if raw and self.columns[column].raw_unit == "cdeg" else values
-
-
-@dataclass
-class MadeLog:
-    tables: Mapping[str, Table]
-    path: Path = Path("flight.bin")
-    format: Format = "dataflash"
-    base: Base = "boot"
-    facts: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def span_ns(self) -> tuple[int, int] | None:
-        stamps = np.concatenate([table.stamp_ns for table in self.tables.values()])
-        return (int(stamps.min()), int(stamps.max())) if len(stamps) else None
-
-    @property
-    def health(self) -> Health:
-        return Health(0, sum(map(len, self.tables.values())))
-
-    def close(self) -> None: ...
-
-    def __enter__(self) -> MadeLog:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
+from xitl_cli.logs.table import Column
 
 
 def made_table(name: str, columns: Mapping[str, tuple[Column, Any]], stamp_ns: Any, place: Any) -> MadeTable:
-    return MadeTable(
-        name,
-        {key: column for key, (column, _) in columns.items()},
-        {key: np.asarray(values) for key, (_, values) in columns.items()},
-        np.asarray(stamp_ns, dtype=np.int64),
-        np.asarray(place, dtype=np.int64),
-    )
+    described = {key: column for key, (column, _) in columns.items()}
+    return MadeTable(name, stamp_ns, {key: held for key, (_, held) in columns.items()}, place=place, columns=described)
 
 
 def every_kind(rows: int = 5, first_ns: int = 1_000_000_123) -> MadeTable:

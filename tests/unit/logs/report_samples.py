@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from xitl_cli.logs.log import Damage, Health
-from xitl_cli.logs.report.model import FileReport, Overview, Refusal, Report, TimeLine, Track, Waypoint
+from xitl_cli.logs.report.model import FileReport, Overview, Refusal, Report, Track, Waypoint
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.timeline.line import TimeLine
 
 HOSTILE = '</script><script>document.title="taken"</script><img src=x onerror="document.title=1">\x1b[31m'
 SECONDS = 60.0

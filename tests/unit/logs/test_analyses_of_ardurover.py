@@ -104,7 +104,7 @@ def test_sensors_from_outside_leave_the_simulated_vehicle_behind(sections: dict[
     assert found["estimator.truth_of_another"] is Severity.NOTICE
     assert "estimator.position_error" not in found
     # The second core is fed by the simulator's own IMU.
-    assert found["estimator.cores_apart.position"] is Severity.WARNING
+    assert found["estimator.cores_apart.position"] is Severity.NOTICE
     assert found["events.error.3.4"] is Severity.WARNING
 
 

@@ -8,42 +8,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dataflash_records import CODES, FMT, ITSELF, described, record
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from agent.dataflash.format import header
 from agent.dataflash.messages import FORMATS
 from xitl_cli.errors import UserError
+from xitl_cli.logs.dataflash import index
 from xitl_cli.logs.dataflash.embedded import embedded_files, files
 from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.dataflash.heads import Bytes, Forget, Heads, find_heads
 
-FMT = struct.Struct("<2sBBB4s16s64s")
-CODES = {
-    "b": "b", "B": "B", "M": "B", "h": "h", "H": "H", "i": "i", "I": "I", "q": "q", "Q": "Q", "g": "e", "f": "f",
-    "d": "d", "n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "a": "32h",
-}  # fmt: skip
 BITS = {"b": 8, "B": 8, "M": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
 BITS |= {"c": 16, "C": 16, "e": 32, "E": 32, "L": 32, "a": 16}
 DIVISORS = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 10_000_000}
 MINUTE_US = 60_000_000
-ITSELF = FMT.pack(b"\xa3\x95", 128, 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
-
-
-def described(
-    kind: int, name: bytes, letters: str, columns: str | None = None, length: int | None = None, code: str | None = None
-) -> bytes:
-    if length is None:
-        length = 3 + struct.calcsize("<" + "".join(CODES[letter] for letter in letters))
-    if columns is None:
-        columns = ",".join(f"F{place}" for place in range(len(letters)))
-    return FMT.pack(
-        b"\xa3\x95", 128, kind, length, name, (code or letters).encode("latin-1"), columns.encode("latin-1")
-    )
-
-
-def record(kind: int, letters: str, *values: Any) -> bytes:
-    flat = [part for value in values for part in (value if isinstance(value, list | tuple) else [value])]
-    return b"\xa3\x95" + bytes([kind]) + struct.pack("<" + "".join(CODES[letter] for letter in letters), *flat)
 
 
 def values_of(letter: str) -> st.SearchStrategy[Any]:
@@ -361,9 +341,8 @@ def test_no_bytes_raise_anything_but_a_sentence(tmp_path: Path, parts: list[byte
         log.span_ns  # noqa: B018
 
 
-@pytest.mark.slow
-def test_a_log_of_more_than_2_gb(tmp_path: Path) -> None:
-    """Rows on both sides of a hole of zeros, which takes no room on the disk."""
+def test_a_log_of_more_than_2_gb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows on both sides of a hole of zeros, which takes no room on the disk, and no time as no head is looked for."""
     path = tmp_path / "large.bin"
     rows = [record(1, "QI", 1_000_000 * n, n) for n in range(100)]
     hole = (2 << 30) + 12_345
@@ -372,8 +351,19 @@ def test_a_log_of_more_than_2_gb(tmp_path: Path) -> None:
         begin = file.tell()
         file.seek(hole, 1)
         file.write(b"".join(rows[50:]))
+
+    def beside_the_hole(data: Bytes, forget: Forget) -> Heads:
+        before, behind = find_heads(data[:begin], forget), find_heads(data[begin + hole :], forget)
+        assert before.place.dtype == np.int64
+        places = np.concatenate((before.place, behind.place + begin + hole))
+        return Heads(places, np.concatenate((before.type_id, behind.type_id)))
+
+    monkeypatch.setattr(index, "find_heads", beside_the_hole)
     with DataFlashLog(path) as log:
-        assert log.tables["X"].values("N").tolist() == list(range(100))
-        assert int(log.tables["X"].place[-1]) == begin + hole + 49 * 15
+        table = log.tables["X"]
+        assert table.values("N").tolist() == list(range(100))
+        assert table.stamp_ns.tolist() == [10**9 * n for n in range(100)]
+        assert int(table.place[-1]) == begin + hole + 49 * 15
         assert (log.health.damage[0].place, log.health.damage[0].lost) == (begin, hole)
+        assert table.read()["N"].tolist() == list(range(100))
         assert log.read()["X"]["N"].tolist() == list(range(100))

@@ -91,7 +91,7 @@ def test_a_lane_switch() -> None:
     assert found_in(section) == {"estimator.lane_switch": Severity.WARNING}
     assert facts(section)["primary_core"] == 1
     assert facts(section)["lane_switches"] == 1
-    assert "core 1 at 30.0 s" in section.findings[0].sentence
+    assert "core 1 at 0:30.0" in section.findings[0].sentence
 
 
 def test_a_lane_switch_by_its_error_where_the_primary_is_not_logged() -> None:
@@ -121,7 +121,7 @@ def test_a_reset_of_yaw_and_of_position() -> None:
         "estimator.yaw_reset": Severity.NOTICE,
         "estimator.position_reset": Severity.WARNING,
     }
-    assert "5.00 m, first at 50.0 s" in section.findings[1].sentence
+    assert "position reset of 5.00 m while armed, at 0:50.0" in section.findings[1].sentence
 
 
 def test_a_step_of_the_position_that_its_speed_does_not_explain() -> None:
@@ -129,13 +129,13 @@ def test_a_step_of_the_position_that_its_speed_does_not_explain() -> None:
     section = section_of(health(), moving)
     # 7 m and the 0.2 m that it went in between, less those 0.2 m.
     assert found_in(section) == {"estimator.position_step": Severity.WARNING}
-    assert "7.00 m, first at 60.0 s" in section.findings[0].sentence
+    assert "7.00 m while armed, at 1:00.0" in section.findings[0].sentence
 
 
 def test_timeouts_that_count_and_those_of_sensors_never_fitted() -> None:
     section = section_of(health(TS=np.where(between(30, 35), 48 | 1 << 3, 48)))
     assert found_in(section) == {"estimator.timeout.compass": Severity.WARNING}
-    assert "5.0 s while armed, first at 30.0 s" in section.findings[0].sentence
+    assert "5.0 s while armed, first at 0:30.0" in section.findings[0].sentence
 
 
 def test_a_faulty_filter_but_not_one_that_starts() -> None:
@@ -254,3 +254,14 @@ def test_a_log_without_an_estimator_says_so() -> None:
     section = section_of()
     assert section.lacks
     assert not section.facts
+
+
+def test_a_bias_that_the_filter_has_found_is_told_with_its_beginning() -> None:
+    rate = np.where(between(40.0, 100.0), 1.2, 0.05)
+    section = section_of(solution(GX=np.zeros(N), GY=np.full(N, 0.1), GZ=rate), health())
+    (finding,) = [each for each in section.findings if each.key == "estimator.gyroscope_bias"]
+    assert finding.severity == Severity.NOTICE
+    assert finding.sentence == "The filter takes the gyroscope to be off by 1.20 deg/s on z, since 0:40.0"
+    assert facts(section)["gyroscope_bias"] == pytest.approx(1.2)
+    small = section_of(solution(GX=np.zeros(N), GY=np.full(N, 0.1), GZ=np.full(N, 0.3)), health())
+    assert "estimator.gyroscope_bias" not in found_in(small)

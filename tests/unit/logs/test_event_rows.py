@@ -59,7 +59,7 @@ def test_everything_in_words_in_the_order_of_time() -> None:
 def test_an_error_that_was_never_cleared() -> None:
     finding = only(errors((30, 16, 2)), armed(10, 90))
     assert finding.severity is Severity.WARNING
-    assert finding.sentence == "EKF check: bad variance at 30.0 s, armed, and never cleared"
+    assert finding.sentence == "EKF check: bad variance at 0:30.0, armed, and never cleared"
     assert finding.evidence[0].at_ns == 30 * S
     assert finding.evidence[0].until_ns is None
 
@@ -70,7 +70,7 @@ def test_a_failsafe_that_stays_while_armed_is_critical() -> None:
 
 def test_cleared_errors_are_one_finding_with_their_time() -> None:
     finding = only(errors((30, 16, 2), (32, 16, 0), (50, 16, 2), (53, 16, 0)), armed(10, 90))
-    assert finding.sentence == "EKF check: bad variance at 30.0 s, armed, cleared after 5.0 s, 2 times in all"
+    assert finding.sentence == "EKF check: bad variance at 0:30.0, armed, cleared after 5.0 s, 2 times in all"
 
 
 def test_the_zero_of_a_healthy_start_is_no_error() -> None:

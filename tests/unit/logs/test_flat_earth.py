@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
+from xitl_cli.ardupilot_earth import ned_of
 from xitl_cli.logs import signals
 from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.sections import Severity
-from xitl_cli.logs.signals.flat_earth import flat_ned
 
 A_DEGREE_M = 0.011131884502145034e7
 """LOCATION_SCALING_FACTOR of AP_Common/Location.h, metres for 1e-7 degrees."""
@@ -25,18 +25,20 @@ def log_of(simulated: bool, moving: bool = True) -> MadeLog:
     tables = [MadeTable("POS", stamps, place)]
     if simulated:
         tables.append(MadeTable("SIM", stamps, place if moving else {**place, "Lat": np.full(50, -8.8)}))
+        fix = {"Status": np.full(50, 3), "Spd": np.full(50, 100.0 / 4.9), "GCrs": np.zeros(50)}
+        tables.append(MadeTable("GPS", stamps, {**place, **fix}))
     return MadeLog(*tables)
 
 
 def test_metres_are_those_of_its_sphere() -> None:
     places = np.array([[-8.8 + 1e-3, -63.95, 3.0], [-8.8, -63.95 + 1e-3, 5.0]])
-    found = flat_ned((-8.8, -63.95, 3.0), places)
+    found = ned_of((-8.8, -63.95, 3.0), places)
     assert found[0] == pytest.approx([A_DEGREE_M * 1e-3, 0.0, 0.0], abs=1e-6)
     assert found[1] == pytest.approx([0.0, A_DEGREE_M * 1e-3 * math.cos(math.radians(8.8)), -2.0], abs=1e-6)
 
 
 def test_it_goes_the_short_way_over_the_date_line() -> None:
-    found = flat_ned((0.0, 179.9995, 0.0), np.array([[0.0, -179.9995, 0.0]]))
+    found = ned_of((0.0, 179.9995, 0.0), np.array([[0.0, -179.9995, 0.0]]))
     assert found[0, 1] == pytest.approx(A_DEGREE_M * 1e-3, rel=1e-6)
 
 
@@ -77,10 +79,17 @@ def test_telemetry_of_a_simulated_vehicle_is_measured_alike() -> None:
     assert np.ptp(found.path.values[:, 0]) == pytest.approx(100.0, abs=0.01)
 
 
+def test_a_truth_of_another_vehicle_is_none() -> None:
+    stray = log_of(simulated=True, moving=False)
+    assert signals.stray_truth_m(stray) == pytest.approx(100.0 * 110_600.0 / A_DEGREE_M, abs=15.0)  # half a second less
+    assert signals.position_geodetic(stray, "truth") is None
+    assert signals.stray_truth_m(log_of(simulated=True)) is None
+
+
 def test_a_truth_of_another_vehicle_is_a_warning() -> None:
     doubted = compare(log_of(simulated=True, moving=False), log_of(simulated=True), of_a="truth", shift_s=0.0)
     assert [each.key for each in doubted.sections[0].findings if each.severity == Severity.WARNING] == [
-        "trajectory.foreign_truth"
+        "trajectory.stray_truth"
     ]
     trusted = compare(log_of(simulated=True), log_of(simulated=True), of_a="truth", shift_s=0.0)
     assert all(each.severity == Severity.OK for each in trusted.sections[0].findings)

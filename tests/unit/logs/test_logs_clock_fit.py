@@ -153,3 +153,20 @@ def test_outliers_do_not_turn_the_robust_line() -> None:
     slope, value = robust.line(x, y)
     assert slope == pytest.approx(0.5, abs=1e-3)  # sigma of the slope: 0.1 / (sqrt(400) 115) = 4e-5, outliers pull some
     assert value == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_clock_that_was_held_up_in_stages_has_a_step_and_no_drift() -> None:
+    """A host that stood still twice within 0.7 s, and was late in between: what came of it is one step."""
+    first_s = np.arange(0.0, 150.0, 0.1)
+    offset_s = 1e-4 * np.random.default_rng(3).gamma(2.0, 1.0, len(first_s))
+    offset_s += np.interp(first_s, [0.0, 36.15, 36.2, 36.75, 36.8, 150.0], [0.0, 0.0, 0.25, 0.3, 0.6, 0.6])
+    first_ns = np.round(first_s * 1e9).astype(np.int64)
+    second_ns = np.round((first_s + offset_s) * 1e9).astype(np.int64)
+    relation = relate(Readings("k", "simulation", "host", first_ns, first_ns, second_ns, "M", "f", late=True))
+    assert relation is not None
+    (step,) = relation.steps
+    assert step.at_ns * 1e-9 == pytest.approx(36.5, abs=0.5)
+    assert step.size_s == pytest.approx(0.6, abs=2e-3)
+    assert abs(relation.longest.slope_ppm) < 5.0
+    # What the second clock leapt over belongs to the nearer side.
+    assert relation.to_first(second_ns[[0, -1]]) == pytest.approx(first_ns[[0, -1]], abs=2e6)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_table import MadeLog, MadeTable, made_table
+from made_log import MadeLog, MadeTable
+from made_table import made_table
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.selecting.cells import plain, texts
@@ -20,7 +20,7 @@ from xitl_cli.logs.selecting.times import stamps_between, zero_ns
 from xitl_cli.logs.table import ALL, Column
 
 
-def att() -> MadeTable:
+def att(name: str = "ATT") -> MadeTable:
     roll = np.array([0.1, -7.5, 6.0, math.nan, 3.0], dtype=np.float32)
     columns = {
         "Roll": (Column("Roll", "deg"), roll),
@@ -31,7 +31,7 @@ def att() -> MadeTable:
         "Big": (Column("Big"), np.array([2**63 + n for n in range(5)], dtype=np.uint64)),
         "Data": (Column("Data", kind="bytes"), np.array([b""] * 5, dtype=object)),
     }
-    return made_table("ATT", columns, np.arange(5) * 1_000_000_000, np.arange(5))
+    return made_table(name, columns, np.arange(5) * 1_000_000_000, np.arange(5))
 
 
 def holds(text: str) -> list[bool]:
@@ -136,7 +136,7 @@ def test_rows_come_in_the_order_of_the_file(one: int, other: int, limit: int) ->
 
 
 def test_names_in_any_case_and_near_ones() -> None:
-    log = MadeLog({"ATT": att(), "att2": att()}, path=Path("flight.bin"))
+    log = MadeLog(att(), att("att2"), path="flight.bin")
     assert [table is log.tables["ATT"] for table in tables_named(log, ["att,ATT"])] == [True]
     assert len(tables_named(log, ["ATT2", "ATT"])) == 2
     with pytest.raises(UserError, match=r"flight\.bin: has no message 'AT'; did you mean 'ATT'\?"):
@@ -145,12 +145,12 @@ def test_names_in_any_case_and_near_ones() -> None:
 
 def test_second_zero_is_the_first_row_where_the_logs_own_is_years_away() -> None:
     late = made_table("A", {"x": (Column("x"), [1, 2])}, [1_700_000_000_000_000_000, 1_700_000_001_000_000_000], [0, 1])
-    assert zero_ns(MadeLog({"A": late}, base="utc")) == 1_700_000_000_000_000_000
-    assert stamps_between(MadeLog({"A": late}, base="utc"), 0.5, None) == (1_700_000_000_500_000_000, None)
-    assert zero_ns(MadeLog({"ATT": att()})) == 0
+    assert zero_ns(MadeLog(late, base="utc")) == 1_700_000_000_000_000_000
+    assert stamps_between(MadeLog(late, base="utc"), 0.5, None) == (1_700_000_000_500_000_000, None)
+    assert zero_ns(MadeLog(att())) == 0
     for from_s, until_s in ((2.0, 1.0), (math.nan, None), (None, math.inf), (1e300, None)):
         with pytest.raises(UserError):
-            stamps_between(MadeLog({"ATT": att()}), from_s, until_s)
+            stamps_between(MadeLog(att()), from_s, until_s)
 
 
 def test_values_are_told_in_the_digits_they_were_stored_with() -> None:

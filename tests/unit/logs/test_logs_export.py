@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_table import MadeLog, every_kind, made_table
+from made_log import MadeLog
+from made_table import every_kind, made_table
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
@@ -65,7 +66,7 @@ def assert_csv_equals(path: Path, table: Table, zero_ns: int, raw: bool = False)
 @pytest.mark.parametrize("raw", [False, True])
 def test_csv_of_every_kind_of_column(tmp_path: Path, raw: bool) -> None:
     table = every_kind()
-    done = exported(MadeLog({"KIND": table}), tmp_path / "out", raw=raw)
+    done = exported(MadeLog(table), tmp_path / "out", raw=raw)
     assert (done.rows, done.notes) == (5, ())
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["KIND.csv", "columns.csv"]
     assert_csv_equals(tmp_path / "out" / "KIND.csv", table, 0, raw)
@@ -79,7 +80,7 @@ def test_csv_of_every_kind_of_column(tmp_path: Path, raw: bool) -> None:
 
 def test_csv_is_read_by_numpy(tmp_path: Path) -> None:
     table = made_table("ATT", {"Roll": (Column("Roll", "deg"), np.array([0.1, -2.5, 1e-9]))}, [10, 20, 30], [1, 2, 3])
-    exported(MadeLog({"ATT": table}), tmp_path)
+    exported(MadeLog(table), tmp_path)
     told = np.genfromtxt(tmp_path / "ATT.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(told["Roll"], table.values("Roll"))
     np.testing.assert_array_equal(told["time_s"], [1e-8, 2e-8, 3e-8])
@@ -87,7 +88,7 @@ def test_csv_is_read_by_numpy(tmp_path: Path) -> None:
 
 def test_csv_of_a_log_on_utc_has_both_times(tmp_path: Path) -> None:
     table = every_kind(first_ns=1_700_000_000_123_456_789)
-    exported(MadeLog({"KIND": table}, base="utc"), tmp_path)
+    exported(MadeLog(table, base="utc"), tmp_path)
     told = read_csv(tmp_path / "KIND.csv")
     assert told["time_s"][:2] == ["0.000000", "0.001000001"]
     assert told["utc_s"][0] == "1700000000.123456789"
@@ -95,13 +96,13 @@ def test_csv_of_a_log_on_utc_has_both_times(tmp_path: Path) -> None:
 
 def test_a_span_of_time(tmp_path: Path) -> None:
     table = every_kind()
-    exported(MadeLog({"KIND": table}), tmp_path, from_ns=int(table.stamp_ns[1]), until_ns=int(table.stamp_ns[3]))
+    exported(MadeLog(table), tmp_path, from_ns=int(table.stamp_ns[1]), until_ns=int(table.stamp_ns[3]))
     assert read_csv(tmp_path / "KIND.csv")["Ni4"] == ["2", "3", "4"]
 
 
 def test_an_array_too_long_for_columns_is_told(tmp_path: Path) -> None:
     columns = {"cloud": (Column("cloud", shape=(2000,)), np.zeros((2, 2000))), "n": (Column("n"), [1, 2])}
-    log = MadeLog({"SCAN": made_table("SCAN", columns, [1, 2], [1, 2])})
+    log = MadeLog(made_table("SCAN", columns, [1, 2], [1, 2]))
     done = exported(log, tmp_path)
     assert done.notes == ("SCAN: cloud left out for its length; --format mcap has all",)
     assert sorted(read_csv(tmp_path / "SCAN.csv")) == ["n", "time_s"]
@@ -113,7 +114,7 @@ def test_an_array_too_long_for_columns_is_told(tmp_path: Path) -> None:
 def test_parquet_of_every_kind_of_column(tmp_path: Path, raw: bool) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     table = every_kind()
-    exported(MadeLog({"KIND": table}), tmp_path, "parquet", raw=raw)
+    exported(MadeLog(table), tmp_path, "parquet", raw=raw)
     told = parquet.read_table(tmp_path / "KIND.parquet")
     assert told["stamp_ns"].to_pylist() == table.stamp_ns.tolist()
     np.testing.assert_allclose(told["time_s"].to_numpy(), table.stamp_ns * 1e-9, rtol=0, atol=1e-12)
@@ -134,7 +135,7 @@ def test_without_pyarrow_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(UserError, match=r"pip install 'xitl\[parquet\]'"):
-        exported(MadeLog({"KIND": every_kind()}), tmp_path / "out", "parquet")
+        exported(MadeLog(every_kind()), tmp_path / "out", "parquet")
     assert not (tmp_path / "out").exists()
 
 
@@ -169,7 +170,7 @@ def test_mcap_of_every_kind_of_column(tmp_path: Path, raw: bool) -> None:
         [5, 6, 4, 8],
         [15, 25, 35, 45],
     )
-    log = MadeLog({"/a/only numbers": numbers, "KIND": table})
+    log = MadeLog(numbers, table)
     done = exported(log, tmp_path / "out.mcap", "mcap", raw=raw)
     assert done.rows == 13
     told = read_mcap(tmp_path / "out.mcap")
@@ -179,12 +180,12 @@ def test_mcap_of_every_kind_of_column(tmp_path: Path, raw: bool) -> None:
     for row, (stamp_ns, message) in zip(by_time, told["/a/only numbers"], strict=True):
         assert stamp_ns == numbers.stamp_ns[row]
         for name in numbers.columns:
-            np.testing.assert_array_equal(getattr(message, name), numbers.held[name][row])
+            np.testing.assert_array_equal(getattr(message, name), numbers.values(name)[row])
 
 
 def test_mcap_is_read_by_our_own_reader(tmp_path: Path) -> None:
     table = every_kind()
-    exported(MadeLog({"KIND": table}), tmp_path / "out.mcap", "mcap")
+    exported(MadeLog(table), tmp_path / "out.mcap", "mcap")
     with open_log(tmp_path / "out.mcap") as log:
         back = log.tables["/KIND"]
         for name, ros_name in field_names(table.columns).items():
@@ -193,7 +194,7 @@ def test_mcap_is_read_by_our_own_reader(tmp_path: Path) -> None:
 
 
 def test_stamps_before_the_zero_are_told(tmp_path: Path) -> None:
-    log = MadeLog({"A": made_table("A", {"x": (Column("x"), [1, 2])}, [-5, 5], [1, 2])})
+    log = MadeLog(made_table("A", {"x": (Column("x"), [1, 2])}, [-5, 5], [1, 2]))
     done = exported(log, tmp_path / "out.mcap", "mcap")
     assert done.notes == ("1 rows stamped before the log's zero are at 0",)
     assert [stamp for stamp, _ in read_mcap(tmp_path / "out.mcap")["/A"]] == [0, 5]
@@ -219,7 +220,7 @@ def test_a_real_log(tmp_path: Path, name: str) -> None:
 
 
 def test_what_is_there_stays(tmp_path: Path) -> None:
-    log = MadeLog({"KIND": every_kind()})
+    log = MadeLog(every_kind())
     for file_format, place in (("csv", tmp_path), ("mcap", tmp_path / "out.mcap")):
         exported(log, place, file_format)
         before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
@@ -231,7 +232,7 @@ def test_what_is_there_stays(tmp_path: Path) -> None:
 
 
 def test_places_that_take_no_files(tmp_path: Path) -> None:
-    log = MadeLog({"KIND": every_kind()})
+    log = MadeLog(every_kind())
     (tmp_path / "file").write_text("mine")
     with pytest.raises(UserError, match="file"):
         exported(log, tmp_path / "file")
@@ -247,7 +248,7 @@ def test_places_that_take_no_files(tmp_path: Path) -> None:
 
 def test_the_log_is_not_written_over(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    exported(MadeLog({"KIND": every_kind()}), path, "mcap")
+    exported(MadeLog(every_kind()), path, "mcap")
     before = path.read_bytes()
     with open_log(path) as log, pytest.raises(UserError, match="is the log itself"):
         export_log(log, Wanted(tuple(log.tables.values())), "mcap", path, True)
@@ -260,7 +261,7 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, file_format: st
     if file_format == "parquet":
         pytest.importorskip("pyarrow.parquet")
     noise = np.random.default_rng(0).normal(size=100_000)
-    log = MadeLog({"A": made_table("A", {"x": (Column("x"), noise)}, np.arange(100_000), np.arange(100_000))})
+    log = MadeLog(made_table("A", {"x": (Column("x"), noise)}, np.arange(100_000), np.arange(100_000)))
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     out = tmp_path / "out.mcap" if file_format == "mcap" else tmp_path
@@ -309,7 +310,7 @@ def test_alignment_is_that_of_cdr(tmp_path: Path) -> None:
         "b": (Column("b"), np.array([1.5])),
         "c": (Column("c"), np.array([9], np.uint16)),
     }
-    exported(MadeLog({"A": made_table("A", columns, [1], [1])}), tmp_path / "out.mcap", "mcap")
+    exported(MadeLog(made_table("A", columns, [1], [1])), tmp_path / "out.mcap", "mcap")
     with (tmp_path / "out.mcap").open("rb") as file:
         ((_, _, message),) = make_reader(file).iter_messages()
     assert message.data == b"\0\1\0\0" + struct.pack("<B7xdH", 7, 1.5, 9)

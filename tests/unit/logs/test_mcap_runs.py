@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from mcap_truth import is_equal, payloads_of
+from recorded_run import recorded_run
 
 from xitl_cli.logs.mcap import gather, topic
 from xitl_cli.logs.mcap.file import McapLog
 from xitl_cli.logs.mcap.source import Source
+from xitl_cli.logs.summary import summary_of
 from xitl_cli.recording.mcap_file import McapFile
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("mcap") / "run"
-    command = [sys.executable, "-m", "xitl_cli.main", "sim", "-p", "sitl", "--duration", "12", "--out", str(out)]
-    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (out / "run.mcap").is_file(), result.stderr
-    return out / "run.mcap"
+def run() -> Path:
+    return recorded_run("sitl", 12.0) / "run.mcap"
 
 
 def test_every_value_of_every_topic_is_the_same(run: Path) -> None:
@@ -75,6 +70,20 @@ def test_rows_can_be_had_in_any_order(run: Path) -> None:
         assert table.values("position_ned_m", slice(0, 0)).shape == (0, 3)
         with pytest.raises(KeyError):
             table.values("no such column")
+
+
+def test_damage_inside_of_a_chunk_is_told_with_the_summary(run: Path, tmp_path: Path) -> None:
+    """It is found when the topics are read, and not when the file is opened."""
+    with run.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    data = bytearray(run.read_bytes())
+    chunk = summary.chunk_indexes[0]
+    data[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 0x10
+    (tmp_path / "run.mcap").write_bytes(data)
+    with McapLog(tmp_path / "run.mcap") as log:
+        assert not log.health.degraded
+        assert summary_of(log).health.degraded
 
 
 @pytest.mark.parametrize("share", [0.35, 0.7, 0.97])

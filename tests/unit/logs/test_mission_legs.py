@@ -128,10 +128,10 @@ def test_cross_track_against_a_straight_line() -> None:
 @pytest.mark.parametrize(
     ("extra", "why"),
     [
-        ((auto(10, 40),), "the mode became HOLD at 40.0 s (end of mission)"),
+        ((auto(10, 40),), "the mode became HOLD at 0:40.0 (end of mission)"),
         (
             (auto(10, 95), MadeTable("ARM", [9 * S, 50 * S], {"ArmState": [1, 0]})),
-            "it was disarmed at 50.0 s",
+            "it was disarmed at 0:50.0",
         ),
     ],
 )

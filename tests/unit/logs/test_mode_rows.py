@@ -37,8 +37,6 @@ def test_rows_from_until_why() -> None:
         (20.0, 30.0, 10.0, "HOLD", "end of mission"),
     )
     assert not section.findings
-    assert section.plots[0].traces[0].y.tolist() == [0.0, 1.0, 2.0, 2.0]
-    assert [mark.text for mark in section.plots[0].marks] == ["MANUAL", "AUTO", "HOLD"]
 
 
 def test_the_same_number_means_another_mode_to_a_copter() -> None:
@@ -57,7 +55,7 @@ def test_a_failsafe_weighs_by_what_it_interrupted(before: int, arms: MadeTable, 
     section = section_of(ROVER, modes([1, 10], [before, 4], [2, 6]), arms, end(30))
     (finding,) = section.findings
     assert finding.severity is severity
-    assert finding.sentence.startswith("At 10.0 s EKF failsafe changed the mode to HOLD")
+    assert finding.sentence.startswith("At 0:10.0 EKF failsafe changed the mode to HOLD")
     assert finding.evidence[0].at_ns == 10 * S
     assert finding.next_step
 
@@ -66,7 +64,7 @@ def test_without_a_reason_the_error_beside_it_is_the_reason() -> None:
     errors = MadeTable("ERR", [10 * S, 10 * S], {"Subsys": [16, 17], "ECode": [2, 1]})
     section = section_of(ROVER, modes([1, 10], [10, 4], [0, 0]), errors, armed(2, 25), end(30))
     (finding,) = section.findings
-    assert "EKF failsafe: occurred" in finding.sentence
+    assert "EKF failsafe changed the mode" in finding.sentence
 
 
 def test_telemetry_has_modes_without_reasons() -> None:

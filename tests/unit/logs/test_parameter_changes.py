@@ -52,7 +52,7 @@ def test_a_change_while_armed() -> None:
     section = section_of(parameters((1, "ATC_STR_RAT_P", 0.2, 0.2), (20, "ATC_STR_RAT_P", 0.4, 0.2)), ARMED)
     (finding,) = section.findings
     assert finding.severity is Severity.NOTICE
-    assert finding.sentence == "ATC_STR_RAT_P changed while armed, first at 20.0 s from 0.2 to 0.4"
+    assert finding.sentence == "ATC_STR_RAT_P changed while armed, first at 0:20.0 from 0.2 to 0.4"
     assert finding.evidence[0].field == "ATC_STR_RAT_P"
     assert finding.evidence[0].at_ns == 20 * S
 

@@ -17,10 +17,10 @@ from report_samples import AT_NS, HOSTILE, sample_report
 from xitl_cli.errors import UserError
 from xitl_cli.logs.log import Health
 from xitl_cli.logs.report import html
-from xitl_cli.logs.report.model import TimeLine
 from xitl_cli.logs.report.page import page_of
 from xitl_cli.logs.report.payload import json_text, plot_payload
 from xitl_cli.logs.sections import Plot, Trace
+from xitl_cli.logs.timeline.line import TimeLine
 
 
 class Read(HTMLParser):
@@ -132,9 +132,9 @@ def test_a_whole_log_says_so() -> None:
 
 def test_an_earlier_page_is_replaced_and_no_scrap_is_left(tmp_path: Path) -> None:
     page = tmp_path / "report.html"
-    page.write_text("old")
+    page.write_text("<!doctype html>old")
     html.write(sample_report(), page)
-    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert "old" not in page.read_text(encoding="utf-8")[:100]
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 

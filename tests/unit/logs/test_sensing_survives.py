@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
-from test_analyses_survive import assert_sound
+from sound_sections import sound_sections
 
 from xitl_cli.logs.dataflash.file import DataFlashLog
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.sections import Severity
 
 CALM = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs" / "boat-auto-calm.bin"
 ANALYSES = ("sensors", "gnss", "vibration", "radio", "power")
@@ -94,38 +92,10 @@ def nonsense(seed: int) -> MadeLog:
     return MadeLog(*tables, kind="dataflash" if seed % 3 else "tlog")
 
 
-def sections(log: Log) -> list[Section]:
-    found = [importlib.import_module(f"xitl_cli.logs.analyses.{name}").analyse(log) for name in ANALYSES]
-    return [section for section in found if section is not None]
-
-
-def check(log: Log) -> None:
-    for section in sections(log):
-        assert_sound(section)
-
-
 @pytest.mark.parametrize("block", range(10))
 def test_nonsense_of_sensors(block: int) -> None:
     for seed in range(20 * block, 20 * block + 20):
-        check(nonsense(seed))
-
-
-def test_an_empty_log_of_sensors() -> None:
-    check(MadeLog())
-
-
-@pytest.mark.skipif(not CALM.exists(), reason="the shared logs are not beside the checkout")
-@pytest.mark.parametrize("seed", range(2))
-def test_a_damaged_log_of_sensors(seed: int, tmp_path: Path) -> None:
-    """One byte in a thousand is another one."""
-    data = np.frombuffer(CALM.read_bytes()[:1_500_000], np.uint8).copy()
-    random = np.random.default_rng(seed)
-    places = random.integers(0, len(data), len(data) // 1000)
-    data[places] = random.integers(0, 256, len(places))
-    path = tmp_path / "damaged.bin"
-    path.write_bytes(data.tobytes())
-    with DataFlashLog(path) as log:
-        check(log)
+        sound_sections(nonsense(seed), ANALYSES)
 
 
 @pytest.mark.skipif(not CALM.exists(), reason="the shared logs are not beside the checkout")
@@ -133,8 +103,7 @@ def test_the_real_logs_of_a_healthy_boat_raise_no_alarm() -> None:
     found: dict[str, list[str]] = {}
     for name in ("calm", "gust"):
         with DataFlashLog(CALM.with_name(f"boat-auto-{name}.bin")) as log:
-            for section in sections(log):
-                assert_sound(section)
+            for section in sound_sections(log, ANALYSES):
                 assert section.worst <= Severity.NOTICE, [finding.sentence for finding in section.findings]
                 found.setdefault(name, []).extend(finding.key for finding in section.findings)
     # The gusts take all the steering there is at the end of the mission; nothing does in the calm.
@@ -145,10 +114,12 @@ def test_the_real_logs_of_a_healthy_boat_raise_no_alarm() -> None:
 def test_a_real_log_whose_injected_sensors_stopped_says_so() -> None:
     with DataFlashLog(CALM.with_name("boat-auto-external-ahrs.bin")) as log:
         found = {
-            (finding.key, finding.sentence.split()[0]): finding for part in sections(log) for finding in part.findings
+            (finding.key, finding.sentence.split()[0]): finding
+            for part in sound_sections(log, ANALYSES)
+            for finding in part.findings
         }
     # The frames end 5 s before the log does; the last good ones were seen by pymavlink at 80.0 s and 79.8 s.
-    stuck, lost = found[("sensors.stuck", "IMU[0]")], found[("gnss.fix_lost", "GPS[0]")]
+    stuck, lost = found[("sensors.stopped_together", "IMU[0]")], found[("gnss.fix_lost", "GPS[0]")]
     assert stuck.evidence[0].at_ns == pytest.approx(80.0e9, abs=0.1e9)
     assert lost.evidence[0].at_ns == pytest.approx(79.8e9, abs=0.1e9)
     assert ("sensors.unhealthy", "BARO[2]") in found

@@ -87,7 +87,7 @@ def test_telemetry_tells_the_same_kind_of_things() -> None:
 
 
 def test_a_recording_of_ours_tells_estimate_and_truth() -> None:
-    run = recorded_run()
+    run = recorded_run("sitl", 12.0)
     summary = json.loads((run / "summary.json").read_text())
     with open_log(run / "run.mcap") as log:
         state = log.tables["/truth/state"]

@@ -128,7 +128,7 @@ def test_a_stamp_far_from_its_neighbours_is_replaced_and_counted(tmp_path: Path)
     path.write_bytes(b"".join(map(record, stamps, framed)))
     with TelemetryLog(path) as log:
         assert (log.tables["ATTITUDE"].stamp_ns // 1000 - START_US).tolist() == [0, 1, 1, 3, 3, 5]
-        assert log.health.suspect == 2
+        assert log.health.replaced_stamps == 2
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_stamps_that_are_strange_and_true_are_kept(tmp_path: Path, seconds: list
     path.write_bytes(b"".join(record(at, frame(draw, dialect.MAVLINK_MSG_ID_ATTITUDE)) for at in stamps))
     with TelemetryLog(path) as log:
         assert (log.tables["ATTITUDE"].stamp_ns // 1000).tolist() == stamps
-        assert log.health.suspect == 0
+        assert log.health.replaced_stamps == 0
 
 
 def test_time_that_goes_back_is_kept_and_counted(tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_any_bytes_are_read_or_counted(noise: bytes, places: list[int], seed: in
     data[middle:middle] = noise
     found = index_module.index(np.frombuffer(bytes(data), dtype=np.uint8))
     assert (np.diff(found.start) > 0).all()
-    assert found.lost_bytes + found.truncated_bytes <= len(data)
+    assert found.losses.lost_bytes + found.losses.truncated_bytes <= len(data)
     assert (found.start < len(data)).all()
 
 
@@ -220,7 +220,7 @@ def test_any_bytes_are_read_or_counted(noise: bytes, places: list[int], seed: in
 def test_noise_has_no_frames(noise: bytes) -> None:
     found = index_module.index(np.frombuffer(noise, dtype=np.uint8))
     assert len(found.start) == 0
-    assert found.lost_bytes + found.truncated_bytes == len(noise)
+    assert found.losses.lost_bytes + found.losses.truncated_bytes == len(noise)
 
 
 @pytest.mark.parametrize("byte", [b"\xfd", b"\xfe", b"\0", b"\xfe\x09"])
@@ -228,4 +228,4 @@ def test_long_patterns_of_beginnings(byte: bytes) -> None:
     data = np.frombuffer(byte * 100_000, dtype=np.uint8)
     found = index_module.index(data)
     assert len(found.start) == 0
-    assert found.lost_bytes + found.truncated_bytes == len(data)
+    assert found.losses.lost_bytes + found.losses.truncated_bytes == len(data)

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from pymavlink import DFReader
 
+from agent.dataflash.format import header
+from agent.dataflash.messages import FORMATS
 from xitl_cli.errors import UserError
 from xitl_cli.replay.csv_file import read_csv
 from xitl_cli.replay.dataflash_file import read_dataflash
@@ -82,6 +84,14 @@ def test_a_wrong_log_is_one_line(tmp_path: Path, content: bytes, words: str) -> 
     with pytest.raises(UserError, match=words) as caught:
         read_dataflash(path)
     assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_time_costs_its_row_and_none_behind_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    times_us = [2**60 if n == 20 else 20_000 * n for n in range(1, 41)]
+    rows = [FORMATS["RCOU"].pack(time_us, *[1500] * 14) for time_us in times_us]
+    path.write_bytes(header(FORMATS, 1000) + b"".join(rows))
+    assert [round(at_s * 50) for at_s in read_dataflash(path).at_s] == [n for n in range(1, 41) if n != 20]
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the recorded ArduRover logs are not beside this tree")

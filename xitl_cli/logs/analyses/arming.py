@@ -10,7 +10,7 @@ import numpy as np
 from xitl_cli.logs import signals
 from xitl_cli.logs.analyses.instants import Instants, grid, number
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.table import Table
 from xitl_cli.logs.words.arming import FAILSAFE_METHODS, checks_left_out, method_name
 from xitl_cli.logs.words.heard import heard
@@ -55,7 +55,7 @@ def analyse(log: Log) -> Section | None:
     findings = [*_never(log, spans, refusals, instants), *_how(rows, spans, instants)]
     lacks = () if _tells(log) else ("Whether it was armed is not logged: no ARM, EV or MSG, no heartbeat.",)
     facts = tuple(_facts(log, spans, refusals, instants))
-    return Section("arming", "Arming", facts, tuple(findings), tuple(grids), _plots(log, spans, instants), lacks)
+    return Section("arming", "Arming", facts, tuple(findings), tuple(grids), lacks=lacks)
 
 
 def switches(log: Log) -> list[Switch]:
@@ -280,14 +280,3 @@ def _how(rows: list[Switch], spans: list[signals.Span], instants: Instants) -> l
             )
         )
     return findings
-
-
-def _plots(log: Log, spans: list[signals.Span], instants: Instants) -> tuple[Plot, ...]:
-    if not spans:
-        return ()
-    edges = [(instants.start_ns, 0.0)]
-    for span in spans:
-        edges += [(span.from_ns, 1.0), (span.until_ns, 0.0)]
-    stamps, values = np.array([at for at, _ in edges], dtype=np.int64), np.array([on for _, on in edges])
-    marks = tuple(Mark(span.from_ns, "armed", span.until_ns, Severity.OK) for span in spans[:200])
-    return (Plot("armed", "Armed", "armed", (Trace("armed", stamps, values, "steps"),), marks=marks),)

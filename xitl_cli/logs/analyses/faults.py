@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -180,17 +181,20 @@ def _finding(fault: FaultSpan, instants: Instants) -> Finding:
 
 
 def _takeovers(table: Table, instants: Instants) -> list[Finding]:
-    return [
-        Finding(
-            "faults.takeover",
-            Severity.NOTICE,
-            f"At {instants.text(at_ns)} {other} took over from {one}, which had been silent for {silent_s:.2f} s; a "
-            f"motor command stepped by {step:.2f} at most",
-            (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s"),),
-            "See the links and the scheduler for why the first one fell silent.",
+    findings = []
+    for at_ns, one, other, silent_s, step in _rows(table)[:20]:
+        silent = f", which had been silent for {silent_s:.2f} s" if math.isfinite(silent_s) else ""
+        stepped = f"; a motor command stepped by {step:.2f} at most" if math.isfinite(step) else ""
+        findings.append(
+            Finding(
+                "faults.takeover",
+                Severity.NOTICE,
+                f"At {instants.text(at_ns)} {other} took over from {one}{silent}{stepped}",
+                (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s" if silent else ""),),
+                "See the links and the scheduler for why the first one fell silent.",
+            )
         )
-        for at_ns, one, other, silent_s, step in _rows(table)[:20]
-    ]
+    return findings
 
 
 def _rows(table: Table) -> list[tuple[int, str, str, float, float]]:

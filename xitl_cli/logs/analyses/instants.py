@@ -7,34 +7,29 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.clock_text import clock_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Grid, Value
+from xitl_cli.logs.selecting.times import zero_ns
+from xitl_cli.logs.timeline.line import LaidLog, TimeLine
 
-_LONGEST_SINCE_ZERO_NS = 10 * 365 * 86_400 * 10**9
 MOST_ROWS = 500
 
 
 class Instants:
-    """A log's stamps as seconds: since its own zero, or since its start where that zero is too long ago to read."""
+    """A log's stamps on the time line of the report, else in seconds since its own zero (selecting.times.zero_ns)."""
 
     def __init__(self, log: Log) -> None:
-        span = log.span_ns or (0, 0)
-        own = log.base in ("boot", "simulation") and 0 <= span[0] < _LONGEST_SINCE_ZERO_NS
-        self.start_ns, self.end_ns = span
-        self.zero_ns = 0 if own else span[0]
-        self.since_boot = own and log.base == "boot"
+        self.start_ns, self.end_ns = log.span_ns or (0, 0)
+        self._line = log.time_line if isinstance(log, LaidLog) else TimeLine(zero_ns(log))
 
     def second(self, at_ns: int) -> float:
-        return round((at_ns - self.zero_ns) * 1e-9, 3)
+        """For tables and facts, to a millisecond."""
+        return round(self._line.second(at_ns), 3)
 
     def text(self, at_ns: int) -> str:
-        """42.4 s"""
-        return f"{self.second(at_ns):.1f} s"
-
-
-def length_text(length_s: float) -> str:
-    """0.35 s, 12.4 s, 312 s."""
-    return f"{length_s:.2f} s" if length_s < 1.0 else f"{length_s:.1f} s" if length_s < 100.0 else f"{length_s:.0f} s"
+        """For sentences: 1:46.5."""
+        return clock_text(self._line.second(at_ns))
 
 
 def number(value: float | np.floating | None, digits: int = 3) -> float | None:

@@ -9,7 +9,7 @@ import numpy as np
 from xitl_cli.logs import signals
 from xitl_cli.logs.analyses.instants import Instants, grid, inside, number
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.words.errors import error_name, is_failsafe
 from xitl_cli.logs.words.kinds import kind_of
@@ -74,7 +74,7 @@ def analyse(log: Log) -> Section | None:
     lacks: tuple[str, ...] = ()
     if all(span.reason is None for span in spans):
         lacks = ("Why modes changed is not logged here: telemetry does not carry the reason, the DataFlash log does.",)
-    return Section("modes", "Modes", facts, tuple(findings), (table,), _plots(spans), lacks)
+    return Section("modes", "Modes", facts, tuple(findings), (table,), lacks=lacks)
 
 
 def mode_spans(log: Log) -> list[ModeSpan]:
@@ -122,7 +122,8 @@ def _failsafe_at(log: Log, at_ns: int) -> str:
     pairs = zip(
         table.values("Subsys", near, raw=True).tolist(), table.values("ECode", near, raw=True).tolist(), strict=True
     )
-    return next((error_name(subsystem, code) for subsystem, code in pairs if code and is_failsafe(subsystem)), "")
+    names = (error_name(subsystem, code) for subsystem, code in pairs if code and is_failsafe(subsystem))
+    return next(names, "").removesuffix(": occurred")
 
 
 def _failsafes(spans: list[ModeSpan], armed: list[tuple[int, int]], instants: Instants) -> list[Finding]:
@@ -145,16 +146,3 @@ def _failsafes(spans: list[ModeSpan], armed: list[tuple[int, int]], instants: In
             )
         )
     return found
-
-
-def _plots(spans: list[ModeSpan]) -> tuple[Plot, ...]:
-    """Modes as steps, in the order they were first used, each with a band."""
-    levels = {name: float(level) for level, name in enumerate(dict.fromkeys(span.name for span in spans))}
-    stamps = np.array([span.from_ns for span in spans] + [spans[-1].until_ns], dtype=np.int64)
-    values = np.array([levels[span.name] for span in [*spans, spans[-1]]])
-    marks = tuple(
-        Mark(span.from_ns, span.name, span.until_ns, Severity.WARNING if span.failsafe else Severity.OK)
-        for span in spans[:_MOST_MARKS]
-    )
-    label = ", ".join(f"{level:.0f} {name}" for name, level in list(levels.items())[:8])
-    return (Plot("modes", "Modes", label, (Trace("mode", stamps, values, "steps"),), marks=marks),)

@@ -10,8 +10,10 @@ import numpy as np
 
 from xitl_cli.logs.analyses.instants import Instants, number
 from xitl_cli.logs.analyses.parameter_rows import last_values
+from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value
+from xitl_cli.logs.selecting.times import zero_ns
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.words.heard import autopilot_heartbeats, heard
 from xitl_cli.logs.words.kinds import firmware_text, kind_of
@@ -26,24 +28,28 @@ _STEADY = ("IMU", "ATT", "PARM", "GPS", "MSG")
 
 
 def analyse(log: Log) -> Section | None:
-    instants = Instants(log)
     if log.span_ns is None:
         return None
-    parameters = last_values(log)
-    firmware = _firmware(log)
-    facts = [
+    facts = facts_of(log)
+    findings = [*_simulated(log, last_values(log)), *_reboots(log), *_losses(log)]
+    lacks = []
+    if not {"firmware", "firmware_version", "firmware_commit", "firmware_release", "board"} & {f.key for f in facts}:
+        lacks.append("Which firmware this was is not logged: no VER, no firmware name in MSG, no AUTOPILOT_VERSION.")
+    return Section("vehicle", "Vehicle", facts, tuple(findings), lacks=tuple(lacks))
+
+
+def facts_of(log: Log) -> tuple[Fact, ...]:
+    """Those that the log tells, and nothing judged: cheap. None of a log without a stamped row."""
+    if log.span_ns is None:
+        return ()
+    every = (
         Fact("vehicle", "Vehicle", None if (kind := kind_of(log)) == "unknown" else kind),
         Fact("vehicle_type", "Type", _mav_type(log)),
-        *firmware,
-        *_times(log, instants),
-        *_logging(parameters),
-    ]
-    findings = [*_simulated(log, parameters), *_reboots(log, instants), *_losses(log)]
-    lacks = []
-    if all(fact.value is None for fact in firmware):
-        lacks.append("Which firmware this was is not logged: no VER, no firmware name in MSG, no AUTOPILOT_VERSION.")
-    known = tuple(fact for fact in facts if fact.value is not None)
-    return Section("vehicle", "Vehicle", known, tuple(findings), lacks=tuple(lacks))
+        *_firmware(log),
+        *_times(log, Instants(log)),
+        *_logging(last_values(log)),
+    )
+    return tuple(fact for fact in every if fact.value is not None)
 
 
 def _firmware(log: Log) -> list[Fact]:
@@ -98,10 +104,10 @@ def _mav_type(log: Log) -> str | None:
 def _times(log: Log, instants: Instants) -> list[Fact]:
     length_s = (instants.end_ns - instants.start_ns) * 1e-9
     facts = [Fact("duration_s", "Duration", number(length_s, 1), "s")]
-    if instants.since_boot:
+    if log.base == "boot" and not zero_ns(log):
         facts += [
-            Fact("uptime_start_s", "Uptime at the start", number(instants.second(instants.start_ns), 1), "s"),
-            Fact("uptime_end_s", "Uptime at the end", number(instants.second(instants.end_ns), 1), "s"),
+            Fact("uptime_start_s", "Uptime at the start", number(instants.start_ns * 1e-9, 1), "s"),
+            Fact("uptime_end_s", "Uptime at the end", number(instants.end_ns * 1e-9, 1), "s"),
         ]
     start, source = _utc_at_start(log, instants)
     if start is not None:
@@ -176,7 +182,7 @@ def _lockstep_text(log: Log) -> Evidence | None:
     return None
 
 
-def _reboots(log: Log, instants: Instants) -> list[Finding]:
+def _reboots(log: Log) -> list[Finding]:
     """A clock that starts again; rows a little out of order are none."""
     if log.format != "dataflash":
         return []
@@ -196,7 +202,7 @@ def _reboots(log: Log, instants: Instants) -> list[Finding]:
         return []
     many, name, last = several[len(several) // 2]
     times = "once" if many == 1 else f"{many} times"
-    first = f"the first time after {instants.text(last[0])} of uptime"
+    first = f"the first time after {length_text(last[0] * 1e-9)} of uptime"
     return [
         Finding(
             "vehicle.reboots",

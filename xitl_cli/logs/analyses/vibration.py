@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.sensing.columns import labelled, numbers, seconds, stacked, stamps, tables_of, told
+from xitl_cli.logs.sensing.columns import labelled, numbers, stacked, stamps, tables_of, told
 from xitl_cli.logs.sensing.inertial import Inertial, units
 from xitl_cli.logs.sensing.rest import Rest, rest
 from xitl_cli.logs.sensing.settings import armed_rows, simulated
@@ -44,12 +45,15 @@ class Level:
 
 def analyse(log: Log) -> Section | None:
     """None where a log has neither levels nor an inertial unit."""
+    instants = Instants(log)
     levels, inertial = _levels(log), units(log)
     if not levels and not inertial:
         return None
     armed = {each.name: armed_rows(log, each.stamp_ns) for each in levels}
     findings = [
-        finding for each in levels for finding in (*_high(each, armed[each.name]), *_clips(each, armed[each.name]))
+        finding
+        for each in levels
+        for finding in (*_high(each, armed[each.name], instants), *_clips(each, armed[each.name], instants))
     ]
     model = simulated(log)
     spectra = _spectra(log, inertial)
@@ -100,7 +104,7 @@ def _clipped(table: Table) -> tuple[NDArray[np.float64] | None, str]:
     return None, ""
 
 
-def _high(each: Level, armed: NDArray[np.bool_] | None) -> list[Finding]:
+def _high(each: Level, armed: NDArray[np.bool_] | None, instants: Instants) -> list[Finding]:
     """Levels over a limit for more than a hundredth of the armed time."""
     rows = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None or not armed.any() else armed
     findings = []
@@ -120,7 +124,7 @@ def _high(each: Level, armed: NDArray[np.bool_] | None) -> list[Finding]:
                         severity,
                         f"{each.name}: vibration along {letter} is over {limit:.0f} m/s² for "
                         f"{100.0 * float(over.mean()):.0f} % of the armed time, up to "
-                        f"{level[worst]:.0f} m/s² at {seconds(int(stamps[worst]))}",
+                        f"{level[worst]:.0f} m/s² at {instants.text(int(stamps[worst]))}",
                         (Evidence(each.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
                         "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s² height "
                         "and velocity of the estimator suffer.",
@@ -130,7 +134,7 @@ def _high(each: Level, armed: NDArray[np.bool_] | None) -> list[Finding]:
     return findings
 
 
-def _clips(each: Level, armed: NDArray[np.bool_] | None) -> list[Finding]:
+def _clips(each: Level, armed: NDArray[np.bool_] | None, instants: Instants) -> list[Finding]:
     """Increments of the counter while armed."""
     if each.clipped is None or len(each.clipped) < 2:
         return []
@@ -147,8 +151,8 @@ def _clips(each: Level, armed: NDArray[np.bool_] | None) -> list[Finding]:
         Finding(
             "vibration.clipping",
             Severity.WARNING,
-            f"{each.name}: accelerometers were at the end of their range {count} times, from {seconds(first)} to "
-            f"{seconds(last)}",
+            f"{each.name}: accelerometers were at the end of their range {count} times, from {instants.text(first)} to "
+            f"{instants.text(last)}",
             (Evidence(each.message, each.clip_field, first, last, str(count)),),
             "Damp the mounting, look for knocks (waves, quay, loose parts): clipped samples are lost to the estimator.",
         )

@@ -14,7 +14,7 @@ from xitl_cli.logs.compare.position import poses
 from xitl_cli.logs.compare.states import event_section, modes
 from xitl_cli.logs.compare.trajectories import Alignment, Trajectory
 from xitl_cli.logs.compare.trajectory_section import moved_poses, trajectory_section
-from xitl_cli.logs.compare.truth import foreign_truth
+from xitl_cli.logs.compare.truth import stray_truth
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Section
 from xitl_cli.logs.signals import Of, Span
@@ -65,9 +65,10 @@ def compare(
     both = poses(a, b, pairing, of_a, of_b)
     zero = zero_ns(a, b, pairing)
     sections = [
-        _without_positions(a, b, of_a, of_b)
-        if both is None
-        else _doubted(trajectory_section(both, align), (("A", a, of_a), ("B", b, of_b))),
+        _doubted(
+            _without_positions(a, b, of_a, of_b) if both is None else trajectory_section(both, align),
+            (("A", a, of_a), ("B", b, of_b)),
+        ),
         motion_section(a, b, pairing, of_a, of_b),
         channel_section(a, b, pairing),
         event_section(a, b, pairing, zero),
@@ -85,7 +86,7 @@ def compare(
 
 def _doubted(section: Section, sides: tuple[tuple[str, Log, Of], ...]) -> Section:
     """With the doubts about what was taken for the truth."""
-    doubts = (foreign_truth(name, log) for name, log, of in sides if of == "truth")
+    doubts = (stray_truth(name, log) for name, log, of in sides if of == "truth")
     return replace(section, findings=(*section.findings, *(doubt for doubt in doubts if doubt is not None)))
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from xitl_cli.logs.analyses.catalogue import analysis
+from xitl_cli.logs.analyses.failure import failure
 from xitl_cli.logs.compare.common_time import Pairing
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Fact, Grid, Plot, Section, Trace, Value
@@ -16,7 +17,10 @@ _Row = tuple[str, str, Value, Value]
 
 def overlay(name: str, a: Log, b: Log, pairing: Pairing) -> Section | None:
     """None where the analysis has nothing to say about either. Facts of one alone come after those of both."""
-    in_a, in_b = analysis(name)(a), analysis(name)(b)
+    try:
+        in_a, in_b = analysis(name)(a), analysis(name)(b)
+    except Exception as error:  # noqa: BLE001  the rest of the comparison is worth having
+        return Section(name, name, lacks=(failure(name, error).sentence,))
     if in_a is None or in_b is None:
         said = in_a or in_b
         if said is None:

@@ -78,7 +78,7 @@ def _findings(
         Finding(
             "trajectory.distance",
             Severity.OK,
-            f"B is {rms:.3g} m (RMS) from A at the same instant, at most {level_m[worst]:.3g} m.",
+            f"B is {rms:.3g} m (RMS) from A at the same instant, at most {level_m[worst]:.3g} m",
             (at,),
         )
     ]
@@ -87,7 +87,7 @@ def _findings(
             Finding(
                 "trajectory.elsewhere",
                 Severity.WARNING,
-                f"The two paths lie {float(np.median(level_m)) / 1000:.1f} km apart: they are of different places.",
+                f"The two paths lie {float(np.median(level_m)) / 1000:.1f} km apart: they are of different places",
                 (at,),
                 "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
             )
@@ -100,7 +100,7 @@ def _findings(
                 "trajectory.heights",
                 Severity.NOTICE,
                 f"The heights differ by {up_rms:.1f} m (RMS), at most {abs(up_m[high]):.1f} m, the level places by "
-                f"{rms:.2f} m: the errors in space are mostly of height.",
+                f"{rms:.2f} m: the errors in space are mostly of height",
                 (Evidence(poses.sources[0], None, int(poses.a.stamp_ns[high]), value=f"{up_m[high]:.1f} m up"),),
                 "Take the level errors, or compare from when both estimators have their origin with --armed or --from.",
             )
@@ -110,7 +110,7 @@ def _findings(
             Finding(
                 "trajectory.zeros",
                 Severity.WARNING,
-                "At least one log does not tell where its local zero is, so the distance includes that of the zeros.",
+                "At least one log does not tell where its local zero is, so the distance includes that of the zeros",
                 (at,),
                 "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
             )
@@ -120,7 +120,7 @@ def _findings(
             Finding(
                 "trajectory.not_aligned",
                 Severity.WARNING,
-                f"B could not be fitted to A ({how}): its path is a point or a straight line, so it was left as it is.",
+                f"B could not be fitted to A ({how}): its path is a point or a straight line, so it was left as it is",
                 (at,),
                 "Use --align origin, or compare logs in which the vessel turns.",
             )

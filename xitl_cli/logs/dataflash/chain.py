@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.dataflash.formats import FMT_ID, FMT_LENGTH, HEAD_BYTES, plausible_fmt
-from xitl_cli.logs.dataflash.heads import Bytes, Heads, Places
-from xitl_cli.logs.log import Damage
+from xitl_cli.logs.dataflash.heads import Bytes, Heads, Places, u64_at
+from xitl_cli.logs.log import Losses
 
-_MOST_DAMAGE = 1000
 _MOST_UNKNOWN = 100_000
 _STEP = 1 << 16
 """Heads looked at in one go."""
@@ -57,7 +56,7 @@ class Types:
 
 @dataclass(slots=True)
 class Found:
-    """place, type_id: (R,) of the records, rising. The counts are those of `Health`.
+    """place, type_id: (R,) of the records, rising.
 
     unknown: heads in line of types that are not described, at most 100 000. repaired_fmt: places of FMT records of
     which a byte of the head is damaged.
@@ -65,11 +64,7 @@ class Found:
 
     place: Places
     type_id: Bytes
-    suspect: int = 0
-    damaged: int = 0
-    damage: list[Damage] = field(default_factory=list)
-    lost_bytes: int = 0
-    truncated_bytes: int = 0
+    losses: Losses = field(default_factory=Losses)
     unknown: list[int] = field(default_factory=list)
     repaired_fmt: list[int] = field(default_factory=list)
 
@@ -157,13 +152,7 @@ class _Chaining:
 
     def _lose(self, place: int, until: int, why: str) -> None:
         if until > place:
-            self._found.lost_bytes += until - place
-            self._note(place, until - place, why)
-
-    def _note(self, place: int, lost: int, why: str) -> None:
-        self._found.damaged += 1
-        if len(self._found.damage) < _MOST_DAMAGE:
-            self._found.damage.append(Damage(place, lost, why))
+            self._found.losses.note(place, until - place, why)
 
     def _inner(self, outer: int, target: int, end: int) -> int | None:
         """The first head within a record from which records lead to where it ends, if its time says that it is one.
@@ -194,11 +183,11 @@ class _Chaining:
                 self._found.unknown.append(head)
             return self._resume(place, head + 1, "no FMT record describes its type")
         if place + length <= until:
-            self._found.suspect += 1
+            self._found.losses.suspect += 1
             self._keep(head, head + 1)
             return self._resume(place + length, head + 1)
         if until == self._size and not self._sensible(head + 1, resumed, place + HEAD_BYTES, until):
-            self._found.truncated_bytes += self._size - place
+            self._found.losses.truncated_bytes += self._size - place
             return resumed
         return self._resume(place, head + 1, "a record is cut short")
 
@@ -217,7 +206,7 @@ class _Chaining:
             if start < place:
                 continue
             self._lose(place, start, why)
-            self._found.suspect += 1
+            self._found.losses.suspect += 1
             self._keep(candidate, candidate + 1)
             place = self._past_damaged_head(start + int(self._length[candidate]), until)
             why = "no record begins here"
@@ -239,8 +228,8 @@ class _Chaining:
 
     def _repair(self, place: int, type_id: int, why: str) -> None:
         self._repaired.append((place, type_id))
-        self._found.suspect += 1
-        self._note(place, 0, why)
+        self._found.losses.suspect += 1
+        self._found.losses.note(place, 0, why)
         if type_id == FMT_ID:
             self._found.repaired_fmt.append(place)
 
@@ -313,11 +302,3 @@ class _Chaining:
             if self._sound[later] and self._types.timed[self._type_id[later]]:
                 return self._time_us(int(self._place[later]))
         return None
-
-
-def u64_at(data: Bytes, places: Places) -> NDArray[np.uint64]:
-    """Little-endian numbers of 8 bytes that begin at these places."""
-    if not len(places):
-        return np.empty(0, np.uint64)
-    every = np.lib.stride_tricks.as_strided(data[: len(data) // 8 * 8].view("<u8"), (len(data) - 7,), (1,))
-    return every[places]

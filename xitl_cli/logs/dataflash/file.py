@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import mmap
 from collections.abc import Mapping
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,13 +16,12 @@ from xitl_cli.logs.dataflash.describe import meanings
 from xitl_cli.logs.dataflash.index import Index, index
 from xitl_cli.logs.dataflash.rows import fill
 from xitl_cli.logs.dataflash.table import DataFlashTable, Part
-from xitl_cli.logs.dataflash.times import Times, TimesInColumns, TimesInHeads
+from xitl_cli.logs.dataflash.times import Times, times_in_columns, times_in_heads
+from xitl_cli.logs.file_bytes import FileBytes
 from xitl_cli.logs.log import Base, Format, Health
 
 _SEARCHES = 8
 """Types whose rows are looked for one by one."""
-_LARGE = 64 << 20
-"""Bytes of a log from which on what was turned into columns does not stay mapped: those take its place."""
 _HUGE = 512 << 20
 """Bytes of a log from which on what was searched does not stay mapped, though it is read again."""
 
@@ -38,31 +35,24 @@ class DataFlashLog:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            with path.open("rb") as file:
-                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            self._bytes = FileBytes(path)
         except OSError as error:
             raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-        except ValueError as error:
-            raise UserError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it") from error
-        self._data = np.frombuffer(self._map, np.uint8)
+        self._data = self._bytes.data
+        if not len(self._data):
+            raise UserError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")
         self._index: Index = index(self._data, self._forget_huge)
         self._looked_for = 0
-        if len(self._index.found.place) <= self._index.found.suspect:  # none of them is sure
+        if len(self._index.found.place) <= self._index.found.losses.suspect:  # none of them is sure
             self.close()
             if self._index.found.unknown:
                 raise UserError(f"{path}: describes none of its records (no FMT); give a log that has its beginning")
             raise UserError(f"{path}: is no DataFlash log; give a .bin as ArduPilot writes it")
 
-    def _forget(self, start: int, stop: int) -> None:
-        """Give the memory of these bytes back."""
-        if len(self._data) > _LARGE and hasattr(mmap, "MADV_DONTNEED"):
-            stop = min(stop, len(self._data))
-            self._map.madvise(mmap.MADV_DONTNEED, start, stop - start)
-
     def _forget_huge(self, start: int, stop: int) -> None:
-        """The same of a file that can be larger than what memory there is."""
+        """Give the memory of these bytes back, of a file that can be larger than what memory there is."""
         if len(self._data) > _HUGE:
-            self._forget(start, stop)
+            self._bytes.forget(start, stop)
 
     @property
     def path(self) -> Path:
@@ -84,7 +74,10 @@ class DataFlashLog:
                 parts.setdefault(part.definition.name, []).append(part)
         meaning = meanings(self._data, parts)
         return MappingProxyType(
-            {name: DataFlashTable(name, self._data, parts[name], meaning, self._last_stamps) for name in sorted(parts)}
+            {
+                name: DataFlashTable(name, self._data, parts[name], meaning, lambda: self._times)
+                for name in sorted(parts)
+            }
         )
 
     @cached_property
@@ -124,7 +117,7 @@ class DataFlashLog:
     def read(self, *, raw: bool = False) -> dict[str, dict[str, NDArray[Any]]]:
         """Every column of every table, by name of table and of column."""
         jobs = {name: table.jobs(raw=raw) for name, table in self.tables.items()}
-        fill(self._data, [job for some in jobs.values() for job in some], self._forget)
+        fill(self._data, [job for some in jobs.values() for job in some], self._bytes.forget)
         return {name: self.tables[name].filled(some) for name, some in jobs.items()}
 
     @cached_property
@@ -132,28 +125,21 @@ class DataFlashLog:
         every = [version for versions in self._index.described.versions.values() for version in versions]
         timed = self._index.described.types().timed
         if all((one.time is not None) == one.begins_with_time == timed[one.type_id] for one in every):
-            return TimesInHeads(self._data, self._index.found.place, self._index.found.type_id, timed)
-        return TimesInColumns(list(self.tables.values()))
+            return times_in_heads(self._data, self._index.found.place, self._index.found.type_id, timed)
+        return times_in_columns([table for table in self.tables.values() if table.timed])
 
-    def _last_stamps(self, place: NDArray[np.int64]) -> NDArray[np.int64]:
-        return self._times.last_before(place)
-
-    @cached_property
+    @property
     def span_ns(self) -> tuple[int, int] | None:
-        return self._times.span_ns()
+        return self._times.span_ns
 
     @cached_property
     def health(self) -> Health:
         found = self._index.found
-        return Health(
-            size_bytes=len(self._data),
-            records=len(found.place),
-            damaged=found.damaged,
-            damage=tuple(found.damage),
-            lost_bytes=found.lost_bytes,
-            suspect=found.suspect,
-            truncated_bytes=found.truncated_bytes,
-            back_in_time=self._times.back_in_time(),
+        return found.losses.health(
+            len(self._data),
+            len(found.place),
+            back_in_time=self._times.back_in_time,
+            replaced_stamps=self._times.replaced,
             redefined=self._index.described.redefined,
             undecoded=MappingProxyType(self._undecoded()),
         )
@@ -183,8 +169,7 @@ class DataFlashLog:
         for name in ("tables", "_parts", "_sorted_places", "_times"):
             self.__dict__.pop(name, None)
         self._data = np.empty(0, np.uint8)
-        with contextlib.suppress(BufferError):  # a table is still held; the mapping goes with it
-            self._map.close()
+        self._bytes.close()
 
     def __enter__(self) -> DataFlashLog:
         return self

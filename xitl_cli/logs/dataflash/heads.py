@@ -71,3 +71,11 @@ def _true(mask: NDArray[np.bool_]) -> Places:
         rest = bits & below
         found.append((groups << 3) + (np.bitwise_count(below & ~bits) >> 3))
     return np.asarray(found[0], np.int64) if len(found) == 1 else np.sort(np.concatenate(found))
+
+
+def u64_at(data: Bytes, places: Places) -> NDArray[np.uint64]:
+    """Little-endian numbers of 8 bytes that begin at these places."""
+    if not len(places):
+        return np.empty(0, np.uint64)
+    every = np.lib.stride_tricks.as_strided(data[: len(data) // 8 * 8].view("<u8"), (len(data) - 7,), (1,))
+    return every[places]

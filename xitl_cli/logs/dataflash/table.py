@@ -15,9 +15,8 @@ from xitl_cli.logs.dataflash.describe import Meaning
 from xitl_cli.logs.dataflash.formats import NOTHING, TEXT, Definition, Field, Measure
 from xitl_cli.logs.dataflash.heads import Bytes, Places
 from xitl_cli.logs.dataflash.rows import Wanted, fill, shown, stored, wanted
+from xitl_cli.logs.dataflash.times import Times, stamps_ns
 from xitl_cli.logs.table import ALL, Column, Kind, Rows
-
-_LATEST_NS = np.iinfo(np.int64).max
 
 
 class Part:
@@ -57,12 +56,12 @@ class DataFlashTable:
         data: Bytes,
         parts: Sequence[Part],
         meaning: Meaning,
-        last_stamps: Callable[[Places], NDArray[np.int64]],
+        times: Callable[[], Times],
     ) -> None:
         self._name = name
         self._data = data
         self._parts = [_Sense(part, _columns(name, part.definition, meaning)) for part in parts]
-        self._last_stamps = last_stamps
+        self._times = times
 
     @property
     def name(self) -> str:
@@ -98,7 +97,21 @@ class DataFlashTable:
 
     @cached_property
     def stamp_ns(self) -> NDArray[np.int64]:
-        return self._whole([self._stamps(sense.part) for sense in self._parts])
+        return self._whole([self._stamps(sense.part, sense.part.place) for sense in self._parts])
+
+    def told_ns(self) -> NDArray[np.int64]:
+        """(N,) what the rows of a timed table tell, also where it cannot be."""
+        return self._whole([self._told(sense.part, sense.part.place) for sense in self._parts])
+
+    @property
+    def ends_ns(self) -> tuple[int, int] | None:
+        """Stamps of the first and the last row, without those between; None when rows do not tell."""
+        if not self.timed:
+            return None
+        if len(self._parts) > 1:
+            return int(self.stamp_ns[0]), int(self.stamp_ns[-1])
+        first_ns, last_ns = self._stamps(self._parts[0].part, self.place[[0, -1]]).tolist()
+        return first_ns, last_ns
 
     def _whole(self, parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
         found = parts[0] if self._order is None else np.concatenate(parts)[self._order]
@@ -110,13 +123,15 @@ class DataFlashTable:
         """Whether rows say themselves when they were written."""
         return all(sense.part.definition.time is not None for sense in self._parts)
 
-    def _stamps(self, part: Part) -> NDArray[np.int64]:
-        time = part.definition.time
-        if time is None:
-            return self._last_stamps(part.place)
-        field, unit_ns = time
-        counted = stored(self._data, part.place, field)
-        return stamps_ns(counted, unit_ns)
+    def _stamps(self, part: Part, place: Places) -> NDArray[np.int64]:
+        if part.definition.time is None:
+            return self._times().last_before(place)
+        return self._times().mended(place, self._told(part, place))
+
+    def _told(self, part: Part, place: Places) -> NDArray[np.int64]:
+        assert part.definition.time is not None
+        field, unit_ns = part.definition.time
+        return stamps_ns(stored(self._data, place, field), unit_ns)
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         known = self.columns[column]
@@ -167,11 +182,6 @@ class DataFlashTable:
             else:
                 found.append(shown(values, known))
         return found[0] if self._order is None else np.concatenate(found)[self._order]
-
-
-def stamps_ns(counted: NDArray[Any], unit_ns: int) -> NDArray[np.int64]:
-    """From counts of a unit; what is too large, which is damage, becomes the latest that there is."""
-    return np.asarray(np.clip(counted, None, _LATEST_NS // unit_ns).astype(np.int64) * unit_ns)
 
 
 def _columns(name: str, definition: Definition, meaning: Meaning) -> dict[str, tuple[Field, Measure, Column]]:

@@ -16,6 +16,7 @@ from xitl_cli.logs.export.flat import FlatColumn, stretches
 from xitl_cli.logs.export.naming import file_names
 from xitl_cli.logs.export.safe_file import make_directory, part_of, refuse_present
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.report.words import plural
 from xitl_cli.logs.selecting.merged import inside, rows_at_once
 from xitl_cli.logs.selecting.times import zero_in_words, zero_ns
 from xitl_cli.logs.table import Table
@@ -71,7 +72,7 @@ def _as_mcap(log: Log, wanted: Wanted, out: Path | None, overwrite: bool) -> Exp
         except UserError as error:
             raise UserError(str(error).replace(str(part), str(path))) from error
     notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
-    return Exported((str(path),), rows, f"{path}: {rows} rows of {_messages(len(wanted.tables))}", notes)
+    return Exported((str(path),), rows, f"{path}: {_of(rows, wanted)}", notes)
 
 
 def _as_files(log: Log, wanted: Wanted, file_format: str, directory: Path, overwrite: bool) -> Exported:
@@ -100,7 +101,7 @@ def _as_files(log: Log, wanted: Wanted, file_format: str, directory: Path, overw
     for path in also:
         with part_of(path, overwrite) as part:
             write_columns(part, described, wanted.raw)
-    what = f"{rows_written} rows of {_messages(len(wanted.tables))}, a file each"
+    what = f"{_of(rows_written, wanted)}, a file each"
     sentence = f"{directory}: {what}; time_s counts seconds since {zero_in_words(log)}"
     return Exported(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
 
@@ -124,5 +125,5 @@ def _refuse_itself(log: Log, paths: list[Path]) -> None:
             raise UserError(f"{path}: is the log itself; choose another place with --out")
 
 
-def _messages(count: int) -> str:
-    return f"{count} message{'' if count == 1 else 's'}"
+def _of(rows: int, wanted: Wanted) -> str:
+    return f"{plural(rows, 'row')} of {plural(len(wanted.tables), 'message')}"

@@ -15,6 +15,8 @@ def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
     for path in paths:
         if path.is_dir():
             raise UserError(f"{path}: is a directory; name another place with --out")
+        if path.exists() and not path.is_file():  # a device would be replaced by a file
+            raise UserError(f"{path}: is no regular file; choose another place with --out")
         if not overwrite and path.exists():
             raise UserError(f"{path}: is there already; choose another place with --out, or add --overwrite")
 
@@ -35,13 +37,14 @@ def part_of(final: Path, overwrite: bool) -> Iterator[Path]:
 
     Raises UserError when the place takes no file, when the disk is full, and when `final` has turned up meanwhile.
     """
-    part = final.with_name(f".{final.name[:200]}.{os.getpid()}.part")
+    target = Path(os.path.realpath(final)) if overwrite else final  # what a link leads to, and not the link
+    part = target.with_name(f".{target.name[:200]}.{os.getpid()}.part")
     try:
         yield part
         with part.open("rb") as written:
             os.fsync(written.fileno())
         if overwrite:
-            part.replace(final)
+            part.replace(target)
         else:
             _named_if_free(part, final)
     except OSError as error:

@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.log import Damage
+from xitl_cli.logs.log import Losses
 from xitl_cli.logs.mavlink.headers import LONGEST_FRAME, MAGIC_1, MAGIC_2, SIGNED, UNKNOWN, Headers, headers, whole
 
 BLOCK_BYTES = 1 << 20
 STAMP_BYTES = 8
-LISTED_DAMAGE = 1000
 _NEAR_US = 3 * 86_400 * 1_000_000
 _UNKNOWN_IN_A_ROW = 4
 _DOUBLINGS = 5
@@ -40,10 +39,7 @@ class Index:
     stamped: NDArray[np.bool_]
     signed: int
     unknown: dict[int, int]
-    damaged: int
-    damage: tuple[Damage, ...]
-    lost_bytes: int
-    truncated_bytes: int
+    losses: Losses
 
 
 def index(data: NDArray[np.uint8]) -> Index:
@@ -84,9 +80,7 @@ class _Walk:
     stampless: list[int] = field(default_factory=list)
     unknown: dict[int, int] = field(default_factory=dict)
     signed: int = 0
-    damaged: int = 0
-    damage: list[Damage] = field(default_factory=list)
-    lost_bytes: int = 0
+    losses: Losses = field(default_factory=Losses)
 
     def block(self, low: int, high: int) -> None:
         block = _block(self.data, low, high)
@@ -100,7 +94,7 @@ class _Walk:
     def result(self) -> Index:
         start = np.concatenate([*self.starts, np.zeros(0, np.int64)])
         kind = np.concatenate([*self.kinds, np.zeros(0, np.int16)])
-        truncated = self._tail()
+        self._tail()
         stamped = ~np.isin(start, np.array(self.stampless, dtype=np.int64))
         stamp_us = np.zeros(len(start), dtype=np.uint64)
         stamp_us[stamped] = self._stamps(start[stamped])
@@ -111,10 +105,7 @@ class _Walk:
             stamped,
             self.signed,
             dict(sorted(self.unknown.items())),
-            self.damaged,
-            tuple(self.damage),
-            self.lost_bytes,
-            truncated,
+            self.losses,
         )
 
     def _stamps(self, start: NDArray[np.int64]) -> NDArray[np.uint64]:
@@ -157,7 +148,7 @@ class _Walk:
                 if one == _LEAVES:
                     break
             elif not (is_good[one] or is_unknown[one]):
-                self._note(self.expected, STAMP_BYTES + sizes[one], "the checksum of its frame is wrong")
+                self.losses.note(self.expected, STAMP_BYTES + sizes[one], "the checksum of its frame is wrong")
                 self.expected = starts[one] + sizes[one]
                 continue
             taken.append(one)
@@ -178,9 +169,9 @@ class _Walk:
         start = sure_starts[found]
         if start - STAMP_BYTES < gap:
             self.stampless.append(start)
-            self._note(gap, start - gap, "its time stamp is cut short")
+            self.losses.note(gap, start - gap, "its time stamp is cut short")
         else:
-            self._note(gap, start - STAMP_BYTES - gap, "no frame that checks out begins here")
+            self.losses.note(gap, start - STAMP_BYTES - gap, "no frame that checks out begins here")
         self.gap = None
         return int(sure[found])
 
@@ -213,22 +204,16 @@ class _Walk:
             self.gap = self.expected if self.gap is None else self.gap
             self.expected = high
 
-    def _note(self, place: int, lost: int, why: str) -> None:
-        self.damaged += 1
-        self.lost_bytes += lost
-        if len(self.damage) < LISTED_DAMAGE:
-            self.damage.append(Damage(place, lost, why))
-
-    def _tail(self) -> int:
-        """Bytes of a last record that was cut off; what else is left over is noted as damage."""
+    def _tail(self) -> None:
+        """Count a last record that was cut off; what else is left over is damage."""
         begin = self.expected if self.gap is None else self.gap
         left = len(self.data) - begin
         if left <= 0:
-            return 0
+            return
         if left < STAMP_BYTES + LONGEST_FRAME and _could_go_on(self.data[begin:]):
-            return left
-        self._note(begin, left, "no frame that checks out begins here")
-        return 0
+            self.losses.truncated_bytes = left
+        else:
+            self.losses.note(begin, left, "no frame that checks out begins here")
 
 
 def _chain(following: NDArray[np.int32], first: int) -> NDArray[np.intp] | None:

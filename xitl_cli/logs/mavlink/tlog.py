@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import mmap
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.file_bytes import FileBytes
 from xitl_cli.logs.log import Base, Format, Health
 from xitl_cli.logs.mavlink.frames import tables_of
 from xitl_cli.logs.mavlink.index import Index, index
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.table import Table, steps_back
 
 _FIRST_YEAR_US, _LAST_YEAR_US = 978_307_200_000_000, 4_102_444_800_000_000  # 2001 and 2100
 _LISTED_UNKNOWN = 3
@@ -23,41 +23,35 @@ _LARGEST_US = 9_223_372_036_854_775
 class TelemetryLog:
     """Frames by message, stamped by the ground station that received them.
 
-    A stamp that is far from those around it, or that damage has taken, is replaced by the one before and
-    counted as suspect. base is "utc", or "unknown" when the stamps are not of this century.
+    A stamp that is far from those around it, or that damage has taken, is replaced by the one before. base is "utc", or
+    "unknown" when the stamps are not of this century.
     """
 
     format: Format = "tlog"
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        size = path.stat().st_size
-        with path.open("rb") as file:
-            self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else None
-        data = np.frombuffer(b"" if self._map is None else self._map, dtype=np.uint8)
+        self._bytes = FileBytes(path)
+        data = self._bytes.data
         found = index(data)
-        stamp_us, suspect = _trusted(found)
+        stamp_us, replaced = _trusted(found)
         stamp_ns = stamp_us * 1000
         self.base: Base = "utc" if _plausible(stamp_us) else "unknown"
         self.tables: Mapping[str, Table] = tables_of("", data, found.start, found.kind, stamp_ns, found.start)
         self.span_ns = (int(stamp_ns.min()), int(stamp_ns.max())) if len(stamp_ns) else None
-        self.health = Health(
-            size_bytes=size,
-            records=len(found.start) + sum(found.unknown.values()),
-            damaged=found.damaged,
-            damage=found.damage,
-            lost_bytes=found.lost_bytes,
-            suspect=suspect,
-            truncated_bytes=found.truncated_bytes,
-            back_in_time=sum(int((np.diff(table.stamp_ns) < 0).sum()) for table in self.tables.values()),
+        self.health: Health = found.losses.health(
+            len(data),
+            len(found.start) + sum(found.unknown.values()),
+            back_in_time=sum(steps_back(table.stamp_ns) for table in self.tables.values()),
+            replaced_stamps=replaced,
             undecoded=_undecoded(found.unknown),
         )
         self.facts: Mapping[str, str] = {"signed frames": str(found.signed)} if found.signed else {}
 
     def close(self) -> None:
-        """Tables keep the file mapped as long as they are held."""
+        """Tables keep the bytes as long as they are held."""
         self.tables = {}
-        self._map = None
+        self._bytes.close()
 
     def __enter__(self) -> TelemetryLog:
         return self

@@ -53,7 +53,7 @@ class Chunks:
         if chunk.place not in self._sound:
             self._sound[chunk.place] = not why
             if why and not chunk.cut:
-                self._tally.damage(chunk.place, 0 if data else chunk.size, why)
+                self._tally.note(chunk.place, 0 if data else chunk.size, why)
         self._keep(chunk, data)
         return data
 
@@ -85,7 +85,7 @@ class Chunks:
                 rows, whole = content.at_offsets(data, offsets)
                 if whole.all() and (rows.channel == channel).all():
                     return rows
-                self._tally.damage(chunk.place, 0, "a message index names places where no such message is")
+                self._tally.note(chunk.place, 0, "a message index names places where no such message is")
         rows = self.content(chunk, None).rows if chunk.rows is None else chunk.rows
         return rows.of(channel)
 
@@ -129,9 +129,9 @@ class Chunks:
         if chunk.place not in self._scanned_places:
             self._scanned_places.add(chunk.place)
             for offset, lost in found.lost:
-                self._tally.damage(chunk.unpacked_from + offset, lost, "no record begins here inside a chunk")
+                self._tally.note(chunk.unpacked_from + offset, lost, "no record begins here inside a chunk")
             if found.cut and not chunk.cut:
-                self._tally.damage(chunk.place, found.cut, "the last record of a chunk is cut off")
+                self._tally.note(chunk.place, found.cut, "the last record of a chunk is cut off")
             if not self._sound.get(chunk.place, True) and not chunk.cut:
                 self._tally.suspect += len(found.rows.size)
         return found

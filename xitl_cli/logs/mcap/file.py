@@ -62,7 +62,7 @@ class McapLog:
                 walk.over(begin, end)
             index.settle(self._source.size, self._tally)
         else:
-            index = Index(closed=closed(self._source), walked=True)
+            index = Index(closed=closed(self._source))
             self._take(index)
             walk = Walk(self._source, index, self._tally, self._chunks, counting=True)
             walk.over(len(records.MAGIC), self._source.size)
@@ -110,14 +110,9 @@ class McapLog:
                 undecoded[name] = len(table), why
             elif self._frames_left.get(name):
                 undecoded[name] = self._frames_left[name], "its frames are damaged, or of messages not known here"
-        return Health(
-            size_bytes=self._source.size,
-            records=sum(self._index.counts.values()),
-            damaged=tally.damaged,
-            damage=tuple(tally.places),
-            lost_bytes=tally.lost_bytes,
-            suspect=tally.suspect,
-            truncated_bytes=tally.truncated_bytes,
+        return tally.health(
+            self._source.size,
+            sum(self._index.counts.values()),
             unclosed=not self._index.closed,
             back_in_time=back,
             redefined=tally.redefined,
@@ -226,7 +221,7 @@ class McapLog:
         distrusted = [chunk for chunk in self._index.chunks if chunk.index_places]
         for chunk in distrusted:
             chunk.index_places = b""
-        self._tally.damage(0, 0, f"the index is wrong: {why}")
+        self._tally.note(0, 0, f"the index is wrong: {why}")
         return bool(distrusted)
 
 

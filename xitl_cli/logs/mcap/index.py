@@ -5,11 +5,10 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, field
 
-from xitl_cli.logs.log import Damage
+from xitl_cli.logs.log import Losses
 from xitl_cli.logs.mcap.content import Rows
 from xitl_cli.logs.mcap.records import Attachment, Channel, Schema
 
-MOST_DAMAGE = 1000
 MOST_CHUNKS = 1_000_000
 MOST_SCHEMA_BYTES = 64 << 20
 LARGEST_CHUNK = 1 << 30
@@ -49,27 +48,15 @@ class Chunk:
 
 
 @dataclass(slots=True)
-class Tally:
+class Tally(Losses):
     """What is wrong with the file, counted while it is read."""
 
-    damaged: int = 0
-    lost_bytes: int = 0
-    suspect: int = 0
-    truncated_bytes: int = 0
-    back_in_time: int = 0
     redefined: int = 0
-    places: list[Damage] = field(default_factory=list)
-
-    def damage(self, place: int, lost: int, why: str) -> None:
-        self.damaged += 1
-        self.lost_bytes += lost
-        if len(self.places) < MOST_DAMAGE:
-            self.places.append(Damage(place, lost, why))
 
 
 @dataclass(slots=True)
 class Index:
-    """counts: messages by channel. closed: the writer has finished the file. walked: made from the records."""
+    """counts: messages by channel. closed: the writer has finished the file."""
 
     profile: str = ""
     library: str = ""
@@ -81,7 +68,6 @@ class Index:
     attachments: list[Attachment] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     closed: bool = False
-    walked: bool = False
     schema_bytes: int = 0
     unpacked_bytes: int = 0
     unpacked_to: int = 0
@@ -114,7 +100,7 @@ class Index:
         most = LARGEST_CHUNK + _EXPANSION * size_bytes - self.unpacked_bytes
         if chunk.refused or chunk.unpacked_size > min(most, LARGEST_CHUNK):
             if not chunk.refused:
-                tally.damage(chunk.place, chunk.size, f"a chunk claims {chunk.unpacked_size} bytes unpacked")
+                tally.note(chunk.place, chunk.size, f"a chunk claims {chunk.unpacked_size} bytes unpacked")
             chunk.refused = True
             return
         self.unpacked_bytes += chunk.unpacked_size

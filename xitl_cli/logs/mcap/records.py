@@ -179,14 +179,6 @@ def attachment(begin: bytes, place: int, length: int) -> Attachment:
     return Attachment(name, place + cursor.at, size)
 
 
-def attachment_index(body: bytes) -> tuple[str, int, int]:
-    """Name, place and length of the attachment's record."""
-    cursor = Cursor(body)
-    place, length = cursor.number(8), cursor.number(8)
-    cursor.take(24)
-    return cursor.text(), place, length
-
-
 def metadata(body: bytes) -> tuple[str, dict[str, str]]:
     cursor = Cursor(body)
     name = cursor.text()
@@ -198,10 +190,3 @@ def metadata(body: bytes) -> tuple[str, dict[str, str]]:
         key = cursor.text()
         values[key] = cursor.text()
     return name, values
-
-
-def metadata_index(body: bytes) -> tuple[str, int, int]:
-    """Name, place and length of the metadata's record."""
-    cursor = Cursor(body)
-    place, length = cursor.number(8), cursor.number(8)
-    return cursor.text(), place, length

@@ -28,7 +28,7 @@ def from_summary(source: Source, tally: Tally) -> Index | None:
         return None
     data = source.read(start, end - start)
     if crc and zlib.crc32(source.read(end, 9 + 16), zlib.crc32(data)) != crc:
-        tally.damage(start, 0, "the checksum of the summary does not match")
+        tally.note(start, 0, "the checksum of the summary does not match")
         return None
     index, entries, statistics = Index(closed=True), list[ChunkIndex](), list[Statistics]()
     try:
@@ -124,5 +124,5 @@ def _place(index: Index, entries: list[ChunkIndex], source: Source, end: int, su
     if wrong and (not sure or 2 * len(wrong) > len(entries)):
         return False
     for entry in wrong:
-        tally.damage(entry.place, 0, "a chunk does not begin where the summary says it does")
+        tally.note(entry.place, 0, "a chunk does not begin where the summary says it does")
     return True

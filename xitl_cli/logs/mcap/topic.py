@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.mcap.decoded import Decoder, Index, Leaf, Part, Shapes, UndecodableError
 from xitl_cli.logs.mcap.gather import Batch
-from xitl_cli.logs.table import ALL, Column, Rows
+from xitl_cli.logs.table import ALL, Column, Rows, steps_back
 
 _KEPT_BYTES = 64 << 20
 _PLAIN_BYTES = 96 << 20
@@ -195,7 +195,7 @@ class TopicTable:
             kept=tuple(parts) if decoder is not None and self._room.take(held) else None,
             undecoded=int((~good).sum()) if decoder is not None else len(good),
             why=why or "its messages are shorter than their definition says",
-            back_in_time=int((np.diff(stamp_ns) < 0).sum()),
+            back_in_time=steps_back(stamp_ns),
         )
 
     def _parts(

@@ -55,7 +55,7 @@ class Walk:
             try:
                 return self._take(at, opcode, length, end)
             except MalformedError:
-                self._tally.damage(at, 9 + length, "a record does not hold what it should")
+                self._tally.note(at, 9 + length, "a record does not hold what it should")
                 return at + 9 + int(length)
         return self._damaged(at, opcode, length, end)
 
@@ -93,7 +93,7 @@ class Walk:
             stop = at + head.data_at + head.data_size
             if stop == end or self._follows(stop, end):
                 self._finish_chunk()
-                self._tally.damage(at, 0, "the record of a chunk is damaged at its begin")
+                self._tally.note(at, 0, "the record of a chunk is damaged at its begin")
                 self._add_chunk(at, stop - at, head, head.data_size)
                 return stop
         following = next_record(self._source, at + 1, end)
@@ -107,7 +107,7 @@ class Walk:
         if following is None and (at + 9 + length > end or end != self._source.size):
             self._tally.truncated_bytes += end - at
         else:
-            self._tally.damage(at, stop - at, "no record begins here")
+            self._tally.note(at, stop - at, "no record begins here")
         return stop
 
     def _follows(self, place: int, end: int) -> bool:
@@ -119,7 +119,7 @@ class Walk:
 
     def _add_chunk(self, at: int, size: int, head: ChunkHead, data_size: int) -> None:
         if len(self._index.chunks) >= MOST_CHUNKS:
-            self._tally.damage(at, size, "there are too many chunks")
+            self._tally.note(at, size, "there are too many chunks")
             return
         self._chunk = Chunk(
             place=at,
@@ -172,7 +172,7 @@ class Walk:
             self._index.settle_last(self._source.size, self._tally)
             self._count(chunk, found.rows)
         for offset, lost in found.lost:
-            self._tally.damage(at + offset, lost, "a record does not hold what it should")
+            self._tally.note(at + offset, lost, "a record does not hold what it should")
         return at + size
 
     def _describe(self, schemas: list[records.Schema], channels: list[records.Channel]) -> None:
@@ -187,7 +187,7 @@ class Walk:
         known = np.isin(rows.channel, list(self._index.channels))
         strangers = int((~known).sum())
         if strangers:
-            self._tally.damage(chunk.place, int(rows.size[~known].sum()), _strangers(strangers))
+            self._tally.note(chunk.place, int(rows.size[~known].sum()), _strangers(strangers))
         if not self._counting or not known.any():
             return
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):

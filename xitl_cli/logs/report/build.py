@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -10,19 +9,19 @@ from pathlib import Path
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
+from xitl_cli.logs.analyses.failure import Failure, failure
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.report.model import Failure, FileReport, Overview, Refusal, Report, TimeLine
-from xitl_cli.logs.report.plausible import plausible
+from xitl_cli.logs.report.model import FileReport, Overview, Refusal, Report
 from xitl_cli.logs.report.thinning import thin
 from xitl_cli.logs.report.words import vehicle_line
 from xitl_cli.logs.sections import Plot, Section
 from xitl_cli.logs.selecting.names import match
 from xitl_cli.logs.selecting.times import zero_ns
+from xitl_cli.logs.timeline.line import LaidLog, TimeLine
 
 OVERVIEW = "overview"
 VEHICLE = "vehicle"  # always asked: it heads every report
 SECTIONS = (OVERVIEW, *catalogue.NAMES)
-_PACKAGE = Path(__file__).parents[2]
 
 Progress = Callable[[str], None]
 
@@ -35,18 +34,16 @@ def build(paths: Sequence[Path], only: Collection[str] = (), told: Progress = la
     """
     wanted = sections_named(only)
     with ExitStack() as opened:
-        found, refusals = open_all(paths, opened)
-        logs, left_out = zip(*map(plausible, found), strict=True) if found else ((), ())
+        logs, refusals = open_all(paths, opened)
         names = short_names([log.path for log in logs])
-        time_lines = lay(logs)
-        files = [
-            replace(_file(log, name, time_line, wanted, told), left_out=many)
-            for log, name, time_line, many in zip(logs, names, time_lines, left_out, strict=True)
-        ]
+        laid = [LaidLog(log, time_line) for log, time_line in zip(logs, lay(logs), strict=True)]
+        files = [_file(log, name, wanted, told) for log, name in zip(laid, names, strict=True)]
         overview = Overview()
         if OVERVIEW in wanted and files:
             told(OVERVIEW)
-            files, overview = _with_overview(files, logs)
+            files, overview = _with_overview(files, laid)
+        # Damage inside of a recording is found when its topics are read.
+        files = [replace(file, health=log.health) for file, log in zip(files, laid, strict=True)]
         return Report(tuple(files), tuple(refusals), overview)
 
 
@@ -106,7 +103,7 @@ def sections_named(only: Collection[str]) -> list[str]:
     return [name for name in SECTIONS if not named or name in named]
 
 
-def _file(log: Log, name: str, time_line: TimeLine, wanted: Collection[str], told: Progress) -> FileReport:
+def _file(log: LaidLog, name: str, wanted: Collection[str], told: Progress) -> FileReport:
     sections: list[Section] = []
     failures: list[Failure] = []
     vehicle = ""
@@ -117,7 +114,7 @@ def _file(log: Log, name: str, time_line: TimeLine, wanted: Collection[str], tol
         try:
             found = catalogue.analysis(analysis)(log)
         except Exception as error:  # noqa: BLE001  the user still gets what the others found, and this as a failure
-            failures.append(_failure(analysis, error))
+            failures.append(failure(analysis, error))
             continue
         if found is None:
             continue
@@ -134,7 +131,7 @@ def _file(log: Log, name: str, time_line: TimeLine, wanted: Collection[str], tol
         log.health,
         dict(log.facts),
         tuple(sections),
-        time_line,
+        log.time_line,
         vehicle,
         tuple(failures),
     )
@@ -146,7 +143,7 @@ def _with_overview(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[F
     try:
         return files, overview(logs, files)
     except Exception as error:  # noqa: BLE001  as above
-        failed = replace(files[0], failures=(*files[0].failures, _failure(OVERVIEW, error)))
+        failed = replace(files[0], failures=(*files[0].failures, failure(OVERVIEW, error)))
         return [failed, *files[1:]], Overview()
 
 
@@ -157,12 +154,3 @@ def _thinned(section: Section) -> Section:
         for plot in section.plots
     )
     return replace(section, plots=tuple[Plot, ...](plots))
-
-
-def _failure(analysis: str, error: Exception) -> Failure:
-    frames = traceback.extract_tb(error.__traceback__)
-    ours = [frame for frame in frames if Path(frame.filename).is_relative_to(_PACKAGE)]
-    last = (ours or frames)[-1]
-    path = Path(last.filename)
-    place = path.relative_to(_PACKAGE.parent) if path.is_relative_to(_PACKAGE) else path
-    return Failure(analysis, f"{type(error).__name__}: {error}", f"{place}:{last.lineno}")

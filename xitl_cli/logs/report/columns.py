@@ -6,6 +6,7 @@ import textwrap
 
 from xitl_cli.logs.report.words import is_numeric, plural, value_text
 from xitl_cli.logs.sections import Grid
+from xitl_cli.printable import printable
 
 _APART = 2
 _WIDE = 24
@@ -48,11 +49,6 @@ def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
                     subsequent_indent="    ",
                 )
     return lines + _left_out(len(grid.rows) - len(shown), len(heads) - len(beside) - len(below))
-
-
-def printable(text: str) -> str:
-    """What a log says may hold anything, also what commands a terminal."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _total(widths: list[int], columns: list[int]) -> int:

@@ -15,13 +15,15 @@ from pathlib import Path
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.report import markup
-from xitl_cli.logs.report.model import Overview, Report, TimeLine
+from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.page import Page, Part, page_of
 from xitl_cli.logs.report.payload import json_text, map_payload, page_payload, plot_payload, thinned_note
 from xitl_cli.logs.report.words import NAMES, counted, plural
 from xitl_cli.logs.sections import Finding, Plot, Severity
+from xitl_cli.logs.timeline.line import TimeLine
 
 _OVERVIEW_ID = "overview"
+_DOCTYPE = "<!doctype html>"
 _BANDS = (("mode", "modes"), ("armed", "arming"), ("finding", "findings"))
 _TOGGLES = (("mode", "Modes", "true"), ("armed", "Armed", "false"), ("finding", "Findings", "true"))
 _SCRIPTS = ("data.js", "plots.js", "time.js", "page.js")
@@ -37,26 +39,47 @@ def write_page(page: Page, path: Path) -> None:
     write_text(path, html(page))
 
 
+def refuse_other(path: Path) -> None:
+    """Raises UserError for what is there and is no page: a log that was named by mistake would be lost."""
+    try:
+        if path.is_dir():
+            raise UserError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
+        if path.exists() and not (path.is_file() and _is_page(path)):
+            raise UserError(f"{path}: is there already and is no page; name another file, such as report.html")
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _is_page(path: Path) -> bool:
+    """Or empty, as a file that was made for it."""
+    with path.open("rb") as file:
+        return file.read(len(_DOCTYPE)) in (b"", _DOCTYPE.encode())
+
+
+def _unwritable(path: Path, error: OSError) -> UserError:
+    return UserError(f"{path}: cannot be written ({error.strerror}); choose another place")
+
+
 def write_text(path: Path, text: str) -> None:
-    if path.is_dir():
-        raise UserError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
+    refuse_other(path)
+    final = Path(os.path.realpath(path))  # what a link leads to is replaced, and not the link
     mask = os.umask(0)
     os.umask(mask)
     try:
         with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=path.absolute().parent, prefix=f".{path.name}.", delete=False
+            "w", encoding="utf-8", errors="replace", dir=final.parent, prefix=f".{final.name}.", delete=False
         ) as file:
             partial = Path(file.name)
             try:
                 file.write(text)
                 file.close()
                 partial.chmod(0o666 & ~mask)
-                partial.replace(path)
+                partial.replace(final)
             except BaseException:
                 partial.unlink(missing_ok=True)
                 raise
     except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+        raise _unwritable(path, error) from error
 
 
 def html(page: Page) -> str:
@@ -80,7 +103,7 @@ def html(page: Page) -> str:
         "img-src data: blob:; base-uri 'none'; form-action 'none'"
     )
     return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'{_DOCTYPE}\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n<meta name="referrer" content="no-referrer">\n'

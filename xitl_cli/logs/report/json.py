@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from xitl_cli.logs.log import Health
-from xitl_cli.logs.report.model import FileReport, Found, Report, TimeLine
+from xitl_cli.logs.report.model import FileReport, Found, Report
 from xitl_cli.logs.report.words import NAMES
 from xitl_cli.logs.sections import Evidence, Finding, Section, Severity
+from xitl_cli.logs.timeline.line import TimeLine
 
 FORMAT = 1
 
@@ -40,28 +40,10 @@ def _file(file: FileReport) -> dict[str, Any]:
         "base": file.base,
         "span_ns": None if file.span_ns is None else list(file.span_ns),
         "duration_s": file.duration_s,
-        "health": _health(file.health),
-        "left_out": file.left_out,
+        "health": file.health.as_json(),
         "about": dict(file.facts),
         "sections": {section.key: section_document(section, file.time_line) for section in file.sections},
         "failures": [asdict(failure) for failure in file.failures],
-    }
-
-
-def _health(health: Health) -> dict[str, Any]:
-    return {
-        "degraded": health.degraded,
-        "size_bytes": health.size_bytes,
-        "records": health.records,
-        "damaged": health.damaged,
-        "lost_bytes": health.lost_bytes,
-        "suspect": health.suspect,
-        "truncated_bytes": health.truncated_bytes,
-        "unclosed": health.unclosed,
-        "back_in_time": health.back_in_time,
-        "redefined": health.redefined,
-        "undecoded": {name: {"rows": many, "reason": reason} for name, (many, reason) in health.undecoded.items()},
-        "damage": [{"place": each.place, "lost": each.lost, "why": each.why} for each in health.damage],
     }
 
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from html import escape
 
 from xitl_cli.logs.report.instants import evidence_text
-from xitl_cli.logs.report.model import TimeLine
 from xitl_cli.logs.report.page import Card, Part
 from xitl_cli.logs.report.words import NAMES, is_numeric, plural, sentence_text, value_text
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Severity
+from xitl_cli.logs.timeline.line import TimeLine
 
 _MOST_ROWS = 2000
 _MOST_EVIDENCE = 12

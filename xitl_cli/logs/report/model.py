@@ -9,64 +9,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.analyses.failure import Failure
 from xitl_cli.logs.log import Base, Format, Health
 from xitl_cli.logs.report.words import damage_sentences
 from xitl_cli.logs.sections import Finding, Mark, Plot, Section, Severity
-from xitl_cli.logs.timeline.placement import Stretch
-
-
-@dataclass(frozen=True, slots=True)
-class TimeLine:
-    """How a log's stamps lie on the report's one time line, which counts seconds from `zero_ns` of the reference.
-
-    stretches: of the placement, in order; none for a log that is the reference or on its own. offset_ns, drift_ppm,
-    error_s, method and sentence: the placement's, for people.
-    """
-
-    zero_ns: int = 0
-    stretches: tuple[Stretch, ...] = ()
-    offset_ns: int = 0
-    drift_ppm: float = 0.0
-    error_s: float | None = None
-    method: str = ""
-    sentence: str = ""
-    reference: bool = True
-
-    def seconds(self, stamp_ns: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) on the report's time line."""
-        stamps = np.asarray(stamp_ns)
-        since_zero = stamps - (np.int64(self.zero_ns) if stamps.dtype.kind == "i" else float(self.zero_ns))
-        seconds: NDArray[np.float64] = since_zero.astype(np.float64) * 1e-9
-        if self.stretches:
-            begins = np.array([stretch.from_ns for stretch in self.stretches], dtype=np.int64)
-            which = np.maximum(np.searchsorted(begins, stamps, side="right") - 1, 0)
-            offset_s = np.array([stretch.offset_ns * 1e-9 for stretch in self.stretches])[which]
-            rate = np.array([stretch.drift_ppm * 1e-6 for stretch in self.stretches])[which]
-            seconds = seconds + offset_s + rate * ((stamps - begins[which]).astype(np.float64) * 1e-9)
-        return seconds
-
-    def second(self, stamp_ns: int) -> float:
-        return float(self.seconds(np.array([stamp_ns], dtype=np.int64))[0])
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """An analysis that broke: a fault of this program, not of the log. place: file and line of the program."""
-
-    analysis: str
-    error: str
-    place: str
-
-    @property
-    def sentence(self) -> str:
-        return f"the analysis of {self.analysis} failed at {self.place} ({self.error}); please report it with this log"
+from xitl_cli.logs.timeline.line import TimeLine
 
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
     """name: short, and its own among the files of a report. span_ns: None without a stamped row.
 
-    vehicle: it and its firmware in words, "" where the log does not tell. left_out: rows whose stamp cannot be.
+    vehicle: it and its firmware in words, "" where the log does not tell.
     """
 
     name: str
@@ -80,13 +34,11 @@ class FileReport:
     time_line: TimeLine
     vehicle: str = ""
     failures: tuple[Failure, ...] = ()
-    left_out: int = 0
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What is missing or in doubt, each a sentence without its full stop."""
-        left_out = f"{self.left_out} rows with a time that cannot be were left out" if self.left_out else ""
-        return (*damage_sentences(self.health), *filter(None, [left_out]))
+        return damage_sentences(self.health)
 
     @property
     def duration_s(self) -> float | None:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs import signals
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.report.model import FileReport, Overview, TimeLine, Track, Waypoint
+from xitl_cli.logs.report.model import FileReport, Overview, Track, Waypoint
 from xitl_cli.logs.report.thinning import thin
 from xitl_cli.logs.sections import Mark, Plot, Trace
 from xitl_cli.logs.signals import Series, Span
+from xitl_cli.logs.timeline.line import TimeLine
 
 _MOST_TRACK_POINTS = 3000
 _MOST_WAYPOINTS = 500

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.report.model import Overview, TimeLine, Track
+from xitl_cli.logs.report.model import Overview, Track
 from xitl_cli.logs.report.page import Page, PageMark
 from xitl_cli.logs.report.thinning import thin
 from xitl_cli.logs.sections import Plot, Trace
+from xitl_cli.logs.timeline.line import TimeLine
 
 _MOST_MARKS = 300
 _COUNTS = 2**32 - 1

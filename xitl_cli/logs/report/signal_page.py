@@ -11,14 +11,14 @@ import numpy as np
 from xitl_cli.errors import UserError
 from xitl_cli.logs import signals
 from xitl_cli.logs.report.build import lay, open_all, short_names
-from xitl_cli.logs.report.model import Overview, Refusal, TimeLine
+from xitl_cli.logs.report.model import Overview, Refusal
 from xitl_cli.logs.report.overview import Source, states
 from xitl_cli.logs.report.page import Card, Page, Part, page_marks
-from xitl_cli.logs.report.plausible import plausible
 from xitl_cli.logs.report.selection import Signal, signals_named
 from xitl_cli.logs.report.thinning import ThinTrace, thin
 from xitl_cli.logs.report.words import damage_sentences
 from xitl_cli.logs.sections import Plot, Section, Trace
+from xitl_cli.logs.timeline.line import TimeLine
 
 _MOST_NAMES = 3
 
@@ -28,10 +28,9 @@ def signal_page(
 ) -> tuple[Page, list[Refusal]]:
     """from_s and until_s: on the page's time line. Raises UserError when no file opens, or none has a signal."""
     with ExitStack() as opened:
-        found, refusals = open_all(paths, opened)
-        if not found:
+        logs, refusals = open_all(paths, opened)
+        if not logs:
             raise UserError(refusals[-1].sentence)
-        logs = [plausible(log)[0] for log in found]
         names = short_names([log.path for log in logs])
         sources = [
             Source(log, line, name if len(logs) > 1 else "")

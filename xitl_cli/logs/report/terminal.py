@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
-from xitl_cli.logs.report.columns import grid_lines, printable
-from xitl_cli.logs.report.instants import duration_text, evidence_text
+from xitl_cli.logs.clock_text import duration_text
+from xitl_cli.logs.report.columns import grid_lines
+from xitl_cli.logs.report.instants import evidence_text
 from xitl_cli.logs.report.model import FileReport, Found, Report
 from xitl_cli.logs.report.words import (
     FORMATS,
@@ -18,6 +19,7 @@ from xitl_cli.logs.report.words import (
     value_text,
 )
 from xitl_cli.logs.sections import Fact, Grid, Section, Severity
+from xitl_cli.printable import printable
 
 _STYLES = {Severity.CRITICAL: "bold red", Severity.WARNING: "yellow", Severity.NOTICE: "cyan", Severity.OK: "green"}
 _INDENT = 10
@@ -44,13 +46,10 @@ def show(console: Console, report: Report) -> None:
         _finding(console, each, several)
     if fine:
         _line(console, "")
-    for each in fine:
-        _hanging(
-            console,
-            NAMES[Severity.OK],
-            _STYLES[Severity.OK],
-            _plain(sentence_text(each.finding.sentence) + (f" ({each.file.name})" if several else "")),
-        )
+    for sentence in dict.fromkeys(each.finding.sentence for each in fine):
+        of = [each.file.name for each in fine if each.finding.sentence == sentence]
+        text = sentence_text(sentence) + (f" ({', '.join(of)})" if several else "")
+        _hanging(console, NAMES[Severity.OK], _STYLES[Severity.OK], _plain(text))
     for file in report.files:
         for section in file.sections:
             show_section(console, section, file.name if several else "")
@@ -68,7 +67,7 @@ def _head(console: Console, file: FileReport, several: bool) -> None:
     line.append(", degraded" if health.degraded else ", whole", style="yellow" if health.degraded else "")
     _hanging(console, "", "", line, indent=0)
     for sentence in file.notes:
-        _hanging(console, "damage", "yellow", _plain(sentence))
+        _hanging(console, "damage" if health.degraded else "note", "yellow", _plain(sentence))
     if several and file.time_line.sentence:
         _hanging(console, "time", "dim", _plain(file.time_line.sentence))
     for failure in file.failures:

@@ -56,7 +56,8 @@ def vehicle_line(sections: Sequence[Section]) -> str:
     """Vehicle and firmware as far as they are known; "" otherwise."""
     known = {fact.key: value_text(fact.value) for section in sections for fact in section.facts if fact.value}
     vehicle = known.get("vehicle_type") or known.get("vehicle")
-    firmware = known.get("firmware") or known.get("firmware_version")
+    version = known.get("firmware_version")
+    firmware = known.get("firmware") or (version and f"firmware {version}")
     return ", ".join(part for part in (vehicle, firmware) if part)
 
 
@@ -76,6 +77,8 @@ def damage_sentences(health: Health) -> tuple[str, ...]:
         told.append("never closed by its writer: the end may be missing")
     if health.back_in_time:
         told.append(f"{plural(health.back_in_time, 'row')} stamped earlier than the one before")
+    if health.replaced_stamps:
+        told.append(f"{plural(health.replaced_stamps, 'row')} with a time that cannot be, stamped as the one before")
     if health.redefined:
         told.append(f"{plural(health.redefined, 'type')} described twice, differently")
     told += [

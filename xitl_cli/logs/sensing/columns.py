@@ -58,13 +58,8 @@ def told(value: float | None, digits: int = 4) -> float | None:
     return float(f"{value:.{digits}g}")
 
 
-def seconds(stamp_ns: int) -> str:
-    """An instant of the log for a sentence: "57.3 s"."""
-    return f"{stamp_ns * 1e-9:.1f} s"
-
-
 def some(instants: Sequence[str], most: int = 4) -> str:
-    """ "at 3.0 s, 5.1 s and 7 more" without the "at"."""
+    """ "0:03.0, 0:05.1 and 7 more"."""
     if len(instants) <= most:
         return ", ".join(instants)
     return f"{', '.join(instants[:most])} and {len(instants) - most} more"

@@ -28,7 +28,6 @@ class Inertial:
     table: Table
     stamp_ns: NDArray[np.int64]
     sample_ns: NDArray[np.int64]
-    own_clock: bool
     gyro_radps: NDArray[np.float64] | None
     accel_mps2: NDArray[np.float64] | None
     gyro_fields: tuple[str, ...]
@@ -94,7 +93,6 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
         table=table,
         stamp_ns=at_ns,
         sample_ns=at_ns if samples is None else samples,
-        own_clock=samples is not None,
         gyro_radps=rates,
         accel_mps2=forces,
         gyro_fields=gyro,

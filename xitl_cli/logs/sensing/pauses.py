@@ -36,8 +36,9 @@ def _dense(log: Log) -> list[NDArray[np.int64]]:
 
 
 def ends_ns(log: Log) -> int | None:
-    """When the dense messages end, by the median of their last stamps; None without any. The log may go on with a few
-    rows after that, or hold a stamp gone wild.
+    """When the dense messages end, by the median of their last stamps; None without any.
+
+    The log may go on with a few rows after that.
     """
     last = [int(stamps[-1]) for stamps in _dense(log)]
     return sorted(last)[len(last) // 2] if last else None

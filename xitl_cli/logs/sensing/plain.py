@@ -29,7 +29,6 @@ class Plain:
     sample_ns: NDArray[np.int64]
     values: NDArray[np.float64]
     healthy: NDArray[np.bool_] | None
-    health_field: str | None
     temperature_degc: NDArray[np.float64] | None
 
 
@@ -98,7 +97,6 @@ def sensors(log: Log) -> list[Plain]:
                         sample_ns=stamps(each) if clock is None else clock,
                         values=values.reshape(len(values), -1),
                         healthy=None if flags is None else flags > 0.0,
-                        health_field=health,
                         temperature_degc=None if warmth is None else numbers(each, warmth),
                     )
                 )

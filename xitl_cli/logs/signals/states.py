@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Selection, Table
+from xitl_cli.logs.words.heard import autopilot_heartbeats
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
-_NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal …
 _ARMED_EVENT, _DISARMED_EVENT = 10, 11
 _ARMED_TEXTS = {
     "Throttle armed": True,
@@ -60,7 +59,7 @@ def modes(log: Log) -> list[Span]:
     if table is not None and "ModeNum" in table.columns:
         numbers = table.values("ModeNum", raw=True)
         return _spans(log, table.stamp_ns, numbers, "MODE.ModeNum", mode_names(log))
-    beats = _heartbeats(log)
+    beats = autopilot_heartbeats(log)
     if beats is None:
         return []
     return _spans(
@@ -101,7 +100,7 @@ def _arm_states(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | 
     table = log.tables.get("/actuators")
     if table is not None and "armed" in table.columns:
         return table.stamp_ns, table.values("armed") != 0, "/actuators.armed"
-    beats = _heartbeats(log)
+    beats = autopilot_heartbeats(log)
     if beats is None:
         return None
     return beats.stamp_ns, (beats.values("base_mode", raw=True) & _ARMED_FLAG) != 0, f"{beats.name}.base_mode"
@@ -110,8 +109,8 @@ def _arm_states(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | 
 def _from_start(
     log: Log, stamp_ns: NDArray[np.int64], on: NDArray[np.bool_], source: str
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], str]:
-    """Only changes are written: what is disarmed first was armed when the log began."""
-    if len(on) and not on[np.argmin(stamp_ns)] and log.span_ns is not None:
+    """Only changes are written: what is disarmed first was armed when the log began, unless that is its first row."""
+    if len(on) and not on[np.argmin(stamp_ns)] and log.span_ns is not None and stamp_ns.min() > log.span_ns[0]:
         return np.append(stamp_ns, log.span_ns[0]), np.append(on, True), source
     return stamp_ns, on, source
 
@@ -130,22 +129,6 @@ def _said(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | None:
         return None
     stamps = np.array([at_ns for at_ns, _ in said], dtype=np.int64)
     return _from_start(log, stamps, np.array([on for _, on in said]), "MSG.Message")
-
-
-def _heartbeats(log: Log) -> Table | None:
-    """Of the autopilot: the first one that is heard, and not of ground stations or of what hangs on it."""
-    for name in ("HEARTBEAT", "/link/agent/rx:HEARTBEAT"):
-        table = log.tables.get(name)
-        if table is None or not {"autopilot", "custom_mode", "base_mode"} <= set(table.columns):
-            continue
-        pilots = table.values("autopilot", raw=True) != _NO_AUTOPILOT
-        if not pilots.any():
-            continue
-        if "_sysid" in table.columns:
-            systems = table.values("_sysid", raw=True)
-            pilots &= systems == systems[pilots][0]
-        return Selection(table, pilots)
-    return None
 
 
 def _spans(

@@ -18,7 +18,7 @@ from xitl_cli.logs.timeline.correlation import Match
 from xitl_cli.logs.timeline.placement import Instants, Placement, Stretch, place
 
 CHECK_WITHIN_S = 5.0
-CHECK_MARGIN_S = 0.05  # signals are of different filters: the same motion comes later in one
+CHECK_MARGIN_S = 0.2  # the same motion comes later in one: signals are of different filters, and telemetry waits
 CONTRADICTED = 0.25
 
 __all__ = ["Placement", "Stretch", "align", "by_signal"]

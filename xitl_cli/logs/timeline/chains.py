@@ -19,8 +19,6 @@ LOCKSTEP = "Lockstep:"
 BOOT, AGENT = "the autopilot's clock", "the agent's clock"
 BEHIND_AGENT = "node autopilot"
 OURS = "xitl "
-SAMPLES = "the sensors' clock"
-GROUND = "the ground station's clock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +88,9 @@ def _sentence(mine: _Way, other: _Way) -> str:
 
 
 def _own(mine: _Way, other: _Way, at_ns: int) -> int:
-    """A break of the other log on this log's time."""
-    return int(mine.back(other.out(np.array([at_ns], dtype=np.int64)))[0])
+    """A break of the other log on this log's time: midway in what this log's clock leapt over there."""
+    ends, begins = mine.back(other.out(np.array([at_ns - 1, at_ns], dtype=np.int64))).tolist()
+    return int(begins - max(begins - ends, 0) // 2)
 
 
 def _lockstep(reference: Log, log: Log) -> bool:
@@ -194,9 +193,9 @@ def _way(relation: Relation, host: Relation | None) -> _Way | None:
 
 
 def _breaks(relation: Relation, own_is_first: bool) -> tuple[int, ...]:
-    rows = [step.index for step in relation.steps]
-    stamps = relation.readings.first_ns if own_is_first else relation.readings.second_ns
-    return tuple(int(stamps[row]) for row in rows)
+    if not own_is_first:
+        return relation.second_bounds_ns
+    return tuple(int(relation.readings.first_ns[step.index]) for step in relation.steps)
 
 
 def _through(relation: Relation, host: Relation) -> tuple[int, ...]:

@@ -75,6 +75,16 @@ class Relation:
     def longest(self) -> Piece:
         return max(self.pieces, key=lambda piece: piece.until_ns - piece.from_ns)
 
+    @property
+    def second_bounds_ns(self) -> tuple[int, ...]:
+        """Where the second clock passes from each piece to the next: midway in what it leapt over."""
+        bounds = []
+        for before, after in pairwise(self.pieces):
+            at_ns = np.array([after.from_ns], dtype=np.int64)
+            ends, begins = (after.from_ns + int(piece.offset_at(at_ns)[0]) for piece in (before, after))
+            bounds.append(begins - max(begins - ends, 0) // 2)
+        return tuple(bounds)
+
     def to_second(self, first_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """(N,) the second clock where the first shows these; before and after the readings by the nearest line."""
         bounds = np.array([piece.from_ns for piece in self.pieces[1:]], dtype=np.int64)
@@ -87,13 +97,8 @@ class Relation:
 
     def to_first(self, second_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """(N,) the first clock where the second shows these; what a step back shows twice, by the later piece."""
-        begins = np.array([p.from_ns for p in self.pieces], dtype=np.int64)
-        bounds = np.array(
-            [int(begin + p.offset_at(begin[None])[0]) for begin, p in zip(begins, self.pieces, strict=True)][1:],
-            dtype=np.int64,
-        )
         which = np.zeros(len(second_ns), dtype=np.intp)
-        for index, bound in enumerate(bounds.tolist()):
+        for index, bound in enumerate(self.second_bounds_ns):
             which[second_ns >= bound] = index + 1
         result = np.empty(len(second_ns), dtype=np.int64)
         for index, piece in enumerate(self.pieces):

@@ -14,6 +14,8 @@ from xitl_cli.logs.log import Log
 Instants = NDArray[np.int64]
 Mapping_ = Callable[[Instants], Instants]
 
+_EDGE_NS = 1000  # a break is known to a nanosecond or two
+
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
@@ -68,10 +70,11 @@ def place(
     bounds = [begin, *inside, max(end, begin + 1)]
     stretches: list[Stretch] = []
     for from_ns, until_ns in pairwise(bounds):
-        last_ns = max(until_ns - 1, from_ns + 1)
-        first, last = to_reference(np.array([from_ns, last_ns], dtype=np.int64)).tolist()
-        drift_ppm = 1e6 * ((last - first) / (last_ns - from_ns) - 1.0)
-        stretches.append(Stretch(from_ns, first - from_ns, drift_ppm))
+        edge_ns = min(_EDGE_NS, (until_ns - from_ns) // 4)
+        first_ns, last_ns = from_ns + edge_ns, max(until_ns - edge_ns - 1, from_ns + edge_ns + 1)
+        first, last = to_reference(np.array([first_ns, last_ns], dtype=np.int64)).tolist()
+        drift_ppm = 1e6 * ((last - first) / (last_ns - first_ns) - 1.0)
+        stretches.append(Stretch(from_ns, first - first_ns - round(drift_ppm * 1e-6 * edge_ns), drift_ppm))
     lengths = np.diff(np.array(bounds))
     longest = stretches[int(np.argmax(lengths))]
     return Placement(

@@ -20,6 +20,8 @@ LEAST_DELAYED_S = 5e-3  # in one direction a step and a path that takes longer l
 STRENGTH = 12.0  # of the scatter of such differences: a normal one would do that never, a burst of delays might
 MOST_STEPS = 64
 LASTING_S, LASTS = 2.0, 0.5
+SETTLED = 0.8
+ENDS_S = 1.0
 BURST_S = 60.0  # a level that came back after less was delay, not the clock
 CAME_BACK = 0.3
 BENDS = 4
@@ -84,11 +86,19 @@ def _jumps(readings: Readings) -> list[tuple[int, float]]:
         peak = begin + int(np.argmax(np.abs(jump[begin:end])))
         size_s = float(jump[peak])
         first, last = int(between[begin]), int(between[end - 1])
-        near = single[max(first - 1, 0) : last]
-        index = max(first - 1, 0) + int(np.argmax(near * np.sign(size_s))) + 1
-        found.append((index, size_s))
-    if readings.late:
-        found = [one for one in found if _lasts(readings, x, y, *one)]
+        # At either end of the readings the step may lie beyond the places that have a whole side.
+        low = 0 if begin == 0 else max(first - 1, 0)
+        high = len(single) if end == len(strong) else last
+        index = low + int(np.argmax(single[low:high] * np.sign(size_s))) + 1
+        if not first <= index <= last:
+            level = np.min if readings.late else np.median
+            ahead, behind = y[index : index + side], y[max(index - side, 0) : index]
+            size_s = float(level(ahead) - level(behind)) - slope * float(x[index] - x[index - 1])
+        if readings.late and size_s > 0.0:  # in stages: what lies between the levels belongs to neither line
+            settled = y[low:high] < float(before[max(begin - 1, 0)]) + SETTLED * size_s
+            index = max(index, low + int(np.flatnonzero(settled)[-1]) + 1) if settled.any() else index
+        if not readings.late or _lasts(readings, x, y, min(first, index), max(last, index), size_s):
+            found.append((index, size_s))
     if readings.late or side == 1:
         found = _without_bursts(found, x)
     return sorted(sorted(found, key=lambda one: -abs(one[1]))[:MOST_STEPS])
@@ -105,13 +115,19 @@ def _sides(readings: Readings, y: Floats, side: int) -> tuple[Floats, Floats]:
     return level[: len(level) - side], level[side:]
 
 
-def _lasts(readings: Readings, x: Floats, y: Floats, index: int, size_s: float) -> bool:
-    """Whether the level of some seconds shows it too: a queue that fills at once and drains slowly is back by then."""
-    before = slice(min(int(np.searchsorted(x, x[index] - LASTING_S)), max(index - SIDE, 0)), index)
-    after = slice(index, max(int(np.searchsorted(x, x[index] + LASTING_S)), index + SIDE))
+def _lasts(readings: Readings, x: Floats, y: Floats, first: int, last: int, size_s: float) -> bool:
+    """Whether the level of some seconds shows it too: a queue that fills at once and drains slowly is back by then.
+
+    first, last: between which readings it came; a clock that was held up several times gets there in stages.
+    """
+    before = slice(min(int(np.searchsorted(x, x[first] - LASTING_S)), max(first - SIDE, 0)), first)
+    after = slice(last, max(int(np.searchsorted(x, x[last] + LASTING_S)), last + SIDE))
     if not len(y[before]) or not len(y[after]):
         return False
     if readings.floor_ns is None:
+        known_s = min(x[first] - x[0], x[-1] - x[min(last, len(x) - 1)])
+        if known_s < ENDS_S:  # a burst of delay that began or ended out of sight
+            return False
         shown_s = float(y[after].min() - y[before].min())
         return shown_s * size_s > 0.0 and abs(shown_s) > LASTS * abs(size_s)
     # No offset is possible on both sides at once.

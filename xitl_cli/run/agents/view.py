@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from agent.wire import dialect
+from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
+from xitl_cli.ardupilot_earth import Place, geodetic_of
 from xitl_cli.recording.records import Estimate, Miss, Task
 from xitl_cli.run.autopilot import px4_modes
 
@@ -27,7 +29,8 @@ class AgentView:
     `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
     are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
     heard: the autopilot's heartbeat has been; px4: it is a PX4. has_origin: its estimator has an origin. pair_ms: how
-    much older than a position its attitude may be to make an estimate with it.
+    much older than a position its attitude may be to make an estimate with it. sphere_metres: its local position is in
+    ArduPilot's metres, about an origin on the real Earth.
     """
 
     def __init__(
@@ -41,6 +44,7 @@ class AgentView:
         self.status: Any = None
         self.info: Any = None
         self.pair_ms = 0
+        self.sphere_metres = False
         self.heard = False
         self.px4 = False
         self.has_origin = False
@@ -58,7 +62,7 @@ class AgentView:
         self._chunks: dict[int, str] = {}
         self._on_text = on_text
         self._on_estimate = on_estimate
-        self._origin_ned_m: np.ndarray[Any, np.dtype[np.float64]] | None = None
+        self._origin: Place | None = None
         self._attitude: Any = None
         self._handlers: dict[int, Callable[[Any], object]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
@@ -67,7 +71,7 @@ class AgentView:
             dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
             dialect.MAVLINK_MSG_ID_MISSION_CURRENT: self._mission_current,
             dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: self._mission_item_reached,
-            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
+            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._global_origin,
             dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
@@ -122,11 +126,8 @@ class AgentView:
     def _mission_item_reached(self, message: Any) -> None:
         self.reached_seqs.add(message.seq)
 
-    def _origin(self, message: Any) -> None:
-        place = (
-            np.array([value]) for value in (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
-        )
-        self._origin_ned_m = self._frame.ned(*place)[0]
+    def _global_origin(self, message: Any) -> None:
+        self._origin = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
         self.has_origin = True
 
     def _attitude_quaternion(self, message: Any) -> None:
@@ -134,17 +135,22 @@ class AgentView:
 
     def _local_position(self, message: Any) -> None:
         attitude = self._attitude
-        if self._origin_ned_m is None or attitude is None:
+        if self._origin is None or attitude is None:
             return
         if not 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
             return
         estimate = Estimate(
-            pos_ned_m=self._origin_ned_m + np.array([message.x, message.y, message.z]),
+            pos_ned_m=self._ned(self._origin, np.array([[message.x, message.y, message.z]]))[0],
             vel_ned_mps=np.array([message.vx, message.vy, message.vz]),
             quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
             gyro_frd_radps=np.array([attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed]),
         )
         self._on_estimate(message.time_boot_ms * 1000, estimate)
+
+    def _ned(self, origin: Place, about_origin_m: Array) -> Array:
+        if self.sphere_metres:
+            return self._frame.ned(*geodetic_of(origin, about_origin_m).T)
+        return self._frame.ned(*np.array([origin]).T) + about_origin_m
 
     def _node_status(self, message: Any) -> None:
         self.status = message

@@ -102,6 +102,8 @@ class Attended:
             self._clock.begin(recorder, pace, now_ns)
             inbox.vehicle_sim_ns = self._clock.sim_ns
         inbox.view.pair_ms = PAIR_MS
+        # The world of its own simulator is as ArduPilot counts metres; our receiver is on the Earth.
+        inbox.view.sphere_metres = self._profile.autopilot.kind == "ardupilot" and self.bridge.sensors is not None
 
     def clocks(self) -> list[ClockReport]:
         """The relation of its clock to the host's."""

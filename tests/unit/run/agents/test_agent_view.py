@@ -9,6 +9,7 @@ from agent.fcu.mavlink.texts import Texts
 from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.geodesy import LocalFrame
+from xitl_cli.recording.records import Estimate
 from xitl_cli.run.agents.view import AgentView
 
 
@@ -40,3 +41,33 @@ def test_a_position_makes_an_estimate_with_an_attitude_that_is_not_too_old(
     view.take(dialect.MAVLink_attitude_quaternion_message(1000 - older_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     view.take(dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0))
     assert estimates == ([1_000_000] if told else [])
+
+
+# What ArduRover 4.7-dev sent at one and the same instant: GPS_GLOBAL_ORIGIN, GLOBAL_POSITION_INT, LOCAL_POSITION_NED.
+SAID_AT_ONCE = [
+    ((509999575, 69999997), (510002995, 70002772), (38.0642, 19.4468)),
+    ((509999575, 69999997), (509999344, 70005738), (-2.5753, 40.2183)),
+    ((-87998926, -639501502), (-87999096, -639500506), (-1.8938, 10.9629)),
+    ((-87998926, -639501502), (-87990300, -639492721), (96.0253, 96.6094)),
+]
+GRAIN_M = 0.011  # of 1e-7 degrees
+
+
+@pytest.mark.parametrize(("origin", "place", "local_m"), SAID_AT_ONCE)
+def test_an_ardupilot_on_the_earth_is_where_it_says_in_degrees(
+    origin: tuple[int, int], place: tuple[int, int], local_m: tuple[float, float]
+) -> None:
+    site = LocalFrame(origin[0] * 1e-7, origin[1] * 1e-7, 70.0)
+    expected = site.ned(*np.array([[place[0] * 1e-7], [place[1] * 1e-7], [70.0]]))[0, :2]
+    found = {}
+    for sphere_metres in (False, True):
+        estimates: list[Estimate] = []
+        view = AgentView(site, lambda *_: None, lambda _, estimate, into=estimates: into.append(estimate))
+        view.sphere_metres = sphere_metres
+        view.take(dialect.MAVLink_gps_global_origin_message(*origin, 70000))
+        view.take(dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        view.take(dialect.MAVLink_local_position_ned_message(1000, *local_m, 0.0, 0.0, 0.0, 0.0))
+        found[sphere_metres] = estimates[0].pos_ned_m[:2]
+    # Either end is rounded to the grain, and the filter told both from one state.
+    assert found[True] == pytest.approx(expected, abs=2 * GRAIN_M)
+    assert found[False] == pytest.approx(local_m, abs=1e-4)  # metres of a simulator's own world stay as they are

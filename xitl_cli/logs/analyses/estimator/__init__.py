@@ -7,10 +7,11 @@ import itertools
 import numpy as np
 
 from xitl_cli.logs import signals
-from xitl_cli.logs.analyses.estimator import agreement, jumps, ratios, truth
+from xitl_cli.logs.analyses.estimator import agreement, biases, jumps, ratios, truth
 from xitl_cli.logs.analyses.estimator.cores import Core, cores, whole
 from xitl_cli.logs.analyses.estimator.phases import Origin, Use, first_position_ns, never_positioned, origin, uses
-from xitl_cli.logs.analyses.instants import Instants, grid, inside, length_text, number
+from xitl_cli.logs.analyses.instants import Instants, grid, inside, number
+from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.words.estimator import MAG_FUSION, SOURCE_SETS
@@ -24,14 +25,14 @@ _MOST_REFUSED = 100  # of each measurement and core, in the table
 def analyse(log: Log) -> Section | None:
     every = cores(log)
     tested = ratios.ratios(log, every)
-    apart_m = truth.of_another_world(log)
-    position, yaw = (truth.position_error(log), truth.yaw_error(log)) if apart_m is None else (None, None)
+    position, yaw = truth.position_error(log), truth.yaw_error(log)
     if not every and not tested and position is None and yaw is None:
         if log.format == "mcap":
             return None
         lack = "The log has no messages of an estimator (XKF, NKF, EKF_STATUS_REPORT); EK3_LOG_LEVEL 0 logs them."
         return Section("estimator", "Estimator", lacks=(lack,))
     instants = Instants(log)
+    stray_m = signals.stray_truth_m(log)
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     primary = jumps.primary_core(every)
     core = next((one for one in every if one.number == primary), None)
@@ -50,6 +51,7 @@ def analyse(log: Log) -> Section | None:
         *ratios.facts(tested, primary, armed),
         *agreement.facts(every, armed),
         *agreement.timing(log),
+        *biases.facts(log, core),
         *truth.facts(position, yaw),
     ]
     findings = [
@@ -58,9 +60,10 @@ def analyse(log: Log) -> Section | None:
         *_height(log, found, instants),
         *ratios.findings(tested, primary, armed, instants),
         *jumps.findings(log, every, core, armed, instants),
-        *agreement.findings(every, armed, instants),
+        *biases.findings(log, core, instants),
+        *agreement.findings(every, armed, stray_m is not None, instants),
         *truth.findings(position, yaw, instants),
-        *_not_truth(apart_m),
+        *_not_truth(stray_m),
     ]
     marks = (*_armed_marks(armed), *jumps.marks(log, every, core))
     plots = [*_drawn(ratios.plot(tested, marks)), *_innovations(core, marks), *truth.plots(position, yaw)]

@@ -33,7 +33,7 @@ def facts(every: list[Core], armed: list[tuple[int, int]]) -> list[Fact]:
     ]
 
 
-def findings(every: list[Core], armed: list[tuple[int, int]], instants: Instants) -> list[Finding]:
+def findings(every: list[Core], armed: list[tuple[int, int]], two_worlds: bool, instants: Instants) -> list[Finding]:
     found = _apart(every, armed)
     if found is None:
         return []
@@ -47,9 +47,10 @@ def findings(every: list[Core], armed: list[tuple[int, int]], instants: Instants
         result.append(
             Finding(
                 f"estimator.cores_apart.{what}",
-                Severity.WARNING,
+                Severity.NOTICE if two_worlds else Severity.WARNING,
                 f"Cores {every[0].number} and {every[1].number} were up to {size[worst]:.1f} {unit} apart in {what} "
-                f"while armed, at {instants.text(at_ns)}",
+                f"while armed, at {instants.text(at_ns)}"
+                + (": their IMUs are of two worlds, one fed from outside, one simulated" if two_worlds else ""),
                 (Evidence(every[0].solution.name if every[0].solution else "XKF1", None, at_ns),),
                 "Compare the IMUs they use: a bias or a gap of one of them pulls its core away.",
             )

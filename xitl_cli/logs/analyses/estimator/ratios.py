@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.estimator.cores import Core
-from xitl_cli.logs.analyses.instants import Instants, inside, length_s, length_text, spans_where
+from xitl_cli.logs.analyses.instants import Instants, inside, length_s, spans_where
+from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
 from xitl_cli.logs.table import Table

@@ -17,9 +17,7 @@ _POSITION_M = (1.0, 3.0)
 _YAW_DEG = (5.0, 10.0)
 """Root mean square from which an error is worth a notice, and a warning."""
 _FARTHEST_M = 1e5
-_ANOTHER_M = 20.0  # between a receiver and the place it is at
-_MOVING_MPS = 0.5
-_HALF_NS = 500_000_000
+_AROUND = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,36 +35,6 @@ class Error:
             return self
         rows = inside(self.stamp_ns, spans)
         return Error(self.stamp_ns[rows], self.values[rows], self.source, self.truth)
-
-
-def of_another_world(log: Log) -> float | None:
-    """Largest distance (m) from where SIM says the vehicle was to where its receiver was, when they moved differently.
-
-    Sensors fed in from outside (external AHRS, HIL) leave ArduPilot's own simulated vehicle behind. A receiver that is
-    only off, as a fault of it would be, still moves with the vehicle.
-    """
-    truth, table = signals.position_geodetic(log, "truth"), log.tables.get("GPS")
-    if truth is None or truth.source != "SIM" or table is None:
-        return None
-    if not {"Lat", "Lng", "Status", "Spd", "GCrs"} <= set(table.columns):
-        return None
-    rows = np.flatnonzero(np.asarray(table.values("Status", raw=True)) >= 3)
-    stamps = table.stamp_ns[rows]
-    there, before, after = (truth.at(stamps + shift_ns) for shift_ns in (0, -_HALF_NS, _HALF_NS))
-    course_deg, speed_mps = (np.asarray(table.values(name, rows), dtype=np.float64) for name in ("GCrs", "Spd"))
-    known = np.isfinite(there + before + after).all(axis=1) & np.isfinite(course_deg)
-    known &= np.isfinite(speed_mps) & (speed_mps > _MOVING_MPS)
-    if not known.any():
-        return None
-    frame, level_m = LocalFrame(*map(float, truth.values[0])), np.zeros(int(known.sum()))
-    at, behind, ahead = (frame.ned(each[known, 0], each[known, 1], level_m)[:, :2] for each in (there, before, after))
-    fixes = frame.ned(table.values("Lat", rows[known]), table.values("Lng", rows[known]), level_m)[:, :2]
-    true_mps = (ahead - behind) / (2e-9 * _HALF_NS)
-    course = np.radians(course_deg[known])
-    fast_mps = speed_mps[known, None] * np.stack([np.cos(course), np.sin(course)], axis=1)
-    unlike = np.median(np.linalg.norm(fast_mps - true_mps, axis=1) / speed_mps[known])
-    apart_m = float(np.linalg.norm(fixes - at, axis=1).max())
-    return apart_m if unlike > 0.5 and apart_m > _ANOTHER_M else None
 
 
 def position_error(log: Log) -> Error | None:
@@ -97,16 +65,18 @@ def yaw_error(log: Log) -> Error | None:
 def facts(position: Error | None, yaw: Error | None) -> list[Fact]:
     found = []
     if position is not None and len(position.values):
-        horizontal = np.hypot(position.values[:, 0], position.values[:, 1])
+        level_m = _lasting(np.hypot(position.values[:, 0], position.values[:, 1]))
+        height_m = _lasting(np.abs(position.values[:, 2]))
         found += [
-            Fact("position_error_rms_m", "Position against truth, RMS", number(_rms(horizontal)), "m"),
-            Fact("position_error_max_m", "Position against truth, largest", number(horizontal.max()), "m"),
-            Fact("height_error_rms_m", "Height against truth, RMS", number(_rms(position.values[:, 2])), "m"),
+            Fact("position_error_rms_m", "Position against truth, RMS", number(_rms(level_m)), "m"),
+            Fact("position_error_max_m", "Position against truth, largest", number(level_m.max()), "m"),
+            Fact("height_error_rms_m", "Height against truth, RMS", number(_rms(height_m)), "m"),
         ]
     if yaw is not None and len(yaw.values):
+        yaw_deg = _lasting(np.abs(yaw.values))
         found += [
-            Fact("yaw_error_rms_deg", "Yaw against truth, RMS", number(_rms(yaw.values)), "deg"),
-            Fact("yaw_error_max_deg", "Yaw against truth, largest", number(np.abs(yaw.values).max()), "deg"),
+            Fact("yaw_error_rms_deg", "Yaw against truth, RMS", number(_rms(yaw_deg)), "deg"),
+            Fact("yaw_error_max_deg", "Yaw against truth, largest", number(yaw_deg.max()), "deg"),
         ]
     return found
 
@@ -150,6 +120,7 @@ def _off(
     step: str,
     instants: Instants,
 ) -> list[Finding]:
+    size = _lasting(size)
     rms = _rms(size)
     if rms < limits[0]:
         return []
@@ -166,6 +137,16 @@ def _off(
             step,
         )
     ]
+
+
+def _lasting(size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) the median of each with its neighbours: a row or two that are damaged are not what the estimate did."""
+    width = 2 * _AROUND + 1
+    if len(size) < width:
+        return size
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(size, _AROUND, mode="edge"), width)
+    found: NDArray[np.float64] = np.median(around, axis=1)
+    return found
 
 
 def _rms(values: NDArray[np.float64]) -> float:

@@ -10,8 +10,9 @@ import numpy as np
 from xitl_cli.logs import signals
 from xitl_cli.logs.analyses.events.error_rows import ErrorSpan, error_rows, error_spans
 from xitl_cli.logs.analyses.events.failsafe_texts import Trouble, troubles
-from xitl_cli.logs.analyses.instants import Instants, grid, inside, length_text
+from xitl_cli.logs.analyses.instants import Instants, grid, inside
 from xitl_cli.logs.analyses.modes import mode_spans
+from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity
 from xitl_cli.logs.table import Table, first_of

@@ -8,29 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.gnss.motion import motion
+from xitl_cli.logs.analyses.gnss.outages import fixed_rows, fixes
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.gaps import regularity
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.sensing.columns import numbers, seconds, some, told
-from xitl_cli.logs.sensing.fixes import FIX_3D, FIX_NAMES, Receiver, receivers
-from xitl_cli.logs.sensing.pauses import covered, ends_ns, pauses
-from xitl_cli.logs.sensing.settings import armed_rows
+from xitl_cli.logs.sensing.columns import numbers, told
+from xitl_cli.logs.sensing.fixes import FIX_NAMES, Receiver, receivers
+from xitl_cli.logs.sensing.pauses import pauses
 from xitl_cli.logs.signals import texts
 
 _TITLE = "GNSS"
-_SILENT_S = 1.0
 _POOR_SHARE = 0.05
 _FEW_SATELLITES = 6
 _POOR_HDOP = 2.0
 _POOR_HORIZONTAL_M, _POOR_SPEED_MPS = 5.0, 1.0  # EKF3 takes a receiver for good up to these
 _APART_M = 5.0
-_RTK = 5
 _GLITCHING = 1 << 14  # XKF4.SS, as of ArduPilot's nav_filter_status
 _ERR_GPS, _ERR_GLITCH = 11, 2
 
 
 def analyse(log: Log) -> Section | None:
     """None where a recording holds no receiver; a vehicle's log without one is told so."""
+    instants = Instants(log)
     found = receivers(log)
     if not found:
         if log.format == "mcap":
@@ -39,12 +39,12 @@ def analyse(log: Log) -> Section | None:
     pause = pauses(log)
     findings: list[Finding] = []
     for receiver in found:
-        findings += _fixes(log, receiver, pause)
+        findings += fixes(log, receiver, pause, instants)
         findings += _quality(receiver)
-    moved = [motion(receiver) for receiver in found]
+    moved = [motion(receiver, instants) for receiver in found]
     findings += [finding for part in moved for finding in part.findings]
-    findings += _two_receivers(found)
-    findings += _glitches(log)
+    findings += _two_receivers(found, instants)
+    findings += _glitches(log, instants)
     return Section(
         "gnss",
         _TITLE,
@@ -56,95 +56,9 @@ def analyse(log: Log) -> Section | None:
     )
 
 
-def _fixed(receiver: Receiver) -> NDArray[np.bool_]:
-    good: NDArray[np.bool_] = receiver.fix >= FIX_3D
-    return good
-
-
-def _fixes(log: Log, receiver: Receiver, pause: NDArray[np.int64]) -> list[Finding]:
-    """Fixes lost after the first one, and a first one that never came."""
-    fixed = _fixed(receiver)
-    field = receiver.fields["fix"]
-    if not fixed.any():
-        best = FIX_NAMES.get(int(receiver.fix.max()), f"status {int(receiver.fix.max())}")
-        return [
-            Finding(
-                "gnss.no_fix",
-                Severity.WARNING,
-                f"{receiver.name} never had a 3D fix; the best was: {best}",
-                (Evidence(receiver.message, field, int(receiver.stamp_ns[0]), int(receiver.stamp_ns[-1])),),
-                "Check antenna and sky; a receiver that is not fitted should be disabled.",
-            )
-        ]
-    findings = _outages(log, receiver, fixed, pause)
-    fell = np.flatnonzero((receiver.fix[:-1] >= _RTK) & (receiver.fix[1:] < receiver.fix[:-1]) & fixed[1:])
-    if len(fell):
-        times = some([seconds(int(receiver.stamp_ns[row + 1])) for row in fell])
-        findings.append(
-            Finding(
-                "gnss.rtk_lost",
-                Severity.NOTICE,
-                f"{receiver.name} fell from an RTK solution to a lesser one {_times(len(fell))}: at {times}",
-                tuple(Evidence(receiver.message, field, int(receiver.stamp_ns[row + 1])) for row in fell[:8]),
-                "Look at the link that carries the corrections, and at the satellites then.",
-            )
-        )
-    return findings
-
-
-def _outages(log: Log, receiver: Receiver, fixed: NDArray[np.bool_], pause: NDArray[np.int64]) -> list[Finding]:
-    """Times between two fixes with messages that say there is none, or with no message at all for over a second and
-    five periods. One at the end of the log counts to its end.
-    """
-    good = np.flatnonzero(fixed)
-    regular = regularity(receiver.sample_ns[good])
-    if regular is None:
-        return []
-    reached = np.maximum.accumulate(receiver.sample_ns[good])
-    length_ns = np.diff(reached)
-    between = np.diff(good) - 1
-    from_ns = receiver.stamp_ns[good[:-1]]
-    whole = covered(from_ns, from_ns + length_ns, pause) >= 0.5
-    silent = (between == 0) & (length_ns > max(_SILENT_S, 5.0 * regular.period_s) * 1e9) & ~whole
-    spans = {
-        "gnss.fix_lost": _spans(from_ns, length_ns, between > 0),
-        "gnss.silent": _spans(from_ns, length_ns, silent),
-    }
-    last = int(receiver.stamp_ns[good[-1]])
-    end = max(last, ends_ns(log) or last)
-    if end - last > max(_SILENT_S, 5.0 * regular.period_s) * 1e9:
-        spans["gnss.fix_lost" if good[-1] < len(fixed) - 1 else "gnss.silent"].append((last, end))
-    findings = []
-    for key, found in spans.items():
-        if not found:
-            continue
-        armed = armed_rows(log, np.array([b for _, b in found], dtype=np.int64))
-        times = some([f"{seconds(a)} for {(b - a) * 1e-9:.1f} s" for a, b in found])
-        did = "lost its fix" if key == "gnss.fix_lost" else "said nothing"
-        ended = ", to the end of the log" if found[-1] == (last, end) else ""
-        findings.append(
-            Finding(
-                key,
-                Severity.WARNING if armed is None or armed.any() else Severity.NOTICE,
-                f"{receiver.name} {did} {_times(len(found))} (it comes every {regular.period_s * 1e3:.0f} ms): "
-                f"at {times}{ended}",
-                tuple(Evidence(receiver.message, receiver.fields["fix"], a, b) for a, b in found[:8]),
-                "Look at satellites and interference then, at wiring and baud rate, and at what the estimator did "
-                "without.",
-            )
-        )
-    return findings
-
-
-def _spans(
-    from_ns: NDArray[np.int64], length_ns: NDArray[np.int64], chosen: NDArray[np.bool_]
-) -> list[tuple[int, int]]:
-    return [(int(a), int(a) + int(d)) for a, d in zip(from_ns[chosen], length_ns[chosen], strict=True)]
-
-
 def _quality(receiver: Receiver) -> list[Finding]:
     """Shares of the time with a fix in which the receiver itself says that it is poor."""
-    fixed = _fixed(receiver)
+    fixed = fixed_rows(receiver)
     if np.count_nonzero(fixed) < 5:
         return []
     judged: list[tuple[str, NDArray[np.bool_], str, str, NDArray[np.int64]]] = []
@@ -189,10 +103,10 @@ def _quality(receiver: Receiver) -> list[Finding]:
     return findings
 
 
-def _two_receivers(found: list[Receiver]) -> list[Finding]:
+def _two_receivers(found: list[Receiver], instants: Instants) -> list[Finding]:
     """How far two receivers of one vehicle are apart, over what they usually are."""
     findings = []
-    for one, other in combinations([each for each in found if _fixed(each).sum() >= 10], 2):
+    for one, other in combinations([each for each in found if fixed_rows(each).sum() >= 10], 2):
         if one.message.rpartition(":")[0] != other.message.rpartition(":")[0] or _units_differ(one, other):
             continue
         near = np.searchsorted(other.stamp_ns, one.stamp_ns).clip(1, len(other.stamp_ns) - 1)
@@ -212,7 +126,7 @@ def _two_receivers(found: list[Receiver]) -> list[Finding]:
                     "gnss.receivers_apart",
                     Severity.WARNING if far - usual > 3.0 * _APART_M else Severity.NOTICE,
                     f"{one.name} and {other.name} are {usual:.1f} m apart as a rule and {apart[worst]:.1f} m at "
-                    f"{seconds(int(one.stamp_ns[worst]))}",
+                    f"{instants.text(int(one.stamp_ns[worst]))}",
                     (
                         Evidence(
                             one.message, one.fields["lat"], int(one.stamp_ns[worst]), None, f"{apart[worst]:.1f} m"
@@ -229,7 +143,7 @@ def _units_differ(one: Receiver, other: Receiver) -> bool:
     return {one.message.rpartition(":")[2], other.message.rpartition(":")[2]} == {"XITL_GNSS", "GPS_RAW_INT"}
 
 
-def _glitches(log: Log) -> list[Finding]:
+def _glitches(log: Log, instants: Instants) -> list[Finding]:
     """What the autopilot itself took for a glitch: flags of the estimator, errors, sentences."""
     spans: list[tuple[int, int, str, str]] = []
     table = log.tables.get("XKF4")
@@ -257,7 +171,7 @@ def _glitches(log: Log) -> list[Finding]:
         Finding(
             "gnss.glitch",
             Severity.WARNING,
-            f"The autopilot took positions for a glitch, first at {seconds(spans[0][0])}",
+            f"The autopilot took positions for a glitch, first at {instants.text(spans[0][0])}",
             tuple(Evidence(message, field, a, b) for a, b, message, field in spans[:8]),
             "Compare the receiver's positions with the estimate then: interference, or an estimator that went astray.",
         )
@@ -265,7 +179,7 @@ def _glitches(log: Log) -> list[Finding]:
 
 
 def _facts(receiver: Receiver) -> tuple[Fact, ...]:
-    fixed = _fixed(receiver)
+    fixed = fixed_rows(receiver)
     first_s = None
     if fixed.any():
         first_s = told((int(receiver.stamp_ns[int(np.argmax(fixed))]) - int(receiver.stamp_ns[0])) * 1e-9)
@@ -288,7 +202,7 @@ def _middle(values: NDArray[np.float64] | None, rows: NDArray[np.bool_] | None =
 def _grid(found: list[Receiver]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for receiver in found:
-        regular, fixed, accuracy = regularity(receiver.sample_ns), _fixed(receiver), receiver.accuracy
+        regular, fixed, accuracy = regularity(receiver.sample_ns), fixed_rows(receiver), receiver.accuracy
         kinds = ", ".join(
             f"{FIX_NAMES.get(int(kind), f'status {int(kind)}')} {100.0 * float((receiver.fix == kind).mean()):.0f} %"
             for kind in np.unique(receiver.fix)
@@ -354,10 +268,6 @@ def _lacks(found: list[Receiver]) -> tuple[str, ...]:
     for receiver in found:
         if receiver.accuracy is None or receiver.accuracy.horizontal_m is None:
             lacks.append(f"{receiver.name} states no accuracy (GPA.HAcc).")
-        if receiver.week is not None and not (np.nan_to_num(receiver.week[_fixed(receiver)]) > 0).any():
+        if receiver.week is not None and not (np.nan_to_num(receiver.week[fixed_rows(receiver)]) > 0).any():
             lacks.append(f"{receiver.name} tells no GPS time (week 0): the log cannot be placed in UTC by it.")
     return tuple(lacks)
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"

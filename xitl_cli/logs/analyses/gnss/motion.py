@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Plot, Section, Severity, Trace
-from xitl_cli.logs.sensing.columns import seconds, some, told
+from xitl_cli.logs.sensing.columns import some, told
 from xitl_cli.logs.sensing.fixes import FIX_3D, Receiver
 from xitl_cli.logs.sensing.holding import holding
 
@@ -19,7 +20,7 @@ _BIAS_MPS = 0.5
 _WINDOW_S = 10.0
 
 
-def motion(receiver: Receiver) -> Section:
+def motion(receiver: Receiver, instants: Instants) -> Section:
     """Positions from fix to fix against the mean of the two velocities, in the horizontal."""
     good = np.flatnonzero((receiver.fix >= FIX_3D) & np.isfinite(receiver.lat_deg) & np.isfinite(receiver.lon_deg))
     if len(good) < 10:
@@ -31,7 +32,7 @@ def motion(receiver: Receiver) -> Section:
     step_s = np.diff(receiver.sample_ns[good]) * 1e-9
     usable = (step_s > 0.0) & (step_s <= _LONGEST_STEP_S)
     moved = np.diff(north_east, axis=0)
-    findings = _frozen(receiver, good, step_s)
+    findings = _frozen(receiver, good, step_s, instants)
     facts: list[Fact] = []
     plots: list[Plot] = []
     velocity = receiver.vel_ned_mps[good][:, :2]
@@ -42,8 +43,8 @@ def motion(receiver: Receiver) -> Section:
         if np.count_nonzero(known) >= 10:
             length = np.where(known, np.hypot(strayed[:, 0], strayed[:, 1]), np.nan)
             if not findings:  # a position that stands still contradicts any velocity
-                findings += _bias(receiver, good, strayed, step_s, known)
-            findings += _jumps(receiver, good, length, moved, step_s)
+                findings += _bias(receiver, good, strayed, step_s, known, instants)
+            findings += _jumps(receiver, good, length, moved, step_s, instants)
             noise = np.sqrt(np.nanmedian(np.diff(velocity, axis=0)[known] ** 2) / 2.0) / 0.6745
             facts = [
                 Fact(
@@ -64,6 +65,7 @@ def _jumps(
     length_m: NDArray[np.float64],
     moved: NDArray[np.float64],
     step_s: NDArray[np.float64],
+    instants: Instants,
 ) -> list[Finding]:
     usual = 1.4826 * float(np.nanmedian(length_m))
     rows = np.flatnonzero(np.nan_to_num(length_m) > max(_JUMP_M, _SIGMAS * usual))
@@ -73,7 +75,7 @@ def _jumps(
     trusted_m = _stated(receiver, int(receiver.stamp_ns[good[largest + 1]]))
     beyond = length_m[largest] > max(_JUMP_WARNING_M, 2.0 * trusted_m)
     speed = float(np.hypot(*moved[largest]) / step_s[largest])
-    times = some([seconds(int(receiver.stamp_ns[good[row + 1]])) for row in rows])
+    times = some([instants.text(int(receiver.stamp_ns[good[row + 1]])) for row in rows])
     reported = (
         "" if receiver.speed_mps is None else f", where it reported {receiver.speed_mps[good[largest + 1]]:.1f} m/s"
     )
@@ -114,6 +116,7 @@ def _bias(
     strayed: NDArray[np.float64],
     step_s: NDArray[np.float64],
     known: NDArray[np.bool_],
+    instants: Instants,
 ) -> list[Finding]:
     """Velocities that for ten seconds say something else than the positions do; jumps are left out."""
     usual = 1.4826 * float(np.nanmedian(np.hypot(strayed[:, 0], strayed[:, 1])))
@@ -138,14 +141,16 @@ def _bias(
             "gnss.velocity_off",
             Severity.WARNING,
             f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off what its positions do, over ten seconds "
-            f"from {seconds(at_ns)}",
+            f"from {instants.text(at_ns)}",
             (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, at_ns + int(_WINDOW_S * 1e9)),),
             "Check the receiver's dynamic model and configuration; the estimator takes both for true.",
         )
     ]
 
 
-def _frozen(receiver: Receiver, good: NDArray[np.intp], step_s: NDArray[np.float64]) -> list[Finding]:
+def _frozen(
+    receiver: Receiver, good: NDArray[np.intp], step_s: NDArray[np.float64], instants: Instants
+) -> list[Finding]:
     """The same position again and again from a receiver that says it moves."""
     if receiver.speed_mps is None or not (step_s > 0.0).any():
         return []
@@ -158,7 +163,7 @@ def _frozen(receiver: Receiver, good: NDArray[np.intp], step_s: NDArray[np.float
             spans.append((int(receiver.stamp_ns[good[hold.first]]), int(receiver.stamp_ns[good[hold.last]]), speed))
     if not spans:
         return []
-    times = some([f"from {seconds(a)} for {(b - a) * 1e-9:.1f} s" for a, b, _ in spans])
+    times = some([f"from {instants.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b, _ in spans])
     return [
         Finding(
             "gnss.frozen",

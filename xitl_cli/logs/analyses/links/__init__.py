@@ -8,7 +8,7 @@ from xitl_cli.logs.analyses.links import sequences as link_sequences
 from xitl_cli.logs.analyses.links import telemetry_rows
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.running.moments import moments
-from xitl_cli.logs.sections import Finding, Section, Severity
+from xitl_cli.logs.sections import Section
 
 
 def analyse(log: Log) -> Section | None:
@@ -24,14 +24,11 @@ def analyse(log: Log) -> Section | None:
         if log.format != "dataflash":
             return None
         return Section("links", "Links", lacks=("The log has no MAV, RAD, UART or TSYN, so links cannot be judged.",))
-    findings = tuple(finding for part in found for finding in part.findings)
-    if not findings:
-        findings = (Finding("links.whole", Severity.OK, "No loss and no interruption is known of any link"),)
     return Section(
         "links",
         "Links",
         tuple(fact for part in found for fact in part.facts),
-        findings,
+        tuple(finding for part in found for finding in part.findings),
         tuple(grid for part in found for grid in part.grids),
         tuple(plot for part in found for plot in part.plots),
         tuple(lack for part in found for lack in part.lacks),

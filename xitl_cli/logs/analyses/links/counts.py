@@ -25,6 +25,10 @@ def section(log: Log, instants: Instants) -> Section | None:
     last = {name: {count: _last(link, count) for count in COUNTS} for name, link in links.items()}
     times = {name: {field: _latest(link, field) for field in LATENCIES} for name, link in links.items()}
     findings = [finding for name, link in links.items() for finding in _findings(name, link, last[name], instants)]
+    known = {name: of for name in links if (of := _of(last[name]))}
+    if known and not findings:
+        counted = " and ".join(f"{of} frames on {name}" for name, of in known.items())
+        findings.append(Finding("links.whole", Severity.OK, f"None of {counted} was lost"))
     facts = []
     for name in links:
         key = name.replace(" ", "_")

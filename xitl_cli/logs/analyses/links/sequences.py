@@ -74,6 +74,10 @@ def section(log: Log, happened: Sequence[Moment], instants: Instants) -> Section
         if spans
         for finding in _silences(name, source, spans, happened, instants, log.format == "mcap")
     ]
+    whole = [each.name for each in found if each.component == AUTOPILOT and len(each.stamp_ns) >= LEAST_FRAMES]
+    if whole and not (losses or silences):
+        said = f"No frame of {' and '.join(whole)} is missing by its sequence"
+        losses.append(Finding("links.sequence_whole", Severity.OK, said))
     rows: list[tuple[Value, ...]] = [
         (
             each.system,

@@ -11,6 +11,7 @@ from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section,
 from xitl_cli.logs.table import Table, by_instance, first_of
 
 DROP_WARNING = 0.05
+LEAST_PACKETS = 50  # fewer say nothing of a link
 MARGIN_LOW = 10.0  # RSSI less noise of a SiK radio, in its own steps of about half a dB
 TRIP_WARNING_MS = 500.0
 LONGEST_TRIP_MS = 1e6  # what ArduPilot subtracts the wrong way round goes below 0 and comes out near 2^64
@@ -51,7 +52,7 @@ def _channels(log: Log, instants: Instants) -> Section | None:
         slowed = int(np.max(np.asarray(mine.values("ss", raw=True)), initial=0)) if "ss" in mine.columns else None
         rows.append((channel, sent, received, dropped, slowed))
         of = received + dropped
-        if dropped and of >= 50:
+        if dropped and of >= LEAST_PACKETS:
             at = np.flatnonzero(_grown(mine, "rxdp"))
             begin, end = int(mine.stamp_ns[at[0]]), int(mine.stamp_ns[at[-1]])
             findings.append(
@@ -65,6 +66,10 @@ def _channels(log: Log, instants: Instants) -> Section | None:
                     "number look the same.",
                 )
             )
+    heard = sum(int(_grown(mine, "rxp").sum()) for mine in channels.values())
+    if heard >= LEAST_PACKETS and not findings:
+        said = f"None of {heard} MAVLink packets sent to the autopilot was missed"
+        findings.append(Finding("links.received_whole", Severity.OK, said))
     columns = ("channel", "packets sent", "received", "missed", "stream slowed by, most (ms)")
     facts = (Fact("channels", "MAVLink channels", len(channels)),)
     return Section("links", "", facts, tuple(findings), (grid("channels", "MAVLink channels", columns, rows),))

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.analyses.power.board import board
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.sensing.batteries import Battery, batteries
-from xitl_cli.logs.sensing.columns import numbers, seconds, told
+from xitl_cli.logs.sensing.columns import numbers, told
 from xitl_cli.logs.sensing.settings import settings
 
 _TITLE = "Power"
@@ -24,13 +25,14 @@ _END_S = 60.0
 
 def analyse(log: Log) -> Section | None:
     """None for a recording without batteries; a vehicle's log without them is told so."""
+    instants = Instants(log)
     found = batteries(log)
     parameters = settings(log)
-    supply = board(log)
+    supply = board(log, instants)
     if not found and supply is None and log.format == "mcap":
         return None
-    findings = [finding for each in found for finding in _judged(each, parameters)]
-    findings += _failsafes(log)
+    findings = [finding for each in found for finding in _judged(each, parameters, instants)]
+    findings += _failsafes(log, instants)
     facts: tuple[Fact, ...] = ()
     if found:
         facts = _facts(found[0], parameters)
@@ -54,7 +56,7 @@ def _prefix(each: Battery) -> str:
     return "BATT_" if each.number == 1 else f"BATT{each.number}_"
 
 
-def _judged(each: Battery, parameters: Mapping[str, float]) -> list[Finding]:
+def _judged(each: Battery, parameters: Mapping[str, float], instants: Instants) -> list[Finding]:
     findings: list[Finding] = []
     for name, severity, what in (("CRT_VOLT", Severity.CRITICAL, "critical"), ("LOW_VOLT", Severity.WARNING, "low")):
         limit = parameters.get(_prefix(each) + name, 0.0)
@@ -70,7 +72,7 @@ def _judged(each: Battery, parameters: Mapping[str, float]) -> list[Finding]:
                 "power.low",
                 Severity.NOTICE if short else severity,
                 f"{each.name} was under its {what} level of {limit:.2f} V for {length_s:.1f} s from "
-                f"{seconds(from_ns)}, down to {least:.2f} V"
+                f"{instants.text(from_ns)}, down to {least:.2f} V"
                 + (f", shorter than the failsafe waits ({timer_s:.0f} s)" if short else ""),
                 (Evidence(each.message, each.voltage_field, from_ns, until_ns, f"{least:.2f} V"),),
                 "Charge or replace the battery, or lower what it has to give; check the level against its cells.",
@@ -88,7 +90,7 @@ def _judged(each: Battery, parameters: Mapping[str, float]) -> list[Finding]:
                     "power.used_up",
                     Severity.WARNING,
                     f"{each.name} had less than {limit:.0f} mAh of its {capacity:.0f} mAh left "
-                    f"from {seconds(at_ns)} on",
+                    f"from {instants.text(at_ns)} on",
                     (Evidence(each.message, "CurrTot", at_ns),),
                     "Plan shorter runs or fit a larger battery.",
                 )
@@ -101,7 +103,7 @@ def _judged(each: Battery, parameters: Mapping[str, float]) -> list[Finding]:
                 "power.unhealthy",
                 Severity.WARNING,
                 f"The monitor of {each.name} was unhealthy in {len(bad)} of {len(each.healthy)} rows, first at "
-                f"{seconds(int(each.stamp_ns[bad[0]]))}",
+                f"{instants.text(int(each.stamp_ns[bad[0]]))}",
                 (Evidence(each.message, "H", int(each.stamp_ns[bad[0]]), int(each.stamp_ns[bad[-1]]), "0"),),
                 "Check the wiring of the power module or the bus of the battery monitor.",
             )
@@ -165,7 +167,7 @@ def _falls_at_end(each: Battery) -> list[Finding]:
     ]
 
 
-def _failsafes(log: Log) -> list[Finding]:
+def _failsafes(log: Log, instants: Instants) -> list[Finding]:
     table = log.tables.get("ERR")
     if table is None:
         return []
@@ -180,7 +182,7 @@ def _failsafes(log: Log) -> list[Finding]:
         Finding(
             "power.failsafe",
             Severity.WARNING,
-            f"The battery failsafe acted, first at {seconds(at_ns)}",
+            f"The battery failsafe acted, first at {instants.text(at_ns)}",
             tuple(Evidence("ERR", "ECode", int(table.stamp_ns[row]), None, str(int(codes[row]))) for row in rows[:8]),
             "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",
         )

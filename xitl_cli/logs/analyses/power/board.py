@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Plot, Section, Severity, Trace
-from xitl_cli.logs.sensing.columns import numbers, seconds, tables_of, told
+from xitl_cli.logs.sensing.columns import numbers, tables_of, told
 
 LEAST_V = 4.6
 CHANGE_V = 0.25
@@ -18,9 +19,9 @@ _BRICK, _OVERCURRENT = 1, 8 | 16
 _MEASURED_V = 1.0
 
 
-def board(log: Log) -> Section | None:
+def board(log: Log, instants: Instants) -> Section | None:
     """None where nothing of the board's supply is logged."""
-    parts = [part for part in (_supply(log), _processor(log)) if part is not None]
+    parts = [part for part in (_supply(log, instants), _processor(log, instants)) if part is not None]
     if not parts:
         if log.format != "dataflash":
             return None
@@ -36,7 +37,7 @@ def board(log: Log) -> Section | None:
     )
 
 
-def _supply(log: Log) -> Section | None:
+def _supply(log: Log, instants: Instants) -> Section | None:
     for table in tables_of(log, ("POWR", "POWER_STATUS")):
         told_mv = numbers(table, "Vcc", raw=True)
         if told_mv is None or not len(table):
@@ -55,7 +56,7 @@ def _supply(log: Log) -> Section | None:
                     Finding(
                         "power.overcurrent",
                         Severity.WARNING,
-                        f"The board's supply for peripherals was overloaded, first at {seconds(at_ns)}",
+                        f"The board's supply for peripherals was overloaded, first at {instants.text(at_ns)}",
                         (Evidence(table.name, field, at_ns, int(table.stamp_ns[over[-1]]), str(int(bits[over[0]]))),),
                         "Unplug peripherals one by one, or feed them from a supply of their own.",
                     )
@@ -67,7 +68,7 @@ def _supply(log: Log) -> Section | None:
                     Finding(
                         "power.input_lost",
                         Severity.WARNING,
-                        f"The main supply of the board failed {len(lost)} times, first at {seconds(at_ns)}",
+                        f"The main supply of the board failed {len(lost)} times, first at {instants.text(at_ns)}",
                         tuple(Evidence(table.name, field, int(table.stamp_ns[row])) for row in lost[:8]),
                         "Check the power module and its plug; something else fed the board meanwhile.",
                     )
@@ -83,8 +84,8 @@ def _supply(log: Log) -> Section | None:
                 Finding(
                     "power.brown_out",
                     Severity.WARNING,
-                    f"The board's supply fell to {least:.2f} V at {seconds(int(stamps[lowest]))}; under {LEAST_V} V a "
-                    "brown-out is near",
+                    f"The board's supply fell to {least:.2f} V at {instants.text(int(stamps[lowest]))}; "
+                    f"under {LEAST_V} V a brown-out is near",
                     (Evidence(table.name, "Vcc", int(stamps[lowest]), None, f"{least:.2f} V"),),
                     "Take servos and radios off the board's supply, or fit a stronger one.",
                 )
@@ -112,7 +113,7 @@ def _supply(log: Log) -> Section | None:
     return None
 
 
-def _processor(log: Log) -> Section | None:
+def _processor(log: Log, instants: Instants) -> Section | None:
     table = log.tables.get("MCU")
     warmth = None if table is None else numbers(table, "MTemp")
     if table is None or warmth is None or not np.isfinite(warmth).any():
@@ -125,7 +126,7 @@ def _processor(log: Log) -> Section | None:
                 "power.hot",
                 Severity.NOTICE,
                 f"The processor of the board was at {warmth[hottest]:.0f} °C "
-                f"at {seconds(int(table.stamp_ns[hottest]))}",
+                f"at {instants.text(int(table.stamp_ns[hottest]))}",
                 (Evidence("MCU", "MTemp", int(table.stamp_ns[hottest]), None, f"{warmth[hottest]:.0f} °C"),),
                 "Shade or cool the case: sensors drift with it.",
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.analyses.radio.inputs import inputs
 from xitl_cli.logs.analyses.radio.outputs import drives
 from xitl_cli.logs.log import Log
@@ -12,11 +13,12 @@ from xitl_cli.logs.signals import outputs, rc_inputs
 
 def analyse(log: Log) -> Section | None:
     """None for a recording with neither inputs nor outputs."""
+    instants = Instants(log)
     channels, driven = rc_inputs(log), outputs(log)
     if not channels and not driven and log.format == "mcap":
         return None
     parameters = settings(log)
-    parts = (inputs(log, channels, parameters), drives(log, driven, parameters))
+    parts = (inputs(log, channels, parameters, instants), drives(log, driven, parameters, instants))
     return Section(
         "radio",
         "Remote control and outputs",

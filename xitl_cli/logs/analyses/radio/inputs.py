@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.sensing.columns import numbers, seconds, some, tables_of, told
+from xitl_cli.logs.sensing.columns import numbers, some, tables_of, told
 from xitl_cli.logs.sensing.holding import holding
 from xitl_cli.logs.sensing.settings import armed_rows
 from xitl_cli.logs.signals import Series
@@ -22,10 +23,10 @@ _TITLE = "Remote control"
 _NO_RSSI = 255
 
 
-def inputs(log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float]) -> Section:
-    findings = _failsafe(log, channels, parameters)
+def inputs(log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], instants: Instants) -> Section:
+    findings = _failsafe(log, channels, parameters, instants)
     if channels:
-        findings += _held(channels)
+        findings += _held(channels, instants)
     findings += _strength(log)
     lacks = [] if channels else ["No remote control input is logged; none is connected, or the bit RCIN is not set."]
     return Section(
@@ -39,7 +40,9 @@ def inputs(log: Log, channels: Mapping[int, Series], parameters: Mapping[str, fl
     )
 
 
-def _failsafe(log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float]) -> list[Finding]:
+def _failsafe(
+    log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], instants: Instants
+) -> list[Finding]:
     """From the receiver's flag, the throttle channel under FS_THR_VALUE, or the error that was logged."""
     for stamps, lost, message, field in _losses(log, channels, parameters):
         if not lost.any():
@@ -61,7 +64,7 @@ def _failsafe(log: Log, channels: Mapping[int, Series], parameters: Mapping[str,
                     "As intended without a transmitter; else switch it on and check the receiver.",
                 )
             ]
-        times = some([f"{seconds(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
+        times = some([f"{instants.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
         return [
             Finding(
                 "radio.failsafe",
@@ -97,7 +100,7 @@ def _losses(
     return found
 
 
-def _held(channels: Mapping[int, Series]) -> list[Finding]:
+def _held(channels: Mapping[int, Series], instants: Instants) -> list[Finding]:
     """Channels that otherwise tremble all the time, and then all stand still: the receiver holds its last values."""
     shortest = min(len(each.values) for each in channels.values())
     first = next(iter(channels.values()))
@@ -110,7 +113,7 @@ def _held(channels: Mapping[int, Series]) -> list[Finding]:
         return []
     message = first.source.rpartition(".")[0]
     spans = [(int(first.stamp_ns[hold.first]), int(first.stamp_ns[hold.last])) for hold in found.holds]
-    times = some([f"from {seconds(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
+    times = some([f"from {instants.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
     return [
         Finding(
             "radio.held",

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.analyses.instants import Instants
+from xitl_cli.logs.analyses.radio.output import Output, output_of
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.sensing.columns import numbers, seconds, told
-from xitl_cli.logs.sensing.settings import armed_rows
+from xitl_cli.logs.sensing.columns import numbers, told
 from xitl_cli.logs.signals import Series
-from xitl_cli.logs.words.outputs import FIXED, PORT_THROTTLE, STARBOARD_THROTTLE, THROTTLE, function_name
+from xitl_cli.logs.words.outputs import PORT_THROTTLE, STARBOARD_THROTTLE, THROTTLE
 
 _TITLE = "Outputs"
 _AT_LIMIT = 0.995  # of the way from trim to the end
@@ -23,31 +23,18 @@ _UNEVEN = 0.15
 _SHORT_MPS, _SHORT_S = 0.3, 5.0
 _SWING, _SWINGS_HZ = 0.2, 1.5
 _STEERING_END = 4500.0
-_NO_PULSE_US = 500.0
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
-    """command: (N,) from -1 to 1 about trim, by SERVOn_MIN, _MAX, _TRIM and _REVERSED. armed: (N,)."""
-
-    channel: int
-    name: str
-    function: int | None
-    series: Series
-    command: NDArray[np.float64]
-    armed: NDArray[np.bool_]
-
-
-def drives(log: Log, driven: Mapping[int, Series], parameters: Mapping[str, float]) -> Section:
+def drives(log: Log, driven: Mapping[int, Series], parameters: Mapping[str, float], instants: Instants) -> Section:
     if not driven:
         lack = "No outputs are logged; set the bit RCOUT of LOG_BITMASK."
         return Section("radio", _TITLE, lacks=(lack,))
     found = [
-        output for channel, each in driven.items() if (output := _output(log, channel, each, parameters)) is not None
+        output for channel, each in driven.items() if (output := output_of(log, channel, each, parameters)) is not None
     ]
-    findings = [finding for output in found for finding in (*_saturated(output), *_swinging(output))]
+    findings = [finding for output in found for finding in (*_saturated(output, instants), *_swinging(output))]
     findings += _uneven(found)
-    findings += _too_slow(log, found)
+    findings += _too_slow(log, found, instants)
     lacks = []
     if any(output.series.unit == "us" for output in found) and not any(output.function for output in found):
         lacks.append(
@@ -63,41 +50,6 @@ def drives(log: Log, driven: Mapping[int, Series], parameters: Mapping[str, floa
         plots=_plots(found, findings),
         lacks=tuple(lacks),
     )
-
-
-def _output(log: Log, channel: int, each: Series, parameters: Mapping[str, float]) -> Output | None:
-    """None for one that drives nothing."""
-    armed = armed_rows(log, each.stamp_ns)
-    on = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None else armed
-    if each.unit != "us":
-        if not each.values.any():
-            return None
-        return Output(channel, f"motor {channel}", None, each, each.values, on)
-    function = parameters.get(f"SERVO{channel}_FUNCTION")
-    if function is None and any(name.endswith("_FUNCTION") and name.startswith("SERVO") for name in parameters):
-        return None
-    if function is not None and (int(function) in FIXED or int(function) <= 0):
-        return None
-    low, high = parameters.get(f"SERVO{channel}_MIN", 1100.0), parameters.get(f"SERVO{channel}_MAX", 1900.0)
-    if f"SERVO{channel}_MAX" not in parameters and ((each.values > high).any() or (_pulses(each) < low).any()):
-        low, high = 1000.0, 2000.0
-    trim = parameters.get(f"SERVO{channel}_TRIM", 1500.0)
-    if not low < trim < high:
-        trim = 0.5 * (low + high)
-    pulse = np.where(each.values < _NO_PULSE_US, np.nan, each.values)
-    if not np.isfinite(pulse).any() or not high > low:
-        return None
-    offset = pulse - trim
-    command = np.where(offset >= 0.0, offset / (high - trim), offset / (trim - low))
-    if parameters.get(f"SERVO{channel}_REVERSED", 0.0) > 0.0:
-        command = -command
-    name = f"output {channel}" if function is None else f"output {channel} ({function_name(int(function))})"
-    return Output(channel, name, None if function is None else int(function), each, command, on)
-
-
-def _pulses(each: Series) -> NDArray[np.float64]:
-    """(M,) without the rows that hold no pulse."""
-    return each.values[each.values >= _NO_PULSE_US]
 
 
 def _runs(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -122,7 +74,7 @@ def _share(output: Output, on: NDArray[np.bool_]) -> float:
     return float(np.count_nonzero(on)) / armed if armed else 0.0
 
 
-def _saturated(output: Output) -> list[Finding]:
+def _saturated(output: Output, instants: Instants) -> list[Finding]:
     limit = _at_limit(output)
     share, (from_ns, until_ns) = _share(output, limit), _longest(output, limit)
     longest_s = (until_ns - from_ns) * 1e-9
@@ -134,7 +86,7 @@ def _saturated(output: Output) -> list[Finding]:
             "radio.saturated",
             Severity.WARNING if share >= _WARNING_SHARE and longest_s >= _WARNING_S else Severity.NOTICE,
             f"{output.name} was at the end of its range for {100.0 * share:.0f} % of the armed time, longest from "
-            f"{seconds(from_ns)} for {longest_s:.1f} s",
+            f"{instants.text(from_ns)} for {longest_s:.1f} s",
             (Evidence(message, field, from_ns, until_ns),),
             "Ask for less speed or turn, or find what holds the vessel: a saturated output no longer controls.",
         )
@@ -217,7 +169,7 @@ def _uneven(found: list[Output]) -> list[Finding]:
     ]
 
 
-def _too_slow(log: Log, found: list[Output]) -> list[Finding]:
+def _too_slow(log: Log, found: list[Output], instants: Instants) -> list[Finding]:
     """Throttle at its end while the speed stays under what is asked for."""
     table = log.tables.get("THR")
     if table is None:
@@ -248,7 +200,7 @@ def _too_slow(log: Log, found: list[Output]) -> list[Finding]:
             "radio.too_slow",
             Severity.WARNING,
             f"At full throttle the vessel stayed {lag:.1f} m/s under the speed asked for, longest from "
-            f"{seconds(worst[0])} for {(worst[1] - worst[0]) * 1e-9:.1f} s",
+            f"{instants.text(worst[0])} for {(worst[1] - worst[0]) * 1e-9:.1f} s",
             tuple(Evidence("THR", "DesSpeed", a, b) for a, b, _, _ in long[:8]),
             "Set WP_SPEED and CRUISE_SPEED to what it reaches in this current, or look at hull and propellers.",
         )

@@ -36,7 +36,9 @@ def analyse(log: Log) -> Section | None:
         parts.append(missed_deadlines.section(tasks, misses, steps, happened, instants))
     findings = [finding for part in parts for finding in part.findings]
     if not findings and not any(part.lacks for part in parts):
-        findings = [Finding("scheduler.on_time", Severity.OK, "Every loop and every task kept its time")]
+        kept = [] if windows is None else ["every loop"]
+        kept += [f"every cycle of {len(tasks)} task{'' if len(tasks) == 1 else 's'}"] if tasks else []
+        findings = [Finding("scheduler.on_time", Severity.OK, f"{' and '.join(kept)} kept its time")] if kept else []
     return Section(
         "scheduler",
         "Scheduler",

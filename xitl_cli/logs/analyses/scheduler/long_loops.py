@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +10,10 @@ from numpy.typing import NDArray
 from xitl_cli.logs import signals
 from xitl_cli.logs.analyses.instants import Instants, grid, number
 from xitl_cli.logs.analyses.parameter_rows import last_values
+from xitl_cli.logs.analyses.scheduler.windows import Window, with_long_loops
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.running.loops import LONG_AT, Loops, simulated
-from xitl_cli.logs.running.moments import Moment, near, told
+from xitl_cli.logs.running.moments import Moment
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 
 MISS_WARNING, MISS_CRITICAL = 0.01, 0.1
@@ -22,31 +22,14 @@ LONG_PERIODS = 10.0
 LOAD_WARNING_PERCENT = 80.0
 SATURATED_PERCENT = 99.95
 RATE_LOW = 0.95
-BESIDE_NS = 500_000_000  # of a loop that could be placed
-PLACED = 0.7  # of the longest loop's time must be without a row of the loop
-FAST_TABLES = ("ATT", "IMU", "RCOU", "XKF1", "NKF1", "GPS", "POS", "STER", "RATE")
 MOST_MARKS = 50
-
-
-@dataclass(frozen=True, slots=True)
-class _Window:
-    """One that had long loops. placed: the pause in the log that the longest one left, None where none is found.
-
-    leapt: it is long since the clock leapt ahead.
-    """
-
-    row: int
-    placed: tuple[int, int] | None
-    happened: str
-    armed: bool
-    leapt: bool
 
 
 def section(log: Log, windows: Loops, happened: Sequence[Moment], instants: Instants) -> Section:
     why = simulated(log)
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     period_s = windows.period_s
-    found = _windows(log, windows, happened, armed, period_s)
+    found = with_long_loops(log, windows, happened, armed, period_s)
     findings = [_no_evidence(windows, why)] if why else _findings(log, windows, found, period_s, instants)
     return Section(
         "scheduler",
@@ -111,79 +94,14 @@ def _whole_min(values: NDArray[np.float64]) -> int | None:
     return int(np.nanmin(values)) if np.isfinite(values).any() else None
 
 
-def _windows(
-    log: Log,
-    windows: Loops,
-    happened: Sequence[Moment],
-    armed: list[tuple[int, int]],
-    period_s: float | None,
-) -> list[_Window]:
-    long = np.flatnonzero(np.nan_to_num(windows.long_loops) > 0.0)
-    pauses = _pauses(log, period_s)
-    found = []
-    for row in long.tolist():
-        from_ns, until_ns = int(windows.from_ns[row]), int(windows.until_ns[row])
-        placed = _placed(pauses, from_ns, until_ns, float(windows.longest_us[row]) * 1e-6, log, period_s)
-        begin, end = (from_ns, until_ns) if placed is None else placed
-        beside = near(happened, begin, end, 0 if placed is None else BESIDE_NS)
-        on = any(since < end and begin < until for since, until in armed)
-        leapt = any(one.kind == "clock" for one in beside)
-        found.append(_Window(row, placed, told(beside), on, leapt))
-    return found
-
-
-def _pauses(log: Log, period_s: float | None) -> list[NDArray[np.int64]]:
-    """Stamps of what is logged in about every loop."""
-    if period_s is None:
-        return []
-    found = []
-    for name in FAST_TABLES:
-        table = log.tables.get(name)
-        if table is None or len(table) < 20:
-            continue
-        stamps = np.unique(table.stamp_ns)
-        if len(stamps) > 2 and float(np.median(np.diff(stamps))) * 1e-9 < 2.5 * period_s:
-            found.append(stamps)
-    return found
-
-
-def _placed(
-    pauses: list[NDArray[np.int64]],
-    from_ns: int,
-    until_ns: int,
-    longest_s: float,
-    log: Log,
-    period_s: float | None,
-) -> tuple[int, int] | None:
-    """Where nothing of the loop was logged for as long as the longest loop; before the log's first row at its start."""
-    if not np.isfinite(longest_s) or period_s is None or longest_s < 2.0 * period_s:
-        return None
-    best: tuple[int, int] | None = None
-    for stamps in pauses:
-        first, last = np.searchsorted(stamps, (from_ns - round(longest_s * 1e9), until_ns))
-        inside = stamps[max(int(first) - 1, 0) : int(last) + 1]
-        if len(inside) < 2:
-            continue
-        widest = int(np.argmax(np.diff(inside)))
-        begin, end = int(inside[widest]), int(inside[widest + 1])
-        if end - begin >= PLACED * longest_s * 1e9 and (best is None or end - begin < best[1] - best[0]):
-            best = (begin, end)
-    if best is not None:
-        return best
-    begins_ns = log.span_ns[0] if log.span_ns else from_ns
-    if pauses and from_ns < begins_ns < until_ns:  # no pause since the first row, so it was before
-        return (begins_ns - round(longest_s * 1e9), begins_ns)
-    return None
-
-
 def _findings(
-    log: Log, windows: Loops, found: list[_Window], period_s: float | None, instants: Instants
+    log: Log, windows: Loops, found: list[Window], period_s: float | None, instants: Instants
 ) -> list[Finding]:
     findings = _long(windows, found, instants) + _longest(windows, found, period_s, instants)
     return findings + _load(windows, instants) + _rate(log, windows) + _extra(windows, instants)
 
 
-def _long(windows: Loops, found: list[_Window], instants: Instants) -> list[Finding]:
+def _long(windows: Loops, found: list[Window], instants: Instants) -> list[Finding]:
     total, long = _sum(windows.loops), _sum(windows.long_loops)
     if not total or not long:
         return []
@@ -218,7 +136,7 @@ def _long(windows: Loops, found: list[_Window], instants: Instants) -> list[Find
     ]
 
 
-def _longest(windows: Loops, found: list[_Window], period_s: float | None, instants: Instants) -> list[Finding]:
+def _longest(windows: Loops, found: list[Window], period_s: float | None, instants: Instants) -> list[Finding]:
     """One finding for the longest loop armed, one for the longest disarmed, where they are long at all."""
     findings = []
     for armed in (True, False):
@@ -311,7 +229,7 @@ def _extra(windows: Loops, instants: Instants) -> list[Finding]:
     ]
 
 
-def _grid(windows: Loops, found: list[_Window], instants: Instants) -> Grid:
+def _grid(windows: Loops, found: list[Window], instants: Instants) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for one in found:
         begin, end = one.placed or (int(windows.from_ns[one.row]), int(windows.until_ns[one.row]))
@@ -331,7 +249,7 @@ def _grid(windows: Loops, found: list[_Window], instants: Instants) -> Grid:
     return grid("long_loops", "Windows with long loops, and what else happened then", columns, rows)
 
 
-def _plots(windows: Loops, found: list[_Window]) -> tuple[Plot, ...]:
+def _plots(windows: Loops, found: list[Window]) -> tuple[Plot, ...]:
     marks = tuple(
         Mark(
             (one.placed or (int(windows.from_ns[one.row]),))[0],

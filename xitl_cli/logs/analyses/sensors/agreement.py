@@ -9,8 +9,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.sections import Evidence, Finding, Grid, Section, Severity, Value
-from xitl_cli.logs.sensing.columns import seconds, told
+from xitl_cli.logs.sensing.columns import told
 from xitl_cli.logs.sensing.inertial import Inertial
 from xitl_cli.logs.sensing.plain import Plain
 
@@ -27,7 +28,7 @@ WINDOW_NS = 10_000_000_000
 _MOST_WINDOWS = 100_000
 
 
-def agreement(inertial: Sequence[Inertial], plain: Sequence[Plain]) -> Section:
+def agreement(inertial: Sequence[Inertial], plain: Sequence[Plain], two_worlds: bool, instants: Instants) -> Section:
     findings: list[Finding] = []
     rows: list[tuple[Value, ...]] = []
     for one, other in combinations(inertial, 2):
@@ -54,21 +55,44 @@ def agreement(inertial: Sequence[Inertial], plain: Sequence[Plain]) -> Section:
                         "sensors.disagree",
                         Severity.WARNING,
                         f"The {what} of {one.name} and {other.name} differ by {length[worst]:.3g} {unit} over ten "
-                        f"seconds from {seconds(int(at_ns[worst]))}; ArduPilot allows {limit:.3g} {unit} before arming",
+                        f"seconds from {instants.text(int(at_ns[worst]))}; ArduPilot allows {limit:.3g} {unit} "
+                        "before arming",
                         (Evidence(one.table.name, fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
                         "Find which of them is off (against gravity, or standing still) and calibrate or disable it.",
                     )
                 )
     compasses = [each for each in plain if each.sort == "magnetometer"]
     for one_mag, other_mag in combinations(compasses, 2):
-        findings += _compasses(one_mag, other_mag, rows)
+        findings += _compasses(one_mag, other_mag, rows, instants)
     lengths = [finding for each in compasses for finding in _field_length(each)]
     barometers = [each for each in plain if each.sort == "barometer"]
     for one_baro, other_baro in combinations(barometers, 2):
-        findings += _barometers(one_baro, other_baro, rows)
+        findings += _barometers(one_baro, other_baro, rows, instants)
     columns = ("sensors", "of", "median difference", "largest in 10 s", "unit")
     grids = (Grid("sensor_agreement", "Agreement between instances, means of ten seconds", columns, tuple(rows)),)
-    return Section("sensors", "Sensors", findings=(*_merged(findings), *lengths), grids=grids if rows else ())
+    return Section(
+        "sensors",
+        "Sensors",
+        findings=(*(_of_two_worlds(findings) if two_worlds else _merged(findings)), *lengths),
+        grids=grids if rows else (),
+    )
+
+
+def _of_two_worlds(findings: list[Finding]) -> tuple[Finding, ...]:
+    """Instances of which some are fed from outside and some are ArduPilot's own simulated vehicle's cannot agree."""
+    if not findings:
+        return ()
+    evidence = tuple(each for finding in findings for each in finding.evidence)
+    return (
+        Finding(
+            "sensors.two_worlds",
+            Severity.NOTICE,
+            "Instances of sensors differ by more than ArduPilot allows before arming: some are fed from outside, the "
+            "others belong to its own simulated vehicle",
+            evidence,
+            "Switch the others off (INS_ENABLE_MASK, COMPASS_USE2 …), so that the estimator cannot take to them.",
+        ),
+    )
 
 
 def _merged(findings: list[Finding]) -> tuple[Finding, ...]:
@@ -123,7 +147,7 @@ def _means(
     return windows[enough], sums[enough] / count[enough, None]
 
 
-def _compasses(one: Plain, other: Plain, rows: list[tuple[Value, ...]]) -> list[Finding]:
+def _compasses(one: Plain, other: Plain, rows: list[tuple[Value, ...]], instants: Instants) -> list[Finding]:
     if one.unit != other.unit:
         return []
     apart, mean = _apart(one.stamp_ns, one.values, other.stamp_ns, other.values), _means(one.stamp_ns, one.values)
@@ -154,7 +178,7 @@ def _compasses(one: Plain, other: Plain, rows: list[tuple[Value, ...]]) -> list[
             "sensors.compasses_disagree",
             Severity.WARNING,
             f"{one.name} and {other.name} differ by {length[worst]:.0f} {one.unit} and {turned[worst]:.0f}° in "
-            f"the plane of the vessel from {seconds(int(at_ns[worst]))}; ArduPilot allows "
+            f"the plane of the vessel from {instants.text(int(at_ns[worst]))}; ArduPilot allows "
             f"{MAG_LENGTH_MGAUSS:.0f} mGauss and {MAG_ANGLE_DEG:.0f}°",
             (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
             "Check the orientation parameters of both and calibrate them; move one away from currents and iron.",
@@ -184,7 +208,7 @@ def _field_length(each: Plain) -> list[Finding]:
     ]
 
 
-def _barometers(one: Plain, other: Plain, rows: list[tuple[Value, ...]]) -> list[Finding]:
+def _barometers(one: Plain, other: Plain, rows: list[tuple[Value, ...]], instants: Instants) -> list[Finding]:
     if one.unit != other.unit or one.unit != "Pa":
         return []
     apart = _apart(one.stamp_ns, one.values, other.stamp_ns, other.values)
@@ -203,7 +227,7 @@ def _barometers(one: Plain, other: Plain, rows: list[tuple[Value, ...]]) -> list
             "sensors.barometers_drift",
             Severity.NOTICE,
             f"{one.name} and {other.name} move apart by {strayed[worst]:.0f} Pa, as much as "
-            f"{strayed[worst] / 12.0:.1f} m of height, at {seconds(int(at_ns[worst]))}",
+            f"{strayed[worst] / 12.0:.1f} m of height, at {instants.text(int(at_ns[worst]))}",
             (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
             "Look for wind on an open case, sun or heat on one of them.",
         )

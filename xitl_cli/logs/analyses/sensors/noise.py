@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.allan import AllanCurve, ReadOff, bias_instability, overlapping, random_walk, white_noise_density
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.sections import Evidence, Finding, Grid, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.sensing.columns import seconds, told
+from xitl_cli.logs.sensing.columns import told
 from xitl_cli.logs.sensing.inertial import Inertial
 from xitl_cli.logs.sensing.plain import Plain
 from xitl_cli.logs.sensing.rest import Rest
@@ -28,6 +29,7 @@ def noise(
     still: Rest,
     parameters: Mapping[str, float],
     simulated: bool,
+    instants: Instants,
 ) -> Section:
     scatter = _scatter(inertial, plain, still)
     grids = [scatter] if scatter.rows else []
@@ -66,7 +68,7 @@ def noise(
                     curves[measure].append(Trace(f"{unit.name} {what} {letter}", curve.tau_s, curve.deviation))
         lacks += _decimation(unit, period_s, parameters)
     if rows:
-        findings.append(_done(inertial, still, simulated))
+        findings.append(_done(inertial, still, simulated, instants))
         grids.append(Grid("allan", f"Allan deviation at rest, {still.longest_s:.0f} s", _COLUMNS, tuple(rows)))
     plots = tuple(
         Plot(f"allan_{key}", f"Allan deviation of the {what} at rest", unit, tuple(traces), "loglog", "τ (s)")
@@ -108,14 +110,14 @@ def _percent(found: ReadOff | None) -> Value:
     return None if found is None else told(100.0 * found.relative_error, 2)
 
 
-def _done(inertial: Sequence[Inertial], still: Rest, simulated: bool) -> Finding:
+def _done(inertial: Sequence[Inertial], still: Rest, simulated: bool, instants: Instants) -> Finding:
     from_ns, until_ns = still.stretches[0]
     speed = "" if still.by_speed else "; no speed is logged, so that slow drifting would not have shown"
     model = "; the sensors are simulated: this is their model's noise" if simulated else ""
     return Finding(
         "sensors.at_rest",
         Severity.OK,
-        f"At rest from {seconds(from_ns)} for {still.longest_s:.0f} s: Allan deviations up to "
+        f"At rest from {instants.text(from_ns)} for {still.longest_s:.0f} s: Allan deviations up to "
         f"τ = {still.longest_s / 9.0:.0f} s{speed}{model}",
         (Evidence(inertial[0].table.name, None, from_ns, until_ns),),
     )

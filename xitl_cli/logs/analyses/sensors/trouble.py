@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Finding, Section, Severity
-from xitl_cli.logs.sensing.columns import numbers, seconds, some
+from xitl_cli.logs.sensing.columns import numbers, some
 from xitl_cli.logs.sensing.holding import Hold, Holding, saturation
 from xitl_cli.logs.sensing.inertial import Inertial
 from xitl_cli.logs.signals import Series, ground_speed, yaw_rate
@@ -23,6 +25,8 @@ _UNEXPLAINED_S = 5.0
 _GYRO_LEAST_RADPS = 2.0  # 115 deg/s: the smallest range on the market is 125
 _ACCEL_LEAST_MPS2 = 18.0  # the smallest is 2 g
 _RATE_DROP = 0.8
+_AT_ONCE_NS = 1_000_000_000
+_STUCK = "sensors.stuck"
 
 
 class Judged(Protocol):
@@ -45,20 +49,55 @@ class Judged(Protocol):
 
 
 def trouble(
-    log: Log, found: Sequence[Judged], inertial: Sequence[Inertial], armed: Mapping[str, NDArray[np.bool_] | None]
+    log: Log,
+    found: Sequence[Judged],
+    inertial: Sequence[Inertial],
+    armed: Mapping[str, NDArray[np.bool_] | None],
+    instants: Instants,
 ) -> Section:
     turning, speed = yaw_rate(log), ground_speed(log)
-    findings: list[Finding] = []
+    by_sensor: dict[str, list[Finding]] = {}
     for sensor in found:
-        findings += _stuck(sensor, [each for each in found if each is not sensor], turning, speed)
-        findings += _unwell(sensor, armed.get(sensor.name))
-    for unit in inertial:
-        findings += _saturated(unit)
-        findings += _unit_errors(unit)
-    return Section("sensors", "Sensors", findings=tuple(findings))
+        stuck = _stuck(sensor, [each for each in found if each is not sensor], turning, speed, instants)
+        by_sensor[sensor.name] = _as_one(stuck, _unwell(sensor, armed.get(sensor.name), instants))
+    units = [finding for unit in inertial for finding in (*_saturated(unit, instants), *_unit_errors(unit, instants))]
+    return Section("sensors", "Sensors", findings=(*_together(by_sensor, instants), *units))
 
 
-def _stuck(sensor: Judged, others: Sequence[Judged], turning: Series | None, speed: Series | None) -> list[Finding]:
+def _as_one(stuck: list[Finding], unwell: list[Finding]) -> list[Finding]:
+    """A sensor that stopped, and is called unhealthy for it, is one trouble."""
+    if not (stuck and unwell and stuck[0].key == _STUCK and _begin(unwell[0]) >= _begin(stuck[0])):
+        return [*stuck, *unwell]
+    sentence = f"{stuck[0].sentence}; the autopilot called it unhealthy then"
+    return [replace(stuck[0], sentence=sentence, evidence=(*stuck[0].evidence, *unwell[0].evidence)), *stuck[1:]]
+
+
+def _together(by_sensor: Mapping[str, list[Finding]], instants: Instants) -> tuple[Finding, ...]:
+    """All findings; sensors that stopped within a second in one, as the cause is none of them."""
+    every = tuple(finding for findings in by_sensor.values() for finding in findings)
+    stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
+    begins = [_begin(one) for one in stopped.values()]
+    if len(stopped) < 2 or max(begins) - min(begins) > _AT_ONCE_NS:
+        return every
+    *names, last = stopped
+    one = Finding(
+        "sensors.stopped_together",
+        max(finding.severity for finding in stopped.values()),
+        f"{', '.join(names)} and {last} stopped together at {instants.text(min(begins))}, while the vehicle moved: "
+        "each shows one and the same value from then on",
+        tuple(evidence for finding in stopped.values() for evidence in finding.evidence),
+        "Look at what feeds them all: a link, a bus, or the process behind it.",
+    )
+    return (one, *(finding for finding in every if finding.key != _STUCK))
+
+
+def _begin(finding: Finding) -> int:
+    return min((one.at_ns for one in finding.evidence if one.at_ns is not None), default=0)
+
+
+def _stuck(
+    sensor: Judged, others: Sequence[Judged], turning: Series | None, speed: Series | None, instants: Instants
+) -> list[Finding]:
     """Equal values for long are a fault when the vehicle moved meanwhile, or when the noise usually shows."""
     if sensor.sort not in _STICKS or not sensor.holding.holds:
         return []
@@ -77,9 +116,9 @@ def _stuck(sensor: Judged, others: Sequence[Judged], turning: Series | None, spe
     if certain:
         findings.append(
             Finding(
-                "sensors.stuck",
+                _STUCK,
                 Severity.WARNING,
-                f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain])}, "
+                f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain], instants)}, "
                 f"while {certain[0][1]}",
                 _evidence(sensor, [hold for hold, _ in certain]),
                 "Check the sensor's bus and driver: a device that no longer answers may leave its last value behind.",
@@ -90,8 +129,8 @@ def _stuck(sensor: Judged, others: Sequence[Judged], turning: Series | None, spe
             Finding(
                 "sensors.still",
                 Severity.NOTICE,
-                f"{sensor.name} shows one and the same value {_when(sensor, doubtful)}, though at other times no two "
-                "samples are equal",
+                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, instants)}, though at other "
+                "times no two samples are equal",
                 _evidence(sensor, doubtful),
                 "A simulated sensor without noise at rest does that; a real one is stuck.",
             )
@@ -142,9 +181,9 @@ def _turned_deg(rate_degps: Series, from_ns: int, until_ns: int) -> float:
     return float(np.ptp(np.cumsum(rates[1:] * np.diff(stamps) * 1e-9)))
 
 
-def _when(sensor: Judged, holds: list[Hold]) -> str:
+def _when(sensor: Judged, holds: list[Hold], instants: Instants) -> str:
     spans = [
-        f"from {seconds(int(sensor.stamp_ns[hold.first]))} for "
+        f"from {instants.text(int(sensor.stamp_ns[hold.first]))} for "
         f"{(int(sensor.stamp_ns[hold.last]) - int(sensor.stamp_ns[hold.first])) * 1e-9:.1f} s"
         for hold in holds
     ]
@@ -158,7 +197,7 @@ def _evidence(sensor: Judged, holds: list[Hold]) -> tuple[Evidence, ...]:
     )
 
 
-def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None) -> list[Finding]:
+def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None, instants: Instants) -> list[Finding]:
     """Rows in which the autopilot's own flag says unhealthy."""
     if sensor.healthy is None or sensor.healthy.all():
         return []
@@ -167,7 +206,11 @@ def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None) -> list[Finding]:
     first = int(sensor.stamp_ns[int(np.argmax(bad))])
     last = int(sensor.stamp_ns[len(bad) - 1 - int(np.argmax(bad[::-1]))])
     sailing = bad if armed is None else bad & armed
-    when = "in every row" if count == whole else f"in {count} of {whole} rows, from {seconds(first)} to {seconds(last)}"
+    when = (
+        "in every row"
+        if count == whole
+        else f"in {count} of {whole} rows, from {instants.text(first)} to {instants.text(last)}"
+    )
     return [
         Finding(
             "sensors.unhealthy",
@@ -180,7 +223,7 @@ def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None) -> list[Finding]:
     ]
 
 
-def _saturated(unit: Inertial) -> list[Finding]:
+def _saturated(unit: Inertial, instants: Instants) -> list[Finding]:
     findings = []
     for values, fields, least, what, measure in (
         (unit.gyro_radps, unit.gyro_fields, _GYRO_LEAST_RADPS, "gyroscope", "rad/s"),
@@ -199,7 +242,7 @@ def _saturated(unit: Inertial) -> list[Finding]:
                     "sensors.saturated",
                     Severity.WARNING,
                     f"{unit.name}: the {what} is at the end of its range, {found.limit:.4g} {measure} on {field}, in "
-                    f"{found.rows} samples, longest from {at_ns * 1e-9:.2f} s for {(until_ns - at_ns) * 1e-9:.3g} s",
+                    f"{found.rows} samples, longest from {instants.text(at_ns)} for {(until_ns - at_ns) * 1e-9:.3g} s",
                     (Evidence(unit.table.name, field, at_ns, until_ns, f"{found.limit:.4g}"),),
                     "Damp the mounting or choose a larger range: what is cut off is lost to the estimator.",
                 )
@@ -207,7 +250,7 @@ def _saturated(unit: Inertial) -> list[Finding]:
     return findings
 
 
-def _unit_errors(unit: Inertial) -> list[Finding]:
+def _unit_errors(unit: Inertial, instants: Instants) -> list[Finding]:
     """Error counters that go up, and a measurement rate that falls."""
     findings = []
     for field, what in (("EG", "gyroscope"), ("EA", "accelerometer")):
@@ -222,7 +265,7 @@ def _unit_errors(unit: Inertial) -> list[Finding]:
                     "sensors.errors",
                     Severity.WARNING,
                     f"{unit.name}: the {what} driver counted {grown} errors, the first at "
-                    f"{seconds(int(unit.stamp_ns[rises[0] + 1]))}",
+                    f"{instants.text(int(unit.stamp_ns[rises[0] + 1]))}",
                     (Evidence(unit.table.name, field, int(unit.stamp_ns[rises[0] + 1]), None, str(grown)),),
                     "Check the bus of the sensor (wiring, clock rate, supply).",
                 )
@@ -241,7 +284,7 @@ def _unit_errors(unit: Inertial) -> list[Finding]:
                     "sensors.slow",
                     Severity.WARNING,
                     f"{unit.name}: the measurement rate fell from {usual:.0f} Hz to {rates[low].min():.0f} Hz at "
-                    f"{seconds(at_ns)}",
+                    f"{instants.text(at_ns)}",
                     (Evidence(unit.table.name, field, at_ns, None, f"{rates[low].min():.0f}"),),
                     "The sensor's thread did not get to run, or its bus was held up: look at the scheduler then.",
                 )

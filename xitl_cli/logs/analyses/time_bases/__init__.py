@@ -5,7 +5,7 @@ from __future__ import annotations
 from xitl_cli.logs.analyses.instants import Instants
 from xitl_cli.logs.analyses.time_bases import clock_pairs, sample_clocks
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Finding, Section, Severity
+from xitl_cli.logs.sections import Section
 from xitl_cli.logs.timeline.relations import relations
 
 _LACKS = {
@@ -24,9 +24,7 @@ def analyse(log: Log) -> Section | None:
         return None
     findings = (*pairs.findings, *samples.findings)
     if not findings:
-        findings = (
-            Finding("time_bases.even", Severity.OK, "Every clock that can be judged went evenly, without steps"),
-        )
+        findings = clock_pairs.even(found)
     return Section(
         "time_bases",
         "Time bases",

@@ -1,0 +1,58 @@
+"""`xitl logs analyze --json` against what is known of a log: what was injected is reported, and no more."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+LOGS = Path(__file__).parents[3] / "shared" / "data" / "logs"
+FAULTS = """
+extends: [hitl-loopback]
+faults:
+  cut: {from_s: 1.0, until_s: 2.0, link: {cut: true}}
+  jump: {from_s: 4.0, agent: {clock_offset_s: 0.5}}
+"""
+
+
+def analysed(*files: Path) -> dict[str, Any]:
+    command = [sys.executable, "-m", "xitl_cli.main", "logs", "analyze", *map(str, files), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def keys(found: dict[str, Any], *severities: str) -> set[str]:
+    return {finding["key"] for finding in found["findings"] if finding["severity"] in severities}
+
+
+@pytest.mark.slow
+def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times(tmp_path: Path) -> None:
+    profile = tmp_path / "faulty.yaml"
+    profile.write_text(FAULTS)
+    run = tmp_path / "run"
+    command = [sys.executable, "-m", "xitl_cli.main", "sim", "-p", str(profile), "--duration", "7", "--out", str(run)]
+    subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    found = analysed(run / "autopilot.bin", run / "run.mcap")
+    assert {"time_bases.step", "scheduler.deadlines_missed", "links.loss", "links.silence", "sensors.gap"} <= keys(
+        found, "notice", "warning", "critical"
+    )
+    told = {(finding["key"], finding["file"]): finding for finding in found["findings"]}
+    for file in ("autopilot.bin", "run.mcap"):
+        step = told["time_bases.step", file]
+        assert "0.500 s ahead" in step["sentence"]
+        assert step["evidence"][0]["at_s"] == pytest.approx(4.0, abs=0.25)  # clocks are read ten times a second
+    assert told["links.silence", "run.mcap"]["evidence"][0]["at_s"] == pytest.approx(1.0, abs=0.2)
+    assert "sensors.recording_pauses" not in keys(found, "warning", "critical")
+
+
+@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the checkout")
+def test_gusts_differ_from_calm_by_the_steering_at_its_end() -> None:
+    calm, gust = (analysed(LOGS / f"boat-auto-{name}.bin") for name in ("calm", "gust"))
+    assert keys(calm, "warning", "critical") == set()
+    assert keys(gust, "notice", "warning", "critical") - keys(calm, "notice") == {"radio.saturated"}
+    assert keys(calm, "notice") <= keys(gust, "notice")

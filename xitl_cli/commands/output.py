@@ -1,0 +1,33 @@
+"""What commands that print a lot have in common."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import typer
+
+from xitl_cli.errors import UserError
+from xitl_cli.printable import printable
+
+
+@contextmanager
+def quiet_pipe() -> Iterator[None]:
+    """A reader that has seen enough (`| head`) ends the output, and not with an error."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # What is left in the buffer would raise once more when the interpreter closes it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(0) from None
+
+
+def refuse(sentences: Sequence[str]) -> None:
+    """A line for each file that could not be read; raises UserError with the last of them."""
+    for sentence in sentences[:-1]:
+        typer.echo(f"error: {printable(sentence)}", err=True)
+    if sentences:
+        raise UserError(sentences[-1])

@@ -1,0 +1,45 @@
+"""Instants and durations as people write them, and back."""
+
+from __future__ import annotations
+
+import math
+
+from xitl_cli.errors import UserError
+
+
+def clock_text(at_s: float, decimals: int = 1) -> str:
+    """0:43.2, 12:03.4, 1:02:03.4, -0:01.0."""
+    sign = "-" if at_s < 0 else ""
+    units = 10**decimals
+    ticks = round(abs(at_s) * units)
+    whole, part = divmod(ticks, units)
+    hours, minutes, seconds = whole // 3600, whole // 60 % 60, whole % 60
+    clock = f"{hours}:{minutes:02}:{seconds:02}" if hours else f"{minutes}:{seconds:02}"
+    return f"{sign if ticks else ''}{clock}" + (f".{part:0{decimals}}" if decimals else "")
+
+
+def duration_text(length_s: float) -> str:
+    """Of a whole log: 0.4 s, 43.2 s, 6:12 min, 1:02:03 h."""
+    if length_s < 60.0:
+        return f"{length_s:.1f} s"
+    return f"{clock_text(length_s, 0)} {'h' if round(length_s) >= 3600 else 'min'}"
+
+
+def length_text(length_s: float) -> str:
+    """Within a sentence: 0.35 s, 12.4 s, 312 s."""
+    return f"{length_s:.2f} s" if length_s < 1.0 else f"{length_s:.1f} s" if length_s < 100.0 else f"{length_s:.0f} s"
+
+
+def seconds_of(text: str) -> float:
+    """Of 90, 90.5, 1:30.5 or 1:02:03. Raises UserError."""
+    parts = text.strip().lstrip("-").split(":")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = []
+    if not 1 <= len(numbers) <= 3 or not all(math.isfinite(number) and number >= 0 for number in numbers):
+        raise UserError(f"{text!r} is no time; write seconds (90.5), minutes (1:30.5) or hours (1:02:03)")
+    total = 0.0
+    for number in numbers:
+        total = total * 60.0 + number
+    return -total if text.strip().startswith("-") else total
