@@ -54,12 +54,12 @@ def large_log() -> Path:
         bodies.append(_body(LOGS / name, data))
     with path.open("wb") as file:
         size = file.write(whole[0].tobytes())
-        at_us = 0
+        at_us = bodies[0][2] + bodies[0][3]
         while size < SIZE:
             for body, times, begin_us, lasts_us in bodies:
                 shifted = body.copy()
                 stamps = shifted[times[:, None] + np.arange(8)].view("<u8")[:, 0]
-                now = (stamps - np.uint64(begin_us) + np.uint64(200_000_000 + at_us)).view(np.uint8).reshape(-1, 8)
+                now = (stamps - np.uint64(begin_us) + np.uint64(at_us)).view(np.uint8).reshape(-1, 8)
                 shifted[times[:, None] + np.arange(8)] = now
                 size += file.write(shifted.tobytes())
                 at_us += lasts_us

@@ -17,9 +17,10 @@ from xitl_cli.errors import UserError
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog or an .mcap.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 From = Annotated[
-    float | None, typer.Option("--from", metavar="S", help="Only rows from this second on, as `info` counts them.")
+    str | None,
+    typer.Option("--from", metavar="TIME", help="Only rows from here on, as `info` counts: 90, 1:30.5 or 1:02:03."),
 ]
-Until = Annotated[float | None, typer.Option("--until", metavar="S", help="Only rows up to this second.")]
+Until = Annotated[str | None, typer.Option("--until", metavar="TIME", help="Only rows up to here.")]
 Raw = Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")]
 
 
@@ -67,8 +68,8 @@ def dump(
     where: Annotated[
         str, typer.Option(metavar="CONDITION", help="Only rows of which this holds: 'Roll > 5 and I == 0'.")
     ] = "",
-    from_s: From = None,
-    until_s: Until = None,
+    from_time: From = None,
+    until_time: Until = None,
     raw: Raw = False,
     limit: Annotated[int | None, typer.Option(min=0, metavar="N", help="At most so many rows.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a row.")] = False,
@@ -79,6 +80,7 @@ def dump(
     an element of an array.
     """
     from xitl_cli.commands.logs_dump import Asked, row_lines
+    from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.opening import open_log
     from xitl_cli.logs.selecting.conditions import Condition
     from xitl_cli.logs.selecting.names import tables_named
@@ -89,7 +91,7 @@ def dump(
     with open_log(file) as log, quiet_pipe():
         tables = tables_named(log, messages)
         names = tuple(name.strip() for name in fields.split(",") if name.strip())
-        span_ns = stamps_between(log, from_s, until_s)
+        span_ns = stamps_between(log, optional_seconds(from_time), optional_seconds(until_time))
         for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
             sys.stdout.write(text)
             written = True
@@ -106,8 +108,8 @@ def export(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap the file itself.")
     ] = None,
-    from_s: From = None,
-    until_s: Until = None,
+    from_time: From = None,
+    until_time: Until = None,
     raw: Raw = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
     as_json: Json = False,
@@ -116,6 +118,7 @@ def export(
 
     PlotJuggler reads all three, Foxglove and Lichtblick the MCAP.
     """
+    from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.export.exporting import Wanted, export_log
     from xitl_cli.logs.opening import open_log
     from xitl_cli.logs.selecting.names import tables_named
@@ -123,7 +126,7 @@ def export(
 
     with open_log(file) as log:
         tables = tables_named(log, messages or list(log.tables))
-        from_ns, until_ns = stamps_between(log, from_s, until_s)
+        from_ns, until_ns = stamps_between(log, optional_seconds(from_time), optional_seconds(until_time))
         done = export_log(log, Wanted(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
     if as_json:
         typer.echo(json.dumps(done.as_json(), ensure_ascii=False))

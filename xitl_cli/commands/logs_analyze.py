@@ -91,13 +91,12 @@ def plot(
 
     Exit code 2 when a file cannot be read (the others are drawn).
     """
-    from xitl_cli.logs.clock_text import seconds_of
+    from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.report import html
     from xitl_cli.logs.report.signal_page import signal_page
 
     files, signals = _files_and_signals(arguments)
-    from_s = None if from_time is None else seconds_of(from_time)
-    until_s = None if until_time is None else seconds_of(until_time)
+    from_s, until_s = optional_seconds(from_time), optional_seconds(until_time)
     if from_s is not None and until_s is not None and until_s <= from_s:
         raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
     path = out or _beside(files[0], "plot")

@@ -59,11 +59,13 @@ def compare(
         Of.ESTIMATE
     ),
     of_b: Annotated[Of, typer.Option("--of-b", help="The same of B.")] = Of.ESTIMATE,
-    from_s: Annotated[
-        float | None,
-        typer.Option("--from", metavar="SECONDS", help="Compare from so long after the zero, which is said first."),
+    from_time: Annotated[
+        str | None,
+        typer.Option("--from", metavar="TIME", help="Compare from so long after the zero, which is said first."),
     ] = None,
-    until_s: Annotated[float | None, typer.Option("--until", metavar="SECONDS", help="Compare until then.")] = None,
+    until_time: Annotated[
+        str | None, typer.Option("--until", metavar="TIME", help="Compare until then: 90, 1:30.5 or 1:02:03.")
+    ] = None,
     armed: Annotated[bool, typer.Option("--armed", help="Compare only while both were armed.")] = False,
     report: Annotated[
         Path | None, typer.Option("--report", metavar="FILE", help="Write the plots and tables as one HTML page.")
@@ -76,6 +78,7 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Hold one log against another: paths, errors, profiles, channels, events, scheduler, time bases."""
+    from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.compare.comparison import compare as compared
     from xitl_cli.logs.opening import open_log
 
@@ -94,8 +97,8 @@ def compare(
             shift_s=shift,
             of_a=of_a.value,
             of_b=of_b.value,
-            from_s=from_s,
-            until_s=until_s,
+            from_s=optional_seconds(from_time),
+            until_s=optional_seconds(until_time),
             armed=armed,
         )
         page = _page(log_a, log_b, found) if report is not None else None

@@ -43,3 +43,8 @@ def seconds_of(text: str) -> float:
     for number in numbers:
         total = total * 60.0 + number
     return -total if text.strip().startswith("-") else total
+
+
+def optional_seconds(text: str | None) -> float | None:
+    """As `seconds_of`; None of None."""
+    return None if text is None else seconds_of(text)
