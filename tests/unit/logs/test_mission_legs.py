@@ -102,6 +102,19 @@ def test_each_leg_with_its_way_and_speed() -> None:
     assert second["leg (m)"] == pytest.approx(50.0, abs=0.1)
 
 
+def test_a_waypoint_that_is_told_just_after_the_next_was_taken_up_is_reached() -> None:
+    section = section_of(
+        loaded(commands(1, SQUARE)),
+        taken_up((10, 1), (60, 2)),
+        said((61, "Reached waypoint 1"), (86, "Reached waypoint 2")),
+        auto(10, 90),
+        sailed(),
+    )
+    assert facts(section)["waypoints_reached"] == 2
+    reached = section.grids[0].columns.index("reached (s)")
+    assert [row[reached] for row in section.grids[0].rows] == [60.0, 86.0]
+
+
 def test_cross_track_against_a_straight_line() -> None:
     """The first leg begins where the vessel is, so an offset start is on the line; one that grows is not."""
     at_s = np.arange(0, 61, 1.0)

@@ -123,7 +123,11 @@ def _legs(
         last = legs[-1] if legs else None
         if last is not None and last.reached and last.seq < seq and 0 <= from_ns - last.until_ns <= _HEARD_LATE_NS:
             from_ns = last.until_ns
-        there = next((when for when, which in reached if which == seq and from_ns <= when <= next_ns), None)
+        # In real time the sentence is logged just after the next item.
+        latest_ns = next_ns + _HEARD_LATE_NS
+        there = next(
+            (min(when, next_ns) for when, which in reached if which == seq and from_ns <= when <= latest_ns), None
+        )
         ends = [next_ns] if window is None else [next_ns, window[1]]
         ends += [end for begin, end in armed if begin <= from_ns < end]
         legs.append(Leg(seq, from_ns, min(ends) if there is None else there, there is not None))
