@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 LOGS = Path(__file__).parents[3] / "shared" / "data" / "logs"
 FAULTS = """
 extends: [hitl-loopback]
@@ -30,7 +32,6 @@ def keys(found: dict[str, Any], *severities: str) -> set[str]:
     return {finding["key"] for finding in found["findings"] if finding["severity"] in severities}
 
 
-@pytest.mark.slow
 def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times(tmp_path: Path) -> None:
     profile = tmp_path / "faulty.yaml"
     profile.write_text(FAULTS)

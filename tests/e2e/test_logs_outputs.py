@@ -19,7 +19,7 @@ CALM = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs" / "boat-
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
-pytestmark = pytest.mark.skipif(not CALM.is_file(), reason=f"{CALM} is not there")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not CALM.is_file(), reason=f"{CALM} is not there")]
 
 
 @pytest.fixture

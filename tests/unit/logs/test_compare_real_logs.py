@@ -15,6 +15,8 @@ from xitl_cli.logs.compare.comparison import Comparison, compare
 from xitl_cli.logs.opening import open_log
 from xitl_cli.main import _app
 
+pytestmark = pytest.mark.slow
+
 LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 CALM, GUST = LOGS / "boat-auto-calm.bin", LOGS / "boat-auto-gust.bin"
 
@@ -87,7 +89,6 @@ def test_truth_and_estimate_of_one_file() -> None:
     assert same["path_max_m"] < 0.05  # a path is drawn by points 5 cm apart
 
 
-@pytest.mark.slow
 def test_the_two_logs_of_one_run_are_found_as_one() -> None:
     run = recorded_run("sitl", 40.0)
     document = compared(run / "autopilot.bin", run / "run.mcap")
@@ -100,7 +101,6 @@ def test_the_two_logs_of_one_run_are_found_as_one() -> None:
     assert back["position_rms_m"] == pytest.approx(facts(document)["position_rms_m"], abs=0.01)
 
 
-@pytest.mark.slow
 def test_the_error_of_the_estimate_is_that_of_the_summary() -> None:
     run = recorded_run("sitl", 40.0)
     summary = json.loads((run / "summary.json").read_text())["estimation"]
@@ -115,7 +115,6 @@ def test_the_error_of_the_estimate_is_that_of_the_summary() -> None:
     assert rows(document, "motion")["yaw"]["RMS"] == pytest.approx(summary["heading_rms_deg"], rel=0.01)
 
 
-@pytest.mark.slow
 def test_logs_of_two_seeds_are_two_runs() -> None:
     one, other = recorded_run("sitl", 40.0), recorded_run("sitl", 40.0, "clock.seed=2")
     for name in ("autopilot.bin", "run.mcap"):

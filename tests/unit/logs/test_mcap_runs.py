@@ -16,6 +16,8 @@ from xitl_cli.logs.mcap.source import Source
 from xitl_cli.logs.summary import summary_of
 from xitl_cli.recording.mcap_file import McapFile
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def run() -> Path:

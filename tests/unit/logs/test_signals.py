@@ -86,6 +86,7 @@ def test_telemetry_tells_the_same_kind_of_things() -> None:
     assert {1, 3} <= set(outputs)
 
 
+@pytest.mark.slow
 def test_a_recording_of_ours_tells_estimate_and_truth() -> None:
     run = recorded_run("sitl", 12.0)
     summary = json.loads((run / "summary.json").read_text())
