@@ -45,13 +45,18 @@ def ends_ns(log: Log) -> int | None:
 
 
 def covered(from_ns: NDArray[np.int64], until_ns: NDArray[np.int64], spans: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(G,) share of each from..until that these spans (N, 2), in order and apart from each other, cover."""
-    if not len(spans):
-        return np.zeros(len(from_ns))
-    base = int(spans[0, 0])
-    edges = (spans.reshape(-1) - base).astype(np.float64)
-    within = np.repeat(np.cumsum(spans[:, 1] - spans[:, 0]), 2).astype(np.float64)
-    within[0::2] -= (spans[:, 1] - spans[:, 0]).astype(np.float64)
-    begin, end = (np.interp((at - base).astype(np.float64), edges, within) for at in (from_ns, until_ns))
-    share: NDArray[np.float64] = (end - begin) / np.maximum(until_ns - from_ns, 1)
+    """(G,) share of each from..until that the longest of these spans (N, 2) in it covers; they are in order and apart
+    from each other.
+
+    Of one, not of all: where the rest of a log goes on slowly, its steps are many short spans.
+    """
+    first = np.searchsorted(spans[:, 1], from_ns, side="right")
+    beyond = np.searchsorted(spans[:, 0], until_ns, side="left")
+    some = np.flatnonzero(beyond > first)
+    share = np.zeros(len(from_ns))
+    if not len(some):
+        return share
+    lengths = np.append(spans[:, 1] - spans[:, 0], 0)
+    longest = np.maximum.reduceat(lengths, np.stack([first[some], beyond[some]], axis=1).reshape(-1))[::2]
+    share[some] = np.minimum(longest / np.maximum(until_ns[some] - from_ns[some], 1), 1.0)
     return share
