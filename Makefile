@@ -25,7 +25,8 @@ run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
 package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 	$(BIN)/xitl agent package
 
-test: test-fast  ## all tests; the slow ones one at a time, since many of them keep real time
+test: $(VENV)/.dev  ## all tests; the slow ones one at a time, since many of them keep real time
+	$(BIN)/python -m pytest -m "not slow" -n auto
 	$(BIN)/python -m pytest -m slow
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
