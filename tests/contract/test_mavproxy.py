@@ -108,7 +108,10 @@ def test_parameters_mission_mode_and_arming(tmp_path: Path) -> None:
     (tmp_path / "mission.txt").write_text(MISSION)
     with boat() as found, mavproxy(found, tmp_path) as prompt:
         prompt.wait(rf"Received {len(TABLE)} parameters")
-        assert len((tmp_path / "mav.parm").read_text().splitlines()) == len(TABLE)
+        saved, until_s = tmp_path / "mav.parm", time.monotonic() + 10.0
+        while len(saved.read_text().splitlines()) < len(TABLE) and time.monotonic() < until_s:
+            time.sleep(0.1)  # it tells before it writes
+        assert len(saved.read_text().splitlines()) == len(TABLE)
         prompt.type("param set WP_SPEED 2")
         time.sleep(1.0)
         prompt.type("param fetch WP_SPEED")
