@@ -12,8 +12,6 @@ from pathlib import Path
 import pytest
 from conftest import Xitl, assert_one_line_error, command, environment
 
-from xitl_cli.main import main
-
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 CALM = SHARED / "logs" / "boat-auto-calm.bin"
 CAPTURE = SHARED / "captures" / "ardurover-mission.tlog"
@@ -21,21 +19,6 @@ CAPTURE = SHARED / "captures" / "ardurover-mission.tlog"
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 pytestmark = pytest.mark.skipif(not CALM.is_file(), reason=f"{CALM} is not there")
-
-
-@pytest.fixture
-def logs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Run `xitl logs ARGUMENTS` in a temporary directory, in this process: a new one takes longer than the work."""
-
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr("sys.argv", ["xitl", "logs", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        told = capsys.readouterr()
-        return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), told.out, told.err)
-
-    return run
 
 
 def test_info_of_several_files_and_one_that_is_none(xitl: Xitl, tmp_path: Path) -> None:

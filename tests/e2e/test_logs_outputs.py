@@ -13,8 +13,6 @@ from pathlib import Path
 import pytest
 from conftest import assert_one_line_error, command, environment
 
-from xitl_cli.main import main
-
 CALM = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs" / "boat-auto-calm.bin"
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -28,19 +26,6 @@ def log(tmp_path: Path) -> Path:
     path = tmp_path / "run.bin"
     path.write_bytes(CALM.read_bytes()[:500_000])
     return path
-
-
-@pytest.fixture
-def logs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr("sys.argv", ["xitl", "logs", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        told = capsys.readouterr()
-        return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), told.out, told.err)
-
-    return run
 
 
 @pytest.mark.parametrize(

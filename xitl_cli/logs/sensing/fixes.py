@@ -41,9 +41,9 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
-    """One receiver. fix: (N,) as MAVLink's GPS_FIX_TYPE. lat_deg, lon_deg, alt_m: (N,) NaN where there is no fix.
+    """One receiver. fix: (N,) as MAVLink's GPS_FIX_TYPE. lat_deg, lon_deg: (N,) NaN where there is no fix.
 
-    vel_ned_mps: (N, 3) with NaN for what is not logged. week, week_ms: GPS time. sample_ns: on the receiver's clock
+    vel_ned_mps: (N, 3) with NaN for what is not logged. week: GPS time. sample_ns: on the receiver's clock
     where that is logged. `fields` gives the log's own names.
     """
 
@@ -57,17 +57,14 @@ class Receiver:
     hdop: NDArray[np.float64] | None
     lat_deg: NDArray[np.float64]
     lon_deg: NDArray[np.float64]
-    alt_m: NDArray[np.float64]
     vel_ned_mps: NDArray[np.float64]
     speed_mps: NDArray[np.float64] | None
     week: NDArray[np.float64] | None
-    week_ms: NDArray[np.float64] | None
     accuracy: Accuracy | None
 
 
 _LAT = ("Lat", "lat", "latitude")
 _LON = ("Lng", "lon", "longitude")
-_ALT = ("Alt", "alt", "altitude")
 _FIX = ("Status", "fix_type", "status.status")
 _SATELLITES = ("NSats", "satellites_visible", "satellites")
 _HDOP = ("HDop", "eph")
@@ -96,7 +93,7 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> Receiver | None
     fields = {
         key: column
         for key, names in (
-            ("lat", _LAT), ("lon", _LON), ("alt", _ALT), ("fix", _FIX), ("satellites", _SATELLITES), ("hdop", _HDOP),
+            ("lat", _LAT), ("lon", _LON), ("fix", _FIX), ("satellites", _SATELLITES), ("hdop", _HDOP),
             ("speed", _SPEED), ("course", _COURSE), ("down", _DOWN),
         )
         if (column := first_of(table, names)) is not None
@@ -114,7 +111,6 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> Receiver | None
     if not (fix >= 2).any() and (satellites is None or not (satellites > 0).any()):
         return None
     blind = (fix < 2) | ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
-    alt = columns.get("alt")
     speed = _plausible(table, fields.get("speed"), columns.get("speed"))
     clock = sample_clock(table)
     return Receiver(
@@ -128,11 +124,9 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> Receiver | None
         hdop=_hdop(table, columns.get("hdop")),
         lat_deg=np.where(blind, np.nan, lat),
         lon_deg=np.where(blind, np.nan, lon),
-        alt_m=np.where(blind, np.nan, np.nan if alt is None else alt),
         vel_ned_mps=_velocity(table, speed, columns.get("course"), columns.get("down")),
         speed_mps=speed if speed is not None else _norm(table),
         week=numbers(table, first_of(table, ("GWk", "Week")) or ""),
-        week_ms=numbers(table, first_of(table, ("GMS", "TimeMS")) or "", raw=True) if "GMS" in table.columns else None,
         accuracy=_accuracy(log, table, number),
     )
 
