@@ -328,6 +328,46 @@ enums["XITL_CLOCK_MODE"][1] = EnumEntry("XITL_CLOCK_MODE_LOCKSTEP", """The agent
 XITL_CLOCK_MODE_ENUM_END = 2
 enums["XITL_CLOCK_MODE"][2] = EnumEntry("XITL_CLOCK_MODE_ENUM_END", """""")
 
+# XITL_CLOUD_KIND
+enums["XITL_CLOUD_KIND"] = Enum()
+enums["XITL_CLOUD_KIND"].bitmask = False
+XITL_CLOUD_KIND_LIDAR = 0
+enums["XITL_CLOUD_KIND"][0] = EnumEntry("XITL_CLOUD_KIND_LIDAR", """Host to companion: one frame of a lidar, each point in body FRD at its own instant.""")
+XITL_CLOUD_KIND_LIDAR_MAP = 1
+enums["XITL_CLOUD_KIND"][1] = EnumEntry("XITL_CLOUD_KIND_LIDAR_MAP", """Companion to host: points new in its map, seen by lidar, in its odometry frame.""")
+XITL_CLOUD_KIND_SONAR_MAP = 2
+enums["XITL_CLOUD_KIND"][2] = EnumEntry("XITL_CLOUD_KIND_SONAR_MAP", """Companion to host: points new in its map, seen by sonar, in its odometry frame.""")
+XITL_CLOUD_KIND_ENUM_END = 3
+enums["XITL_CLOUD_KIND"][3] = EnumEntry("XITL_CLOUD_KIND_ENUM_END", """""")
+
+# XITL_BODY_KIND
+enums["XITL_BODY_KIND"] = Enum()
+enums["XITL_BODY_KIND"].bitmask = False
+XITL_BODY_KIND_TRUNK = 0
+enums["XITL_BODY_KIND"][0] = EnumEntry("XITL_BODY_KIND_TRUNK", """A trunk afloat""")
+XITL_BODY_KIND_BRANCH = 1
+enums["XITL_BODY_KIND"][1] = EnumEntry("XITL_BODY_KIND_BRANCH", """A branch, partly submerged""")
+XITL_BODY_KIND_PLANTS = 2
+enums["XITL_BODY_KIND"][2] = EnumEntry("XITL_BODY_KIND_PLANTS", """A raft of plants""")
+XITL_BODY_KIND_ANIMAL = 3
+enums["XITL_BODY_KIND"][3] = EnumEntry("XITL_BODY_KIND_ANIMAL", """An animal that swims""")
+XITL_BODY_KIND_ENUM_END = 4
+enums["XITL_BODY_KIND"][4] = EnumEntry("XITL_BODY_KIND_ENUM_END", """""")
+
+# XITL_MANOEUVRE
+enums["XITL_MANOEUVRE"] = Enum()
+enums["XITL_MANOEUVRE"].bitmask = False
+XITL_MANOEUVRE_NONE = 0
+enums["XITL_MANOEUVRE"][0] = EnumEntry("XITL_MANOEUVRE_NONE", """The companion watches, the autopilot follows its mission""")
+XITL_MANOEUVRE_DETOUR = 1
+enums["XITL_MANOEUVRE"][1] = EnumEntry("XITL_MANOEUVRE_DETOUR", """It steers around what blocks the way""")
+XITL_MANOEUVRE_STOP = 2
+enums["XITL_MANOEUVRE"][2] = EnumEntry("XITL_MANOEUVRE_STOP", """It has stopped the vessel: there is no way""")
+XITL_MANOEUVRE_RETURN = 3
+enums["XITL_MANOEUVRE"][3] = EnumEntry("XITL_MANOEUVRE_RETURN", """It steers back to the leg""")
+XITL_MANOEUVRE_ENUM_END = 4
+enums["XITL_MANOEUVRE"][4] = EnumEntry("XITL_MANOEUVRE_ENUM_END", """""")
+
 # XITL_ACTUATOR_FLAGS
 enums["XITL_ACTUATOR_FLAGS"] = Enum()
 enums["XITL_ACTUATOR_FLAGS"].bitmask = True
@@ -997,6 +1037,11 @@ MAVLINK_MSG_ID_XITL_NODE_INFO = 54011
 MAVLINK_MSG_ID_XITL_FAULTS = 54012
 MAVLINK_MSG_ID_XITL_TRUTH = 54013
 MAVLINK_MSG_ID_XITL_BRIDGE_STATUS = 54014
+MAVLINK_MSG_ID_XITL_CLOUD = 54015
+MAVLINK_MSG_ID_XITL_PING = 54016
+MAVLINK_MSG_ID_XITL_OBSTACLE = 54017
+MAVLINK_MSG_ID_XITL_LAUNCH = 54018
+MAVLINK_MSG_ID_XITL_COMPANION_STATUS = 54019
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3966,8 +4011,8 @@ class MAVLink_xitl_tick_message(MAVLink_message):
     """
     Host to agent, lockstep only: all that was sampled up to this
     instant has been sent. The agent answers with XITL_ACTUATORS of
-    the same tick; a repeated tick is answered again without a second
-    step.
+    the same tick, one without motors with the tick itself; a repeated
+    tick is answered again without a second step.
     """
 
     id = MAVLINK_MSG_ID_XITL_TICK
@@ -4626,6 +4671,243 @@ class MAVLink_xitl_bridge_status_message(MAVLink_message):
 setattr(MAVLink_xitl_bridge_status_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_xitl_cloud_message(MAVLink_message):
+    """
+    A chunk of a point cloud. A point is x, y, z as int16 in cm from
+    the origin, the time after time_usec as uint16 in 10 us, and the
+    intensity as uint8: nine bytes, little endian.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_CLOUD
+    msgname = "XITL_CLOUD"
+    fieldnames = ["time_usec", "origin", "cloud", "chunk", "chunks", "kind", "count", "points"]
+    ordered_fieldnames = ["time_usec", "origin", "cloud", "chunk", "chunks", "kind", "count", "points"]
+    fieldtypes = ["uint64_t", "float", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"kind": "XITL_CLOUD_KIND"}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "origin": "m"}
+    native_format = bytearray(b"<QfHHHBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 3, 1, 1, 1, 1, 1, 225]
+    array_lengths = [0, 3, 0, 0, 0, 0, 0, 225]
+    crc_extra = 216
+    unpacker = struct.Struct("<Q3fHHHBB225B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, origin: Sequence[float], cloud: int, chunk: int, chunks: int, kind: int, count: int, points: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_xitl_cloud_message.id, MAVLink_xitl_cloud_message.msgname)
+        self._fieldnames = MAVLink_xitl_cloud_message.fieldnames
+        self._instance_field = MAVLink_xitl_cloud_message.instance_field
+        self._instance_offset = MAVLink_xitl_cloud_message.instance_offset
+        self.time_usec = time_usec
+        self.origin = origin
+        self.cloud = cloud
+        self.chunk = chunk
+        self.chunks = chunks
+        self.kind = kind
+        self.count = count
+        self.points = points
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.origin[0], self.origin[1], self.origin[2], self.cloud, self.chunk, self.chunks, self.kind, self.count, self.points[0], self.points[1], self.points[2], self.points[3], self.points[4], self.points[5], self.points[6], self.points[7], self.points[8], self.points[9], self.points[10], self.points[11], self.points[12], self.points[13], self.points[14], self.points[15], self.points[16], self.points[17], self.points[18], self.points[19], self.points[20], self.points[21], self.points[22], self.points[23], self.points[24], self.points[25], self.points[26], self.points[27], self.points[28], self.points[29], self.points[30], self.points[31], self.points[32], self.points[33], self.points[34], self.points[35], self.points[36], self.points[37], self.points[38], self.points[39], self.points[40], self.points[41], self.points[42], self.points[43], self.points[44], self.points[45], self.points[46], self.points[47], self.points[48], self.points[49], self.points[50], self.points[51], self.points[52], self.points[53], self.points[54], self.points[55], self.points[56], self.points[57], self.points[58], self.points[59], self.points[60], self.points[61], self.points[62], self.points[63], self.points[64], self.points[65], self.points[66], self.points[67], self.points[68], self.points[69], self.points[70], self.points[71], self.points[72], self.points[73], self.points[74], self.points[75], self.points[76], self.points[77], self.points[78], self.points[79], self.points[80], self.points[81], self.points[82], self.points[83], self.points[84], self.points[85], self.points[86], self.points[87], self.points[88], self.points[89], self.points[90], self.points[91], self.points[92], self.points[93], self.points[94], self.points[95], self.points[96], self.points[97], self.points[98], self.points[99], self.points[100], self.points[101], self.points[102], self.points[103], self.points[104], self.points[105], self.points[106], self.points[107], self.points[108], self.points[109], self.points[110], self.points[111], self.points[112], self.points[113], self.points[114], self.points[115], self.points[116], self.points[117], self.points[118], self.points[119], self.points[120], self.points[121], self.points[122], self.points[123], self.points[124], self.points[125], self.points[126], self.points[127], self.points[128], self.points[129], self.points[130], self.points[131], self.points[132], self.points[133], self.points[134], self.points[135], self.points[136], self.points[137], self.points[138], self.points[139], self.points[140], self.points[141], self.points[142], self.points[143], self.points[144], self.points[145], self.points[146], self.points[147], self.points[148], self.points[149], self.points[150], self.points[151], self.points[152], self.points[153], self.points[154], self.points[155], self.points[156], self.points[157], self.points[158], self.points[159], self.points[160], self.points[161], self.points[162], self.points[163], self.points[164], self.points[165], self.points[166], self.points[167], self.points[168], self.points[169], self.points[170], self.points[171], self.points[172], self.points[173], self.points[174], self.points[175], self.points[176], self.points[177], self.points[178], self.points[179], self.points[180], self.points[181], self.points[182], self.points[183], self.points[184], self.points[185], self.points[186], self.points[187], self.points[188], self.points[189], self.points[190], self.points[191], self.points[192], self.points[193], self.points[194], self.points[195], self.points[196], self.points[197], self.points[198], self.points[199], self.points[200], self.points[201], self.points[202], self.points[203], self.points[204], self.points[205], self.points[206], self.points[207], self.points[208], self.points[209], self.points[210], self.points[211], self.points[212], self.points[213], self.points[214], self.points[215], self.points[216], self.points[217], self.points[218], self.points[219], self.points[220], self.points[221], self.points[222], self.points[223], self.points[224]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_cloud_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_ping_message(MAVLink_message):
+    """
+    Host to companion: a chunk of the echo of one ping of a scanning
+    sonar.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_PING
+    msgname = "XITL_PING"
+    fieldnames = ["time_usec", "position", "sample_period", "sound_speed", "ping", "angle", "samples", "first", "count", "intensity"]
+    ordered_fieldnames = ["time_usec", "position", "sample_period", "sound_speed", "ping", "angle", "samples", "first", "count", "intensity"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "position": "m", "sample_period": "s", "sound_speed": "m/s"}
+    native_format = bytearray(b"<QfffHHHHBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]
+    lengths = [1, 3, 1, 1, 1, 1, 1, 1, 1, 200]
+    array_lengths = [0, 3, 0, 0, 0, 0, 0, 0, 0, 200]
+    crc_extra = 226
+    unpacker = struct.Struct("<Q3fffHHHHB200B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, position: Sequence[float], sample_period: float, sound_speed: float, ping: int, angle: int, samples: int, first: int, count: int, intensity: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_xitl_ping_message.id, MAVLink_xitl_ping_message.msgname)
+        self._fieldnames = MAVLink_xitl_ping_message.fieldnames
+        self._instance_field = MAVLink_xitl_ping_message.instance_field
+        self._instance_offset = MAVLink_xitl_ping_message.instance_offset
+        self.time_usec = time_usec
+        self.position = position
+        self.sample_period = sample_period
+        self.sound_speed = sound_speed
+        self.ping = ping
+        self.angle = angle
+        self.samples = samples
+        self.first = first
+        self.count = count
+        self.intensity = intensity
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.position[0], self.position[1], self.position[2], self.sample_period, self.sound_speed, self.ping, self.angle, self.samples, self.first, self.count, self.intensity[0], self.intensity[1], self.intensity[2], self.intensity[3], self.intensity[4], self.intensity[5], self.intensity[6], self.intensity[7], self.intensity[8], self.intensity[9], self.intensity[10], self.intensity[11], self.intensity[12], self.intensity[13], self.intensity[14], self.intensity[15], self.intensity[16], self.intensity[17], self.intensity[18], self.intensity[19], self.intensity[20], self.intensity[21], self.intensity[22], self.intensity[23], self.intensity[24], self.intensity[25], self.intensity[26], self.intensity[27], self.intensity[28], self.intensity[29], self.intensity[30], self.intensity[31], self.intensity[32], self.intensity[33], self.intensity[34], self.intensity[35], self.intensity[36], self.intensity[37], self.intensity[38], self.intensity[39], self.intensity[40], self.intensity[41], self.intensity[42], self.intensity[43], self.intensity[44], self.intensity[45], self.intensity[46], self.intensity[47], self.intensity[48], self.intensity[49], self.intensity[50], self.intensity[51], self.intensity[52], self.intensity[53], self.intensity[54], self.intensity[55], self.intensity[56], self.intensity[57], self.intensity[58], self.intensity[59], self.intensity[60], self.intensity[61], self.intensity[62], self.intensity[63], self.intensity[64], self.intensity[65], self.intensity[66], self.intensity[67], self.intensity[68], self.intensity[69], self.intensity[70], self.intensity[71], self.intensity[72], self.intensity[73], self.intensity[74], self.intensity[75], self.intensity[76], self.intensity[77], self.intensity[78], self.intensity[79], self.intensity[80], self.intensity[81], self.intensity[82], self.intensity[83], self.intensity[84], self.intensity[85], self.intensity[86], self.intensity[87], self.intensity[88], self.intensity[89], self.intensity[90], self.intensity[91], self.intensity[92], self.intensity[93], self.intensity[94], self.intensity[95], self.intensity[96], self.intensity[97], self.intensity[98], self.intensity[99], self.intensity[100], self.intensity[101], self.intensity[102], self.intensity[103], self.intensity[104], self.intensity[105], self.intensity[106], self.intensity[107], self.intensity[108], self.intensity[109], self.intensity[110], self.intensity[111], self.intensity[112], self.intensity[113], self.intensity[114], self.intensity[115], self.intensity[116], self.intensity[117], self.intensity[118], self.intensity[119], self.intensity[120], self.intensity[121], self.intensity[122], self.intensity[123], self.intensity[124], self.intensity[125], self.intensity[126], self.intensity[127], self.intensity[128], self.intensity[129], self.intensity[130], self.intensity[131], self.intensity[132], self.intensity[133], self.intensity[134], self.intensity[135], self.intensity[136], self.intensity[137], self.intensity[138], self.intensity[139], self.intensity[140], self.intensity[141], self.intensity[142], self.intensity[143], self.intensity[144], self.intensity[145], self.intensity[146], self.intensity[147], self.intensity[148], self.intensity[149], self.intensity[150], self.intensity[151], self.intensity[152], self.intensity[153], self.intensity[154], self.intensity[155], self.intensity[156], self.intensity[157], self.intensity[158], self.intensity[159], self.intensity[160], self.intensity[161], self.intensity[162], self.intensity[163], self.intensity[164], self.intensity[165], self.intensity[166], self.intensity[167], self.intensity[168], self.intensity[169], self.intensity[170], self.intensity[171], self.intensity[172], self.intensity[173], self.intensity[174], self.intensity[175], self.intensity[176], self.intensity[177], self.intensity[178], self.intensity[179], self.intensity[180], self.intensity[181], self.intensity[182], self.intensity[183], self.intensity[184], self.intensity[185], self.intensity[186], self.intensity[187], self.intensity[188], self.intensity[189], self.intensity[190], self.intensity[191], self.intensity[192], self.intensity[193], self.intensity[194], self.intensity[195], self.intensity[196], self.intensity[197], self.intensity[198], self.intensity[199]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_ping_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_obstacle_message(MAVLink_message):
+    """
+    Companion to host: an obstacle that it tracks.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_OBSTACLE
+    msgname = "XITL_OBSTACLE"
+    fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits"]
+    ordered_fieldnames = ["time_usec", "pos_ned", "vel_ned", "size", "heading", "range", "closing_speed", "id", "points", "hits"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "pos_ned": "m", "vel_ned": "m/s", "size": "m", "heading": "rad", "range": "m", "closing_speed": "m/s"}
+    native_format = bytearray(b"<QffffffHHH")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]
+    lengths = [1, 3, 3, 3, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 3, 3, 3, 0, 0, 0, 0, 0, 0]
+    crc_extra = 202
+    unpacker = struct.Struct("<Q3f3f3ffffHHH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, pos_ned: Sequence[float], vel_ned: Sequence[float], size: Sequence[float], heading: float, range: float, closing_speed: float, id: int, points: int, hits: int):
+        MAVLink_message.__init__(self, MAVLink_xitl_obstacle_message.id, MAVLink_xitl_obstacle_message.msgname)
+        self._fieldnames = MAVLink_xitl_obstacle_message.fieldnames
+        self._instance_field = MAVLink_xitl_obstacle_message.instance_field
+        self._instance_offset = MAVLink_xitl_obstacle_message.instance_offset
+        self.time_usec = time_usec
+        self.pos_ned = pos_ned
+        self.vel_ned = vel_ned
+        self.size = size
+        self.heading = heading
+        self.range = range
+        self.closing_speed = closing_speed
+        self.id = id
+        self.points = points
+        self.hits = hits
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.pos_ned[0], self.pos_ned[1], self.pos_ned[2], self.vel_ned[0], self.vel_ned[1], self.vel_ned[2], self.size[0], self.size[1], self.size[2], self.heading, self.range, self.closing_speed, self.id, self.points, self.hits), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_obstacle_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_launch_message(MAVLink_message):
+    """
+    To the host: put a body into the water.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_LAUNCH
+    msgname = "XITL_LAUNCH"
+    fieldnames = ["pos_ne", "heading", "size", "request", "kind"]
+    ordered_fieldnames = ["pos_ne", "heading", "size", "request", "kind"]
+    fieldtypes = ["float", "float", "float", "uint16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"kind": "XITL_BODY_KIND"}
+    fieldunits_by_name: Dict[str, str] = {"pos_ne": "m", "heading": "rad", "size": "m"}
+    native_format = bytearray(b"<fffHB")
+    orders = [0, 1, 2, 3, 4]
+    lengths = [2, 1, 1, 1, 1]
+    array_lengths = [2, 0, 0, 0, 0]
+    crc_extra = 33
+    unpacker = struct.Struct("<2fffHB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, pos_ne: Sequence[float], heading: float, size: float, request: int, kind: int):
+        MAVLink_message.__init__(self, MAVLink_xitl_launch_message.id, MAVLink_xitl_launch_message.msgname)
+        self._fieldnames = MAVLink_xitl_launch_message.fieldnames
+        self._instance_field = MAVLink_xitl_launch_message.instance_field
+        self._instance_offset = MAVLink_xitl_launch_message.instance_offset
+        self.pos_ne = pos_ne
+        self.heading = heading
+        self.size = size
+        self.request = request
+        self.kind = kind
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.pos_ne[0], self.pos_ne[1], self.heading, self.size, self.request, self.kind), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_launch_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_xitl_companion_status_message(MAVLink_message):
+    """
+    Companion to host: what it has done since the run started.
+    """
+
+    id = MAVLINK_MSG_ID_XITL_COMPANION_STATUS
+    msgname = "XITL_COMPANION_STATUS"
+    fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre"]
+    ordered_fieldnames = ["time_usec", "clouds", "clouds_partial", "chunks_lost", "clouds_dropped", "points", "points_refused", "pings", "poses", "poses_refused", "map_points", "obstacles", "detours", "stops", "latency", "manoeuvre"]
+    fieldtypes = ["uint64_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "uint32_t", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"manoeuvre": "XITL_MANOEUVRE"}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "latency": "s"}
+    native_format = bytearray(b"<QIIIIIIIIIIIIIfB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 232
+    unpacker = struct.Struct("<QIIIIIIIIIIIIIfB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, clouds: int, clouds_partial: int, chunks_lost: int, clouds_dropped: int, points: int, points_refused: int, pings: int, poses: int, poses_refused: int, map_points: int, obstacles: int, detours: int, stops: int, latency: float, manoeuvre: int):
+        MAVLink_message.__init__(self, MAVLink_xitl_companion_status_message.id, MAVLink_xitl_companion_status_message.msgname)
+        self._fieldnames = MAVLink_xitl_companion_status_message.fieldnames
+        self._instance_field = MAVLink_xitl_companion_status_message.instance_field
+        self._instance_offset = MAVLink_xitl_companion_status_message.instance_offset
+        self.time_usec = time_usec
+        self.clouds = clouds
+        self.clouds_partial = clouds_partial
+        self.chunks_lost = chunks_lost
+        self.clouds_dropped = clouds_dropped
+        self.points = points
+        self.points_refused = points_refused
+        self.pings = pings
+        self.poses = poses
+        self.poses_refused = poses_refused
+        self.map_points = map_points
+        self.obstacles = obstacles
+        self.detours = detours
+        self.stops = stops
+        self.latency = latency
+        self.manoeuvre = manoeuvre
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.clouds, self.clouds_partial, self.chunks_lost, self.clouds_dropped, self.points, self.points_refused, self.pings, self.poses, self.poses_refused, self.map_points, self.obstacles, self.detours, self.stops, self.latency, self.manoeuvre), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_xitl_companion_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -4706,6 +4988,11 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_XITL_FAULTS: MAVLink_xitl_faults_message,
     MAVLINK_MSG_ID_XITL_TRUTH: MAVLink_xitl_truth_message,
     MAVLINK_MSG_ID_XITL_BRIDGE_STATUS: MAVLink_xitl_bridge_status_message,
+    MAVLINK_MSG_ID_XITL_CLOUD: MAVLink_xitl_cloud_message,
+    MAVLINK_MSG_ID_XITL_PING: MAVLink_xitl_ping_message,
+    MAVLINK_MSG_ID_XITL_OBSTACLE: MAVLink_xitl_obstacle_message,
+    MAVLINK_MSG_ID_XITL_LAUNCH: MAVLink_xitl_launch_message,
+    MAVLINK_MSG_ID_XITL_COMPANION_STATUS: MAVLink_xitl_companion_status_message,
 }
 
 

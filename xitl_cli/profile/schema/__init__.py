@@ -2,11 +2,12 @@
 
 Profile
 ├── name, description, technique
-├── site, world          place.py
+├── site, world          place.py, debris.py
 ├── vehicle              vehicle.py
 ├── environment          environment.py
-├── sensors              sensors.py
+├── sensors              sensors.py, perception.py
 ├── mission, driver, autopilot   operation.py
+├── companion            companion.py
 ├── clock, recording     session.py
 ├── faults               faults.py
 └── graph                graph.py

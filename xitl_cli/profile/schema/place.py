@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from xitl_cli.profile.schema.debris import Debris
 from xitl_cli.profile.schema.group import Direction, Group, Positive, Vector
 
 
@@ -41,3 +42,4 @@ class World(Group):
 
     log_boom: LogBoom | None = None
     dam: Dam | None = None
+    debris: Debris = Debris()

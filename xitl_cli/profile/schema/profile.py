@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from xitl_cli.errors import UserError
+from xitl_cli.profile.schema.companion import Companion
 from xitl_cli.profile.schema.environment import Environment
 from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.profile.schema.graph import NodeGraph
@@ -33,6 +34,7 @@ class Profile(Group):
     mission: Mission | None = None
     driver: Driver | None = None
     autopilot: Autopilot | None = None
+    companion: Companion | None = None
     clock: Clock | None = None
     recording: Recording | None = None
     faults: dict[str, Fault] | None = None
@@ -72,6 +74,7 @@ class Profile(Group):
             mission=self.mission,
             driver=self.driver,
             autopilot=self.autopilot,
+            companion=self.companion,
             clock=self.clock or Clock(),
             recording=self.recording or Recording(),
             faults=self.faults or {},
@@ -108,6 +111,7 @@ class RunProfile:
     mission: Mission
     driver: Driver
     autopilot: Autopilot
+    companion: Companion | None
     clock: Clock
     recording: Recording
     faults: dict[str, Fault]

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from xitl_cli.profile.schema.group import Group, NonNegative, Positive, RateHz, Vector
+from xitl_cli.profile.schema.perception import Lidar, Sonar
 
 
 class Imu(Group):
@@ -140,7 +141,10 @@ class Messages(Group):
 
 
 class Sensors(Group):
-    """The sensors of the vessel. A `wind_vane` reaches an autopilot whose world is served (autopilot.bridge.world)."""
+    """The sensors of the vessel.
+
+    A `wind_vane` reaches an autopilot whose world is served (autopilot.bridge.world), `lidar` and `sonar` a companion.
+    """
 
     imu: Imu
     gnss: Gnss
@@ -148,6 +152,8 @@ class Sensors(Group):
     barometer: Barometer
     rangefinders: Annotated[tuple[Rangefinder, ...], Field(max_length=6)] = ()
     wind_vane: WindVane | None = None
+    lidar: Lidar | None = None
+    sonar: Sonar | None = None
     messages: Messages = Messages()
 
 

@@ -1,0 +1,1 @@
+"""What stands and drifts in the river, and what a ray or a hull meets of it."""
