@@ -7,7 +7,7 @@ state = step(simulation, state, command, rng)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from numpy import float64
 from numpy.random import Generator
@@ -20,6 +20,11 @@ from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.model import VesselModel
 from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
+from sim_core.world import waterway as waterways
+from sim_core.world.contact import Contacts, Outline
+from sim_core.world.drifting import DebrisState, Launch, bodies_at
+from sim_core.world.rays import Bodies
+from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, Water, Waterway
 
 Array = NDArray[float64]
 
@@ -36,16 +41,21 @@ class Simulation:
     dt_s: float
     dt_ns: int
     drift_ns: int  # a whole number of steps: how long current and gusts are held
+    outline: Outline
+    waterway: Waterway = OPEN_WATER
 
     @classmethod
-    def of(cls, model: VesselModel, environment: Environment, dt_s: float) -> Simulation:
+    def of(
+        cls, model: VesselModel, environment: Environment, dt_s: float, waterway: Waterway = OPEN_WATER
+    ) -> Simulation:
         """Raises ValueError when dt_s is no whole number of nanoseconds or the vessel does not float."""
         dt_ns = round(dt_s * 1e9)
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
         vessel = Vessel.of(model, environment.water, dt_s)
         hull_waves = environment.waves.at_hull(vessel.buoyancy.axes_frd_m)
-        return cls(vessel, environment, hull_waves, dt_s, dt_ns, max(DRIFT_NS // dt_ns, 1) * dt_ns)
+        drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
+        return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.of(model), waterway)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +63,8 @@ class SimulationState:
     """The world at time_ns.
 
     What the last step felt at the vessels' places: current_ned_mps (N, 3) without the waves' orbital motion,
-    wind_ned_mps (N, 3), elevation_m (N,) of the waves, up positive over the still level.
+    wind_ned_mps (N, 3), elevation_m (N,) of the waves, up positive over the still level. afloat: the debris, and what
+    the vessels touched in that step.
     """
 
     time_ns: int
@@ -62,6 +73,17 @@ class SimulationState:
     current_ned_mps: Array
     wind_ned_mps: Array
     elevation_m: Array
+    afloat: Afloat = STILL
+
+    @property
+    def debris(self) -> DebrisState:
+        """What drifts."""
+        return self.afloat.debris
+
+    @property
+    def contacts(self) -> Contacts:
+        """What the vessels touched in the last step."""
+        return self.afloat.contacts
 
 
 def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Generator) -> SimulationState:
@@ -78,14 +100,47 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
     if state.time_ns % simulation.drift_ns == 0:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
     current, wind, around = _surroundings(simulation, environment, state.vessel.motion, state.time_ns * 1e-9)
-    vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around)
+    afloat = state.afloat
+    if simulation.waterway is not OPEN_WATER:
+        afloat = waterways.step(
+            simulation.waterway,
+            simulation.outline,
+            afloat,
+            state.time_ns,
+            simulation.dt_ns,
+            simulation.drift_ns,
+            state.vessel.motion,
+            _water(simulation, environment, state.time_ns),
+        )
+    vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
-    return SimulationState(time_ns, vessel, environment, current, wind, around.surface.elevation_m)
+    return SimulationState(time_ns, vessel, environment, current, wind, around.surface.elevation_m, afloat)
 
 
 def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:
     """True motion of the vessels, for sensors and recorder."""
     return state.vessel.motion
+
+
+def bodies_of(simulation: Simulation, state: SimulationState) -> Bodies:
+    """What drifts, where it is at the state's instant, for ray casting."""
+    return bodies_at(state.afloat.debris, state.time_ns)
+
+
+def launch(simulation: Simulation, state: SimulationState, body: Launch) -> SimulationState:
+    """With one body more in the water, whatever its `at_ns`. Raises ValueError for an impossible length."""
+    water = _water(simulation, state.environment, state.time_ns)
+    debris = waterways.put_in(state.afloat.debris, body, water)
+    return replace(state, afloat=replace(state.afloat, debris=debris))
+
+
+def _water(simulation: Simulation, state: EnvironmentState, time_ns: int) -> Water:
+    """What carries bodies: all of them the current of the first vessel, which varies in time alone between vessels."""
+    environment, varies = simulation.environment, state.current[:1]
+    return Water(
+        lambda places: environment.current.velocity_ned_mps(varies, places),
+        lambda places: environment.surface_ned_z_m(time_ns * 1e-9, places),
+    )
 
 
 def _surroundings(

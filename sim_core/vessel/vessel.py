@@ -105,10 +105,14 @@ def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
     return VesselState(motion, np.zeros((vessels, vessel.model.commands)))
 
 
-def step(vessel: Vessel, state: VesselState, command: Array, around: Surroundings) -> VesselState:
-    """One step under (N, C) commands in [-1, 1]."""
+def step(
+    vessel: Vessel, state: VesselState, command: Array, around: Surroundings, wrench_frd: Array | None = None
+) -> VesselState:
+    """One step under (N, C) commands in [-1, 1]; wrench_frd: (N, 6) force and moment from outside, in body axes."""
     rotor_speed = vessel.propulsion.spin(state.rotor_speed, command)
     acceleration_frd = accelerate(vessel, state.motion, rotor_speed, around)
+    if wrench_frd is not None:
+        acceleration_frd += wrench_frd @ vessel.hydrodynamics.inverse_mass
     return VesselState(advance(state.motion, acceleration_frd, vessel.dt_s), rotor_speed)
 
 

@@ -56,7 +56,7 @@ class RayCaster(Protocol):
 
     triangles: how many does it know. cast: of R rays from origin_ned_m along unit vectors direction_ned, both (R, 3),
     in single precision. `body_delay_s` (R,), if given, is how much later than `bodies` each ray goes out: bodies are
-    then met where their velocity has brought them.
+    then met where their velocity has brought them. `reach_m` (R,), if given: what is farther need not be found.
     """
 
     triangles: int
@@ -67,4 +67,5 @@ class RayCaster(Protocol):
         direction_ned: Array32,
         bodies: Bodies = NO_BODIES,
         body_delay_s: Array32 | None = None,
+        reach_m: Array32 | None = None,
     ) -> Hits: ...

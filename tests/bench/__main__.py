@@ -15,7 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from tests.bench import bench_ardupilot, bench_logs, bench_logs_mcap, bench_logs_tlog
+from tests.bench import bench_ardupilot, bench_lidar, bench_logs, bench_logs_mcap, bench_logs_tlog, bench_rays
 from tests.bench.bench_ground import attitude_gap_ms, parameter_list_s
 from tests.bench.bench_link import agent_cpu_percent, lost_messages, round_trip_ratios
 from tests.bench.bench_vessel_step import median_step_us
@@ -26,7 +26,8 @@ RUNS = 5
 def main() -> None:
     table = Table("figure", "unit", "wanted", "median", "least", "most", box=None)
     logs = [part for part in (bench_logs, bench_logs_tlog) if part.available()]
-    for name, wanted, unit, measure in [*FIGURES, *(figure for part in logs for figure in part.FIGURES)]:
+    rays = [bench_rays, bench_lidar] if bench_rays.available() else []
+    for name, wanted, unit, measure in [*FIGURES, *(figure for part in (*logs, *rays) for figure in part.FIGURES)]:
         values = measure()
         cells = (statistics.median(values), min(values), max(values))
         table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))
@@ -42,6 +43,8 @@ def main() -> None:
     Console(width=110).print(table)
     if len(logs) < 2:
         print("not all readers of logs were measured: the recorded logs lie beside the checkout, in ../shared/data")
+    if not rays:
+        print("rays were not measured: embreex is not installed; pip install 'xitl[perception]'")
     if not bench_ardupilot.available():
         print("sitl-ardupilot was not measured: no ardurover on the PATH, in the cache, or named by XITL_ARDUROVER")
 

@@ -47,6 +47,9 @@ def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
             f"{takeover['to_node']} for {takeover['from_node']} at {takeover['at_s']:.2f} s, which was silent for "
             f"{takeover['silent_s']:.2f} s; largest step {takeover['step']:.3f}",
         )
+    collisions = summary["collisions"]
+    if collisions is not None and collisions["count"]:
+        yield "collisions", _collisions(collisions)
     pace = summary["pace"]
     if pace["slips"]:
         times = "once" if pace["slips"] == 1 else f"{pace['slips']} times"
@@ -62,6 +65,14 @@ def _node(node: dict[str, Any]) -> str:
             words.append(text.format(node[key]))
     words += [f"{node[key]} {text}" for key, text in _NODE.items() if node[key]]
     return ", ".join(word for word in words if word)
+
+
+def _collisions(collisions: dict[str, Any]) -> str:
+    with_what = ", ".join(f"{count} with {what}" for what, count in collisions["by"].items())
+    return (
+        f"{collisions['count']}: {with_what}; the first at {collisions['first_s']:.2f} s, "
+        f"the hardest at {collisions['max_impact_mps']:.2f} m/s"
+    )
 
 
 def _actuators(actuators: dict[str, Any]) -> str:

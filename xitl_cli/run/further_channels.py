@@ -7,17 +7,19 @@ from collections.abc import Iterator
 
 from numpy.random import default_rng
 
-from sim_core.environment.obstacles import Walls, boom, box
+from sim_core.environment.obstacles import Wall, Walls, boom, box
 from sim_core.geodesy import LocalFrame
 from sim_core.sensors.gnss import Gnss
 from sim_core.sensors.obstacle_scanner import ObstacleScanner
 from sim_core.sensors.odometry import Odometry
 from sim_core.sensors.rangefinder import Rangefinder
 from sim_core.sensors.wind_vane import WindVane
+from sim_core.world.river import FlatBed
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.place import World
+from xitl_cli.profile.schema.place import LogBoom, World
 from xitl_cli.run import standard_messages
 from xitl_cli.run.channel import Channel, SensorChannel
+from xitl_cli.run.scenery import boom_of
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.truth_channel import TruthChannel, VaneChannel
 
@@ -29,7 +31,7 @@ def further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> It
     """All that the profile turns on."""
     assert profile.sensors is not None
     sensors, water, physics_hz = profile.sensors, profile.environment.water, profile.clock.physics_rate_hz
-    walls = walls_of(profile.world)
+    walls = walls_of(profile.world, -water.level_m)
     for number, rangefinder in enumerate(sensors.rangefinders):
         unit = Rangefinder(
             bed_down_m=water.depth_m - water.level_m,
@@ -60,13 +62,20 @@ def further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> It
         yield TruthChannel(round(physics_hz / profile.clock.exchange_rate_hz), vane)
 
 
-def walls_of(world: World) -> Walls:
-    """Log boom and dam, as far as they are upright."""
-    walls = []
+def walls_of(world: World, surface_down_m: float = 0.0) -> Walls:
+    """Log boom and dam, as far as they are upright; a boom that floats does so at the surface."""
+    walls: list[Wall] = []
     if world.log_boom is not None:
-        walls += boom(world.log_boom.points_ned_m, world.log_boom.float_radius_m)
+        walls += _boom_walls(world.log_boom, surface_down_m)
     if world.dam is not None:
         (north_m, east_m, down_m), (length_m, width_m, height_m) = world.dam.centre_ned_m, world.dam.size_m
         heading_rad = math.radians(world.dam.heading_deg)
         walls += box((north_m, east_m), length_m, width_m, heading_rad, down_m - height_m / 2, down_m + height_m / 2)
     return Walls.of(walls)
+
+
+def _boom_walls(keys: LogBoom, surface_down_m: float) -> list[Wall]:
+    if keys.points_ned_m is not None:
+        return boom(keys.points_ned_m, keys.float_radius_m)
+    floats = boom_of(keys, FlatBed(0.0), surface_down_m).ends_ned_m.tolist()
+    return [wall for ends in floats for wall in boom([(n, e, d) for n, e, d in ends], keys.float_radius_m)]

@@ -9,10 +9,13 @@ import numpy as np
 from foxglove import messages
 
 from sim_core import frames
+from sim_core.world.boom import LogBoom
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.place import Dam, LogBoom
+from xitl_cli.profile.schema.place import Dam
 from xitl_cli.profile.schema.vehicle import Vehicle
 from xitl_cli.recording.recorder import MAP_FRAME, VESSEL_FRAME
+from xitl_cli.run.scene_land import land_of
+from xitl_cli.run.scenery import scenery_of
 
 _ORANGE = messages.Color(r=0.95, g=0.45, b=0.1, a=1.0)
 _CONCRETE = messages.Color(r=0.6, g=0.6, b=0.6, a=1.0)
@@ -26,10 +29,12 @@ _WATER_MARGIN_M = 100.0
 def scene_of(profile: RunProfile) -> messages.SceneUpdate:
     """One update with everything that does not move against its frame."""
     entities = [_mission(profile), _vessel(profile.vehicle), _water(profile)]
-    if profile.world.log_boom is not None:
-        entities.append(_log_boom(profile.world.log_boom))
-    if profile.world.dam is not None:
+    scenery = scenery_of(profile)
+    if scenery.boom is not None:
+        entities.append(_log_boom(scenery.boom))
+    if profile.world.dam is not None and profile.world.dam.intakes is None:
         entities.append(_dam(profile.world.dam))
+    entities += land_of(profile, scenery)
     return messages.SceneUpdate(entities=entities)
 
 
@@ -95,7 +100,8 @@ def _vessel(vehicle: Vehicle) -> messages.SceneEntity:
 def _water(profile: RunProfile) -> messages.SceneEntity:
     places = [*profile.mission.waypoints_ned_m, (profile.mission.start.north_m, profile.mission.start.east_m)]
     if profile.world.log_boom is not None:
-        places += [(point[0], point[1]) for point in profile.world.log_boom.points_ned_m]
+        boom = profile.world.log_boom
+        places += [(point[0], point[1]) for point in boom.anchors_ne_m or boom.points_ned_m or ()]
     low, high = np.min(places, axis=0), np.max(places, axis=0)
     north, east = ((low + high) / 2).tolist()
     extent = (high - low + 2 * _WATER_MARGIN_M).tolist()
@@ -107,26 +113,31 @@ def _water(profile: RunProfile) -> messages.SceneEntity:
 
 
 def _log_boom(boom: LogBoom) -> messages.SceneEntity:
-    """Cylinders end to end along the line, floating half submerged."""
+    """Cylinders end to end along the line, floating half submerged, and the piles that hold them."""
     floats = []
-    for (n0, e0, d0), (n1, e1, d1) in zip(boom.points_ned_m, boom.points_ned_m[1:], strict=False):
-        length = math.dist((n0, e0), (n1, e1))
-        count = max(round(length / boom.float_length_m), 1)
-        heading = math.atan2(n1 - n0, e1 - e0)
-        for index in range(count):
-            share = (index + 0.5) / count
-            place = _enu(n0 + share * (n1 - n0), e0 + share * (e1 - e0), d0 + share * (d1 - d0))
-            floats.append(
-                messages.CylinderPrimitive(
-                    pose=_pose(place, _quaternion(pitch_rad=math.pi / 2, yaw_rad=heading)),
-                    size=messages.Vector3(
-                        x=2 * boom.float_radius_m, y=2 * boom.float_radius_m, z=0.95 * length / count
-                    ),
-                    bottom_scale=1.0,
-                    top_scale=1.0,
-                    color=_ORANGE,
-                )
+    for centre, along, length in zip(
+        boom.centre_ned_m.tolist(), boom.along_ne.tolist(), boom.length_m.tolist(), strict=True
+    ):
+        floats.append(
+            messages.CylinderPrimitive(
+                pose=_pose(_enu(*centre), _quaternion(pitch_rad=math.pi / 2, yaw_rad=math.atan2(*along))),
+                size=messages.Vector3(x=2 * boom.radius_m, y=2 * boom.radius_m, z=length),
+                bottom_scale=1.0,
+                top_scale=1.0,
+                color=_ORANGE,
             )
+        )
+    for pile in boom.piles:
+        middle = (pile.top_down_m + pile.bottom_down_m) / 2
+        floats.append(
+            messages.CylinderPrimitive(
+                pose=_pose(_enu(*pile.place_ne_m, middle)),
+                size=messages.Vector3(x=2 * pile.radius_m, y=2 * pile.radius_m, z=pile.bottom_down_m - pile.top_down_m),
+                bottom_scale=1.0,
+                top_scale=1.0,
+                color=_DARK,
+            )
+        )
     return messages.SceneEntity(frame_id=MAP_FRAME, id="log boom", cylinders=floats)
 
 

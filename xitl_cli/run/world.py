@@ -16,22 +16,27 @@ from sim_core.environment.waves import FlatWater, IrregularWaves, RegularWave, W
 from sim_core.environment.wind import Air, StillAir, Wind
 from sim_core.simulation import Simulation, SimulationState, initial
 from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, SteeringGear, VesselModel, Windage
+from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema import environment as schema
 from xitl_cli.profile.schema.vehicle import Propeller as PropellerKeys
 from xitl_cli.profile.schema.vehicle import Vehicle
+from xitl_cli.run.scenery import Scenery, scenery_of
 from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.waterway import has_waterway, waterway_of
 
 
-def build(profile: RunProfile, seeds: Seeds) -> tuple[Simulation, SimulationState]:
+def build(profile: RunProfile, seeds: Seeds, scenery: Scenery | None = None) -> tuple[Simulation, SimulationState]:
     """The world at time 0, the vessel at rest at the mission's start.
 
     Raises UserError when a model refuses a value that the profile's own checks let through.
     """
     try:
         environment = _environment(profile.environment, default_rng(seeds.of("waves")))
-        simulation = Simulation.of(_vessel(profile.vehicle), environment, 1.0 / profile.clock.physics_rate_hz)
+        waterway = waterway_of(profile, scenery or scenery_of(profile)) if has_waterway(profile) else OPEN_WATER
+        dt_s = 1.0 / profile.clock.physics_rate_hz
+        simulation = Simulation.of(_vessel(profile.vehicle), environment, dt_s, waterway)
     except ValueError as error:
         raise UserError(f"{profile.name}: {error}") from error
     start = profile.mission.start

@@ -76,9 +76,15 @@ class Wind(Group):
 
 
 class Environment(Group):
-    """All that surrounds the vessel."""
+    """All that surrounds the vessel.
+
+    `visibility_m`: the meteorological one, null for clear air. `water_reflectivity`: what the silt scatters back of a
+    lidar's light that is in the water.
+    """
 
     water: Water = Water()
     current: Current = Current()
     waves: Waves = Waves()
     wind: Wind = Wind()
+    visibility_m: Annotated[float, Field(ge=5)] | None = None
+    water_reflectivity: Annotated[float, Field(ge=0, le=0.5)] = 0.05

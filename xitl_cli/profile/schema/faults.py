@@ -19,7 +19,7 @@ class LinkFault(Group):
     the frames; `cut` lets nothing through.
     """
 
-    which: Literal["agent", "standby"] = "agent"
+    which: Literal["agent", "standby", "companion"] = "agent"
     direction: Literal["both", "sensors", "actuators"] = "both"
     delay_s: Annotated[float, Field(ge=0, le=60)] = 0.0
     jitter_s: Annotated[float, Field(ge=0, le=60)] = 0.0
@@ -35,7 +35,7 @@ class AgentFault(Group):
     A share of every processor is kept busy; the clock is ahead by an offset, and runs fast.
     """
 
-    which: Literal["agent", "standby"] = "agent"
+    which: Literal["agent", "standby", "companion"] = "agent"
     cpu_load: Share = 0.0
     clock_offset_s: Annotated[float, Field(ge=0, le=100_000)] = 0.0
     clock_skew_ppm: Annotated[float, Field(ge=-10_000, le=10_000)] = 0.0

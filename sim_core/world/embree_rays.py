@@ -1,0 +1,131 @@
+"""Ray casting by Intel's Embree, through the package embreex.
+
+What does not move is one tree of triangles. A body keeps a tree in its own axes, and the few rays that pass near it are
+turned into those axes, so that nothing is built anew when it drifts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy import float32, float64, int16
+from numpy.typing import NDArray
+
+from sim_core.world.error import WorldError
+from sim_core.world.materials import MATERIALS
+from sim_core.world.mesh import Mesh
+from sim_core.world.near_rays import rays_near
+from sim_core.world.rays import NO_BODIES, Array32, Bodies, Hits
+
+_MISSING = "ray casting needs embreex, which is not installed; pip install 'xitl[perception]'"
+
+
+class EmbreeCaster:
+    """Knows the triangles of `meshes`, in NED.
+
+    Raises:
+        WorldError: embreex is not installed.
+    """
+
+    def __init__(self, meshes: Sequence[Mesh]) -> None:
+        self._still = _Tree(meshes)
+        self._by_mesh: dict[Mesh, _Tree] = {}
+        self.triangles = self._still.triangles
+
+    def cast(
+        self,
+        origin_ned_m: Array32,
+        direction_ned: Array32,
+        bodies: Bodies = NO_BODIES,
+        body_delay_s: Array32 | None = None,
+        reach_m: Array32 | None = None,
+    ) -> Hits:
+        """What each ray meets first; see `RayCaster`."""
+        origin = np.ascontiguousarray(origin_ned_m, dtype=float32)
+        direction = np.ascontiguousarray(direction_ned, dtype=float32)
+        hits = self._still.cast(origin, direction, reach_m)
+        if bodies.meshes:
+            trees = [self._tree(mesh) for mesh in bodies.meshes]
+            radius_m = np.array([tree.radius_m for tree in trees])
+            for body, rays in rays_near(origin, direction, bodies, radius_m, body_delay_s):
+                delay_s = None if body_delay_s is None else body_delay_s[rays]
+                _meet(trees[body], origin[rays], direction[rays], delay_s, bodies, body, rays, hits)
+        return hits
+
+    def _tree(self, mesh: Mesh) -> _Tree:
+        if (tree := self._by_mesh.get(mesh)) is None:
+            tree = self._by_mesh[mesh] = _Tree([mesh])
+        return tree
+
+
+def _meet(
+    tree: _Tree,
+    origin: Array32,
+    direction: Array32,
+    delay_s: Array32 | None,
+    bodies: Bodies,
+    body: int,
+    rays: NDArray[np.intp],
+    hits: Hits,
+) -> None:
+    """Writes into `hits` what some rays meet of one body, where it is nearer than what they met before."""
+    rotation = bodies.rot_ned_body[body]
+    relative = origin - bodies.pos_ned_m[body]
+    if delay_s is not None:
+        relative -= delay_s[:, None] * bodies.vel_ned_mps[body]
+    own = tree.cast((relative @ rotation).astype(float32), (direction @ rotation).astype(float32))
+    nearer = own.range_m < hits.range_m[rays]
+    met = rays[nearer]
+    hits.range_m[met] = own.range_m[nearer]
+    hits.normal_ned[met] = own.normal_ned[nearer] @ rotation.T
+    hits.material[met] = own.material[nearer]
+    hits.body[met] = body
+
+
+class _Tree:
+    """Triangles in Embree, with a table of normals and materials whose last row is that of no hit (number -1)."""
+
+    def __init__(self, meshes: Sequence[Mesh]) -> None:
+        try:
+            from embreex.mesh_construction import TriangleMesh  # type: ignore[import-untyped]
+            from embreex.rtcore_scene import EmbreeScene  # type: ignore[import-untyped]
+        except ImportError:
+            raise WorldError(_MISSING) from None
+        corners = np.concatenate([np.empty((0, 3, 3)), *(mesh.vertices_m[mesh.faces] for mesh in meshes)])
+        self.triangles = len(corners)
+        self.radius_m = float(np.max(np.linalg.norm(corners, axis=-1), initial=0.0))
+        self._normals = np.zeros((self.triangles + 1, 3), dtype=float32)
+        self._normals[:-1] = _unit_normals(corners)
+        kinds = [np.full(len(mesh.faces), MATERIALS.index(mesh.material)) for mesh in meshes]
+        self._materials = np.concatenate([*kinds, [-1]]).astype(int16)
+        self._scene: Any = None
+        if self.triangles:
+            self._scene = EmbreeScene()
+            self._kept = TriangleMesh(self._scene, np.ascontiguousarray(corners, dtype=float32))
+
+    def cast(self, origin: Array32, direction: Array32, reach_m: Array32 | None = None) -> Hits:
+        """In the tree's own axes; `body` -1 throughout."""
+        count = len(origin)
+        none = np.full(count, -1, dtype=int16)
+        if self._scene is None or not count:
+            return Hits(np.full(count, np.inf, dtype=float32), np.zeros((count, 3), dtype=float32), none, none.copy())
+        # A copy, as the ranges are written into it.
+        reach = None if reach_m is None else np.array(reach_m, dtype=float32)
+        met = self._scene.run(origin, direction, reach, query="INTERSECT", output=1)
+        triangle, range_m = met["primID"], met["tfar"]
+        range_m[triangle < 0] = np.inf
+        normal = self._normals.take(triangle, axis=0, mode="wrap")  # -1 is the last row
+        away = np.einsum("ij,ij->i", normal, direction) > 0.0
+        if away.any():
+            normal[away] *= -1.0
+        return Hits(range_m, normal, self._materials[triangle], none)
+
+
+def _unit_normals(corners_m: NDArray[float64]) -> NDArray[float64]:
+    """(F, 3) of triangles (F, 3, 3); 0 for one without an area."""
+    across = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+    length = np.linalg.norm(across, axis=-1, keepdims=True)
+    unit: NDArray[float64] = across / np.where(length > 0.0, length, 1.0)
+    return unit

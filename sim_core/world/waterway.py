@@ -1,0 +1,116 @@
+"""The river that vessels and debris move in: what stands in it, what is put into it, and one step of both.
+
+    afloat = step(waterway, outline, afloat, time_ns, dt_ns, long_ns, motion, water)
+
+Debris moves in long steps, and with the vessels' while one of them is near: what is far away costs little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.kinematics import Kinematics
+from sim_core.world.capsules import Capsules
+from sim_core.world.contact import NO_CONTACTS, Contacts, Outline
+from sim_core.world.drifting import DebrisState, Launch, Push, drift, launched, no_debris
+from sim_core.world.held import held_by, together
+from sim_core.world.hull_contact import NOTHING_NEAR, Near, meet, near_of
+from sim_core.world.river import Bed
+
+Array = NDArray[float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waterway:
+    """standing: what stands or lies at anchor; bed: the bottom, None for none; launches: by their instants.
+
+    contact: whether vessels feel any of it. Debris always does.
+    """
+
+    standing: Capsules
+    bed: Bed | None = None
+    launches: tuple[Launch, ...] = ()
+    contact: bool = True
+
+
+OPEN_WATER = Waterway(Capsules.of(()), contact=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Water:
+    """What carries bodies at one instant: `current_ned_mps` and `surface_down_m` at (B, 3) and (B, 2) places."""
+
+    current_ned_mps: Callable[[Array], Array]
+    surface_down_m: Callable[[Array], Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Afloat:
+    """Debris, what is near the vessels, the contacts of the latest step and their wrench on the vessels, (N, 6)."""
+
+    debris: DebrisState
+    near: Near
+    contacts: Contacts = NO_CONTACTS
+    wrench_frd: Array | None = None
+
+
+STILL = Afloat(no_debris(), NOTHING_NEAR)
+
+
+def step(
+    waterway: Waterway,
+    outline: Outline,
+    afloat: Afloat,
+    time_ns: int,
+    dt_ns: int,
+    long_ns: int,
+    motion: Kinematics,
+    water: Water,
+) -> Afloat:
+    """From time_ns on, with the vessels where they are then. long_ns: a whole number of dt_ns."""
+    debris, near = afloat.debris, afloat.near
+    long_step = time_ns % long_ns == 0
+    if long_step:
+        debris = _put_in(waterway, debris, time_ns, water)
+        near = near_of(waterway.standing, waterway.bed, outline, motion, debris) if waterway.contact else NOTHING_NEAR
+    contacts, wrench, push = NO_CONTACTS, None, None
+    if not near.nothing:
+        contacts, wrench, push = meet(waterway.standing, waterway.bed, outline, motion, debris, near, dt_ns * 1e-9)
+    if not debris.bodies:
+        return Afloat(debris, near, contacts, wrench)
+    if len(near.bodies):
+        debris = _carried(waterway, debris, dt_ns, water, push)
+    elif long_step:
+        debris = _carried(waterway, debris, long_ns, water, None)
+    return Afloat(debris, near, contacts, wrench)
+
+
+def put_in(debris: DebrisState, launch: Launch, water: Water) -> DebrisState:
+    """One body more, now. Raises ValueError for an impossible length."""
+    place = np.array([[launch.north_m, launch.east_m, 0.0]])
+    current = water.current_ned_mps(place)[0]
+    return launched(debris, launch, current, float(water.surface_down_m(place[:, :2])[0]))
+
+
+def _put_in(waterway: Waterway, debris: DebrisState, time_ns: int, water: Water) -> DebrisState:
+    if debris.time_ns != time_ns:  # nothing drifted so far, or something was put in between two long steps
+        debris = replace(debris, time_ns=time_ns)
+    while debris.scheduled < len(waterway.launches) and waterway.launches[debris.scheduled].at_ns <= time_ns:
+        debris = put_in(debris, waterway.launches[debris.scheduled], water)
+        debris = replace(debris, scheduled=debris.scheduled + 1)
+    return debris
+
+
+def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: Water, push: Push | None) -> DebrisState:
+    """Debris one step later, held by what stands in the water and by the banks."""
+    pushes = held_by(waterway.standing, waterway.bed, debris, dt_ns * 1e-9)
+    if push is not None:
+        pushes.append(push)
+    total = together(pushes) if pushes else None
+    place = debris.pos_ned_m
+    return drift(debris, dt_ns, water.current_ned_mps(place), water.surface_down_m(place[:, :2]), total)

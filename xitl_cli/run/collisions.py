@@ -1,0 +1,101 @@
+"""What the vessel ran into in a run, and how hard."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.world.contact import Contacts
+
+APART_NS = 500_000_000  # not touched for as long: the next touch is another collision
+
+
+@dataclass(slots=True)
+class Collision:
+    """With one thing, from the first touch on.
+
+    what: `log boom`, `trunk 3` ...; impact_mps: how fast the two came together at first touch. place_ned_m, force_n,
+    closing_mps: of the latest touch. impulse_ns: the sum over the steps.
+    """
+
+    what: str
+    began_ns: int
+    latest_ns: int
+    impact_mps: float
+    place_ned_m: NDArray[float64]
+    first_ne_m: tuple[float, float]
+    force_n: float
+    closing_mps: float
+    max_force_n: float
+    impulse_ns: float
+
+    @property
+    def kind(self) -> str:
+        """Without the number."""
+        return self.what.rstrip("0123456789").rstrip()
+
+
+class Collisions:
+    """Of one vessel in one run."""
+
+    def __init__(self) -> None:
+        self._all: list[Collision] = []
+        self._open: dict[str, Collision] = {}
+
+    def add(self, stamp_ns: int, contacts: Contacts) -> list[Collision]:
+        """The contacts of one step; the collisions that begin with it."""
+        began = []
+        for what in dict.fromkeys(contacts.what):
+            rows = [number for number, name in enumerate(contacts.what) if name == what]
+            force = contacts.force_ned_n[rows].sum(axis=0)
+            force_n = float(math.sqrt(force @ force))
+            closing_mps = float(contacts.closing_mps[rows].max())
+            impulse_ns = float(contacts.impulse_ns[rows].sum())
+            place = contacts.place_ned_m[rows].mean(axis=0)
+            known = self._open.get(what)
+            if known is None or stamp_ns - known.latest_ns > APART_NS:
+                north, east, _ = place.tolist()
+                known = Collision(
+                    what, stamp_ns, stamp_ns, max(closing_mps, 0.0), place, (north, east), 0.0, 0.0, 0.0, 0.0
+                )
+                self._open[what] = known
+                self._all.append(known)
+                began.append(known)
+            known.latest_ns, known.place_ned_m, known.force_n = stamp_ns, place, force_n
+            known.closing_mps = closing_mps
+            known.max_force_n = max(known.max_force_n, force_n)
+            known.impulse_ns += impulse_ns
+        return began
+
+    def touching(self, stamp_ns: int) -> list[Collision]:
+        """Those in which there is touch now."""
+        return [collision for collision in self._open.values() if collision.latest_ns == stamp_ns]
+
+    def report(self) -> dict[str, Any]:
+        """The summary's section `collisions`."""
+        by: dict[str, int] = {}
+        for collision in self._all:
+            by[collision.kind] = by.get(collision.kind, 0) + 1
+        return {
+            "count": len(self._all),
+            "by": by,
+            "first_s": self._all[0].began_ns * 1e-9 if self._all else None,
+            "max_impact_mps": max((collision.impact_mps for collision in self._all), default=None),
+            "list": [
+                {
+                    "at_s": collision.began_ns * 1e-9,
+                    "what": collision.what,
+                    "impact_mps": collision.impact_mps,
+                    "north_m": collision.first_ne_m[0],
+                    "east_m": collision.first_ne_m[1],
+                    "touched_s": (collision.latest_ns - collision.began_ns) * 1e-9,
+                    "max_force_n": collision.max_force_n,
+                    "impulse_ns": collision.impulse_ns,
+                }
+                for collision in self._all
+            ],
+        }

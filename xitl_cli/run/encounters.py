@@ -1,0 +1,158 @@
+"""Debris that meets the vessel on its way: drawn from the seed, put into the water when the vessel comes near.
+
+A body is to be at its place on the legs when the vessel gets there. So it is launched while the vessel still has
+`ahead_m` to go, from as far up the current as it drifts in the time which that takes at the mission's speed. It hangs
+on how far the vessel is and not on the clock: one that starts late or makes a detour meets the same bodies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import bool_, float64
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sim_core.world.bodies import USUAL_LENGTH_M, Body, BodyKind, body_of
+from sim_core.world.drifting import Launch
+from sim_core.world.waterway import Waterway
+from xitl_cli.profile.schema.debris import Encounters as Keys
+
+Array = NDArray[float64]
+Point = tuple[float, float]
+
+SIZES = (0.7, 1.3)  # of the usual length
+CLEAR_M = 0.5  # of what stands in the water, when it is launched
+_SPREAD = 0.6  # of each body's share of the way, within which its place is drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Encounter:
+    """A body to meet `along_m` from the start of the mission's legs, `right_m` off them, launched `ahead_m` before."""
+
+    along_m: float
+    ahead_m: float
+    right_m: float
+    kind: BodyKind
+    length_m: float
+    heading_rad: float
+
+
+def drawn(keys: Keys, legs_m: float, rng: Generator) -> tuple[Encounter, ...]:
+    """`count` encounters on legs of that length in all, each on its own share of the way, in their order."""
+    if not keys.count or not keys.kinds:
+        return ()
+    near_m, far_m = min(keys.ahead_m), max(keys.ahead_m)
+    first_m = min(far_m, 0.5 * legs_m)
+    share_m = (legs_m - first_m) / keys.count
+    made = []
+    for number in range(keys.count):
+        kind = BodyKind[keys.kinds[int(rng.integers(len(keys.kinds)))].upper()]
+        made.append(
+            Encounter(
+                along_m=first_m + share_m * (number + 0.5 + _SPREAD * (rng.random() - 0.5)),
+                ahead_m=float(rng.uniform(near_m, far_m)),
+                right_m=float(rng.uniform(-keys.off_m, keys.off_m)),
+                kind=kind,
+                length_m=round(USUAL_LENGTH_M[kind] * float(rng.uniform(*SIZES)), 2),
+                heading_rad=float(rng.uniform(0.0, 2.0 * math.pi)),
+            )
+        )
+    return tuple(made)
+
+
+class Legs:
+    """The way through places (north, east), the first of which is where it begins."""
+
+    def __init__(self, places_ne_m: Sequence[Point]) -> None:
+        self._places = np.array(places_ne_m, dtype=float64)
+        steps = np.diff(self._places, axis=0)
+        self._lengths = np.hypot(steps[:, 0], steps[:, 1])
+        self._ends = np.cumsum(self._lengths)
+        self._ahead = steps / np.maximum(self._lengths, 1e-9)[:, None]
+
+    @property
+    def length_m(self) -> float:
+        """In all."""
+        return float(self._ends[-1]) if len(self._ends) else 0.0
+
+    def along_m(self, place_ne_m: Point, target: int) -> float:
+        """How far along the way a vessel is that heads for the end of leg `target`, by what it has to go."""
+        to_go = math.dist(place_ne_m, self._places[target + 1].tolist())
+        return float(self._ends[target] - min(to_go, self._lengths[target]))
+
+    def place(self, along_m: float, right_m: float) -> Array:
+        """(2,) of a place beside the way."""
+        leg = min(int(np.searchsorted(self._ends, along_m)), len(self._ends) - 1)
+        ahead = self._ahead[leg]
+        back_m = self._ends[leg] - along_m
+        place: Array = self._places[leg + 1] - back_m * ahead + right_m * np.array([-ahead[1], ahead[0]])
+        return place
+
+
+class Encounters:
+    """Those of one run. `current_ned_mps` gives the mean current (1, 3) at a place (1, 3).
+
+    no_room: how many were left out, as something stands where they were to meet the vessel.
+    """
+
+    def __init__(
+        self,
+        encounters: Sequence[Encounter],
+        legs: Legs,
+        speed_mps: float,
+        current_ned_mps: Callable[[Array], Array],
+        waterway: Waterway,
+        water_down_m: float = 0.0,
+    ) -> None:
+        self._left = list(encounters)
+        self._legs = legs
+        self._speed_mps = speed_mps
+        self._current_ned_mps = current_ned_mps
+        self._waterway = waterway
+        self._water_down_m = water_down_m
+        self.no_room = 0
+
+    def due(self, now_ns: int, place_ne_m: Point, target: int | None) -> list[Launch]:
+        """What is to be launched now that the vessel is at a place and heads for waypoint `target`."""
+        if not self._left or target is None:
+            return []
+        along_m = self._legs.along_m(place_ne_m, target)
+        launches = []
+        while self._left and self._left[0].along_m - along_m <= self._left[0].ahead_m:
+            launch = self._launch(now_ns, self._left.pop(0), along_m)
+            if launch is None:
+                self.no_room += 1
+            else:
+                launches.append(launch)
+        return launches
+
+    def _launch(self, now_ns: int, encounter: Encounter, along_m: float) -> Launch | None:
+        """From as far up the current as nothing is in its way; None where it would not fit on the leg itself."""
+        body = body_of(encounter.kind, encounter.length_m)
+        meeting = self._legs.place(encounter.along_m, encounter.right_m)
+        left_s = max(encounter.along_m - along_m, 0.0) / self._speed_mps
+        current = self._current_ned_mps(np.array([[*meeting, 0.0]]))[0, :2]
+        heading = np.array([math.cos(encounter.heading_rad), math.sin(encounter.heading_rad)])
+        drift_m = left_s * (current + body.swim_mps * heading)
+        steps = int(np.hypot(*drift_m) / CLEAR_M) + 1
+        way = meeting - np.linspace(0.0, 1.0, steps + 1)[:, None] * drift_m
+        free = self._has_room(way, body)
+        if not free[0]:
+            return None
+        north, east = way[-1 if free.all() else int(free.argmin()) - 1].tolist()
+        return Launch(now_ns, encounter.kind, north, east, encounter.heading_rad, encounter.length_m)
+
+    def _has_room(self, places_ne_m: Array, body: Body) -> NDArray[bool_]:
+        """(P,) whether the body would float free at (P, 2) places."""
+        around_m = body.half_axis_m + body.radius_m + CLEAR_M
+        standing, bed = self._waterway.standing, self._waterway.bed
+        free = np.ones(len(places_ne_m), dtype=bool_)
+        if len(standing):
+            free &= standing.distance_m(places_ne_m).min(axis=1) > around_m
+        if bed is not None:
+            free &= bed.bed_down_m(places_ne_m) - self._water_down_m > body.draught_m + CLEAR_M
+        return free
