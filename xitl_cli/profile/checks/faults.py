@@ -101,3 +101,9 @@ def _standby(profile: Profile, path: KeyPath, value: LinkFault | AgentFault) -> 
             f"{dotted(path)}.which = standby names an agent that this profile does not have; "
             "add autopilot.standby, or use which: agent",
         )
+    if value.which == "companion" and profile.companion is None:
+        yield (
+            (*path, "which"),
+            f"{dotted(path)}.which = companion names a computer that this profile does not have; "
+            "add a companion, or use which: agent",
+        )

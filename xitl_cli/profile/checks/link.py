@@ -47,7 +47,7 @@ def _link(
 ) -> Iterator[tuple[KeyPath, str]]:
     if link is None:
         return
-    problem = problem_of_url(link) or _misplaced(urlsplit(link), f"{dotted(path[:-1])}.runs", runs)
+    problem = problem_of_url(link) or misplaced(urlsplit(link), f"{dotted(path[:-1])}.runs", runs)
     if problem is None and autopilot.kind != "none" and runs != "in-process":
         problem = _too_much(profile, autopilot, urlsplit(link))
     if problem is not None:
@@ -93,7 +93,8 @@ def _without_pty(url: SplitResult) -> SplitResult:
     return url._replace(netloc="", path="/pty") if url.netloc == "pty" and not url.path else url
 
 
-def _misplaced(url: SplitResult, key: str, runs: str) -> str | None:
+def misplaced(url: SplitResult, key: str, runs: str) -> str | None:
+    """What is wrong with a link that does not go with where the agent runs, which `key` says."""
     made_here = url.netloc == "pty" or (url.netloc == "slcan" and url.path == "/pty")
     if made_here and runs == "board":
         example = _EXAMPLES[url.scheme]

@@ -49,6 +49,8 @@ def _rates(profile: Profile) -> Iterator[tuple[KeyPath, float]]:
     if profile.sensors is not None:
         for path, sensor in sensors_of(profile.sensors):
             yield (*path, "rate_hz"), sensor.rate_hz
+        if profile.sensors.lidar is not None:
+            yield ("sensors", "lidar", "rate_hz"), profile.sensors.lidar.rate_hz
     if profile.clock is not None:
         yield ("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz
     if profile.recording is not None:

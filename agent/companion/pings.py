@@ -1,0 +1,150 @@
+"""Echoes of a scanning sonar, and the XITL_PING chunks they travel in.
+
+A ping whose chunks have all come is handed on at once; one that lacks some when a later one begins is handed on with
+silence in their place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import float64, uint8
+from numpy.typing import NDArray
+
+from agent.wire import dialect
+from agent.wire.codec import Message
+
+CHUNK = 200  # samples a message carries
+MOST_SAMPLES = 1200
+TURN_GRAD = 400
+_ROUND = 1 << 16
+
+
+class Ping(NamedTuple):
+    """The echo of one ping. number: counts up, round after 65536. stamp_ns: sensor clock when it went out.
+
+    angle_grad: direction of the beam clockwise from the bow, 400 to the turn. position_frd_m: of the transducer.
+    intensity (n,): sample k is the middle of its interval, at `ranges_m()[k]`. chunks_lost: came not, and are zeros.
+    """
+
+    number: int
+    stamp_ns: int
+    angle_grad: int
+    position_frd_m: tuple[float, float, float]
+    sample_period_s: float
+    sound_speed_mps: float
+    intensity: NDArray[uint8]
+    chunks_lost: int = 0
+
+    @property
+    def sample_m(self) -> float:
+        """Range from one sample to the next: sound goes there and back."""
+        return 0.5 * self.sound_speed_mps * self.sample_period_s
+
+    def ranges_m(self) -> NDArray[float64]:
+        """Range of each sample, (n,)."""
+        return np.asarray((np.arange(len(self.intensity)) + 0.5) * self.sample_m)
+
+
+def ping_messages(ping: Ping) -> list[Message]:
+    """XITL_PING messages of a ping, in order."""
+    data, samples = ping.intensity.tobytes(), len(ping.intensity)
+    return [
+        dialect.MAVLink_xitl_ping_message(
+            ping.stamp_ns // 1000,
+            ping.position_frd_m,
+            ping.sample_period_s,
+            ping.sound_speed_mps,
+            ping.number % _ROUND,
+            ping.angle_grad % TURN_GRAD,
+            samples,
+            first,
+            min(CHUNK, samples - first),
+            data[first : first + CHUNK].ljust(CHUNK, b"\0"),
+        )
+        for first in range(0, samples, CHUNK)
+    ]
+
+
+class Pings:
+    """Puts pings together again.
+
+    pings: handed on. chunks_lost: never came. late: chunks of a ping that was handed on, or repeated. refused: chunks
+    whose numbers cannot be.
+    """
+
+    def __init__(self) -> None:
+        self.pings = 0
+        self.chunks_lost = 0
+        self.late = 0
+        self.refused = 0
+        self._open: Ping | None = None
+        self._missing: set[int] = set()
+        self._newest: int | None = None
+
+    def take(self, message: Message) -> list[Ping]:
+        """The pings that are through with this chunk, oldest first: none, one, or the one before given up as well."""
+        if not _can_be(message):
+            self.refused += 1
+            return []
+        done: list[Ping] = []
+        number = int(message.ping)
+        if self._newest is None or 0 < (number - self._newest) % _ROUND < _ROUND // 2:
+            done += self._given_up()
+            self._begin(message)
+        ping = self._open
+        if ping is None or number != ping.number or message.first not in self._missing:
+            self.late += 1
+            return done
+        if message.samples != len(ping.intensity):
+            self.refused += 1
+            return done
+        first, count = int(message.first), int(message.count)
+        ping.intensity[first : first + count] = np.frombuffer(bytes(message.intensity[:count]), uint8)
+        self._missing.discard(first)
+        if not self._missing:
+            done.append(self._hand_on(ping))
+        return done
+
+    def _begin(self, message: Message) -> None:
+        x_m, y_m, z_m = (float(value) for value in message.position)
+        self._newest = int(message.ping)
+        self._missing = set(range(0, message.samples, CHUNK))
+        self._open = Ping(
+            self._newest,
+            int(message.time_usec) * 1000,
+            int(message.angle),
+            (x_m, y_m, z_m),
+            float(message.sample_period),
+            float(message.sound_speed),
+            np.zeros(message.samples, uint8),
+        )
+
+    def _given_up(self) -> list[Ping]:
+        if self._open is None:
+            return []
+        lost = len(self._missing)
+        self.chunks_lost += lost
+        return [self._hand_on(self._open._replace(chunks_lost=lost))]
+
+    def _hand_on(self, ping: Ping) -> Ping:
+        self._open = None
+        self._missing = set()
+        self.pings += 1
+        return ping
+
+
+def _can_be(message: Message) -> bool:
+    samples, first = message.samples, message.first
+    return (
+        0 < samples <= MOST_SAMPLES
+        and first < samples
+        and first % CHUNK == 0
+        and message.count == min(CHUNK, samples - first)
+        and message.angle < TURN_GRAD
+        and all(math.isfinite(value) for value in message.position)
+        and 0.0 < message.sample_period < 1.0
+        and 0.0 < message.sound_speed < 1e4
+    )

@@ -1,0 +1,264 @@
+"""A lidar over turbid water: rays of one frame, each from where the sensor is at its instant, and what comes back.
+
+The range equation with the maker's figures: a diffuse target of 10 % square to the beam is seen to
+`range_at_10_percent_m`, others as far as reflectivity times cosine of incidence over the square of the range is as
+much, less what air takes on both ways (Beer-Lambert). Water returns light that its silt scatters back, through the
+surface twice (Fresnel), which at grazing angles is hardly any. Nothing under the surface is seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy import float32, float64, uint8
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.sensors.checks import require_non_negative, require_positive, require_vector
+from sim_core.sensors.laser_light import Air, through_surface
+from sim_core.sensors.lidar_rays import Rays, Track, rays_from
+from sim_core.sensors.rosette import Rosette
+from sim_core.sensors.water_seen import WaterSeen
+from sim_core.world.materials import MATERIALS
+from sim_core.world.rays import NO_BODIES, Bodies, RayCaster
+
+Array = NDArray[float64]
+Array32 = NDArray[float32]
+Mask = NDArray[np.bool_]
+
+FULL_SCALE = 150.0  # intensity of a diffuse target of 100 % (Livox Mid-70 user manual, "Reflectivity")
+_FLICKER = 0.1  # deviation of the logarithm of what returns from a target: 5 % in range
+_GLITTER = 0.5  # of what returns from water, by ripples that no wave component has
+_STEEPER = 0.15  # how much waves may add to the cosine of incidence of rays that are worth following
+_SPRAY_M = 1.5  # mean range of droplets
+_SPRAY_REFLECTIVITY = 0.05
+_REFLECTIVITY = np.array([material.reflectivity for material in MATERIALS], float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Fates:
+    """What became of the points fired in a frame; those returned include what fog, spray and water returned.
+
+    nothing: nothing there; weak: too little came back; near: in the blind zone; water: into the water; dropped: lost
+    at random.
+    """
+
+    fired: int = 0
+    returned: int = 0
+    nothing: int = 0
+    weak: int = 0
+    near: int = 0
+    water: int = 0
+    dropped: int = 0
+    from_water: int = 0
+    from_spray: int = 0
+    from_fog: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """The n returns of a frame: points_frd_m (n, 3) in body axes, each at its own instant.
+
+    offset_s (n,) after stamp_ns; intensity (n,): 150 for a diffuse target of 100 %.
+    """
+
+    stamp_ns: int
+    points_frd_m: Array32
+    offset_s: Array32
+    intensity: NDArray[uint8]
+    fates: Fates
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lidar:
+    """A lidar at position_frd_m, turned by roll, pitch (up positive) and yaw; see the profile's `sensors.lidar`.
+
+    water_reflectivity: what silt scatters back, of light that is in the water. Raises ValueError naming the field
+    that cannot be.
+    """
+
+    rosette: Rosette = field(default_factory=Rosette)
+    position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    roll_deg: float = 0.0
+    pitch_deg: float = 0.0
+    yaw_deg: float = 0.0
+    range_noise_m: float = 0.02
+    min_range_m: float = 0.05
+    max_range_m: float = 260.0
+    range_at_10_percent_m: float = 90.0
+    drop_share: float = 0.0
+    spray_share: float = 0.0
+    water_reflectivity: float = 0.06
+    air: Air = field(default_factory=Air)
+    _position: Array = field(init=False, repr=False, compare=False)
+    _mount: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_positive("lidar", max_range_m=self.max_range_m, range_at_10_percent_m=self.range_at_10_percent_m)
+        require_non_negative(
+            "lidar",
+            range_noise_m=self.range_noise_m,
+            min_range_m=self.min_range_m,
+            drop_share=self.drop_share,
+            spray_share=self.spray_share,
+            water_reflectivity=self.water_reflectivity,
+        )
+        for name in ("drop_share", "spray_share", "water_reflectivity"):
+            if getattr(self, name) > 1.0:
+                raise ValueError(f"lidar.{name} = {getattr(self, name)} must be a share; give 0 to 1")
+        require_vector("lidar", position_frd_m=self.position_frd_m)
+        if not self.min_range_m < self.max_range_m:
+            raise ValueError(
+                f"lidar.min_range_m = {self.min_range_m} must be less than lidar.max_range_m = {self.max_range_m}"
+            )
+        turned = np.radians([self.roll_deg, self.pitch_deg, self.yaw_deg])
+        object.__setattr__(self, "_position", np.array(self.position_frd_m))
+        object.__setattr__(self, "_mount", quat_to_matrix(euler_to_quat(turned)))
+
+    def scan(
+        self,
+        track: Track,
+        caster: RayCaster,
+        water: WaterSeen,
+        rng: Generator,
+        bodies: Bodies = NO_BODIES,
+    ) -> Scan:
+        """All points from the first instant of the track up to its last; water and bodies are of the first."""
+        start_ns, end_ns = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
+        interval_s = 1.0 / self.rosette.points_hz
+        first = math.ceil(start_ns * 1e-9 / interval_s - 1e-6)
+        count = math.ceil(end_ns * 1e-9 / interval_s - 1e-6) - first
+        first_s = max(first * interval_s - start_ns * 1e-9, 0.0)
+        looking = self.rosette.directions(first, count)
+        rays = rays_from(track, self._position, self._mount, looking, first_s, interval_s)
+        ends = self._in_the_air(self._targets(rays, caster, bodies, water, rng), rng)
+
+        near, far = ends.range_m < self.min_range_m, ends.range_m > self.max_range_m
+        within = ends.seen & ~near & ~far
+        dropped = within & (rng.random(count, dtype=float32) < self.drop_share) if self.drop_share else ~within & False
+        kept, measured_m, drowned = self._measured(rays, ends, np.flatnonzero(within & ~dropped), water, rng)
+
+        points = self._mount.astype(float32) @ looking[:, kept]
+        points *= measured_m
+        points += self._position.astype(float32)[:, None]
+        strength = ends.albedo[kept] * (FULL_SCALE * self.air.both_ways(measured_m)) * ends.flicker[kept]
+        intensity = np.rint(np.minimum(strength, float32(255.0))).astype(uint8)
+        nothing = np.isinf(ends.range_m)
+        swallowed = ends.wet & ~(within | near)
+        fates = Fates(
+            fired=count,
+            returned=len(kept),
+            nothing=_count(nothing),
+            near=_count(near),
+            water=_count(swallowed) + drowned,
+            weak=_count(~(within | near | swallowed | nothing)),
+            dropped=_count(dropped),
+            from_water=_count(ends.wet[kept]),
+            from_fog=_count(ends.fog[kept]),
+            from_spray=_count(ends.spray[kept]),
+        )
+        return Scan(start_ns, np.ascontiguousarray(points.T), rays.later_s[kept], intensity, fates)
+
+    def _targets(self, rays: Rays, caster: RayCaster, bodies: Bodies, water: WaterSeen, rng: Generator) -> _Ends:
+        """What each ray would end at in empty air."""
+        origin, direction, later_s = rays.origin_ned_m, rays.direction_ned, rays.later_s
+        still_m = water.distance_m(origin, direction, later_s)
+        reach_m = np.minimum(water.certain_m(still_m, direction), float32(self.max_range_m))
+        hits = caster.cast(origin, direction, bodies, later_s if bodies.meshes else None, reach_m)
+        water_m = water.hides(origin, direction, later_s, hits.range_m, still_m)
+        wet = water_m < hits.range_m
+        range_m = np.minimum(water_m, hits.range_m)
+        albedo = np.zeros(len(range_m), float32)
+        solid = np.flatnonzero(~wet & (hits.material >= 0))
+        cosine = np.einsum("ni,ni->n", direction.take(solid, 0), hits.normal_ned.take(solid, 0))
+        albedo[solid] = _REFLECTIVITY[hits.material[solid]] * np.abs(cosine)
+        flicker = rng.standard_normal(len(range_m), dtype=float32)
+        flicker *= np.where(wet, float32(_GLITTER), float32(_FLICKER))
+        np.exp(flicker, out=flicker)
+        steepest = direction[:, 2] + float32(_STEEPER if water.crest_m else 0.0)
+        bound = self._signal(steepest * float32(self.water_reflectivity), range_m) * flicker
+        bright = np.flatnonzero(wet & (bound > 1.0) & (range_m > 0.0))
+        some = rays.of(bright)
+        met_m, cosine = water.met(some.origin_ned_m, some.direction_ned, some.later_s, range_m[bright])
+        range_m[bright] = met_m
+        albedo[bright] = float32(self.water_reflectivity) * cosine * through_surface(cosine) ** 2
+        seen = self._signal(albedo, range_m) * flicker > 1.0
+        none = np.zeros(len(range_m), np.bool_)
+        return _Ends(range_m, albedo, flicker, still_m, wet, seen, none, none)
+
+    def _signal(self, albedo: Array32, range_m: Array32) -> Array32:
+        """(n,) what returns, of what is just enough."""
+        farthest = albedo * float32(self.range_at_10_percent_m**2 / 0.1)
+        signal: Array32 = farthest / np.maximum(range_m * range_m, float32(1e-6)) * self.air.both_ways(range_m)
+        return signal
+
+    def _in_the_air(self, ends: _Ends, rng: Generator) -> _Ends:
+        """With the rays that fog or spray returns before their targets."""
+        count = len(ends.range_m)
+        clump_m = self.air.clumps_m(count, rng)
+        if clump_m is not None:
+            thick = np.full(count, self.air.reflectivity, float32)
+            fog = (clump_m < ends.range_m) & (self._signal(thick, clump_m) > 1.0)
+            ends = replace(ends.cut(fog, clump_m, self.air.reflectivity), fog=fog)
+        if self.spray_share:
+            drop_m = rng.standard_exponential(count, dtype=float32) * float32(_SPRAY_M)
+            spray = (rng.random(count, dtype=float32) < self.spray_share) & (drop_m < ends.range_m)
+            ends = replace(ends.cut(spray, drop_m, _SPRAY_REFLECTIVITY), fog=ends.fog & ~spray, spray=spray)
+        return ends
+
+    def _measured(
+        self, rays: Rays, ends: _Ends, kept: NDArray[np.intp], water: WaterSeen, rng: Generator
+    ) -> tuple[NDArray[np.intp], Array32, int]:
+        """Of the rays `kept`: those above the water, their ranges with noise, and how many are not above it.
+
+        Noise that puts a return under water is taken back.
+        """
+        range_m = ends.range_m[kept]
+        measured_m = range_m + rng.standard_normal(len(kept), dtype=float32) * float32(self.range_noise_m)
+        np.maximum(measured_m, float32(0.0), out=measured_m)
+        if not water.crest_m:
+            return kept, np.minimum(measured_m, ends.still_m[kept]), 0
+        down_m = rays.origin_ned_m[:, 2][kept] + rays.direction_ned[:, 2][kept] * measured_m
+        low = np.flatnonzero(down_m > water.level_down_m - water.crest_m)
+        low = low[_under(water, rays.of(kept[low]), measured_m[low])]
+        measured_m[low] = np.minimum(measured_m[low], range_m[low])
+        drowned = low[_under(water, rays.of(kept[low]), measured_m[low])]
+        return np.delete(kept, drowned), np.delete(measured_m, drowned), len(drowned)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ends:
+    """What n rays end at, (n,) each: range_m, inf for nothing; albedo toward the sensor; how that flickers.
+
+    still_m: range of the still water. wet: water; seen: returns enough; fog, spray: the ray does not get further.
+    """
+
+    range_m: Array32
+    albedo: Array32
+    flicker: Array32
+    still_m: Array32
+    wet: Mask
+    seen: Mask
+    fog: Mask
+    spray: Mask
+
+    def cut(self, rows: Mask, range_m: Array32, albedo: float) -> _Ends:
+        """Ended before at range_m (n,) by something of one albedo, and seen."""
+        return replace(
+            self,
+            range_m=np.where(rows, range_m, self.range_m),
+            albedo=np.where(rows, float32(albedo), self.albedo),
+            wet=self.wet & ~rows,
+            seen=self.seen | rows,
+        )
+
+
+def _under(water: WaterSeen, rays: Rays, range_m: Array32) -> Mask:
+    return water.under(rays.origin_ned_m, rays.direction_ned, rays.later_s, range_m)
+
+
+def _count(mask: Mask) -> int:
+    return int(np.count_nonzero(mask))

@@ -1,0 +1,252 @@
+"""A scanning sonar: one narrow, tall beam that a motor turns, ping by ping.
+
+    echo = sonar.echo(settings, pos_ned_m, rot_ned_frd, below, rng)
+
+Rays fill the beam out to its first nulls. Each brings back what the surface it meets scatters to where it came from
+(Lambert's law), when its range says; what lies behind is in the shadow, as no ray gets there. Levels count from that of
+a rigid wall that fills the beam at 1 m:
+
+    wall that fills the beam      10 log s - 20 log r - 2 a r       (its lit area grows with the square of the range)
+    small object                  TS - 40 log r - 2 a r             (of the rays, fewer meet it: 20 log r more)
+
+with backscatter s and absorption a. Speckle makes the amplitude of every sample a Rayleigh variable (Urick 1983, ch.
+8). Not modelled: paths by way of surface or bed, side lobes, what the vessel moves while one ping travels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy import float64, uint8
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from sim_core.sensors.checks import require_finite, require_vector
+from sim_core.sensors.underwater_sound import absorption_dbpm, sound_speed_mps
+from sim_core.world.materials import MATERIALS
+from sim_core.world.rays import NO_BODIES, Bodies, RayCaster
+
+Array = NDArray[float64]
+
+TURN_GRAD = 400
+BEAM_DEG = (2.0, 25.0)  # across and up and down, between the half-power points
+_HALF_POWER = 0.443  # sinc(0.443)^2 = 0.5
+_NULLS_RAD = tuple(math.asin(math.sin(math.radians(0.5 * width)) / _HALF_POWER) for width in BEAM_DEG)
+_RAYS = (5, 96)  # across, up and down
+_CELL_RAD = 2.0 * _NULLS_RAD[1] / _RAYS[1]
+_PARTS = 6  # of what a ray brings back, along its range
+LONGEST_M = 2.0  # of a cell's echo: beyond, a slanted surface is taken to end
+
+FLOOR_DB = -92.0  # intensity 0
+SPAN_DB = 85.0  # intensity 255 is so much above
+GAIN_DB = (-6.0, 0.0, 6.0)
+NOISE_DB = -88.0
+CENTRE_KHZ = 750.0
+BAND_KHZ = 100.0  # off the centre by so much the transducer is 6 dB weaker, out and back
+WATER_DB = -45.0  # scattered back by a metre of turbid water that fills the beam
+SURFACE_BACKSCATTER = 0.02  # a rough surface seen from below
+RING_DB = 10.0  # the transducer's own ringing, at once
+RING_DBPM = 140.0  # and how it dies away
+
+_BACKSCATTER = np.array([*(material.backscatter for material in MATERIALS), 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class PingSettings:
+    """What is set before a ping. angle_grad: of the head, clockwise from its zero, 400 to the turn.
+
+    gain: 0, 1 or 2. The echo is `samples` of sample_period_s each.
+    """
+
+    angle_grad: int
+    sample_period_s: float
+    samples: int
+    pulse_s: float
+    frequency_khz: float = CENTRE_KHZ
+    gain: int = 1
+
+    @property
+    def listen_s(self) -> float:
+        """From the ping to the last sample."""
+        return self.sample_period_s * self.samples
+
+    def at(self, angle_grad: int) -> PingSettings:
+        """The same in another direction."""
+        return replace(self, angle_grad=angle_grad)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Below:
+    """What sound meets: what light does, and the surface about the vessel. Nothing above that is heard."""
+
+    caster: RayCaster
+    surface_down_m: float
+    bodies: Bodies = NO_BODIES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanningSonar:
+    """A transducer at position_frd_m from the body origin, in water of temperature_c.
+
+    heading_rad: of its zero angle, clockwise from the bow. Raises ValueError naming the field that cannot be.
+    """
+
+    position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading_rad: float = 0.0
+    water_temperature_c: float = 27.0
+    backscatter: Array = field(default_factory=lambda: _BACKSCATTER, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        require_vector("sonar", position_frd_m=self.position_frd_m)
+        require_finite("sonar", heading_rad=self.heading_rad)
+        if not 0.0 <= self.water_temperature_c <= 40.0:
+            raise ValueError(
+                f"sonar.water_temperature_c = {self.water_temperature_c} is no river's; use 0 to 40 degrees Celsius"
+            )
+
+    def echo(
+        self, settings: PingSettings, pos_ned_m: Array, rot_ned_frd: Array, below: Below, rng: Generator
+    ) -> NDArray[uint8]:
+        """Echo intensity (samples,) of a ping from a vessel at pos_ned_m (3,), turned by rot_ned_frd (3, 3)."""
+        return received(self.scattered(settings, pos_ned_m, rot_ned_frd, below, rng), settings, rng)
+
+    def scattered(
+        self, settings: PingSettings, pos_ned_m: Array, rot_ned_frd: Array, below: Below, rng: Generator
+    ) -> Array:
+        """Mean power (samples,) that comes back in each sample, 1 for that of a rigid wall at 1 m; no receiver yet.
+
+        Which part of each cell of the beam its ray stands for is drawn.
+        """
+        power = np.zeros(settings.samples)
+        origin = pos_ned_m + rot_ned_frd @ np.array(self.position_frd_m)
+        depth_m = float(origin[2]) - below.surface_down_m
+        if depth_m <= 0.0:
+            return power  # out of the water
+        heading_rad = self.heading_rad + settings.angle_grad * (2.0 * math.pi / TURN_GRAD)
+        beam = _beam(heading_rad, rng)
+        rays = beam.direction @ rot_ned_frd.T
+        range_m, backscatter, normal = self._met(origin, rays, depth_m, below)
+        cosine = np.maximum(np.abs((normal * rays).sum(axis=1)), 1e-3)
+        # What a ray stands for is a cell of the beam: over its height a slanted surface runs so far along the ray.
+        slant = (normal * (beam.upward @ rot_ned_frd.T)).sum(axis=1) / cosine
+        with np.errstate(invalid="ignore"):
+            length_m = np.minimum(np.abs(slant) * range_m * _CELL_RAD, LONGEST_M)
+        parts_m = range_m + length_m * ((np.arange(_PARTS)[:, None] + rng.random((_PARTS, 1))) / _PARTS - 0.5)
+        parts_m = np.maximum(np.nan_to_num(parts_m, nan=np.inf), 1e-2)
+        loss_db = 2.0 * absorption_dbpm(settings.frequency_khz, self.water_temperature_c)
+        off_db = 6.0 * ((settings.frequency_khz - CENTRE_KHZ) / BAND_KHZ) ** 2
+        back = beam.weight * backscatter * cosine / _PARTS
+        back = back * 10.0 ** (-0.1 * (loss_db * parts_m + off_db)) / parts_m**2
+        sample_m = 0.5 * sound_speed_mps(self.water_temperature_c) * settings.sample_period_s
+        number = np.minimum(parts_m / sample_m, settings.samples).astype(np.intp)
+        power += np.bincount(number.ravel(), back.ravel(), settings.samples + 1)[:-1]
+        middle_m = (np.arange(settings.samples) + 0.5) * sample_m
+        haze_db = WATER_DB - loss_db * middle_m - off_db
+        return np.asarray(power + sample_m * 10.0 ** (0.1 * haze_db) / middle_m**2)
+
+    def _met(self, origin: Array, rays: Array, depth_m: float, below: Below) -> tuple[Array, Array, Array]:
+        """What each ray meets first: range (R,), inf for nothing, backscatter (R,) and normal (R, 3)."""
+        direction = rays.astype(np.float32)
+        origins = np.repeat(origin.astype(np.float32)[None, :], len(rays), axis=0)
+        hits = below.caster.cast(origins, direction, below.bodies)
+        range_m, normal = hits.range_m.astype(float64), hits.normal_ned.astype(float64)
+        backscatter = self.backscatter[hits.material]  # -1 for no hit is the last, which is 0
+        down = rays[:, 2]
+        rising = down < 0.0
+        surface_m = np.where(rising, depth_m / np.where(rising, -down, 1.0), np.inf)
+        nearer = surface_m < range_m
+        normal[nearer] = (0.0, 0.0, 1.0)
+        return np.minimum(range_m, surface_m), np.where(nearer, SURFACE_BACKSCATTER, backscatter), normal
+
+
+class _Beam(NamedTuple):
+    """Rays in body axes: direction (R, 3), upward (R, 3), at right angles to it, and weight (R,), 1 in all."""
+
+    direction: Array
+    upward: Array
+    weight: Array
+
+
+def _beam(heading_rad: float, rng: Generator) -> _Beam:
+    """One ray drawn in each cell of the beam.
+
+    Out and back, so the pattern of a line (sinc squared in power) counts twice, across and up and down.
+    """
+    count_across, count_up = _RAYS
+    across = (np.arange(count_across)[:, None] + rng.random(_RAYS)) / count_across
+    up = (np.arange(count_up)[None, :] + rng.random(_RAYS)) / count_up
+    side, height = (null_rad * (2.0 * place - 1.0) for null_rad, place in zip(_NULLS_RAD, (across, up), strict=True))
+    weight = np.cos(height)
+    for angle, width_deg in zip((side, height), BEAM_DEG, strict=True):
+        weight = weight * np.sinc(_HALF_POWER * np.sin(angle) / math.sin(math.radians(0.5 * width_deg))) ** 4
+    sine, cosine = np.sin(height), np.cos(height)
+    north, east = np.cos(heading_rad + side), np.sin(heading_rad + side)
+    direction = np.stack([cosine * north, cosine * east, -sine], axis=2)
+    upward = np.stack([-sine * north, -sine * east, -cosine], axis=2)
+    return _Beam(direction.reshape(-1, 3), upward.reshape(-1, 3), (weight / weight.sum()).ravel())
+
+
+def received(power: Array, settings: PingSettings, rng: Generator) -> NDArray[uint8]:
+    """What the receiver makes of the mean power (samples,) of the echo: intensity in decibels, 0 to 255.
+
+    Each sample's scatterers add up with phases of their own to a Rayleigh amplitude, over the length of the pulse; then
+    come the ringing of the transducer, the receiver's noise and its gain. No gain that grows with time.
+    """
+    noise = rng.standard_normal((4, settings.samples))
+    amplitude = np.sqrt(0.5 * power) * (noise[0] + 1j * noise[1])
+    amplitude = np.convolve(amplitude, np.sqrt(_pulse(settings)), mode="same")
+    amplitude += math.sqrt(0.5 * 10.0 ** (0.1 * NOISE_DB)) * (noise[2] + 1j * noise[3])
+    range_m = (np.arange(settings.samples) + 0.5) * settings.sample_period_s * 750.0
+    ringing_db = RING_DB - RING_DBPM * np.maximum(range_m - 750.0 * settings.pulse_s, 0.0)
+    level = np.abs(amplitude) ** 2 + 10.0 ** (0.1 * ringing_db)
+    level_db = 10.0 * np.log10(np.maximum(level, 1e-30)) + GAIN_DB[settings.gain]
+    steps = np.rint((level_db - FLOOR_DB) * (255.0 / SPAN_DB))
+    return np.asarray(np.clip(steps, 0.0, 255.0), dtype=uint8)
+
+
+def _pulse(settings: PingSettings) -> Array:
+    """How the power of an echo is spread over samples by the length of the pulse, about its middle."""
+    length = min(max(settings.pulse_s / settings.sample_period_s, 1.0), float(settings.samples // 2))
+    half = math.ceil(0.5 * (length - 1.0))
+    place = np.arange(-half, half + 1)
+    return np.clip(0.5 * length - np.abs(place) + 0.5, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Sector:
+    """Directions that a head goes through, to and fro; a whole turn goes round and round.
+
+    start_grad: of the head. span_grad: clockwise from there, 400 for the turn.
+    """
+
+    start_grad: int
+    span_grad: int
+    step_grad: int
+
+    def angle_grad(self, offset_grad: int) -> int:
+        """Direction so far into the sector."""
+        return (self.start_grad + offset_grad) % TURN_GRAD
+
+    def after(self, offset_grad: int, forward: bool) -> tuple[int, bool]:
+        """The next offset, and whether the head went clockwise."""
+        if self.span_grad + self.step_grad >= TURN_GRAD:
+            return (offset_grad + self.step_grad) % TURN_GRAD, True
+        if not 0 <= offset_grad + (self.step_grad if forward else -self.step_grad) <= self.span_grad:
+            forward = not forward
+        following = offset_grad + (self.step_grad if forward else -self.step_grad)
+        return (following, forward) if 0 <= following <= self.span_grad else (offset_grad, forward)
+
+
+OVERHEAD_S = 0.016  # of a ping, beside turning and listening
+TURN_S = (
+    0.004  # of the head, a gradian: with OVERHEAD_S a turn of 400 takes 9 s at 2 m and 35 s at 50 m, as the maker says
+)
+
+
+def turning_s(from_grad: int, to_grad: int) -> float:
+    """How long the head takes from one direction to another, the short way."""
+    apart = (to_grad - from_grad) % TURN_GRAD
+    return TURN_S * min(apart, TURN_GRAD - apart)

@@ -1,0 +1,177 @@
+"""The surface of the water as a ray from above meets it: level and waves about one place and instant.
+
+Waves are summed in single precision about that place: it is for some ten thousand rays a frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import float32, float64
+from numpy.typing import NDArray
+
+from sim_core.environment.environment import Environment
+from sim_core.environment.waves import WaveField
+
+Array32 = NDArray[float32]
+
+_SAMPLES = 8  # along the last metres of a ray that grazes the crests
+_TURNS = 2  # of Newton's method, the first for a level surface; what is a hand off after that is dropped later
+_GRAZING = 0.02
+_TINY = 1e-6
+_PIECE = 16_384  # rays times components
+_HAIR_M = 0.002
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterSeen:
+    """Down coordinate of the surface: level_down_m less the waves, which stay within crest_m of it.
+
+    Of W components: to_phase (4, W) from metres north and east of middle_ne_m, seconds after the instant it was made
+    for, and 1; amplitude_m (W,), of the cosines; to_slope (W, 2), from the sines to how the surface falls to north and
+    east.
+    """
+
+    level_down_m: float
+    crest_m: float
+    middle_ne_m: Array32
+    to_phase: Array32
+    amplitude_m: Array32
+    to_slope: Array32
+
+    @classmethod
+    def of(cls, environment: Environment, time_s: float, pos_ned_m: NDArray[float64]) -> WaterSeen:
+        """About pos_ned_m (3,) at time_s."""
+        level_down_m, waves, middle = -environment.water.level_m, environment.waves, pos_ned_m[:2]
+        if not isinstance(waves, WaveField):
+            none = np.zeros(0, float32)
+            return cls(level_down_m, 0.0, middle.astype(float32), none, none, none)
+        phase = np.remainder(waves.phase_at(time_s, middle), 2.0 * np.pi)
+        to_phase = np.concatenate([waves.wave_vector_radpm.T, -waves.omega_radps[None], phase[None]])
+        return cls(
+            level_down_m=level_down_m,
+            crest_m=float(np.abs(waves.amplitude_m).sum()),
+            middle_ne_m=middle.astype(float32),
+            to_phase=to_phase.astype(float32),
+            amplitude_m=waves.amplitude_m.astype(float32),
+            to_slope=(waves.amplitude_m[:, None] * waves.wave_vector_radpm).astype(float32),
+        )
+
+    def down_m(self, place_ned_m: Array32, later_s: Array32) -> Array32:
+        """(n,) down coordinate of the surface under or over (n, 3) places, later_s (n,) after the instant."""
+        if not self.crest_m:
+            return np.full(len(place_ned_m), self.level_down_m, float32)
+        return self._surface(place_ned_m, later_s)[:, 0]
+
+    def _surface(self, place_ned_m: Array32, later_s: Array32, slopes: bool = False) -> Array32:
+        """(n, 3) down coordinate of the surface, how it falls to north and to east; these two only if asked for."""
+        rays, components = len(place_ned_m), self.to_phase.shape[1]
+        from_there = np.empty((rays, 4), float32)
+        np.subtract(place_ned_m[:, :2], self.middle_ne_m, out=from_there[:, :2])
+        from_there[:, 2] = later_s
+        from_there[:, 3] = 1.0
+        surface = np.empty((rays, 3), float32)
+        # In pieces that the allocator keeps: larger ones go back to the system and cost a page fault each 4 kB.
+        piece = max(_PIECE // components, 1)
+        phases, wave = np.empty((2, min(piece, rays), components), float32)
+        for start in range(0, rays, piece):
+            here = slice(start, min(start + piece, rays))
+            phase, part = phases[: here.stop - start], wave[: here.stop - start]
+            np.matmul(from_there[here], self.to_phase, out=phase)
+            np.matmul(np.cos(phase, out=part), self.amplitude_m, out=surface[here, 0])
+            if slopes:
+                np.matmul(np.sin(phase, out=part), self.to_slope, out=surface[here, 1:])
+        np.subtract(float32(self.level_down_m), surface[:, 0], out=surface[:, 0])
+        return surface
+
+    def distance_m(self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32) -> Array32:
+        """(n,) along the rays to the still level; inf for those that do not go down, 0 from under water."""
+        above = float32(self.level_down_m) - origin_ned_m[:, 2]
+        down = direction_ned[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance: Array32 = np.where(down > 0.0, above / down, float32(np.inf))
+        distance[above <= 0.0] = 0.0
+        if self.crest_m and len(among := np.flatnonzero(above < self.crest_m)):
+            origin = origin_ned_m[among]
+            distance[among[origin[:, 2] > self.down_m(origin, later_s[among])]] = 0.0
+        return distance
+
+    def certain_m(self, level_m: Array32, direction_ned: Array32) -> Array32:
+        """(n,) where the rays are in the water for sure: below the troughs; level_m is their `distance_m`."""
+        if not self.crest_m:
+            return level_m
+        steepness: Array32 = np.maximum(direction_ned[:, 2], float32(_TINY))
+        certain: Array32 = level_m + float32(self.crest_m) / steepness
+        return certain
+
+    def hides(
+        self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32, range_m: Array32, level_m: Array32
+    ) -> Array32:
+        """(n,) where water begins on the way to what was hit at range_m (inf for nothing), inf for nowhere.
+
+        level_m: `distance_m` of these rays. Only rays that end among the waves are followed through them; of what ends
+        below them, the still level will do.
+        """
+        hidden: Array32 = np.where(level_m < range_m, level_m, float32(np.inf))
+        if not self.crest_m:
+            return hidden
+        down = direction_ned[:, 2]
+        to_crest = self.crest_m / np.maximum(down, float32(_TINY))
+        entry, leaving = np.maximum(level_m - to_crest, 0.0), level_m + to_crest
+        among = np.flatnonzero((entry < range_m) & (range_m <= leaving))
+        if len(among):
+            start, end = entry[among], range_m[among]
+            steps = np.linspace(0.0, 1.0, _SAMPLES + 1, dtype=float32)
+            along = start[:, None] + (end - start)[:, None] * steps
+            deep = self._depth_m(origin_ned_m[among], direction_ned[among], later_s[among], along)
+            hidden[among] = _first_under(along, deep)
+        return hidden
+
+    def _depth_m(self, origin: Array32, direction: Array32, later_s: Array32, along: Array32) -> Array32:
+        """(n, j) how deep under the surface the rays are at along (n, j), negative above."""
+        places = origin[:, None] + direction[:, None] * along[..., None]
+        surface = self.down_m(places.reshape(-1, 3), np.repeat(later_s, along.shape[1]))
+        depth: Array32 = places[..., 2] - surface.reshape(along.shape)
+        return depth
+
+    def under(
+        self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32, range_m: Array32
+    ) -> NDArray[np.bool_]:
+        """(n,) whether the rays are under the surface at range_m."""
+        places = origin_ned_m + direction_ned * range_m[:, None]
+        under: NDArray[np.bool_] = places[:, 2] > self.down_m(places, later_s)
+        return under
+
+    def met(
+        self, origin_ned_m: Array32, direction_ned: Array32, later_s: Array32, range_m: Array32
+    ) -> tuple[Array32, Array32]:
+        """Where n rays into the water meet its surface, sought from range_m on, and the cosine of incidence there.
+
+        The place is at the surface or a hair above; a ray for which none is found keeps a range under water.
+        """
+        if not self.crest_m:
+            return range_m, direction_ned[:, 2]
+        found = range_m.copy()
+        sinking: Array32 = np.maximum(direction_ned[:, 2], float32(_GRAZING))
+        for turn in range(_TURNS):
+            places = origin_ned_m + direction_ned * found[:, None]
+            down_m, north, east = self._surface(places, later_s, slopes=turn > 0).T
+            if turn:
+                across = direction_ned[:, 0] * north + direction_ned[:, 1] * east
+                sinking = np.maximum(direction_ned[:, 2] - across, float32(_GRAZING))
+            found -= (places[:, 2] - down_m) / sinking
+        incidence = sinking / np.sqrt(1.0 + north**2 + east**2)
+        return np.maximum(found - float32(_HAIR_M), 0.0), incidence
+
+
+def _first_under(along: Array32, depth_m: Array32) -> Array32:
+    """(n,) where each row of depths first is positive, between the samples; inf where none is."""
+    under = depth_m > 0.0
+    rows = np.arange(len(along))
+    at = np.argmax(under, axis=1)
+    before = np.maximum(at - 1, 0)
+    deep, shallow = depth_m[rows, at], -depth_m[rows, before]
+    share = np.where(at > 0, shallow / np.maximum(shallow + deep, float32(1e-9)), float32(0.0))
+    where = along[rows, before] + share * (along[rows, at] - along[rows, before])
+    return np.where(under.any(axis=1), where, float32(np.inf)).astype(float32)

@@ -1,0 +1,148 @@
+"""The protocol of Blue Robotics' sonars: frames, and the messages that a Ping360 knows.
+
+    'B' 'R'  length u16  message u16  source u8  destination u8  payload  checksum u16, the sum of all bytes before it
+
+From the maker's public specification of the protocol; numbers are little endian.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import NamedTuple
+
+ACK, NACK, GENERAL_REQUEST, DEVICE_INFORMATION, PROTOCOL_VERSION = 1, 2, 6, 4, 5
+COMMON_SET_DEVICE_ID = 100
+SET_DEVICE_ID, DEVICE_DATA, AUTO_DEVICE_DATA = 2000, 2300, 2301
+RESET, TRANSDUCER, AUTO_TRANSMIT, MOTOR_OFF = 2600, 2601, 2602, 2903
+
+TICK_S = 25e-9  # of a sample period
+MOST_PAYLOAD = 1300  # a device's longest message has 1220
+
+_START = b"BR"
+_HEAD = struct.Struct("<2sHHBB")
+_SUM = struct.Struct("<H")
+_NUMBER = struct.Struct("<H")
+_TRANSDUCER = struct.Struct("<BBHHHHHBB")
+_AUTO_TRANSMIT = struct.Struct("<BBHHHHHHBB")
+_DEVICE_DATA = struct.Struct("<BBHHHHHH")
+_AUTO_DEVICE_DATA = struct.Struct("<BBHHHHHHBBHH")
+
+
+class Frame(NamedTuple):
+    """One message. destination 0 is for whoever hears it."""
+
+    message: int
+    source: int
+    destination: int
+    payload: bytes
+
+
+class Transducer(NamedTuple):
+    """TRANSDUCER: go to `angle` and, with `transmit`, ping. Units as on the wire: gradians, us, ticks of 25 ns, kHz."""
+
+    mode: int
+    gain_setting: int
+    angle: int
+    transmit_duration: int
+    sample_period: int
+    transmit_frequency: int
+    number_of_samples: int
+    transmit: int
+    reserved: int = 0
+
+
+class AutoTransmit(NamedTuple):
+    """AUTO_TRANSMIT: scan from start_angle clockwise to stop_angle and back, `delay` ms more between pings."""
+
+    mode: int
+    gain_setting: int
+    transmit_duration: int
+    sample_period: int
+    transmit_frequency: int
+    number_of_samples: int
+    start_angle: int
+    stop_angle: int
+    num_steps: int
+    delay: int
+
+
+def packed(frame: Frame) -> bytes:
+    """Bytes of a frame."""
+    head = _HEAD.pack(_START, len(frame.payload), frame.message, frame.source, frame.destination)
+    body = head + frame.payload
+    return body + _SUM.pack(sum(body) & 0xFFFF)
+
+
+def number_in(payload: bytes) -> int | None:
+    """The u16 that a request or an ack begins with, None when it is too short."""
+    return int(_NUMBER.unpack_from(payload)[0]) if len(payload) >= _NUMBER.size else None
+
+
+def transducer_of(payload: bytes) -> Transducer | None:
+    """None when it has not the length of one."""
+    return Transducer(*_TRANSDUCER.unpack(payload)) if len(payload) == _TRANSDUCER.size else None
+
+
+def auto_transmit_of(payload: bytes) -> AutoTransmit | None:
+    """None when it has not the length of one."""
+    return AutoTransmit(*_AUTO_TRANSMIT.unpack(payload)) if len(payload) == _AUTO_TRANSMIT.size else None
+
+
+def ack(message: int) -> bytes:
+    """Payload of an ACK of a message."""
+    return _NUMBER.pack(message)
+
+
+def nack(message: int, reason: str) -> bytes:
+    """Payload of a NACK of a message, with the reason in words."""
+    return _NUMBER.pack(message) + reason.encode("ascii", "replace")
+
+
+def device_data(state: Transducer, data: bytes) -> bytes:
+    """Payload of a DEVICE_DATA."""
+    return _DEVICE_DATA.pack(*state[:7], len(data)) + data
+
+
+def auto_device_data(state: Transducer, scan: AutoTransmit, data: bytes) -> bytes:
+    """Payload of an AUTO_DEVICE_DATA."""
+    return _AUTO_DEVICE_DATA.pack(*state[:6], *scan[6:], state.number_of_samples, len(data)) + data
+
+
+class PingFramer:
+    """Finds frames in bytes as they come. skipped: bytes that were of no frame. bad: frames with a wrong checksum."""
+
+    def __init__(self) -> None:
+        self.skipped = 0
+        self.bad = 0
+        self._held = b""
+
+    def take(self, data: bytes) -> list[Frame]:
+        """The frames that are whole now."""
+        held = self._held + data
+        frames: list[Frame] = []
+        place = 0
+        while True:
+            start = held.find(_START, place)
+            if start < 0:
+                start = len(held) - held.endswith(_START[:1])
+            start = max(start, place)
+            self.skipped += start - place
+            place = start
+            if len(held) - place < _HEAD.size:
+                break
+            _, length, message, source, destination = _HEAD.unpack_from(held, place)
+            end = place + _HEAD.size + length
+            if length > MOST_PAYLOAD:
+                self.skipped += 1
+                place += 1
+            elif len(held) < end + _SUM.size:
+                break
+            elif sum(held[place:end]) & 0xFFFF != _SUM.unpack_from(held, end)[0]:
+                self.bad += 1
+                self.skipped += 1
+                place += 1
+            else:
+                frames.append(Frame(message, source, destination, held[place + _HEAD.size : end]))
+                place = end + _SUM.size
+        self._held = held[place:]
+        return frames
