@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Callable
 
 from agent.faults import Faults
@@ -62,6 +63,7 @@ class AgentNode:
         }
         self._running = False
         self._heard_ns = 0
+        self._ahead = 0  # messages of the batch at hand that were received, but not yet handled
         self._host_is_gone = False
         self._last_word: Sequence[Message] = ()
         self._untold: list[Prepared] = []
@@ -86,7 +88,9 @@ class AgentNode:
         if messages:
             self._heard_ns = self._monotonic.now_ns()
             handlers, take = self._handlers, self._take
+            self._ahead = len(messages)
             for message in messages:
+                self._ahead -= 1
                 handlers.get(type(message), take)(message)
         executor = self._due_now()
         if executor is not None:
@@ -245,9 +249,10 @@ class AgentNode:
         self._tell(*[task_stats(now_ns, stats) for stats in self.executor.stats])
 
     def _status_message(self, now_ns: int, repeatable: bool) -> Message:
+        counters = self._link.counters
         return node_status(
             now_ns,
-            self._link.counters,
+            replace(counters, received=counters.received - self._ahead),
             self._faults.impaired,
             self.role.traffic,
             0 if repeatable else self.executor.misses.unreported,

@@ -60,6 +60,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     import typer
 
     from xitl_cli.commands import doctor, sim, wdri
+    from xitl_cli.commands.map import map_command
 
     app = typer.Typer(
         name="xitl",
@@ -72,6 +73,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     app.command("sim")(sim.sim)
     app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)
+    app.command("map")(map_command)
     for name, (text, fill) in _GROUPS.items():
         group = typer.Typer(help=text, no_args_is_help=name != "agent")
         if arguments is None or name in arguments:
@@ -132,6 +134,13 @@ def _logs(group: typer.Typer) -> None:
     group.command("tasks")(logs.tasks)
 
 
+def _world(group: typer.Typer) -> None:
+    from xitl_cli.commands import world
+
+    group.callback()(_several)
+    group.command("launch")(world.launch)
+
+
 def _paper(group: typer.Typer) -> None:
     from xitl_cli.commands import paper
 
@@ -145,6 +154,7 @@ _GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {
     "params": ("Read, compare and set parameters of a vehicle.", _params),
     "firmware": ("Download the firmware of other autopilots.", _firmware),
     "logs": ("Look into the logs of vehicles and runs.", _logs),
+    "world": ("Put things into the world of a run.", _world),
     "paper": ("Repeat the experiments of the paper.", _paper),
 }
 

@@ -1,30 +1,43 @@
-"""A companion computer as a node: HS, HC and HA. It is there, keeps time and says how it is.
+"""A companion computer as a node: HS, HC and HA. It perceives, maps, and keeps the vessel clear.
 
-Perception, planning and payloads have their place here; so far there are none, and nothing pretends to be them. What
-runs is a task at the rate of a planner that watches how long the host has been silent: enough to measure how well the
-machine keeps deadlines and how its clock runs.
+Without numpy it is there, keeps time and says how it is, and no more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Callable
+from typing import TYPE_CHECKING, Callable
 
+from agent.companion.settings import Settings
 from agent.fcu.mavlink.texts import Texts
-from agent.role import Role
+from agent.role import Role, Traffic
 from agent.timing.clock import Clock
 from agent.timing.tasks import Executor
 from agent.wire import dialect
 from agent.wire.codec import Message
 
+if TYPE_CHECKING:
+    from agent.companion.perceiver import Perceiver
+
 WATCH_HZ = 10.0
+PERCEIVE_HZ = 25.0
+PLAN_HZ = 5.0
+TELL_HZ = 2.0
 HEARTBEAT_NS = 1_000_000_000
 SILENCE_S = 1.0
-_NOTICE = 5  # MAV_SEVERITY
+_WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
+_ORDERS = (
+    dialect.MAVLink_command_long_message,
+    dialect.MAVLink_set_position_target_local_ned_message,
+    dialect.MAVLink_set_position_target_global_int_message,
+)
 
 
 class CompanionRole(Role):
-    """Heartbeats of an onboard controller, and sentences when the host falls silent or is back."""
+    """Heartbeats of an onboard controller, sentences when the host falls silent or is back, and what it perceives.
+
+    Perception begins with the first cloud or ping, with the settings of that moment.
+    """
 
     title = "companion"
     nodes = "HS,HC,HA"
@@ -32,24 +45,92 @@ class CompanionRole(Role):
 
     def __init__(self) -> None:
         self._texts = Texts()
+        self._settings = Settings()
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
+        self._clock = clock
+        self._lockstep = lockstep
         self._beat_ns: int | None = None
         self._silent = False
         self._waiting: list[Message] = []
+        self._perceiver: Perceiver | None = None
+        self._blind = False
+        self._orders = 0
 
     def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         self._silent_s = silent_s
         executor.add("watch", WATCH_HZ, self._watch)
+        executor.add("perceive", PERCEIVE_HZ, self._perceive)
+        executor.add("plan", PLAN_HZ, self._plan)
+        executor.add("tell", TELL_HZ, self._tell)
 
     def take(self, message: Message, now_ns: int) -> Sequence[Message]:
-        return ()
+        refused: list[str] = []
+        answers = self._settings.take(message, refused)
+        for text in refused:
+            self.say(_WARNING, text)
+        perceiver = self._perceiver
+        if perceiver is None:
+            kind = type(message)
+            if self._blind or kind not in (dialect.MAVLink_xitl_cloud_message, dialect.MAVLink_xitl_ping_message):
+                return answers
+            perceiver = self._perceiver = self._begin_to_perceive()
+            if perceiver is None:
+                return answers
+        if not perceiver.take(message, now_ns):
+            answers += perceiver.watch.take(message, now_ns)
+        return answers
+
+    def _begin_to_perceive(self) -> Perceiver | None:
+        try:
+            from agent.companion.perceiver import Perceiver
+            from agent.companion.watch import Watch
+        except ImportError as error:
+            self._blind = True
+            self.say(_WARNING, f"No perception: {error}; pip install numpy kiss-icp")
+            return None
+        settings = self._settings
+        watch = Watch(
+            margin_m=settings["AVD_MARGIN"],
+            horizon_s=settings["AVD_HORIZON"],
+            speed_mps=settings["WP_SPEED"],
+            length_m=settings["HULL_LENGTH"],
+            width_m=settings["HULL_WIDTH"],
+            waterline_m=settings["HULL_WATER"],
+            range_m=settings["AVD_RANGE"],
+            avoids=bool(settings["AVD_ENABLE"]),
+        )
+        return Perceiver(settings, watch, self._lockstep, lambda text: self.say(_WARNING, text))
 
     def _watch(self, now_ns: int) -> None:
         silent = self._silent_s() > SILENCE_S
         if silent != self._silent:
             self._silent = silent
             self.say(_NOTICE, "Host is silent" if silent else "Host is back")
+
+    def _perceive(self, now_ns: int) -> None:
+        if self._perceiver is not None:
+            self._waiting += self._perceiver.work(self._clock.now_ns)
+
+    def _plan(self, now_ns: int) -> None:
+        if self._perceiver is not None:
+            watch = self._perceiver.watch
+            orders = watch.plan(now_ns)
+            self._orders += sum(type(order) in _ORDERS for order in orders)
+            self._waiting += orders
+            self._waiting += watch.proximity(now_ns)
+
+    def _tell(self, now_ns: int) -> None:
+        if self._perceiver is not None:
+            self._waiting += self._perceiver.watch.obstacle_messages(now_ns)
+            self._waiting.append(self._perceiver.status(now_ns))
+
+    @property
+    def traffic(self) -> Traffic:
+        """Estimates: clouds that went from sensing to control; efforts: orders that went on to the autopilot."""
+        if self._perceiver is None:
+            return Traffic()
+        return Traffic(estimates=self._perceiver.clouds, efforts=self._orders)
 
     def say(self, severity: int, text: str) -> None:
         self._waiting.extend(self._texts.messages(severity, text))
@@ -69,3 +150,9 @@ class CompanionRole(Role):
                 )
             )
         return due
+
+    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+        return (dialect.MAVLink_xitl_tick_message(now_ns // 1000, tick),)
+
+    def end(self, now_ns: int) -> Sequence[Message]:
+        return () if self._perceiver is None else (self._perceiver.status(now_ns),)

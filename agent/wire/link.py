@@ -90,7 +90,9 @@ class Link:
         self.tap = tap
         self.refused_signature = 0
         self._signing = signing
+        self._link_id = link_id
         self._packer = Packer(system_id, component_id, None if signing is None else signing.outgoing(link_id))
+        self._others: dict[tuple[int, int], Packer] = {}
         self._framer = Framer(transport.stream, foreign)
         self._foreign = foreign
         self.passed = 0
@@ -127,7 +129,27 @@ class Link:
         if self._waiting is not None:
             return self._waiting.send(messages)
         packer = self._packer
-        frames = [packer.pack_prepared(message) for message in messages]
+        return self._send_frames([packer.pack_prepared(message) for message in messages])
+
+    def pass_on(self, *messages: Message) -> bool:
+        """Send messages that came from others as theirs, with a sequence of their own. See `send`.
+
+        A line with a capacity carries them as this end's.
+        """
+        if self._waiting is not None:
+            return self.send(*messages)
+        return self._send_frames([self._packer_of(message).pack_prepared(prepare(message)) for message in messages])
+
+    def _packer_of(self, message: Message) -> Packer:
+        """That of whoever sent it."""
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        packer = self._others.get(sender)
+        if packer is None:
+            signing = None if self._signing is None else self._signing.outgoing(self._link_id)
+            packer = self._others[sender] = Packer(*sender, signing)
+        return packer
+
+    def _send_frames(self, frames: list[bytes]) -> bool:
         if len(frames) == 1:
             return self._hand_on(frames, frames[0], frames[0][4])
         most = self.transport.datagram_bytes
@@ -152,7 +174,8 @@ class Link:
 
     def _hand_on(self, frames: list[bytes], data: bytes, start: int) -> bool:
         if not self.transport.send(data):
-            self._packer.sequence = start
+            if not self._others:
+                self._packer.sequence = start
             self._unsent += len(frames)
             return False
         self._sent += len(frames)

@@ -16,7 +16,7 @@ FORBIDDEN = {"sim_core": {"agent", "xitl_cli"}, "agent": {"sim_core", "xitl_cli"
 NEWER_THAN_3_9 = {"annotationlib", "compression", "tomllib"}
 LAZY_ON_BOARD = {"serial", "can"}  # pyserial and python-can: only where that transport is opened
 SIM_CORE_AT_IMPORT = {"numpy", "sim_core"}
-SIM_CORE_LAZY = {"scipy", "pygeomag"}
+SIM_CORE_LAZY = {"scipy", "pygeomag", "embreex", "trimesh"}
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def breaches(package: str, found: list[Import]) -> list[str]:
         elif package == "sim_core":
             lazily = one.lazy and one.package in SIM_CORE_LAZY
             if not (standard or lazily or one.package in SIM_CORE_AT_IMPORT):
-                said.append(f"{where}: sim_core has numpy (scipy, pygeomag inside functions)")
+                said.append(f"{where}: sim_core has numpy (scipy, pygeomag, embreex, trimesh inside functions)")
     return said
 
 

@@ -38,6 +38,10 @@ TO_AGENT = _table(
             ),
             (("D", "C"),),
         ),
+        # To a companion alone: what it sees, and what the autopilot says of itself.
+        (_ids("XITL_CLOUD", "XITL_PING"), (("PS1", "S"),)),
+        (_ids("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"), (("LS", "C"),)),
+        (_ids("MISSION_CURRENT", "MISSION_ITEM_REACHED"), (("LC", "C"),)),
     ]
 )
 FROM_AGENT = _table(
@@ -58,6 +62,14 @@ FROM_AGENT = _table(
                 *("POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT", "STATUSTEXT"),
             ),
             (("C", "M"),),
+        ),
+        # Of a companion alone: what it found, what the autopilot is told of it, and its orders.
+        (_ids("ODOMETRY", "XITL_CLOUD", "XITL_OBSTACLE"), (("S", "M"),)),
+        (_ids("XITL_COMPANION_STATUS"), (("C", "M"),)),
+        (_ids("OBSTACLE_DISTANCE", "DISTANCE_SENSOR"), (("S", "LC"),)),
+        (
+            _ids("COMMAND_LONG", "SET_MODE", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"),
+            (("A", "LC"), ("A", "M")),
         ),
     ]
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.recording import schemas
 from xitl_cli.recording.cdr import Field, Layout
 from xitl_cli.recording.mcap_file import McapFile
+from xitl_cli.recording.perception import PerceptionRecorder
 from xitl_cli.recording.records import (
     ActuatorAge,
     Clock,
@@ -81,6 +82,11 @@ class Recorder:
         self._fix = file.foxglove_channel("/truth/fix", messages.LocationFix)
         self._scene = file.foxglove_channel("/scene", messages.SceneUpdate)
         self._log = file.foxglove_channel("/log", messages.Log)
+
+    @cached_property
+    def perception(self) -> PerceptionRecorder:
+        """For what a companion computer sees and says, bodies adrift and contacts."""
+        return PerceptionRecorder(self._file, self._transform)
 
     def truth(self, stamp_ns: int, motion: Kinematics, rotor: NDArray[np.float64]) -> None:
         """The true state of the first vessel: state, odometry, pose and transform."""
@@ -255,9 +261,9 @@ class Recorder:
         entry = messages.Log(timestamp=_timestamp(stamp_ns), level=level, name=source, message=text)
         self._log(entry, stamp_ns)
 
-    def scene(self, update: messages.SceneUpdate) -> None:
-        """The surroundings to draw, once."""
-        self._scene(update, 0)
+    def scene(self, update: messages.SceneUpdate, stamp_ns: int = 0) -> None:
+        """Surroundings to draw, once, from an instant on."""
+        self._scene(update, stamp_ns)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file inside the recording."""

@@ -24,6 +24,8 @@ from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.agents.waiting import wait_for_any
 from xitl_cli.run.autopilot.attended import Attended
 from xitl_cli.run.autopilot.report import AutopilotReport
+from xitl_cli.run.companion.inbox import LINK as COMPANION
+from xitl_cli.run.companion.line import CompanionLine, NoCompanion
 from xitl_cli.run.driver import make_driver
 from xitl_cli.run.estimate_check import EstimateCheck
 from xitl_cli.run.faults import FaultSchedule
@@ -50,6 +52,11 @@ LINKS_RATE_HZ = 1.0
 
 def links_of(profile: RunProfile) -> tuple[str, ...]:
     """Names of the links to agents."""
+    agents = _autopilots_of(profile)
+    return agents if profile.companion is None else (*agents, COMPANION)
+
+
+def _autopilots_of(profile: RunProfile) -> tuple[str, ...]:
     return ("agent",) if profile.autopilot.standby is None else ("agent", "standby")
 
 
@@ -58,6 +65,7 @@ class AgentPilot:
 
     A second agent, if the profile has one in standby, gets all that the first one gets. `attended` is the autopilot of
     another make, to which the agent is then a bridge. interrupted: asked while the answer to a tick is waited for.
+    companion: the companion computer that the profile has, or nobody.
     """
 
     def __init__(
@@ -74,7 +82,8 @@ class AgentPilot:
         self._sensing = sensing_of(profile, seeds)
         self._faults = FaultSchedule(profile.faults, seeds) if profile.faults else None
         standby = profile.autopilot.standby
-        self._agents = [self._connection(name) for name in links_of(profile)]
+        self._agents = [self._connection(name) for name in _autopilots_of(profile)]
+        self.companion = NoCompanion() if profile.companion is None else CompanionLine(profile, self._send)
         first = self._agents[0]
         self._view = first.inbox.view
         if standby is not None:
@@ -96,6 +105,8 @@ class AgentPilot:
         self.command = first.inbox.command
         self.stale_exchanges = 0
         self.interrupted: Callable[[], bool] = lambda: False
+        if isinstance(self.companion, CompanionLine):
+            self.companion.interrupted = lambda: self.interrupted()
         self._use = ActuatorUse()
         self._pace: Pace = Lockstep()  # until the run begins
         self._exchanges = 0
@@ -119,6 +130,7 @@ class AgentPilot:
         if self._attended is not None:
             self._attended.take(message)
         self._driver.take(message)
+        self.companion.forward(message)
 
     def _hears(self, agent: AgentConnection) -> Callable[[Any], None]:
         """Of two agents the driver hears the one that steers."""
@@ -127,6 +139,7 @@ class AgentPilot:
             if agent is self._active:
                 self._view.take(message)
                 self._driver.take(message)
+                self.companion.forward(message)
 
         return take
 
@@ -139,6 +152,7 @@ class AgentPilot:
     def prepare(self) -> None:
         for agent in self._agents:
             agent.reach(self._open_peer(agent.name))
+        self.companion.prepare()
 
     def _open_peer(self, name: str) -> Peer:
         autopilot, options = self._profile.autopilot, self._options
@@ -158,6 +172,7 @@ class AgentPilot:
             mission = mission_of(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
         for agent in self._agents:
             agent.begin(recorder, pace, self._now_ns, parameters, mission)
+        self.companion.begin(recorder, pace, self._now_ns)
         if self._attended is not None:
             self._attended.begin(recorder, pace, self._now_ns, self._agents[0].inbox)
             self._attended.start(self._agents[0].receive)
@@ -181,15 +196,18 @@ class AgentPilot:
         if self._faults is not None:
             self._apply_faults(self._faults, sim_ns)
         self._exchanges += 1
+        self.companion.before(self._exchanges)
         if self._lockstep:
             self._tick_and_wait(sim_ns)
         else:
             self._take_in(sim_ns)
+        self.companion.after(sim_ns, self._exchanges)
         if self._attended is not None:
             self._attended.update(sim_ns, self.command, motion)
         if self._exchanges % self._links_every == 0:
             for agent in self._agents:
                 agent.record_links(self._recorder, sim_ns)
+            self.companion.record_links(self._recorder, sim_ns)
             if not self._lockstep:
                 self._recorder.actuator_age(sim_ns, self._use.record())
 
@@ -226,14 +244,17 @@ class AgentPilot:
                 agent.apply_faults(sim_ns, faults.at(sim_ns, agent.name))
                 if self._exchanges % self._links_every == 0:
                     faults.count_impaired(*agent.impaired, agent.name)
+        self.companion.apply_faults(sim_ns, faults, self._exchanges % self._links_every == 0)
 
     def idle(self, seconds: float) -> None:
         agents = [agent for agent in self._agents if agent.gone is None]
-        if len(agents) > 1:
-            wait_for_any([agent.link for agent in agents], seconds)
+        links = [*(agent.link for agent in agents), *self.companion.open_links()]
+        if len(links) > 1:
+            wait_for_any(links, seconds)
             seconds = 0.0
         for agent in agents:
             agent.receive(seconds)
+        self.companion.idle(seconds)
 
     def _tick_and_wait(self, sim_ns: int) -> None:
         agent = self._agents[0]
@@ -274,29 +295,32 @@ class AgentPilot:
             agent.stop()
             if self._faults is not None:
                 self._faults.count_impaired(*agent.impaired, agent.name)
+        self.companion.end()
         if self._attended is not None:
             self._attended.end()
 
     def close(self) -> None:
         for agent in self._agents:
             agent.close()
+        self.companion.close()
         if self._attended is not None:
             self._attended.end()
 
     def links(self) -> list[LinkReport]:
-        return [report for agent in self._agents for report in agent.links()]
+        return [*(report for agent in self._agents for report in agent.links()), *self.companion.links()]
 
     def tasks(self) -> list[Task]:
-        return [task for agent in self._agents for task in agent.inbox.view.tasks.values()]
+        return [*(task for agent in self._agents for task in agent.inbox.view.tasks.values()), *self.companion.tasks()]
 
     def clocks(self) -> list[ClockReport]:
         slope = self._pace.slope(self._profile.clock.physics_rate_hz)
         physics = ClockReport("PS1", 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)
         others = [] if self._attended is None else self._attended.clocks()
-        return [*(agent.inbox.timing.report() for agent in self._agents), *others, physics]
+        return [*(agent.inbox.timing.report() for agent in self._agents), *others, *self.companion.clocks(), physics]
 
     def nodes(self) -> list[NodeReport]:
-        return [report for agent in self._agents if (report := agent.node()) is not None]
+        reports = [report for agent in self._agents if (report := agent.node()) is not None]
+        return [*reports, *self.companion.nodes()]
 
     def actuators(self) -> ActuatorReport | None:
         return self._use.report
@@ -311,4 +335,4 @@ class AgentPilot:
         return None if self._attended is None else self._attended.report()
 
     def traffic(self) -> Traffic:
-        return {agent.name: agent.inbox.traffic for agent in self._agents}
+        return {agent.name: agent.inbox.traffic for agent in self._agents} | self.companion.traffic()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -15,7 +15,10 @@ from sim_core.simulation import Simulation, SimulationState, kinematics, step
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.recording.recorder import Recorder
 from xitl_cli.recording.records import PaceReport
+from xitl_cli.run.companion.findings import NoFindings
+from xitl_cli.run.launches import OpenRiver
 from xitl_cli.run.pace import Pace
+from xitl_cli.run.perception.perception import NoPerception
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.score import MissionScore
 from xitl_cli.run.seeds import Seeds
@@ -52,6 +55,9 @@ class Loop:
     view: View
     score: MissionScore
     interrupted: Callable[[], bool]
+    river: OpenRiver = field(default_factory=OpenRiver)
+    perception: NoPerception = field(default_factory=NoPerception)
+    findings: NoFindings = field(default_factory=NoFindings)
     moored_steps: int = 0
     completed: bool = False
 
@@ -60,6 +66,7 @@ class Loop:
         rng = default_rng(seeds.of("environment"))
         clock, recording = self.profile.clock, self.profile.recording
         simulation, pilot, pace, recorder = self.simulation, self.pilot, self.pace, self.recorder
+        river, perception, findings = self.river, self.perception, self.findings
         every_exchange = round(clock.physics_rate_hz / clock.exchange_rate_hz)
         every_truth = round(clock.physics_rate_hz / recording.truth_rate_hz)
         every_environment = round(clock.physics_rate_hz / ENVIRONMENT_RATE_HZ)
@@ -86,7 +93,10 @@ class Loop:
                 self.state = state = replace(state, vessel=before)
             now_ns = state.time_ns
             motion = kinematics(simulation, state)
+            river.look(number, state, moored)
             pilot.sense(now_ns, motion, state.wind_ned_mps)
+            perception.look(number, now_ns, state, motion)
+            findings.look(number, now_ns, state, motion)
             if number % every_exchange == 0:
                 pilot.exchange(now_ns, motion)
                 recorder.actuators(now_ns, pilot.command)
@@ -99,6 +109,7 @@ class Loop:
                     self.score.add((north, east), progress.target, progress.reached)
                 else:
                     self.score.reached = max(self.score.reached, progress.reached)
+                self.state = state = river.exchange(state, motion, progress.target)
                 if self.view.due():
                     self.view.show(self._glance(motion))
                 recorder.flush_if_due()

@@ -24,11 +24,17 @@ from xitl_cli.run.agent_pilot import AgentPilot, links_of
 from xitl_cli.run.agents.options import options_of
 from xitl_cli.run.agents.tick import StoppedWaitingError
 from xitl_cli.run.autopilot.attended import Attended
+from xitl_cli.run.companion import results
+from xitl_cli.run.companion.findings import findings_of
+from xitl_cli.run.companion.line import NoCompanion
 from xitl_cli.run.ideal_pilot import IdealPilot
+from xitl_cli.run.launches import river_of
 from xitl_cli.run.loop import Ending, Loop
 from xitl_cli.run.pace import Lockstep, Pace, Realtime
+from xitl_cli.run.perception.perception import perception_of
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.scene import scene_of
+from xitl_cli.run.scenery import scenery_of
 from xitl_cli.run.score import MissionScore
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.summary import Outcome, summary_of
@@ -58,9 +64,15 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     ready = profile.runnable()
     directory.check_writable(out)
     seeds = Seeds(ready.clock.seed)
-    simulation, state = build(ready, seeds)
+    scenery = scenery_of(ready)
+    simulation, state = build(ready, seeds, scenery)
     pilot = make_pilot(ready, seeds, out)
-    with closing(pilot):
+    companion = pilot.companion if isinstance(pilot, AgentPilot) else NoCompanion()
+    with (
+        closing(pilot),
+        closing(river_of(ready, seeds, simulation)) as river,
+        closing(perception_of(ready, seeds, scenery, simulation, companion.send)) as perception,
+    ):
         pilot.prepare()
         directory.create(out, overwrite)
         with directory.reserve(out):
@@ -72,10 +84,25 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
                 if isinstance(pilot, AgentPilot):
                     pilot.interrupted = interrupted
                 score = MissionScore(ready.mission.waypoints_ned_m)
-                loop = Loop(ready, simulation, state, pilot, pace, recorder, view, score, interrupted)
+                findings = findings_of(ready, scenery, companion)
+                loop = Loop(
+                    ready,
+                    simulation,
+                    state,
+                    pilot,
+                    pace,
+                    recorder,
+                    view,
+                    score,
+                    interrupted,
+                    river,
+                    perception,
+                    findings,
+                )
                 outcome = _fly(loop, profile, seeds)
     directory.keep_dataflash(out)
-    summary = summary_of(ready, outcome)
+    summary = summary_of(ready, outcome) | results.sections(findings, scenery.boom)
+    results.write(findings, out)
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:
         raise outcome.crash
@@ -91,6 +118,9 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
     try:
         try:
             _write_head(loop.recorder, profile, loop.profile, started)
+            loop.river.begin(loop.recorder)
+            loop.perception.begin(loop.recorder)
+            loop.findings.begin(loop.recorder, lambda: loop.state.time_ns)
             loop.pilot.begin(loop.recorder, loop.pace)
             begun_s = time.perf_counter()
             ending = loop.run(seeds)
@@ -128,6 +158,9 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
         traffic=loop.pilot.traffic(),
         pace=loop.pace.report(),
         autopilot=loop.pilot.autopilot(),
+        collisions=loop.river.collisions(),
+        debris=loop.river.debris(),
+        perception=loop.perception.report(),
     )
 
 

@@ -56,6 +56,9 @@ class Outcome:
     traffic: Traffic = field(default_factory=dict)
     pace: PaceReport = field(default_factory=PaceReport)
     autopilot: AutopilotReport | None = None
+    collisions: dict[str, Any] | None = None
+    debris: dict[str, Any] | None = None
+    perception: dict[str, Any] | None = None
 
 
 def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
@@ -97,6 +100,9 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "autopilot": None if outcome.autopilot is None else autopilot_section(outcome.autopilot, outcome.tasks),
         "takeovers": [asdict(takeover) for takeover in outcome.takeovers],
         "faults": [asdict(fault) for fault in outcome.faults],
+        "collisions": outcome.collisions,
+        "debris": outcome.debris,
+        "perception": outcome.perception,
         "pace": asdict(outcome.pace),
         "graph": graph_section(
             profile,

@@ -32,7 +32,7 @@ def test_its_heart_beats_once_a_second_and_its_task_is_measured() -> None:
     assert (watch.missed, watch.start_jitter_max_usec) == (0, 0)
     assert not of("XITL_ACTUATORS", said)
     tasks = of("XITL_TASK_STATS", host.run(STOP))
-    assert {task.task for task in tasks} == {"watch", "telemetry", "status"}
+    assert {task.task for task in tasks} == {"watch", "perceive", "plan", "tell", "telemetry", "status"}
 
 
 def test_a_silent_host_is_said_once_and_when_it_is_back() -> None:

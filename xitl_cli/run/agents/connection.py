@@ -19,9 +19,10 @@ from xitl_cli.run.agents import sentences
 from xitl_cli.run.agents.inbox import AgentInbox
 from xitl_cli.run.agents.link_accounts import state_of
 from xitl_cli.run.agents.node_words import node_report
-from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
+from xitl_cli.run.agents.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.agents.setup import Setup
 from xitl_cli.run.agents.silence import SAID_S, Silence
+from xitl_cli.run.agents.terms import Terms, terms_of_autopilot
 from xitl_cli.run.faults import Faults
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import LinkReport, NodeReport
@@ -42,16 +43,26 @@ _NEVER_IMPAIRED = {dialect.MAVLINK_MSG_ID_XITL_RUN, dialect.MAVLINK_MSG_ID_XITL_
 class AgentConnection:
     """The agent called `name`, whose messages go to `inbox`. gone: why it cannot go on, None while it can.
 
+    terms: those of the profile's autopilot where none are given.
+
     why_silent: what to say of so many seconds of silence until an instant of simulation time, where a bridge is only as
     silent as the autopilot behind it.
     """
 
-    def __init__(self, name: str, profile: RunProfile, inbox: AgentInbox, signing: Signing | None = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        profile: RunProfile,
+        inbox: AgentInbox,
+        signing: Signing | None = None,
+        terms: Terms | None = None,
+    ) -> None:
         self.name = name
         self.inbox = inbox
+        self._terms = terms_of_autopilot(profile, name) if terms is None else terms
         self.gone: UserError | None = None
         self.why_silent: Callable[[float, float], UserError] | None = None
-        self._who = "the agent" if name == "agent" else f"the {name} agent"
+        self._who = self._terms.who
         self._prefix = "" if name == "agent" else f"{name} "
         self._profile = profile
         self._lockstep = profile.clock.mode == "lockstep"
@@ -75,7 +86,7 @@ class AgentConnection:
             transport = self._impaired = ImpairedTransport(transport, self._is_never_impaired, clock_s)
         self.link = Link(transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID, signing=self._signing)
         started_s = time.monotonic()
-        timeout_s = self._profile.autopilot.connect_timeout_s
+        timeout_s = self._terms.connect_timeout_s
         while self.inbox.view.status is None:
             if time.monotonic() - started_s > timeout_s:
                 raise self._not_understood() or peer.unreachable(timeout_s)
@@ -89,11 +100,10 @@ class AgentConnection:
                 f"this host version {PROTOCOL}; install the same release of xitl on both"
             )
         info = self.inbox.view.info
-        if info is not None and "LC" not in info.nodes.split(","):
+        if info is not None and self._terms.node not in info.nodes.split(","):
             raise UserError(
-                f"{transport.peer}: the agent there is no autopilot, it runs {info.nodes}; "
-                f"start it with --role {'fcu' if self._profile.autopilot.kind == 'embedded' else 'bridge'}, "
-                "or use another autopilot.link"
+                f"{transport.peer}: the agent there is no {self._terms.key}, it runs {info.nodes}; "
+                f"start it with --role {self._terms.role}, or use another {self._terms.key}.link"
             )
 
     def begin(
@@ -109,7 +119,8 @@ class AgentConnection:
         self.inbox.record_to(recorder, pace, now_ns)
         self.link.tap = self.inbox.tap
         self._start()
-        setup = Setup(self.link.send, self.receive, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        component_id = self._terms.component_id
+        setup = Setup(self.link.send, self.receive, AGENT_SYSTEM_ID, component_id, self._terms.key)
         setup.set_parameters(parameters)
         if mission:
             setup.upload_mission(mission)
@@ -177,24 +188,24 @@ class AgentConnection:
         """Real time: notice when it is gone, silent or started anew; `gone` then says so."""
         now_ns = time.monotonic_ns()
         if self._silence is None:
-            self._silence = Silence(self._profile.autopilot.silent_s, now_ns)
+            self._silence = Silence(self._terms.silent_s, now_ns)
         silence, inbox = self._silence, self.inbox
         if inbox.fresh:
             lasted_s = silence.heard(inbox.command_ns)
             if lasted_s is not None:
-                inbox.say(NOTICE, "run", f"{self._who} commands again after {lasted_s:.2f} s")
+                inbox.say(NOTICE, "run", f"{self._who} {self._terms.speaks} again after {lasted_s:.2f} s")
         try:
             self.peer.check()
         except UserError as error:
             self.gone = error
             return
         if silence.noticed(now_ns):
-            inbox.say(WARNING, "run", f"no motor commands from {self._who} for {SAID_S:g} s")
+            inbox.say(WARNING, "run", f"no {self._terms.says} from {self._who} for {SAID_S:g} s")
         if silence.under_way:
             if not inbox.view.status.running:
                 self.gone = sentences.restarted(self.peer.transport.peer, self._who, self._sim_s())
             elif silence.too_long(now_ns):
-                self.gone = self.silent(self._profile.autopilot.silent_s)
+                self.gone = self.silent(self._terms.silent_s)
             elif now_ns - self._probed_ns > HELLO_INTERVAL_S * 1e9:
                 self._probed_ns = now_ns
                 self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
@@ -206,7 +217,7 @@ class AgentConnection:
         return sentences.silent(self.peer.transport.peer, self._who, seconds, self._sim_s())
 
     def _not_understood(self) -> UserError | None:
-        return sentences.not_understood(self._profile, self.link, self._who)
+        return sentences.not_understood(self._terms, self.link)
 
     def apply_faults(self, sim_ns: int, faults: Faults | None) -> None:
         """Put new faults in force, and remind the agent of its part once a second. None: as they were."""

@@ -19,6 +19,9 @@ from xitl_cli.run.pace import Pace
 
 OWN_IDS = dialect.MAVLINK_MSG_ID_XITL_RUN  # and above: between host and agent, on the agent's clock
 
+_NODES = {"agent": "LC", "companion": "HC"}
+_SPEAKERS = {"agent": "autopilot", "companion": "companion"}
+
 OnEstimate = Callable[[int | None, Estimate], None]
 
 
@@ -33,7 +36,7 @@ class AgentInbox:
     """
 
     def __init__(self, name: str, frame: LocalFrame, motors: int, lockstep: bool, on_estimate: OnEstimate) -> None:
-        node = "LC" if name == "agent" else name
+        node = _NODES.get(name, name)
         self.on_message: Callable[[Any], None] = lambda message: None
         self.vehicle_sim_ns: Callable[[int], int | None] = self.sim_ns
         self._on_estimate = on_estimate
@@ -47,7 +50,7 @@ class AgentInbox:
         self.fresh = False
         self.no_run: Any = None
         self._name = name
-        self._speaker = "autopilot" if name == "agent" else f"{name} autopilot"
+        self._speaker = _SPEAKERS.get(name, f"{name} autopilot")
         self._lockstep = lockstep
         self._command_stamp_ns: int | None = None
         self._recorder: Recorder | None = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from agent.options import BRIDGE
+from agent.options import BRIDGE, COMPANION
 from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import Bridge
@@ -18,7 +18,7 @@ from xitl_cli.profile.schema.operation import Bridge
 class AgentOptions:
     """The agent's own options, see `xitl agent --help`. `log_dir` is where its DataFlash log goes, None for no log.
 
-    `bridge`: it is one to another autopilot.
+    `bridge`: it is one to another autopilot. `companion`: it is a companion computer.
     """
 
     ground_stations: tuple[str, ...] = ()
@@ -27,6 +27,12 @@ class AgentOptions:
     link_key_file: str | None = None
     log_dir: Path | None = None
     bridge: Bridge | None = None
+    companion: bool = False
+
+    @property
+    def key(self) -> str:
+        """The profile's group that it comes from."""
+        return "companion" if self.companion else "autopilot"
 
     def arguments(self) -> list[str]:
         """The same as a command line."""
@@ -40,6 +46,8 @@ class AgentOptions:
         given += [(option, str(value)) for option, value in others.items() if value is not None]
         if self.bridge is not None:
             given += [("--role", BRIDGE), *_bridge_options(self.bridge)]
+        if self.companion:
+            given.append(("--role", COMPANION))
         return [word for pair in given for word in pair]
 
 

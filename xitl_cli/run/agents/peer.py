@@ -12,7 +12,7 @@ from typing import Protocol
 
 from agent.assembly import REFUSALS, assemble
 from agent.machine import VIRTUAL
-from agent.options import BRIDGE, Options
+from agent.options import BRIDGE, COMPANION, FCU, Options
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
@@ -50,7 +50,7 @@ class InProcess:
 
     def __init__(self, options: AgentOptions) -> None:
         self.transport: Transport
-        self.transport, theirs = memory_pair("agent")
+        self.transport, theirs = memory_pair("companion" if options.companion else "agent")
         self._opened = ExitStack()
         try:
             node = assemble(theirs, own_options(options), self._opened)
@@ -87,6 +87,7 @@ def own_options(options: AgentOptions) -> Options:
             span_us=bridge.span_us,
         )
     return Options(
+        role=COMPANION if options.companion else FCU,
         ground=options.ground_stations,
         controller=options.controller or "",
         signing_key=None if options.signing_key_file is None else Path(options.signing_key_file),
@@ -105,6 +106,7 @@ class OwnProcess:
         if self._loopback is not None:
             url, agent_url = self._loopback.host_url, self._loopback.agent_url
         self._url = url
+        self._what = "companion" if options.companion else "agent"
         self._process = subprocess.Popen(
             [sys.executable, "-m", "agent", "--attached", "--link", agent_url, *options.arguments()],
             stdin=subprocess.DEVNULL,
@@ -122,7 +124,7 @@ class OwnProcess:
             self.transport = open_transport(url, listen=False)
         except TransportError as error:
             self.close()
-            raise UserError(f"autopilot.link: {error}") from error
+            raise UserError(f"{options.key}.link: {error}") from error
 
     def pump(self) -> None:
         pass
@@ -133,7 +135,7 @@ class OwnProcess:
 
     def unreachable(self, waited_s: float) -> UserError:
         return UserError(
-            f"{self._url}: the agent process started but did not answer for {waited_s:.0f} s; "
+            f"{self._url}: the {self._what} process started but did not answer for {waited_s:.0f} s; "
             "check that no firewall filters this port on the loopback interface"
         )
 
@@ -161,18 +163,18 @@ class OwnProcess:
         reason = lines[-1].removeprefix("error: ") if lines else f"exit code {code}"
         if code < 0:
             reason = f"signal {-code} killed it; look for who sent it (out of memory?), then run again"
-        return UserError(f"the agent process ended: {reason}")
+        return UserError(f"the {self._what} process ended: {reason}")
 
 
 class Board:
     """An agent that somebody started on a board."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, options: AgentOptions) -> None:
         self._url = url
         try:
             self.transport = open_transport(url, listen=False)
         except TransportError as error:
-            raise UserError(f"autopilot.link: {error}") from error
+            raise UserError(f"{options.key}.link: {error}") from error
 
     def pump(self) -> None:
         pass
@@ -223,5 +225,6 @@ def open_peer(runs: str, link: str | None, options: AgentOptions) -> Peer:
     if runs == "in-process":
         return InProcess(options)
     if link is None:
-        raise UserError(f"autopilot.runs = {runs} needs autopilot.link, for instance udp://127.0.0.1:14660")
-    return OwnProcess(link, options) if runs == "process" else Board(link)
+        key = options.key
+        raise UserError(f"{key}.runs = {runs} needs {key}.link, for instance udp://127.0.0.1:14660")
+    return OwnProcess(link, options) if runs == "process" else Board(link, options)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from agent.wire.link import Link
 from xitl_cli.errors import UserError
-from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.agents.terms import Terms
 
 
 def silent(peer: str, who: str, seconds: float, sim_s: float) -> UserError:
@@ -23,14 +23,13 @@ def restarted(peer: str, who: str, sim_s: float) -> UserError:
     )
 
 
-def not_understood(profile: RunProfile, link: Link, who: str) -> UserError | None:
+def not_understood(terms: Terms, link: Link) -> UserError | None:
     """Something came, but no good frame; None when nothing did."""
     where = link.transport.peer
     if link.refused_signature:
-        key = profile.autopilot.link_key_file
         return UserError(
-            f"{where}: {who} answers, but not signed with autopilot.link_key_file = {key}; start it with "
-            "--link-key and the same key, or leave it out here"
+            f"{where}: {terms.who} answers, but not signed with {terms.key}.link_key_file = {terms.link_key_file}; "
+            "start it with --link-key and the same key, or leave it out here"
         )
     if link.counters.dropped:
         baud = "; or the baud rates differ" if link.transport.name == "serial" else ""

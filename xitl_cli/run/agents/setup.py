@@ -22,7 +22,7 @@ Receive = Callable[[float], list[Any]]
 ANSWER_S = 1.0
 MISSION_S = 5.0
 TRIES = 4
-LOSSY = "the link may lose too much: check the cable, and autopilot.link"
+LOSSY = "the link may lose too much: check the cable, and the address in the profile"
 
 
 def parameters_of(profile: RunProfile) -> dict[str, float]:
@@ -59,9 +59,15 @@ def mission_of(profile: RunProfile, frame: LocalFrame) -> list[tuple[float, floa
 
 
 class Setup:
-    """Asks and waits. `receive(timeout_s)` returns the messages that arrived and has shown them to everybody else."""
+    """Asks and waits. `receive(timeout_s)` returns the messages that arrived and has shown them to everybody else.
 
-    def __init__(self, send: Send, receive: Receive, system_id: int, component_id: int) -> None:
+    key: the group of the profile that has its parameters.
+    """
+
+    def __init__(
+        self, send: Send, receive: Receive, system_id: int, component_id: int, key: str = "autopilot"
+    ) -> None:
+        self._key = key
         self._send = send
         self._receive = receive
         self._target = (system_id, component_id)
@@ -86,11 +92,11 @@ class Setup:
                     if texts
                     else f"did not answer {TRIES} times; {LOSSY}"
                 )
-                raise UserError(f"autopilot.parameters.{name}: the agent {reason}")
+                raise UserError(f"{self._key}.parameters.{name}: the agent {reason}")
             if not math.isclose(answer.param_value, value, rel_tol=1e-6, abs_tol=1e-9):
                 reason = f" ({texts[-1]})" if texts else ""
                 raise UserError(
-                    f"autopilot.parameters.{name} = {value:g}: the agent keeps {answer.param_value:g}{reason}"
+                    f"{self._key}.parameters.{name} = {value:g}: the agent keeps {answer.param_value:g}{reason}"
                 )
 
     def upload_mission(self, items: Sequence[tuple[float, float, float]]) -> None:

@@ -26,7 +26,7 @@ KEY = bytes(range(32))
     [("udp://127.0.0.1:14660", "udp://127.0.0.1:14660"), ("udp://localhost:14660", "udp://usb0:14660")],
 )
 def test_an_agent_is_to_wait_at_the_address_of_the_link_alone(url: str, there: str) -> None:
-    board = Board(url)
+    board = Board(url, AgentOptions())
     said = str(board.unreachable(6.0))
     board.close()
     assert said.startswith(f"{url}: no agent answered within 6 s; check that ")

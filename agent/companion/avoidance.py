@@ -1,0 +1,201 @@
+"""Whether the way is free, and which course is when it is not.
+
+Courses, speeds and for how long to hold them are sailed ahead of time among what drifts and what stands, as the dynamic
+window approach does it (Fox, Burgard and Thrun 1997), here over ground and with the things' own velocities as velocity
+obstacles have them (Fiorini and Shiller 1998). What is held for a while and then gives way to the mission is judged as
+a whole, so that a detour is no longer than it has to be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.course import STEP_S, Legs, Sailed, sail
+from agent.companion.tracks import Track
+
+Array = NDArray[np.float64]
+
+FREE, AROUND, STAY = range(3)
+
+_COURSES_RAD = np.radians(np.arange(-120.0, 121.0, 10.0))
+_HOLDS_S = (1.6, 3.2, 6.0, 10.0)
+_SPEEDS = (1.0, 0.45)  # of the mission's
+_FAR_M = 60.0
+# Along the legs within the horizon: less is not worth leaving them for, nor to leave a stop for.
+_GAIN_M, _LEAVING_GAIN_M = 2.0, 12.0
+_TOUCH_M = 0.8  # nearer than this is as good as a collision
+_SPREAD_MPS = 0.06  # what is not known of where a thing drifts to
+_STRAYS_MPS, _STRAYS_MOST_M = 0.15, 1.5  # of one that is out of view
+_MOST_STRUCTURE = 400
+
+
+class Choice(NamedTuple):
+    """What to do: FREE follow the legs, AROUND hold a course and speed over ground, STAY. clearance_m of it."""
+
+    what: int
+    course_rad: float
+    speed_mps: float
+    clearance_m: float
+
+
+class Ahead(NamedTuple):
+    """The least clearance on the way, whether that is too little, and how soon it is."""
+
+    clearance_m: float
+    blocked: bool
+    after_s: float
+
+
+class Things(NamedTuple):
+    """What is in the way: boxes that move, points that do not. middle_ne_m, vel_ne_mps (o, 2) now; sizes (o,)."""
+
+    middle_ne_m: Array
+    vel_ne_mps: Array
+    half_length_m: Array
+    half_width_m: Array
+    heading_rad: Array
+    points_ne_m: Array
+
+
+def things(now_ns: int, tracks: Sequence[Track], points_ne_m: Array, pos_ne_m: Array) -> Things:
+    """Tracks and structure as they are at `now_ns`, those near the vessel."""
+    near = [track for track in tracks if math.hypot(*(track.at(now_ns) - pos_ne_m).tolist()) < _FAR_M]
+    if len(points_ne_m) > _MOST_STRUCTURE:
+        off = points_ne_m - pos_ne_m
+        nearest = np.argsort(np.hypot(off[:, 0], off[:, 1]), kind="stable")[:_MOST_STRUCTURE]
+        points_ne_m = points_ne_m[nearest]
+    stray_m = [min(_STRAYS_MPS * (now_ns - track.seen_ns) * 1e-9, _STRAYS_MOST_M) for track in near]
+    return Things(
+        np.array([track.at(now_ns) for track in near]).reshape(-1, 2),
+        np.array([track.state[2:] for track in near]).reshape(-1, 2),
+        np.array([0.5 * track.length_m + strays for track, strays in zip(near, stray_m)]),
+        np.array([0.5 * track.width_m + strays for track, strays in zip(near, stray_m)]),
+        np.array([track.heading_rad for track in near]),
+        points_ne_m,
+    )
+
+
+def clearance_m(sailed: Array, around: Things, hull_m: float) -> Array:
+    """Water between the hull, a circle of radius hull_m, and the nearest thing, (c, t), for positions (c, t, 2)."""
+    steps = sailed.shape[1]
+    after_s = STEP_S * np.arange(1, steps + 1)
+    nearest = np.full(sailed.shape[:2], 1e3)
+    for number in range(len(around.middle_ne_m)):
+        off = sailed - (around.middle_ne_m[number] + around.vel_ne_mps[number] * after_s[:, None])
+        cos, sin = math.cos(around.heading_rad[number]), math.sin(around.heading_rad[number])
+        along = np.abs(off[..., 0] * cos + off[..., 1] * sin) - around.half_length_m[number]
+        across = np.abs(off[..., 1] * cos - off[..., 0] * sin) - around.half_width_m[number]
+        gap = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)) + np.minimum(np.maximum(along, across), 0.0)
+        np.minimum(nearest, gap - _SPREAD_MPS * after_s, out=nearest)
+    if len(around.points_ne_m):
+        flat = sailed.reshape(-1, 2)
+        square = (
+            (flat**2).sum(axis=1)[:, None]
+            + (around.points_ne_m**2).sum(axis=1)[None]
+            - 2.0 * flat @ around.points_ne_m.T
+        )
+        gap = np.sqrt(np.maximum(square.min(axis=1), 0.0)).reshape(sailed.shape[:2])
+        np.minimum(nearest, gap, out=nearest)
+    return nearest - hull_m
+
+
+class Planner:
+    """margin_m: water to keep; a way with less than begin_m is blocked. horizon_s: how far ahead is looked.
+
+    hull_m: radius of the circle around the hull.
+    """
+
+    def __init__(self, margin_m: float, begin_m: float, horizon_s: float, hull_m: float) -> None:
+        self._margin_m = margin_m
+        self._begin_m = begin_m
+        self._horizon_s = horizon_s
+        self._hull_m = hull_m
+
+    def along(
+        self, legs: Legs, pos_ne_m: Array, vel_ne_mps: Array, bow_rad: float, speed_mps: float, around: Things
+    ) -> Ahead:
+        """How near it comes to things when the vessel follows its mission."""
+        none, speed = np.zeros(1), np.array((speed_mps,))
+        sailed = sail(legs, pos_ne_m, vel_ne_mps, bow_rad, none, none, speed, self._horizon_s)
+        clear = clearance_m(sailed.pos_ne_m, around, self._hull_m)
+        least_m = float(_least(clear)[0])
+        close = np.flatnonzero(clear[0] < self._begin_m)
+        return Ahead(least_m, least_m < self._begin_m, STEP_S * float(close[0] + 1 if len(close) else clear.shape[1]))
+
+    def choose(
+        self,
+        legs: Legs,
+        pos_ne_m: Array,
+        vel_ne_mps: Array,
+        bow_rad: float,
+        speed_mps: float,
+        around: Things,
+        last_rad: float | None,
+        stays: bool,
+    ) -> Choice:
+        """The best of all candidates; `last_rad` is the course held so far, which is kept unless another is better.
+
+        stays: whether it is stopped for want of a way.
+        """
+        direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
+        courses, holds, speeds = (
+            grid.ravel()
+            for grid in np.meshgrid(
+                direction + _COURSES_RAD, np.array(_HOLDS_S), speed_mps * np.array(_SPEEDS), indexing="ij"
+            )
+        )
+        courses = np.concatenate(((0.0, 0.0), courses))
+        holds = np.concatenate(((0.0, 0.0), holds))
+        speeds = np.concatenate((speed_mps * np.array(_SPEEDS), speeds))
+        sailed = sail(legs, pos_ne_m, vel_ne_mps, bow_rad, courses, holds, speeds, self._horizon_s)
+        clear = clearance_m(sailed.pos_ne_m, around, self._hull_m)
+        least = _least(clear)
+        cost = self._cost(sailed, least, courses, holds, last_rad)
+        best = int(np.argmin(cost))
+        stay_m = self._staying(pos_ne_m, vel_ne_mps, around)
+        gained_m = float(sailed.progress_m[best] - legs.off(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
+        no_use = gained_m < (_LEAVING_GAIN_M if stays else _GAIN_M) and stay_m > 0.5 * self._margin_m
+        if no_use or (least[best] < _TOUCH_M and stay_m > least[best]):
+            return Choice(STAY, bow_rad, 0.0, stay_m)
+        if least[best] < _TOUCH_M:
+            best = int(np.argmax(least))
+        what = FREE if best < 2 else AROUND
+        return Choice(what, float(courses[best]), float(speeds[best]), float(least[best]))
+
+    def _cost(self, sailed: Sailed, least: Array, courses: Array, holds: Array, last_rad: float | None) -> Array:
+        short = np.maximum(self._margin_m - least, 0.0)
+        cost: Array = (sailed.progress_m.max() - sailed.progress_m) + 1.5 * sailed.off_m + 4.0 * short + 6.0 * short**2
+        cost = cost + np.where(least < _TOUCH_M, 1e3, 0.0)
+        if last_rad is not None:
+            turned = np.abs((courses - last_rad + np.pi) % (2.0 * np.pi) - np.pi)
+            cost = cost + np.where(holds > 0.0, 1.5 * np.minimum(turned, 1.5), 0.0)
+        return cost
+
+    def _staying(self, pos_ne_m: Array, vel_ne_mps: Array, around: Things) -> float:
+        """The least clearance when the vessel stops as it can and stays."""
+        steps = round(self._horizon_s / STEP_S)
+        speed = math.hypot(*vel_ne_mps.tolist())
+        after_s = np.minimum(STEP_S * np.arange(1, steps + 1), speed / 0.7 if speed > 0.0 else 0.0)
+        way = after_s - 0.5 * 0.7 / max(speed, 0.1) * after_s**2
+        pos = pos_ne_m + way[:, None] * vel_ne_mps
+        return float(_least(clearance_m(pos[None], around, self._hull_m))[0])
+
+
+def stopping_place(pos_ne_m: Array, vel_ne_mps: Array) -> Array:
+    """Where a vessel that brakes comes to rest."""
+    speed = math.hypot(*vel_ne_mps.tolist())
+    place: Array = pos_ne_m + vel_ne_mps * (0.5 * speed / 0.7)
+    return place
+
+
+def _least(clear: Array) -> Array:
+    """Over time. One that is too close already is judged by where it goes from here, not by where it is."""
+    least: Array = clear.min(axis=1)
+    start = clear[:, 0]
+    opening = (start < 3.0) & (least >= start - 0.05)
+    return np.where(opening, np.minimum(clear[:, min(5, clear.shape[1] - 1)], clear[:, -1]), least)

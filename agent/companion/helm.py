@@ -1,0 +1,173 @@
+"""Takes the helm when the mission's way is blocked, and gives it back when it is free.
+
+It steers in GUIDED and only where the autopilot was in AUTO. Who else changes the mode has the helm: nothing is sent
+until the autopilot is in AUTO again. Nothing is sent either when the pose is not known: an autopilot in GUIDED stops by
+itself when its targets fail to come.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.avoidance import FREE, STAY, Choice, Planner, Things, stopping_place
+from agent.companion.course import Legs, leg_course_rad
+from agent.companion.pose_history import VehiclePose
+from agent.companion.vehicle import AUTO, GUIDED, VehicleView, command_long, heading_rad
+from agent.wire import dialect as mav
+
+Array = NDArray[np.float64]
+Messages = list[Any]
+
+NONE, DETOUR, STOP, RETURN = (
+    int(mav.XITL_MANOEUVRE_NONE),
+    int(mav.XITL_MANOEUVRE_DETOUR),
+    int(mav.XITL_MANOEUVRE_STOP),
+    int(mav.XITL_MANOEUVRE_RETURN),
+)
+
+_BLOCKED_PLANS, _FAR_PLANS = 2, 8  # in a row; what is far is looked at longer
+_SOON_S = 8.0
+_FREE_PLANS = 4
+_FREER_M = 0.5  # than what begins a detour
+_BACK_M, _BACK_RAD = 1.2, math.radians(20.0)
+_END_M = 6.0
+_ASK_AGAIN_NS = 500_000_000
+_ASKS = 6
+_VELOCITY_ONLY = 0xDC7  # POSITION_TARGET_TYPEMASK: all but vx, vy, vz ignored
+_POSITION_ONLY = 0xDF8
+
+
+class Helm:
+    """`steer` says what goes to the autopilot. begin_m: a way with less clearance than this is blocked."""
+
+    def __init__(self, planner: Planner, begin_m: float, speed_mps: float) -> None:
+        self.manoeuvre = NONE
+        self.detours = 0
+        self.stops = 0
+        self.refused = 0  # mode changes that the autopilot did not make
+        self._planner = planner
+        self._begin_m = begin_m
+        self._speed_mps = speed_mps
+        self._wanted: int | None = None  # the mode that was asked for and is not acknowledged yet
+        self._asked_ns = 0
+        self._asks = 0
+        self._engaged = False
+        self._blocked = 0
+        self._free = 0
+        self._course_rad: float | None = None
+        self._stay_ne_m: Array | None = None
+
+    def acknowledged(self, message: Any, vehicle: VehicleView) -> None:
+        """COMMAND_ACK."""
+        if message.command != mav.MAV_CMD_DO_SET_MODE or self._wanted is None:
+            return
+        wanted, self._wanted = self._wanted, None
+        if message.result == mav.MAV_RESULT_ACCEPTED:
+            vehicle.changed_to(wanted)
+        else:
+            self.refused += 1
+        if vehicle.mode != GUIDED:
+            self._release()
+
+    def steer(self, vehicle: VehicleView, pose: VehiclePose | None, around: Things, now_ns: int) -> Messages:
+        """Called some 5 times a second."""
+        way = vehicle.way()
+        if vehicle.target is None or not vehicle.armed or vehicle.mode not in (AUTO, GUIDED):
+            self._release()
+            return []
+        if pose is None or way is None:
+            return []
+        if self._wanted is not None:
+            return self._ask(vehicle.target, self._wanted, now_ns)
+        if self._engaged and vehicle.mode == AUTO:
+            self._release()
+        if not self._engaged and vehicle.mode != AUTO:
+            return []
+        pos, vel, bow = pose.pos_ned_m[:2], pose.vel_ned_mps[:2], heading_rad(pose)
+        legs = _legs(way.points_ne_m, pos)
+        speed = way.speed_mps or self._speed_mps
+        ahead = self._planner.along(legs, pos, vel, bow, speed, around)
+        if not self._engaged:
+            self._blocked = self._blocked + 1 if ahead.blocked else 0
+            if self._blocked < (_BLOCKED_PLANS if ahead.after_s < _SOON_S else _FAR_PLANS):
+                return []
+            self._engaged = True
+            return self._ask(vehicle.target, GUIDED, now_ns)
+        choice = self._planner.choose(legs, pos, vel, bow, speed, around, self._course_rad, self._stay_ne_m is not None)
+        course_rad, off_m = leg_course_rad(legs, pos)
+        self._free = self._free + 1 if choice.what == FREE and ahead.clearance_m >= self._begin_m + _FREER_M else 0
+        made_good = math.atan2(vel[1], vel[0]) if math.hypot(*vel.tolist()) > 0.7 else bow
+        turned = abs(math.remainder(made_good - course_rad, math.tau))
+        back = (abs(off_m) < _BACK_M and turned < _BACK_RAD) or _is_past(legs, pos)
+        if self._free >= _FREE_PLANS and back:
+            return self._ask(vehicle.target, AUTO, now_ns)
+        return [self._target(vehicle.target, choice, course_rad, pos, vel)]
+
+    def _release(self) -> None:
+        self._engaged, self._wanted, self._course_rad, self._stay_ne_m = False, None, None, None
+        self._blocked = self._free = self._asks = 0
+        self.manoeuvre = NONE
+
+    def _ask(self, target: tuple[int, int], mode: int, now_ns: int) -> Messages:
+        if self._wanted == mode and now_ns - self._asked_ns < _ASK_AGAIN_NS:
+            return []
+        self._asks = self._asks + 1 if self._wanted == mode else 1
+        if self._asks > _ASKS:
+            self.refused += 1
+            self._release()
+            return []
+        self._wanted, self._asked_ns = mode, now_ns
+        return [
+            command_long(target, mav.MAV_CMD_DO_SET_MODE, float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode))
+        ]
+
+    def _target(self, target: tuple[int, int], choice: Choice, leg_rad: float, pos: Array, vel: Array) -> Any:
+        if choice.what == STAY:
+            if self._stay_ne_m is None:
+                self._stay_ne_m = stopping_place(pos, vel)
+            self._enter(STOP)
+            self._course_rad = None
+            return _target_message(target, _POSITION_ONLY, self._stay_ne_m, np.zeros(2))
+        self._stay_ne_m = None
+        free = choice.what == FREE
+        course_rad = leg_rad if free else choice.course_rad
+        self._course_rad = None if free else course_rad
+        self._enter(RETURN if free else DETOUR)
+        vel_ne_mps = choice.speed_mps * np.array((math.cos(course_rad), math.sin(course_rad)))
+        return _target_message(target, _VELOCITY_ONLY, np.zeros(2), vel_ne_mps)
+
+    def _enter(self, manoeuvre: int) -> None:
+        """A detour is one from leaving the leg to being back on it, however often it changes its mind between."""
+        if self.manoeuvre == NONE and manoeuvre != STOP:
+            self.detours += 1
+        if manoeuvre == STOP and self.manoeuvre != STOP:
+            self.stops += 1
+        self.manoeuvre = manoeuvre
+
+
+def _is_past(legs: Legs, pos: Array) -> bool:
+    """Whether the end of the first leg is hard by: there is no leg left to come back to."""
+    along_m, _ = legs.off(np.zeros(1, dtype=np.int64), pos[None])
+    return float(legs.length_m[0] - along_m[0]) < _END_M
+
+
+def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> Legs:
+    """The legs ahead; from here when the vessel is past the end of the first: the autopilot goes back to it."""
+    points = np.array(points_ne_m)
+    legs = Legs(points)
+    along_m, _ = legs.off(np.zeros(1, dtype=np.int64), pos[None])
+    if float(along_m[0]) > float(legs.length_m[0]):
+        points[0] = pos - 1e-3 * legs.along[0]
+        return Legs(points)
+    return legs
+
+
+def _target_message(target: tuple[int, int], mask: int, pos_ne_m: Array, vel_ne_mps: Array) -> Any:
+    (north, east), (vn, ve) = pos_ne_m.tolist(), vel_ne_mps.tolist()
+    return mav.MAVLink_set_position_target_local_ned_message(
+        0, *target, mav.MAV_FRAME_LOCAL_NED, mask, north, east, 0.0, vn, ve, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    )

@@ -1,0 +1,69 @@
+"""The map of a companion computer: one point a cell, of what lidar and sonar saw, in the frame of the odometry."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.rigid import moved
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+Intensity = NDArray[np.uint8]
+
+LIDAR, SONAR = 0, 1
+"""Sources, as XITL_CLOUD_KIND less one has them."""
+
+_BITS = 20
+_HALF = 1 << (_BITS - 1)
+
+
+class Added(NamedTuple):
+    """What is new in the map: points_odom_m (k, 3), intensity (k,)."""
+
+    points_odom_m: Points
+    intensity: Intensity
+
+
+class CloudMap:
+    """Cells of cell_m; of each the first point by each source. Beyond far_m from the body nothing is kept, since an
+    angle of a degree is a metre there at 60 m. A map is within 2**19 cells of its origin; what is not is refused.
+    """
+
+    def __init__(self, cell_m: float = 0.1, far_m: float = 60.0) -> None:
+        self._cell_m = cell_m
+        self._far_m = far_m
+        self._cells: set[int] = set()
+        self._parts: list[tuple[Points, Intensity, int]] = []
+        self.refused = 0
+
+    def __len__(self) -> int:
+        return len(self._cells)
+
+    def add(self, pose_odom: Array, points_frd_m: Points, intensity: Intensity, source: int = LIDAR) -> Added:
+        """Points (n, 3) seen from the body, whose pose (4, 4) is that of the same instant."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            near = np.einsum("ij,ij->i", points_frd_m, points_frd_m) <= self._far_m**2
+        points, intensity = moved(pose_odom, points_frd_m[near]), intensity[near]
+        cell = np.floor(points / np.float32(self._cell_m))
+        inside = (np.abs(cell) < _HALF).all(axis=1)
+        self.refused += len(points_frd_m) - int(np.count_nonzero(np.isfinite(points_frd_m).all(axis=1)))
+        self.refused += len(inside) - int(np.count_nonzero(inside))
+        points, intensity, whole = points[inside], intensity[inside], cell[inside].astype(np.int64) + _HALF
+        keys = ((source << _BITS | whole[:, 0]) << _BITS | whole[:, 1]) << _BITS | whole[:, 2]
+        unique, first = np.unique(keys, return_index=True)
+        new = [place for key, place in zip(unique.tolist(), first.tolist()) if key not in self._cells]
+        self._cells.update(keys[new].tolist())
+        added = Added(points[new], intensity[new])
+        if new:
+            self._parts.append((*added, source))
+        return added
+
+    def whole(self, source: int = LIDAR) -> Added:
+        """All points by one source, in the order they came."""
+        parts = [(points, intensity) for points, intensity, by in self._parts if by == source]
+        if not parts:
+            return Added(np.empty((0, 3), dtype=np.float32), np.empty(0, dtype=np.uint8))
+        return Added(np.concatenate([points for points, _ in parts]), np.concatenate([each for _, each in parts]))

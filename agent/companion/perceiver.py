@@ -1,0 +1,190 @@
+"""What a companion makes of its sensors: odometry, map, and what is in the way."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, Callable, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.clouds import Cloud, Clouds, cloud_messages
+from agent.companion.echoes import echo_points
+from agent.companion.mapping import LIDAR, SONAR, Added, CloudMap
+from agent.companion.odometry import LidarOdometry, OdometryError, Placed
+from agent.companion.pings import Ping, Pings
+from agent.companion.sensor_clock import SensorClock
+from agent.companion.settings import Settings
+from agent.companion.watch import Watch
+from agent.wire import dialect as mav
+
+Messages = list[Any]
+
+MOST_WAITING = 3
+"""Clouds that may wait for the odometry: a companion that is too slow sees less, not later."""
+MOST_PINGS = 32
+_LOCAL_FRD, _BODY_FRD = 20, 12  # MAV_FRAME
+_UNKNOWN = [float("nan")] + [0.0] * 20
+_LIDAR_ESTIMATOR = 6  # MAV_ESTIMATOR_TYPE
+
+
+class _Tally(NamedTuple):
+    clouds_dropped: int
+    pings: int
+    latency_s: float
+
+
+class Perceiver:
+    """One run's. `say(text)` is for people.
+
+    settings: as they are now. watch: what looks out for obstacles, on this machine's clock.
+    """
+
+    def __init__(self, settings: Settings, watch: Watch, lockstep: bool, say: Callable[[str], None]) -> None:
+        self.watch = watch
+        self._clouds = Clouds()
+        self._pings = Pings()
+        self._clock = SensorClock(lockstep)
+        self._waiting: deque[Cloud] = deque()
+        self._echoes: deque[Ping] = deque(maxlen=MOST_PINGS)
+        self._tally = _Tally(0, 0, 0.0)
+        self._numbers = {LIDAR: 0, SONAR: 0}
+        self._odometry: LidarOdometry | None = None
+        self._map: CloudMap | None = None
+        if settings["ODO_ENABLE"]:
+            try:
+                self._odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"])
+            except OdometryError as error:
+                say(str(error))
+        if settings["MAP_ENABLE"] and self._odometry is not None:
+            self._map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
+
+    @property
+    def clouds(self) -> int:
+        """Clouds taken in so far, whole or in part."""
+        return self._clouds.clouds + self._clouds.clouds_partial
+
+    def take(self, message: Any, now_ns: int) -> bool:
+        """Keep a chunk of a cloud or a ping; False for a message that is neither."""
+        if isinstance(message, mav.MAVLink_xitl_cloud_message):
+            for cloud in self._clouds.take(message):
+                if cloud.kind == mav.XITL_CLOUD_KIND_LIDAR:
+                    self._queue(cloud, now_ns)
+            return True
+        if isinstance(message, mav.MAVLink_xitl_ping_message):
+            self._echoes.extend(self._pings.take(message))
+            return True
+        return False
+
+    def _queue(self, cloud: Cloud, now_ns: int) -> None:
+        if len(cloud.offset_s):
+            self._clock.arrived(cloud.stamp_ns + round(float(cloud.offset_s.max()) * 1e9), now_ns)
+        if len(self._waiting) == MOST_WAITING:
+            self._waiting.popleft()
+            self._tally = self._tally._replace(clouds_dropped=self._tally.clouds_dropped + 1)
+        self._waiting.append(cloud)
+
+    def work(self, now_ns: Callable[[], int]) -> Messages:
+        """Work through what waits; returns what the host is told of it."""
+        told: Messages = []
+        while self._waiting:
+            cloud = self._waiting.popleft()
+            told += self._see(cloud)
+            if len(cloud.offset_s):
+                end_ns = self._clock.own_ns(cloud.stamp_ns) + round(float(cloud.offset_s.max()) * 1e9)
+                self._tally = self._tally._replace(latency_s=max(now_ns() - end_ns, 0) * 1e-9)
+        while self._echoes:
+            told += self._hear(self._echoes.popleft())
+        return told
+
+    def _see(self, cloud: Cloud) -> Messages:
+        self.watch.cloud(self._clock.own_ns(cloud.stamp_ns), cloud.points_m, cloud.offset_s)
+        if self._odometry is None:
+            return []
+        placed = self._odometry.register(cloud.stamp_ns, cloud.points_m, cloud.offset_s)
+        if placed is None:
+            return []
+        told = [_odometry_message(placed)]
+        if self._map is not None:
+            added = self._map.add(placed.pose_odom, placed.points_frd_m, cloud.intensity[placed.kept])
+            told += self._map_messages(placed.stamp_ns, added, LIDAR)
+        return told
+
+    def _hear(self, ping: Ping) -> Messages:
+        self._tally = self._tally._replace(pings=self._tally.pings + 1)
+        if self._odometry is None or self._map is None:
+            return []
+        pose = self._odometry.pose_at(ping.stamp_ns)
+        if pose is None:
+            return []
+        points_frd_m, intensity = echo_points(ping)
+        return self._map_messages(ping.stamp_ns, self._map.add(pose, points_frd_m, intensity, SONAR), SONAR)
+
+    def _map_messages(self, stamp_ns: int, added: Added, source: int) -> Messages:
+        points = added.points_odom_m
+        if not len(points):
+            return []
+        self._numbers[source] += 1
+        origin = tuple(np.round(points.mean(axis=0)).tolist())
+        still = np.zeros(len(points), dtype=np.float32)
+        kind = source + 1
+        return cloud_messages(Cloud(kind, self._numbers[source], stamp_ns, points, still, added.intensity), origin)
+
+    def status(self, now_ns: int) -> Any:
+        """XITL_COMPANION_STATUS."""
+        clouds, odometry, watch = self._clouds, self._odometry, self.watch
+        return mav.MAVLink_xitl_companion_status_message(
+            now_ns // 1000,
+            clouds.clouds,
+            clouds.clouds_partial,
+            clouds.chunks_lost + self._pings.chunks_lost,
+            self._tally.clouds_dropped,
+            clouds.points,
+            clouds.points_refused + (0 if odometry is None else odometry.points_refused),
+            self._tally.pings,
+            0 if odometry is None else odometry.poses,
+            0 if odometry is None else odometry.poses_refused,
+            0 if self._map is None else len(self._map),
+            watch.obstacles,
+            watch.detours,
+            watch.stops,
+            self._tally.latency_s,
+            watch.manoeuvre,
+        )
+
+
+def _odometry_message(placed: Placed) -> Any:
+    """ODOMETRY at the cloud's last point, on the sensors' clock; quality is not known."""
+    x, y, z = placed.pose_odom[:3, 3].tolist()
+    return mav.MAVLink_odometry_message(
+        placed.stamp_ns // 1000,
+        _LOCAL_FRD,
+        _BODY_FRD,
+        x,
+        y,
+        z,
+        _quaternion(placed.pose_odom[:3, :3]),
+        *placed.vel_frd_mps.tolist(),
+        0.0,
+        0.0,
+        0.0,
+        _UNKNOWN,
+        _UNKNOWN,
+        0,
+        _LIDAR_ESTIMATOR,
+        0,
+    )
+
+
+def _quaternion(rotation: NDArray[np.float64]) -> list[float]:
+    """w, x, y, z of a (3, 3) rotation: the eigenvector of Bar-Itzhack's matrix (J. Guidance 23(6), 2000)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    upper = [
+        [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+        [zy - yz, xx - yy - zz, xy + yx, xz + zx],
+        [xz - zx, xy + yx, yy - xx - zz, yz + zy],
+        [yx - xy, xz + zx, yz + zy, zz - xx - yy],
+    ]
+    vectors = np.linalg.eigh(np.array(upper))[1]
+    quaternion = vectors[:, -1]
+    return [float(value) for value in (quaternion if quaternion[0] >= 0.0 else -quaternion)]

@@ -1,0 +1,162 @@
+"""The last seconds of the autopilot's motion, to place what was seen at an instant."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+KEPT_NS = 5_000_000_000
+_AHEAD_NS = 500_000_000  # so far past the newest sample motion is carried on
+_GAP_NS = 1_500_000_000  # samples farther apart are not joined
+
+Array = NDArray[np.float64]
+
+
+class VehiclePose(NamedTuple):
+    """pos_ned_m (3,) from the autopilot's local origin, rot_ned_frd (3, 3), vel_ned_mps (3,)."""
+
+    pos_ned_m: Array
+    rot_ned_frd: Array
+    vel_ned_mps: Array
+
+
+class _Turned(NamedTuple):
+    stamp_ns: int
+    quat: Array  # w, x, y, z, body FRD to NED
+    rate_frd_radps: Array
+
+
+class _Placed(NamedTuple):
+    stamp_ns: int
+    pos_ned_m: Array
+    vel_ned_mps: Array
+
+
+class PoseHistory:
+    """Attitudes and places as they come, each in the order of time; `at` joins them."""
+
+    def __init__(self) -> None:
+        self._turned: deque[_Turned] = deque()
+        self._placed: deque[_Placed] = deque()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._turned.clear()
+        self._placed.clear()
+
+    def turned(self, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> None:
+        """An attitude as a quaternion (4,) of any length, and body rates (3,)."""
+        length = float(np.linalg.norm(quat))
+        if not (math.isfinite(length) and length > 0.5 and np.isfinite(rate_frd_radps).all()):
+            return
+        if self._turned and stamp_ns <= self._turned[-1].stamp_ns:
+            return
+        self._turned.append(_Turned(stamp_ns, quat / length, rate_frd_radps))
+        while self._turned[0].stamp_ns < stamp_ns - KEPT_NS:
+            self._turned.popleft()
+
+    def placed(self, stamp_ns: int, pos_ned_m: Array, vel_ned_mps: Array) -> None:
+        """A position and a velocity, both (3,)."""
+        if not (np.isfinite(pos_ned_m).all() and np.isfinite(vel_ned_mps).all()):
+            return
+        if self._placed and stamp_ns <= self._placed[-1].stamp_ns:
+            return
+        self._placed.append(_Placed(stamp_ns, pos_ned_m, vel_ned_mps))
+        while self._placed[0].stamp_ns < stamp_ns - KEPT_NS:
+            self._placed.popleft()
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The instant up to which both are known, None before."""
+        if not self._turned or not self._placed:
+            return None
+        return min(self._turned[-1].stamp_ns, self._placed[-1].stamp_ns)
+
+    def at(self, stamp_ns: int) -> VehiclePose | None:
+        """The pose at an instant; a little past the newest sample by its rates, None farther off or before all."""
+        quat, place = self._quat_at(stamp_ns), self._place_at(stamp_ns)
+        if quat is None or place is None:
+            return None
+        return VehiclePose(place[0], rotation(quat), place[1])
+
+    def _quat_at(self, stamp_ns: int) -> Array | None:
+        later: _Turned | None = None
+        for sample in reversed(self._turned):
+            if sample.stamp_ns <= stamp_ns:
+                if later is None:
+                    ahead_ns = stamp_ns - sample.stamp_ns
+                    return _carried(sample, ahead_ns * 1e-9) if ahead_ns <= _AHEAD_NS else None
+                if later.stamp_ns - sample.stamp_ns > _GAP_NS:
+                    return None
+                share = (stamp_ns - sample.stamp_ns) / (later.stamp_ns - sample.stamp_ns)
+                return _between(sample.quat, later.quat, share)
+            later = sample
+        return None
+
+    def _place_at(self, stamp_ns: int) -> tuple[Array, Array] | None:
+        later: _Placed | None = None
+        for sample in reversed(self._placed):
+            if sample.stamp_ns <= stamp_ns:
+                if later is None:
+                    ahead_ns = stamp_ns - sample.stamp_ns
+                    if ahead_ns > _AHEAD_NS:
+                        return None
+                    return sample.pos_ned_m + sample.vel_ned_mps * (ahead_ns * 1e-9), sample.vel_ned_mps
+                if later.stamp_ns - sample.stamp_ns > _GAP_NS:
+                    return None
+                share = (stamp_ns - sample.stamp_ns) / (later.stamp_ns - sample.stamp_ns)
+                pos = sample.pos_ned_m + (later.pos_ned_m - sample.pos_ned_m) * share
+                return pos, sample.vel_ned_mps + (later.vel_ned_mps - sample.vel_ned_mps) * share
+            later = sample
+        return None
+
+
+def rotation(quat: Array) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion w, x, y, z."""
+    w, x, y, z = quat.tolist()
+    return np.array(
+        (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+    )
+
+
+def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
+    """Unit quaternion of the angles of ATTITUDE."""
+    cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
+    cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
+    cy, sy = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
+    return np.array(
+        (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+    )
+
+
+def _between(first: Array, second: Array, share: float) -> Array:
+    """Along the chord, which over a tenth of a second is the arc."""
+    if float(first @ second) < 0.0:
+        second = -second
+    mixed = first + (second - first) * share
+    turned: Array = mixed / np.linalg.norm(mixed)
+    return turned
+
+
+def _carried(sample: _Turned, ahead_s: float) -> Array:
+    half = 0.5 * ahead_s * sample.rate_frd_radps
+    w, x, y, z = sample.quat.tolist()
+    p, q, r = half.tolist()
+    turned = np.array(
+        (w - x * p - y * q - z * r, x + w * p + y * r - z * q, y + w * q + z * p - x * r, z + w * r + x * q - y * p)
+    )
+    carried: Array = turned / np.linalg.norm(turned)
+    return carried

@@ -1,0 +1,81 @@
+"""Settings of a companion, by the standard parameter protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from agent.fcu.parameters import Parameter
+from agent.wire import dialect as mav
+
+Messages = list[Any]
+
+TABLE = (
+    Parameter("AVD_ENABLE", 1, 0, 1, "", "1 steers around what is in the way"),
+    Parameter("AVD_HORIZON", 15.0, 2.0, 60.0, "s", "how far ahead collisions are looked for"),
+    Parameter("AVD_MARGIN", 3.0, 0.5, 30.0, "m", "water kept between hull and obstacle"),
+    Parameter("AVD_RANGE", 60.0, 5.0, 260.0, "m", "obstacles farther away are left alone"),
+    Parameter("HULL_LENGTH", 2.3, 0.2, 100.0, "m", "of the vessel"),
+    Parameter("HULL_WATER", 0.15, -5.0, 10.0, "m", "from the body's origin down to the water at rest"),
+    Parameter("HULL_WIDTH", 1.6, 0.1, 50.0, "m", "of the vessel"),
+    Parameter("MAP_CELL", 0.1, 0.02, 5.0, "m", "edge of the cells of the map, one point each"),
+    Parameter("MAP_ENABLE", 1, 0, 1, "", "1 keeps a map"),
+    Parameter("MAP_RANGE", 60.0, 1.0, 260.0, "m", "farther points are not mapped"),
+    Parameter("ODO_ENABLE", 1, 0, 1, "", "1 runs the odometry"),
+    Parameter("ODO_RANGE", 100.0, 5.0, 260.0, "m", "farther points are not used for it"),
+    Parameter("ODO_VOXEL", 1.0, 0.05, 10.0, "m", "edge of the cells of its local map"),
+    Parameter("WP_SPEED", 3.0, 0.1, 30.0, "m/s", "of the mission, where it does not say"),
+)
+_INDEX = {row.name: index for index, row in enumerate(TABLE)}
+
+
+class SettingError(ValueError):
+    """A setting was refused; the message says why and what to use."""
+
+
+def checked(name: str, value: float) -> float:
+    """The value as it would be kept. Raises SettingError for an unknown name, NaN or a value out of range."""
+    index = _INDEX.get(name)
+    if index is None:
+        raise SettingError(f"{name} is no setting of a companion; use one of {', '.join(_INDEX)}")
+    row = TABLE[index]
+    slack = 1e-6 * max(1.0, abs(row.low), abs(row.high))  # a limit that went through a 32-bit float is still the limit
+    if not row.low - slack <= value <= row.high + slack:
+        unit = f" {row.unit}" if row.unit else ""
+        raise SettingError(f"{name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
+    return float(min(max(value, row.low), row.high))
+
+
+class Settings:
+    """Values by name; what is set holds from the next run's first cloud, or at once before it."""
+
+    def __init__(self) -> None:
+        self._values = {row.name: float(row.default) for row in TABLE}
+
+    def __getitem__(self, name: str) -> float:
+        return self._values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def take(self, message: Any, texts: list[str]) -> Messages:
+        """Answers to PARAM_SET, PARAM_REQUEST_READ and PARAM_REQUEST_LIST; why one is refused goes to `texts`."""
+        kind = type(message)
+        if kind is mav.MAVLink_param_set_message:
+            index = _INDEX.get(message.param_id, -1)
+            try:
+                self._values[message.param_id] = checked(message.param_id, message.param_value)
+            except SettingError as error:
+                texts.append(str(error))
+            return [self._value(index)] if index >= 0 else []
+        if kind is mav.MAVLink_param_request_list_message:
+            return [self._value(index) for index in range(len(TABLE))]
+        if kind is mav.MAVLink_param_request_read_message:
+            index = message.param_index if message.param_index >= 0 else _INDEX.get(message.param_id, -1)
+            return [self._value(index)] if 0 <= index < len(TABLE) else []
+        return []
+
+    def _value(self, index: int) -> Any:
+        name = TABLE[index].name
+        kind = mav.MAV_PARAM_TYPE_REAL32
+        return mav.MAVLink_param_value_message(name.encode("ascii"), self._values[name], kind, len(TABLE), index)

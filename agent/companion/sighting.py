@@ -1,0 +1,181 @@
+"""From clouds to what stands out of the water: cells that were hit, on the autopilot's local NED.
+
+Turbid water returns some light close by. Where it does is learnt from the clouds themselves: rings around the lidar in
+which most directions have low points are water, out to the last of them, and there a point has to stand out of the
+waves. Farther off what comes back is no water, however low it seems: a degree of pitch is half a metre at 30 m.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.pose_history import PoseHistory
+
+Array = NDArray[np.float64]
+
+CELL_M = 0.5
+_KEY = 1 << 20  # cells north and east of the origin are numbered by one integer
+_NEAREST_M = 2.5  # the vessel itself, and spray
+_LOWEST_M, _HIGHEST_M = -1.2, 2.5
+_KNOTS = 5
+_RINGS = 24  # of 1 m
+_SECTORS = 14  # over 70 degrees
+_SECTOR_RAD = math.radians(5.0)
+_LOW_M = 0.35
+_FORGETS = 0.9  # of the counts, from frame to frame
+_COUNTS = 0.8
+_REACH_M, _LEARNT = 20.0, 20  # before so many clouds were seen
+_BEYOND_M = 2.0
+_DRAWS_BACK_M = 0.03  # a cloud: waves that are seen far off come and go
+_WATERY = 0.45  # of the sectors
+_STANDS_OUT_M = 0.2
+_LEVEL_S = 15.0
+_LEVEL_OFF_M = 0.4
+
+
+class Frame(NamedTuple):
+    """What one cloud hit. cells (k,), points_ne_m (k, 2) means over each cell, top_m (k,), hits (k,) points."""
+
+    stamp_ns: int
+    cells: NDArray[np.int64]
+    points_ne_m: Array
+    top_m: Array
+    hits: NDArray[np.int64]
+
+
+class Sighting:
+    """`look` at each cloud; `frames` of the last `window_s`, oldest first."""
+
+    def __init__(self, range_m: float, waterline_m: float, window_s: float = 0.8) -> None:
+        self.frames: deque[Frame] = deque()
+        self.refused = 0  # points that are not numbers
+        self.unplaced = 0  # clouds without a pose
+        self.water_reach_m = _REACH_M
+        self.stands_out_m = _STANDS_OUT_M
+        self._range_m = range_m
+        self.waterline_m = waterline_m
+        self._window_ns = round(window_s * 1e9)
+        self._low = np.zeros((_RINGS, _SECTORS))
+        self._spread_m = 0.05
+        self._learnt = 0
+        self._level_m: float | None = None  # of the vessel's origin, down, mean of the last seconds
+        self._level_ns = 0
+
+    def look(
+        self,
+        history: PoseHistory,
+        stamp_ns: int,
+        points_frd_m: NDArray[np.float32],
+        offset_s: NDArray[np.float32],
+    ) -> bool:
+        """Take a cloud in; False when its pose is not known."""
+        good = np.isfinite(points_frd_m).all(axis=1) & np.isfinite(offset_s)
+        good_count = int(np.count_nonzero(good))
+        if good_count < len(good):
+            self.refused += len(good) - good_count
+            points_frd_m, offset_s = points_frd_m[good], offset_s[good]
+        points = points_frd_m.astype(np.float64)
+        range_m = np.hypot(points[:, 0], points[:, 1])
+        near = (range_m > _NEAREST_M) & (range_m < self._range_m)
+        points, range_m = points[near], range_m[near]
+        placed = self._placed(history, stamp_ns, points, offset_s[near].astype(np.float64))
+        if placed is None:
+            self.unplaced += 1
+            return False
+        ned_m, height_m = placed
+        self._learn(points, range_m, height_m)
+        wet = range_m < self.water_reach_m
+        stands = np.where(wet, height_m > self.stands_out_m, height_m > _LOWEST_M)
+        stands &= height_m < _HIGHEST_M
+        self._keep(stamp_ns, ned_m[stands], height_m[stands])
+        return True
+
+    def _placed(
+        self, history: PoseHistory, stamp_ns: int, points: Array, offset_s: Array
+    ) -> tuple[Array, Array] | None:
+        """Points at their own instants: NED (n, 3), and height above the mean water (n,)."""
+        last_s = float(offset_s.max()) if len(offset_s) else 0.0
+        knots_s = np.linspace(0.0, max(last_s, 1e-3), _KNOTS)
+        poses = [history.at(stamp_ns + round(float(s) * 1e9)) for s in knots_s]
+        if any(pose is None for pose in poses):
+            return None
+        known = [pose for pose in poses if pose is not None]
+        level_m = self._level(float(known[0].pos_ned_m[2]), stamp_ns)
+        at = np.clip(offset_s / knots_s[-1] * (_KNOTS - 1), 0.0, _KNOTS - 1 - 1e-9)
+        first = at.astype(np.int64)
+        share = (at - first)[:, None]
+        ned_m = np.empty_like(points)
+        for knot in range(_KNOTS - 1):
+            here = first == knot
+            if not here.any():
+                continue
+            part, along = points[here], share[here]
+            before = part @ known[knot].rot_ned_frd.T + known[knot].pos_ned_m
+            after = part @ known[knot + 1].rot_ned_frd.T + known[knot + 1].pos_ned_m
+            ned_m[here] = before + (after - before) * along
+        return ned_m, level_m + self.waterline_m - ned_m[:, 2]
+
+    def _level(self, down_m: float, stamp_ns: int) -> float:
+        """Where the vessel floats on the mean: its height drifts over minutes, its heave goes over seconds."""
+        if self._level_m is None:
+            self._level_m = down_m
+        share = min(max((stamp_ns - self._level_ns) * 1e-9 / _LEVEL_S, 0.0), 1.0)
+        self._level_ns = stamp_ns
+        self._level_m += share * (down_m - self._level_m)
+        self._level_m = min(max(self._level_m, down_m - _LEVEL_OFF_M), down_m + _LEVEL_OFF_M)
+        return self._level_m
+
+    def _learn(self, points: Array, range_m: Array, height_m: Array) -> None:
+        """How far water returns, and how far its waves reach up."""
+        low = (range_m < _RINGS) & (np.abs(height_m) < _LOW_M)
+        ring = range_m[low].astype(np.int64)
+        sector = np.floor(np.arctan2(points[low, 1], points[low, 0]) / _SECTOR_RAD).astype(np.int64) + _SECTORS // 2
+        seen = (sector >= 0) & (sector < _SECTORS)
+        now = np.bincount(ring[seen] * _SECTORS + sector[seen], minlength=_RINGS * _SECTORS)
+        self._low = self._low * _FORGETS + now.reshape(_RINGS, _SECTORS)
+        watery = np.count_nonzero(self._low > _COUNTS, axis=1) > _WATERY * _SECTORS
+        reach = dry = 0
+        for number in range(3, _RINGS):
+            dry = 0 if watery[number] else dry + 1
+            if dry > 2:
+                break
+            reach = number + 1 if watery[number] else reach
+        self._learnt += 1
+        reach_m = max(reach + _BEYOND_M, 5.0 if self._learnt > _LEARNT else _REACH_M)
+        self.water_reach_m = max(reach_m, self.water_reach_m - _DRAWS_BACK_M)
+        close = height_m[low & (range_m < self.water_reach_m)]
+        if len(close) > 30:
+            spread_m = 1.4826 * float(np.median(np.abs(close - np.median(close))))
+            self._spread_m += 0.05 * (spread_m - self._spread_m)
+        self.stands_out_m = _STANDS_OUT_M + 2.5 * self._spread_m
+
+    def _keep(self, stamp_ns: int, ned_m: Array, height_m: Array) -> None:
+        cells, where, count = np.unique(cells_of(ned_m), return_inverse=True, return_counts=True)
+        points = np.empty((len(cells), 2))
+        for axis in (0, 1):
+            points[:, axis] = np.bincount(where, weights=ned_m[:, axis], minlength=len(cells)) / np.maximum(count, 1)
+        top_m = np.full(len(cells), -np.inf)
+        np.maximum.at(top_m, where, height_m)
+        self.frames.append(Frame(stamp_ns, cells, points, top_m, count))
+        while self.frames and stamp_ns - self.frames[0].stamp_ns > self._window_ns:
+            self.frames.popleft()
+
+
+def cells_of(points_m: Array, cell_m: float = CELL_M) -> NDArray[np.int64]:
+    """The number of the cell of each point (n, 2 or more: north and east first)."""
+    north, east = (np.floor(points_m[:, axis] / cell_m).astype(np.int64) for axis in (0, 1))
+    numbers: NDArray[np.int64] = north * _KEY + east
+    return numbers
+
+
+def neighbours(cell: int) -> tuple[int, ...]:
+    """The eight cells around one."""
+    return (
+        cell - _KEY - 1, cell - _KEY, cell - _KEY + 1, cell - 1,
+        cell + 1, cell + _KEY - 1, cell + _KEY, cell + _KEY + 1,
+    )  # fmt: skip

@@ -1,0 +1,221 @@
+"""What drifts: things followed from cloud to cloud, each by a Kalman filter of constant velocity.
+
+What is long, or lies against what is long, is structure and not followed. What leaves the view is carried on for a
+while.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.clusters import Cluster
+from agent.companion.structure import Structure
+
+Array = NDArray[np.float64]
+
+_LONGEST_M = 9.0  # a trunk is 8 m at most
+_BESIDE_M = 2.0
+_GATE_M = 2.5
+_CONFIRMED_HITS, _CONFIRMED_NS = 4, 700_000_000
+_LOST_NS = 2_500_000_000  # in view and not seen, and more for every time it was: waves hide what is low
+_LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS = 100_000_000, 6_000_000_000
+_DOUBTFUL_NS = 1_200_000_000  # the same before it is confirmed
+_COASTED_NS = 12_000_000_000  # out of view, at most
+_COASTS_NS = 700_000_000  # for every time it was seen
+_ODD_MPS, _ODD_HITS = 1.0, 12  # what goes so much otherwise than the water is looked at longer
+_BORN_M = 6.0  # nothing is first seen closer: the bow's own wave, and crests that it has run over
+_WET_HITS, _STREWN = 10, 1.4  # and so is what is first seen where water returns, or not far beyond
+_VIEW_RAD = math.radians(29.0)
+_VIEW_M = 45.0
+_START_MPS = 0.4
+_DRIVE = 0.01  # (m/s^2)^2 s: how fast velocities wander
+_CRESTS = 9.0  # times the variance: among waves, what stands out may be one of them
+_SHRINKS = 0.99  # of the remembered length, a look
+_FASTEST_MPS = 2.5
+
+
+class Track:
+    """One thing. state: north, east in m and their rates in m/s at `stamp_ns`; a box `length_m` along `heading_rad`."""
+
+    def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
+        self.number = number
+        self.state = np.array((*cluster.middle_ne_m.tolist(), *drift_ne_mps.tolist()))
+        self.covariance = np.diag((0.3, 0.3, _START_MPS**2, _START_MPS**2))
+        self.stamp_ns = self.seen_ns = self.first_ns = cluster.stamp_ns
+        self.length_m, self.width_m, self.height_m = cluster.length_m, cluster.width_m, cluster.height_m
+        self.heading_rad = cluster.heading_rad
+        self.points = cluster.points
+        self.hits = 1
+        self.hits_needed = hits_needed
+        self.confirmed = False
+
+    def at(self, stamp_ns: int) -> Array:
+        """Where its middle is at an instant, (2,)."""
+        where: Array = self.state[:2] + self.state[2:] * ((stamp_ns - self.stamp_ns) * 1e-9)
+        return where
+
+    def seen(self, cluster: Cluster, among_water: bool) -> None:
+        """The thing again; among returns of water its size is not what is seen."""
+        self._predict(cluster.stamp_ns)
+        # Looks overlap: four times the variance of one. Of a long thing now one part is seen, now another, so that its
+        # middle is known across it and hardly along it.
+        hidden_m = 0.5 * max(self.length_m - cluster.length_m, 0.0)
+        along = np.array((math.cos(self.heading_rad), math.sin(self.heading_rad)))
+        along_m2, across_m2 = 4.0 * (0.2 + 0.05 * cluster.length_m + hidden_m) ** 2, 4.0 * 0.25**2
+        noise_m2 = across_m2 * np.eye(2) + (along_m2 - across_m2) * np.outer(along, along)
+        if among_water:
+            noise_m2 = _CRESTS * noise_m2
+        innovation = cluster.middle_ne_m - self.state[:2]
+        gain = self.covariance[:, :2] @ np.linalg.inv(self.covariance[:2, :2] + noise_m2)
+        self.state = self.state + gain @ innovation
+        self.covariance = self.covariance - gain @ self.covariance[:2]
+        speed_mps = math.hypot(*self.state[2:].tolist())
+        if speed_mps > _FASTEST_MPS:
+            self.state[2:] *= _FASTEST_MPS / speed_mps
+        if not among_water:
+            if cluster.length_m > 0.8 * self.length_m:
+                self.heading_rad = cluster.heading_rad
+            self.length_m = max(self.length_m * _SHRINKS, cluster.length_m)
+            self.width_m = max(self.width_m * _SHRINKS, cluster.width_m)
+            self.height_m = max(self.height_m * _SHRINKS, cluster.height_m)
+        self.seen_ns, self.points = cluster.stamp_ns, cluster.points
+        self.hits += 1
+
+    def _predict(self, stamp_ns: int) -> None:
+        dt_s = max((stamp_ns - self.stamp_ns) * 1e-9, 0.0)
+        move = np.eye(4)
+        move[0, 2] = move[1, 3] = dt_s
+        drive = np.zeros((4, 4))
+        for axis in (0, 1):
+            drive[axis, axis] = dt_s**3 / 3.0
+            drive[axis, axis + 2] = drive[axis + 2, axis] = dt_s**2 / 2.0
+            drive[axis + 2, axis + 2] = dt_s
+        self.state = move @ self.state
+        self.covariance = move @ self.covariance @ move.T + _DRIVE * drive
+        self.stamp_ns = max(stamp_ns, self.stamp_ns)
+
+
+class Tracks:
+    """`update` with the things of each look; `confirmed` are those to count on."""
+
+    def __init__(self) -> None:
+        self.structure = Structure()
+        self.total = 0  # confirmed so far
+        self._tracks: list[Track] = []
+        self._next = 1
+
+    @property
+    def confirmed(self) -> list[Track]:
+        """Oldest first."""
+        return [track for track in self._tracks if track.confirmed]
+
+    def update(
+        self,
+        now_ns: int,
+        found: Sequence[Cluster],
+        pos_ne_m: Array,
+        bow_rad: float,
+        water_reach_m: float,
+        drift_ne_mps: Array,
+    ) -> None:
+        """Things seen up to `now_ns` from a place and heading; what is new is taken to drift with the current."""
+        small: list[Cluster] = []
+        for cluster in found:
+            if cluster.length_m > _LONGEST_M:
+                self.structure.see(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
+            else:
+                small.append(cluster)
+        self.structure.forget(now_ns, pos_ne_m, bow_rad, (water_reach_m + 2.0, 30.0))
+        left: list[Cluster] = []
+        for cluster in small:
+            if self.structure.covers(cluster.middle_ne_m, _BESIDE_M + 0.5 * cluster.width_m):
+                self.structure.see(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
+            else:
+                left.append(cluster)
+        self._match(left, drift_ne_mps, pos_ne_m, water_reach_m)
+        self._tracks = [
+            track for track in self._tracks if not self._is_lost(track, now_ns, pos_ne_m, bow_rad, water_reach_m)
+        ]
+
+    def _match(self, things: list[Cluster], drift_ne_mps: Array, pos_ne_m: Array, water_reach_m: float) -> None:
+        """The nearest pairs first."""
+        pairs = []
+        for index, track in enumerate(self._tracks):
+            gate_m = _GATE_M + 0.4 * track.length_m
+            for other, thing in enumerate(things):
+                off_m = float(np.hypot(*(thing.middle_ne_m - track.at(thing.stamp_ns))))
+                if off_m < gate_m:
+                    pairs.append((off_m - (1.0 if track.confirmed else 0.0), index, other))
+        taken: set[int] = set()
+        matched: set[int] = set()
+        for _, index, other in sorted(pairs):
+            if index in matched or other in taken:
+                continue
+            matched.add(index)
+            taken.add(other)
+            track, thing = self._tracks[index], things[other]
+            if thing.stamp_ns > track.seen_ns + 20_000_000:
+                range_m = math.hypot(*(thing.middle_ne_m - pos_ne_m).tolist())
+                track.seen(thing, range_m < water_reach_m)
+                self._confirm(track, drift_ne_mps)
+        near_known = {other for _, _, other in pairs}
+        for other, thing in enumerate(things):
+            if other not in taken and other not in near_known:
+                range_m = math.hypot(*(thing.middle_ne_m - pos_ne_m).tolist())
+                if range_m < _BORN_M:
+                    continue
+                hits_needed = _WET_HITS if range_m < _STREWN * water_reach_m else _CONFIRMED_HITS
+                self._tracks.append(Track(self._next, thing, drift_ne_mps, hits_needed))
+                self._next = self._next % 65535 + 1
+
+    def _confirm(self, track: Track, drift_ne_mps: Array) -> None:
+        odd = math.hypot(*(track.state[2:] - drift_ne_mps).tolist()) > _ODD_MPS
+        hits = _ODD_HITS if odd else track.hits_needed
+        if track.confirmed or track.hits < hits or track.seen_ns - track.first_ns < _CONFIRMED_NS:
+            return
+        track.confirmed = True
+        self.total += 1
+
+    def _is_lost(self, track: Track, now_ns: int, pos_ne_m: Array, bow_rad: float, water_reach_m: float) -> bool:
+        unseen_ns = now_ns - track.seen_ns
+        off = track.at(now_ns) - pos_ne_m
+        range_m = math.hypot(*off.tolist())
+        bearing = math.remainder(math.atan2(off[1], off[0]) - bow_rad, math.tau)
+        in_view = abs(bearing) < _VIEW_RAD and _STREWN * water_reach_m < range_m < _VIEW_M
+        if not track.confirmed:
+            return unseen_ns > _DOUBTFUL_NS
+        if unseen_ns > _DOUBTFUL_NS and self.structure.covers(track.at(now_ns), 1.0):
+            return True
+        if in_view:
+            return unseen_ns > min(_LOST_NS + track.hits * _LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS)
+        return unseen_ns > min(_COASTED_NS, _LOST_NS + track.hits * _COASTS_NS)
+
+
+class CurrentGuess:
+    """The current, from how the vessel is set sideways: what it makes good across its keel is not of its own doing.
+
+    Least squares with forgetting, from nothing known but that it is about as fast as rivers are.
+    """
+
+    def __init__(self) -> None:
+        self.current_ne_mps: Array = np.zeros(2)
+        self._covariance: Array = np.eye(2) * 0.5
+        self._stamp_ns: int | None = None
+
+    def add(self, stamp_ns: int, vel_ned_mps: Array, heading_rad: float, yaw_rate_radps: float) -> None:
+        """The velocity over ground and the heading, not in a turn."""
+        if self._stamp_ns is not None and stamp_ns - self._stamp_ns < 200_000_000:
+            return
+        self._stamp_ns = stamp_ns
+        if abs(yaw_rate_radps) > 0.1:
+            return
+        right = np.array((-math.sin(heading_rad), math.cos(heading_rad)))
+        side_mps = float(right @ vel_ned_mps[:2])
+        self._covariance = self._covariance + 1e-4 * np.eye(2)
+        gain = self._covariance @ right / (float(right @ self._covariance @ right) + 0.3)
+        self.current_ne_mps = self.current_ne_mps + gain * (side_mps - float(right @ self.current_ne_mps))
+        self._covariance = self._covariance - np.outer(gain, right @ self._covariance)

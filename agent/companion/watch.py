@@ -1,0 +1,203 @@
+"""The lookout: what floats or stands in the way, and how to go around it.
+
+    watch = Watch()
+    watch.take(message, now_ns)                     each message of the autopilot
+    watch.cloud(stamp_ns, points_frd_m, offset_s)   each cloud of the lidar
+    watch.plan(now_ns)                              5 times a second: to the autopilot
+    watch.proximity(now_ns)                         5 to 10 times a second: to the autopilot, and the host if it likes
+    watch.obstacle_messages(now_ns)                 as often as news is wanted: to the host
+
+Instants are of the companion's clock.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.avoidance import Planner, things
+from agent.companion.clusters import clusters
+from agent.companion.helm import Helm
+from agent.companion.pose_history import VehiclePose
+from agent.companion.proximity import proximity_messages
+from agent.companion.sighting import Sighting
+from agent.companion.tracks import CurrentGuess, Track, Tracks
+from agent.companion.vehicle import VehicleView, heading_rad
+from agent.wire import dialect as mav
+
+Messages = list[Any]
+
+_LOOK_NS = 180_000_000  # from gathering things to gathering them again
+_WAITING = 4  # clouds held until their pose has come
+_STRUCTURE_M = 50.0
+_STALE_NS = 2_000_000_000  # without clouds for so long nothing is said to be free
+_BEGIN = 0.6  # of the margin
+_DOUBTFUL = 1.6  # of how far water returns
+
+
+class Watch:
+    """Sees, tracks and avoids, in the autopilot's local NED.
+
+    margin_m: water kept between hull and obstacle. horizon_s: how far ahead collisions are looked for. speed_mps: of
+    the vessel where its mission does not say. length_m, width_m: of the vessel. waterline_m: the water below the
+    body's origin. range_m: obstacles farther away are left alone. avoids: False only watches.
+
+    Counters since the start: `obstacles` confirmed, `detours` and `stops` begun, `clouds_unplaced` for want of a pose,
+    `points_refused`; `manoeuvre` (XITL_MANOEUVRE) now.
+    """
+
+    def __init__(
+        self,
+        margin_m: float = 3.0,
+        horizon_s: float = 12.0,
+        speed_mps: float = 3.0,
+        length_m: float = 2.3,
+        width_m: float = 1.6,
+        waterline_m: float = 0.15,
+        range_m: float = 60.0,
+        avoids: bool = True,
+    ) -> None:
+        self.vehicle = VehicleView()
+        self.tracks = Tracks()
+        self._sighting = Sighting(range_m, waterline_m)
+        self._current = CurrentGuess()
+        planner = Planner(margin_m, _BEGIN * margin_m, horizon_s, 0.5 * math.hypot(length_m, width_m))
+        self._helm = Helm(planner, _BEGIN * margin_m, speed_mps)
+        self._bow_m = 0.5 * length_m
+        self._range_m = range_m
+        self._avoids = avoids
+        self._waiting: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
+        self._cloud_ns: int | None = None
+        self._looked_ns = 0
+
+    @property
+    def obstacles(self) -> int:
+        return self.tracks.total
+
+    @property
+    def detours(self) -> int:
+        return self._helm.detours
+
+    @property
+    def stops(self) -> int:
+        return self._helm.stops
+
+    @property
+    def manoeuvre(self) -> int:
+        return self._helm.manoeuvre
+
+    @property
+    def clouds_unplaced(self) -> int:
+        return self._sighting.unplaced
+
+    @property
+    def points_refused(self) -> int:
+        return self._sighting.refused
+
+    def take(self, message: Any, now_ns: int) -> Messages:
+        """One message of the autopilot; returns what to answer (requests for the mission and for rates)."""
+        replies = self.vehicle.take(message, now_ns)
+        if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_ACK:
+            self._helm.acknowledged(message, self.vehicle)
+        return replies
+
+    def cloud(self, stamp_ns: int, points_frd_m: NDArray[np.float32], offset_s: NDArray[np.float32]) -> None:
+        """Points (n, 3) body FRD, each at its own instant, `offset_s` (n,) after `stamp_ns`."""
+        self._waiting.append((stamp_ns, points_frd_m, offset_s))
+        self._work(final=False)
+
+    def _work(self, final: bool) -> None:
+        """Clouds whose pose is known by now; one waits for the autopilot's news rather than be placed by a guess."""
+        while self._waiting:
+            stamp_ns, points, offset_s = self._waiting[0]
+            newest_ns = self.vehicle.history.newest_ns
+            last_s = float(np.nanmax(offset_s)) if len(offset_s) else 0.0
+            known = newest_ns is not None and newest_ns >= stamp_ns + round(last_s * 1e9)
+            if not known and not final and len(self._waiting) <= _WAITING:
+                return
+            self._waiting.pop(0)
+            if self._sighting.look(self.vehicle.history, stamp_ns, points, offset_s):
+                self._cloud_ns = stamp_ns
+                self._look(stamp_ns)
+
+    def _look(self, stamp_ns: int) -> None:
+        pose = self.vehicle.pose_at(stamp_ns)
+        if pose is None:
+            return
+        bow_rad = heading_rad(pose)
+        self._current.add(stamp_ns, pose.vel_ned_mps, bow_rad, self.vehicle.yaw_rate_radps)
+        if 0 <= stamp_ns - self._looked_ns < _LOOK_NS:
+            return
+        self._looked_ns = stamp_ns
+        found = clusters(self._sighting.frames, pose.pos_ned_m[:2], _DOUBTFUL * self._sighting.water_reach_m)
+        drift = self._current.current_ne_mps
+        self.tracks.update(stamp_ns, found, pose.pos_ned_m[:2], bow_rad, self._sighting.water_reach_m, drift)
+
+    def plan(self, now_ns: int) -> Messages:
+        """To the autopilot: mode changes, targets, requests. Nothing while the way is free."""
+        messages = self.vehicle.poll(now_ns)
+        if not self._avoids:
+            return messages
+        pose = None if self._is_blind(now_ns) else self.vehicle.pose_at(now_ns)
+        if pose is None:
+            return messages
+        pos = pose.pos_ned_m[:2]
+        around = things(now_ns, self.tracks.confirmed, self.tracks.structure.within(pos, _STRUCTURE_M), pos)
+        messages.extend(self._helm.steer(self.vehicle, pose, around, now_ns))
+        return messages
+
+    def _is_blind(self, now_ns: int) -> bool:
+        return self._cloud_ns is None or now_ns - self._cloud_ns > _STALE_NS
+
+    def proximity(self, now_ns: int) -> Messages:
+        """OBSTACLE_DISTANCE and DISTANCE_SENSOR; nothing without clouds or pose."""
+        pose = None if self._is_blind(now_ns) else self.vehicle.pose_at(now_ns)
+        if pose is None or not self._sighting.frames:
+            return []
+        points = [frame.points_ne_m for frame in self._sighting.frames]
+        points.append(self.tracks.structure.within(pose.pos_ned_m[:2], self._range_m))
+        points.extend(_outline(track, now_ns) for track in self.tracks.confirmed)
+        return proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)
+
+    def obstacle_messages(self, now_ns: int) -> Messages:
+        """An XITL_OBSTACLE of every confirmed track."""
+        pose = self.vehicle.pose_at(now_ns)
+        if pose is None:
+            return []
+        return [self._obstacle(track, pose, now_ns) for track in self.tracks.confirmed]
+
+    def _obstacle(self, track: Track, pose: VehiclePose, now_ns: int) -> Any:
+        north, east = track.at(now_ns).tolist()
+        vn, ve = track.state[2:].tolist()
+        bow = pose.pos_ned_m[:2] + self._bow_m * pose.rot_ned_frd[:2, 0]
+        off = _outline(track, now_ns) - bow
+        nearest = off[int(np.argmin(np.hypot(off[:, 0], off[:, 1])))]
+        range_m = float(np.hypot(*nearest))
+        closing_mps = -float(nearest @ (track.state[2:] - pose.vel_ned_mps[:2])) / max(range_m, 0.1)
+        down_m = float(pose.pos_ned_m[2]) + self._sighting.waterline_m - 0.5 * track.height_m
+        return mav.MAVLink_xitl_obstacle_message(
+            max(track.seen_ns // 1000, 0),
+            (north, east, down_m),
+            (vn, ve, 0.0),
+            (track.length_m, track.width_m, track.height_m),
+            track.heading_rad,
+            range_m,
+            closing_mps,
+            track.number,
+            min(track.points, 65535),
+            min(track.hits, 65535),
+        )
+
+
+def _outline(track: Track, now_ns: int) -> NDArray[np.float64]:
+    """Points along the edge of its box, (n, 2)."""
+    along = np.array((math.cos(track.heading_rad), math.sin(track.heading_rad)))
+    across = np.array((-along[1], along[0]))
+    forward, right = 0.5 * track.length_m, 0.5 * track.width_m
+    steps = np.linspace(-1.0, 1.0, 7)
+    sides = [forward * s * along + r * right * across for s in steps for r in (-1.0, 1.0)]
+    points: NDArray[np.float64] = track.at(now_ns) + np.array(sides)
+    return points

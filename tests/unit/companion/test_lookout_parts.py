@@ -1,0 +1,206 @@
+"""The lookout's parts against closed forms: clusters, tracks, structure, courses, clearances, proximity."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agent.companion.avoidance import Things, clearance_m
+from agent.companion.clusters import Cluster, clusters
+from agent.companion.course import STEP_S, Legs, leg_course_rad, sail
+from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion, rotation
+from agent.companion.proximity import SECTORS, proximity_messages
+from agent.companion.sighting import Frame, Sighting, cells_of
+from agent.companion.structure import Structure
+from agent.companion.tracks import CurrentGuess, Tracks
+from agent.companion.watch import Watch
+
+HERE = np.zeros(2)
+TENTH_NS = 100_000_000
+
+
+def frame(stamp_ns: int, points: np.ndarray) -> Frame:
+    cells, first, count = np.unique(cells_of(points), return_index=True, return_counts=True)
+    return Frame(stamp_ns, cells, points[first], np.full(len(cells), 0.2), count)
+
+
+def thing(stamp_ns: int, middle: tuple[float, float], length_m: float = 3.0) -> Cluster:
+    return Cluster(stamp_ns, np.array([middle]), np.array(middle), length_m, 0.5, 0.3, 0.0, 5)
+
+
+def test_two_logs_are_two_clusters_and_one_drop_is_none() -> None:
+    along = np.linspace(-2.5, 2.5, 60)
+    heading = 0.6
+    first = np.array((30.0, 3.0)) + np.outer(along, (math.cos(heading), math.sin(heading)))
+    second = np.array((30.0, -8.0)) + np.outer(along, (1.0, 0.0))
+    drop = np.array([[20.0, 0.0]])
+    frames = [frame(n * TENTH_NS, np.concatenate([first, second] + [drop] * (n == 3))) for n in range(8)]
+    found = sorted(clusters(frames, HERE, 0.0), key=lambda one: one.middle_ne_m[1])
+    assert len(found) == 2
+    for one, middle, turned in zip(found, [(30.0, -8.0), (30.0, 3.0)], [0.0, heading], strict=True):
+        np.testing.assert_allclose(one.middle_ne_m, middle, atol=0.3)  # half a cell
+        assert one.length_m == pytest.approx(5.0, abs=0.5)
+        assert math.remainder(one.heading_rad - turned, math.pi) == pytest.approx(0.0, abs=0.1)
+        assert one.stamp_ns == pytest.approx(3.5 * TENTH_NS, abs=1e6)
+
+
+def test_no_frames_and_empty_frames_are_nothing() -> None:
+    assert clusters([], HERE, 0.0) == []
+    assert clusters([frame(0, np.empty((0, 2)))], HERE, 0.0) == []
+
+
+def drifted(tracks: Tracks, seconds: float, vel: tuple[float, float], noise_m: float, since_s: float = 0.0) -> None:
+    rng = np.random.default_rng(7)
+    for tick in range(round(since_s * 5), round((since_s + seconds) * 5)):
+        time_s = 0.2 * tick
+        middle = (40.0 + vel[0] * time_s + noise_m * rng.normal(), vel[1] * time_s + noise_m * rng.normal())
+        stamp_ns = round(time_s * 1e9)
+        tracks.update(stamp_ns, [thing(stamp_ns, middle)], HERE, 0.0, 8.0, np.zeros(2))
+
+
+def test_a_track_finds_the_velocity_and_keeps_its_name() -> None:
+    """After 8 s with looks of 0.2 m noise the velocity is known to some 0.1 m/s; its prior was zero."""
+    tracks = Tracks()
+    drifted(tracks, 8.0, (-0.3, 0.7), 0.2)
+    (track,) = tracks.confirmed
+    np.testing.assert_allclose(track.state[2:], (-0.3, 0.7), atol=0.15)
+    np.testing.assert_allclose(track.at(8_000_000_000), (40.0 - 2.4, 5.6), atol=0.4)
+    assert (track.number, tracks.total) == (1, 1)
+
+
+def test_a_track_out_of_view_is_carried_on_and_in_view_is_lost() -> None:
+    for bow_rad, kept in ((math.pi / 2, True), (0.0, False)):
+        tracks = Tracks()
+        drifted(tracks, 6.0, (0.0, 0.0), 0.05)
+        tracks.update(13_000_000_000, [], HERE, bow_rad, 8.0, np.zeros(2))
+        assert bool(tracks.confirmed) is kept
+    tracks.update(40_000_000_000, [], HERE, math.pi / 2, 8.0, np.zeros(2))
+    assert not tracks.confirmed
+
+
+def test_what_is_long_is_structure_and_remembered_behind() -> None:
+    tracks = Tracks()
+    wall = np.column_stack([np.full(60, 30.0), np.linspace(-15.0, 15.0, 60)])
+    for tick in range(15):
+        stamp_ns = tick * 200_000_000
+        long = Cluster(stamp_ns, wall, wall.mean(axis=0), 30.0, 0.5, 1.0, math.pi / 2, 50)
+        tracks.update(stamp_ns, [long], HERE, 0.0, 8.0, np.zeros(2))
+    assert not tracks.confirmed
+    assert tracks.structure.covers(np.array((30.0, 4.0)), 0.6)
+    assert not tracks.structure.covers(np.array((30.0, 17.0)), 0.6)
+    tracks.update(12_000_000_000, [], HERE, math.pi, 8.0, np.zeros(2))
+    assert len(tracks.structure.within(HERE, 50.0)) > 50
+
+
+def test_a_cell_that_was_hit_once_is_no_structure() -> None:
+    structure, cell = Structure(), np.array([[10.0, 0.0]])
+    structure.see(0, cell, HERE, 5.0)
+    assert not len(structure.points_ne_m)
+    structure.forget(4_000_000_000, HERE, math.pi, (5.0, 30.0))
+    structure.see(4_000_000_000, cell, HERE, 5.0)
+    assert not len(structure.points_ne_m)
+
+
+def test_crests_close_by_take_longer_to_be_structure() -> None:
+    cell = np.array([[10.0, 0.0]])
+    for reach_m, counts in ((5.0, True), (20.0, False)):
+        structure = Structure()
+        for look_number in range(12):
+            structure.see(look_number * 200_000_000, cell, HERE, reach_m)
+        assert bool(len(structure.points_ne_m)) is counts
+
+
+def test_the_current_is_found_from_two_headings() -> None:
+    guess, current, rng = CurrentGuess(), np.array((-0.4, 0.6)), np.random.default_rng(2)
+    for tick in range(300):
+        heading = 0.3 if tick < 150 else 1.6
+        vel = 3.0 * np.array((math.cos(heading), math.sin(heading))) + current + 0.05 * rng.normal(size=2)
+        guess.add(tick * 200_000_000, np.append(vel, 0.0), heading, 0.0)
+    np.testing.assert_allclose(guess.current_ne_mps, current, atol=0.1)
+
+
+def test_sailing_ahead_keeps_to_the_legs_around_a_corner() -> None:
+    legs = Legs(np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 60.0)]))
+    sailed = sail(legs, HERE, np.array((3.0, 0.0)), 0.0, np.zeros(1), np.zeros(1), np.array((3.0,)), 16.0)
+    end = sailed.pos_ne_m[0, -1]
+    assert end[0] == pytest.approx(20.0, abs=1.5)
+    assert sailed.progress_m[0] == pytest.approx(48.0, abs=8.0)  # less what the corner takes
+    assert leg_course_rad(legs, np.array((5.0, 6.0))) == (pytest.approx(-math.pi / 4), pytest.approx(6.0))
+
+
+def test_clearance_is_that_of_a_box_that_drifts() -> None:
+    """A boat that stays, a box 4 m by 2 m, headed east, that comes at 1 m/s: its side is 1 m before its middle."""
+    steps = 10
+    sailed = np.zeros((1, steps, 2))
+    around = Things(
+        np.array([[20.0, 0.0]]), np.array([[-1.0, 0.0]]), np.array([2.0]), np.array([1.0]), np.array([math.pi / 2]),
+        np.array([[0.0, -15.0]]),
+    )  # fmt: skip
+    clear = clearance_m(sailed, around, 1.4)[0]
+    after_s = STEP_S * np.arange(1, steps + 1)
+    np.testing.assert_allclose(clear, np.minimum(20.0 - 1.0 - after_s, 15.0) - 1.4, atol=0.06 * after_s[-1] + 1e-9)
+
+
+def pose(yaw_rad: float, pos: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> VehiclePose:
+    return VehiclePose(np.array(pos), rotation(quaternion(0.0, 0.0, yaw_rad)), np.zeros(3))
+
+
+def test_proximity_counts_sectors_from_the_bow_clockwise() -> None:
+    yaw = 0.4
+    right_abeam = np.array((5.0 * math.cos(yaw + math.pi / 2), 5.0 * math.sin(yaw + math.pi / 2)))
+    ahead = np.array((12.0 * math.cos(yaw), 12.0 * math.sin(yaw)))
+    distance, sensor = proximity_messages(np.array([right_abeam, ahead]), pose(yaw), 1_000_000_000, 1.15, 60.0)
+    assert len(distance.distances) == SECTORS
+    assert (distance.distances[0], distance.distances[18]) == (1200, 500)
+    assert distance.distances[2] == 6001, "in view and empty"
+    assert distance.distances[36] == 65535, "astern and not known"
+    assert (distance.increment, distance.frame, distance.max_distance) == (5, 12, 6000)
+    assert (sensor.current_distance, sensor.orientation) == (1085, 0)
+
+
+def still(history: PoseHistory, ticks: range = range(40)) -> None:
+    for tick in ticks:
+        history.turned(tick * TENTH_NS, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+        history.placed(tick * TENTH_NS, np.zeros(3), np.zeros(3))
+
+
+def look(sighting: Sighting, history: PoseHistory, tick: int, points: np.ndarray) -> Any:
+    offset_s = np.linspace(0.0, 0.099, len(points)).astype(np.float32)
+    return sighting.look(history, tick * TENTH_NS, points.astype(np.float32), offset_s)
+
+
+def test_water_close_by_is_learnt_and_a_low_trunk_beyond_it_is_seen() -> None:
+    """Water returns up to 10 m, at all bearings in view; 30 m off something stands a hand out of it."""
+    history, sighting, rng = PoseHistory(), Sighting(60.0, 0.15), np.random.default_rng(4)
+    still(history)
+    for tick in range(50):
+        still(history, range(tick + 1, tick + 3))
+        range_m, bearing = rng.uniform(2.6, 10.0, 600), rng.uniform(-0.6, 0.6, 600)
+        heave = 0.05 * rng.normal(size=600)
+        water = np.column_stack([range_m * np.cos(bearing), range_m * np.sin(bearing), 0.15 + heave])
+        trunk = np.column_stack([np.full(9, 30.0), np.linspace(-2.0, 2.0, 9), np.full(9, 0.05)])
+        assert look(sighting, history, tick, np.concatenate([water, trunk]))
+    assert 10.0 < sighting.water_reach_m < 20.5
+    (found,) = clusters(sighting.frames, HERE, 0.0)
+    np.testing.assert_allclose(found.middle_ne_m, (30.0, 0.0), atol=0.3)
+
+
+def test_a_cloud_with_what_is_no_number_is_used_and_counted() -> None:
+    history, sighting = PoseHistory(), Sighting(60.0, 0.15)
+    still(history)
+    points = np.array([[30.0, 0.0, 0.0], [math.nan, 0.0, 0.0], [0.0, math.inf, 0.0]])
+    assert look(sighting, history, 3, points)
+    assert sighting.refused == 2
+    assert look(sighting, history, 4, np.empty((0, 3)))
+    assert not look(sighting, history, 400, points)
+    assert sighting.unplaced == 1
+
+
+def test_a_lookout_that_has_heard_nothing_says_nothing() -> None:
+    watch = Watch()
+    watch.cloud(0, np.zeros((3, 3), dtype=np.float32), np.zeros(3, dtype=np.float32))
+    assert watch.plan(0) == watch.proximity(0) == watch.obstacle_messages(0) == []
+    assert (watch.obstacles, watch.detours, watch.stops, watch.manoeuvre) == (0, 0, 0, 0)

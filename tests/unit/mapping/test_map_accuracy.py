@@ -1,0 +1,102 @@
+"""Errors of an odometry against evo on the same TUM files, and of a map against a boom whose surface is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo.core import metrics, sync
+from evo.tools import file_interface
+
+from sim_core.frames import euler_to_quat
+from sim_core.world.boom import LogBoom
+from xitl_cli.logs.compare.trajectories import Trajectory, umeyama
+from xitl_cli.mapping.accuracy import apart, boom_section, matched, perception_sections
+from xitl_cli.mapping.clouds import at
+from xitl_cli.mapping.files import write_tum
+
+
+def wandering(count: int = 400, off_m: float = 0.0, turned: bool = False) -> Trajectory:
+    """A pass at 10 Hz with some noise, in a frame of its own if `turned`."""
+    rng = np.random.default_rng(4)
+    t = np.arange(count) * 0.1
+    place = np.stack([2.5 * t, 3 * np.sin(0.1 * t), 0.1 * np.sin(t)], axis=-1) + off_m * rng.standard_normal((count, 3))
+    euler = np.stack([0.03 * np.sin(t), 0.02 * np.cos(t), 0.1 * np.sin(0.1 * t)], axis=-1)
+    if turned:
+        c, s = np.cos(0.7), np.sin(0.7)
+        place = place @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + [40.0, -7.0, 1.0]
+        euler = euler + np.array([0, 0, 0.7])
+    return Trajectory((t * 1e9).astype(np.int64) + 50_000_000, place, euler_to_quat(euler))
+
+
+def test_errors_are_those_of_evo(tmp_path: Path) -> None:
+    truth, odometry = wandering(turned=True), wandering(off_m=0.1)
+    found = perception_sections(truth, odometry, np.empty((0, 3), np.float32), None).odometry
+    reference, other = matched(truth, odometry)
+    for name, trajectory in (("truth", reference), ("odometry", other)):
+        write_tum(tmp_path / f"{name}.tum", trajectory)
+    reference, other = sync.associate_trajectories(
+        file_interface.read_tum_trajectory_file(tmp_path / "truth.tum"),
+        file_interface.read_tum_trajectory_file(tmp_path / "odometry.tum"),
+    )
+    other.align(reference)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((reference, other))
+    assert found["ate_rms_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse), abs=5e-5)
+    assert found["ate_max_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.max), abs=5e-5)
+    rpe = metrics.RPE(metrics.PoseRelation.translation_part, delta=10, delta_unit=metrics.Unit.frames)
+    rpe.process_data((reference, other))
+    assert found["rpe_m"] == pytest.approx(rpe.get_statistic(metrics.StatisticsType.rmse), abs=5e-5)
+    assert found["path_m"] == pytest.approx(reference.path_length, abs=1e-3)
+    assert found["rate_hz"] == pytest.approx(10.0)
+
+
+def test_poses_in_between_and_none_outside() -> None:
+    whole = wandering(200)
+    half = Trajectory(whole.stamp_ns[::2], whole.pos_m[::2], whole.quat_wxyz[::2])
+    between = at(half, whole.stamp_ns)
+    assert len(between.stamp_ns) == 199  # the last lies behind the end
+    # Half a step of 0.1 s: r w^2 dt^2 / 2 with at most 0.1 m at 1 rad/s and 3 m at 0.1 rad/s.
+    np.testing.assert_allclose(between.pos_m, whole.pos_m[:199], atol=1e-3)
+
+
+def line() -> LogBoom:
+    return LogBoom.along([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0]], float_length_m=6.0, float_radius_m=0.5)
+
+
+def test_points_on_the_boom_are_on_it_and_noise_is_told() -> None:
+    rng = np.random.default_rng(6)
+    north, turn = rng.uniform(0.5, 59.5, 4000), rng.uniform(np.pi, 2 * np.pi, 4000)
+    off = rng.normal(0.0, 0.05, 4000)
+    round_m = 0.5 + off
+    points = np.column_stack([north, round_m * np.cos(turn), round_m * np.sin(turn)])
+    points = points[np.abs(north % 6.0 - 3.0) < 2.5]  # clear of the gaps
+    track = np.column_stack([np.linspace(-20, 80, 300), np.full(300, -9.0), np.zeros(300)])
+    found = boom_section(np.concatenate([points, [[30.0, 20.0, 0.0]]]), track, line())
+    assert found["boom_points"] == len(points)
+    assert found["boom_rms_m"] == pytest.approx(0.05, rel=0.05)  # one in sqrt(2 * 3300) is 1.2 %
+    assert found["coverage"] == 1.0
+
+
+def test_coverage_counts_what_was_passed_and_seen() -> None:
+    north = np.repeat(np.arange(3.0, 33.0, 6.0), 20)  # five of the ten floats
+    points = np.column_stack([north, np.full(len(north), -0.5), np.zeros(len(north))])
+    track = np.column_stack([np.linspace(-20, 80, 300), np.full(300, -9.0), np.zeros(300)])
+    assert boom_section(points, track, line())["coverage"] == pytest.approx(0.5)
+    half = track[track[:, 0] < 30.0]
+    assert boom_section(points, half, line())["coverage"] == pytest.approx(1.0)
+    assert boom_section(points, track + np.array([0, -100.0, 0]), line())["coverage"] is None
+
+
+def test_nothing_known_is_nothing_told() -> None:
+    found = perception_sections(None, None, np.empty((0, 3), np.float32), None)
+    assert (found.odometry["poses"], found.odometry["ate_rms_m"], found.mapping["points"]) == (0, None, 0)
+    assert found.moving is None
+
+
+def test_two_odometries_are_compared_at_common_instants() -> None:
+    one = wandering(100)
+    other = Trajectory(one.stamp_ns[10:], one.pos_m[10:] + np.array([0.03, 0.0, 0.04]), one.quat_wxyz[10:])
+    assert apart(one, other) == {"poses": 90, "rms_m": 0.05, "max_m": 0.05}
+    assert umeyama(one.pos_m, one.pos_m) is not None

@@ -1,0 +1,74 @@
+"""`xitl map`: odometry and map of a recording, made anew and held against the truth and against what ran."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from xitl_cli.commands.output import quiet_pipe
+from xitl_cli.errors import UserError
+
+_FORMATS = ("ply", "pcd")
+
+
+def map_command(
+    recording: Annotated[Path, typer.Argument(metavar="MCAP", help="A recording with lidar clouds.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Where the files go; beside the recording otherwise.")
+    ] = None,
+    kind: Annotated[str, typer.Option("--format", metavar="ply|pcd", help="Of the map.")] = "ply",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Run the companion's odometry and mapping over a recording: map, trajectories and how good they are.
+
+    Writes map.ply (or .pcd), trajectory.tum, truth.tum, online.tum and map.json; earlier ones are replaced.
+    """
+    from xitl_cli.logs.opening import open_log
+    from xitl_cli.mapping.measuring import measure, written
+
+    if kind not in _FORMATS:
+        raise UserError(f"--format {kind}: is no format of a map; use ply or pcd")
+    directory = recording.parent if out is None else out
+    with open_log(recording) as log:
+        found = measure(log)
+        files = written(found, directory, "ply" if kind == "ply" else "pcd")
+    with quiet_pipe():
+        if as_json:
+            print(json.dumps({**found.report, "files": [str(file) for file in files]}, allow_nan=False))
+        else:
+            _show(found.report, files)
+
+
+def _show(report: dict[str, Any], files: list[Path]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table.grid(padding=(0, 2))
+    table.add_row("", "offline", "online")
+    for group, name, unit in (
+        ("odometry", "poses", ""),
+        ("odometry", "rate_hz", "Hz"),
+        ("odometry", "path_m", "m"),
+        ("odometry", "ate_rms_m", "m"),
+        ("odometry", "ate_max_m", "m"),
+        ("odometry", "rpe_m", "m"),
+        ("mapping", "points", ""),
+        ("mapping", "boom_points", ""),
+        ("mapping", "boom_rms_m", "m"),
+        ("mapping", "coverage", ""),
+    ):
+        cells = [_cell(report[when][group][name], unit) if report[when] else "–" for when in ("offline", "online")]
+        table.add_row(f"{group} {name}", *cells)
+    for name, value in (report["difference"] or {}).items():
+        table.add_row(f"offline v. online {name}", _cell(value, ""))
+    console = Console(highlight=False)
+    console.print(table)
+    for file in files:
+        console.print(f"wrote {file}", markup=False, soft_wrap=True)
+
+
+def _cell(value: Any, unit: str) -> str:
+    return "–" if value is None else f"{value} {unit}".strip()

@@ -1,0 +1,141 @@
+"""How good an odometry and a map are, held against the truth: what the summary of a run and `xitl map` say of them.
+
+Errors of trajectories are those of Sturm et al. (IROS 2012) after Umeyama's rigid alignment, as evo counts them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_core.world.boom import LogBoom
+from xitl_cli.logs.compare.trajectories import (
+    Similarity,
+    Trajectory,
+    absolute_errors_m,
+    frame_pairs,
+    relative_errors,
+    statistics,
+    umeyama,
+)
+from xitl_cli.mapping.clouds import at
+
+Array = NDArray[np.float64]
+
+NEAR_M = 1.0
+"""From the true boom: farther points are of something else."""
+PASSED_M = 30.0
+"""A float is passed that was no farther from the vessel."""
+SEEN_POINTS = 5
+RPE_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """moving: from the odometry's frame onto NED, None where the truth leaves it open."""
+
+    odometry: dict[str, Any]
+    mapping: dict[str, Any]
+    moving: Similarity | None
+
+
+def perception_sections(
+    truth: Trajectory | None, odometry: Trajectory | None, points_odom_m: NDArray[np.float32], boom: LogBoom | None
+) -> Accuracy:
+    """What a run's odometry (FRD where it began) and map (n, 3) in its frame are worth; None is what cannot be told."""
+    count = 0 if odometry is None else len(odometry.stamp_ns)
+    errors: dict[str, Any] = {
+        "poses": count, "rate_hz": None, "path_m": None, "ate_rms_m": None, "ate_max_m": None, "rpe_m": None,
+    }  # fmt: skip
+    mapping: dict[str, Any] = {"points": len(points_odom_m), "boom_points": None, "boom_rms_m": None, "coverage": None}
+    moving = None
+    if truth is not None and odometry is not None and count >= 3:
+        reference, other = matched(truth, odometry)
+        errors["rate_hz"] = _rate_hz(odometry)
+        moving = umeyama(other.pos_m, reference.pos_m)
+        if moving is not None:
+            errors |= _errors(reference, moving.moved(other))
+            if boom is not None:
+                mapping |= boom_section(points_odom_m @ moving.rotation.T + moving.translation, reference.pos_m, boom)
+    return Accuracy(errors, mapping, moving)
+
+
+def matched(truth: Trajectory, odometry: Trajectory) -> tuple[Trajectory, Trajectory]:
+    """The truth at the odometry's instants, and the odometry where there is a truth."""
+    reference = at(truth, odometry.stamp_ns)
+    kept = np.isin(odometry.stamp_ns, reference.stamp_ns)
+    return reference, Trajectory(odometry.stamp_ns[kept], odometry.pos_m[kept], odometry.quat_wxyz[kept])
+
+
+def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict[str, Any]:
+    """How far points (n, 3) near a boom are from its surface, and how much of it, passed on a track (m, 3), has any."""
+    piles = np.array([[*pile.place_ne_m, 0.0] for pile in boom.piles]).reshape(-1, 3)
+    bounds = np.concatenate([boom.ends_ned_m.reshape(-1, 3), piles])
+    inside = (points_ned_m > bounds.min(axis=0) - 10.0) & (points_ned_m < bounds.max(axis=0) + 10.0)
+    around = points_ned_m[inside.all(axis=1)]
+    off_m = boom.distance_m(around) if len(around) else np.empty(0)
+    near = np.abs(off_m) <= NEAR_M
+    found = statistics(np.abs(off_m[near]))
+    passed = _passed(track_ned_m, boom)
+    seen = _floats_seen(around[near], boom)
+    return {
+        "boom_points": int(np.count_nonzero(near)),
+        "boom_rms_m": None if found is None else round(found.rms, 4),
+        "coverage": round(float(np.mean(seen[passed])), 4) if passed.any() else None,
+    }
+
+
+def apart(one: Trajectory, other: Trajectory) -> dict[str, Any]:
+    """How far two odometries of the same clouds are from each other at the same instants, neither moved."""
+    common, here, there = np.intersect1d(one.stamp_ns, other.stamp_ns, return_indices=True)
+    off_m = np.linalg.norm(one.pos_m[here] - other.pos_m[there], axis=1)
+    found = statistics(off_m)
+    return {
+        "poses": len(common),
+        "rms_m": None if found is None else round(found.rms, 4),
+        "max_m": None if found is None else round(found.most, 4),
+    }
+
+
+def _errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
+    absolute = statistics(absolute_errors_m(reference, other))
+    period_s = float(np.median(np.diff(reference.stamp_ns))) * 1e-9
+    pairs = frame_pairs(len(reference.stamp_ns), max(round(RPE_S / period_s), 1))
+    relative = statistics(relative_errors(reference, other, pairs)[0]) if len(pairs) else None
+    path_m = float(np.linalg.norm(np.diff(reference.pos_m, axis=0), axis=1).sum())
+    return {
+        "path_m": round(path_m, 3),
+        "ate_rms_m": None if absolute is None else round(absolute.rms, 4),
+        "ate_max_m": None if absolute is None else round(absolute.most, 4),
+        "rpe_m": None if relative is None else round(relative.rms, 4),
+    }
+
+
+def _rate_hz(odometry: Trajectory) -> float:
+    span_s = int(odometry.stamp_ns[-1] - odometry.stamp_ns[0]) * 1e-9
+    return round((len(odometry.stamp_ns) - 1) / span_s, 3)
+
+
+def _passed(track_ned_m: Array, boom: LogBoom) -> NDArray[np.bool_]:
+    """(K,) which floats were passed: near enough to the track, and beside a place of it rather than before its end."""
+    middle = boom.centre_ned_m[:, :2]
+    step = max(len(track_ned_m) // 1000, 1)
+    track = track_ned_m[::step, :2]
+    apart_m = np.linalg.norm(middle[:, None] - track[None], axis=2)
+    nearest = np.argmin(apart_m, axis=1)
+    within = (nearest > 0) & (nearest < len(track) - 1)
+    chosen: NDArray[np.bool_] = within & (apart_m.min(axis=1) <= PASSED_M)
+    return chosen
+
+
+def _floats_seen(points_ned_m: Array, boom: LogBoom) -> NDArray[np.bool_]:
+    """(K,) which floats have points: each counts for the float whose middle is nearest."""
+    count = np.zeros(len(boom.centre_ned_m), dtype=np.int64)
+    for first in range(0, len(points_ned_m), 10_000):
+        part = points_ned_m[first : first + 10_000, :2]
+        apart_m = np.linalg.norm(part[:, None] - boom.centre_ned_m[None, :, :2], axis=2)
+        count += np.bincount(np.argmin(apart_m, axis=1), minlength=len(count))
+    return count >= SEEN_POINTS

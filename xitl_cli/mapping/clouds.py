@@ -1,0 +1,143 @@
+"""Clouds, pings and poses of a recording, in the axes they were recorded from: forward, right, down, and NED."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.clouds import Cloud
+from agent.companion.pings import Ping
+from agent.wire import dialect
+from sim_core import frames
+from xitl_cli.errors import UserError
+from xitl_cli.logs.compare.trajectories import Trajectory
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.table import Table
+from xitl_cli.recording.perception import LIDAR_POINT, MAP_POINT, SOURCES, Source
+
+LIDAR, PING, MAP = "/lidar/points", "/sonar/ping", "/companion/map"
+ODOMETRY, TRUTH = "/companion/odometry", "/truth/state"
+
+_AT_ONCE = 512
+_FRD = np.array([1.0, -1.0, -1.0], dtype=np.float32)
+# Body axes change with those of the frame: a turn about x by half a circle, on both sides.
+_QUAT_FRD = np.array([1.0, 1.0, -1.0, -1.0])
+
+Points = NDArray[np.float32]
+
+
+def clouds(log: Log) -> Iterator[Cloud]:
+    """Frames of the lidar in the order of the file. Raises UserError when there are none or of another make."""
+    if LIDAR not in log.tables:
+        raise UserError(f"{log.path}: has no {LIDAR}; record a run with sensors.lidar in its profile")
+    for number, (stamp_ns, packed) in enumerate(_packed(log, LIDAR, LIDAR_POINT)):
+        yield Cloud(
+            dialect.XITL_CLOUD_KIND_LIDAR,
+            number & 0xFFFF,
+            stamp_ns,
+            _frd(packed),
+            packed["t"].astype(np.float32),
+            packed["intensity"].copy(),
+        )
+
+
+def pings(log: Log) -> list[Ping]:
+    """Echoes of the sonar; none where nothing was recorded of it."""
+    table = log.tables.get(PING)
+    if table is None:
+        return []
+    names = ("number", "angle_grad", "position_frd_m", "sample_period_s", "sound_speed_mps", "intensity")
+    stamps = table.stamp_ns.tolist()
+    rows = zip(stamps, *(table.values(name, raw=True) for name in names), strict=True)
+    return [
+        Ping(
+            int(number), stamp_ns, int(angle), tuple(np.asarray(place, dtype=float).tolist()), float(period_s),
+            float(speed), _bytes(echo),
+        )
+        for stamp_ns, number, angle, place, period_s, speed, echo in rows
+    ]  # fmt: skip
+
+
+def map_points(log: Log) -> dict[Source, Points]:
+    """What the companion said of its map during the run, (n, 3) FRD of its odometry's frame, by source."""
+    parts: dict[Source, list[Points]] = {source: [] for source in SOURCES}
+    if MAP in log.tables:
+        for _, packed in _packed(log, MAP, MAP_POINT):
+            for number, source in enumerate(SOURCES):
+                parts[source].append(_frd(packed[packed["source"] == number]))
+    return {source: np.concatenate([np.empty((0, 3), np.float32), *part]) for source, part in parts.items()}
+
+
+def online(log: Log) -> Trajectory | None:
+    """Poses of the odometry during the run, body FRD to FRD where it began; None without any."""
+    table = log.tables.get(ODOMETRY)
+    if table is None:
+        return None
+    position = np.column_stack([table.values(f"pose.pose.position.{axis}") for axis in "xyz"])
+    quat = np.column_stack([table.values(f"pose.pose.orientation.{axis}") for axis in "wxyz"])
+    return _increasing(table, position * _FRD.astype(float), quat * _QUAT_FRD)
+
+
+def truth(log: Log) -> Trajectory | None:
+    """True poses, body FRD to NED; None without any."""
+    table = log.tables.get(TRUTH)
+    if table is None:
+        return None
+    return _increasing(table, table.values("position_ned_m"), table.values("quaternion_ned_frd"))
+
+
+def at(trajectory: Trajectory, stamp_ns: NDArray[np.int64]) -> Trajectory:
+    """Poses in between, at instants within the trajectory's own; others are left out.
+
+    Places go linearly, and so do quaternions between neighbours, which are 20 ms apart: a share of 1e-5 of the turn.
+    """
+    inside = (stamp_ns >= trajectory.stamp_ns[0]) & (stamp_ns <= trajectory.stamp_ns[-1])
+    wanted = stamp_ns[inside]
+    after = np.clip(np.searchsorted(trajectory.stamp_ns, wanted), 1, len(trajectory.stamp_ns) - 1)
+    start, end = trajectory.stamp_ns[after - 1], trajectory.stamp_ns[after]
+    share = ((wanted - start) / (end - start))[:, None]
+    position = (1.0 - share) * trajectory.pos_m[after - 1] + share * trajectory.pos_m[after]
+    one, other = trajectory.quat_wxyz[after - 1], trajectory.quat_wxyz[after]
+    near = np.where(np.sum(one * other, axis=1, keepdims=True) < 0.0, -other, other)
+    return Trajectory(wanted, position, frames.quat_normalize((1.0 - share) * one + share * near))
+
+
+def _increasing(table: Table, pos_m: NDArray[np.float64], quat_wxyz: NDArray[np.float64]) -> Trajectory | None:
+    stamp_ns = table.stamp_ns
+    sound = np.isfinite(pos_m).all(axis=1) & (np.linalg.norm(quat_wxyz, axis=1) > 0.5)
+    order = np.flatnonzero(sound)
+    newest = np.maximum.accumulate(stamp_ns[order]) if len(order) else stamp_ns[order]
+    order = order[np.diff(newest, prepend=-1) > 0] if len(order) else order
+    if len(order) < 2:
+        return None
+    return Trajectory(stamp_ns[order], pos_m[order], frames.quat_normalize(quat_wxyz[order]))
+
+
+def _packed(log: Log, topic: str, kind: np.dtype[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
+    table = log.tables[topic]
+    for first in range(0, len(table), _AT_ONCE):
+        rows = slice(first, first + _AT_ONCE)
+        strides = table.values("point_stride", rows)
+        for stamp_ns, stride, data in zip(
+            table.stamp_ns[rows].tolist(), strides, table.values("data", rows), strict=True
+        ):
+            if int(stride) != kind.itemsize or len(data) % kind.itemsize:
+                raise UserError(f"{log.path}: {topic} is not as xitl records it; give a recording of xitl sim")
+            yield stamp_ns, np.frombuffer(data, dtype=kind)
+
+
+def _frd(packed: NDArray[Any]) -> Points:
+    flu = np.column_stack([packed["x"], packed["y"], packed["z"]]).astype(np.float32)
+    frd: Points = flu * _FRD
+    return frd
+
+
+def _bytes(echo: Any) -> NDArray[np.uint8]:
+    """Of a sequence as the reader has it: bytes, or numbers padded with NaN."""
+    if isinstance(echo, bytes):
+        return np.frombuffer(echo, dtype=np.uint8)
+    numbers = np.asarray(echo, dtype=np.float64)
+    return numbers[np.isfinite(numbers)].astype(np.uint8)

@@ -1,0 +1,110 @@
+"""How well the lookout saw what was adrift, judged by the truth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.world.drifting import DebrisState
+from sim_core.world.rays import RayCaster
+
+Array = NDArray[float64]
+
+NEAR_M = 2.0
+"""A track is of a body when it lies within this and half the body's length of its middle."""
+_STANDING_M = 3.0  # a track so near to what stands is of it
+_GRID = 9
+_ABOVE_M = 60.0
+_AFLOAT_DOWN_M = 0.3
+
+
+class ObstacleScore:
+    """`see` the truth some ten times a second, `hear` every XITL_OBSTACLE; `report` at the end.
+
+    hull_m: length and width of the vessel. standing: rays at all that does not move, None where there is no such thing.
+    water_down_m: the level of the water. Tracks are in the autopilot's local NED, whose origin is origin_ne_m.
+    """
+
+    def __init__(
+        self, hull_m: tuple[float, float], standing: RayCaster | None = None, water_down_m: float = 0.0
+    ) -> None:
+        self.origin_ne_m: tuple[float, float] = (0.0, 0.0)
+        self._half_m = (0.5 * hull_m[0], 0.5 * hull_m[1])
+        self._standing = standing
+        self._water_down_m = water_down_m
+        self._debris: DebrisState | None = None
+        self._place_ne_m, self._yaw_rad = np.zeros(2), 0.0
+        self._detected_at_m: dict[int, float] = {}
+        self._clearance_m: dict[int, float] = {}
+        self._of_something: dict[int, bool] = {}
+
+    def see(self, pos_ned_m: Array, yaw_rad: float, debris: DebrisState) -> None:
+        """The vessel's place (3,) and heading, and what is adrift, at one instant."""
+        self._debris, self._place_ne_m, self._yaw_rad = debris, pos_ned_m[:2], yaw_rad
+        for number, gap_m in enumerate(self._gaps_m(np.zeros(2), self._half_m).tolist()):
+            self._clearance_m[number] = min(gap_m, self._clearance_m.get(number, math.inf))
+
+    def hear(self, message: Any) -> None:
+        """An XITL_OBSTACLE, as news of the instant last seen."""
+        place = np.array(message.pos_ned[:2], dtype=float) + self.origin_ne_m
+        number = int(message.id)
+        if not np.isfinite(place).all():
+            self._of_something.setdefault(number, False)
+            return
+        known = self._of_something.get(number, False)
+        debris = self._debris
+        if debris is not None and len(debris.bodies):
+            off = np.hypot(*(debris.pos_ned_m[:, :2] - place).T)
+            reach = NEAR_M + 0.5 * np.array([body.length_m for body in debris.bodies])
+            near = np.flatnonzero(off < reach).tolist()
+            new = [body for body in near if body not in self._detected_at_m]
+            if new:
+                from_bow = self._gaps_m(np.array((self._half_m[0], 0.0)), (0.0, 0.0))
+                self._detected_at_m.update({body: float(from_bow[body]) for body in new})
+            known = known or bool(near)
+        self._of_something[number] = known or self._stands_near(place)
+
+    def _gaps_m(self, middle_fr_m: Array, half_m: tuple[float, float]) -> Array:
+        """(B,) from a box of the vessel, half_m long and wide about middle_fr_m, to the edges of the bodies in plan."""
+        debris = self._debris
+        if debris is None or not len(debris.bodies):
+            return np.empty(0)
+        figures = debris.figures
+        cos, sin = math.cos(self._yaw_rad), math.sin(self._yaw_rad)
+        steps = np.linspace(-1.0, 1.0, 25)
+        axis = np.stack([np.cos(debris.yaw_rad), np.sin(debris.yaw_rad)], axis=-1)
+        along = (steps[None] * figures.half_axis_m[:, None])[..., None]
+        off = debris.pos_ned_m[:, None, :2] + along * axis[:, None] - self._place_ne_m
+        forward = np.abs(off[..., 0] * cos + off[..., 1] * sin - middle_fr_m[0]) - half_m[0]
+        right = np.abs(off[..., 1] * cos - off[..., 0] * sin - middle_fr_m[1]) - half_m[1]
+        gap = np.hypot(np.maximum(forward, 0.0), np.maximum(right, 0.0)).min(axis=1)
+        gaps: Array = np.maximum(gap - figures.radius_m, 0.0)
+        return gaps
+
+    def _stands_near(self, place_ne_m: Array) -> bool:
+        """Whether something stands out of the water about a place: rays from high above say so."""
+        if self._standing is None:
+            return False
+        offsets = np.linspace(-_STANDING_M, _STANDING_M, _GRID)
+        north, east = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
+        origin = np.column_stack([north, east, np.full(len(north), self._water_down_m - _ABOVE_M)])
+        origin[:, :2] += place_ne_m
+        down = np.tile(np.array((0.0, 0.0, 1.0), dtype=np.float32), (len(origin), 1))
+        range_m = self._standing.cast(origin.astype(np.float32), down).range_m
+        return bool((range_m < _ABOVE_M + _AFLOAT_DOWN_M).any())
+
+    def report(self) -> dict[str, Any]:
+        """The counts for the summary's section `obstacles`."""
+        launched = 0 if self._debris is None else len(self._debris.bodies)
+        return {
+            "launched": launched,
+            "detected": len(self._detected_at_m),
+            "detected_at_m": [self._detected_at_m.get(number) for number in range(launched)],
+            "tracks": len(self._of_something),
+            "false": sum(not known for known in self._of_something.values()),
+            "min_clearance_m": min(self._clearance_m.values(), default=None),
+        }
