@@ -31,15 +31,15 @@ LOST_AFTER = 10
 THRESHOLD_M = 0.5
 """Scale of the robust kernel; pairs are three times that apart at most. Fixed: the package's adaptive one stays at its
 start, 2 m, as long as a vessel moves evenly, and in a sparse cloud joins what does not belong together."""
-GAIN = np.array([0.6, 0.6, 0.6, 0.8, 0.8, 0.8])
+GAIN = np.array([0.8, 0.8, 0.8, 0.9, 0.9, 0.9])
 """Share of a pose's surprise that is believed, of place and attitude (alpha of an alpha-beta filter)."""
 RATE_GAIN = GAIN**2 / (2.0 - GAIN)
 """The beta that belongs to it (Benedict and Bordner, IRE Trans. AC-7, 1962)."""
 
 REFERENCE_CLOUDS = 30
 """Whose mean is the plane of the water: some periods of the waves."""
-LEVEL_GAIN = 0.05
-HEIGHT_GAIN = 0.1
+LEVEL_GAIN = 0.2
+HEIGHT_GAIN = 0.4
 """Share of the tilt and of the height off the water that is taken back with every cloud; waves are averaged out."""
 
 
@@ -72,7 +72,7 @@ class LidarOdometry:
     Raises OdometryError where KISS-ICP is not installed.
     """
 
-    def __init__(self, max_range_m: float = 100.0, voxel_m: float = 1.0, min_range_m: float = 1.0) -> None:
+    def __init__(self, max_range_m: float = 150.0, voxel_m: float = 1.0, min_range_m: float = 1.0) -> None:
         try:
             from kiss_icp.config import KISSConfig  # type: ignore[import-untyped]
             from kiss_icp.mapping import get_voxel_hash_map  # type: ignore[import-untyped]
@@ -152,7 +152,7 @@ class LidarOdometry:
 
     def _aligned(self, solid: Array, level: Array, guess: Array) -> Array:
         """The pose of a cloud in the local map."""
-        thinned = [self._thin(solid, 0.3 * self._voxel_m), self._thin(level, 1.5 * self._voxel_m)]
+        thinned = [self._thin(solid, 0.15 * self._voxel_m), self._thin(level, 1.5 * self._voxel_m)]
         pose: Array = self._registration.align_points_to_map(
             points=np.concatenate(thinned),
             voxel_map=self._map,
@@ -183,7 +183,7 @@ class LidarOdometry:
 
     def _kept_of(self, solid: Array, level: Array) -> Array:
         """What of a cloud goes into the local map."""
-        return np.concatenate([self._thin(solid, 0.2 * self._voxel_m), self._thin(level, 0.75 * self._voxel_m)])
+        return np.concatenate([self._thin(solid, 0.1 * self._voxel_m), self._thin(level, 0.75 * self._voxel_m)])
 
     def _doubt(self, end_ns: int, guess: Array, solid: Array) -> None:
         """A cloud that does not fit; after many of them it is the map that does not."""

@@ -5,6 +5,7 @@ Without numpy it is there, keeps time and says how it is, and no more.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Callable
 
@@ -99,6 +100,7 @@ class CompanionRole(Role):
             waterline_m=settings["HULL_WATER"],
             range_m=settings["AVD_RANGE"],
             avoids=bool(settings["AVD_ENABLE"]),
+            view_yaw_rad=math.radians(settings["LIDAR_YAW"]),
         )
         return Perceiver(settings, watch, self._lockstep, lambda text: self.say(_WARNING, text))
 

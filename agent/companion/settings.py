@@ -12,17 +12,18 @@ Messages = list[Any]
 
 TABLE = (
     Parameter("AVD_ENABLE", 1, 0, 1, "", "1 steers around what is in the way"),
-    Parameter("AVD_HORIZON", 15.0, 2.0, 60.0, "s", "how far ahead collisions are looked for"),
+    Parameter("AVD_HORIZON", 12.0, 2.0, 60.0, "s", "how far ahead collisions are looked for"),
     Parameter("AVD_MARGIN", 3.0, 0.5, 30.0, "m", "water kept between hull and obstacle"),
     Parameter("AVD_RANGE", 60.0, 5.0, 260.0, "m", "obstacles farther away are left alone"),
     Parameter("HULL_LENGTH", 2.3, 0.2, 100.0, "m", "of the vessel"),
     Parameter("HULL_WATER", 0.15, -5.0, 10.0, "m", "from the body's origin down to the water at rest"),
     Parameter("HULL_WIDTH", 1.6, 0.1, 50.0, "m", "of the vessel"),
+    Parameter("LIDAR_YAW", 0.0, -180.0, 180.0, "deg", "where the lidar looks, clockwise from the bow"),
     Parameter("MAP_CELL", 0.1, 0.02, 5.0, "m", "edge of the cells of the map, one point each"),
     Parameter("MAP_ENABLE", 1, 0, 1, "", "1 keeps a map"),
     Parameter("MAP_RANGE", 60.0, 1.0, 260.0, "m", "farther points are not mapped"),
     Parameter("ODO_ENABLE", 1, 0, 1, "", "1 runs the odometry"),
-    Parameter("ODO_RANGE", 100.0, 5.0, 260.0, "m", "farther points are not used for it"),
+    Parameter("ODO_RANGE", 150.0, 5.0, 260.0, "m", "farther points are not used for it"),
     Parameter("ODO_VOXEL", 1.0, 0.05, 10.0, "m", "edge of the cells of its local map"),
     Parameter("WP_SPEED", 3.0, 0.1, 30.0, "m/s", "of the mission, where it does not say"),
 )

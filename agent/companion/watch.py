@@ -43,7 +43,8 @@ class Watch:
 
     margin_m: water kept between hull and obstacle. horizon_s: how far ahead collisions are looked for. speed_mps: of
     the vessel where its mission does not say. length_m, width_m: of the vessel. waterline_m: the water below the
-    body's origin. range_m: obstacles farther away are left alone. avoids: False only watches.
+    body's origin. range_m: obstacles farther away are left alone. avoids: False only watches. view_yaw_rad: where the
+    lidar looks, clockwise from the bow.
 
     Counters since the start: `obstacles` confirmed, `detours` and `stops` begun, `clouds_unplaced` for want of a pose,
     `points_refused`; `manoeuvre` (XITL_MANOEUVRE) now.
@@ -59,6 +60,7 @@ class Watch:
         waterline_m: float = 0.15,
         range_m: float = 60.0,
         avoids: bool = True,
+        view_yaw_rad: float = 0.0,
     ) -> None:
         self.vehicle = VehicleView()
         self.tracks = Tracks()
@@ -69,6 +71,7 @@ class Watch:
         self._bow_m = 0.5 * length_m
         self._range_m = range_m
         self._avoids = avoids
+        self._view_yaw_rad = view_yaw_rad
         self._waiting: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
         self._cloud_ns: int | None = None
         self._looked_ns = 0
@@ -134,7 +137,8 @@ class Watch:
         self._looked_ns = stamp_ns
         found = clusters(self._sighting.frames, pose.pos_ned_m[:2], _DOUBTFUL * self._sighting.water_reach_m)
         drift = self._current.current_ne_mps
-        self.tracks.update(stamp_ns, found, pose.pos_ned_m[:2], bow_rad, self._sighting.water_reach_m, drift)
+        view_rad = bow_rad + self._view_yaw_rad
+        self.tracks.update(stamp_ns, found, pose.pos_ned_m[:2], view_rad, self._sighting.water_reach_m, drift)
 
     def plan(self, now_ns: int) -> Messages:
         """To the autopilot: mode changes, targets, requests. Nothing while the way is free."""

@@ -10,7 +10,7 @@ Points = NDArray[np.float32]
 
 NEAR_M = 12.0
 """Water returns no light from farther away, at so flat an angle."""
-CREST_M = 0.15
+CREST_M = 0.25
 """How far above the plane a return is still taken for a wave."""
 LEAST = 50
 _FITTED_M = 9.0
@@ -46,7 +46,7 @@ class WaterPlane:
 
     @property
     def level(self) -> tuple[Array, float] | None:
-        """Unit normal (3,) down, and how far along it the water is from the body; None where the last cloud had none."""
+        """Unit normal (3,) down, and how far along it the water is; None where the last cloud showed none."""
         if not self._fresh:
             return None
         a, b, c = self._plane.tolist()

@@ -36,7 +36,7 @@ def build(profile: RunProfile, seeds: Seeds, scenery: Scenery | None = None) -> 
         environment = _environment(profile.environment, default_rng(seeds.of("waves")))
         waterway = waterway_of(profile, scenery or scenery_of(profile)) if has_waterway(profile) else OPEN_WATER
         dt_s = 1.0 / profile.clock.physics_rate_hz
-        simulation = Simulation.of(_vessel(profile.vehicle), environment, dt_s, waterway)
+        simulation = Simulation.of(vessel_model(profile.vehicle), environment, dt_s, waterway)
     except ValueError as error:
         raise UserError(f"{profile.name}: {error}") from error
     start = profile.mission.start
@@ -45,7 +45,8 @@ def build(profile: RunProfile, seeds: Seeds, scenery: Scenery | None = None) -> 
     return simulation, initial(simulation, place, heading, default_rng(seeds.of("environment at the start")))
 
 
-def _vessel(vehicle: Vehicle) -> VesselModel:
+def vessel_model(vehicle: Vehicle) -> VesselModel:
+    """The vessel of a profile."""
     return VesselModel(
         name=vehicle.name,
         mass_kg=vehicle.mass_kg,

@@ -18,6 +18,7 @@ from xitl_cli.run.agents.peer import open_peer
 from xitl_cli.run.agents.terms import terms_of_companion
 from xitl_cli.run.agents.tick import StoppedWaitingError
 from xitl_cli.run.companion.inbox import LINK, CompanionInbox
+from xitl_cli.run.companion.parameters import parameters_of
 from xitl_cli.run.companion.routing import TO_AUTOPILOT, TO_COMPANION
 from xitl_cli.run.faults import Faults, FaultSchedule
 from xitl_cli.run.pace import Pace
@@ -82,7 +83,7 @@ class CompanionLine:
     def begin(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int]) -> None:
         """Start it and give it its parameters. Raises UserError when it does not take them."""
         self._now_ns = now_ns
-        self._agent.begin(recorder, pace, now_ns, dict(self._companion.parameters), [])
+        self._agent.begin(recorder, pace, now_ns, parameters_of(self._profile), [])
         self.inbox.holds = self._lockstep
 
     # In the run
