@@ -10,6 +10,7 @@ from rich.text import Text
 
 from xitl_cli.commands.sim_autopilot import autopilot_rows
 from xitl_cli.commands.sim_incidents import incidents
+from xitl_cli.commands.sim_perception import perception_rows
 from xitl_cli.profile import Profile
 from xitl_cli.run import directory
 from xitl_cli.run.session import Result
@@ -49,7 +50,7 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
         )
     for what, text in autopilot_rows(summary["autopilot"]):
         table.add_row(what, Text(text))
-    for what, text in incidents(summary):
+    for what, text in (*perception_rows(summary), *incidents(summary)):
         table.add_row(what, Text(text))
     console.print(table, highlight=False)
     for rows in (_links(summary["links"]), _tasks(summary["tasks"]), _clocks(summary["clocks"])):

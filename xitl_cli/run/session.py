@@ -101,7 +101,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
                 )
                 outcome = _fly(loop, profile, seeds)
     directory.keep_dataflash(out)
-    summary = summary_of(ready, outcome) | results.sections(findings, scenery.boom)
+    summary = summary_of(ready, outcome) | results.sections(findings, scenery.boom, companion.gone_s)
     results.write(findings, out)
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:

@@ -181,4 +181,4 @@ def _technique(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     behind_link = autopilot.kind in ("ardupilot", "px4") or autopilot.runs != "in-process"
     behind_link = behind_link or (profile.companion is not None and profile.companion.runs != "in-process")
     if profile.technique == "hitl" and (autopilot.kind == "none" or not behind_link):
-        yield path, "technique = hitl runs an autopilot or a companion behind a link; use autopilot.runs: board (or process)"
+        yield path, "technique = hitl runs autopilot or companion behind a link; use autopilot.runs: board (or process)"

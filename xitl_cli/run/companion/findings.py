@@ -33,6 +33,7 @@ _MANOEUVRES = {
     dialect.XITL_MANOEUVRE_RETURN: "return",
 }
 _SOURCES: dict[int, Source] = {dialect.XITL_CLOUD_KIND_LIDAR_MAP: "lidar", dialect.XITL_CLOUD_KIND_SONAR_MAP: "sonar"}
+_ZEROS = (0,) * len(dialect.MAVLink_xitl_companion_status_message.fieldnames)
 _UNCOUNTED = ("time_usec", "latency", "manoeuvre")
 
 
@@ -121,11 +122,9 @@ class Findings(NoFindings):
             np.concatenate([cloud.intensity for cloud in clouds]),
         )
 
-    def companion(self) -> dict[str, Any] | None:
-        """The summary's section: the last status that came."""
-        status = self.status
-        if status is None:
-            return None
+    def companion(self) -> dict[str, Any]:
+        """The summary's section: the last status that came, all zeros before the first."""
+        status = dialect.MAVLink_xitl_companion_status_message(*_ZEROS) if self.status is None else self.status
         counts = {name: getattr(status, name) for name in status.fieldnames if name not in _UNCOUNTED}
         lost = {"map_chunks_lost": self.clouds.chunks_lost}
         return {**counts, **lost, "latency_s": status.latency, "manoeuvre": _MANOEUVRES.get(status.manoeuvre, "?")}
@@ -136,12 +135,20 @@ class Findings(NoFindings):
         assert self._recorder is not None
         if not all(map(math.isfinite, (message.x, message.y, message.z, *message.q))) or not any(message.q):
             return
+        if not self._odometry:
+            self._place_odom(message.time_usec * 1000)
         self._odometry.append(message)
         pose = np.eye(4)
         quat = frames.quat_normalize(np.array(message.q, dtype=float))
         pose[:3, :3], pose[:3, 3] = frames.quat_to_matrix(quat), (message.x, message.y, message.z)
         velocity = np.array((message.vx, message.vy, message.vz))
         self._recorder.perception.odometry(message.time_usec * 1000, pose, velocity)
+
+    def _place_odom(self, stamp_ns: int) -> None:
+        """Where `odom` is on the map: the body's true pose when the odometry began."""
+        if self._truth and self._recorder is not None:
+            _, place, quat = min(self._truth, key=lambda pose: abs(pose[0] - stamp_ns))
+            self._recorder.perception.odom_frame(self._now_ns(), place, quat)
 
     def _on_cloud(self, message: Any) -> None:
         assert self._recorder is not None

@@ -37,7 +37,7 @@ class CompanionLine:
     repeats, and the companion works through one cloud while the host goes on. In real time it takes effect when it
     comes.
 
-    on_message: gets all that it says, at that time; on_forward: all that the autopilot says. to_autopilot: sends to
+    gone_s: simulation time at which it was given up, None while it is there. on_message: gets all that it says, at that time; on_forward: all that the autopilot says. to_autopilot: sends to
     whom it commands.
     """
 
@@ -220,6 +220,8 @@ class CompanionLine:
 
 class NoCompanion:
     """Nobody there."""
+
+    gone_s: float | None = None
 
     def prepare(self) -> None:
         pass

@@ -17,8 +17,11 @@ MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"
 NOTHING: dict[str, Any] = {"odometry": None, "mapping": None, "obstacles": None, "companion": None}
 
 
-def sections(findings: NoFindings, boom: LogBoom | None) -> dict[str, Any]:
-    """`odometry`, `mapping`, `obstacles` and `companion` of summary.json, null without a companion."""
+def sections(findings: NoFindings, boom: LogBoom | None, gone_s: float | None) -> dict[str, Any]:
+    """`odometry`, `mapping`, `obstacles` and `companion` of summary.json, null without a companion.
+
+    gone_s: when it was given up, None for never.
+    """
     if not isinstance(findings, Findings):
         return NOTHING
     points, _ = findings.map_points("lidar")
@@ -28,7 +31,7 @@ def sections(findings: NoFindings, boom: LogBoom | None) -> dict[str, Any]:
         "odometry": accuracy.odometry,
         "mapping": {**accuracy.mapping, **of_sonar},
         "obstacles": findings.score.report(),
-        "companion": findings.companion(),
+        "companion": {"gone_s": gone_s, **findings.companion()},
     }
 
 

@@ -57,6 +57,11 @@ class LidarInstrument:
         self._frames = 0
         self._fates = dict.fromkeys((field.name for field in fields(Fates)), 0)
 
+    @property
+    def address(self) -> str | None:
+        """It has no line of its own."""
+        return None
+
     def begin(self, recorder: PerceptionRecorder) -> None:
         """The run starts; clouds are kept with the recorder."""
         self._recorder = recorder

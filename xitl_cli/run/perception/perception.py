@@ -15,13 +15,16 @@ from xitl_cli.run.scenery import Scenery
 from xitl_cli.run.seeds import Seeds
 
 SOURCE = "perception"
-WARNING = 4  # MAV_SEVERITY
+WARNING, INFO = 4, 6  # MAV_SEVERITY
 
 Send = Callable[[Sequence[Any]], None]
 
 
 class Instrument(Protocol):
-    """A sensor of the companion."""
+    """A sensor of the companion. address: where others may talk to it too, None for nowhere."""
+
+    @property
+    def address(self) -> str | None: ...
 
     def begin(self, recorder: Any) -> None:
         """The run starts; what it sees is kept with the PerceptionRecorder."""
@@ -64,7 +67,9 @@ class Perception(NoPerception):
     def begin(self, recorder: Recorder) -> None:
         for text in self._warnings:
             recorder.say(0, WARNING, SOURCE, text)
-        for instrument in self._instruments.values():
+        for name, instrument in self._instruments.items():
+            if instrument.address is not None:
+                recorder.say(0, INFO, SOURCE, f"{name} answers its own protocol at {instrument.address}")
             instrument.begin(recorder.perception)
 
     def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> None:
