@@ -26,8 +26,14 @@ _COURSES_RAD = np.radians(np.arange(-120.0, 121.0, 10.0))
 _HOLDS_S = (1.6, 3.2, 6.0, 10.0)
 _SPEEDS = (1.0, 0.45)  # of the mission's
 _FAR_M = 60.0
+_FARTHER = 1.5
 # Along the legs within the horizon: less is not worth leaving them for, nor to leave a stop for.
 _GAIN_M, _LEAVING_GAIN_M = 2.0, 12.0
+_GAIN_SHARE = 0.5  # and of what is left of the way, where that is short
+_LEE_COST = 6.0  # for each metre of mean distance down the current
+_LEE_MARGINS, _LEE_SHORT_COST = 2.0, 2.0  # water to what stands in the lee, in margins
+_RETREATS_M = np.array((0.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0))
+_RETREAT_MPS = 1.2
 _TOUCH_M = 0.8  # nearer than this is as good as a collision
 _SPREAD_MPS = 0.06  # what is not known of where a thing drifts to
 _STRAYS_MPS, _STRAYS_MOST_M = 0.15, 1.5  # of one that is out of view
@@ -82,6 +88,10 @@ def things(now_ns: int, tracks: Sequence[Track], points_ne_m: Array, pos_ne_m: A
 
 def clearance_m(sailed: Array, around: Things, hull_m: float) -> Array:
     """Water between the hull, a circle of radius hull_m, and the nearest thing, (c, t), for positions (c, t, 2)."""
+    return np.minimum(_from_tracks_m(sailed, around), _from_points_m(sailed, around.points_ne_m)) - hull_m
+
+
+def _from_tracks_m(sailed: Array, around: Things) -> Array:
     steps = sailed.shape[1]
     after_s = STEP_S * np.arange(1, steps + 1)
     nearest = np.full(sailed.shape[:2], 1e3)
@@ -92,16 +102,16 @@ def clearance_m(sailed: Array, around: Things, hull_m: float) -> Array:
         across = np.abs(off[..., 1] * cos - off[..., 0] * sin) - around.half_width_m[number]
         gap = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)) + np.minimum(np.maximum(along, across), 0.0)
         np.minimum(nearest, gap - _SPREAD_MPS * after_s, out=nearest)
-    if len(around.points_ne_m):
-        flat = sailed.reshape(-1, 2)
-        square = (
-            (flat**2).sum(axis=1)[:, None]
-            + (around.points_ne_m**2).sum(axis=1)[None]
-            - 2.0 * flat @ around.points_ne_m.T
-        )
-        gap = np.sqrt(np.maximum(square.min(axis=1), 0.0)).reshape(sailed.shape[:2])
-        np.minimum(nearest, gap, out=nearest)
-    return nearest - hull_m
+    return nearest
+
+
+def _from_points_m(sailed: Array, points_ne_m: Array) -> Array:
+    if not len(points_ne_m):
+        return np.full(sailed.shape[:2], 1e3)
+    flat = sailed.reshape(-1, 2)
+    square = (flat**2).sum(axis=1)[:, None] + (points_ne_m**2).sum(axis=1)[None] - 2.0 * flat @ points_ne_m.T
+    gap: Array = np.sqrt(np.maximum(square.min(axis=1), 0.0)).reshape(sailed.shape[:2])
+    return gap
 
 
 class Planner:
@@ -137,9 +147,11 @@ class Planner:
         around: Things,
         last_rad: float | None,
         stays: bool,
+        current_ne_mps: Array,
     ) -> Choice:
         """The best of all candidates; `last_rad` is the course held so far, which is kept unless another is better.
 
+        Things are passed up the current where that goes: down there is what the current sets them and the vessel onto.
         stays: whether it is stopped for want of a way.
         """
         direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
@@ -152,14 +164,20 @@ class Planner:
         courses = np.concatenate(((0.0, 0.0), courses))
         holds = np.concatenate(((0.0, 0.0), holds))
         speeds = np.concatenate((speed_mps * np.array(_SPEEDS), speeds))
-        sailed = sail(legs, pos_ne_m, vel_ne_mps, bow_rad, courses, holds, speeds, self._horizon_s)
-        clear = clearance_m(sailed.pos_ne_m, around, self._hull_m)
+        # Farther than collisions are looked for: else what lies just beyond is steered for, or dawdled before.
+        ahead_s = _FARTHER * self._horizon_s
+        sailed = sail(legs, pos_ne_m, vel_ne_mps, bow_rad, courses, holds, speeds, ahead_s, current_ne_mps)
+        standing = np.repeat(_from_points_m(sailed.pos_ne_m[:, ::2], around.points_ne_m), 2, axis=1)
+        standing = standing[:, : sailed.pos_ne_m.shape[1]]
+        clear = np.minimum(_from_tracks_m(sailed.pos_ne_m, around), standing) - self._hull_m
         least = _least(clear)
-        cost = self._cost(sailed, least, courses, holds, last_rad)
+        lee_m = standing.min(axis=1) - self._hull_m if math.hypot(*current_ne_mps.tolist()) > 0.2 else None
+        cost = self._cost(sailed, least, lee_m, courses, holds, last_rad)
         best = int(np.argmin(cost))
         stay_m = self._staying(pos_ne_m, vel_ne_mps, around)
-        gained_m = float(sailed.progress_m[best] - legs.off(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
-        no_use = gained_m < (_LEAVING_GAIN_M if stays else _GAIN_M) and stay_m > 0.5 * self._margin_m
+        along_m = float(legs.off(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
+        wanted_m = min(_LEAVING_GAIN_M if stays else _GAIN_M, _GAIN_SHARE * (legs.total_m - along_m))
+        no_use = float(sailed.progress_m[best]) - along_m < wanted_m and stay_m > 0.5 * self._margin_m
         if no_use or (least[best] < _TOUCH_M and stay_m > least[best]):
             return Choice(STAY, bow_rad, 0.0, stay_m)
         if least[best] < _TOUCH_M:
@@ -167,14 +185,46 @@ class Planner:
         what = FREE if best < 2 else AROUND
         return Choice(what, float(courses[best]), float(speeds[best]), float(least[best]))
 
-    def _cost(self, sailed: Sailed, least: Array, courses: Array, holds: Array, last_rad: float | None) -> Array:
+    def _cost(
+        self,
+        sailed: Sailed,
+        least: Array,
+        lee_m: Array | None,
+        courses: Array,
+        holds: Array,
+        last_rad: float | None,
+    ) -> Array:
         short = np.maximum(self._margin_m - least, 0.0)
         cost: Array = (sailed.progress_m.max() - sailed.progress_m) + 1.5 * sailed.off_m + 4.0 * short + 6.0 * short**2
-        cost = cost + np.where(least < _TOUCH_M, 1e3, 0.0)
+        cost = cost + np.where(least < _TOUCH_M, 1e3, 0.0) + _LEE_COST * sailed.lee_m
+        if lee_m is not None:  # no more is asked for than the legs have
+            cost = cost + _LEE_SHORT_COST * np.maximum(min(_LEE_MARGINS * self._margin_m, lee_m[0]) - lee_m, 0.0)
         if last_rad is not None:
             turned = np.abs((courses - last_rad + np.pi) % (2.0 * np.pi) - np.pi)
             cost = cost + np.where(holds > 0.0, 1.5 * np.minimum(turned, 1.5), 0.0)
         return cost
+
+    def place_to_stay(self, pos_ne_m: Array, vel_ne_mps: Array, around: Things, current_ne_mps: Array) -> Array:
+        """Where to wait, (2,): where the vessel comes to rest, or as far up the current as there is water around it."""
+        speed = math.hypot(*vel_ne_mps.tolist())
+        rest = pos_ne_m + vel_ne_mps * (0.5 * speed / 0.7)
+        drift_mps = math.hypot(*current_ne_mps.tolist())
+        if drift_mps < 0.1:
+            return rest
+        places = rest - _RETREATS_M[:, None] * current_ne_mps / drift_mps
+        off = places - pos_ne_m
+        way_m = np.hypot(off[:, 0], off[:, 1])
+        after_s = STEP_S * np.arange(1, round(self._horizon_s / STEP_S) + 1)
+        share = np.minimum(_RETREAT_MPS * after_s / np.maximum(way_m, 0.1)[:, None], 1.0)
+        sailed = pos_ne_m + share[..., None] * off[:, None]
+        clear = np.minimum(
+            _from_tracks_m(sailed, around) - self._margin_m,
+            _from_points_m(places[:, None], around.points_ne_m) - _LEE_MARGINS * self._margin_m,
+        )
+        least = _least(clear - self._hull_m)
+        good = np.flatnonzero(least > 0.0)
+        best: Array = places[good[0] if len(good) else int(np.argmax(least))]
+        return best
 
     def _staying(self, pos_ne_m: Array, vel_ne_mps: Array, around: Things) -> float:
         """The least clearance when the vessel stops as it can and stays."""
@@ -184,13 +234,6 @@ class Planner:
         way = after_s - 0.5 * 0.7 / max(speed, 0.1) * after_s**2
         pos = pos_ne_m + way[:, None] * vel_ne_mps
         return float(_least(clearance_m(pos[None], around, self._hull_m))[0])
-
-
-def stopping_place(pos_ne_m: Array, vel_ne_mps: Array) -> Array:
-    """Where a vessel that brakes comes to rest."""
-    speed = math.hypot(*vel_ne_mps.tolist())
-    place: Array = pos_ne_m + vel_ne_mps * (0.5 * speed / 0.7)
-    return place
 
 
 def _least(clear: Array) -> Array:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.avoidance import FREE, STAY, Choice, Planner, Things, stopping_place
-from agent.companion.course import Legs, leg_course_rad
+from agent.companion.avoidance import FREE, STAY, Choice, Planner, Things
+from agent.companion.course import Legs, crabbing_rad, leg_course_rad
 from agent.companion.pose_history import VehiclePose
 from agent.companion.vehicle import AUTO, GUIDED, VehicleView, command_long, heading_rad
 from agent.wire import dialect as mav
@@ -35,9 +35,10 @@ _FREE_PLANS = 4
 _FREER_M = 0.5  # than what begins a detour
 _BACK_M, _BACK_RAD = 1.2, math.radians(20.0)
 _END_M = 6.0
+_MOVED_M = 3.0  # a better place to wait is taken when it is so far off
 _ASK_AGAIN_NS = 500_000_000
 _ASKS = 6
-_VELOCITY_ONLY = 0xDC7  # POSITION_TARGET_TYPEMASK: all but vx, vy, vz ignored
+_VELOCITY_AND_YAW = 0x9C7  # POSITION_TARGET_TYPEMASK: all but vx, vy, vz and yaw ignored
 _POSITION_ONLY = 0xDF8
 
 
@@ -73,8 +74,10 @@ class Helm:
         if vehicle.mode != GUIDED:
             self._release()
 
-    def steer(self, vehicle: VehicleView, pose: VehiclePose | None, around: Things, now_ns: int) -> Messages:
-        """Called some 5 times a second."""
+    def steer(
+        self, vehicle: VehicleView, pose: VehiclePose | None, around: Things, current_ne_mps: Array, now_ns: int
+    ) -> Messages:
+        """Called some 5 times a second; current_ne_mps as far as it is known."""
         way = vehicle.way()
         if vehicle.target is None or not vehicle.armed or vehicle.mode not in (AUTO, GUIDED):
             self._release()
@@ -97,7 +100,8 @@ class Helm:
                 return []
             self._engaged = True
             return self._ask(vehicle.target, GUIDED, now_ns)
-        choice = self._planner.choose(legs, pos, vel, bow, speed, around, self._course_rad, self._stay_ne_m is not None)
+        stays = self._stay_ne_m is not None
+        choice = self._planner.choose(legs, pos, vel, bow, speed, around, self._course_rad, stays, current_ne_mps)
         course_rad, off_m = leg_course_rad(legs, pos)
         self._free = self._free + 1 if choice.what == FREE and ahead.clearance_m >= self._begin_m + _FREER_M else 0
         made_good = math.atan2(vel[1], vel[0]) if math.hypot(*vel.tolist()) > 0.7 else bow
@@ -105,7 +109,9 @@ class Helm:
         back = (abs(off_m) < _BACK_M and turned < _BACK_RAD) or _is_past(legs, pos)
         if self._free >= _FREE_PLANS and back:
             return self._ask(vehicle.target, AUTO, now_ns)
-        return [self._target(vehicle.target, choice, course_rad, pos, vel)]
+        if choice.what == STAY:
+            return [self._stay(vehicle.target, pos, vel, around, current_ne_mps)]
+        return [self._go(vehicle.target, choice, course_rad, current_ne_mps)]
 
     def _release(self) -> None:
         self._engaged, self._wanted, self._course_rad, self._stay_ne_m = False, None, None, None
@@ -125,20 +131,25 @@ class Helm:
             command_long(target, mav.MAV_CMD_DO_SET_MODE, float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode))
         ]
 
-    def _target(self, target: tuple[int, int], choice: Choice, leg_rad: float, pos: Array, vel: Array) -> Any:
-        if choice.what == STAY:
-            if self._stay_ne_m is None:
-                self._stay_ne_m = stopping_place(pos, vel)
-            self._enter(STOP)
-            self._course_rad = None
-            return _target_message(target, _POSITION_ONLY, self._stay_ne_m, np.zeros(2))
+    def _stay(self, target: tuple[int, int], pos: Array, vel: Array, around: Things, current_ne_mps: Array) -> Any:
+        """A place is held, as no speed is none over ground: the current takes along what does not steer."""
+        place = self._planner.place_to_stay(pos, vel, around, current_ne_mps)
+        if self._stay_ne_m is None or math.hypot(*(place - self._stay_ne_m).tolist()) > _MOVED_M:
+            self._stay_ne_m = place
+        self._enter(STOP)
+        self._course_rad = None
+        return _target_message(target, _POSITION_ONLY, self._stay_ne_m, np.zeros(2), 0.0)
+
+    def _go(self, target: tuple[int, int], choice: Choice, leg_rad: float, current_ne_mps: Array) -> Any:
+        """A velocity, and the heading for it: autopilots differ in whether they make up for the current themselves."""
         self._stay_ne_m = None
         free = choice.what == FREE
         course_rad = leg_rad if free else choice.course_rad
         self._course_rad = None if free else course_rad
         self._enter(RETURN if free else DETOUR)
         vel_ne_mps = choice.speed_mps * np.array((math.cos(course_rad), math.sin(course_rad)))
-        return _target_message(target, _VELOCITY_ONLY, np.zeros(2), vel_ne_mps)
+        yaw_rad = crabbing_rad(course_rad, choice.speed_mps, current_ne_mps)
+        return _target_message(target, _VELOCITY_AND_YAW, np.zeros(2), vel_ne_mps, yaw_rad)
 
     def _enter(self, manoeuvre: int) -> None:
         """A detour is one from leaving the leg to being back on it, however often it changes its mind between."""
@@ -166,8 +177,10 @@ def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> Legs:
     return legs
 
 
-def _target_message(target: tuple[int, int], mask: int, pos_ne_m: Array, vel_ne_mps: Array) -> Any:
+def _target_message(
+    target: tuple[int, int], mask: int, pos_ne_m: Array, vel_ne_mps: Array, yaw_rad: float
+) -> Any:
     (north, east), (vn, ve) = pos_ne_m.tolist(), vel_ne_mps.tolist()
     return mav.MAVLink_set_position_target_local_ned_message(
-        0, *target, mav.MAV_FRAME_LOCAL_NED, mask, north, east, 0.0, vn, ve, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        0, *target, mav.MAV_FRAME_LOCAL_NED, mask, north, east, 0.0, vn, ve, 0.0, 0.0, 0.0, 0.0, yaw_rad, 0.0
     )

@@ -150,7 +150,7 @@ class Watch:
             return messages
         pos = pose.pos_ned_m[:2]
         around = things(now_ns, self.tracks.confirmed, self.tracks.structure.within(pos, _STRUCTURE_M), pos)
-        messages.extend(self._helm.steer(self.vehicle, pose, around, now_ns))
+        messages.extend(self._helm.steer(self.vehicle, pose, around, self._current.current_ne_mps, now_ns))
         return messages
 
     def _is_blind(self, now_ns: int) -> bool:

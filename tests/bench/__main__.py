@@ -27,7 +27,8 @@ def main() -> None:
     table = Table("figure", "unit", "wanted", "median", "least", "most", box=None)
     logs = [part for part in (bench_logs, bench_logs_tlog) if part.available()]
     rays = [bench_rays, bench_lidar] if bench_rays.available() else []
-    for name, wanted, unit, measure in [*FIGURES, *(figure for part in (*logs, *rays) for figure in part.FIGURES)]:
+    figures = [*FIGURES, *(PERCEPTION if rays else ()), *(figure for part in (*logs, *rays) for figure in part.FIGURES)]
+    for name, wanted, unit, measure in figures:
         values = measure()
         cells = (statistics.median(values), min(values), max(values))
         table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))
@@ -55,6 +56,12 @@ def real_time_factors() -> list[float]:
 
 def loopback_lockstep_factors() -> list[float]:
     return [run("sim", "--profile", "hitl-loopback", "--clock", "lockstep")["real_time_factor"] for _ in range(3)]
+
+
+def perception_factors() -> list[float]:
+    """A minute and a half of it: at rest, along the boom, around debris."""
+    options = ("--duration", "90")
+    return [run("sim", "--profile", "sitl-perception", *options, ok=1)["real_time_factor"] for _ in range(3)]
 
 
 def run(*arguments: str, ok: int = 0) -> dict[str, Any]:
@@ -123,6 +130,10 @@ def resident_mib(pid: int) -> float:
             return float(line.split()[1]) / 1024
     raise RuntimeError(f"process {pid} has no resident size")
 
+
+PERCEPTION: list[tuple[str, str, str, Callable[[], list[float]]]] = [
+    ("sitl-perception with recording and KISS-ICP", ">= 1", "x real time", perception_factors),
+]
 
 FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("sitl with waves, gusts, sensors and recording", ">= 10, aim 20", "x real time", real_time_factors),

@@ -334,7 +334,8 @@ def test_values(write: Write, text: str, problem: str) -> None:
         ),
         (
             "extends: sitl\ntechnique: hitl",
-            "boat.yaml:2: technique = hitl runs autopilot or companion behind a link; use autopilot.runs: board (or process)",
+            "boat.yaml:2: technique = hitl runs autopilot or companion behind a link; "
+            "use autopilot.runs: board (or process)",
         ),
         (
             "graph:\n  nodes:\n    LSS: {kind: real}",

@@ -37,8 +37,8 @@ class CompanionLine:
     repeats, and the companion works through one cloud while the host goes on. In real time it takes effect when it
     comes.
 
-    gone_s: simulation time at which it was given up, None while it is there. on_message: gets all that it says, at that time; on_forward: all that the autopilot says. to_autopilot: sends to
-    whom it commands.
+    gone_s: simulation time at which it was given up, None while it is there. on_message: gets all that it says, at that
+    time; on_forward: all that the autopilot says. to_autopilot: sends to whom it commands.
     """
 
     def __init__(self, profile: RunProfile, to_autopilot: Callable[[Any], None]) -> None:
