@@ -26,10 +26,11 @@ _COURSES_RAD = np.radians(np.arange(-120.0, 121.0, 10.0))
 _HOLDS_S = (1.6, 3.2, 6.0, 10.0)
 _SPEEDS = (1.0, 0.45)  # of the mission's
 _FAR_M = 60.0
-_FARTHER = 1.5
-# Along the legs within the horizon: less is not worth leaving them for, nor to leave a stop for.
-_GAIN_M, _LEAVING_GAIN_M = 2.0, 12.0
+_FARTHER = 1.5  # times the horizon: courses are sailed so far ahead to be compared
+# Of the way that the mission would make in that time: less is not worth leaving it for, nor to leave a stop for.
+_WORTH, _LEAVING_WORTH = 0.3, 0.45
 _GAIN_SHARE = 0.5  # and of what is left of the way, where that is short
+_LEAVING_COST = 1.0  # of any course that is not the legs': what is as good as they are is no reason to leave them
 _LEE_COST = 6.0  # for each metre of mean distance down the current
 _LEE_MARGINS, _LEE_SHORT_COST = 2.0, 2.0  # water to what stands in the lee, in margins
 _RETREATS_M = np.array((0.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0))
@@ -176,7 +177,8 @@ class Planner:
         best = int(np.argmin(cost))
         stay_m = self._staying(pos_ne_m, vel_ne_mps, around)
         along_m = float(legs.off(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
-        wanted_m = min(_LEAVING_GAIN_M if stays else _GAIN_M, _GAIN_SHARE * (legs.total_m - along_m))
+        worth_m = (_LEAVING_WORTH if stays else _WORTH) * speed_mps * ahead_s
+        wanted_m = min(worth_m, _GAIN_SHARE * (legs.total_m - along_m))
         no_use = float(sailed.progress_m[best]) - along_m < wanted_m and stay_m > 0.5 * self._margin_m
         if no_use or (least[best] < _TOUCH_M and stay_m > least[best]):
             return Choice(STAY, bow_rad, 0.0, stay_m)
@@ -196,7 +198,8 @@ class Planner:
     ) -> Array:
         short = np.maximum(self._margin_m - least, 0.0)
         cost: Array = (sailed.progress_m.max() - sailed.progress_m) + 1.5 * sailed.off_m + 4.0 * short + 6.0 * short**2
-        cost = cost + np.where(least < _TOUCH_M, 1e3, 0.0) + _LEE_COST * sailed.lee_m
+        cost = cost + np.where(least < _TOUCH_M, 1e3, 0.0) + np.where(holds > 0.0, _LEAVING_COST, 0.0)
+        cost = cost + _LEE_COST * sailed.lee_m
         if lee_m is not None:  # no more is asked for than the legs have
             cost = cost + _LEE_SHORT_COST * np.maximum(min(_LEE_MARGINS * self._margin_m, lee_m[0]) - lee_m, 0.0)
         if last_rad is not None:

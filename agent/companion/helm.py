@@ -177,9 +177,7 @@ def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> Legs:
     return legs
 
 
-def _target_message(
-    target: tuple[int, int], mask: int, pos_ne_m: Array, vel_ne_mps: Array, yaw_rad: float
-) -> Any:
+def _target_message(target: tuple[int, int], mask: int, pos_ne_m: Array, vel_ne_mps: Array, yaw_rad: float) -> Any:
     (north, east), (vn, ve) = pos_ne_m.tolist(), vel_ne_mps.tolist()
     return mav.MAVLink_set_position_target_local_ned_message(
         0, *target, mav.MAV_FRAME_LOCAL_NED, mask, north, east, 0.0, vn, ve, 0.0, 0.0, 0.0, 0.0, yaw_rad, 0.0

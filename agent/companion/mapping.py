@@ -1,4 +1,8 @@
-"""The map of a companion computer: one point a cell, of what lidar and sonar saw, in the frame of the odometry."""
+"""The map of a companion computer: one point a cell, of what lidar and sonar saw, in the frame of the odometry.
+
+What a lidar saw once may be a drop of water, or a pose that is off: a cell counts when two clouds have seen it, and its
+point is the middle of the two. A sonar's beam seldom comes by twice, so that one echo is enough.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +31,12 @@ class Added(NamedTuple):
     intensity: Intensity
 
 
+SIGHTINGS = {LIDAR: 2, SONAR: 1}
+"""Clouds, or pings, that must have seen a cell."""
+
+
 class CloudMap:
-    """Cells of cell_m; of each the first point by each source. Beyond far_m from the body nothing is kept, since an
+    """Cells of cell_m; of each a point by each source. Beyond far_m from the body nothing is kept, since an
     angle of a degree is a metre there at 60 m. A map is within 2**19 cells of its origin; what is not is refused.
     """
 
@@ -36,6 +44,7 @@ class CloudMap:
         self._cell_m = cell_m
         self._far_m = far_m
         self._cells: set[int] = set()
+        self._once: dict[int, tuple[float, float, float]] = {}
         self._parts: list[tuple[Points, Intensity, int]] = []
         self.refused = 0
 
@@ -54,12 +63,27 @@ class CloudMap:
         points, intensity, whole = points[inside], intensity[inside], cell[inside].astype(np.int64) + _HALF
         keys = ((source << _BITS | whole[:, 0]) << _BITS | whole[:, 1]) << _BITS | whole[:, 2]
         unique, first = np.unique(keys, return_index=True)
-        new = [place for key, place in zip(unique.tolist(), first.tolist()) if key not in self._cells]
-        self._cells.update(keys[new].tolist())
-        added = Added(points[new], intensity[new])
-        if new:
+        added = self._sighted(unique.tolist(), points[first], intensity[first], SIGHTINGS[source])
+        if len(added.intensity):
             self._parts.append((*added, source))
         return added
+
+    def _sighted(self, keys: list[int], points: Points, intensity: Intensity, needed: int) -> Added:
+        """The cells that count from now on, of those that one cloud saw: a point each, the first in its cell."""
+        rows, places = [], []
+        for row, (key, place) in enumerate(zip(keys, points.tolist())):
+            if key in self._cells:
+                continue
+            if needed > 1:
+                before = self._once.pop(key, None)
+                if before is None:
+                    self._once[key] = tuple(place)
+                    continue
+                place = [0.5 * (here + there) for here, there in zip(place, before)]
+            self._cells.add(key)
+            rows.append(row)
+            places.append(place)
+        return Added(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])
 
     def whole(self, source: int = LIDAR) -> Added:
         """All points by one source, in the order they came."""

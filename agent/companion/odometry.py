@@ -31,10 +31,15 @@ LOST_AFTER = 10
 THRESHOLD_M = 0.5
 """Scale of the robust kernel; pairs are three times that apart at most. Fixed: the package's adaptive one stays at its
 start, 2 m, as long as a vessel moves evenly, and in a sparse cloud joins what does not belong together."""
-GAIN = np.array([0.8, 0.8, 0.8, 0.9, 0.9, 0.9])
+MOST_TURNS = 20
+"""Of ICP a cloud. What they are after that is below the noise of a pose, and there may be hundreds."""
+GAIN = np.array([0.8, 0.8, 0.3, 0.9, 0.9, 0.9])
 """Share of a pose's surprise that is believed, of place and attitude (alpha of an alpha-beta filter)."""
 RATE_GAIN = GAIN**2 / (2.0 - GAIN)
 """The beta that belongs to it (Benedict and Bordner, IRE Trans. AC-7, 1962)."""
+
+ROCKING = 0.65
+"""Share believed of how fast the body turns against the water within a cloud: waves turn the water too."""
 
 REFERENCE_CLOUDS = 30
 """Whose mean is the plane of the water: some periods of the waves."""
@@ -85,6 +90,7 @@ class LidarOdometry:
         config = KISSConfig()
         config.data.max_range, config.data.min_range = max_range_m, min_range_m
         config.mapping.voxel_size = voxel_m
+        config.registration.max_num_iterations = MOST_TURNS
         config.registration.max_num_threads = 1  # sums in one order, and the other core is the simulation's
         self._config = config
         self._new_map: Any = get_voxel_hash_map
@@ -102,6 +108,7 @@ class LidarOdometry:
         self._normal: Array = np.zeros(3)
         self._height_m = 0.0
         self._levels = 0
+        self._surface: tuple[Array, float] | None = None
 
     def register(self, stamp_ns: int, points_frd_m: Points, offset_s: Points) -> Placed | None:
         """Place a cloud that began at `stamp_ns`: (n, 3), each point offset_s (n,) later. None if it fits nowhere."""
@@ -110,27 +117,29 @@ class LidarOdometry:
         last_s = float(offset.max(initial=0.0))
         end_ns = stamp_ns + round(last_s * 1e9)
         lag_s = offset - np.float32(last_s)
-        here = drifted(points, lag_s, self._twist)
-        wet = self._water.of(here)
+        wet = self._water.of(points, lag_s)
+        twist = self._rocked(self._twist)
+        here = drifted(points, lag_s, twist)
         if np.count_nonzero(~wet) < LEAST_POINTS or (self._stamp_ns is not None and end_ns <= self._stamp_ns):
             self.poses_refused += 1
             return None
         solid, level = here[~wet].astype(np.float64), here[wet].astype(np.float64)
         if self._stamp_ns is not None:
             dt_s = (end_ns - self._stamp_ns) * 1e-9
-            guess: Array = self._pose @ exponential(self._twist * dt_s)
+            guess = self._floated(self._pose @ exponential(self._twist * dt_s))
             surprise = logarithm(inverse(guess) @ self._aligned(solid, level, guess))
             if not float(np.linalg.norm(surprise[:3])) <= MOST_SURPRISE_MPS * dt_s:  # also when it is not a number
                 self._doubt(end_ns, guess, solid)
                 return None
             self._pose = guess @ exponential(GAIN * surprise)
-            self._twist = self._twist + RATE_GAIN * surprise / dt_s
+            self._twist = self._rocked(self._twist + RATE_GAIN * surprise / dt_s)
         self._pose = self._levelled(self._pose)
         self._map.update(self._kept_of(solid, level), self._pose)
         self._stamp_ns = end_ns
         self._refused_on_end = 0
         self.poses += 1
         kept[np.flatnonzero(kept)[wet]] = False
+        self._remember()
         there = drifted(points[~wet], lag_s[~wet], self._twist)
         return Placed(end_ns, self._pose.copy(), self._twist[:3].copy(), there, kept)
 
@@ -162,12 +171,46 @@ class LidarOdometry:
         )
         return pose
 
+    def _rocked(self, twist: Array) -> Array:
+        """(6,) a twist that rolls and pitches as this cloud's water says, where it shows any, and does not heave.
+
+        Heave of some cm in a second is below what the prediction makes of it.
+        """
+        level = self._water.level
+        if level is None:
+            return twist
+        normal = level.normal_frd
+        rocked = twist.copy()
+        rocked[:3] -= (normal @ twist[:3]) * normal
+        rocked[3:] = ROCKING * level.turn_frd_radps + (normal @ twist[3:]) * normal
+        return rocked
+
+    def _floated(self, guess: Array) -> Array:
+        """A predicted pose, tilted and lifted so that the water is where the last cloud saw it."""
+        level, before = self._water.level, self._surface
+        if level is None or before is None:
+            return guess
+        normal, last_normal = guess[:3, :3] @ level.normal_frd, before[0]
+        turn = np.concatenate([np.zeros(3), np.cross(normal, last_normal)])
+        floated = guess.copy()
+        floated[:3, :3] = exponential(turn)[:3, :3] @ guess[:3, :3]
+        floated[:3, 3] += (before[1] - level.down_m - float(last_normal @ guess[:3, 3])) * last_normal
+        return floated
+
+    def _remember(self) -> None:
+        """Where the water is in the odometry's frame, by this cloud and its pose."""
+        level = self._water.level
+        self._surface = None
+        if level is not None:
+            normal = self._pose[:3, :3] @ level.normal_frd
+            self._surface = (normal, level.down_m + float(normal @ self._pose[:3, 3]))
+
     def _levelled(self, pose: Array) -> Array:
         """The pose with its height and tilt a little nearer to what the water says, whose plane stays where it was."""
         level = self._water.level
         if level is None:
             return pose
-        normal, down_m = pose[:3, :3] @ level[0], level[1]
+        normal, down_m = pose[:3, :3] @ level.normal_frd, level.down_m
         height_m = down_m + float(normal @ pose[:3, 3])
         if self._levels < REFERENCE_CLOUDS:
             share = 1.0 / (self._levels + 1)
@@ -188,6 +231,7 @@ class LidarOdometry:
     def _doubt(self, end_ns: int, guess: Array, solid: Array) -> None:
         """A cloud that does not fit; after many of them it is the map that does not."""
         self.poses_refused += 1
+        self._surface = None
         self._refused_on_end += 1
         if self._refused_on_end >= LOST_AFTER:
             self._refused_on_end = 0

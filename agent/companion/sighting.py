@@ -32,6 +32,7 @@ _COUNTS = 0.8
 _REACH_M, _LEARNT = 20.0, 20  # before so many clouds were seen
 _BEYOND_M = 2.0
 _DRAWS_BACK_M = 0.03  # a cloud: waves that are seen far off come and go
+_REACHES_OUT_M = 0.05  # a cloud: a boom across the view looks like water at first
 _WATERY = 0.45  # of the sectors
 _STANDS_OUT_M = 0.2
 _LEVEL_S = 15.0
@@ -147,6 +148,7 @@ class Sighting:
             reach = number + 1 if watery[number] else reach
         self._learnt += 1
         reach_m = max(reach + _BEYOND_M, 5.0 if self._learnt > _LEARNT else _REACH_M)
+        reach_m = min(reach_m, self.water_reach_m + _REACHES_OUT_M)
         self.water_reach_m = max(reach_m, self.water_reach_m - _DRAWS_BACK_M)
         close = height_m[low & (range_m < self.water_reach_m)]
         if len(close) > 30:

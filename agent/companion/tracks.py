@@ -27,8 +27,9 @@ _DOUBTFUL_NS = 1_200_000_000  # the same before it is confirmed
 _COASTED_NS = 12_000_000_000  # out of view, at most
 _COASTS_NS = 700_000_000  # for every time it was seen
 _ODD_MPS, _ODD_HITS = 1.0, 12  # what goes so much otherwise than the water is looked at longer
-_BORN_M = 6.0  # nothing is first seen closer: the bow's own wave, and crests that it has run over
-_WET_HITS, _STREWN = 10, 1.4  # and so is what is first seen where water returns, or not far beyond
+_BORN_M = 8.0  # nothing is first seen closer: the bow's own wave, and crests that it has run over
+_WET_HITS, _STREWN = 20, 1.4  # and so is what is first seen where water returns, or not far beyond
+_WET_HIT_NS = 280_000_000  # there it has to be seen so often, on the mean: crests come and go
 _VIEW_RAD = math.radians(29.0)
 _VIEW_M = 45.0
 _START_MPS = 0.4
@@ -50,6 +51,7 @@ class Track:
         self.heading_rad = cluster.heading_rad
         self.points = cluster.points
         self.hits = 1
+        self.missed_ns = 0  # in view since it was last seen
         self.hits_needed = hits_needed
         self.confirmed = False
 
@@ -84,6 +86,7 @@ class Track:
             self.height_m = max(self.height_m * _SHRINKS, cluster.height_m)
         self.seen_ns, self.points = cluster.stamp_ns, cluster.points
         self.hits += 1
+        self.missed_ns = 0
 
     def _predict(self, stamp_ns: int) -> None:
         dt_s = max((stamp_ns - self.stamp_ns) * 1e-9, 0.0)
@@ -107,6 +110,7 @@ class Tracks:
         self.total = 0  # confirmed so far
         self._tracks: list[Track] = []
         self._next = 1
+        self._looked_ns: int | None = None
 
     @property
     def confirmed(self) -> list[Track]:
@@ -137,9 +141,12 @@ class Tracks:
             else:
                 left.append(cluster)
         self._match(left, drift_ne_mps, pos_ne_m, water_reach_m)
-        self._tracks = [
-            track for track in self._tracks if not self._is_lost(track, now_ns, pos_ne_m, bow_rad, water_reach_m)
-        ]
+        since_ns = 0 if self._looked_ns is None else max(now_ns - self._looked_ns, 0)
+        self._looked_ns = now_ns
+        for track in self._tracks:
+            if _is_in_view(track, now_ns, pos_ne_m, bow_rad, water_reach_m):
+                track.missed_ns += since_ns
+        self._tracks = [track for track in self._tracks if not self._is_lost(track, now_ns)]
 
     def _match(self, things: list[Cluster], drift_ne_mps: Array, pos_ne_m: Array, water_reach_m: float) -> None:
         """The nearest pairs first."""
@@ -174,25 +181,32 @@ class Tracks:
 
     def _confirm(self, track: Track, drift_ne_mps: Array) -> None:
         odd = math.hypot(*(track.state[2:] - drift_ne_mps).tolist()) > _ODD_MPS
-        hits = _ODD_HITS if odd else track.hits_needed
-        if track.confirmed or track.hits < hits or track.seen_ns - track.first_ns < _CONFIRMED_NS:
+        wet = track.hits_needed >= _WET_HITS
+        hits = (_ODD_HITS if odd else 0) + track.hits_needed
+        known_ns = track.seen_ns - track.first_ns
+        if track.confirmed or track.hits < hits or known_ns < _CONFIRMED_NS:
+            return
+        if wet and known_ns > track.hits * _WET_HIT_NS:
             return
         track.confirmed = True
         self.total += 1
 
-    def _is_lost(self, track: Track, now_ns: int, pos_ne_m: Array, bow_rad: float, water_reach_m: float) -> bool:
+    def _is_lost(self, track: Track, now_ns: int) -> bool:
         unseen_ns = now_ns - track.seen_ns
-        off = track.at(now_ns) - pos_ne_m
-        range_m = math.hypot(*off.tolist())
-        bearing = math.remainder(math.atan2(off[1], off[0]) - bow_rad, math.tau)
-        in_view = abs(bearing) < _VIEW_RAD and _STREWN * water_reach_m < range_m < _VIEW_M
         if not track.confirmed:
             return unseen_ns > _DOUBTFUL_NS
         if unseen_ns > _DOUBTFUL_NS and self.structure.covers(track.at(now_ns), 1.0):
             return True
-        if in_view:
-            return unseen_ns > min(_LOST_NS + track.hits * _LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS)
+        if track.missed_ns > min(_LOST_NS + track.hits * _LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS):
+            return True
         return unseen_ns > min(_COASTED_NS, _LOST_NS + track.hits * _COASTS_NS)
+
+
+def _is_in_view(track: Track, now_ns: int, pos_ne_m: Array, view_rad: float, water_reach_m: float) -> bool:
+    """Whether it would be seen where it is taken to be, beyond where water returns."""
+    off = track.at(now_ns) - pos_ne_m
+    bearing = math.remainder(math.atan2(off[1], off[0]) - view_rad, math.tau)
+    return abs(bearing) < _VIEW_RAD and _STREWN * water_reach_m < math.hypot(*off.tolist()) < _VIEW_M
 
 
 class CurrentGuess:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,47 +23,79 @@ _TRIMS_M = (0.5, 0.25, 0.15)
 _STEEPEST = 0.4
 
 
+class Level(NamedTuple):
+    """The water seen from the body at a cloud's end: unit normal (3,) down, and how far along it the water is.
+
+    turn_frd_radps (3,): how the body turns against the water, which tells nothing of yaw.
+    """
+
+    normal_frd: Array
+    down_m: float
+    turn_frd_radps: Array
+
+
 class WaterPlane:
-    """Remembers the last plane for clouds that show no water: down = a forward + b right + c in body FRD."""
+    """down = a forward + b right + c in body FRD, where a, b and c change evenly within a cloud.
+
+    A boat of some metres rolls in a second: a cloud of 0.1 s sees a tenth of the whole swing, and the water in it says
+    how fast. Remembers the last plane for clouds that show no water.
+    """
 
     def __init__(self) -> None:
-        self._plane: Array = np.zeros(3)
-        self._fresh = False
+        self._plane: Array = np.zeros(6)
+        self.level: Level | None = None
 
-    def of(self, points_frd_m: Points) -> NDArray[np.bool_]:
-        """(n,) whether each of the points (n, 3) is of the water or under it."""
-        range_m = np.linalg.norm(points_frd_m, axis=1)
-        near = range_m < NEAR_M
-        close = (range_m < _FITTED_M) & (np.abs(points_frd_m[:, 2]) < _HEIGHT_M)
-        low = points_frd_m[close].astype(np.float64)
-        self._fresh = False
-        if len(low) >= LEAST:
-            self._plane = self._fitted(low)
+    def of(self, points_frd_m: Points, lag_s: Points) -> NDArray[np.bool_]:
+        """(n,) whether each of the points (n, 3), seen from the body lag_s (n,) after the cloud's end, is of the water.
+
+        Or under it. lag_s is not above 0. `level` is what this cloud says of the water, None where it shows none.
+        """
+        squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
+        near = squared < NEAR_M**2
+        close = (squared < _FITTED_M**2) & (np.abs(points_frd_m[:, 2]) < _HEIGHT_M)
+        self.level = None
+        self._plane[3:] = 0.0  # how an earlier cloud turned says nothing of this one
+        if np.count_nonzero(close) >= LEAST:
+            self._fit(_sides(points_frd_m[close], lag_s[close]), points_frd_m[close, 2])
         elif not self._plane.any():
             return np.zeros(len(points_frd_m), dtype=np.bool_)
-        a, b, c = self._plane.astype(np.float32)
-        above_m = a * points_frd_m[:, 0] + b * points_frd_m[:, 1] + c - points_frd_m[:, 2]
-        wet: NDArray[np.bool_] = near & (above_m < CREST_M)
+        wet: NDArray[np.bool_] = near.copy()
+        above_m = _sides(points_frd_m[near], lag_s[near]) @ self._plane.astype(np.float32) - points_frd_m[near, 2]
+        wet[near] = above_m < CREST_M
         return wet
 
-    @property
-    def level(self) -> tuple[Array, float] | None:
-        """Unit normal (3,) down, and how far along it the water is; None where the last cloud showed none."""
-        if not self._fresh:
-            return None
-        a, b, c = self._plane.tolist()
-        length = float(np.sqrt(a * a + b * b + 1.0))
-        return np.array([-a, -b, 1.0]) / length, c / length
-
-    def _fitted(self, low: Array) -> Array:
-        """(3,) of the low points, or the last where they are on no plane that could be water."""
-        plane = np.array([0.0, 0.0, float(np.median(low[:, 2]))])
-        sides = np.column_stack([low[:, :2], np.ones(len(low))])
-        chosen = np.ones(len(low), dtype=np.bool_)
+    def _fit(self, sides: Points, down_m: Points) -> None:
+        """By the low points; the last plane stays where they are on none that could be water."""
+        plane = np.zeros(6)
+        chosen = np.ones(len(down_m), dtype=np.bool_)
         for trim_m in _TRIMS_M:
-            plane = np.linalg.lstsq(sides[chosen], low[chosen, 2], rcond=None)[0]
-            chosen = np.abs(low[:, 2] - sides @ plane) < trim_m
+            plane = _solved(sides[chosen], down_m[chosen])
+            chosen = np.abs(down_m - sides @ plane.astype(np.float32)) < trim_m
             if np.count_nonzero(chosen) < LEAST:
-                return self._plane
-        self._fresh = bool((np.abs(plane[:2]) < _STEEPEST).all())
-        return plane if self._fresh else self._plane
+                return
+        if not (np.abs(plane[:2]) < _STEEPEST).all():
+            return
+        a, b, c, a_rate, b_rate, _ = plane.tolist()
+        length = float(np.sqrt(a * a + b * b + 1.0))
+        normal = np.array([-a, -b, 1.0]) / length
+        # normal x turn is how the normal of a level that stands still moves in the body
+        moving = np.array([-a_rate, -b_rate, 0.0]) / length
+        moving -= normal * (normal @ moving)
+        self._plane = plane
+        self.level = Level(normal, c / length, np.cross(moving, normal))
+
+
+def _sides(points_frd_m: Points, lag_s: Points) -> Points:
+    """(n, 6) factors of a plane's parameters and of their rates."""
+    sides = np.empty((len(lag_s), 6), dtype=np.float32)
+    sides[:, :2] = points_frd_m[:, :2]
+    sides[:, 2] = 1.0
+    np.multiply(sides[:, :3], lag_s[:, None], out=sides[:, 3:])
+    return sides
+
+
+def _solved(sides: Points, down_m: Points) -> Array:
+    """(6,) by least squares; what the points leave open is nearly zero."""
+    normal = (sides.T @ sides).astype(np.float64) + np.diag([1e-6] * 3 + [1e-3] * 3)
+    solved: Array = np.linalg.solve(normal, (sides.T @ down_m).astype(np.float64)).astype(np.float64)
+    return solved

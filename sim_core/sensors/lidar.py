@@ -140,6 +140,9 @@ class Lidar:
         within = ends.seen & ~near & ~far
         dropped = within & (rng.random(count, dtype=float32) < self.drop_share) if self.drop_share else ~within & False
         kept, measured_m, drowned = self._measured(rays, ends, np.flatnonzero(within & ~dropped), water, rng)
+        nearer = measured_m < self.min_range_m  # the device knows the range that it measures, no other
+        if nearer.any():
+            kept, measured_m = kept[~nearer], measured_m[~nearer]
 
         points = self._mount.astype(float32) @ looking[:, kept]
         points *= measured_m
@@ -152,7 +155,7 @@ class Lidar:
             fired=count,
             returned=len(kept),
             nothing=_count(nothing),
-            near=_count(near),
+            near=_count(near) + _count(nearer),
             water=_count(swallowed) + drowned,
             weak=_count(~(within | near | swallowed | nothing)),
             dropped=_count(dropped),

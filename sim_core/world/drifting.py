@@ -168,6 +168,15 @@ def drift(
     )
 
 
+def pushed_at(debris: DebrisState, body: NDArray[np.intp], place_ne_m: Array, force_ne_n: Array) -> Push:
+    """K forces (K, 2) at places (K, 2) on bodies (K,), summed by body."""
+    lever = place_ne_m - debris.pos_ned_m[body, :2]
+    force, moment = np.zeros((len(debris.bodies), 2)), np.zeros(len(debris.bodies))
+    np.add.at(force, body, force_ne_n)
+    np.add.at(moment, body, lever[:, 0] * force_ne_n[:, 1] - lever[:, 1] * force_ne_n[:, 0])
+    return Push(force, moment)
+
+
 def bodies_at(debris: DebrisState, time_ns: int) -> Bodies:
     """For ray casting: moved on by their velocities from the latest step of theirs to time_ns."""
     if not debris.bodies:

@@ -22,8 +22,8 @@ from sim_core.world.contact import (
     velocity_at,
     wrench_frd,
 )
-from sim_core.world.drifting import DebrisState, Push
-from sim_core.world.held import body_velocity, capsules_of, push_of
+from sim_core.world.drifting import DebrisState, Push, pushed_at
+from sim_core.world.held import body_velocity, capsules_of
 from sim_core.world.river import Bed
 
 Array = NDArray[float64]
@@ -136,7 +136,7 @@ def _against_bodies(
     force = pressed_n(touch.normal_ne, touch.depth_m, velocity, mass, dt_s)
     names = tuple(f"{debris.bodies[number].kind.name.lower()} {number}" for number in body.tolist())
     contacts = _contacts(vessel, names, place, force, velocity, touch.normal_ne, dt_s)
-    return contacts, push_of(debris, body, touch.place_ne_m, -force)
+    return contacts, pushed_at(debris, body, touch.place_ne_m, -force)
 
 
 def _against_ground(bed: Bed, outline: Outline, motion: Kinematics, dt_s: float) -> Contacts:

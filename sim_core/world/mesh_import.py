@@ -69,6 +69,10 @@ def _read(path: Path) -> tuple[Array, NDArray[int32]]:
         # Processed, vertices that are not numbers would go, and their triangles with them, unsaid.
         loaded = trimesh.load_scene(path, process=False).to_mesh()
         vertices, faces = np.asarray(loaded.vertices, dtype=float64), np.asarray(loaded.faces, dtype=int32)
+    except ImportError as error:  # it tries other readers on a damaged file, too
+        raise WorldError(
+            f"{path} cannot be read as {kind}: it is damaged, or of a kind that needs more ({error}); export it again"
+        ) from error
     except Exception as error:  # its readers raise whatever a damaged file leads them to
         raise WorldError(f"{path} cannot be read as {kind} ({error}); export it again") from error
     if vertices.ndim != 2 or faces.ndim != 2:

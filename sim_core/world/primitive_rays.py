@@ -42,12 +42,14 @@ class PrimitiveCaster:
         body_delay_s: Array32 | None = None,
         reach_m: Array32 | None = None,
     ) -> Hits:
-        """What each ray meets first; see `RayCaster`."""
+        """What each ray meets first; see `RayCaster`. A direction that is none, zero or NaN, meets nothing."""
         origin, direction = origin_ned_m.astype(float64), direction_ned.astype(float64)
         nearest = _Nearest.of(len(origin))
-        everyone = np.arange(len(origin))
+        possible = _possible(origin, direction)
+        direction[~possible] = np.nan  # compares as false in all that follows
+        rays = np.flatnonzero(possible)
         for solid in self._solids:
-            nearest.take(everyone, solid.meet(origin, direction), MATERIALS.index(solid.material))
+            nearest.take(rays, solid.meet(origin[rays], direction[rays]), MATERIALS.index(solid.material))
         for clump in self._clumps:
             rays = clump.rays_near(origin, direction)
             nearest.take(rays, clump.meet(origin[rays], direction[rays]), clump.material)
@@ -149,6 +151,12 @@ class _Clump:
         inside = slanted & (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (range_m >= 0.0)
         met: Array = np.where(inside, range_m, np.inf)
         return met
+
+
+def _possible(origin: Array, direction: Array) -> NDArray[np.bool_]:
+    """(R,) which rays start somewhere and go somewhere."""
+    possible: NDArray[np.bool_] = np.isfinite(origin).all(axis=1) & np.isfinite(direction).all(axis=1)
+    return possible & direction.any(axis=1)
 
 
 def _clumps(mesh: Mesh) -> Iterator[_Clump]:

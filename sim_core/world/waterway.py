@@ -108,9 +108,10 @@ def _put_in(waterway: Waterway, debris: DebrisState, time_ns: int, water: Water)
 
 def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: Water, push: Push | None) -> DebrisState:
     """Debris one step later, held by what stands in the water and by the banks."""
-    pushes = held_by(waterway.standing, waterway.bed, debris, dt_ns * 1e-9)
-    if push is not None:
-        pushes.append(push)
-    total = together(pushes) if pushes else None
     place = debris.pos_ned_m
-    return drift(debris, dt_ns, water.current_ned_mps(place), water.surface_down_m(place[:, :2]), total)
+    current, surface = water.current_ned_mps(place), water.surface_down_m(place[:, :2])
+    free = drift(debris, dt_ns, current, surface, push)
+    # What holds a body must stop what the current gives it in this very step: light ones take all of it in one.
+    going = replace(debris, vel_ned_mps=free.vel_ned_mps, yaw_rate_radps=free.yaw_rate_radps)
+    held = held_by(waterway.standing, waterway.bed, going, dt_ns * 1e-9)
+    return free if held is None else drift(debris, dt_ns, current, surface, together(held, push))

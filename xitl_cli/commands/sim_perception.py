@@ -15,7 +15,9 @@ def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         yield "map", _map(mapping)
     companion = summary["companion"]
     if companion is not None and companion["gone_s"] is not None:
-        yield "companion", f"gone from {companion['gone_s']:.1f} s on; the log says why"
+        yield "companion", f"gone from {companion['gone_s']:.1f} s on"
+    for text in () if companion is None else companion["warnings"]:
+        yield "companion", text
     if obstacles is not None and companion is not None:
         yield "obstacles", _obstacles(obstacles, companion)
         lost = companion["chunks_lost"] + companion["map_chunks_lost"]

@@ -15,6 +15,8 @@ from xitl_cli.profile import Profile
 from xitl_cli.run import directory
 from xitl_cli.run.session import Result
 
+_MORE = (directory.DATAFLASH, directory.MAP, directory.TRAJECTORY, directory.TRUTH)
+
 
 def show_result(console: Console, profile: Profile, result: Result) -> None:
     """The summary as tables, readable at 80 columns and without colour."""
@@ -60,8 +62,9 @@ def show_result(console: Console, profile: Profile, result: Result) -> None:
         console.print(_faults(summary["faults"]), highlight=False)
     console.print(
         f"{result.directory}/: {directory.RECORDING} (opens in Foxglove and Lichtblick), "
-        f"{directory.SUMMARY}, {directory.PROFILE}"
-        + (f", {directory.DATAFLASH}" if (result.directory / directory.DATAFLASH).exists() else ""),
+        + ", ".join(
+            (directory.SUMMARY, directory.PROFILE, *(name for name in _MORE if (result.directory / name).exists()))
+        ),
         highlight=False,
         markup=False,
         soft_wrap=True,

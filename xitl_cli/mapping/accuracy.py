@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_core.frames import quat_to_matrix
 from sim_core.world.boom import LogBoom
 from xitl_cli.logs.compare.trajectories import (
     Similarity,
@@ -30,12 +31,14 @@ NEAR_M = 1.0
 PASSED_M = 30.0
 """A float is passed that was no farther from the vessel."""
 SEEN_POINTS = 5
+LEVER_M = 10.0
+"""About how far from the vessel what it maps is."""
 RPE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """moving: from the odometry's frame onto NED, None where the truth leaves it open."""
+    """moving: from the odometry's frame onto NED by its places, None where the truth leaves it open."""
 
     odometry: dict[str, Any]
     mapping: dict[str, Any]
@@ -58,8 +61,9 @@ def perception_sections(
         moving = umeyama(other.pos_m, reference.pos_m)
         if moving is not None:
             errors |= _errors(reference, moving.moved(other))
-            if boom is not None:
-                mapping |= boom_section(points_odom_m @ moving.rotation.T + moving.translation, reference.pos_m, boom)
+        laying = laid(reference, other)
+        if boom is not None and laying is not None:
+            mapping |= boom_section(points_odom_m @ laying.rotation.T + laying.translation, reference.pos_m, boom)
     return Accuracy(errors, mapping, moving)
 
 
@@ -68,6 +72,20 @@ def matched(truth: Trajectory, odometry: Trajectory) -> tuple[Trajectory, Trajec
     reference = at(truth, odometry.stamp_ns)
     kept = np.isin(odometry.stamp_ns, reference.stamp_ns)
     return reference, Trajectory(odometry.stamp_ns[kept], odometry.pos_m[kept], odometry.quat_wxyz[kept])
+
+
+def laid(reference: Trajectory, other: Trajectory) -> Similarity | None:
+    """How the map that belongs to `other` is laid: its poses, of the same stamps, onto the reference as frames.
+
+    Each is its place and a point LEVER_M along each of its axes. Places alone leave a roll about the way open, or to
+    chance, where that is nearly straight.
+    """
+    return umeyama(_corners(other), _corners(reference))
+
+
+def _corners(trajectory: Trajectory) -> Array:
+    axes = quat_to_matrix(trajectory.quat_wxyz)
+    return np.concatenate([trajectory.pos_m, *(trajectory.pos_m + LEVER_M * axes[:, :, axis] for axis in range(3))])
 
 
 def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict[str, Any]:
@@ -90,7 +108,8 @@ def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict
 
 def apart(one: Trajectory, other: Trajectory) -> dict[str, Any]:
     """How far two odometries of the same clouds are from each other at the same instants, neither moved."""
-    common, here, there = np.intersect1d(one.stamp_ns, other.stamp_ns, return_indices=True)
+    # the wire tells instants in whole microseconds
+    common, here, there = np.intersect1d(one.stamp_ns // 1000, other.stamp_ns // 1000, return_indices=True)
     off_m = np.linalg.norm(one.pos_m[here] - other.pos_m[there], axis=1)
     found = statistics(off_m)
     return {

@@ -1,4 +1,4 @@
-"""The run directory: run.mcap, summary.json, the profile as resolved, and the autopilot's own log."""
+"""The run directory: run.mcap, summary.json, the profile as resolved, the autopilot's own log, a companion's map."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ RECORDING = "run.mcap"
 SUMMARY = "summary.json"
 PROFILE = "profile.yaml"
 DATAFLASH = "autopilot.bin"
+MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"  # what a companion found, and what is true
 AUTOPILOT = "autopilot"  # a folder: where an autopilot that the run started works
 RESERVED_BYTES = 256 * 1024
-_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH, AUTOPILOT)
+_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
 
 
 def check_writable(path: Path) -> None:

@@ -146,6 +146,13 @@ class Encounters:
         north, east = way[-1 if free.all() else int(free.argmin()) - 1].tolist()
         return Launch(now_ns, encounter.kind, north, east, encounter.heading_rad, encounter.length_m)
 
+    def afloat(self, north_m: float, east_m: float) -> bool:
+        """Whether there is water at a place, and not what stands in it."""
+        place, (standing, bed) = np.array([[north_m, east_m]]), (self._waterway.standing, self._waterway.bed)
+        if len(standing) and standing.distance_m(place).min() < 0.0:
+            return False
+        return bed is None or bool(bed.bed_down_m(place)[0] > self._water_down_m)
+
     def _has_room(self, places_ne_m: Array, body: Body) -> NDArray[bool_]:
         """(P,) whether the body would float free at (P, 2) places."""
         around_m = body.half_axis_m + body.radius_m + CLEAR_M

@@ -17,7 +17,8 @@ SYSTEM_ID, COMPONENT_ID = 255, 191
 
 _REFUSALS = {
     dialect.MAV_RESULT_DENIED: "there is no such body or place",
-    dialect.MAV_RESULT_FAILED: "no body is as long, the vessel is in its place, or there are too many in the water",
+    dialect.MAV_RESULT_FAILED: "no body is as long, land, the boom or the vessel is in its place, or there are too "
+    "many in the water",
 }
 
 

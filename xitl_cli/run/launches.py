@@ -60,13 +60,13 @@ class OpenRiver:
 
 
 class River(OpenRiver):
-    """See the module. `control`: where launches are asked for, None: nowhere. drawn: bodies are, in the recording."""
+    """See the module. control: where launches are asked for, None: nowhere. drawn: bodies are, in the recording."""
 
     def __init__(
         self, simulation: Simulation, encounters: Encounters, control: ControlPort | None, drawn: bool
     ) -> None:
         self._simulation = simulation
-        self._encounters = encounters
+        self.encounters = encounters
         self._control = control
         self._collisions = Collisions()
         self._recorder: Recorder | None = None
@@ -86,7 +86,7 @@ class River(OpenRiver):
         """The state with what is launched now that the vessel is where it is and heads for waypoint `target`."""
         if target is not None:
             north_m, east_m, _ = motion.pos_ned_m[0].tolist()
-            for each in self._encounters.due(state.time_ns, (north_m, east_m), target):
+            for each in self.encounters.due(state.time_ns, (north_m, east_m), target):
                 state = self._launched(state, each)
         if self._control is not None:
             asked: list[Launch] = []
@@ -130,7 +130,7 @@ class River(OpenRiver):
         return {
             "launched": self._told,
             "by": dict(self._by),
-            "no_room": self._encounters.no_room,
+            "no_room": self.encounters.no_room,
             "refused": self._refused,
             "control": None if self._control is None else self._control.report(),
         }
@@ -147,10 +147,12 @@ class River(OpenRiver):
         return launch(self._simulation, state, each)
 
     def _possible(self, one: Launch, motion: Kinematics) -> bool:
-        """Whether there is such a body, and no vessel where it would be."""
+        """Whether there is such a body, and water but no vessel where it would be."""
         try:
             body = body_of(one.kind, one.length_m)
         except ValueError:
+            return False
+        if not self.encounters.afloat(one.north_m, one.east_m):
             return False
         apart = np.hypot(motion.pos_ned_m[:, 0] - one.north_m, motion.pos_ned_m[:, 1] - one.east_m)
         return bool(np.all(apart > self._simulation.outline.reach_m + body.half_axis_m + body.radius_m))

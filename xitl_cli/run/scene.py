@@ -15,7 +15,7 @@ from xitl_cli.profile.schema.place import Dam
 from xitl_cli.profile.schema.vehicle import Vehicle
 from xitl_cli.recording.recorder import MAP_FRAME, VESSEL_FRAME
 from xitl_cli.run.scene_land import land_of
-from xitl_cli.run.scenery import scenery_of
+from xitl_cli.run.scenery import Scenery
 
 _ORANGE = messages.Color(r=0.95, g=0.45, b=0.1, a=1.0)
 _CONCRETE = messages.Color(r=0.6, g=0.6, b=0.6, a=1.0)
@@ -26,10 +26,9 @@ _WATER = messages.Color(r=0.35, g=0.3, b=0.2, a=0.6)
 _WATER_MARGIN_M = 100.0
 
 
-def scene_of(profile: RunProfile) -> messages.SceneUpdate:
+def scene_of(profile: RunProfile, scenery: Scenery) -> messages.SceneUpdate:
     """One update with everything that does not move against its frame."""
     entities = [_mission(profile), _vessel(profile.vehicle), _water(profile)]
-    scenery = scenery_of(profile)
     if scenery.boom is not None:
         entities.append(_log_boom(scenery.boom))
     if profile.world.dam is not None and profile.world.dam.intakes is None:

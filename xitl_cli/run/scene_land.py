@@ -15,6 +15,8 @@ from xitl_cli.run.scenery import Scenery
 
 _CELL_M = 8.0
 """Of the ground as drawn: it would be most of a short recording as it is cast."""
+MOST_DRAWN = 300_000
+"""Triangles of one mesh: more would be most of any recording, and no viewer's pleasure."""
 _DRAWN_OTHERWISE = ("bed", "ground", "log boom", "boom pile")
 _COLOURS = {
     "concrete": (0.6, 0.6, 0.6),
@@ -32,7 +34,10 @@ assert set(_COLOURS) == {material.name for material in MATERIALS}
 
 
 def land_of(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]:
-    """What stands around, without the boom; nothing where the world is a boom and a plain dam alone."""
+    """What stands around, without the boom; nothing where the world is a boom and a plain dam alone.
+
+    A mesh of more than MOST_DRAWN triangles is left out, with a warning of the scenery's.
+    """
     world, by_name = profile.world, dict[str, list[Mesh]]()
     plain = world.dam is None or world.dam.intakes is None
     if plain and world.river is None and not (world.shoals or world.buildings or world.meshes):
@@ -40,8 +45,14 @@ def land_of(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]
     if isinstance(scenery.bed, RiverBed) and world.river is not None:
         by_name["ground"] = scenery.bed.meshes(world.river.along_m, world.river.beside_m, _CELL_M)
     for part in scenery.scene.parts:
-        if part.name not in _DRAWN_OTHERWISE and not (plain and part.name == "dam"):
-            by_name.setdefault(part.name, []).append(part.mesh)
+        if part.name in _DRAWN_OTHERWISE or (plain and part.name == "dam"):
+            continue
+        if len(part.mesh.faces) > MOST_DRAWN:
+            scenery.warn(
+                f"{part.name} has {len(part.mesh.faces)} triangles and is not drawn in the recording; rays do meet it"
+            )
+            continue
+        by_name.setdefault(part.name, []).append(part.mesh)
     return [
         messages.SceneEntity(frame_id=MAP_FRAME, id=name, triangles=[_triangles(mesh) for mesh in meshes])
         for name, meshes in by_name.items()

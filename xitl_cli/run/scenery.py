@@ -76,6 +76,10 @@ class Scenery:
         """A sentence each."""
         return tuple(self._warnings)
 
+    def warn(self, text: str) -> None:
+        """Add to them what another finds wrong."""
+        self._warnings.append(text)
+
     @cached_property
     def scene(self) -> Scene:
         """Everything, in triangles. Raises UserError for a mesh that cannot be had."""

@@ -34,7 +34,7 @@ from xitl_cli.run.pace import Lockstep, Pace, Realtime
 from xitl_cli.run.perception.perception import perception_of
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.scene import scene_of
-from xitl_cli.run.scenery import scenery_of
+from xitl_cli.run.scenery import Scenery, scenery_of
 from xitl_cli.run.score import MissionScore
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.summary import Outcome, summary_of
@@ -99,9 +99,10 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
                     perception,
                     findings,
                 )
-                outcome = _fly(loop, profile, seeds)
+                outcome = _fly(loop, profile, seeds, scenery)
     directory.keep_dataflash(out)
-    summary = summary_of(ready, outcome) | results.sections(findings, scenery.boom, companion.gone_s)
+    summary = summary_of(ready, outcome) | results.sections(findings, scenery.boom, companion)
+    summary["warnings"] = list(scenery.warnings)
     results.write(findings, out)
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:
@@ -109,7 +110,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     return Result(summary, out, _exit_code(outcome))
 
 
-def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
+def _fly(loop: Loop, profile: Profile, seeds: Seeds, scenery: Scenery) -> Outcome:
     started = datetime.now(UTC).isoformat(timespec="seconds")
     ending = Ending.FAILED
     error: str | None = None
@@ -117,7 +118,9 @@ def _fly(loop: Loop, profile: Profile, seeds: Seeds) -> Outcome:
     begun_s = time.perf_counter()
     try:
         try:
-            _write_head(loop.recorder, profile, loop.profile, started)
+            _write_head(loop.recorder, profile, loop.profile, scenery, started)
+            for text in scenery.warnings:
+                loop.view.warn(text)
             loop.river.begin(loop.recorder)
             loop.perception.begin(loop.recorder)
             loop.findings.begin(loop.recorder, lambda: loop.state.time_ns)
@@ -180,7 +183,7 @@ def make_pilot(profile: RunProfile, seeds: Seeds, out: Path | None = None) -> Pi
     return IdealPilot(profile)
 
 
-def _write_head(recorder: Recorder, profile: Profile, ready: RunProfile, started: str) -> None:
+def _write_head(recorder: Recorder, profile: Profile, ready: RunProfile, scenery: Scenery, started: str) -> None:
     """What a reader needs to understand the rest: the profile, the dialect of the raw frames, the scene."""
     recorder.metadata(
         "xitl", {"version": __version__, "profile": profile.name, "seed": str(ready.clock.seed), "started_utc": started}
@@ -188,7 +191,7 @@ def _write_head(recorder: Recorder, profile: Profile, ready: RunProfile, started
     recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
     recorder.attach("xitl.xml", "application/xml", files("agent.wire").joinpath("xitl.xml").read_bytes())
     if ready.recording.scene:
-        recorder.scene(scene_of(ready))
+        recorder.scene(scene_of(ready, scenery))
 
 
 def _exit_code(outcome: Outcome) -> int:

@@ -45,10 +45,11 @@ class Glance:
 
 
 class View(Protocol):
-    """Shown now and then; `due` is asked on every exchange and must be cheap."""
+    """Shown now and then; `due` is asked on every exchange and must be cheap. What is warned of stays to be read."""
 
     def due(self) -> bool: ...
     def show(self, glance: Glance) -> None: ...
+    def warn(self, text: str) -> None: ...
     def close(self) -> None: ...
 
 
@@ -59,6 +60,9 @@ class NoView:
         return False
 
     def show(self, glance: Glance) -> None:
+        pass
+
+    def warn(self, text: str) -> None:
         pass
 
     def close(self) -> None:
@@ -95,6 +99,9 @@ class PlainView:
             soft_wrap=True,
         )
 
+    def warn(self, text: str) -> None:
+        _warn(self._console, text)
+
     def close(self) -> None:
         pass
 
@@ -118,6 +125,9 @@ class LiveView:
         self._next_s = now_s + LIVE_INTERVAL_S
         self._live.update(self._panel(glance, now_s), refresh=True)
         self._last = (now_s, glance)
+
+    def warn(self, text: str) -> None:
+        _warn(self._live.console, text)
 
     def close(self) -> None:
         self._live.stop()
@@ -168,6 +178,10 @@ def make_view(console: Console, title: str, quiet: bool) -> View:
     if quiet:
         return NoView()
     return LiveView(console, title) if console.is_terminal else PlainView(console)
+
+
+def _warn(console: Console, text: str) -> None:
+    console.print(f"warning: {text}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _state(glance: Glance) -> str:

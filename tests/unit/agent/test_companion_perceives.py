@@ -67,8 +67,8 @@ def test_clouds_become_poses_and_a_map() -> None:
     assert (poses[0].frame_id, poses[0].child_frame_id) == (20, 12)
     mapped = [cloud for message in of("XITL_CLOUD", companion.said) for cloud in Clouds().take(message)]
     assert {cloud.kind for cloud in mapped} <= {mav.XITL_CLOUD_KIND_LIDAR_MAP}
-    # A point each 10 cm cell: of 20 000 points some fall into one that is taken.
-    assert 5_000 < status.map_points <= 20_000
+    # 18 000 points fall on 26 600 cells of the side walls; Poisson says that 15 % of these are seen twice.
+    assert 1_000 < status.map_points < 0.15 * 26_600 + 1_000
 
 
 def test_each_tick_is_answered_with_itself() -> None:

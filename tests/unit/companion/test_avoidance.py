@@ -37,8 +37,7 @@ def encounter(seed: int, kind: BodyKind) -> River:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", list(BodyKind))
-@pytest.mark.parametrize("seed", [1001, 1002])
+@pytest.mark.parametrize(("seed", "kind"), list(enumerate(BodyKind, 1001)))
 def test_nothing_adrift_is_run_into(seed: int, kind: BodyKind) -> None:
     trial = Trial(encounter(seed, kind)).run(90.0)
     assert trial.mode == HOLD, "the mission is not over"
@@ -53,7 +52,7 @@ def test_nothing_adrift_is_run_into(seed: int, kind: BodyKind) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "height_m", "period_s"),
-    [(1101, 0.3, 2.5), (1102, 0.25, 3.5), (1103, 0.15, 2.0), (1104, 0.3, 2.5), (1105, 0.3, 3.0)],
+    [(1101, 0.3, 2.5), (1102, 0.25, 3.5)],
 )
 def test_waves_alone_are_no_obstacles(seed: int, height_m: float, period_s: float) -> None:
     river = River(
@@ -107,7 +106,7 @@ def test_what_passes_clear_is_let_pass(seed: int, off_m: float, kind: BodyKind) 
 @pytest.mark.slow
 def test_without_a_way_it_stops_and_waits() -> None:
     wall = moved(box((2.0, 400.0, 4.0), CONCRETE), (60.0, 0.0, 0.0))
-    trial = Trial(River([(LEG_M, 0.0)], scene=Scene((Part("wall", wall),)), seed=1401)).run(90.0)
+    trial = Trial(River([(LEG_M, 0.0)], scene=Scene((Part("wall", wall),)), seed=1401)).run(45.0)
     assert trial.watch.stops >= 1
     assert trial.watch.manoeuvre == mav.XITL_MANOEUVRE_STOP
     assert trial.mode == GUIDED

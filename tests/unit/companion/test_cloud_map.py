@@ -11,6 +11,7 @@ def test_a_cell_keeps_the_first_point_of_each_source() -> None:
     cloud_map = CloudMap(cell_m=1.0, far_m=50.0)
     points = np.array([[1.2, 0.5, 0.5], [1.7, 0.5, 0.5], [-0.5, 0.5, 0.5], [60.0, 0, 0]], np.float32)
     intensity = np.array([1, 2, 3, 4], np.uint8)
+    assert len(cloud_map.add(np.eye(4), points, intensity).intensity) == len(cloud_map) == 0  # seen once
     added = cloud_map.add(np.eye(4), points, intensity)
     assert sorted(added.intensity.tolist()) == [1, 3]
     assert len(cloud_map.add(np.eye(4), points, intensity).points_odom_m) == 0
@@ -21,16 +22,25 @@ def test_a_cell_keeps_the_first_point_of_each_source() -> None:
 
 def test_points_go_where_the_pose_says() -> None:
     pose = np.array([[0.0, -1, 0, 10], [1, 0, 0, 20], [0, 0, 1, 30], [0, 0, 0, 1]])
-    added = CloudMap().add(pose, np.array([[1.0, 2.0, 3.0]], np.float32), np.zeros(1, np.uint8))
+    added = CloudMap().add(pose, np.array([[1.0, 2.0, 3.0]], np.float32), np.zeros(1, np.uint8), SONAR)
     np.testing.assert_allclose(added.points_odom_m, [[8.0, 21.0, 33.0]], atol=1e-6)
 
 
 def test_what_is_no_place_is_refused_and_counted() -> None:
     cloud_map = CloudMap(cell_m=0.1)
     points = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [1, 1, 1]], np.float32)
-    assert len(cloud_map.add(np.eye(4), points, np.zeros(3, np.uint8)).points_odom_m) == 1
+    assert len(cloud_map.add(np.eye(4), points, np.zeros(3, np.uint8), SONAR).points_odom_m) == 1
     assert cloud_map.refused == 2
     away = np.eye(4)
     away[0, 3] = 1e6
-    assert len(cloud_map.add(away, points[2:], np.zeros(1, np.uint8)).points_odom_m) == 0
+    assert len(cloud_map.add(away, points[2:], np.zeros(1, np.uint8), SONAR).points_odom_m) == 0
     assert cloud_map.refused == 3
+
+
+def test_a_cell_that_two_clouds_saw_has_the_middle_of_their_points() -> None:
+    cloud_map = CloudMap(cell_m=1.0)
+    none = np.zeros(1, np.uint8)
+    assert len(cloud_map.add(np.eye(4), np.array([[2.2, 3.4, 0.0]], np.float32), none).points_odom_m) == 0
+    added = cloud_map.add(np.eye(4), np.array([[2.6, 3.0, 0.5]], np.float32), none)
+    np.testing.assert_allclose(added.points_odom_m, [[2.4, 3.2, 0.25]], atol=1e-6)
+    assert len(cloud_map.add(np.eye(4), np.array([[2.5, 3.5, 0.5]], np.float32), none).points_odom_m) == 0

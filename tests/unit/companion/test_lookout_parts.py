@@ -81,6 +81,27 @@ def test_a_track_out_of_view_is_carried_on_and_in_view_is_lost() -> None:
     assert not tracks.confirmed
 
 
+def test_time_out_of_view_does_not_count_as_looked_for_in_vain() -> None:
+    """Turned away for 4 s and back for less than a second: it would have been forgotten after 5 s of looking."""
+    tracks = Tracks()
+    drifted(tracks, 4.0, (0.0, 0.0), 0.05)
+    for tick in range(21, 46):
+        away = math.pi / 2 if tick < 41 else 0.0
+        tracks.update(tick * 200_000_000, [], HERE, away, 8.0, np.zeros(2))
+    assert tracks.confirmed
+
+
+def test_crests_among_water_are_no_thing_and_what_stays_is() -> None:
+    """Seen at every third look, or at every one, 15 m off where water returns up to 12 m."""
+    for every, counts in ((3, False), (1, True)):
+        tracks = Tracks()
+        for tick in range(0, 120):
+            stamp_ns = tick * 200_000_000
+            found = [thing(stamp_ns, (15.0, 0.0), 1.0)] if tick % every == 0 else []
+            tracks.update(stamp_ns, found, HERE, 0.0, 12.0, np.zeros(2))
+        assert bool(tracks.confirmed) is counts
+
+
 def test_what_is_long_is_structure_and_remembered_behind() -> None:
     tracks = Tracks()
     wall = np.column_stack([np.full(60, 30.0), np.linspace(-15.0, 15.0, 60)])
@@ -110,6 +131,15 @@ def test_crests_close_by_take_longer_to_be_structure() -> None:
         structure = Structure()
         for look_number in range(12):
             structure.see(look_number * 200_000_000, cell, HERE, reach_m)
+        assert bool(len(structure.points_ne_m)) is counts
+
+
+def test_among_water_what_stands_is_hit_at_every_look() -> None:
+    cell = np.array([[10.0, 0.0]])
+    for every, counts in ((1, True), (2, False)):
+        structure = Structure()
+        for look_number in range(0, 200, every):
+            structure.see(look_number * 200_000_000, cell, HERE, 20.0)
         assert bool(len(structure.points_ne_m)) is counts
 
 
@@ -186,6 +216,21 @@ def test_water_close_by_is_learnt_and_a_low_trunk_beyond_it_is_seen() -> None:
     assert 10.0 < sighting.water_reach_m < 20.5
     (found,) = clusters(sighting.frames, HERE, 0.0)
     np.testing.assert_allclose(found.middle_ne_m, (30.0, 0.0), atol=0.3)
+
+
+def test_a_wall_across_the_view_is_no_water_at_once() -> None:
+    """Low all over the view, 12 to 25 m off for 3 s, as a boom is to a vessel that turns: water reaches no farther."""
+    history, sighting, rng = PoseHistory(), Sighting(60.0, 0.15), np.random.default_rng(5)
+    still(history)
+    reach = []
+    for tick in range(330):
+        still(history, range(tick + 1, tick + 3))
+        far_m = 25.0 if tick >= 300 else 10.0
+        range_m, bearing = rng.uniform(2.6, far_m, 1200), rng.uniform(-0.6, 0.6, 1200)
+        low = np.column_stack([range_m * np.cos(bearing), range_m * np.sin(bearing), np.full(1200, 0.15)])
+        assert look(sighting, history, tick, low)
+        reach.append(sighting.water_reach_m)
+    assert reach[-1] < reach[299] + 2.0
 
 
 def test_a_cloud_with_what_is_no_number_is_used_and_counted() -> None:

@@ -121,6 +121,22 @@ def test_the_water_is_told_from_a_wall_beside_it() -> None:
     flat = rng.uniform([2, -4, 0], [8, 4, 0], (500, 3))
     flat[:, 2] = 0.3 + 0.03 * flat[:, 0] - 0.02 * flat[:, 1] + rng.normal(0, 0.04, 500)
     wall = np.column_stack([rng.uniform(3, 15, 300), np.full(300, 6.0), rng.uniform(-3, 0.0, 300)])
-    wet = WaterPlane().of(np.concatenate([flat, wall]).astype(np.float32))
+    points = np.concatenate([flat, wall]).astype(np.float32)
+    wet = WaterPlane().of(points, np.zeros(len(points), dtype=np.float32))
     assert wet[:500].mean() > 0.99
     assert wet[500:].mean() < 0.1
+
+
+def test_the_water_of_one_cloud_says_how_the_body_rolls() -> None:
+    """Level water 0.5 m below, seen while the body rolls at 0.4 rad/s, pitches at -0.2 and goes down at 0.1 m/s."""
+    rng = np.random.default_rng(2)
+    count = 2000
+    forward, right = rng.uniform(2.0, 8.0, count), rng.uniform(-4.0, 4.0, count)
+    lag = rng.uniform(-0.1, 0.0, count)
+    # down in the body, to the first order of angles: those of the sum are below 1e-3
+    down = 0.5 - 0.1 * lag - 0.4 * lag * right - 0.2 * lag * forward
+    plane = WaterPlane()
+    assert plane.of(np.column_stack([forward, right, down]).astype(np.float32), lag.astype(np.float32)).all()
+    assert plane.level is not None
+    np.testing.assert_allclose(plane.level.turn_frd_radps, [0.4, -0.2, 0.0], atol=2e-3)
+    assert plane.level.down_m == pytest.approx(0.5, abs=1e-3)

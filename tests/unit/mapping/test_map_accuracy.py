@@ -100,3 +100,19 @@ def test_two_odometries_are_compared_at_common_instants() -> None:
     other = Trajectory(one.stamp_ns[10:], one.pos_m[10:] + np.array([0.03, 0.0, 0.04]), one.quat_wxyz[10:])
     assert apart(one, other) == {"poses": 90, "rms_m": 0.05, "max_m": 0.05}
     assert umeyama(one.pos_m, one.pos_m) is not None
+
+
+def test_a_map_along_a_straight_way_is_laid_by_its_poses_as_frames() -> None:
+    """Places on a line but for millimetres say nothing of a roll about it; the attitudes do."""
+    rng = np.random.default_rng(9)
+    count = 300
+    track = np.column_stack([np.linspace(-20, 80, count), np.full(count, -9.0), np.zeros(count)])
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    stamps = np.arange(count, dtype=np.int64) * 100_000_000
+    noisy = track + rng.normal(0.0, 0.002, (count, 3))
+    north, turn = rng.uniform(0.5, 59.5, 2000), rng.uniform(np.pi, 2 * np.pi, 2000)
+    points = np.column_stack([north, 0.5 * np.cos(turn), 0.5 * np.sin(turn)])
+    points = points[np.abs(north % 6.0 - 3.0) < 2.5]
+    truth, odometry = Trajectory(stamps, track, still), Trajectory(stamps, noisy, still)
+    found = perception_sections(truth, odometry, points.astype(np.float32), line())
+    assert found.mapping["boom_rms_m"] == pytest.approx(0.0, abs=2e-3)

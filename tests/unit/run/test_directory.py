@@ -71,3 +71,12 @@ def test_no_room_for_the_profile_is_said(tmp_path: Path) -> None:
     (tmp_path / directory.PROFILE).symlink_to("/dev/full")
     with pytest.raises(UserError, match=r"no room for a run \(No space left on device\); free space"):
         directory.write_profile(tmp_path, "name: sitl\n")
+
+
+def test_what_a_companion_found_goes_with_the_run_that_it_was_of(tmp_path: Path) -> None:
+    for name in (directory.MAP, directory.TRAJECTORY, directory.TRUTH):
+        (tmp_path / name).write_bytes(b"old")
+    with pytest.raises(UserError, match=r"already holds a run \(map.ply, trajectory.tum, truth.tum\)"):
+        directory.create(tmp_path, overwrite=False)
+    directory.create(tmp_path, overwrite=True)
+    assert list(tmp_path.iterdir()) == []

@@ -13,6 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.problems import ProfileError
+from xitl_cli.run.launches import River, river_of
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.session import run
 from xitl_cli.run.view import NoView
@@ -109,3 +110,22 @@ def test_what_stands_in_the_river_of_the_profile_is_felt() -> None:
 def test_bad_debris_is_refused(value: str, problem: str) -> None:
     with pytest.raises(ProfileError, match=problem):
         load_profile("sitl", [value]).runnable()
+
+
+def test_nothing_is_put_on_land_by_hand() -> None:
+    profile = load_profile("sitl-perception").runnable()
+    simulation, _ = build(profile, Seeds(1))
+    river = river_of(profile, Seeds(1), simulation)
+    assert isinstance(river, River)
+    assert river.encounters.afloat(*profile.mission.waypoints_ned_m[0])
+    boom = profile.world.log_boom
+    assert boom is not None
+    assert boom.anchors_ne_m is not None
+    assert not river.encounters.afloat(*boom.anchors_ne_m[1])  # in a pile
+    bed = simulation.waterway.bed
+    assert bed is not None
+    # Far enough across the channel is a bank that is above the water: both sides of a line through the origin find one.
+    across = [np.array([[step * 40.0, -step * 40.0]]) for step in range(-10, 11)]
+    dry = [place for place in across if bed.bed_down_m(place)[0] < 0.0]
+    assert dry
+    assert not any(river.encounters.afloat(*place[0]) for place in dry)

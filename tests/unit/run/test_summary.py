@@ -14,6 +14,7 @@ from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.recording.records import PaceReport, Task
 from xitl_cli.run.autopilot.report import AutopilotReport
+from xitl_cli.run.companion.results import NOTHING
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
 from xitl_cli.run.pilot import (
@@ -102,7 +103,7 @@ def eventful() -> Outcome:
 def shown(tmp_path: Path, made: Outcome) -> str:
     profile = load_profile("hitl-beaglebone")
     console = Console(width=80, record=True, file=io.StringIO(), color_system=None)
-    show_result(console, profile, Result(summary_of(profile.runnable(), made), tmp_path, 0))
+    show_result(console, profile, Result(summary_of(profile.runnable(), made) | NOTHING, tmp_path, 0))
     return console.export_text()
 
 

@@ -33,3 +33,14 @@ def test_without_faults_there_is_nothing_about_them() -> None:
     console = Console(width=200, file=io.StringIO())
     PlainView(console).show(glance())
     assert "fault" not in console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_a_warning_stays_to_be_read_in_one_line() -> None:
+    for view_of in (PlainView, lambda console: LiveView(console, "sitl")):
+        stream = io.StringIO()
+        view = view_of(Console(file=stream, width=40))
+        view.warn("the mesh [huge] is 4000 m across; if it is in millimetres, give it scale: 0.001")
+        view.close()
+        assert "warning: the mesh [huge] is 4000 m across; if it is in millimetres, give it scale: 0.001\n" in (
+            stream.getvalue()
+        )

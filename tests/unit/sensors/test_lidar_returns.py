@@ -65,6 +65,13 @@ def test_nothing_from_beyond_the_longest_range_and_from_the_blind_zone() -> None
     assert share(Lidar(min_range_m=0.5), 0.6, WALL) == 1.0
 
 
+def test_noise_brings_nothing_into_the_blind_zone() -> None:
+    """Of what is at its edge, half is measured nearer than the device knows."""
+    scan = looked(Lidar(), SquareOn(0.05, WALL))
+    assert np.linalg.norm(scan.points_frd_m, axis=1).min() >= 0.05 - 1e-6
+    assert scan.fates.returned == pytest.approx(0.5 * scan.fates.fired, rel=0.05)  # 5 deviations of 10 000 draws
+
+
 def test_intensity_is_reflectivity_in_the_makers_scale() -> None:
     """150 for a diffuse target of 100 %, whatever the range; the flicker of 10 % averages out to 0.5 % of itself."""
     for range_m in (5.0, 50.0):

@@ -142,6 +142,23 @@ def test_a_body_behind_what_stands_is_not_seen(caster: RayCaster) -> None:
     assert hits.range_m[0] == pytest.approx(9.5, abs=1e-4)
 
 
+def test_what_is_no_direction_meets_nothing(caster: RayCaster) -> None:
+    """From inside the sphere, where every direction meets something; the last one is a direction."""
+    none = [[0.0, 0.0, 0.0], [math.nan, 0.0, 1.0], [0.0, 0.0, math.inf], [0.0, 1.0, 0.0]]
+    hits = caster.cast(np.full((4, 3), [0.0, 10.0, 0.0], np.float32), np.array(none, np.float32))
+    assert np.isinf(hits.range_m[:3]).all()
+    assert (hits.material[:3] == -1).all()
+    assert hits.range_m[3] == pytest.approx(2.0, abs=2.0 * FLATNESS + SINGLE_M)
+
+
+def test_rays_in_the_plane_miss_it_and_those_that_graze_it_meet_it(caster: RayCaster) -> None:
+    slope = 12.0 / 150.0
+    along = np.array([math.cos(slope), 0.0, math.sin(slope)])
+    hits = caster.cast(*rays([[0.0, 50.0, 0.0]] * 2, [[1.0, 0.0, 0.0], along]))
+    assert np.isinf(hits.range_m[0])
+    assert hits.range_m[1] == pytest.approx(12.0 / math.sin(slope), abs=1e-4)
+
+
 @pytest.mark.parametrize("backend", ["embree", "numpy"])
 def test_nothing_is_met_in_an_empty_scene_and_by_no_rays(backend: Backend) -> None:
     empty = caster_of(Scene(), backend)

@@ -13,6 +13,7 @@ import trimesh
 
 from sim_core.world.boom import LogBoom
 from sim_core.world.materials import MATERIALS
+from sim_core.world.mesh_import import FORMATS
 from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.rays import RayCaster
 from tests.river import fan, river_profile, river_scenery
@@ -20,7 +21,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.problems import ProfileError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.place import World
+from xitl_cli.profile.schema.place import MESH_FORMATS, World
+from xitl_cli.run import scene_land
 from xitl_cli.run import scenery as scenery_module
 from xitl_cli.run.further_channels import walls_of
 from xitl_cli.run.scene import scene_of
@@ -105,7 +107,8 @@ def test_walls_of_a_catenary_lie_along_its_floats() -> None:
 
 def test_the_river_is_drawn() -> None:
     """As much as a recording can bear, and the world of before as it was."""
-    small, large = len(scene_of(load_profile("sitl").runnable()).encode()), len(scene_of(river_profile()).encode())
+    profiles = load_profile("sitl").runnable(), river_profile()
+    small, large = (len(scene_of(profile, scenery_of(profile)).encode()) for profile in profiles)
     assert small < 10_000
     assert 500_000 < large < 4_000_000
 
@@ -129,6 +132,8 @@ def test_a_mesh_by_file_stands_in_the_scene_and_is_warned_of(tmp_path: Path) -> 
 
 
 def test_a_meshs_path_is_meant_from_its_profile(tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "quay.stl").touch()
     (tmp_path / "quay.yaml").write_text("world: {meshes: [{file: meshes/quay.stl}]}\n")
     world = load_profile(str(tmp_path / "quay.yaml")).world
     assert world is not None
@@ -194,3 +199,33 @@ def test_intakes_and_piles_stand_where_the_profile_says() -> None:
         origin = np.array([[*place, 4.5]], dtype=np.float32)
         ranges.append(float(caster.cast(origin, np.array([[*-upstream, 0.0]], dtype=np.float32)).range_m[0]))
     np.testing.assert_allclose(ranges, [6.0, 14.0], atol=1e-3)
+
+
+def test_a_mesh_too_large_to_be_drawn_is_met_by_rays_and_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "pier.stl"
+    trimesh.creation.box((4.0, 4.0, 6.0)).export(path)
+    profile = run_in(meshes=[{"file": str(path), "position_ned_m": (30.0, 0.0, 0.0)}])
+    assert b"pier.stl" in scene_of(profile, scenery_of(profile)).encode()
+    monkeypatch.setattr(scene_land, "MOST_DRAWN", 11)
+    scenery = scenery_of(profile)
+    assert b"pier.stl" not in scene_of(profile, scenery).encode()
+    assert scenery.warnings == ("pier.stl has 12 triangles and is not drawn in the recording; rays do meet it",)
+    hits = scenery.caster().cast(np.zeros((1, 3), dtype=np.float32), np.array([[1.0, 0, 0]], dtype=np.float32))
+    assert hits.range_m[0] == pytest.approx(28.0)
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [("gone.stl", r"gone\.stl does not exist; check the path"), ("a.step", "not of a known format; use one of stl, d")],
+)
+def test_a_mesh_that_cannot_be_had_is_found_by_the_check(file: str, said: str, tmp_path: Path) -> None:
+    profile = tmp_path / "quay.yaml"
+    profile.write_text(f"extends: sitl\nworld: {{meshes: [{{file: {file}}}]}}\n")
+    with pytest.raises(ProfileError, match=rf"quay\.yaml:2: world\.meshes\.0\.file.*{said}"):
+        load_profile(str(profile))
+
+
+def test_the_check_knows_the_formats_that_are_read() -> None:
+    assert MESH_FORMATS == FORMATS

@@ -1,13 +1,15 @@
-"""A world that can be built: a log boom with one line, mouths that fit into their dam, a river with two banks."""
+"""A world that can be built: a log boom with one line, mouths that fit into their dam, two banks, meshes that exist."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
 
 from xitl_cli.profile.entry import KeyPath
+from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.place import Dam, LogBoom, River
+from xitl_cli.profile.schema.place import MESH_FORMATS, Dam, LogBoom, MeshFile, River
 
 _BANK_M = 4.0
 
@@ -22,6 +24,8 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         yield from _dam(profile.world.dam)
     if profile.world.river is not None:
         yield from _river(profile.world.river)
+    for number, mesh in enumerate(profile.world.meshes):
+        yield from _mesh(number, mesh)
 
 
 def _boom(boom: LogBoom) -> Iterator[tuple[KeyPath, str]]:
@@ -75,6 +79,21 @@ def _river(river: River) -> Iterator[tuple[KeyPath, str]]:
             ("world", "river", "beside_m"),
             f"world.river.beside_m = {river.beside_m:g} leaves no room for trees; use more than {_BANK_M:g}",
         )
+
+
+def _mesh(number: int, mesh: MeshFile) -> Iterator[tuple[KeyPath, str]]:
+    path, key = ("world", "meshes", number, "file"), f"world.meshes.{number}.file"
+    if not mesh.file.lower().endswith(tuple(f".{kind}" for kind in MESH_FORMATS)):
+        yield path, f"{key} = {shown(mesh.file)} is not of a known format; use one of {', '.join(MESH_FORMATS)}"
+    elif not _is_file(mesh.file):
+        yield path, f"{key}: {mesh.file} does not exist; check the path"
+
+
+def _is_file(path: str) -> bool:
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _numbers(values: tuple[float, ...]) -> str:

@@ -15,6 +15,8 @@ MaterialName = Literal[
     "concrete", "steel", "plastic", "wood", "leaves", "hide", "earth", "rock", "wall", "bed"
 ]  # fmt: skip
 
+MESH_FORMATS = ("stl", "dae", "obj", "ply", "gltf", "glb")
+
 
 class Site(Group):
     """The local origin on the Earth; without a `magnetic_field_ned_gauss` the world magnetic model gives it."""

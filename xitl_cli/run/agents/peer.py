@@ -171,6 +171,7 @@ class Board:
 
     def __init__(self, url: str, options: AgentOptions) -> None:
         self._url = url
+        self._what, self._role = ("companion", f"--role {COMPANION} ") if options.companion else ("agent", "")
         try:
             self.transport = open_transport(url, listen=False)
         except TransportError as error:
@@ -183,14 +184,17 @@ class Board:
         pass
 
     def unreachable(self, waited_s: float) -> UserError:
-        return UserError(f"{self._url}: no agent answered within {waited_s:.0f} s; check that {_advice(self._url)}")
+        return UserError(
+            f"{self._url}: no {self._what} answered within {waited_s:.0f} s; "
+            f"check that {_advice(self._url, self._role)}"
+        )
 
     def close(self) -> None:
         self.transport.close()
 
 
-def _advice(url: str) -> str:
-    """What to look at when nobody answers at the other end."""
+def _advice(url: str, role: str = "") -> str:
+    """What to look at when nobody answers at the other end. `role`: the option that it is started with, if any."""
     scheme, _, rest = url.partition("://")
     if scheme == "serial":
         return (
@@ -206,8 +210,8 @@ def _advice(url: str) -> str:
     there = f"{host}:{port}" if _is_address(host) else f"usb0:{port}"
     return (
         f"{host} answers a ping (cable, power, address of this machine's USB-Ethernet interface), and that the board "
-        f"runs `xitl agent --link {scheme}://{there}`, serves no other host and has the same link key as this one, or "
-        "none like it"
+        f"runs `xitl agent {role}--link {scheme}://{there}`, serves no other host and has the same link key as this "
+        "one, or none like it"
     )
 
 

@@ -14,6 +14,8 @@ from xitl_cli.run.agents.inbox import AgentInbox
 from xitl_cli.run.companion.routing import KEPT_ELSEWHERE
 
 LINK = "companion"
+WARNING = 4  # MAV_SEVERITY
+MOST_WARNINGS = 8
 _TICK = dialect.MAVLINK_MSG_ID_XITL_TICK
 
 
@@ -30,12 +32,14 @@ class CompanionInbox(AgentInbox):
     """As of an agent. Any word is a sign of life, and it answers a tick with the tick.
 
     While `holds`, what comes waits until `release`, with the answer that it came ahead of: when it came on the wall
-    clock then makes no difference. answered_tick: the latest answer that has come.
+    clock then makes no difference. answered_tick: the latest answer that has come. warnings: the first few sentences
+    that it, or the run about it, said of what went wrong, each once.
     """
 
     def __init__(self, frame: LocalFrame, lockstep: bool) -> None:
         super().__init__(LINK, frame, 0, lockstep, _pass_over)
         self.holds = False
+        self.warnings: list[str] = []
         self._handlers[_TICK] = lambda message: None
         self._frames: deque[_Said] = deque([_Said()])
         self._messages: deque[_Said] = deque([_Said()])
@@ -53,6 +57,11 @@ class CompanionInbox(AgentInbox):
                 self._messages[-1].tick = message.tick
                 self._messages.append(_Said())
                 self.answered_tick = max(self.answered_tick, message.tick)
+
+    def say(self, severity: int, source: str, text: str) -> None:
+        if severity <= WARNING and text not in self.warnings and len(self.warnings) < MOST_WARNINGS:
+            self.warnings.append(text)
+        super().say(severity, source, text)
 
     def tap(self, direction: str, frame: bytes) -> None:
         if direction == "tx" or not self.holds:

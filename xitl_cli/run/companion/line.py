@@ -72,6 +72,11 @@ class CompanionLine:
         """To it, while it is there; `prepare` made it."""
         return [] if self.gone is not None else [self._agent.link]
 
+    @property
+    def warnings(self) -> list[str]:
+        """What went wrong with it, a sentence each."""
+        return self.inbox.warnings
+
     # Before the run
 
     def prepare(self) -> None:
@@ -222,6 +227,7 @@ class NoCompanion:
     """Nobody there."""
 
     gone_s: float | None = None
+    warnings: Sequence[str] = ()
 
     def prepare(self) -> None:
         pass

@@ -11,17 +11,15 @@ from sim_core.world.boom import LogBoom
 from xitl_cli.mapping.accuracy import perception_sections
 from xitl_cli.mapping.files import points_of, write_map, write_tum
 from xitl_cli.recording.perception import SOURCES
+from xitl_cli.run import directory
 from xitl_cli.run.companion.findings import Findings, NoFindings
+from xitl_cli.run.companion.line import CompanionLine, NoCompanion
 
-MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"
 NOTHING: dict[str, Any] = {"odometry": None, "mapping": None, "obstacles": None, "companion": None}
 
 
-def sections(findings: NoFindings, boom: LogBoom | None, gone_s: float | None) -> dict[str, Any]:
-    """`odometry`, `mapping`, `obstacles` and `companion` of summary.json, null without a companion.
-
-    gone_s: when it was given up, None for never.
-    """
+def sections(findings: NoFindings, boom: LogBoom | None, companion: NoCompanion | CompanionLine) -> dict[str, Any]:
+    """`odometry`, `mapping`, `obstacles` and `companion` of summary.json, null without a companion."""
     if not isinstance(findings, Findings):
         return NOTHING
     points, _ = findings.map_points("lidar")
@@ -31,11 +29,11 @@ def sections(findings: NoFindings, boom: LogBoom | None, gone_s: float | None) -
         "odometry": accuracy.odometry,
         "mapping": {**accuracy.mapping, **of_sonar},
         "obstacles": findings.score.report(),
-        "companion": {"gone_s": gone_s, **findings.companion()},
+        "companion": {"gone_s": companion.gone_s, "warnings": list(companion.warnings), **findings.companion()},
     }
 
 
-def write(findings: NoFindings, directory: Path) -> None:
+def write(findings: NoFindings, folder: Path) -> None:
     """Map and trajectory, where there is one, and the truth with it. Raises UserError when they cannot be written."""
     if not isinstance(findings, Findings):
         return
@@ -48,6 +46,6 @@ def write(findings: NoFindings, directory: Path) -> None:
         np.concatenate([intensity for _, intensity in parts]),
         np.concatenate([np.full(len(points), number, np.uint8) for number, (points, _) in enumerate(parts)]),
     )
-    write_map(directory / MAP, packed, "ply")
-    write_tum(directory / TRAJECTORY, odometry)
-    write_tum(directory / TRUTH, findings.truth())
+    write_map(folder / directory.MAP, packed, "ply")
+    write_tum(folder / directory.TRAJECTORY, odometry)
+    write_tum(folder / directory.TRUTH, findings.truth())

@@ -57,15 +57,17 @@ class NoPerception:
 
 
 class Perception(NoPerception):
-    """Instruments by name, and where their messages go. warnings: what of the world looks wrong to them."""
+    """Instruments by name, and where their messages go. warnings: what of the world looks wrong when the run begins."""
 
-    def __init__(self, instruments: dict[str, Instrument], send: Send, warnings: Sequence[str] = ()) -> None:
+    def __init__(
+        self, instruments: dict[str, Instrument], send: Send, warnings: Callable[[], Sequence[str]] = tuple
+    ) -> None:
         self._instruments = instruments
         self._send = send
         self._warnings = warnings
 
     def begin(self, recorder: Recorder) -> None:
-        for text in self._warnings:
+        for text in self._warnings():
             recorder.say(0, WARNING, SOURCE, text)
         for name, instrument in self._instruments.items():
             if instrument.address is not None:
@@ -96,4 +98,4 @@ def perception_of(
         instruments["lidar"] = lidar_of(profile, seeds, scenery, simulation)
     if sensors is not None and sensors.sonar is not None:
         instruments["sonar"] = sonar_of(profile, seeds, scenery, simulation)
-    return Perception(instruments, send, scenery.warnings) if instruments else NoPerception()
+    return Perception(instruments, send, lambda: scenery.warnings) if instruments else NoPerception()

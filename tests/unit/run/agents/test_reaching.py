@@ -34,6 +34,14 @@ def test_an_agent_is_to_wait_at_the_address_of_the_link_alone(url: str, there: s
     assert "link key" in said
 
 
+def test_a_companion_is_to_be_started_as_one() -> None:
+    board = Board("udp://127.0.0.1:14661", AgentOptions(companion=True))
+    said = str(board.unreachable(6.0))
+    board.close()
+    assert said.startswith("udp://127.0.0.1:14661: no companion answered within 6 s; check that ")
+    assert "`xitl agent --role companion --link udp://127.0.0.1:14661`" in said
+
+
 class Foreign(InProcess):
     """An agent whose every frame has another checksum, as that of a message with other fields has."""
 

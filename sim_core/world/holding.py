@@ -1,0 +1,105 @@
+"""What holds bodies at the places where they touch what stands: impulses of one step, found together.
+
+Bodies weigh from grams to tonnes and move in long steps, so spring and damper are taken implicitly: the force is that
+at the end of the step, F = k (x + x' dt) + c x', which no mass and no step makes unstable. Places of one body depend on
+each other and are gone through again and again, each with what the others do by then: projected Gauss-Seidel with
+soft constraints (Catto 2011, "Soft Constraints"; Coulomb friction as in Catto 2005, "Iterative Dynamics").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.world.capsules import Numbers
+from sim_core.world.contact import FRICTION, STIFFNESS_NPM
+from sim_core.world.drifting import DebrisState, Push, pushed_at
+
+Array = NDArray[float64]
+
+RELEASE_S = 0.2  # in which what is pressed in comes out again, c / k: nothing bounces off a boom
+SWING_RADPS = 20.0  # the spring is as stiff for great trunks that they swing so fast: else 3 t at 5 m/s go through
+_SWEEPS = 4  # two ends of a body come to 1 % of each other in three
+
+
+def holding(
+    debris: DebrisState, body: Numbers, place_ne_m: Array, normal_ne: Array, depth_m: Array, dt_s: float
+) -> Push:
+    """Of K touches: body (K,), place and unit normal away from what stands (K, 2), depth_m (K,).
+
+    debris: with the velocities that the bodies would end the step with, were they not held.
+    """
+    turns = [
+        _Places.of(debris, body[rows], place_ne_m[rows], normal_ne[rows], depth_m[rows] / (RELEASE_S + dt_s), rows)
+        for rows in _turns(body)
+    ]
+    yielding_s = dt_s * (RELEASE_S + dt_s)
+    velocity = np.column_stack([debris.vel_ned_mps[:, :2], debris.yaw_rate_radps])
+    press, rub = np.zeros((2, len(body)))
+    for _ in range(_SWEEPS):
+        for here in turns:
+            softness = np.minimum(1.0 / STIFFNESS_NPM, here.yields_across / SWING_RADPS**2) / yielding_s
+            moving, pressed, rubbed = velocity[here.body], press[here.rows], rub[here.rows]
+            missing = here.release_mps - np.vecdot(moving, here.across) - softness * pressed
+            presses = np.maximum(pressed + missing / (here.yields_across + softness), 0.0)
+            moving += (presses - pressed)[:, None] * here.pushed_across
+            most = FRICTION * presses
+            rubs = np.minimum(np.maximum(rubbed - np.vecdot(moving, here.along) / here.yields_along, -most), most)
+            velocity[here.body] = moving + (rubs - rubbed)[:, None] * here.pushed_along
+            press[here.rows], rub[here.rows] = presses, rubs
+    impulse = press[:, None] * normal_ne + rub[:, None] * _turned(normal_ne)
+    return pushed_at(debris, body, place_ne_m, impulse / dt_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Places:
+    """K places on bodies (K,) that are all different; rows: their numbers among all.
+
+    across, along (K, 3): times what the body does, north, east and turning, the speed of its matter there, along the
+    normal and at right angles to it. pushed_across, pushed_along (K, 3): what a unit impulse that way changes of it;
+    yields_across, yields_along (K,): and of that speed. release_mps (K,): at which it is to come out.
+    """
+
+    rows: Numbers
+    body: Numbers
+    release_mps: Array
+    across: Array
+    along: Array
+    pushed_across: Array
+    pushed_along: Array
+    yields_across: Array
+    yields_along: Array
+
+    @classmethod
+    def of(
+        cls, debris: DebrisState, body: Numbers, place_ne_m: Array, normal_ne: Array, release_mps: Array, rows: Numbers
+    ) -> _Places:
+        across, pushed_across = _rows(debris, body, place_ne_m, normal_ne)
+        along, pushed_along = _rows(debris, body, place_ne_m, _turned(normal_ne))
+        yields = np.vecdot(across, pushed_across), np.vecdot(along, pushed_along)
+        return cls(rows, body, release_mps, across, along, pushed_across, pushed_along, *yields)
+
+
+def _rows(debris: DebrisState, body: Numbers, place_ne_m: Array, way: Array) -> tuple[Array, Array]:
+    figures, yaw = debris.figures, debris.yaw_rad[body]
+    ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    shares = np.column_stack([np.vecdot(way, ahead), np.vecdot(way, _turned(ahead))]) / figures.masses_kg[body]
+    lever = place_ne_m - debris.pos_ned_m[body, :2]
+    arm = lever[:, 0] * way[:, 1] - lever[:, 1] * way[:, 0]
+    shifted = shares[:, :1] * ahead + shares[:, 1:] * _turned(ahead)
+    return np.column_stack([way, arm]), np.column_stack([shifted, arm / figures.inertia_kgm2[body]])
+
+
+def _turned(way: Array) -> Array:
+    """A quarter turn on, from north to east."""
+    return np.column_stack([-way[:, 1], way[:, 0]])
+
+
+def _turns(body: Numbers) -> list[Numbers]:
+    """The places in groups that have no body twice: first the first of each body, and so on."""
+    order = np.argsort(body, kind="stable")
+    rank = np.arange(len(body)) - np.searchsorted(body[order], body[order])
+    return [order[rank == turn] for turn in range(int(rank.max()) + 1)]
