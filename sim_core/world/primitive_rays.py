@@ -155,8 +155,9 @@ class _Clump:
 
 def _possible(origin: Array, direction: Array) -> NDArray[np.bool_]:
     """(R,) which rays start somewhere and go somewhere."""
-    possible: NDArray[np.bool_] = np.isfinite(origin).all(axis=1) & np.isfinite(direction).all(axis=1)
-    return possible & direction.any(axis=1)
+    numbers = np.isfinite(np.concatenate([origin, direction], axis=1))
+    possible: NDArray[np.bool_] = numbers.all(axis=1) & direction.any(axis=1)
+    return possible
 
 
 def _clumps(mesh: Mesh) -> Iterator[_Clump]:

@@ -154,7 +154,7 @@ def test_a_bank_stops_it() -> None:
             return np.broadcast_to([0.0, -0.5], north_east_m.shape)
 
     waterway = Waterway(Capsules.of(()), Slope(), (Launch(0, BodyKind.TRUNK, 0.0, 0.0, math.radians(90.0)),))
-    debris = carried(waterway, (0.0, 0.7), 40.0).debris
+    debris = carried(waterway, (0.0, 0.7), 25.0).debris
     bow_east_m = debris.pos_ned_m[0, 1] + abs(math.sin(debris.yaw_rad[0])) * debris.figures.half_axis_m[0]
     aground_east_m = (5.0 - body_of(BodyKind.TRUNK).draught_m) / 0.5
     assert bow_east_m == pytest.approx(aground_east_m, abs=0.1)
