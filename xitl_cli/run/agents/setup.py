@@ -64,9 +64,7 @@ class Setup:
     key: the group of the profile that has its parameters.
     """
 
-    def __init__(
-        self, send: Send, receive: Receive, system_id: int, component_id: int, key: str = "autopilot"
-    ) -> None:
+    def __init__(self, send: Send, receive: Receive, system_id: int, component_id: int, key: str = "autopilot") -> None:
         self._key = key
         self._send = send
         self._receive = receive
