@@ -55,7 +55,7 @@ def perception_sections(
     }  # fmt: skip
     mapping: dict[str, Any] = {"points": len(points_odom_m), "boom_points": None, "boom_rms_m": None, "coverage": None}
     moving = None
-    if truth is not None and odometry is not None and count >= 3:
+    if truth is not None and len(truth.stamp_ns) >= 3 and odometry is not None and count >= 3:
         reference, other = matched(truth, odometry)
         errors["rate_hz"] = _rate_hz(odometry)
         moving = umeyama(other.pos_m, reference.pos_m)

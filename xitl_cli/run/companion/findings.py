@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from array import array
+from bisect import bisect_left
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from agent.companion.clouds import Cloud, Clouds
+from agent.companion.clouds import Clouds
 from agent.wire import dialect
 from sim_core import frames
 from sim_core.frames import Array
@@ -25,6 +29,7 @@ from xitl_cli.run.scenery import Scenery
 from xitl_cli.run.sensing import local_frame
 
 TRUTH_RATE_HZ = 50.0
+TRUTH_KEPT_S = 10.0  # an odometry that is later has no truth
 SEEN_RATE_HZ = 10.0
 _MANOEUVRES = {
     dialect.XITL_MANOEUVRE_NONE: "none",
@@ -47,6 +52,25 @@ class NoFindings:
         """The truth, after each physics step, counted from 1."""
 
 
+class _Poses:
+    """Poses of a run, packed: one that goes on overnight has half a million."""
+
+    def __init__(self) -> None:
+        self._stamps_ns = array("q")
+        self._numbers = array("d")
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    def add(self, stamp_ns: int, pos_m: Array, quat_wxyz: Array) -> None:
+        self._stamps_ns.append(stamp_ns)
+        self._numbers.extend((*pos_m.tolist(), *quat_wxyz.tolist()))
+
+    def trajectory(self) -> Trajectory:
+        numbers = np.array(self._numbers).reshape(-1, 7)
+        return Trajectory(np.array(self._stamps_ns, dtype=np.int64), numbers[:, :3], numbers[:, 3:])
+
+
 class Findings(NoFindings):
     """Takes what the companion says (`take`) and what the autopilot says of its origin (`hear_autopilot`).
 
@@ -58,13 +82,13 @@ class Findings(NoFindings):
         self.status: Any = None
         self.score = score
         self.clouds = Clouds()
-        self.maps: dict[Source, list[Cloud]] = {source: [] for source in _SOURCES.values()}
+        self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
         self._frame = frame
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
         self._every_seen = max(round(physics_rate_hz / SEEN_RATE_HZ), 1)
         self._origin_ned_m = np.zeros(3)
-        self._odometry: list[Any] = []
-        self._truth: list[tuple[int, Array, Array]] = []
+        self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
+        self._odometry, self._truth = _Poses(), _Poses()
         self._recorder: Recorder | None = None
         self._now_ns: Callable[[], int] = lambda: 0
         self._handlers: dict[int, Callable[[Any], None]] = {
@@ -79,7 +103,7 @@ class Findings(NoFindings):
 
     def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> None:
         if step % self._every_truth == 0:
-            self._truth.append((sim_ns, motion.pos_ned_m[0], motion.quat_ned_frd[0]))
+            self._recent.append((sim_ns, motion.pos_ned_m[0], motion.quat_ned_frd[0]))
         if step % self._every_seen == 0:
             rotation = motion.rot_ned_frd[0]
             self.score.see(motion.pos_ned_m[0], math.atan2(rotation[1, 0], rotation[0, 0]), state.debris)
@@ -101,25 +125,18 @@ class Findings(NoFindings):
 
     def odometry(self) -> Trajectory:
         """Poses of the companion's odometry, in `odom`."""
-        stamps = np.array([message.time_usec * 1000 for message in self._odometry], dtype=np.int64)
-        places = np.array([(message.x, message.y, message.z) for message in self._odometry], dtype=float)
-        turns = np.array([message.q for message in self._odometry], dtype=float)
-        return Trajectory(stamps, places.reshape(-1, 3), turns.reshape(-1, 4))
+        return self._odometry.trajectory()
 
     def truth(self) -> Trajectory:
-        """The body's true poses, in NED."""
-        stamps = np.array([stamp for stamp, _, _ in self._truth], dtype=np.int64)
-        places = np.array([place for _, place, _ in self._truth]).reshape(-1, 3)
-        return Trajectory(stamps, places, np.array([quat for _, _, quat in self._truth]).reshape(-1, 4))
+        """The body's true poses at the same instants, in NED, as far as they were told of in time."""
+        return self._truth.trajectory()
 
-    def map_points(self, source: Source) -> tuple[Array, Array]:
+    def map_points(self, source: Source) -> tuple[Array, NDArray[np.uint8]]:
         """(k, 3) in `odom` and their intensity (k,)."""
-        clouds = self.maps[source]
-        if not clouds:
-            return np.empty((0, 3)), np.empty(0, dtype=np.uint8)
+        points, intensity = self.maps[source]
         return (
-            np.concatenate([cloud.points_m for cloud in clouds]).astype(float),
-            np.concatenate([cloud.intensity for cloud in clouds]),
+            np.frombuffer(points, dtype=np.float32).reshape(-1, 3).astype(float),
+            np.frombuffer(intensity, dtype=np.uint8).copy(),
         )
 
     def companion(self) -> dict[str, Any]:
@@ -135,27 +152,40 @@ class Findings(NoFindings):
         assert self._recorder is not None
         if not all(map(math.isfinite, (message.x, message.y, message.z, *message.q))) or not any(message.q):
             return
-        if not self._odometry:
-            self._place_odom(message.time_usec * 1000)
-        self._odometry.append(message)
-        pose = np.eye(4)
+        stamp_ns = message.time_usec * 1000
         quat = frames.quat_normalize(np.array(message.q, dtype=float))
-        pose[:3, :3], pose[:3, 3] = frames.quat_to_matrix(quat), (message.x, message.y, message.z)
+        place = np.array((message.x, message.y, message.z))
+        self._odometry.add(stamp_ns, place, quat)
+        if self._recent and stamp_ns >= self._recent[0][0]:
+            true_place, true_quat = self._true_pose(stamp_ns)
+            if not len(self._truth):
+                self._recorder.perception.odom_frame(self._now_ns(), true_place, true_quat)
+            self._truth.add(stamp_ns, true_place, true_quat)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = frames.quat_to_matrix(quat), place
         velocity = np.array((message.vx, message.vy, message.vz))
-        self._recorder.perception.odometry(message.time_usec * 1000, pose, velocity)
+        self._recorder.perception.odometry(stamp_ns, pose, velocity)
 
-    def _place_odom(self, stamp_ns: int) -> None:
-        """Where `odom` is on the map: the body's true pose when the odometry began."""
-        if self._truth and self._recorder is not None:
-            _, place, quat = min(self._truth, key=lambda pose: abs(pose[0] - stamp_ns))
-            self._recorder.perception.odom_frame(self._now_ns(), place, quat)
+    def _true_pose(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Between the two truths about an instant of the last seconds: place and attitude, both linearly."""
+        recent = self._recent
+        after = bisect_left(recent, stamp_ns, key=lambda pose: pose[0])
+        if after in (0, len(recent)):
+            _, place, quat = recent[min(after, len(recent) - 1)]
+            return place, quat
+        (start_ns, one, before), (end_ns, other, behind) = recent[after - 1], recent[after]
+        share = (stamp_ns - start_ns) / (end_ns - start_ns)
+        turned = behind if float(before @ behind) >= 0.0 else -behind
+        return one + share * (other - one), frames.quat_normalize(before + share * (turned - before))
 
     def _on_cloud(self, message: Any) -> None:
         assert self._recorder is not None
         for cloud in self.clouds.take(message):
             source = _SOURCES.get(cloud.kind)
             if source is not None:
-                self.maps[source].append(cloud)
+                points, intensity = self.maps[source]
+                points += cloud.points_m.tobytes()
+                intensity += cloud.intensity.tobytes()
                 self._recorder.perception.map_points(self._now_ns(), cloud.points_m, cloud.intensity, source)
 
     def _on_obstacle(self, message: Any) -> None:
