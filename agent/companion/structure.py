@@ -13,8 +13,8 @@ _KEPT_NS = 600_000_000_000
 _UNSEEN_NS = 2_500_000_000  # a cell in view that is not hit for so long is not there
 _SETTLED_NS, _SETTLED_HITS = 1_500_000_000, 6
 _WET_NS, _WET_HITS, _WET_KEPT_NS = 8_000_000_000, 40, 20_000_000_000  # the same where water returns
-_WET_HIT_NS = 280_000_000  # and there so often, on the mean: crests come and go, what stands is hit at every look
-_STREWN = 1.4  # times as far as water returns, single crests still do
+WET_HIT_NS = 280_000_000  # and there so often, on the mean: crests come and go, what stands is hit at every look
+STREWN = 1.4  # times as far as water returns, single crests still do
 _VIEW_RAD = np.radians(28.0)
 _FAR_M = 100.0
 
@@ -42,7 +42,7 @@ class Structure:
     @property
     def _settled(self) -> NDArray[np.bool_]:
         seen_ns = self._seen_ns - self._first_ns
-        wet = (self._hits >= _WET_HITS) & (seen_ns >= _WET_NS) & (seen_ns < self._hits * _WET_HIT_NS)
+        wet = (self._hits >= _WET_HITS) & (seen_ns >= _WET_NS) & (seen_ns < self._hits * WET_HIT_NS)
         return wet | ((self._dry >= _SETTLED_HITS) & (seen_ns >= _SETTLED_NS))
 
     def see(self, stamp_ns: int, points_ne_m: Array, pos_ne_m: Array, water_reach_m: float) -> None:
@@ -56,7 +56,7 @@ class Structure:
         self._seen_ns[old] = stamp_ns
         self._hits[old] += 1
         off = points_ne_m[one_each] - pos_ne_m
-        dry = (np.hypot(off[:, 0], off[:, 1]) > _STREWN * water_reach_m).astype(np.int64)
+        dry = (np.hypot(off[:, 0], off[:, 1]) > STREWN * water_reach_m).astype(np.int64)
         self._dry[old] += dry[again]
         new = ~again
         number = int(np.count_nonzero(new))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.companion.clusters import Cluster
-from agent.companion.structure import Structure
+from agent.companion.structure import STREWN, WET_HIT_NS, Structure
 
 Array = NDArray[np.float64]
 
@@ -28,8 +28,7 @@ _COASTED_NS = 12_000_000_000  # out of view, at most
 _COASTS_NS = 700_000_000  # for every time it was seen
 _ODD_MPS, _ODD_HITS = 1.0, 12  # what goes so much otherwise than the water is looked at longer
 _BORN_M = 8.0  # nothing is first seen closer: the bow's own wave, and crests that it has run over
-_WET_HITS, _STREWN = 20, 1.4  # and so is what is first seen where water returns, or not far beyond
-_WET_HIT_NS = 280_000_000  # there it has to be seen so often, on the mean: crests come and go
+_WET_HITS = 20  # and so is what is first seen where water returns, or not far beyond
 _VIEW_RAD = math.radians(29.0)
 _VIEW_M = 45.0
 _START_MPS = 0.4
@@ -175,7 +174,7 @@ class Tracks:
                 range_m = math.hypot(*(thing.middle_ne_m - pos_ne_m).tolist())
                 if range_m < _BORN_M:
                     continue
-                hits_needed = _WET_HITS if range_m < _STREWN * water_reach_m else _CONFIRMED_HITS
+                hits_needed = _WET_HITS if range_m < STREWN * water_reach_m else _CONFIRMED_HITS
                 self._tracks.append(Track(self._next, thing, drift_ne_mps, hits_needed))
                 self._next = self._next % 65535 + 1
 
@@ -186,7 +185,7 @@ class Tracks:
         known_ns = track.seen_ns - track.first_ns
         if track.confirmed or track.hits < hits or known_ns < _CONFIRMED_NS:
             return
-        if wet and known_ns > track.hits * _WET_HIT_NS:
+        if wet and known_ns > track.hits * WET_HIT_NS:
             return
         track.confirmed = True
         self.total += 1
@@ -206,7 +205,7 @@ def _is_in_view(track: Track, now_ns: int, pos_ne_m: Array, view_rad: float, wat
     """Whether it would be seen where it is taken to be, beyond where water returns."""
     off = track.at(now_ns) - pos_ne_m
     bearing = math.remainder(math.atan2(off[1], off[0]) - view_rad, math.tau)
-    return abs(bearing) < _VIEW_RAD and _STREWN * water_reach_m < math.hypot(*off.tolist()) < _VIEW_M
+    return abs(bearing) < _VIEW_RAD and STREWN * water_reach_m < math.hypot(*off.tolist()) < _VIEW_M
 
 
 class CurrentGuess:
