@@ -26,7 +26,6 @@ _ASK_AGAIN_NS = 5_000_000_000
 _QUATERNION_NS = 1_000_000_000  # ATTITUDE counts when no quaternion came for so long
 _DELAYS_KEPT = 200
 _RESTART_NS = 2_000_000_000  # an autopilot's clock that jumped back so far was started again
-_SILENT_NS = 5_000_000_000
 
 Messages = list[Any]
 
@@ -58,7 +57,6 @@ class VehicleView:
         self._boot_ns = 0
         self._quaternion_ns: int | None = None
         self._asked_ns: int | None = None
-        self._heard_ns = 0
         self._origin: LocalFrame | None = None
         self._origin_told = False
         self._leg_start: tuple[float, float] | None = None
@@ -74,7 +72,7 @@ class VehicleView:
         """One message; returns the next request of the mission's download."""
         kind = message.get_msgId()
         if kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
-            self._on_heartbeat(message, now_ns)
+            self._on_heartbeat(message)
             return []
         if self.target is None or (message.get_srcSystem(), message.get_srcComponent()) != self.target:
             return []
@@ -102,7 +100,7 @@ class VehicleView:
             return self.mission.take(message, self.target, now_ns)
         return []
 
-    def _on_heartbeat(self, message: Any, now_ns: int) -> None:
+    def _on_heartbeat(self, message: Any) -> None:
         if message.type in (mav.MAV_TYPE_GCS, mav.MAV_TYPE_ONBOARD_CONTROLLER):
             return
         if message.autopilot == mav.MAV_AUTOPILOT_INVALID:
@@ -112,7 +110,6 @@ class VehicleView:
             self.target = source
         if source != self.target:
             return
-        self._heard_ns = now_ns
         armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         self.changed_to(int(message.custom_mode), armed)
 
@@ -212,10 +209,6 @@ class VehicleView:
         return (
             newest_ns is None or now_ns - newest_ns > 500_000_000 or self._origin is None or self.wp_speed_mps is None
         )
-
-    def is_silent(self, now_ns: int) -> bool:
-        """Whether no heartbeat came for seconds."""
-        return now_ns - self._heard_ns > _SILENT_NS
 
 
 def command_long(target: tuple[int, int], command: int, *parameters: float) -> Any:
