@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from agent.fcu.parameters import Parameter
+from agent.fcu.parameters import Parameter, ParameterError, within
 from agent.wire import dialect as mav
 
 Messages = list[Any]
@@ -30,21 +30,12 @@ TABLE = (
 _INDEX = {row.name: index for index, row in enumerate(TABLE)}
 
 
-class SettingError(ValueError):
-    """A setting was refused; the message says why and what to use."""
-
-
 def checked(name: str, value: float) -> float:
-    """The value as it would be kept. Raises SettingError for an unknown name, NaN or a value out of range."""
+    """The value as it would be kept. Raises ParameterError for an unknown name, NaN or a value out of range."""
     index = _INDEX.get(name)
     if index is None:
-        raise SettingError(f"{name} is no setting of a companion; use one of {', '.join(_INDEX)}")
-    row = TABLE[index]
-    slack = 1e-6 * max(1.0, abs(row.low), abs(row.high))  # a limit that went through a 32-bit float is still the limit
-    if not row.low - slack <= value <= row.high + slack:
-        unit = f" {row.unit}" if row.unit else ""
-        raise SettingError(f"{name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
-    return float(min(max(value, row.low), row.high))
+        raise ParameterError(f"{name} is no setting of a companion; use one of {', '.join(_INDEX)}")
+    return within(TABLE[index], value)
 
 
 class Settings:
@@ -66,7 +57,7 @@ class Settings:
             index = _INDEX.get(message.param_id, -1)
             try:
                 self._values[message.param_id] = checked(message.param_id, message.param_value)
-            except SettingError as error:
+            except ParameterError as error:
                 texts.append(str(error))
             return [self._value(index)] if index >= 0 else []
         if kind is mav.MAVLink_param_request_list_message:

@@ -179,11 +179,16 @@ def checked(name: str, value: float) -> float:
     row = _BY_NAME.get(name)
     if row is None:
         raise ParameterError(f"{name} is not a parameter{_hint(name)}")
+    return within(row, value)
+
+
+def within(row: Parameter, value: float) -> float:
+    """The value as a row of a table would keep it; raises ParameterError for NaN or a value out of its range."""
     # A limit that went through a 32-bit float on the wire is still the limit.
     slack = 1e-6 * max(1.0, abs(row.low), abs(row.high))
     if not row.low - slack <= value <= row.high + slack:
         unit = f" {row.unit}" if row.unit else ""
-        raise ParameterError(f"{name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
+        raise ParameterError(f"{row.name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
     return float(min(max(value, row.low), row.high))
 
 

@@ -6,7 +6,8 @@ import math
 
 import pytest
 
-from agent.companion.settings import TABLE, SettingError, Settings, checked
+from agent.companion.settings import TABLE, Settings, checked
+from agent.fcu.parameters import ParameterError
 from agent.wire import dialect as mav
 
 
@@ -41,7 +42,7 @@ def test_an_unknown_one_is_named() -> None:
     refused: list[str] = []
     assert Settings().take(ask("AVD_MARGEN", 1.0), refused) == []
     assert refused[0].startswith("AVD_MARGEN is no setting of a companion; use one of AVD_ENABLE")
-    with pytest.raises(SettingError):
+    with pytest.raises(ParameterError):
         checked("WP_RADIUS", 1.0)
 
 

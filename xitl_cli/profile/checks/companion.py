@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from agent.companion.settings import SettingError, checked
+from agent.companion.settings import checked
+from agent.fcu.parameters import ParameterError
 from xitl_cli.profile.checks.link import misplaced, problem_of_url
 from xitl_cli.profile.entry import KeyPath
 from xitl_cli.profile.problems import shown
@@ -30,7 +31,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     for name, value in companion.parameters.items():
         try:
             checked(name, value)
-        except SettingError as error:
+        except ParameterError as error:
             yield ("companion", "parameters", name), f"companion.parameters: {error}"
 
 
