@@ -65,7 +65,7 @@ class McapFile:
                 f"{path}: cannot be made ({error.strerror}); choose another directory with --out"
             ) from error
         self._writer = Writer(self._file, chunk_size=4 * CHUNK_BYTES, compression=_COMPRESSION[compression])
-        self._guarded(self._writer.start, "xitl", "xitl")
+        self._writer.start("xitl", "xitl")
         self._whole_bytes = self._file.tell()
 
     def ros_channel(self, topic: str, schema_name: str, definition: str) -> Log:
@@ -91,15 +91,13 @@ class McapFile:
         now_s = self._now_s()
         if now_s - self._flushed_s >= FLUSH_INTERVAL_S:
             self._flushed_s = now_s
-            self._guarded(self._write_kept, True)
-            self._keep_whole()
+            self._write_kept(everything=True)
 
     def close(self) -> None:
         """Write the index and close the file; after a refusal, cut it off behind the last whole chunk."""
         try:
-            self._guarded(self._write_kept, True)
+            self._write_kept(everything=True)
             self._guarded(self._writer.finish)
-            self._guarded(self._file.flush)
         finally:
             try:
                 self._file.close()
@@ -120,7 +118,7 @@ class McapFile:
             self._kept_bytes[channel] = self._kept_bytes.get(channel, 0) + size
             self._filled_bytes += size
             if self._filled_bytes >= CHUNK_BYTES:
-                self._guarded(self._write_kept, False)
+                self._write_kept(everything=False)
 
         return log
 
@@ -136,22 +134,23 @@ class McapFile:
         if everything or sum(rest_bytes.values()) >= CHUNK_BYTES:
             chunks[_NO_CHANNEL], rest, rest_bytes = rest, [], {}
         self._kept, self._kept_bytes, self._filled_bytes = rest, rest_bytes, sum(rest_bytes.values())
-        close_chunk: Callable[[], None] = self._writer.flush
         for channel in sorted(chunks):
-            for message in chunks[channel]:
-                self._writer.add_message(*message)
-            close_chunk()
+            self._guarded(self._write_chunk, chunks[channel])
 
-    def _keep_whole(self) -> None:
-        self._guarded(self._file.flush)
-        if not self._refused_once:
-            self._whole_bytes = self._file.tell()
+    def _write_chunk(self, messages: list[_Message]) -> None:
+        for message in messages:
+            self._writer.add_message(*message)
+        close_chunk: Callable[[], None] = self._writer.flush
+        close_chunk()
 
-    def _guarded(self, action: Callable[..., object], *arguments: object) -> None:
+    def _guarded(self, write: Callable[..., object], *arguments: object) -> None:
+        """Write whole records and hand them to the operating system, so that they stay whatever is refused later."""
         if self._refused_once:
             return
         try:
-            action(*arguments)
+            write(*arguments)
+            self._file.flush()
+            self._whole_bytes = self._file.tell()
         except OSError as error:
             self._refused(error)
 

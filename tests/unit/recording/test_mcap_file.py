@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import resource
+import signal
 from pathlib import Path
 
 import pytest
@@ -95,3 +97,25 @@ def test_a_disk_that_fills_up_is_told_once_and_leaves_whole_chunks(
     file.flush_if_due()
     file.close()
     assert chunks_of(tmp_path / "run.mcap") == [[(1, 1)]]
+
+
+def test_a_disk_that_fills_up_within_a_second_leaves_the_chunks_that_it_took(tmp_path: Path) -> None:
+    file = McapFile(tmp_path / "run.mcap", "none", now_s=lambda: 0.0)  # no flush ever falls due
+    log = file.ros_channel("/x", "t/msg/X", "uint8[] x")
+    room = 5 * CHUNK_BYTES // 2
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # so that a write behind the limit is refused, as of a disk
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
+    try:
+        for stamp in range(29):
+            log(bytes(CHUNK_BYTES // 10), stamp)
+        with pytest.raises(UserError, match=r"run.mcap: .*File too large.*free space"):
+            log(bytes(CHUNK_BYTES // 10), 29)
+        file.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert [[stamp for _, stamp in chunk] for chunk in chunks_of(tmp_path / "run.mcap")] == [
+        list(range(10)),
+        list(range(10, 20)),
+    ]
