@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from agent.companion.clouds import Cloud, Clouds, cloud_messages
 from agent.companion.echoes import echo_points
+from agent.companion.estimate import Motion
+from agent.companion.inertial import motion_of
 from agent.companion.mapping import LIDAR, SONAR, Added, CloudMap
 from agent.companion.odometry import LidarOdometry, OdometryError, Placed
 from agent.companion.pings import Ping, Pings
@@ -22,6 +24,8 @@ Messages = list[Any]
 
 MOST_WAITING = 3
 """Clouds that may wait for the odometry: a companion that is too slow sees less, not later."""
+PATIENCE_NS = 150_000_000
+"""That a cloud waits for what the autopilot says of its time, before it is placed without."""
 MOST_PINGS = 32
 _LOCAL_FRD, _BODY_FRD = 20, 12  # MAV_FRAME
 _UNKNOWN = [float("nan")] + [0.0] * 20
@@ -46,6 +50,8 @@ class Perceiver:
         self._pings = Pings()
         self._clock = SensorClock(lockstep)
         self._waiting: deque[Cloud] = deque()
+        self._seen: deque[Cloud] = deque()  # by the watch; the odometry waits for the autopilot
+        self._aided = bool(settings["ODO_AIDED"])
         self._echoes: deque[Ping] = deque(maxlen=MOST_PINGS)
         self._tally = _Tally(0, 0, 0.0)
         self._numbers = {LIDAR: 0, SONAR: 0}
@@ -53,7 +59,7 @@ class Perceiver:
         self._map: CloudMap | None = None
         if settings["ODO_ENABLE"]:
             try:
-                self._odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"])
+                self._odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=self._motion)
             except OdometryError as error:
                 say(str(error))
         if settings["MAP_ENABLE"] and self._odometry is not None:
@@ -78,7 +84,7 @@ class Perceiver:
 
     def _queue(self, cloud: Cloud, now_ns: int) -> None:
         if len(cloud.offset_s):
-            self._clock.arrived(cloud.stamp_ns + round(float(cloud.offset_s.max()) * 1e9), now_ns)
+            self._clock.arrived(_end_ns(cloud), now_ns)
         if len(self._waiting) == MOST_WAITING:
             self._waiting.popleft()
             self._tally = self._tally._replace(clouds_dropped=self._tally.clouds_dropped + 1)
@@ -89,16 +95,32 @@ class Perceiver:
         told: Messages = []
         while self._waiting:
             cloud = self._waiting.popleft()
-            told += self._see(cloud)
+            self.watch.cloud(self._clock.own_ns(cloud.stamp_ns), cloud.points_m, cloud.offset_s)
+            self._seen.append(cloud)
+        while self._seen and self._is_due(self._seen[0], now_ns()):
+            cloud = self._seen.popleft()
+            told += self._place(cloud)
             if len(cloud.offset_s):
-                end_ns = self._clock.own_ns(cloud.stamp_ns) + round(float(cloud.offset_s.max()) * 1e9)
-                self._tally = self._tally._replace(latency_s=max(now_ns() - end_ns, 0) * 1e-9)
-        while self._echoes:
+                latency_s = max(now_ns() - self._clock.own_ns(_end_ns(cloud)), 0) * 1e-9
+                self._tally = self._tally._replace(latency_s=latency_s)
+        while self._echoes and not (self._seen and self._seen[0].stamp_ns <= self._echoes[0].stamp_ns):
             told += self._hear(self._echoes.popleft())
         return told
 
-    def _see(self, cloud: Cloud) -> Messages:
-        self.watch.cloud(self._clock.own_ns(cloud.stamp_ns), cloud.points_m, cloud.offset_s)
+    def _is_due(self, cloud: Cloud, now_ns: int) -> bool:
+        told_ns = self.watch.vehicle.history.newest_ns
+        if self._odometry is None or not self._aided or told_ns is None:
+            return True
+        end_ns = self._clock.own_ns(_end_ns(cloud))
+        return told_ns >= end_ns or now_ns - end_ns > PATIENCE_NS or len(self._seen) > MOST_WAITING
+
+    def _motion(self, before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
+        if not self._aided:
+            return None
+        own_ns, history = self._clock.own_ns, self.watch.vehicle.history
+        return motion_of(history, None if before_ns is None else own_ns(before_ns), own_ns(begin_ns), own_ns(end_ns))
+
+    def _place(self, cloud: Cloud) -> Messages:
         if self._odometry is None:
             return []
         placed = self._odometry.register(cloud.stamp_ns, cloud.points_m, cloud.offset_s)
@@ -151,6 +173,10 @@ class Perceiver:
             self._tally.latency_s,
             watch.manoeuvre,
         )
+
+
+def _end_ns(cloud: Cloud) -> int:
+    return cloud.stamp_ns + round(float(cloud.offset_s.max(initial=0.0)) * 1e9)
 
 
 def _odometry_message(placed: Placed) -> Any:

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 KEPT_NS = 5_000_000_000
 _AHEAD_NS = 500_000_000  # so far past the newest sample motion is carried on
 _GAP_NS = 1_500_000_000  # samples farther apart are not joined
+_STEP_RAD, _STEP_SHARE = math.radians(1.0), 0.1  # that attitudes may be off what the rates say: more is a step
+_RATES_HOLD_S = 0.3  # samples farther apart are not held against rates
+_BACK = np.array((1.0, -1.0, -1.0, -1.0))
 
 Array = NDArray[np.float64]
 
@@ -27,6 +30,7 @@ class VehiclePose(NamedTuple):
 class _Turned(NamedTuple):
     stamp_ns: int
     quat: Array  # w, x, y, z, body FRD to NED
+    steady: Array  # the same without the steps in which an estimator found itself wrong
     rate_frd_radps: Array
 
 
@@ -53,9 +57,14 @@ class PoseHistory:
         length = float(np.linalg.norm(quat))
         if not (math.isfinite(length) and length > 0.5 and np.isfinite(rate_frd_radps).all()):
             return
-        if self._turned and stamp_ns <= self._turned[-1].stamp_ns:
-            return
-        self._turned.append(_Turned(stamp_ns, quat / length, rate_frd_radps))
+        quat = quat / length
+        steady = quat
+        if self._turned:
+            before = self._turned[-1]
+            if stamp_ns <= before.stamp_ns:
+                return
+            steady = _turned_by(before.steady, _turn(before, stamp_ns, quat, rate_frd_radps))
+        self._turned.append(_Turned(stamp_ns, quat, steady, rate_frd_radps))
         while self._turned[0].stamp_ns < stamp_ns - KEPT_NS:
             self._turned.popleft()
 
@@ -78,12 +87,23 @@ class PoseHistory:
 
     def at(self, stamp_ns: int) -> VehiclePose | None:
         """The pose at an instant; a little past the newest sample by its rates, None farther off or before all."""
-        quat, place = self._quat_at(stamp_ns), self._place_at(stamp_ns)
-        if quat is None or place is None:
+        turned, place = self._turned_at(stamp_ns), self._place_at(stamp_ns)
+        if turned is None or place is None:
             return None
-        return VehiclePose(place[0], rotation(quat), place[1])
+        return VehiclePose(place[0], rotation(turned.quat), place[1])
 
-    def _quat_at(self, stamp_ns: int) -> Array | None:
+    def turn(self, from_ns: int, to_ns: int) -> Array | None:
+        """(3, 3) the body at one instant seen from the body at an earlier one, as it turned; None where not known.
+
+        An estimator that corrects itself at a stroke, as it does when it finds north, has not turned the body.
+        """
+        earlier, later = self._turned_at(from_ns), self._turned_at(to_ns)
+        if earlier is None or later is None:
+            return None
+        turned: Array = rotation(earlier.steady).T @ rotation(later.steady)
+        return turned
+
+    def _turned_at(self, stamp_ns: int) -> _Turned | None:
         later: _Turned | None = None
         for sample in reversed(self._turned):
             if sample.stamp_ns <= stamp_ns:
@@ -93,7 +113,9 @@ class PoseHistory:
                 if later.stamp_ns - sample.stamp_ns > _GAP_NS:
                     return None
                 share = (stamp_ns - sample.stamp_ns) / (later.stamp_ns - sample.stamp_ns)
-                return _between(sample.quat, later.quat, share)
+                return sample._replace(
+                    quat=_between(sample.quat, later.quat, share), steady=_between(sample.steady, later.steady, share)
+                )
             later = sample
         return None
 
@@ -151,12 +173,40 @@ def _between(first: Array, second: Array, share: float) -> Array:
     return turned
 
 
-def _carried(sample: _Turned, ahead_s: float) -> Array:
-    half = 0.5 * ahead_s * sample.rate_frd_radps
-    w, x, y, z = sample.quat.tolist()
-    p, q, r = half.tolist()
-    turned = np.array(
-        (w - x * p - y * q - z * r, x + w * p + y * r - z * q, y + w * q + z * p - x * r, z + w * r + x * q - y * p)
+def _carried(sample: _Turned, ahead_s: float) -> _Turned:
+    turn = ahead_s * sample.rate_frd_radps
+    return sample._replace(quat=_turned_by(sample.quat, turn), steady=_turned_by(sample.steady, turn))
+
+
+def _turn(before: _Turned, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> Array:
+    """(3,) from one attitude to the next: by the difference, or by the rates where that is a step."""
+    ahead_s = (stamp_ns - before.stamp_ns) * 1e-9
+    w, *axis = _product(before.quat * _BACK, quat).tolist()
+    sine = math.hypot(*axis)
+    told = np.array(axis) * (2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, abs(w)) / sine) * math.copysign(1.0, w)
+    by_rates: Array = 0.5 * ahead_s * (before.rate_frd_radps + rate_frd_radps)
+    is_step = float(np.linalg.norm(told - by_rates)) > _STEP_RAD + _STEP_SHARE * float(np.linalg.norm(by_rates))
+    return by_rates if is_step and ahead_s <= _RATES_HOLD_S else told
+
+
+def _turned_by(quat: Array, turn_rad: Array) -> Array:
+    """After a further turn (3,) about the body's axes."""
+    angle = float(np.linalg.norm(turn_rad))
+    half = 0.5 * angle
+    sine = 0.5 if angle < 1e-9 else math.sin(half) / angle
+    turned = _product(quat, np.concatenate([[math.cos(half)], sine * turn_rad]))
+    unit: Array = turned / np.linalg.norm(turned)
+    return unit
+
+
+def _product(first: Array, second: Array) -> Array:
+    w, x, y, z = first.tolist()
+    p, q, r, s = second.tolist()
+    return np.array(
+        (
+            w * p - x * q - y * r - z * s,
+            w * q + x * p + y * s - z * r,
+            w * r - x * s + y * p + z * q,
+            w * s + x * r - y * q + z * p,
+        )
     )
-    carried: Array = turned / np.linalg.norm(turned)
-    return carried

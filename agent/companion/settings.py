@@ -22,6 +22,7 @@ TABLE = (
     Parameter("MAP_CELL", 0.1, 0.02, 5.0, "m", "edge of the cells of the map, one point each"),
     Parameter("MAP_ENABLE", 1, 0, 1, "", "1 keeps a map"),
     Parameter("MAP_RANGE", 60.0, 1.0, 260.0, "m", "farther points are not mapped"),
+    Parameter("ODO_AIDED", 1, 0, 1, "", "1 lets the autopilot's attitude and velocity aid the odometry"),
     Parameter("ODO_ENABLE", 1, 0, 1, "", "1 runs the odometry"),
     Parameter("ODO_RANGE", 150.0, 5.0, 260.0, "m", "farther points are not used for it"),
     Parameter("ODO_VOXEL", 1.0, 0.05, 10.0, "m", "edge of the cells of its local map"),

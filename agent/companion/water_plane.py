@@ -11,7 +11,13 @@ Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 
 NEAR_M = 12.0
-"""Water returns no light from farther away, at so flat an angle."""
+"""Level water returns no light from farther away, at so flat an angle."""
+FAR_M = 20.0
+FAR_CREST_M = 0.3
+"""Waves do, and how far above the water at the body a return is still taken for one. A plane that was fitted to waves
+close by is off by a metre there: it takes to know where down is."""
+HEIGHT_SHARE = 0.1
+"""Of a cloud in the height of the body over the water, which waves change."""
 CREST_M = 0.25
 """How far above the plane a return is still taken for a wave."""
 LEAST = 50
@@ -43,6 +49,7 @@ class WaterPlane:
 
     def __init__(self) -> None:
         self._plane: Array = np.zeros(6)
+        self._height_m: float | None = None
         self.level: Level | None = None
 
     def of(self, points_frd_m: Points, lag_s: Points) -> NDArray[np.bool_]:
@@ -63,6 +70,20 @@ class WaterPlane:
         above_m = _sides(points_frd_m[near], lag_s[near]) @ self._plane.astype(np.float32) - points_frd_m[near, 2]
         wet[near] = above_m < CREST_M
         return wet
+
+    def crests(self, points_frd_m: Points, lag_s: Points, down_frd: Array, rate_frd_radps: Array) -> NDArray[np.bool_]:
+        """(n,) which of the same points are of waves beyond NEAR_M: where is down (3,), and how the body turns (3,)."""
+        if self.level is not None:
+            before_m = self.level.down_m if self._height_m is None else self._height_m
+            self._height_m = before_m + HEIGHT_SHARE * (self.level.down_m - before_m)
+        squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
+        far: NDArray[np.bool_] = (squared >= NEAR_M**2) & (squared < FAR_M**2)
+        if self._height_m is None:
+            return np.zeros(len(far), dtype=np.bool_)
+        points, lag = points_frd_m[far].astype(np.float64), lag_s[far].astype(np.float64)
+        down_m = points @ down_frd + lag * (points @ np.cross(down_frd, rate_frd_radps))
+        far[far] = self._height_m - down_m < FAR_CREST_M
+        return far
 
     def _fit(self, sides: Points, down_m: Points) -> None:
         """By the low points; the last plane stays where they are on none that could be water."""

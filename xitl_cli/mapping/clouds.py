@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from agent.companion.clouds import Cloud
 from agent.companion.pings import Ping
 from agent.wire import dialect
+from agent.wire.codec import Message, decode
+from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC
 from sim_core import frames
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
@@ -19,6 +21,7 @@ from xitl_cli.logs.table import Table
 from xitl_cli.recording.perception import LIDAR_POINT, MAP_POINT, SOURCES, Source
 
 LIDAR, PING, MAP = "/lidar/points", "/sonar/ping", "/companion/map"
+AUTOPILOT = "/link/companion/tx"
 ODOMETRY, TRUTH = "/companion/odometry", "/truth/state"
 
 _AT_ONCE = 512
@@ -59,6 +62,18 @@ def pings(log: Log) -> list[Ping]:
         )
         for stamp_ns, number, angle, place, period_s, speed, echo in rows
     ]  # fmt: skip
+
+
+def told(log: Log) -> Iterator[tuple[int, Message]]:
+    """What the autopilot said to the companion, and when it went out, in the order of the file."""
+    table = log.tables.get(AUTOPILOT)
+    for first in range(0, 0 if table is None else len(table), _AT_ONCE):
+        assert table is not None
+        rows = slice(first, first + _AT_ONCE)
+        for stamp_ns, frame in zip(table.stamp_ns[rows].tolist(), table.values("frame", rows), strict=True):
+            message = _decoded(bytes(frame))
+            if message is not None:
+                yield stamp_ns, message
 
 
 def map_points(log: Log) -> dict[Source, Points]:
@@ -133,6 +148,16 @@ def _frd(packed: NDArray[Any]) -> Points:
     flu = np.column_stack([packed["x"], packed["y"], packed["z"]]).astype(np.float32)
     frd: Points = flu * _FRD
     return frd
+
+
+def _decoded(frame: bytes) -> Message | None:
+    """None for a frame that is not of MAVLink 2 or of no message known here."""
+    if len(frame) < HEADER_BYTES + CHECKSUM_BYTES or frame[0] != MAGIC:
+        return None
+    try:
+        return decode(frame)
+    except KeyError:
+        return None
 
 
 def _bytes(echo: Any) -> NDArray[np.uint8]:

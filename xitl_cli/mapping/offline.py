@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,16 +11,21 @@ from pydantic import ValidationError
 
 from agent.companion.clouds import Cloud, Clouds, cloud_messages
 from agent.companion.echoes import echo_points
+from agent.companion.estimate import Motion
+from agent.companion.inertial import motion_of
 from agent.companion.mapping import LIDAR, SONAR, CloudMap
 from agent.companion.odometry import LidarOdometry, OdometryError, Placed
+from agent.companion.perceiver import PATIENCE_NS
 from agent.companion.pings import Ping
 from agent.companion.settings import Settings, checked
+from agent.companion.vehicle import VehicleView
+from agent.wire.codec import Message
 from sim_core import frames
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.mcap.file import McapLog
-from xitl_cli.mapping.clouds import clouds, pings
+from xitl_cli.mapping.clouds import clouds, pings, told
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.run.directory import PROFILE
@@ -45,12 +51,13 @@ class Rebuilt:
 def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     """From /lidar/points and /sonar/ping, with the settings of the run's companion.
 
-    Clouds go through the coding of the wire first, so that the odometry is given what it was given in the run. Raises
-    UserError without clouds and without KISS-ICP.
+    Clouds go through the coding of the wire first, so that the odometry is given what it was given in the run, as it is
+    what the autopilot said of its motion. Raises UserError without clouds and without KISS-ICP.
     """
     settings = _settings(profile)
+    autopilot = _Autopilot(told(log) if settings["ODO_AIDED"] else iter(()), profile)
     try:
-        odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"])
+        odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=autopilot.motion)
     except OdometryError as error:
         raise UserError(f"{log.path}: {error}") from error
     cloud_map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
@@ -59,12 +66,13 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     heard = 0
     for cloud in clouds(log):
         count += 1
+        end_ns = cloud.stamp_ns + round(float(cloud.offset_s.max(initial=0.0)) * 1e9)
+        autopilot.hear(end_ns)
         for sent in _over_the_wire(wire, cloud):
             found = odometry.register(sent.stamp_ns, sent.points_m, sent.offset_s)
             if found is not None:
                 placed.append(found)
                 cloud_map.add(found.pose_odom, found.points_frd_m, sent.intensity[found.kept], LIDAR)
-        end_ns = cloud.stamp_ns + round(float(cloud.offset_s.max(initial=0.0)) * 1e9)
         while heard < len(echoes) and echoes[heard].stamp_ns <= end_ns:
             _hear(cloud_map, odometry, echoes[heard])
             heard += 1
@@ -79,6 +87,36 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
         odometry.poses_refused,
         odometry.points_refused,
     )
+
+
+class _Autopilot:
+    """What it said in the run, heard again as the companion heard it.
+
+    That begins to listen with its first cloud. In lockstep its clock still shows the exchange before when it hears.
+    """
+
+    def __init__(self, told: Iterator[tuple[int, Message]], profile: RunProfile | None) -> None:
+        self._view = VehicleView()
+        self._told = told
+        self._next = next(told, None)
+        self._begun = False
+        lockstep = profile is not None and profile.clock.mode == "lockstep"
+        self._behind_ns = round(1e9 / profile.clock.exchange_rate_hz) if profile is not None and lockstep else 0
+
+    def hear(self, end_ns: int) -> None:
+        """Until it has told of this instant, as long as a companion waits for it."""
+        history = self._view.history
+        while self._next is not None and self._next[0] <= end_ns + PATIENCE_NS:
+            if history.newest_ns is not None and history.newest_ns >= end_ns:
+                return
+            stamp_ns, message = self._next
+            if self._begun or stamp_ns > end_ns:
+                self._begun = True
+                self._view.take(message, stamp_ns - self._behind_ns)
+            self._next = next(self._told, None)
+
+    def motion(self, before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
+        return motion_of(self._view.history, before_ns, begin_ns, end_ns)
 
 
 def trajectory_of(placed: list[Placed]) -> Trajectory:
