@@ -168,6 +168,9 @@ class ImpairedTransport(Transport):
         own = {"impaired": self.lost, "duplicated": self.duplicated, "reordered": self.reordered}
         return {**self.inner.counts(), **own}
 
+    def wait_for_room(self, timeout_s: float) -> bool:
+        return self.inner.wait_for_room(timeout_s)
+
     def backlog_s(self) -> float:
         return self.inner.backlog_s()
 

@@ -1,7 +1,8 @@
 """MAVLink over TCP: a stream of bytes in which frames are found by the link's `Framer`.
 
-Nothing here waits for the other end: bytes that the system's buffer does not take are refused, except the rest of a
-chunk it took in part, which goes out before anything else. So a slow reader loses whole chunks and never half ones.
+Sending does not wait for the other end: bytes that the system's buffer does not take are refused, except the rest of a
+chunk it took in part, which goes out before anything else. So a slow reader loses whole chunks and never half ones. Who
+would rather wait asks `wait_for_room` first.
 """
 
 from __future__ import annotations
@@ -40,6 +41,16 @@ class _Connection:
         if self._full:
             self._full = not self.flush() or not select.select((), [self.socket], (), 0.0)[1]
         return self._full
+
+    def wait_for_room(self, timeout_s: float) -> bool:
+        until_s = monotonic() + timeout_s
+        while not self.lost:
+            writable = select.select((), [self.socket], (), max(until_s - monotonic(), 0.0))[1]
+            if writable and self.flush():
+                return True
+            if not writable:
+                return False
+        return True  # for `send` to find out
 
     def flush(self) -> bool:
         """True when nothing waits any more."""
@@ -129,6 +140,9 @@ class TcpTransport(Transport):
         self._drop_lost()
         self.unsent += 1
         return False
+
+    def wait_for_room(self, timeout_s: float) -> bool:
+        return self._connection is None or self._connection.wait_for_room(timeout_s)
 
     def receive(self, timeout_s: float = 0.0) -> list[bytes]:
         chunks = self._drain()

@@ -148,6 +148,10 @@ class Transport(ABC):
         """
         return True
 
+    def wait_for_room(self, timeout_s: float) -> bool:
+        """Whether `send` has room, waiting for it at most timeout_s. True where nothing says when there is."""
+        return True
+
     def backlog_s(self) -> float:
         """How long what `send` took still occupies the line, in seconds; 0 where the line does not matter."""
         return 0.0

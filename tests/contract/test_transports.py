@@ -12,6 +12,9 @@ from urllib.parse import urlsplit
 import pytest
 from transport_ends import LISTENING, PAIRS, WAIT_S, Ends, largest, opened, send, take, take_bytes, tcp_pair, udp_pair
 
+from agent.wire import dialect
+from agent.wire.impaired import ImpairedTransport
+from agent.wire.link import Link
 from agent.wire.memory import memory_pair
 from agent.wire.tcp import TcpAccepted, TcpListener
 from agent.wire.transport import (
@@ -35,6 +38,10 @@ def pair(request: pytest.FixtureRequest) -> Iterator[Ends]:
             assert calling.send(b"hello")
             assert take_bytes(listening, 5) == b"hello"
             yield listening, calling
+
+
+def status(text: bytes) -> dialect.MAVLink_statustext_message:
+    return dialect.MAVLink_statustext_message(dialect.MAV_SEVERITY_INFO, text, 0, 0)
 
 
 def test_back_to_back_in_both_directions(pair: Ends) -> None:
@@ -284,6 +291,40 @@ def test_tcp_many_call_one_listener() -> None:
     for end in (*callers, *served):
         end.close()
     listener.close()
+
+
+@pytest.mark.parametrize("patience_s", [0.0, WAIT_S])
+def test_tcp_a_link_with_patience_loses_nothing_to_a_reader_that_is_busy(patience_s: float) -> None:
+    listening, calling = tcp_pair()
+    with listening, calling:
+        sender, reader = Link(calling, 1, 1), Link(ImpairedTransport(listening), 2, 1)
+        sender.patience_s = patience_s
+        assert sender.send(status(b"hello"))
+        assert len(reader.receive(WAIT_S)) == 1
+        sent = threading.Thread(target=lambda: [sender.send(status(b"x" * 50)) for _ in range(80_000)])
+        sent.start()
+        sent.join(0.3)  # long enough to fill what the system keeps, which is less than these 6 MB
+        heard = 0
+        while heard < 80_000 and (messages := reader.receive(WAIT_S if patience_s else 0.5)):
+            heard += len(messages)
+        sent.join()
+        assert sender.counters.unsent == 80_000 - heard
+        assert (heard == 80_000) == (patience_s > 0.0)
+
+
+def test_tcp_patience_has_an_end_and_needs_a_peer() -> None:
+    listening, calling = tcp_pair()
+    with listening, calling:
+        assert calling.send(b"hello")
+        assert take(listening, 1) == [b"hello"]
+        assert calling.wait_for_room(0.0)
+        while calling.send(bytes(65536)):
+            pass
+        assert not calling.wait_for_room(0.02)
+        listening.close()
+        while calling.wait_for_room(0.02) and calling.connected:
+            calling.send(b"?")  # nobody is there any more, which sending finds out
+        assert calling.wait_for_room(WAIT_S)
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6 here")

@@ -90,6 +90,8 @@ class CompanionLine:
         self._now_ns = now_ns
         self._agent.begin(recorder, pace, now_ns, parameters_of(self._profile), [])
         self.inbox.holds = self._lockstep
+        if self._lockstep:  # a companion that is busy is waited for, or the run would not repeat
+            self._agent.link.patience_s = self._companion.silent_s
 
     # In the run
 
