@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.companion.mapping import LIDAR
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.logs.export.safe_file import make_directory
 from xitl_cli.logs.log import Log
@@ -37,7 +38,7 @@ def measure(log: Log) -> Measured:
     boom = None if profile is None else scenery_of(profile).boom
     rebuilt = rebuild(log, profile)
     true, said = truth(log), online(log)
-    offline = perception_sections(true, rebuilt.trajectory, rebuilt.points_odom_m, boom)
+    offline = perception_sections(true, rebuilt.trajectory, rebuilt.points_odom_m[rebuilt.source == LIDAR], boom)
     report: dict[str, Any] = {
         "recording": str(log.path),
         "clouds": rebuilt.clouds,
@@ -49,10 +50,11 @@ def measure(log: Log) -> Measured:
         "difference": None,
     }
     if said is not None:
-        points = np.concatenate(list(map_points(log).values()))
-        then = perception_sections(true, said, points, boom)
+        points = map_points(log)
+        then = perception_sections(true, said, points["lidar"], boom)
         report["online"] = {"odometry": then.odometry, "mapping": then.mapping}
-        report["difference"] = {**apart(rebuilt.trajectory, said), **_maps_apart(rebuilt.points_odom_m, points)}
+        whole = np.concatenate(list(points.values()))
+        report["difference"] = {**apart(rebuilt.trajectory, said), **_maps_apart(rebuilt.points_odom_m, whole)}
     return Measured(report, rebuilt, true, said)
 
 
