@@ -11,6 +11,9 @@ Noises were set on six runs with three to four detours each; a factor of two in 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,37 +24,72 @@ from agent.companion.water_plane import WaterPlane
 
 Array = NDArray[np.float64]
 
-BEGUN = np.diag([1e-6] * 3 + [1e-6] * 3 + [0.04] * 3)
-WANDER = np.diag([0.02**2] * 3 + [np.radians(0.15) ** 2] * 3 + [0.05**2] * 3)
-"""Of place, attitude and velocity in a second: what the autopilot's estimate is off by from second to second."""
+INITIAL = np.diag([1e-6] * 3 + [1e-6] * 3 + [0.04] * 3)
+"""Covariance of the errors where the odometry begins, m, rad and m/s squared."""
+RESUMED = np.diag([0.09] * 3 + [np.radians(2.0) ** 2] * 3 + [0.04] * 3)
+"""The same after clouds that were placed without the autopilot."""
+PROCESS = np.diag([0.02**2] * 3 + [np.radians(0.15) ** 2] * 3 + [0.05**2] * 3)
+"""Covariance that a second adds: what the autopilot's estimate is off by from second to second."""
 POINT_M = 0.5
 """Of a point against the one it is joined with: the local map has a point each some decimetres."""
-ALIGNED = np.diag(np.array([0.02, 0.02, 0.02, 0.05, 0.05, 0.001]) ** 2)
-"""Of registration however many points there are. Of roll and pitch it knows less than gravity does."""
+REGISTRATION = np.diag(np.array([0.02, 0.02, 0.02, 0.05, 0.05, 0.001]) ** 2)
+"""Of a registered pose, m and rad squared, however many points there are. Of roll and pitch gravity knows more."""
 DOWN_RAD = 0.01
 HEIGHT_M = 0.25
 """Of one cloud's water: waves, which last longer than a cloud."""
-MOST_OFF_M, MOST_OFF_RAD, DOUBTS = 1.0, 0.1, 3.0
+MOST_OFF_M, MOST_OFF_RAD, DEVIATIONS = 1.0, 0.1, 3.0
 """A registration farther from the prediction, by more than so many deviations of it, found something else."""
-MOST_GAIN_MPS2 = 10.0
-"""An estimate of velocity that changes faster was wrong before."""
+MOST_GAIN_MPS2, DOUBTED_MPS = 10.0, 1.0
+"""A velocity that changes faster was wrong before, and how far off it may be now."""
 REFERENCE_CLOUDS = 50
 """Whose mean is down, and whose mean height is that of the water."""
+_NOTHING = 1e-9  # registration hands back the prediction where it could join no points
 _DOWN = np.array([0.0, 0.0, 1.0])
 
 
-def motion_of(history: PoseHistory, before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
-    """Until a cloud's end, from that of the cloud before (None: there was none), as an autopilot's messages say.
+class _Told(NamedTuple):
+    epoch: int
+    end_ns: int
+    steady: Array
+    vel_ned_mps: Array
 
-    Instants are of the history's clock. None where the history has no answer.
+
+class Motions:
+    """What an autopilot's history says of each cloud's time. own_ns: from the sensors' clock to the history's.
+
+    Each motion begins where the one before ended, as that was told: what an extrapolation was off by is made up for.
     """
-    now, then = history.at(end_ns), history.at(end_ns if before_ns is None else before_ns)
-    turned = np.eye(3) if before_ns is None else history.turn(before_ns, end_ns)
-    within = history.turn(begin_ns, end_ns)
-    if now is None or then is None or turned is None or within is None:
-        return None
-    rate = _turn_of(within) / max((end_ns - begin_ns) * 1e-9, 1e-3)
-    return Motion(turned, rate, now.rot_ned_frd, now.vel_ned_mps, now.vel_ned_mps - then.vel_ned_mps)
+
+    def __init__(self, history: PoseHistory, own_ns: Callable[[int], int]) -> None:
+        self._history = history
+        self._own_ns = own_ns
+        self._last: _Told | None = None
+
+    def of(self, before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
+        """From the end of the cloud before (None: there was none) to this one's end; None where it is not known."""
+        told, began = self._told(end_ns), self._history.steady_at(self._own_ns(begin_ns))
+        if told is None or began is None:
+            return None
+        then: _Told | None = told
+        if before_ns is not None:
+            last = self._last
+            continued = last is not None and last.end_ns == before_ns and last.epoch == told.epoch
+            then = last if continued else self._told(before_ns)
+        if then is None:
+            return None
+        self._last = told
+        rate = _turn_of(began.T @ told.steady) / max((end_ns - begin_ns) * 1e-9, 1e-3)
+        pose = self._history.at(self._own_ns(end_ns))
+        assert pose is not None
+        gained_mps = told.vel_ned_mps - then.vel_ned_mps
+        return Motion(then.steady.T @ told.steady, rate, pose.rot_ned_frd, told.vel_ned_mps, gained_mps)
+
+    def _told(self, stamp_ns: int) -> _Told | None:
+        own_ns = self._own_ns(stamp_ns)
+        pose, steady = self._history.at(own_ns), self._history.steady_at(own_ns)
+        if pose is None or steady is None:
+            return None
+        return _Told(self._history.epoch, stamp_ns, steady, pose.vel_ned_mps)
 
 
 class Inertial:
@@ -59,7 +97,7 @@ class Inertial:
 
     def __init__(self, water: WaterPlane) -> None:
         self._water = water
-        self._spread: Array = BEGUN
+        self._covariance: Array = INITIAL  # (9, 9)
         self._down: Array = np.zeros(3)
         self._downs = 0
         self._height_m = 0.0
@@ -67,36 +105,45 @@ class Inertial:
 
     def taken_up(self) -> None:
         """How far off the estimate is, is not known from before."""
-        self._spread = BEGUN
+        self._covariance = RESUMED
 
     def predicted(self, before: Estimate | None, dt_s: float, motion: Motion | None) -> Estimate:
         """Turned and sped up as the autopilot says."""
         assert motion is not None
         if before is None:
+            self._covariance = INITIAL
             return Estimate(np.eye(4), _twist(np.eye(3), motion.attitude_ned.T @ motion.vel_ned_mps, motion))
         earlier = before.pose_odom[:3, :3]
         pose = before.pose_odom.copy()
         pose[:3, :3] = earlier @ motion.turned
         gained_mps = pose[:3, :3] @ motion.attitude_ned.T @ motion.gained_ned_mps
-        gained_mps *= min(1.0, MOST_GAIN_MPS2 * dt_s / max(float(np.linalg.norm(gained_mps)), 1e-9))
+        doubted = float(np.linalg.norm(gained_mps)) > MOST_GAIN_MPS2 * dt_s
+        if doubted:
+            gained_mps = np.zeros(3)
         vel_mps = earlier @ before.twist_frd[:3]
         pose[:3, 3] += (vel_mps + 0.5 * gained_mps) * dt_s
-        carried = np.eye(9)
-        carried[:3, 6:] = dt_s * np.eye(3)
-        self._spread = carried @ self._spread @ carried.T + WANDER * dt_s
+        transition = np.eye(9)
+        transition[:3, 6:] = dt_s * np.eye(3)
+        transition[6:, 3:6] = -cross_matrix(gained_mps)
+        transition[:3, 3:6] = 0.5 * dt_s * transition[6:, 3:6]
+        self._covariance = transition @ self._covariance @ transition.T + PROCESS * dt_s
+        if doubted:
+            self._covariance[6:, 6:] += DOUBTED_MPS**2 * np.eye(3)
         return Estimate(pose, _twist(pose[:3, :3], vel_mps + gained_mps, motion))
 
     def corrected(self, guess: Estimate, aligned: Array, solid_frd_m: Array, dt_s: float) -> Estimate | None:
-        """As much as the points bear, that were joined."""
-        turned = _turn_of(aligned[:3, :3] @ guess.pose_odom[:3, :3].T)
-        off = np.concatenate([aligned[:3, 3] - guess.pose_odom[:3, 3], turned])
-        doubt_m = MOST_OFF_M + DOUBTS * float(np.sqrt(np.trace(self._spread[:3, :3])))
-        doubt_rad = MOST_OFF_RAD + DOUBTS * float(np.sqrt(np.trace(self._spread[3:6, 3:6])))
-        if not (float(np.linalg.norm(off[:3])) <= doubt_m and float(np.linalg.norm(off[3:])) <= doubt_rad):
+        """As much as the points bear that were to be joined."""
+        turn = _turn_of(aligned[:3, :3] @ guess.pose_odom[:3, :3].T)
+        residual = np.concatenate([aligned[:3, 3] - guess.pose_odom[:3, 3], turn])
+        place_m2, turn_rad2 = np.trace(self._covariance[:3, :3]), np.trace(self._covariance[3:6, 3:6])
+        most_m, most_rad = MOST_OFF_M + DEVIATIONS * place_m2**0.5, MOST_OFF_RAD + DEVIATIONS * turn_rad2**0.5
+        if not (float(np.linalg.norm(residual[:3])) <= most_m and float(np.linalg.norm(turn)) <= most_rad):
             return None
-        information = _borne(solid_frd_m @ guess.pose_odom[:3, :3].T)
-        noise = (POINT_M**2 * np.linalg.inv(information) + ALIGNED).astype(np.float64)
-        return self._weighed(guess, np.eye(6, 9), off, noise)
+        if float(np.linalg.norm(residual)) < _NOTHING:
+            return guess
+        information = _information(solid_frd_m @ guess.pose_odom[:3, :3].T)
+        noise = (POINT_M**2 * np.linalg.inv(information) + REGISTRATION).astype(np.float64)
+        return self._observed(guess, np.eye(6, 9), residual, noise)
 
     def levelled(self, estimate: Estimate, motion: Motion | None) -> Estimate:
         """Down is where the autopilot says, and the water at its height."""
@@ -107,9 +154,9 @@ class Inertial:
             self._down = self._down + (down - self._down) / self._downs
         reference = self._down / np.linalg.norm(self._down)
         level_axes = np.linalg.svd(reference[None])[2][1:]
-        sides = np.zeros((2, 9))
-        sides[:, 3:6] = level_axes
-        estimate = self._weighed(estimate, sides, level_axes @ np.cross(down, reference), DOWN_RAD**2 * np.eye(2))
+        jacobian = np.zeros((2, 9))
+        jacobian[:, 3:6] = level_axes
+        estimate = self._observed(estimate, jacobian, level_axes @ np.cross(down, reference), DOWN_RAD**2 * np.eye(2))
         level = self._water.level
         if level is None:
             return estimate
@@ -117,17 +164,17 @@ class Inertial:
         if self._heights < REFERENCE_CLOUDS:
             self._heights += 1
             self._height_m += (height_m - self._height_m) / self._heights
-        sides = np.zeros((1, 9))
-        sides[0, :3] = reference
-        return self._weighed(estimate, sides, np.array([self._height_m - height_m]), HEIGHT_M**2 * np.eye(1))
+        jacobian = np.zeros((1, 9))
+        jacobian[0, :3] = reference
+        return self._observed(estimate, jacobian, np.array([self._height_m - height_m]), HEIGHT_M**2 * np.eye(1))
 
-    def _weighed(self, estimate: Estimate, sides: Array, off: Array, noise: Array) -> Estimate:
-        """After an observation that is `off` (k,) from what is expected; sides (k, 9): how errors show in it."""
-        spread = self._spread
-        gain = np.linalg.solve(sides @ spread @ sides.T + noise, sides @ spread).T
-        spread = (np.eye(9) - gain @ sides) @ spread
-        self._spread = 0.5 * (spread + spread.T)
-        error = gain @ off
+    def _observed(self, estimate: Estimate, jacobian: Array, residual: Array, noise: Array) -> Estimate:
+        """After an observation (k,) of covariance noise (k, k); jacobian (k, 9) of it by the errors."""
+        before = self._covariance
+        gain = np.linalg.solve(jacobian @ before @ jacobian.T + noise, jacobian @ before).T
+        after = (np.eye(9) - gain @ jacobian) @ before
+        self._covariance = 0.5 * (after + after.T)
+        error = gain @ residual
         pose, twist = estimate.pose_odom.copy(), estimate.twist_frd.copy()
         vel_mps = pose[:3, :3] @ twist[:3] + error[6:]
         pose[:3, 3] += error[:3]
@@ -140,18 +187,18 @@ def _twist(rot_odom_frd: Array, vel_odom_mps: Array, motion: Motion) -> Array:
     return np.concatenate([rot_odom_frd.T @ vel_odom_mps, motion.rate_frd_radps])
 
 
-def _borne(around_m: Array) -> Array:
-    """(6, 6) what points (n, 3) around the body say of its place and attitude, each of weight one.
+def _information(around_m: Array) -> Array:
+    """(6, 6) of points (n, 3) around the body on its place and attitude, each of weight one.
 
     The normal equations of point-to-point registration; what they leave open is nearly zero.
     """
     total, squares = around_m.sum(axis=0), around_m.T @ around_m
-    borne = 1e-3 * np.eye(6)
-    borne[:3, :3] += len(around_m) * np.eye(3)
-    borne[:3, 3:] = -cross_matrix(total)
-    borne[3:, :3] = cross_matrix(total)
-    borne[3:, 3:] += np.trace(squares) * np.eye(3) - squares
-    return borne
+    information = 1e-3 * np.eye(6)
+    information[:3, :3] += len(around_m) * np.eye(3)
+    information[:3, 3:] = -cross_matrix(total)
+    information[3:, :3] = cross_matrix(total)
+    information[3:, 3:] += np.trace(squares) * np.eye(3) - squares
+    return information
 
 
 def _turn_of(rotation: Array) -> Array:

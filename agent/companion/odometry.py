@@ -40,6 +40,11 @@ MOST_TURNS = 20
 """Of ICP a cloud. What they are after that is below the noise of a pose, and there may be hundreds."""
 
 
+def no_motion(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
+    """Of an odometry by clouds alone."""
+    return None
+
+
 class OdometryError(Exception):
     """One sentence for the user: what is wrong with the odometry and what to do."""
 
@@ -64,8 +69,8 @@ class LidarOdometry:
 
     max_range_m, min_range_m: of the points that are used. voxel_m: edge of the cells of the local map, which keeps what
     is within max_range_m. motion: what the autopilot says of how the body moved; without it, clouds alone count.
-    poses, poses_refused: clouds that were placed, and not. points_refused: points that cannot be. restarts: how often
-    the local map was begun anew.
+    poses, poses_refused: clouds that were placed, and not. unaided: clouds without a motion. points_refused: points
+    that cannot be. restarts: how often the local map was begun anew.
 
     Raises OdometryError where KISS-ICP is not installed.
     """
@@ -75,7 +80,7 @@ class LidarOdometry:
         max_range_m: float = 150.0,
         voxel_m: float = 1.0,
         min_range_m: float = 1.0,
-        motion: MotionOf = lambda before_ns, begin_ns, end_ns: None,
+        motion: MotionOf = no_motion,
     ) -> None:
         try:
             from kiss_icp.config import KISSConfig  # type: ignore[import-untyped]
@@ -102,7 +107,7 @@ class LidarOdometry:
         self._water = WaterPlane()
         self._inertial, self._lidar_only = Inertial(self._water), LidarOnly(self._water)
         self._filter: Filter = self._lidar_only
-        self.poses = self.poses_refused = self.points_refused = self.restarts = 0
+        self.poses = self.poses_refused = self.unaided = self.points_refused = self.restarts = 0
         self._refused_on_end = 0
         self._stamp_ns: int | None = None
         self._at: Estimate | None = None
@@ -119,6 +124,7 @@ class LidarOdometry:
             self.poses_refused += 1
             return None
         motion = self._motion(before_ns, stamp_ns, end_ns)
+        self.unaided += motion is None
         wet = self._water.of(points, lag_s)
         if motion is not None:
             wet |= self._water.crests(points, lag_s, motion.attitude_ned[2], motion.rate_frd_radps)
@@ -201,5 +207,7 @@ class LidarOdometry:
             self._refused_on_end = 0
             self.restarts += 1
             self._map = self._new_map(self._config)
-            self._stamp_ns, self._at = end_ns, guess
-            self._map.update(solid, guess.pose_odom)
+            if motion is None:
+                self._stamp_ns, self._at = end_ns, guess
+            assert self._at is not None
+            self._map.update(solid, self._at.pose_odom)

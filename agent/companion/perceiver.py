@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from agent.companion.clouds import Cloud, Clouds, cloud_messages
 from agent.companion.echoes import echo_points
-from agent.companion.estimate import Motion
-from agent.companion.inertial import motion_of
+from agent.companion.inertial import Motions
 from agent.companion.mapping import LIDAR, SONAR, Added, CloudMap
-from agent.companion.odometry import LidarOdometry, OdometryError, Placed
+from agent.companion.odometry import LidarOdometry, OdometryError, Placed, no_motion
 from agent.companion.pings import Ping, Pings
+from agent.companion.pose_history import AHEAD_NS
 from agent.companion.sensor_clock import SensorClock
 from agent.companion.settings import Settings
 from agent.companion.watch import Watch
@@ -26,7 +26,10 @@ MOST_WAITING = 3
 """Clouds that may wait for the odometry: a companion that is too slow sees less, not later."""
 PATIENCE_NS = 150_000_000
 """That a cloud waits for what the autopilot says of its time, before it is placed without."""
+UNAIDED_CLOUDS = 50
+"""Of a run, from which on it is said that the odometry goes without the autopilot."""
 MOST_PINGS = 32
+"""That wait for a cloud."""
 _LOCAL_FRD, _BODY_FRD = 20, 12  # MAV_FRAME
 _UNKNOWN = [float("nan")] + [0.0] * 20
 _LIDAR_ESTIMATOR = 6  # MAV_ESTIMATOR_TYPE
@@ -52,14 +55,18 @@ class Perceiver:
         self._waiting: deque[Cloud] = deque()
         self._seen: deque[Cloud] = deque()  # by the watch; the odometry waits for the autopilot
         self._aided = bool(settings["ODO_AIDED"])
-        self._echoes: deque[Ping] = deque(maxlen=MOST_PINGS)
+        self._say = say
+        self._said_alone = False
+        self._echoes: deque[Ping] = deque()
         self._tally = _Tally(0, 0, 0.0)
         self._numbers = {LIDAR: 0, SONAR: 0}
         self._odometry: LidarOdometry | None = None
         self._map: CloudMap | None = None
         if settings["ODO_ENABLE"]:
             try:
-                self._odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=self._motion)
+                motions = Motions(watch.vehicle.history, self._clock.own_ns)
+                motion = motions.of if self._aided else no_motion
+                self._odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=motion)
             except OdometryError as error:
                 say(str(error))
         if settings["MAP_ENABLE"] and self._odometry is not None:
@@ -103,7 +110,7 @@ class Perceiver:
             if len(cloud.offset_s):
                 latency_s = max(now_ns() - self._clock.own_ns(_end_ns(cloud)), 0) * 1e-9
                 self._tally = self._tally._replace(latency_s=latency_s)
-        while self._echoes and not (self._seen and self._seen[0].stamp_ns <= self._echoes[0].stamp_ns):
+        while self._echoes and (len(self._echoes) > MOST_PINGS or not self._is_awaited(self._echoes[0].stamp_ns)):
             told += self._hear(self._echoes.popleft())
         return told
 
@@ -112,18 +119,21 @@ class Perceiver:
         if self._odometry is None or not self._aided or told_ns is None:
             return True
         end_ns = self._clock.own_ns(_end_ns(cloud))
-        return told_ns >= end_ns or now_ns - end_ns > PATIENCE_NS or len(self._seen) > MOST_WAITING
+        late_ns = end_ns - told_ns
+        hopeless = late_ns > AHEAD_NS or now_ns - end_ns > PATIENCE_NS or len(self._seen) > MOST_WAITING
+        return late_ns <= 0 or hopeless
 
-    def _motion(self, before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
-        if not self._aided:
-            return None
-        own_ns, history = self._clock.own_ns, self.watch.vehicle.history
-        return motion_of(history, None if before_ns is None else own_ns(before_ns), own_ns(begin_ns), own_ns(end_ns))
+    def _is_awaited(self, stamp_ns: int) -> bool:
+        """Whether a cloud that waits will say where the body was."""
+        return bool(self._seen) and self._seen[0].stamp_ns <= stamp_ns
 
     def _place(self, cloud: Cloud) -> Messages:
         if self._odometry is None:
             return []
         placed = self._odometry.register(cloud.stamp_ns, cloud.points_m, cloud.offset_s)
+        if self._aided and self._odometry.unaided == UNAIDED_CLOUDS and not self._said_alone:
+            self._said_alone = True
+            self._say("odometry by clouds alone: the autopilot told no attitude and velocity for 5 s of them")
         if placed is None:
             return []
         told = [_odometry_message(placed)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 KEPT_NS = 5_000_000_000
-_AHEAD_NS = 500_000_000  # so far past the newest sample motion is carried on
+AHEAD_NS = 500_000_000  # so far past the newest sample motion is carried on
 _GAP_NS = 1_500_000_000  # samples farther apart are not joined
 _STEP_RAD, _STEP_SHARE = math.radians(1.0), 0.1  # that attitudes may be off what the rates say: more is a step
 _RATES_HOLD_S = 0.3  # samples farther apart are not held against rates
@@ -46,9 +46,11 @@ class PoseHistory:
     def __init__(self) -> None:
         self._turned: deque[_Turned] = deque()
         self._placed: deque[_Placed] = deque()
+        self.epoch = 0  # how often all was forgotten
 
     def clear(self) -> None:
         """Forget all."""
+        self.epoch += 1
         self._turned.clear()
         self._placed.clear()
 
@@ -92,16 +94,13 @@ class PoseHistory:
             return None
         return VehiclePose(place[0], rotation(turned.quat), place[1])
 
-    def turn(self, from_ns: int, to_ns: int) -> Array | None:
-        """(3, 3) the body at one instant seen from the body at an earlier one, as it turned; None where not known.
+    def steady_at(self, stamp_ns: int) -> Array | None:
+        """(3, 3) the body's axes as it turned, in a frame that stays as long as the epoch; None where not known.
 
         An estimator that corrects itself at a stroke, as it does when it finds north, has not turned the body.
         """
-        earlier, later = self._turned_at(from_ns), self._turned_at(to_ns)
-        if earlier is None or later is None:
-            return None
-        turned: Array = rotation(earlier.steady).T @ rotation(later.steady)
-        return turned
+        turned = self._turned_at(stamp_ns)
+        return None if turned is None else rotation(turned.steady)
 
     def _turned_at(self, stamp_ns: int) -> _Turned | None:
         later: _Turned | None = None
@@ -109,7 +108,7 @@ class PoseHistory:
             if sample.stamp_ns <= stamp_ns:
                 if later is None:
                     ahead_ns = stamp_ns - sample.stamp_ns
-                    return _carried(sample, ahead_ns * 1e-9) if ahead_ns <= _AHEAD_NS else None
+                    return _carried(sample, ahead_ns * 1e-9) if ahead_ns <= AHEAD_NS else None
                 if later.stamp_ns - sample.stamp_ns > _GAP_NS:
                     return None
                 share = (stamp_ns - sample.stamp_ns) / (later.stamp_ns - sample.stamp_ns)
@@ -125,7 +124,7 @@ class PoseHistory:
             if sample.stamp_ns <= stamp_ns:
                 if later is None:
                     ahead_ns = stamp_ns - sample.stamp_ns
-                    if ahead_ns > _AHEAD_NS:
+                    if ahead_ns > AHEAD_NS:
                         return None
                     return sample.pos_ned_m + sample.vel_ned_mps * (ahead_ns * 1e-9), sample.vel_ned_mps
                 if later.stamp_ns - sample.stamp_ns > _GAP_NS:

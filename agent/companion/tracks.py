@@ -23,10 +23,10 @@ _GATE_M = 2.5
 _CONFIRMED_HITS, _CONFIRMED_NS = 4, 700_000_000
 _LOST_NS = 2_500_000_000  # in view and not seen, and more for every time it was: waves hide what is low
 _LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS = 100_000_000, 6_000_000_000
-_DOUBTFUL_NS = 1_200_000_000  # the same before it is confirmed
+_DOUBTFUL_NS, _DOUBTFUL_FAR_NS = 1_200_000_000, 1_500_000_000  # the same before it is confirmed; beyond water
 _COASTED_NS = 12_000_000_000  # out of view, at most
 _COASTS_NS = 700_000_000  # for every time it was seen
-_ODD_MPS, _ODD_HITS = 1.0, 12  # what goes so much otherwise than the water is looked at longer
+_ODD_MPS, _ODD_WET_MPS, _ODD_HITS = 1.0, 0.6, 12  # what goes so much otherwise than the water is looked at longer
 _BORN_M = 8.0  # nothing is first seen closer: the bow's own wave, and crests that it has run over
 _WET_HITS = 20  # and so is what is first seen where water returns, or not far beyond
 _VIEW_RAD = math.radians(29.0)
@@ -53,6 +53,7 @@ class Track:
         self.missed_ns = 0  # in view since it was last seen
         self.hits_needed = hits_needed
         self.confirmed = False
+        self.counted = False
 
     def at(self, stamp_ns: int) -> Array:
         """Where its middle is at an instant, (2,)."""
@@ -179,21 +180,25 @@ class Tracks:
                 self._next = self._next % 65535 + 1
 
     def _confirm(self, track: Track, drift_ne_mps: Array) -> None:
-        odd = math.hypot(*(track.state[2:] - drift_ne_mps).tolist()) > _ODD_MPS
         wet = track.hits_needed >= _WET_HITS
-        hits = (_ODD_HITS if odd else 0) + track.hits_needed
+        off_mps = math.hypot(*(track.state[2:] - drift_ne_mps).tolist())
+        hits = track.hits_needed + (_ODD_HITS if off_mps > (_ODD_WET_MPS if wet else _ODD_MPS) else 0)
         known_ns = track.seen_ns - track.first_ns
-        if track.confirmed or track.hits < hits or known_ns < _CONFIRMED_NS:
+        if track.confirmed:
+            # crests that the bow pushes along were taken for one thing, which then seems to keep up with the vessel
+            track.confirmed = not wet or track.hits >= hits
+            return
+        if track.hits < hits or known_ns < _CONFIRMED_NS:
             return
         if wet and known_ns > track.hits * WET_HIT_NS:
             return
-        track.confirmed = True
-        self.total += 1
+        self.total += not track.counted
+        track.confirmed = track.counted = True
 
     def _is_lost(self, track: Track, now_ns: int) -> bool:
         unseen_ns = now_ns - track.seen_ns
         if not track.confirmed:
-            return unseen_ns > _DOUBTFUL_NS
+            return unseen_ns > (_DOUBTFUL_NS if track.hits_needed >= _WET_HITS else _DOUBTFUL_FAR_NS)
         if unseen_ns > _DOUBTFUL_NS and self.structure.covers(track.at(now_ns), 1.0):
             return True
         if track.missed_ns > min(_LOST_NS + track.hits * _LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS):

@@ -72,8 +72,8 @@ class Link:
     `foreign`: the other end knows kinds of messages that the dialect does not have. They are counted in `passed`, their
     sequence numbers count as any, and they go no further.
 
-    patience_s: how long a frame waits for a transport that has no room, before it is unsent. 0 as it begins: a run in
-    real time goes on.
+    wait_for_room: called before each send, to wait for a transport that has no room as long as that is worth while.
+    None as it begins: what finds no room is unsent, and a run in real time goes on.
 
     On a transport with a capacity, messages that are not urgent wait until the line has room, see `WaitingMessages`:
     `receive` sends them on, and `wake_s` says when it wants to.
@@ -91,7 +91,7 @@ class Link:
     ) -> None:
         self.transport = transport
         self.tap = tap
-        self.patience_s = 0.0
+        self.wait_for_room: Callable[[], object] | None = None
         self.refused_signature = 0
         self._signing = signing
         self._link_id = link_id
@@ -177,8 +177,8 @@ class Link:
         return taken
 
     def _hand_on(self, frames: list[bytes], data: bytes, start: int) -> bool:
-        if self.patience_s > 0.0:
-            self.transport.wait_for_room(self.patience_s)
+        if self.wait_for_room is not None:
+            self.wait_for_room()
         if not self.transport.send(data):
             if not self._others:
                 self._packer.sequence = start

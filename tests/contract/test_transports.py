@@ -293,26 +293,27 @@ def test_tcp_many_call_one_listener() -> None:
     listener.close()
 
 
-@pytest.mark.parametrize("patience_s", [0.0, WAIT_S])
-def test_tcp_a_link_with_patience_loses_nothing_to_a_reader_that_is_busy(patience_s: float) -> None:
+@pytest.mark.parametrize("patient", [False, True])
+def test_tcp_a_link_that_waits_for_room_loses_nothing_to_a_reader_that_is_busy(patient: bool) -> None:
     listening, calling = tcp_pair()
     with listening, calling:
-        sender, reader = Link(calling, 1, 1), Link(ImpairedTransport(listening), 2, 1)
-        sender.patience_s = patience_s
+        sender, reader = Link(ImpairedTransport(calling), 1, 1), Link(listening, 2, 1)
+        if patient:
+            sender.wait_for_room = lambda: sender.transport.wait_for_room(WAIT_S)
         assert sender.send(status(b"hello"))
         assert len(reader.receive(WAIT_S)) == 1
         sent = threading.Thread(target=lambda: [sender.send(status(b"x" * 50)) for _ in range(80_000)])
         sent.start()
         sent.join(0.3)  # long enough to fill what the system keeps, which is less than these 6 MB
         heard = 0
-        while heard < 80_000 and (messages := reader.receive(WAIT_S if patience_s else 0.5)):
+        while heard < 80_000 and (messages := reader.receive(WAIT_S if patient else 0.5)):
             heard += len(messages)
         sent.join()
         assert sender.counters.unsent == 80_000 - heard
-        assert (heard == 80_000) == (patience_s > 0.0)
+        assert (heard == 80_000) == patient
 
 
-def test_tcp_patience_has_an_end_and_needs_a_peer() -> None:
+def test_tcp_waiting_for_room_has_an_end_and_needs_a_peer() -> None:
     listening, calling = tcp_pair()
     with listening, calling:
         assert calling.send(b"hello")

@@ -11,12 +11,12 @@ from pydantic import ValidationError
 
 from agent.companion.clouds import Cloud, Clouds, cloud_messages
 from agent.companion.echoes import echo_points
-from agent.companion.estimate import Motion
-from agent.companion.inertial import motion_of
+from agent.companion.inertial import Motions
 from agent.companion.mapping import LIDAR, SONAR, CloudMap
 from agent.companion.odometry import LidarOdometry, OdometryError, Placed
 from agent.companion.perceiver import PATIENCE_NS
 from agent.companion.pings import Ping
+from agent.companion.pose_history import AHEAD_NS
 from agent.companion.settings import Settings, checked
 from agent.companion.vehicle import VehicleView
 from agent.wire.codec import Message
@@ -57,7 +57,7 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     settings = _settings(profile)
     autopilot = _Autopilot(told(log) if settings["ODO_AIDED"] else iter(()), profile)
     try:
-        odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=autopilot.motion)
+        odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=autopilot.motions.of)
     except OdometryError as error:
         raise UserError(f"{log.path}: {error}") from error
     cloud_map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
@@ -95,10 +95,11 @@ class _Autopilot:
     That begins to listen with its first cloud. In lockstep its clock still shows the exchange before when it hears.
     """
 
-    def __init__(self, told: Iterator[tuple[int, Message]], profile: RunProfile | None) -> None:
+    def __init__(self, said: Iterator[tuple[int, Message]], profile: RunProfile | None) -> None:
         self._view = VehicleView()
-        self._told = told
-        self._next = next(told, None)
+        self.motions = Motions(self._view.history, lambda stamp_ns: stamp_ns)
+        self._told = said
+        self._next = next(said, None)
         self._begun = False
         lockstep = profile is not None and profile.clock.mode == "lockstep"
         self._behind_ns = round(1e9 / profile.clock.exchange_rate_hz) if profile is not None and lockstep else 0
@@ -107,16 +108,14 @@ class _Autopilot:
         """Until it has told of this instant, as long as a companion waits for it."""
         history = self._view.history
         while self._next is not None and self._next[0] <= end_ns + PATIENCE_NS:
-            if history.newest_ns is not None and history.newest_ns >= end_ns:
+            late_ns = 0 if history.newest_ns is None else end_ns - history.newest_ns
+            if self._next[0] > end_ns and history.newest_ns is not None and not 0 < late_ns <= AHEAD_NS:
                 return
             stamp_ns, message = self._next
             if self._begun or stamp_ns > end_ns:
                 self._begun = True
                 self._view.take(message, stamp_ns - self._behind_ns)
             self._next = next(self._told, None)
-
-    def motion(self, before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
-        return motion_of(self._view.history, before_ns, begin_ns, end_ns)
 
 
 def trajectory_of(placed: list[Placed]) -> Trajectory:

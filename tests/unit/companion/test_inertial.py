@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from agent.companion.estimate import Estimate, Motion
-from agent.companion.inertial import BEGUN, MOST_GAIN_MPS2, Inertial, _borne, motion_of
+from agent.companion.inertial import DOWN_RAD, HEIGHT_M, INITIAL, Inertial, Motions, _information
 from agent.companion.odometry import LidarOdometry
 from agent.companion.pose_history import PoseHistory, quaternion, rotation
 from agent.companion.rigid import exponential, logarithm
-from agent.companion.water_plane import WaterPlane
+from agent.companion.water_plane import Level, WaterPlane
 from tests.unit.companion import river_scans
 
 STEP_NS = 100_000_000
@@ -18,15 +18,23 @@ BLIND = range(20, 45)
 """Clouds that see nothing but water: the vessel looks away from the poles for 2.5 s, or 5 m."""
 
 
+def turning(t_s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """In place of river_scans.pose: a vessel that swerves while it sees nothing, rolls, and heaves."""
+    t = np.atleast_1d(np.asarray(t_s, dtype=float))
+    place = np.stack([2.0 * t, 1.5 - 1.5 * np.cos(0.8 * t), -0.15 + 0.03 * np.sin(2.0 * t)], axis=-1)
+    angles = np.stack([0.06 * np.sin(6.0 * t), 0.02 * np.sin(5.0 * t), 0.5 * np.sin(0.8 * t)], axis=-1)
+    return place, np.array([rotation(quaternion(*row)) for row in angles])
+
+
 def told(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion:
-    """The true motion of river_scans."""
+    """The true motion of it."""
 
     def velocity(stamp_ns: int) -> np.ndarray:
-        ends = river_scans.pose(np.array([stamp_ns - 1_000_000, stamp_ns + 1_000_000]) * 1e-9)[0]
+        ends = turning(np.array([stamp_ns - 1_000_000, stamp_ns + 1_000_000]) * 1e-9)[0]
         return (ends[1] - ends[0]) / 2e-3
 
     then_ns = end_ns if before_ns is None else before_ns
-    attitudes = river_scans.pose(np.array([then_ns, begin_ns, end_ns]) * 1e-9)[1]
+    attitudes = turning(np.array([then_ns, begin_ns, end_ns]) * 1e-9)[1]
     motion = np.eye(4)
     motion[:3, :3] = attitudes[1].T @ attitudes[2]
     rate = logarithm(motion)[3:] / ((end_ns - begin_ns) * 1e-9)
@@ -35,50 +43,70 @@ def told(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion:
     )
 
 
+Drive = list[tuple[int, np.ndarray, np.ndarray]]
+
+
 @pytest.fixture(scope="module")
-def drive() -> list[tuple[int, np.ndarray, np.ndarray]]:
-    rng, stands, nothing = np.random.default_rng(3), river_scans.poles(), np.empty((0, 3))
-    return [(k * STEP_NS, *river_scans.scan(0.1 * k, nothing if k in BLIND else stands, rng)) for k in range(60)]
+def drives() -> tuple[Drive, Drive]:
+    """With a spell of seeing nothing, and without."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(river_scans, "pose", turning)
+        rng, stands, nothing = np.random.default_rng(3), river_scans.poles(), np.empty((0, 3))
+        seeing = [(k * STEP_NS, *river_scans.scan(0.1 * k, stands, rng)) for k in range(60)]
+        blind = [
+            (k * STEP_NS, *river_scans.scan(0.1 * k, nothing, rng)) if k in BLIND else seeing[k] for k in range(60)
+        ]
+    return blind, seeing
 
 
-def off_m(odometry: LidarOdometry, drive: list) -> float:
+@pytest.fixture
+def drive(drives: tuple[Drive, Drive]) -> Drive:
+    return drives[0]
+
+
+def off_m(odometry: LidarOdometry, drive: Drive) -> float:
     """How far the last pose is from the true one, seen from the first."""
     placed = [one for one in (odometry.register(*cloud) for cloud in drive) if one is not None]
-    place, attitude = river_scans.pose(np.array([placed[0].stamp_ns, placed[-1].stamp_ns]) * 1e-9)
+    place, attitude = turning(np.array([placed[0].stamp_ns, placed[-1].stamp_ns]) * 1e-9)
     true_m = attitude[0].T @ (place[1] - place[0])
     return float(np.linalg.norm(placed[-1].pose_odom[:3, 3] - true_m))
 
 
-def test_it_finds_its_way_past_water_that_shows_nothing(drive: list) -> None:
-    odometry = LidarOdometry(motion=told)
+def test_it_finds_its_way_past_water_that_shows_nothing(drive: Drive) -> None:
+    aided, alone = LidarOdometry(motion=told), LidarOdometry()
     # As without a blind spell (test_lidar_odometry): what the clouds after it add.
-    assert off_m(odometry, drive) < 0.25
-    assert (odometry.poses, odometry.poses_refused) == (60 - len(BLIND), len(BLIND))
+    assert off_m(aided, drive) < 0.25 < off_m(alone, drive)
+    assert (aided.poses, aided.poses_refused, aided.unaided) == (60 - len(BLIND), len(BLIND), 0)
+    assert alone.unaided == 60
 
 
-def test_a_ping_in_a_blind_spell_is_placed_by_the_autopilots_motion(drive: list) -> None:
-    odometry = LidarOdometry(motion=told)
-    for cloud in drive[: BLIND[-1]]:
-        odometry.register(*cloud)
+def test_a_ping_in_a_blind_spell_is_placed_by_the_autopilots_motion(drive: Drive) -> None:
+    aided, alone = LidarOdometry(motion=told), LidarOdometry()
     stamp_ns = BLIND[-1] * STEP_NS
-    place, _ = river_scans.pose(np.array([STEP_NS, stamp_ns]) * 1e-9)
-    pose = odometry.pose_at(stamp_ns)
-    assert pose is not None
-    assert np.linalg.norm(pose[:3, 3]) == pytest.approx(np.linalg.norm(place[1] - place[0]), abs=0.3)
+    place, attitude = turning(np.array([0.1, stamp_ns * 1e-9]))
+    true_m = attitude[0].T @ (place[1] - place[0])
+    off = []
+    for odometry in (aided, alone):
+        for cloud in drive[: BLIND[-1]]:
+            odometry.register(*cloud)
+        pose = odometry.pose_at(stamp_ns)
+        assert pose is not None
+        off.append(float(np.linalg.norm(pose[:3, 3] - true_m)))
+    assert off[0] < 0.25 < off[1]
 
 
-def test_an_autopilot_that_falls_silent_and_speaks_again_leaves_the_clouds_in_between() -> None:
+def test_an_autopilot_that_falls_silent_and_speaks_again_leaves_the_clouds_in_between(
+    drives: tuple[Drive, Drive],
+) -> None:
     def now_and_then(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
         return None if 20 * STEP_NS < end_ns < 40 * STEP_NS else told(before_ns, begin_ns, end_ns)
 
-    rng, stands = np.random.default_rng(3), river_scans.poles()
-    drive = [(k * STEP_NS, *river_scans.scan(0.1 * k, stands, rng)) for k in range(60)]
     odometry = LidarOdometry(motion=now_and_then)
-    assert off_m(odometry, drive) < 0.25
-    assert odometry.poses_refused == 0
+    assert off_m(odometry, drives[1]) < 0.5
+    assert (odometry.poses_refused, odometry.unaided) == (0, 20)
 
 
-def test_the_same_clouds_and_words_give_the_same_poses(drive: list) -> None:
+def test_the_same_clouds_and_words_give_the_same_poses(drive: Drive) -> None:
     one, other = LidarOdometry(motion=told), LidarOdometry(motion=told)
     for cloud in drive[:15]:
         here, there = one.register(*cloud), other.register(*cloud)
@@ -96,7 +124,7 @@ def test_points_bear_what_their_jacobian_says() -> None:
         motion = exponential(small)
         columns.append(((points @ motion[:3, :3].T + motion[:3, 3] - points) * 1e6).ravel())
     jacobian = np.stack(columns, axis=1)
-    np.testing.assert_allclose(_borne(points), jacobian.T @ jacobian + 1e-3 * np.eye(6), rtol=1e-4, atol=1e-2)
+    np.testing.assert_allclose(_information(points), jacobian.T @ jacobian + 1e-3 * np.eye(6), rtol=1e-4, atol=1e-2)
 
 
 def motion(gained: np.ndarray) -> Motion:
@@ -118,7 +146,7 @@ def test_many_points_are_believed_and_few_are_not() -> None:
         found = inertial.corrected(guess, aligned, points - points.mean(axis=0), 1.0)
         assert found is not None
         moved.append(found.pose_odom[0, 3])
-        prior = BEGUN[0, 0] + BEGUN[6, 6] + 0.02**2
+        prior = INITIAL[0, 0] + INITIAL[6, 6] + 0.02**2
         assert moved[-1] == pytest.approx(0.3 * prior / (prior + 0.5**2 / count + 0.02**2), rel=0.02)
     assert moved[0] < moved[1] < 0.3
 
@@ -132,10 +160,82 @@ def test_a_registration_that_found_something_else_is_refused(place_m: float, tur
     assert inertial.corrected(guess, aligned, np.ones((50, 3)), 0.1) is None
 
 
-def test_a_velocity_that_jumps_does_not_throw_it() -> None:
+def test_a_velocity_that_jumps_is_not_believed_and_what_it_was_before_is_doubted() -> None:
     inertial = Inertial(WaterPlane())
     guess = inertial.predicted(Estimate(np.eye(4), np.zeros(6)), 0.1, motion(np.array([40.0, 0.0, 0.0])))
-    assert np.linalg.norm(guess.twist_frd[:3]) == pytest.approx(0.1 * MOST_GAIN_MPS2)
+    np.testing.assert_array_equal(guess.twist_frd, np.zeros(6))
+    assert inertial._covariance[6, 6] > 1.0
+
+
+def test_a_registration_that_joined_nothing_says_nothing() -> None:
+    inertial = Inertial(WaterPlane())
+    guess = inertial.predicted(Estimate(np.eye(4), np.zeros(6)), 1.0, motion(np.zeros(3)))
+    before = inertial._covariance.copy()
+    assert inertial.corrected(guess, guess.pose_odom.copy(), np.ones((50, 3)), 1.0) is guess
+    np.testing.assert_array_equal(inertial._covariance, before)
+
+
+def test_what_was_observed_is_known_better_and_its_covariance_stays_one() -> None:
+    inertial, rng = Inertial(WaterPlane()), np.random.default_rng(8)
+    estimate = inertial.predicted(None, 0.0, motion(np.zeros(3)))
+    for _ in range(200):
+        estimate = inertial.predicted(estimate, 0.1, motion(np.zeros(3)))
+        before = np.diag(inertial._covariance).copy()
+        aligned = np.eye(4)
+        aligned[:3, 3] += rng.normal(0.0, 0.02, 3)
+        found = inertial.corrected(estimate, aligned, rng.uniform(-20.0, 20.0, (100, 3)), 0.1)
+        assert found is not None
+        assert (np.diag(inertial._covariance) < before).all()
+        assert np.linalg.eigvalsh(inertial._covariance)[0] > 0.0
+        estimate = found
+    assert np.linalg.norm(estimate.pose_odom[:3, 3]) < 0.1
+
+
+@pytest.mark.parametrize("tilt_rad", [-0.1, 0.1])
+def test_it_is_levelled_to_where_the_autopilot_says_that_down_is(tilt_rad: float) -> None:
+    """It begins level for as long as down is learnt; then the estimate is tilted, and the autopilot's is not."""
+    inertial = Inertial(WaterPlane())
+    estimate = inertial.predicted(None, 0.0, motion(np.zeros(3)))
+    for _ in range(60):
+        estimate = inertial.levelled(inertial.predicted(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
+    tilted = exponential(np.array([0.0, 0.0, 0.0, tilt_rad, -tilt_rad, 0.2]))
+    inertial.taken_up()
+    estimate = Estimate(tilted, np.zeros(6))
+    for _ in range(100):
+        estimate = inertial.levelled(inertial.predicted(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
+    down = estimate.pose_odom[:3, 2]
+    assert np.linalg.norm(down[:2]) < DOWN_RAD
+    heading = np.arctan2(estimate.pose_odom[1, 0], estimate.pose_odom[0, 0])
+    assert heading == pytest.approx(np.arctan2(tilted[1, 0], tilted[0, 0]), abs=0.02)  # which down says nothing of
+
+
+@pytest.mark.parametrize("lifted_m", [-0.8, 0.8])
+def test_its_height_is_held_to_the_water(lifted_m: float) -> None:
+    water = WaterPlane()
+    water.level = Level(np.array([0.0, 0.0, 1.0]), 0.15, np.zeros(3))
+    inertial = Inertial(water)
+    estimate = inertial.predicted(None, 0.0, motion(np.zeros(3)))
+    for step in range(200):
+        if step == 60:
+            pose = estimate.pose_odom.copy()
+            pose[2, 3] += lifted_m
+            inertial.taken_up()
+            estimate = Estimate(pose, np.zeros(6))
+        estimate = inertial.levelled(inertial.predicted(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
+    assert abs(estimate.pose_odom[2, 3]) < HEIGHT_M
+
+
+def test_speed_is_gained_in_the_frame_of_the_odometry() -> None:
+    """The odometry began with the bow to the east: what is gained to the north is gained to port."""
+    east = rotation(quaternion(0.0, 0.0, np.pi / 2.0))
+    gained = Motion(np.eye(3), np.zeros(3), east, np.zeros(3), np.array([0.5, 0.0, 0.0]))
+    guess = Inertial(WaterPlane()).predicted(Estimate(np.eye(4), np.zeros(6)), 0.1, gained)
+    np.testing.assert_allclose(guess.twist_frd[:3], [0.0, -0.5, 0.0], atol=1e-12)
+    np.testing.assert_allclose(guess.pose_odom[:3, 3], [0.0, -0.025, 0.0], atol=1e-12)
+
+
+def as_it_is(stamp_ns: int) -> int:
+    return stamp_ns
 
 
 def history(yaw_step_rad: float) -> PoseHistory:
@@ -151,7 +251,7 @@ def history(yaw_step_rad: float) -> PoseHistory:
 
 @pytest.mark.parametrize("step_rad", [0.0, 0.6, -2.5])
 def test_an_estimator_that_finds_north_has_not_turned_the_body(step_rad: float) -> None:
-    found = motion_of(history(step_rad), 1_900_000_000, 2_000_000_000, 2_100_000_000)
+    found = Motions(history(step_rad), as_it_is).of(1_900_000_000, 2_000_000_000, 2_100_000_000)
     assert found is not None
     yaw = float(np.arctan2(found.turned[1, 0], found.turned[0, 0]))
     assert yaw == pytest.approx(0.06, abs=1e-3)
@@ -161,10 +261,45 @@ def test_an_estimator_that_finds_north_has_not_turned_the_body(step_rad: float) 
 
 
 def test_what_the_autopilot_has_not_told_is_not_made_up() -> None:
-    assert motion_of(PoseHistory(), 0, 100, 200) is None
-    kept = history(0.0)
-    assert motion_of(kept, 1_900_000_000, 2_000_000_000, 9_000_000_000) is None
-    assert motion_of(kept, -900_000_000, 2_000_000_000, 2_100_000_000) is None
+    assert Motions(PoseHistory(), as_it_is).of(0, 100, 200) is None
+    motions = Motions(history(0.0), as_it_is)
+    assert motions.of(1_900_000_000, 2_000_000_000, 9_000_000_000) is None
+    assert motions.of(-900_000_000, 2_000_000_000, 2_100_000_000) is None
+
+
+def test_what_comes_late_is_made_up_for() -> None:
+    """Velocities twice a second, clouds ten times: what is gained adds up to what was gained, 0.5 m/s each second."""
+    kept, motions, gained, end_ns = PoseHistory(), [], 0.0, None
+    source = Motions(kept, as_it_is)
+    for number in range(50):
+        stamp_ns = number * STEP_NS
+        kept.turned(stamp_ns, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+        if number % 5 == 0:
+            kept.placed(stamp_ns, np.zeros(3), np.array([0.5 * stamp_ns * 1e-9, 0.0, 0.0]))
+        motions.append(source.of(end_ns, stamp_ns, stamp_ns))
+        end_ns = stamp_ns
+    gained = sum(one.gained_ned_mps[0] for one in motions if one is not None)
+    assert None not in motions
+    assert gained == pytest.approx(0.5 * 4.5, abs=1e-9)
+
+
+def test_a_long_silence_is_bridged_by_what_was_told_last() -> None:
+    kept = PoseHistory()
+    source = Motions(kept, as_it_is)
+    kept.turned(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+    kept.placed(0, np.zeros(3), np.array([2.0, 0.0, 0.0]))
+    assert source.of(None, 0, 0) is not None
+    assert source.of(0, 3_000_000_000, 3_000_000_000) is None
+    for stamp_ns in (8_000_000_000, 8_040_000_000):
+        kept.turned(stamp_ns, quaternion(0.0, 0.0, 1.0), np.zeros(3))
+        kept.placed(stamp_ns, np.zeros(3), np.zeros(3))
+    found = source.of(0, 8_000_000_000, 8_040_000_000)
+    assert found is not None
+    np.testing.assert_allclose(found.gained_ned_mps, [-2.0, 0.0, 0.0])
+    kept.clear()
+    kept.turned(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+    kept.placed(0, np.zeros(3), np.zeros(3))
+    assert source.of(8_040_000_000, 0, 0) is None  # of an autopilot that began anew
 
 
 def test_crests_are_told_from_what_stands_where_down_is_known() -> None:
@@ -179,7 +314,10 @@ def test_crests_are_told_from_what_stands_where_down_is_known() -> None:
     lag = np.zeros(len(points), dtype=np.float32)
     plane = WaterPlane()
     wet = plane.of(points, lag)
-    crests = plane.crests(points, lag, heel[2], np.zeros(3))
+    # seen 0.1 s before the cloud's end, from a body that rolls: by then it has rolled into where `heel` is
+    rolls = np.array([0.5, 0.0, 0.0])
+    earlier = rotation(quaternion(-0.05, 0.0, 0.0))
+    crests = plane.crests((points @ earlier).astype(np.float32), lag - np.float32(0.1), heel[2], rolls)
     assert wet[:2000].all()
     assert crests[2000:3000].all()
     assert not crests[:2000].any()

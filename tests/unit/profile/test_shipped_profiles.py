@@ -26,7 +26,7 @@ ARDUPILOT_WAYS = [f"hitl-ardupilot-{way}{what}" for way in ("ahrs", "linux", "us
 OTHERS = [
     *ARDUPILOT_WAYS, "sitl-ardupilot", "sitl-ardupilot-ahrs", "sitl-ardupilot-steered", "sitl-px4", "hitl-px4",
 ]  # fmt: skip
-PERCEPTION = ["sitl-perception", "hitl-jetson", "hitl-jetson-loopback", "hitl-full"]
+PERCEPTION = ["sitl-perception", "sitl-ardupilot-perception", "hitl-jetson", "hitl-jetson-loopback", "hitl-full"]
 RUNNABLE = sorted(
     ["ground-station", *PERCEPTION, *BOARDS, *LOOPBACKS, *OTHERS, "hitl-loopback", "mitl", "mitl-replay", "sitl"]
 )

@@ -61,6 +61,7 @@ class CompanionLine:
         self._now_ns: Callable[[], int] = lambda: 0
         self._sent: tuple[int, int] | None = None
         self._synced_s = 0.0
+        self._stuck = False
         self._ended = False
 
     @property
@@ -90,8 +91,8 @@ class CompanionLine:
         self._now_ns = now_ns
         self._agent.begin(recorder, pace, now_ns, parameters_of(self._profile), [])
         self.inbox.holds = self._lockstep
-        if self._lockstep:  # a companion that is busy is waited for, or the run would not repeat
-            self._agent.link.patience_s = self._companion.silent_s
+        if self._lockstep:
+            self._agent.link.wait_for_room = self._wait_for_room
 
     # In the run
 
@@ -148,6 +149,20 @@ class CompanionLine:
         self.inbox.fresh = False
         if self.gone is not None:
             self._give_up(self.gone)
+
+    def _wait_for_room(self) -> None:
+        """A companion that is busy reads late; what it is sent meanwhile must not be lost, or the run would not repeat.
+
+        Not when it hangs or is gone, or somebody ends the run: `_wait_for` finds that out.
+        """
+        transport = self._agent.link.transport
+        started_s = time.monotonic()
+        while not transport.wait_for_room(0.0 if self._stuck else REPEAT_S):
+            waited_s = time.monotonic() - started_s
+            if self._stuck or self.interrupted() or waited_s > self._companion.silent_s:
+                self._stuck = True
+                return
+        self._stuck = False
 
     def _wait_for(self, tick: int) -> None:
         """Raises StoppedWaitingError when somebody ends the run meanwhile; one that stays silent is given up."""
