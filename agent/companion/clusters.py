@@ -22,7 +22,8 @@ _POINTS_A_METRE = 5.0
 class Cluster(NamedTuple):
     """One thing. points_ne_m (k, 2) of its cells, stamp_ns the mean of its points' instants.
 
-    length_m lies along heading_rad, width_m across; middle_ne_m (2,) of that box. `points` in the newest frame.
+    length_m lies along heading_rad, width_m across; middle_ne_m (2,) of that box. `points` in the newest frame;
+    `bright`: of all frames' points those that are brighter than water.
     """
 
     stamp_ns: int
@@ -33,6 +34,7 @@ class Cluster(NamedTuple):
     height_m: float
     heading_rad: float
     points: int
+    bright: int = 0
 
 
 def clusters(frames: Sequence[Frame], pos_ne_m: Array, doubtful_m: float) -> list[Cluster]:
@@ -48,6 +50,7 @@ def clusters(frames: Sequence[Frame], pos_ne_m: Array, doubtful_m: float) -> lis
     points = np.concatenate([frame.points_ne_m for frame in frames])
     top_m = np.concatenate([frame.top_m for frame in frames])
     count = np.concatenate([frame.hits for frame in frames])
+    bright = np.concatenate([frame.bright for frame in frames])
     origin_ns = frames[0].stamp_ns
     age_s = np.concatenate([np.full(len(frame.cells), (frame.stamp_ns - origin_ns) * 1e-9) for frame in frames])
     number = np.concatenate([np.full(len(frame.cells), index) for index, frame in enumerate(frames)])
@@ -78,6 +81,7 @@ def clusters(frames: Sequence[Frame], pos_ne_m: Array, doubtful_m: float) -> lis
                 max(float(top_m[members].max()), 0.05),
                 heading_rad,
                 latest,
+                int(bright[members].sum()),
             )
         )
     return found

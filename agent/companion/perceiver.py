@@ -102,7 +102,7 @@ class Perceiver:
         told: Messages = []
         while self._waiting:
             cloud = self._waiting.popleft()
-            self.watch.cloud(self._clock.own_ns(cloud.stamp_ns), cloud.points_m, cloud.offset_s)
+            self.watch.cloud(self._clock.own_ns(cloud.stamp_ns), cloud.points_m, cloud.offset_s, cloud.intensity)
             self._seen.append(cloud)
         while self._seen and self._is_due(self._seen[0], now_ns()):
             cloud = self._seen.popleft()

@@ -35,18 +35,25 @@ _DRAWS_BACK_M = 0.03  # a cloud: waves that are seen far off come and go
 _REACHES_OUT_M = 0.05  # a cloud: a boom across the view looks like water at first
 _WATERY = 0.45  # of the sectors
 _STANDS_OUT_M = 0.2
+_ENOUGH = 30  # low points, to say how bright water is
+_BRIGHTER = 3  # of 255, than most of the water: its glints are close by, and what floats in it reflects more
+_GLINTS_M = 8.0
 _LEVEL_S = 15.0
 _LEVEL_OFF_M = 0.4
 
 
 class Frame(NamedTuple):
-    """What one cloud hit. cells (k,), points_ne_m (k, 2) means over each cell, top_m (k,), hits (k,) points."""
+    """What one cloud hit. cells (k,), points_ne_m (k, 2) means over each cell, top_m (k,), hits (k,) points.
+
+    bright (k,): points among them that are brighter than water.
+    """
 
     stamp_ns: int
     cells: NDArray[np.int64]
     points_ne_m: Array
     top_m: Array
     hits: NDArray[np.int64]
+    bright: NDArray[np.int64]
 
 
 class Sighting:
@@ -73,17 +80,18 @@ class Sighting:
         stamp_ns: int,
         points_frd_m: NDArray[np.float32],
         offset_s: NDArray[np.float32],
+        intensity: NDArray[np.uint8],
     ) -> bool:
-        """Take a cloud in; False when its pose is not known."""
+        """Take a cloud in, intensity (n,) by reflectivity; False when its pose is not known."""
         good = np.isfinite(points_frd_m).all(axis=1) & np.isfinite(offset_s)
         good_count = int(np.count_nonzero(good))
         if good_count < len(good):
             self.refused += len(good) - good_count
-            points_frd_m, offset_s = points_frd_m[good], offset_s[good]
+            points_frd_m, offset_s, intensity = points_frd_m[good], offset_s[good], intensity[good]
         points = points_frd_m.astype(np.float64)
         range_m = np.hypot(points[:, 0], points[:, 1])
         near = (range_m > _NEAREST_M) & (range_m < self._range_m)
-        points, range_m = points[near], range_m[near]
+        points, range_m, intensity = points[near], range_m[near], intensity[near]
         placed = self._placed(history, stamp_ns, points, offset_s[near].astype(np.float64))
         if placed is None:
             self.unplaced += 1
@@ -91,10 +99,19 @@ class Sighting:
         ned_m, height_m = placed
         self._learn(points, range_m, height_m)
         wet = range_m < self.water_reach_m
-        stands = np.where(wet, height_m > self.stands_out_m, height_m > _LOWEST_M)
+        bright = self._brighter(intensity, range_m, wet & (np.abs(height_m) < _LOW_M))
+        stands = np.where(wet, (height_m > self.stands_out_m) | bright, height_m > _LOWEST_M)
         stands &= height_m < _HIGHEST_M
-        self._keep(stamp_ns, ned_m[stands], height_m[stands])
+        self._keep(stamp_ns, ned_m[stands], height_m[stands], bright[stands])
         return True
+
+    def _brighter(self, intensity: NDArray[np.uint8], range_m: Array, low: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(n,) which points are brighter than water, of which most low ones close by are."""
+        if np.count_nonzero(low) < _ENOUGH:
+            return np.zeros(len(range_m), dtype=np.bool_)
+        water = float(np.median(intensity[low]))
+        brighter: NDArray[np.bool_] = (range_m > _GLINTS_M) & (intensity.astype(np.float64) >= water + _BRIGHTER)
+        return brighter
 
     def _placed(
         self, history: PoseHistory, stamp_ns: int, points: Array, offset_s: Array
@@ -156,14 +173,15 @@ class Sighting:
             self._spread_m += 0.05 * (spread_m - self._spread_m)
         self.stands_out_m = _STANDS_OUT_M + 2.5 * self._spread_m
 
-    def _keep(self, stamp_ns: int, ned_m: Array, height_m: Array) -> None:
+    def _keep(self, stamp_ns: int, ned_m: Array, height_m: Array, is_bright: NDArray[np.bool_]) -> None:
         cells, where, count = np.unique(cells_of(ned_m), return_inverse=True, return_counts=True)
         points = np.empty((len(cells), 2))
         for axis in (0, 1):
             points[:, axis] = np.bincount(where, weights=ned_m[:, axis], minlength=len(cells)) / np.maximum(count, 1)
         top_m = np.full(len(cells), -np.inf)
         np.maximum.at(top_m, where, height_m)
-        self.frames.append(Frame(stamp_ns, cells, points, top_m, count))
+        bright = np.bincount(where[is_bright], minlength=len(cells))
+        self.frames.append(Frame(stamp_ns, cells, points, top_m, count, bright))
         while self.frames and stamp_ns - self.frames[0].stamp_ns > self._window_ns:
             self.frames.popleft()
 

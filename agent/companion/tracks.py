@@ -29,6 +29,7 @@ _COASTS_NS = 700_000_000  # for every time it was seen
 _ODD_MPS, _ODD_WET_MPS, _ODD_HITS = 1.0, 0.6, 12  # what goes so much otherwise than the water is looked at longer
 _BORN_M = 8.0  # nothing is first seen closer: the bow's own wave, and crests that it has run over
 _WET_HITS = 20  # and so is what is first seen where water returns, or not far beyond
+_BRIGHT, _BRIGHT_HITS = 4, 6  # points brighter than water make it something else
 _VIEW_RAD = math.radians(29.0)
 _VIEW_M = 45.0
 _START_MPS = 0.4
@@ -87,6 +88,8 @@ class Track:
         self.seen_ns, self.points = cluster.stamp_ns, cluster.points
         self.hits += 1
         self.missed_ns = 0
+        if cluster.bright >= _BRIGHT:
+            self.hits_needed = min(self.hits_needed, _BRIGHT_HITS)
 
     def _predict(self, stamp_ns: int) -> None:
         dt_s = max((stamp_ns - self.stamp_ns) * 1e-9, 0.0)

@@ -2,7 +2,7 @@
 
     watch = Watch()
     watch.take(message, now_ns)                     each message of the autopilot
-    watch.cloud(stamp_ns, points_frd_m, offset_s)   each cloud of the lidar
+    watch.cloud(stamp_ns, points_frd_m, offset_s, intensity)   each cloud of the lidar
     watch.plan(now_ns)                              5 times a second: to the autopilot
     watch.proximity(now_ns)                         5 to 10 times a second: to the autopilot, and the host if it likes
     watch.obstacle_messages(now_ns)                 as often as news is wanted: to the host
@@ -72,7 +72,7 @@ class Watch:
         self._range_m = range_m
         self._avoids = avoids
         self._view_yaw_rad = view_yaw_rad
-        self._waiting: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
+        self._waiting: list[tuple[int, NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]] = []
         self._cloud_ns: int | None = None
         self._looked_ns = 0
 
@@ -107,22 +107,28 @@ class Watch:
             self._helm.acknowledged(message, self.vehicle)
         return replies
 
-    def cloud(self, stamp_ns: int, points_frd_m: NDArray[np.float32], offset_s: NDArray[np.float32]) -> None:
-        """Points (n, 3) body FRD, each at its own instant, `offset_s` (n,) after `stamp_ns`."""
-        self._waiting.append((stamp_ns, points_frd_m, offset_s))
+    def cloud(
+        self,
+        stamp_ns: int,
+        points_frd_m: NDArray[np.float32],
+        offset_s: NDArray[np.float32],
+        intensity: NDArray[np.uint8],
+    ) -> None:
+        """Points (n, 3) body FRD, each at its own instant, `offset_s` (n,) after `stamp_ns`; intensity (n,)."""
+        self._waiting.append((stamp_ns, points_frd_m, offset_s, intensity))
         self._work(final=False)
 
     def _work(self, final: bool) -> None:
         """Clouds whose pose is known by now; one waits for the autopilot's news rather than be placed by a guess."""
         while self._waiting:
-            stamp_ns, points, offset_s = self._waiting[0]
+            stamp_ns, points, offset_s, intensity = self._waiting[0]
             newest_ns = self.vehicle.history.newest_ns
             last_s = float(np.nanmax(offset_s)) if len(offset_s) else 0.0
             known = newest_ns is not None and newest_ns >= stamp_ns + round(last_s * 1e9)
             if not known and not final and len(self._waiting) <= _WAITING:
                 return
             self._waiting.pop(0)
-            if self._sighting.look(self.vehicle.history, stamp_ns, points, offset_s):
+            if self._sighting.look(self.vehicle.history, stamp_ns, points, offset_s, intensity):
                 self._cloud_ns = stamp_ns
                 self._look(stamp_ns)
 

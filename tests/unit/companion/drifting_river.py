@@ -276,7 +276,7 @@ class Trial:
         track = Track(np.array(stamps), np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
         water = WaterSeen.of(self.environment, began_s, poses[0][0])
         scan = self.lidar.scan(track, self.caster, water, self.rng, self.bodies_at(began_s))
-        self.watch.cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s)
+        self.watch.cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
         if tick % 10 == 0:
             for message in self.watch.plan(round(self.time_s * 1e9)):
                 self.say(self.order(message))

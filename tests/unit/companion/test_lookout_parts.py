@@ -24,7 +24,7 @@ TENTH_NS = 100_000_000
 
 def frame(stamp_ns: int, points: np.ndarray) -> Frame:
     cells, first, count = np.unique(cells_of(points), return_index=True, return_counts=True)
-    return Frame(stamp_ns, cells, points[first], np.full(len(cells), 0.2), count)
+    return Frame(stamp_ns, cells, points[first], np.full(len(cells), 0.2), count, np.zeros(len(cells), dtype=np.int64))
 
 
 def thing(stamp_ns: int, middle: tuple[float, float], length_m: float = 3.0) -> Cluster:
@@ -197,9 +197,12 @@ def still(history: PoseHistory, ticks: range = range(40)) -> None:
         history.placed(tick * TENTH_NS, np.zeros(3), np.zeros(3))
 
 
-def look(sighting: Sighting, history: PoseHistory, tick: int, points: np.ndarray) -> Any:
+def look(
+    sighting: Sighting, history: PoseHistory, tick: int, points: np.ndarray, intensity: np.ndarray | None = None
+) -> Any:
     offset_s = np.linspace(0.0, 0.099, len(points)).astype(np.float32)
-    return sighting.look(history, tick * TENTH_NS, points.astype(np.float32), offset_s)
+    shine = np.ones(len(points)) if intensity is None else intensity
+    return sighting.look(history, tick * TENTH_NS, points.astype(np.float32), offset_s, shine.astype(np.uint8))
 
 
 def test_water_close_by_is_learnt_and_a_low_trunk_beyond_it_is_seen() -> None:
@@ -216,6 +219,26 @@ def test_water_close_by_is_learnt_and_a_low_trunk_beyond_it_is_seen() -> None:
     assert 10.0 < sighting.water_reach_m < 20.5
     (found,) = clusters(sighting.frames, HERE, 0.0)
     np.testing.assert_allclose(found.middle_ne_m, (30.0, 0.0), atol=0.3)
+
+
+@pytest.mark.parametrize(("reflects", "is_seen"), [(1, False), (8, True)])
+def test_what_lies_awash_is_told_from_water_by_what_it_reflects(reflects: int, is_seen: bool) -> None:
+    """A trunk at 12 m whose top is no higher than the waves, where water returns out to 16 m; 8 of 150 is wet wood."""
+    history, sighting, tracks = PoseHistory(), Sighting(60.0, 0.15), Tracks()
+    still(history)
+    rng = np.random.default_rng(7)
+    for tick in range(60):
+        still(history, range(tick + 1, tick + 3))
+        range_m, bearing = rng.uniform(2.6, 16.0, 1500), rng.uniform(-0.6, 0.6, 1500)
+        heave = 0.05 * rng.normal(size=1500)
+        water = np.column_stack([range_m * np.cos(bearing), range_m * np.sin(bearing), 0.15 + heave])
+        trunk = np.column_stack([np.full(9, 12.0), np.linspace(-1.0, 1.0, 9), np.full(9, 0.1)])
+        glint = rng.integers(0, 7, 1500) * (range_m < 6.0)  # close by, water glints
+        shine = np.concatenate([rng.integers(0, 3, 1500) + glint, np.full(9, reflects)])
+        assert look(sighting, history, tick, np.concatenate([water, trunk]), shine)
+        found = clusters(sighting.frames, HERE, 1.6 * sighting.water_reach_m)
+        tracks.update(tick * TENTH_NS, found, HERE, 0.0, sighting.water_reach_m, np.zeros(2))
+    assert [track.at(60 * TENTH_NS)[0] for track in tracks.confirmed] == ([pytest.approx(12.0, abs=0.5)] * is_seen)
 
 
 def test_a_wall_across_the_view_is_no_water_at_once() -> None:
@@ -246,6 +269,6 @@ def test_a_cloud_with_what_is_no_number_is_used_and_counted() -> None:
 
 def test_a_lookout_that_has_heard_nothing_says_nothing() -> None:
     watch = Watch()
-    watch.cloud(0, np.zeros((3, 3), dtype=np.float32), np.zeros(3, dtype=np.float32))
+    watch.cloud(0, np.zeros((3, 3), dtype=np.float32), np.zeros(3, dtype=np.float32), np.zeros(3, dtype=np.uint8))
     assert watch.plan(0) == watch.proximity(0) == watch.obstacle_messages(0) == []
     assert (watch.obstacles, watch.detours, watch.stops, watch.manoeuvre) == (0, 0, 0, 0)
