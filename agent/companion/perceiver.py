@@ -26,7 +26,7 @@ MOST_WAITING = 3
 """Clouds that may wait for the odometry: a companion that is too slow sees less, not later."""
 PATIENCE_NS = 150_000_000
 """That a cloud waits for what the autopilot says of its time, before it is placed without."""
-UNAIDED_CLOUDS = 50
+UNAIDED_CLOUDS = 300
 """Of a run, from which on it is said that the odometry goes without the autopilot."""
 MOST_PINGS = 32
 """That wait for a cloud."""
@@ -133,7 +133,7 @@ class Perceiver:
         placed = self._odometry.register(cloud.stamp_ns, cloud.points_m, cloud.offset_s)
         if self._aided and self._odometry.unaided == UNAIDED_CLOUDS and not self._said_alone:
             self._said_alone = True
-            self._say("odometry by clouds alone: the autopilot told no attitude and velocity for 5 s of them")
+            self._say("odometry by clouds alone: the autopilot told no attitude and velocity for 30 s of them")
         if placed is None:
             return []
         told = [_odometry_message(placed)]
