@@ -47,6 +47,11 @@ class Cloud(NamedTuple):
     intensity: NDArray[np.uint8]
     chunks_lost: int = 0
 
+    @property
+    def end_ns(self) -> int:
+        """Instant of its last point."""
+        return self.stamp_ns + round(float(self.offset_s.max(initial=0.0)) * 1e9)
+
 
 def sendable(cloud: Cloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArray[np.bool_]:
     """(n,) which points the wire can carry: numbers, within 327.67 m of the origin and 0.655 s of the stamp."""

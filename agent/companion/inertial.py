@@ -6,7 +6,7 @@ that changed. Where the autopilot says that the vessel is, is not used. The erro
 of the odometry's frame) and velocity, all in the odometry's frame (Sola, Quaternion kinematics for the error-state
 Kalman filter, arXiv:1711.02508, sec. 7).
 
-Noises were set on six runs with three to four detours each; a factor of two in any of them changes little.
+Noises were set on six runs with three to four detours each.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.companion.estimate import Estimate, Motion
-from agent.companion.pose_history import PoseHistory
+from agent.companion.pose_history import PoseHistory, VehiclePose
 from agent.companion.rigid import cross_matrix, exponential, logarithm
 from agent.companion.water_plane import WaterPlane
 
@@ -51,7 +51,7 @@ class _Told(NamedTuple):
     epoch: int
     end_ns: int
     steady: Array
-    vel_ned_mps: Array
+    pose: VehiclePose
 
 
 class Motions:
@@ -79,17 +79,16 @@ class Motions:
             return None
         self._last = told
         rate = _turn_of(began.T @ told.steady) / max((end_ns - begin_ns) * 1e-9, 1e-3)
-        pose = self._history.at(self._own_ns(end_ns))
-        assert pose is not None
-        gained_mps = told.vel_ned_mps - then.vel_ned_mps
-        return Motion(then.steady.T @ told.steady, rate, pose.rot_ned_frd, told.vel_ned_mps, gained_mps)
+        vel_mps = told.pose.vel_ned_mps
+        gained_mps = vel_mps - then.pose.vel_ned_mps
+        return Motion(then.steady.T @ told.steady, rate, told.pose.rot_ned_frd, vel_mps, gained_mps)
 
     def _told(self, stamp_ns: int) -> _Told | None:
         own_ns = self._own_ns(stamp_ns)
         pose, steady = self._history.at(own_ns), self._history.steady_at(own_ns)
         if pose is None or steady is None:
             return None
-        return _Told(self._history.epoch, stamp_ns, steady, pose.vel_ned_mps)
+        return _Told(self._history.epoch, stamp_ns, steady, pose)
 
 
 class Inertial:

@@ -91,7 +91,7 @@ class Perceiver:
 
     def _queue(self, cloud: Cloud, now_ns: int) -> None:
         if len(cloud.offset_s):
-            self._clock.arrived(_end_ns(cloud), now_ns)
+            self._clock.arrived(cloud.end_ns, now_ns)
         if len(self._waiting) == MOST_WAITING:
             self._waiting.popleft()
             self._tally = self._tally._replace(clouds_dropped=self._tally.clouds_dropped + 1)
@@ -108,7 +108,7 @@ class Perceiver:
             cloud = self._seen.popleft()
             told += self._place(cloud)
             if len(cloud.offset_s):
-                latency_s = max(now_ns() - self._clock.own_ns(_end_ns(cloud)), 0) * 1e-9
+                latency_s = max(now_ns() - self._clock.own_ns(cloud.end_ns), 0) * 1e-9
                 self._tally = self._tally._replace(latency_s=latency_s)
         while self._echoes and (len(self._echoes) > MOST_PINGS or not self._is_awaited(self._echoes[0].stamp_ns)):
             told += self._hear(self._echoes.popleft())
@@ -118,7 +118,7 @@ class Perceiver:
         told_ns = self.watch.vehicle.history.newest_ns
         if self._odometry is None or not self._aided or told_ns is None:
             return True
-        end_ns = self._clock.own_ns(_end_ns(cloud))
+        end_ns = self._clock.own_ns(cloud.end_ns)
         late_ns = end_ns - told_ns
         hopeless = late_ns > AHEAD_NS or now_ns - end_ns > PATIENCE_NS or len(self._seen) > MOST_WAITING
         return late_ns <= 0 or hopeless
@@ -183,10 +183,6 @@ class Perceiver:
             self._tally.latency_s,
             watch.manoeuvre,
         )
-
-
-def _end_ns(cloud: Cloud) -> int:
-    return cloud.stamp_ns + round(float(cloud.offset_s.max(initial=0.0)) * 1e9)
 
 
 def _odometry_message(placed: Placed) -> Any:

@@ -66,14 +66,13 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     heard = 0
     for cloud in clouds(log):
         count += 1
-        end_ns = cloud.stamp_ns + round(float(cloud.offset_s.max(initial=0.0)) * 1e9)
-        autopilot.hear(end_ns)
+        autopilot.hear(cloud.end_ns)
         for sent in _over_the_wire(wire, cloud):
             found = odometry.register(sent.stamp_ns, sent.points_m, sent.offset_s)
             if found is not None:
                 placed.append(found)
                 cloud_map.add(found.pose_odom, found.points_frd_m, sent.intensity[found.kept], LIDAR)
-        while heard < len(echoes) and echoes[heard].stamp_ns <= end_ns:
+        while heard < len(echoes) and echoes[heard].stamp_ns <= cloud.end_ns:
             _hear(cloud_map, odometry, echoes[heard])
             heard += 1
     parts = [cloud_map.whole(source) for source in (LIDAR, SONAR)]
