@@ -22,9 +22,9 @@ from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from tests.bench.bench_logs import timed, xitl
 from xitl_cli.logs.mcap.file import McapLog
-from xitl_cli.recording.cdr import Layout
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Estimate, LinkState, MotorCommand, Task
+from xitl_cli.record.cdr import Layout
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Estimate, LinkState, MotorCommand, Task
 
 RUNS = 5
 POINTS = 9000

@@ -18,7 +18,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.table import Table
-from xitl_cli.recording.perception import LIDAR_POINT, MAP_POINT, SOURCES, Source
+from xitl_cli.record.perception import LIDAR_POINT, MAP_POINT, SOURCES, Source
 
 LIDAR, PING, MAP = "/lidar/points", "/sonar/ping", "/companion/map"
 AUTOPILOT = "/link/companion/tx"

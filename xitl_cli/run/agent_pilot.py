@@ -10,8 +10,8 @@ from agent.wire.signing import Signing
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Estimate, Task
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Estimate, Task
 from xitl_cli.run.agents.actuator_use import ActuatorUse
 from xitl_cli.run.agents.connection import WARNING, AgentConnection
 from xitl_cli.run.agents.inbox import AgentInbox

@@ -6,8 +6,8 @@ import time
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import MotorCommand, Task
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import MotorCommand, Task
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import (
     ActuatorReport,

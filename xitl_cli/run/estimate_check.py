@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from sim_core.kinematics import Kinematics
-from xitl_cli.recording.records import Estimate
+from xitl_cli.record.records import Estimate
 from xitl_cli.run.score import EstimationScore
 from xitl_cli.run.truth_history import TruthHistory
 

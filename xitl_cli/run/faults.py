@@ -12,7 +12,7 @@ from typing import Any
 from agent.wire import dialect
 from agent.wire.impaired import NO_FAULTS, LinkFaults
 from xitl_cli.profile.schema.faults import Fault, LinkFault
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.fault_words import words_of
 from xitl_cli.run.pilot import FaultReport
 from xitl_cli.run.seeds import Seeds

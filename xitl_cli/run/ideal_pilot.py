@@ -18,7 +18,7 @@ from agent.fcu.samples import Estimate
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.records import MotorCommand
+from xitl_cli.record.records import MotorCommand
 from xitl_cli.run.agents.setup import mission_of, parameters_of
 from xitl_cli.run.direct_pilot import DirectPilot
 from xitl_cli.run.pilot import Progress

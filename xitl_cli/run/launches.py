@@ -21,7 +21,7 @@ from sim_core.world.bodies import body_of
 from sim_core.world.drifting import DebrisState, Launch
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.collisions import Collisions
 from xitl_cli.run.control_port import ControlPort
 from xitl_cli.run.debris_scene import debris_scene

@@ -13,8 +13,8 @@ from numpy.random import default_rng
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, kinematics, step
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import PaceReport
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import PaceReport
 from xitl_cli.run.companion.findings import NoFindings
 from xitl_cli.run.launches import OpenRiver
 from xitl_cli.run.pace import Pace

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from xitl_cli.recording.records import Clock, PaceReport, Task
+from xitl_cli.record.records import Clock, PaceReport, Task
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.time_base import Slope, TimeBase
 

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import MotorCommand, Task
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import MotorCommand, Task
 from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.pace import Pace

@@ -13,7 +13,7 @@ from sim_core.world.boom import LogBoom
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.place import Dam
 from xitl_cli.profile.schema.vehicle import Vehicle
-from xitl_cli.recording.recorder import MAP_FRAME, VESSEL_FRAME
+from xitl_cli.record.recorder import MAP_FRAME, VESSEL_FRAME
 from xitl_cli.run.scene_land import land_of
 from xitl_cli.run.scenery import Scenery
 

@@ -10,7 +10,7 @@ from sim_core.world.materials import MATERIALS
 from sim_core.world.mesh import Mesh
 from sim_core.world.river import RiverBed
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import MAP_FRAME
+from xitl_cli.record.recorder import MAP_FRAME
 from xitl_cli.run.scenery import Scenery
 
 _CELL_M = 8.0

@@ -17,7 +17,7 @@ from agent import __version__
 from xitl_cli.errors import UserError
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
 from xitl_cli.run.agent_pilot import AgentPilot, links_of

@@ -8,7 +8,7 @@ from typing import Any
 from agent import __version__
 from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.records import PaceReport, Task
+from xitl_cli.record.records import PaceReport, Task
 from xitl_cli.run.autopilot.report import AutopilotReport, autopilot_section
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim_core.kinematics import Kinematics
-from xitl_cli.recording.records import MotorCommand
+from xitl_cli.record.records import MotorCommand
 from xitl_cli.replay.track import Track
 from xitl_cli.run.direct_pilot import DirectPilot
 from xitl_cli.run.pilot import Progress

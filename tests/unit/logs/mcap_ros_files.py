@@ -10,7 +10,7 @@ import numpy as np
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 
-from xitl_cli.recording import schemas
+from xitl_cli.record import schemas
 
 _LINE = "=" * 80
 _STD = f"""

@@ -14,7 +14,7 @@ from xitl_cli.logs.mcap import gather, topic
 from xitl_cli.logs.mcap.file import McapLog
 from xitl_cli.logs.mcap.source import Source
 from xitl_cli.logs.summary import summary_of
-from xitl_cli.recording.mcap_file import McapFile
+from xitl_cli.record.mcap_file import McapFile
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,7 @@ from sim_core.kinematics import Kinematics
 from tests.unit.companion import river_scans
 from xitl_cli.errors import UserError
 from xitl_cli.main import _app
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.recorder import Recorder
 
 CLOUDS = 25
 

@@ -14,7 +14,7 @@ from agent.wire import dialect
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.process import free_port
 from xitl_cli.profile import load_profile
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
 from xitl_cli.run.agent_pilot import AgentPilot
 from xitl_cli.run.ideal_pilot import IdealPilot

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
-from xitl_cli.recording.records import PaceReport, Task
+from xitl_cli.record.records import PaceReport, Task
 from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.companion.results import NOTHING
 from xitl_cli.run.histogram import Histogram

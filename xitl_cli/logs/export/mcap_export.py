@@ -17,7 +17,7 @@ def write_mcap(
     path: Path, log: Log, tables: list[Table], span_ns: tuple[int | None, int | None], raw: bool
 ) -> tuple[int, int]:
     """How many rows were written, and how many of them at 0, as their stamp was before the log's zero."""
-    from xitl_cli.recording.mcap_file import McapFile
+    from xitl_cli.record.mcap_file import McapFile
 
     names = type_names(table.name for table in tables)
     messages = [RosMessage(table, raw) for table in tables]

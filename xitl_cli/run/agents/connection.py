@@ -14,7 +14,7 @@ from agent.wire.link import Link
 from agent.wire.signing import Signing
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.agents import sentences
 from xitl_cli.run.agents.inbox import AgentInbox
 from xitl_cli.run.agents.link_accounts import state_of

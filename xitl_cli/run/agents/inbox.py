@@ -8,8 +8,8 @@ from typing import Any
 
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Estimate, MotorCommand
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Estimate, MotorCommand
 from xitl_cli.run.agents.link_accounts import LinkAccounts
 from xitl_cli.run.agents.link_timing import LinkTiming, LockstepTiming
 from xitl_cli.run.agents.node_words import node_state

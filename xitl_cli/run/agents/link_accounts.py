@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from agent.wire.link import LinkCounters
-from xitl_cli.recording.records import LinkState
+from xitl_cli.record.records import LinkState
 from xitl_cli.run.agents.link_timing import LinkTiming
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.pilot import LinkReport

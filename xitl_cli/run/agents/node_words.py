@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from agent.wire import dialect
-from xitl_cli.recording.records import NodeState
+from xitl_cli.record.records import NodeState
 from xitl_cli.run.pilot import NodeReport
 
 _NO_TEMPERATURE = 32767

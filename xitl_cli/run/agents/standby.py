@@ -6,8 +6,8 @@ import time
 from collections.abc import Sequence
 
 from xitl_cli.profile.schema.operation import Standby
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Takeover
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Takeover
 from xitl_cli.run.agents.connection import WARNING, AgentConnection
 from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.agents.takeover import Ramp

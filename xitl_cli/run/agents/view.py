@@ -12,7 +12,7 @@ from agent.wire import dialect
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from xitl_cli.ardupilot_earth import Place, geodetic_of
-from xitl_cli.recording.records import Estimate, Miss, Task
+from xitl_cli.record.records import Estimate, Miss, Task
 from xitl_cli.run.autopilot import px4_modes
 
 MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}

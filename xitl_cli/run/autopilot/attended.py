@@ -14,8 +14,8 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.process import CONSOLE, STOP_S, FirmwareProcess, newest_log
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import MotorCommand
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import MotorCommand
 from xitl_cli.run import directory
 from xitl_cli.run.agents.inbox import AgentInbox
 from xitl_cli.run.agents.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from agent.wire import dialect
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Clock
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Clock
 from xitl_cli.run.agents.link_timing import LinkTiming
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import ClockReport

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from sim_core.kinematics import Kinematics
-from xitl_cli.recording.records import MotorCommand
+from xitl_cli.record.records import MotorCommand
 from xitl_cli.run.agents.view import AgentView
 
 MOVES_MPS = 0.2

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from xitl_cli.recording.records import Task
+from xitl_cli.record.records import Task
 from xitl_cli.run.autopilot.milestones import Milestones
 from xitl_cli.run.autopilot.scheduler import SchedulerRecord
 

@@ -21,8 +21,8 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.perception import Source
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.perception import Source
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.companion.line import CompanionLine, NoCompanion
 from xitl_cli.run.companion.obstacle_score import ObstacleScore
 from xitl_cli.run.scenery import Scenery

@@ -9,7 +9,7 @@ from typing import Any
 
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
-from xitl_cli.recording.records import Estimate
+from xitl_cli.record.records import Estimate
 from xitl_cli.run.agents.inbox import AgentInbox
 from xitl_cli.run.companion.routing import KEPT_ELSEWHERE
 

@@ -10,8 +10,8 @@ from agent.wire.link import Link
 from agent.wire.signing import Signing
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import Task
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Task
 from xitl_cli.run.agents.connection import WARNING, AgentConnection
 from xitl_cli.run.agents.options import AgentOptions
 from xitl_cli.run.agents.peer import open_peer

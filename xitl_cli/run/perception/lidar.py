@@ -23,7 +23,7 @@ from sim_core.simulation import Simulation, SimulationState, bodies_of
 from sim_core.world.rays import RayCaster
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.perception import PerceptionRecorder
+from xitl_cli.record.perception import PerceptionRecorder
 from xitl_cli.run.scenery import Scenery
 from xitl_cli.run.seeds import Seeds
 

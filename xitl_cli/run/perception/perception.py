@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.perception.lidar import lidar_of
 from xitl_cli.run.perception.sonar import sonar_of
 from xitl_cli.run.scenery import Scenery

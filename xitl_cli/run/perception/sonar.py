@@ -26,7 +26,7 @@ from sim_core.sensors.sonar import (
 from sim_core.simulation import Simulation, SimulationState, bodies_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.perception import Sonar
-from xitl_cli.recording.perception import PerceptionRecorder
+from xitl_cli.record.perception import PerceptionRecorder
 from xitl_cli.run.perception.ping360_port import Ping360Port
 from xitl_cli.run.scenery import Scenery
 from xitl_cli.run.seeds import Seeds

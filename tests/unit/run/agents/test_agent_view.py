@@ -9,7 +9,7 @@ from agent.fcu.mavlink.texts import Texts
 from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.geodesy import LocalFrame
-from xitl_cli.recording.records import Estimate
+from xitl_cli.record.records import Estimate
 from xitl_cli.run.agents.view import AgentView
 
 

@@ -19,8 +19,8 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.commands.sim_autopilot import autopilot_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.recording.records import MotorCommand, Task
-from xitl_cli.recording.schemas import BRIDGE_COUNTS
+from xitl_cli.record.records import MotorCommand, Task
+from xitl_cli.record.schemas import BRIDGE_COUNTS
 from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.autopilot.attended import NO_BRIDGE_NS, Attended
 from xitl_cli.run.autopilot.report import autopilot_section

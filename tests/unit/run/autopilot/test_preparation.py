@@ -11,7 +11,7 @@ from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
-from xitl_cli.recording.records import MotorCommand
+from xitl_cli.record.records import MotorCommand
 from xitl_cli.run.agents.view import AgentView
 from xitl_cli.run.autopilot import patience
 from xitl_cli.run.autopilot.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from mcap_ros2._dynamic import generate_dynamic
 
-from xitl_cli.recording import schemas
-from xitl_cli.recording.cdr import Layout
+from xitl_cli.record import schemas
+from xitl_cli.record.cdr import Layout
 
 
 def decode(name: str, definition: str, payload: bytes):

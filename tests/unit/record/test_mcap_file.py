@@ -14,8 +14,8 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from xitl_cli.errors import UserError
-from xitl_cli.recording import mcap_file
-from xitl_cli.recording.mcap_file import APART_BYTES, CHUNK_BYTES, McapFile
+from xitl_cli.record import mcap_file
+from xitl_cli.record.mcap_file import APART_BYTES, CHUNK_BYTES, McapFile
 
 Found = list[tuple[int, int]]
 """Channel and log time."""

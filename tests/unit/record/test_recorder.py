@@ -16,9 +16,9 @@ from mcap_ros2.decoder import DecoderFactory
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
-from xitl_cli.recording.mcap_file import McapFile
-from xitl_cli.recording.recorder import Recorder
-from xitl_cli.recording.records import (
+from xitl_cli.record.mcap_file import McapFile
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import (
     ActuatorAge,
     Clock,
     Estimate,
@@ -29,7 +29,7 @@ from xitl_cli.recording.records import (
     Takeover,
     Task,
 )
-from xitl_cli.recording.schemas import BRIDGE_COUNTS
+from xitl_cli.record.schemas import BRIDGE_COUNTS
 
 
 def motion(north: float = 3.0) -> Kinematics:

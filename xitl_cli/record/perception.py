@@ -16,10 +16,10 @@ from foxglove import messages
 from numpy.typing import NDArray
 
 from sim_core import frames
-from xitl_cli.recording import perception_schemas as schemas
-from xitl_cli.recording.cdr import Layout
-from xitl_cli.recording.mcap_file import Log, McapFile
-from xitl_cli.recording.schemas import ODOMETRY
+from xitl_cli.record import perception_schemas as schemas
+from xitl_cli.record.cdr import Layout
+from xitl_cli.record.mcap_file import Log, McapFile
+from xitl_cli.record.schemas import ODOMETRY
 
 VESSEL_FRAME = "base_link"
 ODOM_FRAME = "odom"

@@ -13,8 +13,8 @@ from agent.companion.pings import Ping
 from agent.wire import dialect as mav
 from xitl_cli.logs.opening import open_log
 from xitl_cli.mapping import clouds as recorded
-from xitl_cli.recording.perception_schemas import COMPANION_COUNTS
-from xitl_cli.recording.recorder import Recorder
+from xitl_cli.record.perception_schemas import COMPANION_COUNTS
+from xitl_cli.record.recorder import Recorder
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, -5.0, -6.0]], np.float32)
 INTENSITY = np.array([7, 200], np.uint8)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from sim_core import frames
 from sim_core.kinematics import Kinematics
-from xitl_cli.recording import schemas
-from xitl_cli.recording.cdr import Field, Layout
-from xitl_cli.recording.mcap_file import McapFile
-from xitl_cli.recording.perception import PerceptionRecorder
-from xitl_cli.recording.records import (
+from xitl_cli.record import schemas
+from xitl_cli.record.cdr import Field, Layout
+from xitl_cli.record.mcap_file import McapFile
+from xitl_cli.record.perception import PerceptionRecorder
+from xitl_cli.record.records import (
     ActuatorAge,
     Clock,
     Estimate,
