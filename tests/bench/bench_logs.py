@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
 LOGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs"
 NAMES = ("boat-auto-calm.bin", "boat-auto-gust.bin")
@@ -29,7 +29,7 @@ DENSE, RARE = "IMU", "PM"
 _HOLD_ALL = """
 import sys
 from pathlib import Path
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 with DataFlashLog(Path(sys.argv[1])) as log:
     held = log.read()
     status = Path("/proc/self/status").read_text()  # getrusage has what forked this, too

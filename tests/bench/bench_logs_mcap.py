@@ -21,7 +21,7 @@ import numpy as np
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from tests.bench.bench_logs import timed, xitl
-from xitl_cli.logs.mcap.file import McapLog
+from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.record.cdr import Layout
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.records import Estimate, LinkState, MotorCommand, Task

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from tests.bench.bench_logs import RUNS, loop_s, timed
-from xitl_cli.logs.mavlink.index import index
-from xitl_cli.logs.mavlink.tlog import TelemetryLog
+from xitl_cli.logs.formats.tlog.file import TelemetryLog
+from xitl_cli.logs.formats.tlog.index import index
 
 CAPTURE = Path(__file__).resolve().parents[3] / "shared" / "data" / "captures" / "ardurover-mission.tlog"
 SIZE = 20_000_000

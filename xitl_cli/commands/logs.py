@@ -82,9 +82,9 @@ def dump(
     from xitl_cli.commands.logs_dump import Asked, row_lines
     from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.opening import open_log
-    from xitl_cli.logs.selecting.conditions import Condition
-    from xitl_cli.logs.selecting.names import tables_named
-    from xitl_cli.logs.selecting.times import stamps_between
+    from xitl_cli.logs.query.conditions import Condition
+    from xitl_cli.logs.query.names import tables_named
+    from xitl_cli.logs.query.times import stamps_between
 
     condition = Condition(where) if where.strip() else None
     written = False
@@ -121,8 +121,8 @@ def export(
     from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.export.exporting import Wanted, export_log
     from xitl_cli.logs.opening import open_log
-    from xitl_cli.logs.selecting.names import tables_named
-    from xitl_cli.logs.selecting.times import stamps_between
+    from xitl_cli.logs.query.names import tables_named
+    from xitl_cli.logs.query.times import stamps_between
 
     with open_log(file) as log:
         tables = tables_named(log, messages or list(log.tables))

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.selecting.cells import plain, texts
-from xitl_cli.logs.selecting.conditions import TIME, Condition
-from xitl_cli.logs.selecting.merged import merged, rows_at_once
-from xitl_cli.logs.selecting.names import column_named
-from xitl_cli.logs.selecting.times import zero_ns
+from xitl_cli.logs.query.cells import plain, texts
+from xitl_cli.logs.query.conditions import TIME, Condition
+from xitl_cli.logs.query.merged import merged, rows_at_once
+from xitl_cli.logs.query.names import column_named
+from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.table import Table
 
 _LINES = 2048

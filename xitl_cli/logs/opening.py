@@ -43,7 +43,7 @@ def open_log(path: Path) -> Log:
     head, size = _head(path)
     try:
         if head.startswith(_MCAP_MAGIC):
-            from xitl_cli.logs.mcap.file import McapLog
+            from xitl_cli.logs.formats.mcap.file import McapLog
 
             return McapLog(path)
         if head.startswith(_DATAFLASH_START):
@@ -52,7 +52,7 @@ def open_log(path: Path) -> Log:
         if other is not None:
             raise UserError(f"{path}: is {other}")
         if _is_telemetry(head, size):
-            from xitl_cli.logs.mavlink.tlog import TelemetryLog
+            from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
             return TelemetryLog(path)
         if _DATAFLASH_OWN_FORMAT in head:  # only now: an archive or a telemetry log may hold one of these
@@ -63,7 +63,7 @@ def open_log(path: Path) -> Log:
 
 
 def _dataflash(path: Path) -> Log:
-    from xitl_cli.logs.dataflash.file import DataFlashLog
+    from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
     return DataFlashLog(path)
 
@@ -108,7 +108,7 @@ def _is_telemetry(head: bytes, size: int) -> bool:
     """Two records that check out, or one and nothing else."""
     import numpy as np
 
-    from xitl_cli.logs.mavlink.index import index
+    from xitl_cli.logs.formats.tlog.index import index
 
     if not any(magic in head for magic in (b"\xfd", b"\xfe")):
         return False
@@ -136,7 +136,7 @@ def _looks_like(head: bytes) -> str:
 def _is_bare_mavlink(head: bytes) -> bool:
     import numpy as np
 
-    from xitl_cli.logs.mavlink.headers import headers, whole
+    from xitl_cli.logs.formats.tlog.headers import headers, whole
 
     data = np.frombuffer(head, dtype=np.uint8)
     return bool(whole(data, headers(data, np.array([0], dtype=np.int64)))[0])

@@ -12,8 +12,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from xitl_cli.logs.log import Base, Format, Health, Log
+from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.sections import Fact
-from xitl_cli.logs.selecting.times import zero_ns
 from xitl_cli.logs.table import Column, Table
 
 _SHORTEST_S = 0.1

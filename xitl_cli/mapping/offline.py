@@ -23,8 +23,8 @@ from agent.wire.codec import Message
 from sim_core import frames
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
+from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.mcap.file import McapLog
 from xitl_cli.mapping.clouds import clouds, pings, told
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.yaml_file import parse_yaml

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.log import Log
 from xitl_cli.replay.pulses import PulseLog, is_pulse
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from xitl_cli.logs.dataflash.file import DataFlashLog
-from xitl_cli.logs.mavlink.tlog import TelemetryLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.tlog.file import TelemetryLog
 from xitl_cli.logs.sections import Section, Severity
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"

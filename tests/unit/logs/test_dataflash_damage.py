@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pymavlink import DFReader
 
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
 LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 FMT = 128

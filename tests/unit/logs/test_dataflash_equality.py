@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from pymavlink import DFReader
 
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
 LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 NAMES = (

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from dataflash_records import ITSELF, described, record
 
-from xitl_cli.logs.dataflash.file import DataFlashLog
-from xitl_cli.logs.dataflash.times import implausible
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.times import implausible
 
 SECOND_US = 1_000_000
 HOUR_US = 3600 * SECOND_US

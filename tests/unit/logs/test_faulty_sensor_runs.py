@@ -8,7 +8,7 @@ import pytest
 from recorded_run import recorded_run
 
 from xitl_cli.logs.analyses import gnss, power, radio, sensors, vibration
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.sections import Finding
 
 S = 1e9

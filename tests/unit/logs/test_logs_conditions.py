@@ -12,11 +12,11 @@ from made_log import MadeLog, MadeTable
 from made_table import made_table
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.selecting.cells import plain, texts
-from xitl_cli.logs.selecting.conditions import Condition
-from xitl_cli.logs.selecting.merged import merged
-from xitl_cli.logs.selecting.names import tables_named
-from xitl_cli.logs.selecting.times import stamps_between, zero_ns
+from xitl_cli.logs.query.cells import plain, texts
+from xitl_cli.logs.query.conditions import Condition
+from xitl_cli.logs.query.merged import merged
+from xitl_cli.logs.query.names import tables_named
+from xitl_cli.logs.query.times import stamps_between, zero_ns
 from xitl_cli.logs.table import ALL, Column
 
 

@@ -16,7 +16,7 @@ from mcap_ros_files import write
 from mcap_truth import payloads_of
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.mcap.file import McapLog
+from xitl_cli.logs.formats.mcap.file import McapLog
 
 _ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
 Values = dict[str, dict[str, Any]]

@@ -14,7 +14,7 @@ from google.protobuf import descriptor_pb2
 from mcap.writer import Writer
 from mcap_truth import is_equal
 
-from xitl_cli.logs.mcap.file import McapLog
+from xitl_cli.logs.formats.mcap.file import McapLog
 
 
 @pytest.fixture(scope="module")

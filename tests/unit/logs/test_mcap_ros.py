@@ -13,8 +13,8 @@ from mcap_ros2._dynamic import generate_dynamic
 from mcap_ros_files import SCHEMAS, write
 from mcap_truth import is_equal, payloads_of, table_is_equal
 
+from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.log import Health
-from xitl_cli.logs.mcap.file import McapLog
 from xitl_cli.logs.table import Column
 
 

@@ -10,9 +10,9 @@ from mcap.reader import make_reader
 from mcap_truth import is_equal, payloads_of
 from recorded_run import recorded_run
 
-from xitl_cli.logs.mcap import gather, topic
-from xitl_cli.logs.mcap.file import McapLog
-from xitl_cli.logs.mcap.source import Source
+from xitl_cli.logs.formats.mcap import gather, topic
+from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.formats.mcap.source import Source
 from xitl_cli.logs.summary import summary_of
 from xitl_cli.record.mcap_file import McapFile
 

@@ -10,7 +10,7 @@ import pytest
 from made_log import MadeLog, MadeTable
 from sound_sections import sound_sections
 
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.sections import Severity
 
 CALM = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs" / "boat-auto-calm.bin"

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record, theirs
 
-from xitl_cli.logs.mavlink import index as index_module
-from xitl_cli.logs.mavlink.tlog import TelemetryLog
+from xitl_cli.logs.formats.tlog import index as index_module
+from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
 CAPTURE = Path(__file__).resolve().parents[4] / "shared" / "data" / "captures" / "ardurover-mission.tlog"
 NUMBERS = sorted(dialect.mavlink_map)

@@ -61,7 +61,7 @@ def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
 def _embedded(log: Log) -> list[tuple[str, str]]:
     if log.format != "dataflash" or "FILE" not in log.tables:
         return []
-    from xitl_cli.logs.dataflash.embedded import files
+    from xitl_cli.logs.formats.dataflash.embedded import files
 
     return [
         (bytes(content[:MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")

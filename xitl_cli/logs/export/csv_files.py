@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.export.flat import FlatColumn, flat_columns, flat_values
-from xitl_cli.logs.selecting.cells import texts
+from xitl_cli.logs.query.cells import texts
 from xitl_cli.logs.table import Table
 
 COLUMNS_FILE = "columns.csv"

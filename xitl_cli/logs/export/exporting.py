@@ -16,9 +16,9 @@ from xitl_cli.logs.export.flat import FlatColumn, stretches
 from xitl_cli.logs.export.naming import file_names
 from xitl_cli.logs.export.safe_file import make_directory, part_of, refuse_present
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.query.merged import inside, rows_at_once
+from xitl_cli.logs.query.times import zero_in_words, zero_ns
 from xitl_cli.logs.report.words import plural
-from xitl_cli.logs.selecting.merged import inside, rows_at_once
-from xitl_cli.logs.selecting.times import zero_in_words, zero_ns
 from xitl_cli.logs.table import Table
 
 FORMATS = ("csv", "parquet", "mcap")

@@ -7,7 +7,7 @@ from pathlib import Path
 from xitl_cli.logs.export.naming import type_names
 from xitl_cli.logs.export.ros_message import RosMessage
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.selecting.merged import merged, rows_at_once
+from xitl_cli.logs.query.merged import merged, rows_at_once
 from xitl_cli.logs.table import Table
 
 _LATEST_NS = 2**63 - 1

@@ -11,12 +11,12 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
 from xitl_cli.logs.analyses.failure import Failure, failure
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.query.names import match
+from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.report.model import FileReport, Overview, Refusal, Report
 from xitl_cli.logs.report.thinning import thin
 from xitl_cli.logs.report.words import vehicle_line
 from xitl_cli.logs.sections import Plot, Section
-from xitl_cli.logs.selecting.names import match
-from xitl_cli.logs.selecting.times import zero_ns
 from xitl_cli.logs.timeline.line import LaidLog, TimeLine
 
 OVERVIEW = "overview"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.selecting.names import column_named
+from xitl_cli.logs.query.names import column_named
 from xitl_cli.logs.table import Table, by_instance
 
 _MOST_COMPONENTS = 32

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.table import Table, first_of
 
 _LOOPS = ("NL", "NLoop")  # by version

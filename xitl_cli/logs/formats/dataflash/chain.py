@@ -1,0 +1,304 @@
+"""From heads to records: each record ends where the next begins. What does not is damage, and is found again behind it.
+
+A record in line begins where the last one ended; it is believed. Elsewhere a head is believed when its record ends at
+another head, or at the end of the file. What lies between and still makes sense is kept and counted as suspect: its
+length fits, and its time lies between that of its neighbours.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.formats.dataflash.formats import FMT_ID, FMT_LENGTH, HEAD_BYTES, plausible_fmt
+from xitl_cli.logs.formats.dataflash.heads import Bytes, Heads, Places, u64_at
+from xitl_cli.logs.log import Losses
+
+_MOST_UNKNOWN = 100_000
+_STEP = 1 << 16
+"""Heads looked at in one go."""
+_REACH = 128
+"""Heads that fit into the longest record."""
+_FEW = 32
+"""Heads that are looked at one by one rather than together."""
+_NEAR_US = 5_000_000
+"""How far the time of a doubtful record may be from that of whole ones around it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Types:
+    """What is known of record types. length: (256,), 0: not described. timed: (256,) whether a record begins with its
+    time in microseconds. changes: where in the file lengths change, as (place, type number, length), by place."""
+
+    length: NDArray[np.uint8]
+    timed: NDArray[np.bool_]
+    changes: tuple[tuple[int, int, int], ...] = ()
+
+    def lengths_of(self, heads: Heads) -> NDArray[np.uint8]:
+        lengths = self.length[heads.type_id]
+        for type_id in {changed for _, changed, _ in self.changes}:
+            mine = np.flatnonzero(heads.type_id == type_id)
+            steps = [(place, length) for place, changed, length in self.changes if changed == type_id]
+            since = np.searchsorted([place for place, _ in steps], heads.place[mine], side="right")
+            lengths[mine] = np.array([self.length[type_id], *(length for _, length in steps)], np.uint8)[since]
+        return lengths
+
+    def length_at(self, place: int, type_id: int) -> int:
+        length = int(self.length[type_id])
+        for _, changed, changed_length in self.changes[: bisect_right(self.changes, (place, 256, 256))]:
+            if changed == type_id:
+                length = changed_length
+        return length
+
+
+@dataclass(slots=True)
+class Found:
+    """place, type_id: (R,) of the records, rising.
+
+    unknown: heads in line of types that are not described, at most 100 000. repaired_fmt: places of FMT records of
+    which a byte of the head is damaged.
+    """
+
+    place: Places
+    type_id: Bytes
+    losses: Losses = field(default_factory=Losses)
+    unknown: list[int] = field(default_factory=list)
+    repaired_fmt: list[int] = field(default_factory=list)
+
+
+def chain(data: Bytes, heads: Heads, types: Types) -> Found:
+    """The records of a log; takes time in proportion to its size, whatever it holds."""
+    return _Chaining(data, heads, types).run()
+
+
+class _Chaining:
+    def __init__(self, data: Bytes, heads: Heads, types: Types) -> None:
+        self._data, self._size, self._types = data, len(data), types
+        self._place, self._type_id = heads.place, heads.type_id
+        self._count = len(heads.place)
+        self._length = types.lengths_of(heads)
+        self._linked, self._sound = self._relations()
+        self._spans: list[tuple[int, int]] = []
+        self._repaired: list[tuple[int, int]] = []
+        self._found = Found(heads.place, heads.type_id)
+
+    def _relations(self) -> tuple[bytes, bytes]:
+        """A byte a head: whether its record ends at the very next head, and whether at any; the file's end is one."""
+        place, length, count = self._place, self._length, self._count
+        linked, sound = np.zeros(count, np.bool_), np.zeros(count, np.bool_)
+        for at in range(0, count, _STEP):
+            until = min(at + _STEP, count)
+            end = place[at:until] + length[at:until]
+            following = place[at + 1 : until + 1]
+            if until == count:
+                following = np.append(following, self._size)
+            linked[at:until] = here = (end == following) & (length[at:until] != 0)
+            rest = np.flatnonzero(~here & (length[at:until] != 0))
+            target = np.searchsorted(place, end[rest])
+            ends_at_head = place[np.minimum(target, count - 1)] == end[rest]
+            here[rest] = ends_at_head | (end[rest] == self._size)
+            sound[at:until] = here
+        return linked.tobytes(), sound.tobytes()
+
+    def run(self) -> Found:
+        count, sound = self._count, self._sound
+        now = self._resume(0, 0) if not count or self._place[0] > 0 else 0
+        while now < count:
+            stop = self._linked.find(b"\0", now)
+            stop = count if stop < 0 else stop
+            self._keep(now, stop)
+            now = stop
+            if now == count:
+                break
+            if not sound[now]:
+                now = self._past_damage(now)
+                continue
+            end = int(self._place[now]) + int(self._length[now])
+            target = now + 1 + int(np.searchsorted(self._place[now + 1 : now + _REACH], end))
+            inner = self._inner(now, target, end) if target > now + 1 else None
+            if inner is None:
+                self._keep(now, now + 1)
+                now = target
+            else:
+                place, until = int(self._place[now]), int(self._place[inner])
+                if not self._keep_fmt(place, until):
+                    self._lose(place, until, "the type number of a record is damaged")
+                now = inner
+        return self._gather()
+
+    def _gather(self) -> Found:
+        found = self._found
+        if self._spans != [(0, self._count)]:
+            found.place, found.type_id = (
+                np.concatenate([every[:0], *(every[start:stop] for start, stop in self._spans)])
+                for every in (self._place, self._type_id)
+            )
+        if self._repaired:
+            repaired = np.array(self._repaired, dtype=np.int64)
+            where = np.searchsorted(found.place, repaired[:, 0])
+            found.place = np.insert(found.place, where, repaired[:, 0])
+            found.type_id = np.insert(found.type_id, where, repaired[:, 1].astype(np.uint8))
+        return found
+
+    def _keep(self, start: int, stop: int) -> None:
+        if stop > start:
+            if self._spans and self._spans[-1][1] == start:
+                self._spans[-1] = (self._spans[-1][0], stop)
+            else:
+                self._spans.append((start, stop))
+
+    def _lose(self, place: int, until: int, why: str) -> None:
+        if until > place:
+            self._found.losses.note(place, until - place, why)
+
+    def _inner(self, outer: int, target: int, end: int) -> int | None:
+        """The first head within a record from which records lead to where it ends, if its time says that it is one.
+
+        Then the one around it is none: its type number is damaged, or bytes are missing of it. Without a time it would
+        be chance too often: every 65536th byte of any payload begins something like a head.
+        """
+        ends, inner = {end}, []
+        for head in range(target - 1, outer, -1):
+            length = int(self._length[head])
+            if length and int(self._place[head]) + length in ends:
+                ends.add(int(self._place[head]))
+                inner.append(head)
+        if not inner:
+            return None
+        low_us, high_us = self._near(outer, target)
+        start = int(self._place[outer]) + HEAD_BYTES
+        return next((head for head in reversed(inner) if self._makes_sense(head, start, end, low_us, high_us)), None)
+
+    def _past_damage(self, head: int) -> int:
+        """Go on behind a record in line that does not end at a head, and keep it when it can be one."""
+        place, length = int(self._place[head]), int(self._length[head])
+        resumed, until = self._next_sound(head + 1)
+        if self._type_id[head] != FMT_ID and self._keep_fmt(place, until):
+            return self._resume(place + FMT_LENGTH, head + 1)
+        if not length:
+            if len(self._found.unknown) < _MOST_UNKNOWN:
+                self._found.unknown.append(head)
+            return self._resume(place, head + 1, "no FMT record describes its type")
+        if place + length <= until:
+            self._found.losses.suspect += 1
+            self._keep(head, head + 1)
+            return self._resume(place + length, head + 1)
+        if until == self._size and not self._sensible(head + 1, resumed, place + HEAD_BYTES, until):
+            self._found.losses.truncated_bytes += self._size - place
+            return resumed
+        return self._resume(place, head + 1, "a record is cut short")
+
+    def _next_sound(self, head: int) -> tuple[int, int]:
+        """The first head from here whose record ends at a head, and its place; the end of the file without one."""
+        sound = self._sound.find(b"\1", head)
+        return (self._count, self._size) if sound < 0 else (sound, int(self._place[sound]))
+
+    def _resume(self, place: int, head: int, why: str = "no record begins here") -> int:
+        """The head to go on from. Until there, from `place` and `head` on, keep what makes sense; the rest is lost."""
+        resumed, until = self._next_sound(head)
+        sensible = self._sensible(head, resumed, place, until)
+        place = self._past_damaged_head(place, until)
+        for candidate in sensible:
+            start = int(self._place[candidate])
+            if start < place:
+                continue
+            self._lose(place, start, why)
+            self._found.losses.suspect += 1
+            self._keep(candidate, candidate + 1)
+            place = self._past_damaged_head(start + int(self._length[candidate]), until)
+            why = "no record begins here"
+        self._lose(place, until, why)
+        return resumed
+
+    def _past_damaged_head(self, place: int, until: int) -> int:
+        """Keep records in line of which one byte of A3 95 is damaged; the place behind them."""
+        while place + HEAD_BYTES < until:
+            first, second, type_id = self._data[place : place + HEAD_BYTES].tolist()
+            end = place + self._types.length_at(place, type_id)
+            if (first == 0xA3) == (second == 0x95) or end == place or end > until:
+                break
+            if end < until and not self._is_head(end):
+                break
+            self._repair(place, type_id, "the head of a record is damaged")
+            place = end
+        return place
+
+    def _repair(self, place: int, type_id: int, why: str) -> None:
+        self._repaired.append((place, type_id))
+        self._found.losses.suspect += 1
+        self._found.losses.note(place, 0, why)
+        if type_id == FMT_ID:
+            self._found.repaired_fmt.append(place)
+
+    def _keep_fmt(self, place: int, until: int) -> bool:
+        """Keep an FMT record in line whose own type number is damaged: all others of a type hang on it."""
+        end = place + FMT_LENGTH
+        if end > until or (end != until and not self._is_head(end)):
+            return False
+        if not plausible_fmt(self._data[place + HEAD_BYTES : end].tobytes()):
+            return False
+        self._repair(place, FMT_ID, "the type number of a record is damaged")
+        return True
+
+    def _is_head(self, place: int) -> bool:
+        at = int(np.searchsorted(self._place, place))
+        return at < self._count and int(self._place[at]) == place
+
+    def _sensible(self, start: int, stop: int, place: int, until: int) -> list[int]:
+        """Heads among those from `start` to before `stop` whose records fit between two places and make sense there."""
+        if stop <= start:
+            return []
+        low_us, high_us = self._near(start, stop)
+        if stop - start <= _FEW:
+            return [head for head in range(start, stop) if self._makes_sense(head, place, until, low_us, high_us)]
+        found = []
+        for at in range(start, stop, _STEP):
+            places, lengths = self._place[at : min(at + _STEP, stop)], self._length[at : min(at + _STEP, stop)]
+            type_ids = self._type_id[at : min(at + _STEP, stop)]
+            fits = (lengths > 0) & (places >= place) & (places + lengths <= until)
+            likely = fits & self._types.timed[type_ids]
+            timed = np.flatnonzero(likely & (lengths >= HEAD_BYTES + 8))
+            time_us = u64_at(self._data, places[timed] + HEAD_BYTES)
+            likely[timed] = (time_us >= low_us) & (time_us <= high_us)
+            named = np.flatnonzero(fits & (type_ids == FMT_ID))
+            first = self._data[places[named] + HEAD_BYTES + 2]
+            likely[named] = (first >= ord("A")) & (first <= ord("Z"))
+            for one in (np.flatnonzero(likely) + at).tolist():
+                if self._makes_sense(one, place, until, low_us, high_us):
+                    found.append(one)
+        return found
+
+    def _makes_sense(self, head: int, place: int, until: int, low_us: int, high_us: int) -> bool:
+        start, length, type_id = int(self._place[head]), int(self._length[head]), int(self._type_id[head])
+        if not length or start < place or start + length > until:
+            return False
+        if self._types.timed[type_id] and length >= HEAD_BYTES + 8:
+            return low_us <= self._time_us(start) <= high_us
+        return type_id == FMT_ID and plausible_fmt(self._data[start + HEAD_BYTES : start + FMT_LENGTH].tobytes())
+
+    def _time_us(self, place: int) -> int:
+        return int.from_bytes(self._data[place + HEAD_BYTES : place + HEAD_BYTES + 8].tobytes(), "little")
+
+    def _near(self, start: int, stop: int) -> tuple[int, int]:
+        """The times that a record between two heads can have; none when no time is known around it."""
+        before, after = self._time_before(start), self._time_from(stop)
+        known = [time_us for time_us in (before, after) if time_us is not None]
+        return (min(known) - _NEAR_US, max(known) + _NEAR_US) if known else (1, 0)
+
+    def _time_before(self, head: int) -> int | None:
+        """Of the last timed record that was kept before this head."""
+        for start, stop in reversed(self._spans[-64:]):
+            for kept in range(min(stop, head) - 1, max(start, stop - 64) - 1, -1):
+                if self._types.timed[self._type_id[kept]]:
+                    return self._time_us(int(self._place[kept]))
+        return None
+
+    def _time_from(self, head: int) -> int | None:
+        """Of the first timed record from this sound head on."""
+        for later in range(head, min(head + 64, self._count)):
+            if self._sound[later] and self._types.timed[self._type_id[later]]:
+                return self._time_us(int(self._place[later]))
+        return None

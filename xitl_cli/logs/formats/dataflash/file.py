@@ -1,0 +1,178 @@
+"""A DataFlash log (.bin) as tables, one a name of record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property, partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.file_bytes import FileBytes
+from xitl_cli.logs.formats.dataflash.describe import meanings
+from xitl_cli.logs.formats.dataflash.index import Index, index
+from xitl_cli.logs.formats.dataflash.rows import fill
+from xitl_cli.logs.formats.dataflash.table import DataFlashTable, Part
+from xitl_cli.logs.formats.dataflash.times import Times, times_in_columns, times_in_heads
+from xitl_cli.logs.log import Base, Format, Health
+
+_SEARCHES = 8
+"""Types whose rows are looked for one by one."""
+_HUGE = 512 << 20
+"""Bytes of a log from which on what was searched does not stay mapped, though it is read again."""
+
+
+class DataFlashLog:
+    """Implements `Log`. Opening finds all records; columns are read when they are asked for.
+
+    Raises UserError when the file cannot be read or holds no record that is whole.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        try:
+            self._bytes = FileBytes(path)
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+        self._data = self._bytes.data
+        if not len(self._data):
+            raise UserError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")
+        self._index: Index = index(self._data, self._forget_huge)
+        self._looked_for = 0
+        if len(self._index.found.place) <= self._index.found.losses.suspect:  # none of them is sure
+            self.close()
+            if self._index.found.unknown:
+                raise UserError(f"{path}: describes none of its records (no FMT); give a log that has its beginning")
+            raise UserError(f"{path}: is no DataFlash log; give a .bin as ArduPilot writes it")
+
+    def _forget_huge(self, start: int, stop: int) -> None:
+        """Give the memory of these bytes back, of a file that can be larger than what memory there is."""
+        if len(self._data) > _HUGE:
+            self._bytes.forget(start, stop)
+
+    @property
+    def path(self) -> Path:
+        return self._path
+
+    @property
+    def format(self) -> Format:
+        return "dataflash"
+
+    @property
+    def base(self) -> Base:
+        return "boot"
+
+    @cached_property
+    def tables(self) -> Mapping[str, DataFlashTable]:
+        parts: dict[str, list[Part]] = {}
+        for part in self._parts:
+            if part.definition.fields:
+                parts.setdefault(part.definition.name, []).append(part)
+        meaning = meanings(self._data, parts)
+        return MappingProxyType(
+            {
+                name: DataFlashTable(name, self._data, parts[name], meaning, lambda: self._times)
+                for name in sorted(parts)
+            }
+        )
+
+    @cached_property
+    def _parts(self) -> list[Part]:
+        """Rows by type, each with the definition in force."""
+        found = self._index.found
+        parts = []
+        for type_id, count in enumerate(np.bincount(found.type_id, minlength=256).tolist()):
+            versions = self._index.described.versions.get(type_id, ())
+            if not count or not versions:
+                continue
+            if len(versions) == 1:
+                parts.append(Part(versions[0], count, partial(self._find, type_id)))
+                continue
+            rows = self._find(type_id)
+            cuts = [0, *(int(np.searchsorted(rows, version.place)) for version in versions[1:]), len(rows)]
+            for version, start, stop in zip(versions, cuts, cuts[1:], strict=False):
+                if stop > start:
+                    parts.append(Part(version, stop - start, partial(np.copy, rows[start:stop])))
+        return parts
+
+    def _find(self, type_id: int) -> NDArray[np.int64]:
+        """Places of a type's rows: looked for a few times, then sorted out for all types at once."""
+        found = self._index.found
+        self._looked_for += 1
+        if self._looked_for <= _SEARCHES:
+            return found.place[np.flatnonzero(found.type_id == type_id)]  # faster than by the mask itself
+        return self._sorted_places[type_id]
+
+    @cached_property
+    def _sorted_places(self) -> list[NDArray[np.int64]]:
+        """By type number."""
+        found = self._index.found
+        ends = np.cumsum(np.bincount(found.type_id, minlength=256))
+        return np.split(found.place[np.argsort(found.type_id, kind="stable")], ends[:-1])
+
+    def read(self, *, raw: bool = False) -> dict[str, dict[str, NDArray[Any]]]:
+        """Every column of every table, by name of table and of column."""
+        jobs = {name: table.jobs(raw=raw) for name, table in self.tables.items()}
+        fill(self._data, [job for some in jobs.values() for job in some], self._bytes.forget)
+        return {name: self.tables[name].filled(some) for name, some in jobs.items()}
+
+    @cached_property
+    def _times(self) -> Times:
+        every = [version for versions in self._index.described.versions.values() for version in versions]
+        timed = self._index.described.types().timed
+        if all((one.time is not None) == one.begins_with_time == timed[one.type_id] for one in every):
+            return times_in_heads(self._data, self._index.found.place, self._index.found.type_id, timed)
+        return times_in_columns([table for table in self.tables.values() if table.timed])
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        return self._times.span_ns
+
+    @cached_property
+    def health(self) -> Health:
+        found = self._index.found
+        return found.losses.health(
+            len(self._data),
+            len(found.place),
+            back_in_time=self._times.back_in_time,
+            replaced_stamps=self._times.replaced,
+            redefined=self._index.described.redefined,
+            undecoded=MappingProxyType(self._undecoded()),
+        )
+
+    def _undecoded(self) -> dict[str, tuple[int, str]]:
+        """By type, or by type and column where only that cannot be read."""
+        listed = []
+        for part in self._parts:
+            one = part.definition
+            names = [f"{one.name}.{column}" for column in one.unread] if one.fields else [one.name]
+            listed += [(name, len(part), one.why) for name in names]
+        for type_id in self._index.described.assumed:
+            count = int(np.count_nonzero(self._index.found.type_id == type_id))
+            listed.append((f"type {type_id}", count, "no FMT record describes it"))
+        found: dict[str, tuple[int, str]] = {}
+        for name, count, why in listed:
+            if count:
+                found[name] = found.get(name, (0, why))[0] + count, why
+        return found
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        described = sum(len(versions) for versions in self._index.described.versions.values())
+        return MappingProxyType({"types described": str(described), "types with rows": str(len(self.tables))})
+
+    def close(self) -> None:
+        for name in ("tables", "_parts", "_sorted_places", "_times"):
+            self.__dict__.pop(name, None)
+        self._data = np.empty(0, np.uint8)
+        self._bytes.close()
+
+    def __enter__(self) -> DataFlashLog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,272 @@
+"""An MCAP recording of ours, of ROS 2 or of Foxglove's tools as a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.formats.mcap import records
+from xitl_cli.logs.formats.mcap.chunks import Chunks
+from xitl_cli.logs.formats.mcap.decoded import Decoder, UndecodableError
+from xitl_cli.logs.formats.mcap.gather import batches
+from xitl_cli.logs.formats.mcap.index import Index, Tally
+from xitl_cli.logs.formats.mcap.records import Channel, Schema
+from xitl_cli.logs.formats.mcap.source import Source
+from xitl_cli.logs.formats.mcap.summary import closed, from_summary
+from xitl_cli.logs.formats.mcap.topic import Room, TopicTable
+from xitl_cli.logs.formats.mcap.units import unit_of
+from xitl_cli.logs.formats.mcap.walk import Walk, between
+from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.table import Table
+
+OUR_RECORD = "xitl"
+FRAMES = "xitl_msgs/msg/MavlinkFrame"
+_YEAR_2000_NS = 946_684_800 * 1_000_000_000
+_MOST_ATTACHMENT = 1 << 28
+
+
+class McapLog:
+    """Opened by its summary when it has one that holds, else by walking its records, which unpacks every chunk once.
+
+    A file with a summary is taken by its word: damage inside of its chunks is found, and added to `health`, when a
+    topic is read. Of one that was walked all is known at once.
+
+    `tables` goes over topics. Raw MAVLink topics (xitl_msgs/msg/MavlinkFrame) are also there decoded:
+    `tables["/link/agent/rx:ATTITUDE"]` decodes the frames of /link/agent/rx once, and so does `frame_tables`, which
+    tells what there is; going over `tables` does not. Two channels of one topic with different schemas are two tables,
+    the second is called "topic#2".
+
+    Raises UserError when the file cannot be read or is no MCAP file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._source = Source(path)
+        try:
+            if self._source.read(0, len(records.MAGIC)) != records.MAGIC:
+                raise UserError(f"{path}: is no MCAP file; give a recording that begins with the letters MCAP")
+            self._open()
+        except BaseException:
+            self._source.close()
+            raise
+
+    def _open(self) -> None:
+        self._tally = Tally()
+        index = from_summary(self._source, self._tally)
+        if index is not None:
+            self._take(index)
+            walk = Walk(self._source, index, self._tally, self._chunks, counting=False)
+            for begin, end in list(between(list(index.chunks), len(records.MAGIC), self._source.size)):
+                walk.over(begin, end)
+            index.settle(self._source.size, self._tally)
+        else:
+            index = Index(closed=closed(self._source))
+            self._take(index)
+            walk = Walk(self._source, index, self._tally, self._chunks, counting=True)
+            walk.over(len(records.MAGIC), self._source.size)
+        self._tables = Tables(self._topics(), self._frame_topics(), self.frame_tables)
+        self._frames: dict[str, dict[str, Table]] = {}
+        self._frames_left: dict[str, int] = {}
+
+    def _take(self, index: Index) -> None:
+        self._index = index
+        self._chunks = Chunks(self._source, index, self._tally)
+
+    @property
+    def path(self) -> Path:
+        return self._path
+
+    @property
+    def format(self) -> Format:
+        return "mcap"
+
+    @property
+    def base(self) -> Base:
+        if OUR_RECORD in self._index.metadata:
+            return "simulation"
+        span = self._index.span_ns
+        return "utc" if span is not None and span[0] >= _YEAR_2000_NS else "unknown"
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        return self._tables
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        return self._index.span_ns
+
+    @property
+    def health(self) -> Health:
+        tally, undecoded, back = self._tally, dict[str, tuple[int, str]](), 0
+        for name, table in self._tables.topics.items():
+            seen = table.surveyed
+            why = table.why_undecodable()
+            back += seen.back_in_time if seen is not None else 0
+            if seen is not None and seen.undecoded:
+                undecoded[name] = seen.undecoded, seen.why
+            elif why:
+                undecoded[name] = len(table), why
+            elif self._frames_left.get(name):
+                undecoded[name] = self._frames_left[name], "its frames are damaged, or of messages not known here"
+        return tally.health(
+            self._source.size,
+            sum(self._index.counts.values()),
+            unclosed=not self._index.closed,
+            back_in_time=back,
+            redefined=tally.redefined,
+            undecoded=undecoded,
+        )
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        index = self._index
+        packed = sorted({chunk.compression or "none" for chunk in index.chunks if not chunk.loose})
+        facts = {"library": index.library, "mcap_profile": index.profile, "compression": ", ".join(packed)}
+        facts |= index.metadata.get(OUR_RECORD, {})
+        facts |= {"chunks": str(sum(not chunk.loose for chunk in index.chunks))}
+        facts |= {"attachments": ", ".join(attachment.name for attachment in index.attachments)}
+        return {key: value for key, value in facts.items() if value}
+
+    def attachment(self, name: str) -> bytes | None:
+        """The first attached file of this name; None when there is none, or none that is all there."""
+        for attachment in self._index.attachments:
+            if attachment.name == name and attachment.size <= _MOST_ATTACHMENT:
+                data = self._source.read(attachment.place, attachment.size)
+                return data if len(data) == attachment.size else None
+        return None
+
+    def frame_tables(self, topic: str) -> Mapping[str, Table]:
+        """The messages in the frames of a raw MAVLink topic, by "topic:MESSAGE", decoded at the first call.
+
+        Frames that are damaged or of no known message are counted in `health` from then on, as undecoded rows of the
+        topic. Raises KeyError when there is no such topic.
+        """
+        known = self._frames.get(topic)
+        if known is None:
+            known = self._frames[topic] = self._decoded_frames(topic)
+        return known
+
+    def close(self) -> None:
+        self._source.close()
+
+    def __enter__(self) -> McapLog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _decoded_frames(self, topic: str) -> dict[str, Table]:
+        from xitl_cli.logs.formats.tlog.frames import frame_tables
+
+        if topic not in self._frame_topics():
+            raise KeyError(topic)
+        table = self._tables.topics[topic]
+        if "frame" not in table.columns:
+            return {}
+        tables, counts = frame_tables(topic, table.values("frame").tolist(), table.stamp_ns, table.place)
+        self._frames_left[topic] = counts.frames - counts.decoded
+        return tables
+
+    def _frame_topics(self) -> frozenset[str]:
+        index = self._index
+        return frozenset(
+            channel.topic
+            for channel in index.channels.values()
+            if (schema := index.schemas.get(channel.schema_id)) is not None and schema.name == FRAMES
+        )
+
+    def _topics(self) -> dict[str, TopicTable]:
+        """A table for every topic and schema that has messages."""
+        groups: dict[str, list[list[Channel]]] = {}
+        for channel in self._index.channels.values():
+            if self._index.counts.get(channel.id):
+                alike = groups.setdefault(channel.topic, [])
+                same = next((group for group in alike if self._same(group[0], channel)), None)
+                if same is None:
+                    alike.append([channel])
+                else:
+                    same.append(channel)
+        tables, room = dict[str, TopicTable](), Room()
+        for topic, alike in groups.items():
+            self._tally.redefined += len(alike) - 1
+            for number, channels in enumerate(alike):
+                name = topic if number == 0 else f"{topic}#{number + 1}"
+                tables[name] = self._table(name, channels, room)
+        return dict(sorted(tables.items()))
+
+    def _same(self, one: Channel, other: Channel) -> bool:
+        first, second = (self._index.schemas.get(channel.schema_id) for channel in (one, other))
+        if one.encoding != other.encoding or first is None or second is None:
+            return one.encoding == other.encoding and first is second
+        return (first.name, first.encoding, first.data) == (second.name, second.encoding, second.data)
+
+    def _table(self, name: str, channels: list[Channel], room: Room) -> TopicTable:
+        channel, numbers = channels[0], [channel.id for channel in channels]
+        schema = self._index.schemas.get(channel.schema_id)
+        count = sum(self._index.counts[number] for number in numbers)
+        return TopicTable(
+            name,
+            count,
+            partial(batches, self._chunks, self._index.chunks, numbers),
+            partial(_decoder, channel, schema),
+            unit_of(schema.name if schema is not None else ""),
+            room,
+            self._distrust,
+        )
+
+    def _distrust(self, why: str) -> bool:
+        """Do without message indexes, as they or the summary are wrong; False when that has been done before."""
+        distrusted = [chunk for chunk in self._index.chunks if chunk.index_places]
+        for chunk in distrusted:
+            chunk.index_places = b""
+        self._tally.note(0, 0, f"the index is wrong: {why}")
+        return bool(distrusted)
+
+
+class Tables(Mapping[str, Table]):
+    """Topics; "topic:MESSAGE" can be asked for, too."""
+
+    def __init__(
+        self,
+        topics: dict[str, TopicTable],
+        framed: frozenset[str],
+        frame_tables: Callable[[str], Mapping[str, Table]],
+    ) -> None:
+        self.topics = topics
+        self._framed = framed
+        self._frame_tables = frame_tables
+
+    def __getitem__(self, name: str) -> Table:
+        table = self.topics.get(name)
+        if table is not None:
+            return table
+        topic = name.rpartition(":")[0]
+        if topic in self._framed and topic in self.topics:
+            return self._frame_tables(topic)[name]
+        raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.topics)
+
+    def __len__(self) -> int:
+        return len(self.topics)
+
+
+def _decoder(channel: Channel, schema: Schema | None) -> Decoder:
+    """Raises UndecodableError."""
+    if channel.encoding == "json":
+        from xitl_cli.logs.formats.mcap.jsons import JsonDecoder
+
+        return JsonDecoder()
+    kind = channel.encoding, schema.encoding if schema is not None else ""
+    if schema is not None and kind == ("cdr", "ros2msg"):
+        from xitl_cli.logs.formats.mcap.cdr import CdrDecoder
+
+        return CdrDecoder(schema.name, schema.data)
+    if schema is not None and kind == ("protobuf", "protobuf"):
+        from xitl_cli.logs.formats.mcap.protobuf import ProtobufDecoder
+
+        return ProtobufDecoder(schema.name, schema.data)
+    raise UndecodableError(f"its encoding is {kind[0] or 'not given'} with a schema {kind[1] or 'that is not given'}")

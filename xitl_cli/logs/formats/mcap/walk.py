@@ -1,0 +1,214 @@
+"""The index, made from the records: of a file that has none that holds, and of what lies between indexed chunks."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.formats.mcap import content, records
+from xitl_cli.logs.formats.mcap.chunks import Chunks, message_index
+from xitl_cli.logs.formats.mcap.content import Rows
+from xitl_cli.logs.formats.mcap.index import MOST_CHUNKS, Chunk, Index, Tally
+from xitl_cli.logs.formats.mcap.plausible import chunk_at, may_be, next_record
+from xitl_cli.logs.formats.mcap.records import ChunkHead, MalformedError
+from xitl_cli.logs.formats.mcap.source import Source
+
+_BLOCK = 4 << 20
+_LARGEST_RECORD = 1 << 28
+_IN_CHUNKS = (records.SCHEMA, records.CHANNEL, records.MESSAGE)
+
+
+class Walk:
+    """Walks the records of `source` and adds what it finds to `index`, what it finds wrong to `tally`.
+
+    counting: add what chunks hold to the index's counts and span; not so where a summary has counted them.
+    """
+
+    def __init__(self, source: Source, index: Index, tally: Tally, chunks: Chunks, counting: bool) -> None:
+        self._source = source
+        self._index = index
+        self._tally = tally
+        self._chunks = chunks
+        self._counting = counting
+        self._chunk: Chunk | None = None
+        self._offsets: dict[int, NDArray[np.int64]] = {}
+        self._places: dict[int, int] = {}
+
+    def over(self, begin: int, end: int) -> None:
+        """Look at what is between two places; nothing before or after counts as part of it."""
+        at = begin
+        while at < end:
+            at = self._one(at, end)
+        self._finish_chunk()
+
+    def _one(self, at: int, end: int) -> int:
+        """Take the record at a place; where the next one is."""
+        head = self._source.peek(at, 9) if end - at >= 9 else b""
+        if len(head) < 9:
+            self._tally.truncated_bytes += end - at
+            return end
+        opcode, length = records.HEAD.unpack(head)
+        if may_be(self._source, at, opcode, length, end):
+            try:
+                return self._take(at, opcode, length, end)
+            except MalformedError:
+                self._tally.note(at, 9 + length, "a record does not hold what it should")
+                return at + 9 + int(length)
+        return self._damaged(at, opcode, length, end)
+
+    def _take(self, at: int, opcode: int, length: int, end: int) -> int:
+        stop = at + 9 + length
+        if opcode == records.MESSAGE_INDEX:
+            self._add_message_index(at, length)
+            return stop
+        self._finish_chunk()
+        if opcode == records.CHUNK:
+            head = records.chunk_head(self._source.peek(at, 9 + records.CHUNK_FIXED + 32), length)
+            self._add_chunk(at, stop - at, head, head.data_size)
+        elif opcode in _IN_CHUNKS:
+            return self._loose(at, length, end)
+        elif opcode == records.HEADER:
+            self._index.profile, self._index.library = records.header(self._body(at, length))
+        elif opcode == records.ATTACHMENT:
+            begin = self._source.peek(at + 9, min(length, 4096))
+            self._index.attachments.append(records.attachment(begin, at + 9, length))
+        elif opcode == records.METADATA and len(self._index.metadata) < 1000:
+            name, values = records.metadata(self._body(at, length))
+            self._index.metadata.setdefault(name, values)
+        elif opcode == records.FOOTER and self._source.peek(stop, len(records.MAGIC) + 1) == records.MAGIC:
+            return end
+        return stop
+
+    def _body(self, at: int, length: int) -> bytes:
+        if length > _LARGEST_RECORD:
+            raise MalformedError
+        return self._source.peek(at + 9, length)
+
+    def _damaged(self, at: int, opcode: int, length: int, end: int) -> int:
+        head = chunk_at(self._source, at)
+        if head is not None and at + head.data_at + head.data_size <= end:
+            stop = at + head.data_at + head.data_size
+            if stop == end or self._follows(stop, end):
+                self._finish_chunk()
+                self._tally.note(at, 0, "the record of a chunk is damaged at its begin")
+                self._add_chunk(at, stop - at, head, head.data_size)
+                return stop
+        following = next_record(self._source, at + 1, end)
+        stop = end if following is None else following
+        self._finish_chunk()
+        if head is not None and opcode == records.CHUNK:
+            there = min(stop - at - head.data_at, head.data_size)
+            self._add_chunk(at, stop - at, head, max(there, 0))
+            if self._chunk is not None:
+                self._chunk.cut = True
+        if following is None and (at + 9 + length > end or end != self._source.size):
+            self._tally.truncated_bytes += end - at
+        else:
+            self._tally.note(at, stop - at, "no record begins here")
+        return stop
+
+    def _follows(self, place: int, end: int) -> bool:
+        head = self._source.peek(place, 9)
+        if len(head) < 9:
+            return False
+        opcode, length = records.HEAD.unpack(head)
+        return may_be(self._source, place, opcode, length, end)
+
+    def _add_chunk(self, at: int, size: int, head: ChunkHead, data_size: int) -> None:
+        if len(self._index.chunks) >= MOST_CHUNKS:
+            self._tally.note(at, size, "there are too many chunks")
+            return
+        self._chunk = Chunk(
+            place=at,
+            size=size,
+            data_place=at + head.data_at,
+            data_size=data_size,
+            unpacked_size=head.unpacked_size,
+            compression=head.compression,
+            start_ns=head.start_ns,
+            end_ns=head.end_ns,
+        )
+        self._offsets, self._places = {}, {}
+
+    def _add_message_index(self, at: int, length: int) -> None:
+        if self._chunk is None or at != self._chunk.place + self._chunk.size or length > _LARGEST_RECORD:
+            return
+        record = self._source.peek(at, 9 + length)
+        self._chunk.size += len(record)
+        if len(record) < 15:
+            return
+        number = int.from_bytes(record[9:11], "little")
+        offsets = message_index(record, number)
+        if offsets is not None:
+            self._offsets[number], self._places[number] = offsets, at
+
+    def _finish_chunk(self) -> None:
+        """Look into a chunk once all that belongs to it has been seen."""
+        chunk, self._chunk = self._chunk, None
+        if chunk is None:
+            return
+        self._index.chunks.append(chunk)
+        self._index.settle_last(self._source.size, self._tally)
+        if chunk.refused:
+            return
+        chunk.index_places = b"".join(struct.pack("<HQ", *entry) for entry in self._places.items())
+        offsets = np.concatenate(list(self._offsets.values())) if self._offsets else None
+        found = self._chunks.content(chunk, offsets)
+        self._describe(found.schemas, found.channels)
+        self._count(chunk, found.rows)
+
+    def _loose(self, at: int, length: int, end: int) -> int:
+        """Records that stand outside of chunks, as many in a row as there are: themselves a chunk, not packed."""
+        data = self._source.read(at, max(min(_BLOCK, end - at), 9 + length))
+        found = content.scan(data, 0, len(data), None, loose=True)
+        size = len(data) - found.cut
+        self._describe(found.schemas, found.channels)
+        if len(found.rows.size) and len(self._index.chunks) < MOST_CHUNKS:
+            chunk = Chunk(at, size, at, size, size, "", 0, 2**63 - 1, loose=True)
+            self._index.chunks.append(chunk)
+            self._index.settle_last(self._source.size, self._tally)
+            self._count(chunk, found.rows)
+        for offset, lost in found.lost:
+            self._tally.note(at + offset, lost, "a record does not hold what it should")
+        return at + size
+
+    def _describe(self, schemas: list[records.Schema], channels: list[records.Channel]) -> None:
+        for schema in schemas:
+            self._index.add_schema(schema, self._tally)
+        for channel in channels:
+            self._index.add_channel(channel, self._tally)
+
+    def _count(self, chunk: Chunk, rows: Rows) -> None:
+        numbers, counts = np.unique(rows.channel, return_counts=True)
+        chunk.holds = frozenset(numbers.tolist())
+        known = np.isin(rows.channel, list(self._index.channels))
+        strangers = int((~known).sum())
+        if strangers:
+            self._tally.note(chunk.place, int(rows.size[~known].sum()), _strangers(strangers))
+        if not self._counting or not known.any():
+            return
+        for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):
+            if number in self._index.channels:
+                self._index.counts[number] = self._index.counts.get(number, 0) + count
+        stamps = rows.stamp_ns[known]
+        first, last = int(stamps.min()), int(stamps.max())
+        span = self._index.span_ns or (first, last)
+        self._index.span_ns = min(span[0], first), max(span[1], last)
+
+
+def between(chunks: list[Chunk], begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """The places that no chunk covers."""
+    for chunk in chunks:
+        if chunk.place > begin:
+            yield begin, chunk.place
+        begin = max(begin, chunk.place + chunk.size)
+    if end > begin:
+        yield begin, end
+
+
+def _strangers(count: int) -> str:
+    messages = "a message" if count == 1 else f"{count} messages"
+    return f"{messages} of no channel that is described"
