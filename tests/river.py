@@ -11,7 +11,7 @@ import numpy as np
 from sim_core.world.rays import Array32
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.scenery import Scenery, scenery_of
+from xitl_cli.run.world.scenery import Scenery, scenery_of
 
 HALF_VIEW_RAD = math.radians(35.2)
 

@@ -26,9 +26,9 @@ from sim_core.sensors.water_seen import WaterSeen
 from sim_core.world.embree_rays import EmbreeCaster
 from sim_core.world.rays import Hits
 from xitl_cli.profile import load_profile
-from xitl_cli.run.scenery import scenery_of
 from xitl_cli.run.seeds import Seeds
-from xitl_cli.run.world import build
+from xitl_cli.run.world.scenery import scenery_of
+from xitl_cli.run.world.world import build
 
 PROFILE = "sitl-perception"
 FRAME_NS = 100_000_000

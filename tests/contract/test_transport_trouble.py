@@ -18,8 +18,8 @@ from agent.wire import dialect
 from agent.wire.can_line import CanLine
 from agent.wire.link import Link
 from agent.wire.transport import Transport, open_transport
-from xitl_cli.run.agents.can_loopback import CanLoopback
-from xitl_cli.run.agents.serial_loopback import SerialLoopback
+from xitl_cli.run.links.can_loopback import CanLoopback
+from xitl_cli.run.links.serial_loopback import SerialLoopback
 
 
 @pytest.mark.slow

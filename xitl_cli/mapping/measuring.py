@@ -32,7 +32,7 @@ class Measured:
 
 def measure(log: Log) -> Measured:
     """Raises UserError without clouds and without KISS-ICP."""
-    from xitl_cli.run.scenery import scenery_of
+    from xitl_cli.run.world.scenery import scenery_of
 
     profile = profile_of(log)
     boom = None if profile is None else scenery_of(profile).boom

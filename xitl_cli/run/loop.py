@@ -15,15 +15,15 @@ from sim_core.simulation import Simulation, SimulationState, kinematics, step
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.records import PaceReport
-from xitl_cli.run.companion.findings import NoFindings
-from xitl_cli.run.launches import OpenRiver
+from xitl_cli.run.nodes.findings import NoFindings
+from xitl_cli.run.nodes.score import MissionScore
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.perception.perception import NoPerception
 from xitl_cli.run.pilot import Pilot
-from xitl_cli.run.score import MissionScore
 from xitl_cli.run.seeds import Seeds
-from xitl_cli.run.sensing import local_frame
+from xitl_cli.run.sensors.perception import NoPerception
+from xitl_cli.run.sensors.sensing import local_frame
 from xitl_cli.run.view import Glance, View
+from xitl_cli.run.world.launches import OpenRiver
 
 ENVIRONMENT_RATE_HZ = 10.0
 TASK_RATE_HZ = 1.0

@@ -9,10 +9,10 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.records import MotorCommand, Task
-from xitl_cli.run.autopilot.report import AutopilotReport
 from xitl_cli.run.histogram import Histogram
+from xitl_cli.run.nodes.autopilot_report import AutopilotReport
+from xitl_cli.run.nodes.score import EstimationScore
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.score import EstimationScore
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,27 +20,27 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
-from xitl_cli.run.agent_pilot import AgentPilot, links_of
-from xitl_cli.run.agents.options import options_of
-from xitl_cli.run.agents.tick import StoppedWaitingError
-from xitl_cli.run.autopilot.attended import Attended
-from xitl_cli.run.companion import results
-from xitl_cli.run.companion.findings import findings_of
-from xitl_cli.run.companion.line import NoCompanion
-from xitl_cli.run.ideal_pilot import IdealPilot
-from xitl_cli.run.launches import river_of
+from xitl_cli.run.links.agent_options import options_of
+from xitl_cli.run.links.tick import StoppedWaitingError
 from xitl_cli.run.loop import Ending, Loop
+from xitl_cli.run.nodes import companion_results as results
+from xitl_cli.run.nodes.agent_pilot import AgentPilot, links_of
+from xitl_cli.run.nodes.attended import Attended
+from xitl_cli.run.nodes.companion_line import NoCompanion
+from xitl_cli.run.nodes.findings import findings_of
+from xitl_cli.run.nodes.ideal_pilot import IdealPilot
+from xitl_cli.run.nodes.score import MissionScore
+from xitl_cli.run.nodes.track_pilot import TrackPilot
 from xitl_cli.run.pace import Lockstep, Pace, Realtime
-from xitl_cli.run.perception.perception import perception_of
 from xitl_cli.run.pilot import Pilot
-from xitl_cli.run.scene import scene_of
-from xitl_cli.run.scenery import Scenery, scenery_of
-from xitl_cli.run.score import MissionScore
 from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.sensors.perception import perception_of
 from xitl_cli.run.summary import Outcome, summary_of
-from xitl_cli.run.track_pilot import TrackPilot
 from xitl_cli.run.view import View
-from xitl_cli.run.world import build
+from xitl_cli.run.world.launches import river_of
+from xitl_cli.run.world.scene import scene_of
+from xitl_cli.run.world.scenery import Scenery, scenery_of
+from xitl_cli.run.world.world import build
 
 COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 

@@ -14,7 +14,7 @@ from sim_core.world.boom import LogBoom
 from sim_core.world.materials import CONCRETE
 from sim_core.world.scene import Part, Scene
 from sim_core.world.shapes import box, moved
-from xitl_cli.run.companion.obstacle_score import NEAR_M
+from xitl_cli.run.nodes.obstacle_score import NEAR_M
 
 pytest.importorskip("embreex")
 LEG_M, SPEED_MPS, CURRENT_MPS = 120.0, 3.0, 0.7

@@ -9,7 +9,7 @@ import pytest
 
 from agent.fcu.parameters import parm_lines
 from xitl_cli.profile import load_profile
-from xitl_cli.run.autopilot.parameters import file_values
+from xitl_cli.run.nodes.autopilot_parameters import file_values
 from xitl_cli.shipped import firmware_params_dir
 
 FILES = sorted(firmware_params_dir().glob("rover-*.parm"))

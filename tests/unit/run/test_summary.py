@@ -13,10 +13,11 @@ from rich.console import Console
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.record.records import PaceReport, Task
-from xitl_cli.run.autopilot.report import AutopilotReport
-from xitl_cli.run.companion.results import NOTHING
 from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
+from xitl_cli.run.nodes.autopilot_report import AutopilotReport
+from xitl_cli.run.nodes.companion_results import NOTHING
+from xitl_cli.run.nodes.score import MissionScore
 from xitl_cli.run.pilot import (
     ActuatorReport,
     ClockReport,
@@ -25,7 +26,6 @@ from xitl_cli.run.pilot import (
     NodeReport,
     TakeoverReport,
 )
-from xitl_cli.run.score import MissionScore
 from xitl_cli.run.session import Result
 from xitl_cli.run.summary import Outcome, summary_of
 

@@ -22,11 +22,11 @@ from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.problems import ProfileError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.place import MESH_FORMATS, World
-from xitl_cli.run import scene_land
-from xitl_cli.run import scenery as scenery_module
-from xitl_cli.run.further_channels import walls_of
-from xitl_cli.run.scene import scene_of
-from xitl_cli.run.scenery import scenery_of
+from xitl_cli.run.sensors.further_channels import walls_of
+from xitl_cli.run.world import scene_land
+from xitl_cli.run.world import scenery as scenery_module
+from xitl_cli.run.world.scene import scene_of
+from xitl_cli.run.world.scenery import scenery_of
 
 
 def run_in(**world: Any) -> RunProfile:

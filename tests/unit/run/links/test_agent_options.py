@@ -1,0 +1,92 @@
+"""What an agent is told at its start."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from agent.options import parse
+from xitl_cli.profile import load_profile
+from xitl_cli.profile.ground_stations import USUAL, ground_stations_of
+from xitl_cli.run import directory
+from xitl_cli.run.links.agent_options import AgentOptions, missing_addresses, options_of
+from xitl_cli.run.links.peer import own_options
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "addresses"),
+    [
+        ("sitl", (), ()),
+        ("sitl", ("clock.mode=realtime",), USUAL),
+        ("hitl-loopback", (), USUAL),
+        ("hitl-beaglebone", (), ()),
+        ("mitl", ("clock.mode=realtime",), ()),
+        ("sitl", ("autopilot.ground_stations=[tcp://127.0.0.1:5790]",), ("tcp://127.0.0.1:5790",)),
+        ("hitl-loopback", ("autopilot.ground_stations=[]",), ()),
+    ],
+)
+def test_who_may_talk_to_the_autopilot(name: str, overrides: tuple[str, ...], addresses: tuple[str, ...]) -> None:
+    assert ground_stations_of(load_profile(name, overrides).runnable()) == addresses
+
+
+def test_the_command_line_of_the_agent(tmp_path: Path) -> None:
+    (tmp_path / "key").write_text("secret\n")
+    given = ["udp://127.0.0.1:14999", "tcp://127.0.0.1:5799"]
+    profile = load_profile(
+        "hitl-loopback",
+        [
+            f"autopilot.ground_stations=[{', '.join(given)}]",
+            "autopilot.controller=boats.heading:Fast",
+            f"autopilot.signing_key_file={tmp_path / 'key'}",
+        ],
+    ).runnable()
+    arguments = options_of(profile, tmp_path).arguments()
+    assert arguments == [
+        *("--gcs", given[0], "--gcs", given[1]),
+        *("--controller", "boats.heading:Fast"),
+        *("--signing-key", str(tmp_path / "key")),
+        *("--log-dir", str(tmp_path)),
+    ]
+
+
+def test_a_bridge_is_told_the_same_on_a_command_line_and_in_this_process() -> None:
+    overrides = ["autopilot.bridge.outputs=[3, 1]", "autopilot.bridge.trim_us=1510", "autopilot.bridge.span_us=380.5"]
+    autopilot = load_profile("sitl-ardupilot-ahrs", overrides).runnable().autopilot
+    options = AgentOptions(bridge=autopilot.bridge)
+    told, own = parse(options.arguments(), "xitl agent"), own_options(options)
+    for name in ("role", "autopilot", "world", "sensors", "sensor_link", "outputs", "trim_us", "span_us"):
+        assert getattr(told, name) == getattr(own, name), name
+    assert (own.role, own.outputs, own.sensors, own.span_us) == ("bridge", (3, 1), "vectornav", 380.5)
+
+
+def test_nothing_given_is_nothing_said(tmp_path: Path) -> None:
+    profile = load_profile("sitl", ["recording.dataflash=false"]).runnable()
+    assert options_of(profile, tmp_path) == AgentOptions()
+    assert AgentOptions().arguments() == []
+
+
+def test_a_usual_address_that_is_taken_does_not_stop_a_run_but_a_given_one_is_kept() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as holder:
+        holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            holder.bind(("0.0.0.0", 5760))
+        except OSError:
+            pytest.skip("another program holds TCP port 5760")
+        holder.listen()
+        usual = load_profile("hitl-loopback").runnable()
+        assert options_of(usual, None).ground_stations == (USUAL[0],)
+        assert list(missing_addresses(usual, options_of(usual, None))) == [USUAL[1]]
+        given = load_profile("hitl-loopback", [f"autopilot.ground_stations=[{USUAL[1]}]"]).runnable()
+        assert options_of(given, None).ground_stations == (USUAL[1],)
+
+
+def test_the_agents_log_gets_its_name_and_an_old_one_is_part_of_the_old_run(tmp_path: Path) -> None:
+    (tmp_path / "00000007.BIN").write_bytes(b"log")
+    (tmp_path / "LASTLOG.TXT").write_text("7")
+    directory.keep_dataflash(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [directory.DATAFLASH]
+    directory.keep_dataflash(tmp_path)
+    directory.create(tmp_path, overwrite=True)
+    assert list(tmp_path.iterdir()) == []

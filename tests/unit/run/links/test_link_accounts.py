@@ -1,0 +1,180 @@
+"""Totals of both ends of a link against a channel whose losses are known, however many in a row."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from agent.wire import dialect
+from agent.wire.link import Link
+from agent.wire.memory import MemoryTransport, memory_pair
+from xitl_cli.run.links.link_accounts import LinkAccounts, state_of
+from xitl_cli.run.links.link_timing import LockstepTiming
+
+Fate = Callable[[], int]
+
+
+class Channel(MemoryTransport):
+    """One direction of a pair: `copies` says how often each chunk comes out at the other end."""
+
+    def __init__(self, inner: MemoryTransport) -> None:
+        super().__init__(inner.address, inner.peer, inner._outgoing, inner._incoming)
+        self.copies: Fate = lambda: 1
+
+    def send(self, data: bytes) -> bool:
+        for _ in range(self.copies()):
+            super().send(data)
+        return True
+
+
+class Pair:
+    """Host and agent: the agent answers XITL_RUN with its counts, and both talk one frame a chunk."""
+
+    def __init__(self) -> None:
+        ours, theirs = memory_pair(capacity=10_000)
+        self.there, self.back = Channel(ours), Channel(theirs)
+        self.host, self.agent = Link(self.there, 255, 190), Link(self.back, 1, 1)
+        self.accounts = LinkAccounts()
+        self.status: Any = None
+        self.said = 0
+
+    def run_command(self, running: int, extra: int = 0) -> int:
+        """To the agent and back; `extra` frames go out between the making of the status and its sending."""
+        self.host.send(dialect.MAVLink_xitl_run_message(0, b"", running, 0, 2))
+        if running:
+            self.host.reset_counters()
+        sent = self.host.counters.sent
+        self.agent.receive()
+        if running:
+            self.agent.reset_counters()
+        counters = self.agent.counters
+        fields = [0] * len(dialect.MAVLink_xitl_node_status_message.fieldnames)
+        fields[1:7] = counters.sent, 0, counters.received, counters.lost, counters.late, counters.repeated
+        fields[-2:] = running, 2
+        status = dialect.MAVLink_xitl_node_status_message(*fields)
+        for _ in range(extra):
+            self.agent.send(dialect.MAVLink_heartbeat_message(0, 0, 0, 0, 0, 3))
+        self.agent.send(status)
+        self.take()
+        return sent
+
+    def talk(self, frames: int) -> None:
+        for _ in range(frames):
+            self.said += 1
+            number = self.said
+            self.host.send(dialect.MAVLink_xitl_tick_message(number, number))
+            self.agent.receive()
+            self.agent.send(dialect.MAVLink_xitl_timesync_message(number, 0, 0, number))
+            self.take()
+
+    def take(self) -> None:
+        for message in self.host.receive():
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS:
+                self.status = message
+                self.accounts.status(message)
+            self.accounts.heard += 1
+
+    def start(self) -> None:
+        self.run_command(1)
+        self.accounts.started(self.host.counters)
+
+    def reports(self) -> list[Any]:
+        return list(self.accounts.reports("", self.host.counters, 0, self.status, LockstepTiming("LC")))
+
+    def stop(self, extra: int = 0) -> list[Any]:
+        self.accounts.over = True
+        sent = self.run_command(0, extra)
+        self.accounts.stopped(self.status, sent)
+        return self.reports()
+
+
+@pytest.fixture
+def pair() -> Pair:
+    return Pair()
+
+
+def adds_up(report: Any) -> bool:
+    return bool(report.sent == report.received - report.repeated + report.lost)
+
+
+@pytest.mark.parametrize("in_a_row", [0, 1, 127, 128, 200, 255, 256, 300, 1000])
+@pytest.mark.parametrize("before", [1, 400])
+def test_frames_lost_in_a_row_are_all_counted(pair: Pair, in_a_row: int, before: int) -> None:
+    pair.start()
+    pair.talk(before)
+    pair.there.copies = pair.back.copies = lambda: 0
+    pair.talk(in_a_row)
+    pair.there.copies = pair.back.copies = lambda: 1
+    pair.talk(50)
+    sensors, actuators = pair.stop()
+    assert (sensors.lost, actuators.lost) == (in_a_row, in_a_row)
+    assert adds_up(sensors)
+    assert adds_up(actuators)
+    assert sensors.sent == before + in_a_row + 50 + 1  # and the stop
+    assert actuators.sent == before + in_a_row + 50 + 2  # and both answers
+    assert sensors.repeated == actuators.repeated == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_channel_that_loses_and_repeats(pair: Pair, seed: int) -> None:
+    rng = random.Random(seed)
+    lost = {"there": 0, "back": 0}
+    more = {"there": 0, "back": 0}
+
+    def fate(way: str) -> Fate:
+        def copies() -> int:
+            drawn = rng.choice((0, 1, 1, 1, 1, 2))
+            lost[way] += drawn == 0
+            more[way] += drawn == 2
+            return drawn
+
+        return copies
+
+    pair.start()
+    pair.there.copies, pair.back.copies = fate("there"), fate("back")
+    pair.talk(2000)
+    pair.there.copies = pair.back.copies = lambda: 1
+    sensors, actuators = pair.stop()
+    assert (sensors.lost, actuators.lost) == (lost["there"], lost["back"])
+    assert (sensors.repeated, actuators.repeated) == (more["there"], more["back"])
+    assert adds_up(sensors)
+    assert adds_up(actuators)
+
+
+@pytest.mark.parametrize("extra", [1, 20])
+def test_what_goes_out_between_the_making_of_the_status_and_its_sending_counts(pair: Pair, extra: int) -> None:
+    """As on a slow line, where messages wait for their turn."""
+    pair.start()
+    pair.talk(100)
+    pair.back.copies = lambda: 0
+    pair.talk(300)
+    pair.back.copies = lambda: 1
+    actuators = pair.stop(extra)[1]
+    assert actuators.sent == 400 + extra + 2
+    assert actuators.lost == 300
+
+
+def test_without_an_answer_to_the_stop_what_arrived_stays_unknown(pair: Pair) -> None:
+    pair.start()
+    pair.talk(10)
+    live = pair.reports()
+    assert (live[0].sent, live[0].received, live[1].received) == (10, 0, 11)  # the agent told at the start alone
+    pair.accounts.over = True
+    sensors, actuators = pair.reports()
+    assert (sensors.sent, sensors.received, sensors.lost) == (10, None, None)
+    assert (actuators.sent, actuators.received) == (None, 11)
+
+
+def test_the_record_says_the_same(pair: Pair) -> None:
+    pair.start()
+    pair.talk(10)
+    report = pair.stop()[0]
+    state = state_of(report)
+    for name in ("name", "sent", "received", "lost", "gaps", "late", "repeated", "dropped", "unsent", "refused"):
+        assert getattr(state, name) == getattr(report, name)
+    assert state.latency_p50_s is None
+    report.latency.add(2_000_000)
+    assert state_of(report).latency_max_s == pytest.approx(2e-3)

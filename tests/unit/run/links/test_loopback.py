@@ -1,0 +1,109 @@
+"""Lines that are made here: bytes and frames come through, at the pace that was asked for and not before."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import pytest
+
+from agent.wire.can_line import CanLine
+from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, Segmenter
+from agent.wire.transport import Transport, open_transport
+from xitl_cli.errors import UserError
+from xitl_cli.run.links.can_loopback import CanLoopback
+from xitl_cli.run.links.loopback import loopback_of
+from xitl_cli.run.links.serial_loopback import SerialLoopback
+
+WAIT_S = 5.0
+
+
+def arrivals(transport: Transport, size: int) -> list[tuple[float, int]]:
+    """When how many bytes had arrived."""
+    found, total = [], 0
+    until_s = time.monotonic() + WAIT_S
+    while total < size and time.monotonic() < until_s:
+        total += sum(len(chunk) for chunk in transport.receive(0.01))
+        found.append((time.monotonic(), total))
+    return found
+
+
+def test_bytes_come_at_the_baud_rate_and_never_before() -> None:
+    """A slow machine may bring them later; no machine may bring them earlier."""
+    line = SerialLoopback(57_600)
+    with open_transport(line.host_url, False) as host, open_transport(line.agent_url, True) as agent:
+        before_s = time.monotonic()
+        assert host.send(bytes(1000))
+        found = arrivals(agent, 1000)
+        assert found[-1][1] == 1000
+        assert all(count <= (at_s - before_s) * 5760.0 + 1.0 for at_s, count in found)
+        agent.send(b"back")
+        assert arrivals(host, 4)[-1][1] == 4
+    line.close()
+    line.close()
+
+
+def as_line(frame: CanFrame) -> bytes:
+    return b"T%08X%d%s\r" % (frame.identifier, len(frame.data), frame.data.hex().upper().encode())
+
+
+class Adapters:
+    """The two ends of a bus, read and written as bytes."""
+
+    def __init__(self, line: CanLine) -> None:
+        self.bus = CanLoopback(line)
+        self.ends = [os.open(device, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY) for device in self.bus.devices]
+
+    def read(self, end: int, lines: int) -> list[bytes]:
+        data = b""
+        until_s = time.monotonic() + WAIT_S
+        while data.count(b"\r") < lines and time.monotonic() < until_s:
+            try:
+                data += os.read(self.ends[end], 4096)
+            except BlockingIOError:
+                time.sleep(0.001)
+        return data.splitlines(keepends=True)
+
+    def close(self) -> None:
+        for end in self.ends:
+            os.close(end)
+        self.bus.close()
+
+
+def test_the_bus_gives_way_to_the_lower_identifier_and_keeps_each_nodes_order() -> None:
+    adapters = Adapters(CanLine(50_000))  # 3.2 ms a frame: both ends have written before the first is through
+    rest = [as_line(frame) for frame in Segmenter(1, 2, False).cut(bytes(range(100)), NORMAL)]
+    urgent = [as_line(frame) for frame in Segmenter(2, 1, False).cut(bytes(range(40)), URGENT)]
+    os.write(adapters.ends[0], b"C\rS8\rO\r" + b"".join(rest))
+    os.write(adapters.ends[1], b"".join(urgent))
+    before_s = time.monotonic()
+    assert adapters.read(0, len(urgent)) == urgent
+    urgent_s = time.monotonic() - before_s
+    assert adapters.read(1, len(rest)) == rest
+    rest_s = time.monotonic() - before_s
+    assert rest_s > urgent_s
+    least_s = sum(CanLine(50_000).frame_s(8) for _ in range(len(rest) + len(urgent) - 2))
+    assert rest_s > least_s - 0.02  # the first frames may have gone before the clock was read
+    adapters.close()
+
+
+def test_what_is_no_frame_goes_nowhere() -> None:
+    adapters = Adapters(CanLine(1_000_000))
+    os.write(adapters.ends[0], b"V\rT\rT1234567\rT123456789\xff\xff\rT000000012AB\rt1231AA\rnonsense\r")
+    assert adapters.read(1, 1) == [b"t1231AA\r"]
+    adapters.close()
+
+
+def test_links_that_ask_for_a_line() -> None:
+    assert loopback_of("udp://127.0.0.1:14660") is None
+    assert loopback_of("serial:///dev/ttyS1?baud=9600") is None
+    assert loopback_of("can://slcan/dev/ttyACM0?bitrate=500000") is None
+    for link in ("serial://pty?baud=921600", "can://slcan/pty?bitrate=1000000"):
+        line = loopback_of(link)
+        assert line is not None
+        with open_transport(line.agent_url, True) as agent, open_transport(line.host_url, False) as host:
+            assert host.send(b"hello")
+            assert arrivals(agent, 5)[-1][1] == 5
+        line.close()
+    with pytest.raises(UserError, match=r"autopilot\.link: .*baud is missing"):
+        loopback_of("serial://pty")

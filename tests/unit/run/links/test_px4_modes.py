@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import struct
+
+import pytest
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
+
+from xitl_cli.run.links.px4_modes import mode_name, mode_parameters, parameter_field, parameter_value
+
+
+@pytest.mark.parametrize(
+    ("name", "theirs"),
+    [
+        ("MANUAL", "MANUAL"),
+        ("ACRO", "ACRO"),
+        ("LOITER", "LOITER"),
+        ("AUTO", "MISSION"),
+        ("RTL", "RTL"),
+        ("GUIDED", "OFFBOARD"),
+    ],
+)
+def test_modes_are_those_that_pymavlink_knows(name: str, theirs: str) -> None:
+    _, main, sub = mavutil.px4_map[theirs]
+    assert mode_parameters(name) == (1.0, main, sub)
+    custom_mode = main << 16 | sub << 24
+    assert mode_name(custom_mode) == name
+    assert mavutil.interpret_px4_mode(mavutil.px4_map[theirs][0] | 1, custom_mode) == theirs
+
+
+def test_hold_is_px4_s_loiter() -> None:
+    assert mode_parameters("HOLD") == mode_parameters("LOITER")
+
+
+def test_a_mode_that_is_not_known_has_its_numbers() -> None:
+    assert mode_name(4 << 16 | 9 << 24) == "mode 4.9"
+
+
+@pytest.mark.parametrize(
+    ("kind", "layout", "value"),
+    [
+        (mavlink.MAV_PARAM_TYPE_INT32, "<i", 3),
+        (mavlink.MAV_PARAM_TYPE_INT32, "<i", -1_000_000),
+        (mavlink.MAV_PARAM_TYPE_UINT32, "<I", 2_000_000_000),
+        (mavlink.MAV_PARAM_TYPE_INT8, "<bxxx", -5),
+    ],
+)
+def test_whole_numbers_travel_in_the_bytes_of_the_field(kind: int, layout: str, value: int) -> None:
+    (raw,) = struct.unpack("<f", struct.pack(layout, value))
+    assert struct.pack("<f", parameter_field(value, kind)) == struct.pack(layout, value)
+    told = mavlink.MAVLink_param_value_message(b"RD_TRANS", raw, kind, 1, 0)
+    assert parameter_value(told) == value
+
+
+def test_other_numbers_travel_as_they_are() -> None:
+    told = mavlink.MAVLink_param_value_message(b"RO_SPEED_LIM", 1.5, mavlink.MAV_PARAM_TYPE_REAL32, 1, 0)
+    assert parameter_value(told) == 1.5
+    assert parameter_field(1.5, mavlink.MAV_PARAM_TYPE_REAL32) == 1.5
+
+
+@pytest.mark.parametrize("value", [1.5, 1e12, float("nan"), float("inf")])
+def test_what_is_no_whole_number_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match="use a whole number"):
+        parameter_field(value, mavlink.MAV_PARAM_TYPE_INT32)

@@ -1,0 +1,207 @@
+"""What the host makes of what comes from a bridge, and when it gives up."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+from rich.table import Table
+
+from agent.fcu.mavlink.texts import Texts
+from agent.wire import dialect
+from agent.wire.codec import Packer, decode
+from sim_core.kinematics import Kinematics
+from xitl_cli.commands.sim_autopilot import autopilot_rows
+from xitl_cli.errors import UserError
+from xitl_cli.profile import load_profile
+from xitl_cli.record.records import MotorCommand, Task
+from xitl_cli.record.schemas import BRIDGE_COUNTS
+from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.nodes.attended import NO_BRIDGE_NS, Attended
+from xitl_cli.run.nodes.autopilot_report import autopilot_section
+from xitl_cli.run.nodes.driver import NoDriver
+from xitl_cli.run.nodes.orders import Orders
+from xitl_cli.run.nodes.scheduler import SchedulerRecord
+from xitl_cli.run.sensors.sensing import local_frame
+
+SECOND = 1_000_000_000
+STILL = MotorCommand((0.0, 0.0))
+EXTERNAL = [
+    "autopilot.firmware=external",
+    "autopilot.bridge.mavlink=tcp://127.0.0.1:5760",
+    "autopilot.bridge.world=udp://127.0.0.1:9002",
+]
+
+
+def at_rest() -> Kinematics:
+    zero = np.zeros((1, 3))
+    return Kinematics(zero, zero, zero, np.array([[1.0, 0.0, 0.0, 0.0]]), np.eye(3)[None], zero, zero)
+
+
+class Case:
+    def __init__(self) -> None:
+        profile = load_profile("sitl-ardupilot", EXTERNAL).runnable()
+        frame = local_frame(profile.site)
+        self.sent: list[Any] = []
+        self.view = AgentView(frame, lambda *_: None, lambda *_: None)
+        self.attended = Attended(profile, None)
+        driver = NoDriver(Orders(self.view, self.sent.append, 1, 1), 0)
+        self.attended.preparation(driver, self.view, self.sent.append, frame)
+        self._packer = Packer(1, 1)
+
+    def hear(self, message: Any) -> None:
+        message = decode(self._packer.pack(message))
+        self.view.take(message)
+        self.attended.take(message)
+
+    def say(self, severity: int, text: str) -> None:
+        for message in Texts().messages(severity, text):
+            self.hear(message)
+
+    def status(self, **counts: int) -> None:
+        values = {name: counts.get(name, 0) for name in BRIDGE_COUNTS}
+        self.hear(dialect.MAVLink_xitl_bridge_status_message(time_usec=1, **values))
+
+    def update(self, sim_ns: int) -> None:
+        self.attended.update(sim_ns, STILL, at_rest())
+
+
+def test_the_wrong_vehicle_ends_the_run_and_other_sentences_of_the_bridge_do_not() -> None:
+    case = Case()
+    case.status()
+    case.say(3, "Bridge: the line to the autopilot is full")
+    case.say(6, "Bridge: the autopilot is heard")
+    case.update(SECOND)
+    case.say(3, "Bridge: the autopilot is a fixed-wing aircraft (MAV_TYPE 1), no rover or boat")
+    with pytest.raises(
+        UserError, match=r"^the autopilot is a fixed-wing aircraft \(MAV_TYPE 1\), no rover or boat; use"
+    ):
+        case.update(2 * SECOND)
+
+
+def test_another_make_ends_the_run() -> None:
+    case = Case()
+    case.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, dialect.MAV_AUTOPILOT_PX4, 0, 0, 4, 3))
+    with pytest.raises(UserError, match=r"^the autopilot is px4 \(MAV_AUTOPILOT 12\), not ardupilot; use"):
+        case.update(SECOND)
+
+
+def heartbeat(armed: bool) -> Any:
+    flags = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+    return dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 3, flags, 0, 4, 3)
+
+
+def test_one_that_starts_anew_in_the_mission_ends_the_run_and_before_it_arms_it_does_not() -> None:
+    case = Case()
+    case.status(restarts=1)
+    case.hear(heartbeat(armed=False))
+    case.update(SECOND)
+    case.hear(heartbeat(armed=True))
+    case.update(2 * SECOND)
+    case.hear(heartbeat(armed=False))
+    case.update(3 * SECOND)  # disarmed by a person
+    case.status(restarts=2)
+    with pytest.raises(UserError, match=r"^the autopilot started anew in the mission, before 4.0 s"):
+        case.update(4 * SECOND)
+
+
+def test_nobody_who_asks_for_the_world_is_told_apart_from_one_that_stopped() -> None:
+    case = Case()
+    assert case.attended.silent_s == 20.0  # time to start it elsewhere
+    assert str(case.attended.why_silent(20.0, 0.0)).startswith(
+        "udp://127.0.0.1:9002: no autopilot asked for the world there in 20 s; start one elsewhere with --model JSON"
+    )
+    case.hear(heartbeat(armed=False))
+    assert case.attended.silent_s == 10.0
+    assert str(case.attended.why_silent(10.0112, 3.14)).startswith(
+        "tcp://127.0.0.1:5760: the autopilot stopped and was silent for 10 s, at 3.14 s of simulation time"
+    )
+
+
+def test_what_the_bridge_complained_of_last_goes_with_the_reason_until_it_is_over() -> None:
+    case = Case()
+    case.say(4, "Bridge: the script on the autopilot says nothing; set SCR_ENABLE 1 and bring it there")
+    case.say(6, "an autopilot's own sentence, which is so long that it comes in more than one part")
+    ending = "cables and its log; the bridge said: the script on the autopilot says nothing; set SCR_ENABLE 1 and "
+    case.hear(heartbeat(armed=False))
+    assert ending in str(case.attended.why_silent(1.0, 2.0))
+    case.say(5, "Bridge: the script on the autopilot speaks again")
+    assert str(case.attended.why_silent(1.0, 2.0)).endswith("cables and its log")
+
+
+def test_an_agent_that_is_no_bridge_is_found_out() -> None:
+    case = Case()
+    case.hear(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
+    case.update(NO_BRIDGE_NS)
+    with pytest.raises(UserError, match="the agent there is no bridge"):
+        case.update(NO_BRIDGE_NS + 1)
+    case.status()
+    case.update(NO_BRIDGE_NS + 2)
+
+
+def test_the_counts_of_the_recording_are_those_of_the_message() -> None:
+    assert set(BRIDGE_COUNTS) == {*dialect.MAVLink_xitl_bridge_status_message.fieldnames} - {"time_usec"}
+
+
+@pytest.mark.parametrize(
+    ("number", "custom", "words"),
+    [
+        (0x040603FF, b"3fc7011a", "4.6.3 (3fc7011a)"),
+        (0x04070000, b"2598e9d4", "4.7.0-dev (2598e9d4)"),
+        (0x040700C0, b"\0" * 8, "4.7.0-rc"),
+    ],
+)
+def test_the_report_tells_who_it_was_and_what_the_bridge_counted(number: int, custom: bytes, words: str) -> None:
+    case = Case()
+    zeros = (0,) * 8
+    case.hear(dialect.MAVLink_autopilot_version_message(0, number, 0, 0, 0, list(custom), zeros, zeros, 0, 0, 0))
+    case.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 3, 0, 0, 4, 3))
+    case.status(imu_out=200, world_in=1200, world_rate=1200, connected=3)
+    report = case.attended.report()
+    assert report.firmware == words
+    assert report.vehicle == "surface boat"
+    assert report.bridge["imu_out"] == 200
+    assert report.program is None
+    assert not report.log
+
+
+def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path) -> None:
+    case = Case()
+    case.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 3, 0, 0, 4, 3))
+    case.status(imu_out=36_782, solution_out=233_182, gnss_out=919, outputs_in=18_667, world_rate=1200, unsent=31)
+    case.update(SECOND)
+    report = case.attended.report()
+    record = SchedulerRecord(18, ("NLon", "NL", "MaxT", "Load"), 8999, 12, 20_300, 10.2, 31.0)
+    tasks = [Task("PS1", "physics", 400.0, 100, 7, 0.0, 0.0, 0.0), Task("LC", "bridge", 10.0, 50, 2, 0.0, 0.0, 0.0)]
+    section = autopilot_section(type(report)(**{**_fields(report), "scheduler": record}), tasks)
+    assert json.loads(json.dumps(section, allow_nan=False)) == section
+    assert section["time_to_heartbeat_s"] == 1.0
+    assert section["time_to_origin_s"] is None
+    assert section["agent"] == {"cycles": 50, "missed": 2}
+    table = Table.grid(padding=(0, 2))
+    for row in autopilot_rows(section):
+        table.add_row(*row)
+    out = io.StringIO()
+    Console(file=out, width=80).print(table)
+    text = out.getvalue()
+    assert max(map(len, text.splitlines())) <= 80
+    for words in (
+        "ardupilot surface boat",
+        "36782 inertial",
+        "31 not taken",
+        "12 long of 8999 loops",
+        "missed 2 of 50",
+    ):
+        assert words in text
+    assert "its own log stays where it runs" in text
+    assert ("", "it left no log of its own") in list(autopilot_rows({**section, "program": "/opt/ardurover"}))
+    assert list(autopilot_rows(None)) == []
+
+
+def _fields(report: Any) -> dict[str, Any]:
+    return {name: getattr(report, name) for name in type(report).__dataclass_fields__}

@@ -1,0 +1,162 @@
+"""What comes before the orders to another autopilot, and how the vessel is held meanwhile."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agent.wire import dialect
+from sim_core.geodesy import LocalFrame
+from sim_core.kinematics import Kinematics
+from xitl_cli.errors import UserError
+from xitl_cli.record.records import MotorCommand
+from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.nodes import patience
+from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
+from xitl_cli.run.nodes.milestones import Milestones
+from xitl_cli.run.nodes.preparation import SHORTEST_HEARTBEAT_S, Preparation
+from xitl_cli.run.pilot import Progress
+
+SECOND = 1_000_000_000
+TARGET = (1, 1)
+FRAME = LocalFrame(-8.8, -63.95, 70.0)
+
+
+@pytest.fixture(autouse=True)
+def _no_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here all goes by simulation time."""
+    monkeypatch.setattr(patience, "WALL_SHARE", 0.0)
+
+
+class Orders:
+    """The driver behind: counts how often it is asked."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+        self.waits_for = ""
+        self.problem = ""
+
+    def update(self, sim_ns: int) -> None:
+        self.asked += 1
+        if self.problem:
+            raise UserError(self.problem)
+
+    def take(self, message: Any) -> None:
+        pass
+
+    def progress(self) -> Progress:
+        return Progress("", waits_for=self.waits_for)
+
+
+class Case:
+    def __init__(self, moored: bool = True) -> None:
+        self.view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
+        self.sent: list[Any] = []
+        self.orders = Orders()
+        self.preparation = Preparation(
+            self.orders,
+            self.view,
+            ParameterSetting(self.sent.append, TARGET, {"WP_SPEED": 3.0}),
+            MissionUpload(self.sent.append, TARGET, [(0.0, 0.0, 0.0)]),
+            CalibrationAcceptance(self.sent.append, TARGET, wanted=False),
+            moored,
+            "tcp://127.0.0.1:5760",
+            heartbeat_s=1.0,
+            complained=lambda: "; the bridge said: the script says nothing",
+        )
+
+    def hear(self, message: Any) -> None:
+        self.view.take(message)
+        self.preparation.take(message)
+
+    def beat(self, armed: bool = False, mode: int = 0, autopilot: int = 3) -> None:
+        base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        self.hear(dialect.MAVLink_heartbeat_message(11, autopilot, base, mode, 4, 3))
+
+    def waits_for(self) -> str:
+        return self.preparation.progress().waits_for
+
+
+def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
+    case = Case()
+    assert case.waits_for() == "the autopilot to be heard"
+    case.preparation.update(SECOND)
+    assert case.sent == []
+    case.beat()
+    case.preparation.update(2 * SECOND)
+    assert case.waits_for() == "the autopilot to take its parameters"
+    case.hear(dialect.MAVLink_param_value_message(b"WP_SPEED", 3.0, 9, 900, 65535))
+    case.preparation.update(3 * SECOND)
+    assert case.waits_for() == "the autopilot to take the mission"
+    assert case.orders.asked == 0
+    case.hear(dialect.MAVLink_mission_ack_message(255, 190, dialect.MAV_MISSION_ACCEPTED, 0))
+    case.preparation.update(4 * SECOND)
+    assert case.orders.asked == 1
+    assert case.waits_for() == "the autopilot to become ready to arm"
+    case.orders.problem = "gave up after 60 s"
+    with pytest.raises(UserError, match=r"^gave up after 60 s; the bridge said: the script says nothing$"):
+        case.preparation.update(5 * SECOND)
+
+
+def test_the_vessel_is_let_go_when_it_arms_and_not_held_again() -> None:
+    case = Case()
+    case.beat(armed=True)
+    case.preparation.update(SECOND)
+    assert case.waits_for() == ""
+    case.beat(armed=False)
+    case.preparation.update(2 * SECOND)
+    assert case.waits_for() == ""
+
+
+def test_a_vessel_that_is_not_to_be_moored_floats_free() -> None:
+    assert Case(moored=False).waits_for() == ""
+
+
+def test_what_the_driver_waits_for_goes_first() -> None:
+    case = Case()
+    case.orders.waits_for = "somebody"
+    assert case.waits_for() == "somebody"
+
+
+def test_an_autopilot_that_is_never_heard_ends_the_run_with_its_address() -> None:
+    case = Case()
+    case.preparation.update(round(SHORTEST_HEARTBEAT_S * SECOND))
+    with pytest.raises(UserError, match=r"tcp://127.0.0.1:5760: no heartbeat of the autopilot came in 20 s"):
+        case.preparation.update(round((SHORTEST_HEARTBEAT_S + 0.1) * SECOND))
+
+
+def test_modes_are_called_as_the_autopilot_calls_them() -> None:
+    case = Case()
+    for mode, name in ((0, "MANUAL"), (10, "AUTO"), (12, "SMART_RTL"), (77, "mode 77")):
+        case.beat(mode=mode)
+        assert case.view.mode == name
+    case.beat(mode=4 << 16 | 4 << 24, autopilot=dialect.MAV_AUTOPILOT_PX4)
+    assert case.view.mode == "AUTO"
+
+
+def motion(speed_mps: float) -> Kinematics:
+    zero = np.zeros((1, 3))
+    velocity = np.array([[0.6 * speed_mps, 0.8 * speed_mps, 0.0]])
+    return Kinematics(zero, velocity, zero, np.array([[1.0, 0.0, 0.0, 0.0]]), np.eye(3)[None], zero, zero)
+
+
+def test_milestones_are_noted_once_and_drifting_is_no_motion() -> None:
+    case, times = Case(), Milestones()
+    still, drives = MotorCommand((0.0, 0.0)), MotorCommand((0.3, 0.2))
+    times.update(1 * SECOND, case.view, still, motion(0.7))
+    assert times == Milestones()
+    case.beat()
+    times.update(2 * SECOND, case.view, still, motion(0.7))
+    case.hear(dialect.MAVLink_statustext_message(6, b"EKF3 IMU0 origin set"))
+    times.update(3 * SECOND, case.view, still, motion(0.7))
+    health = dialect.MAV_SYS_STATUS_PREARM_CHECK
+    case.hear(dialect.MAVLink_sys_status_message(health, health, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+    times.update(4 * SECOND, case.view, still, motion(0.7))
+    case.beat(armed=True)
+    times.update(5 * SECOND, case.view, still, motion(0.7))
+    times.update(6 * SECOND, case.view, drives, motion(0.1))
+    times.update(7 * SECOND, case.view, drives, motion(0.25))
+    times.update(8 * SECOND, case.view, drives, motion(3.0))
+    assert times == Milestones(2.0, 3.0, 4.0, 5.0, 7.0)

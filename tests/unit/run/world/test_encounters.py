@@ -1,0 +1,107 @@
+"""Debris that is to meet the vessel: it is where it should be when the vessel gets there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.random import default_rng
+
+from sim_core.world.bodies import BodyKind, body_of
+from sim_core.world.capsules import Capsules
+from sim_core.world.drifting import Launch
+from sim_core.world.waterway import Waterway
+from xitl_cli.profile.schema.debris import Encounters as Keys
+from xitl_cli.run.world.encounters import Encounter, Encounters, Legs, drawn
+
+PLACES = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0))
+SPEED_MPS = 2.5
+OPEN = Waterway(Capsules.of(()))
+
+
+def current(north_mps: float, east_mps: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda places: np.array([[north_mps, east_mps, 0.0]])
+
+
+def sailed(encounters: Encounters, legs: Legs, step_s: float = 0.02) -> list[tuple[float, Launch]]:
+    """Along the legs at the mission's speed: how far, and what is launched there."""
+    launches = []
+    for number in range(int(legs.length_m / SPEED_MPS / step_s)):
+        along_m = number * step_s * SPEED_MPS
+        north, east = legs.place(along_m, 0.0).tolist()
+        for launch in encounters.due(round(number * step_s * 1e9), (north, east), 0 if along_m < 100.0 else 1):
+            launches.append((along_m, launch))
+    return launches
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 0.0), (0.4, 0.6), (-0.8, 0.1)])
+def test_it_drifts_onto_the_leg_as_the_vessel_gets_there(velocity: tuple[float, float]) -> None:
+    legs = Legs(PLACES)
+    wanted = drawn(Keys(count=6, off_m=0.5), legs.length_m, default_rng(3))
+    launches = sailed(Encounters(wanted, legs, SPEED_MPS, current(*velocity), OPEN), legs)
+    assert len(launches) == 6
+    for encounter, (along_m, launch) in zip(wanted, launches, strict=True):
+        left_s = (encounter.along_m - along_m) / SPEED_MPS
+        swim = body_of(launch.kind).swim_mps * np.array([math.cos(launch.heading_rad), math.sin(launch.heading_rad)])
+        there = np.array([launch.north_m, launch.east_m]) + left_s * (np.array(velocity) + swim)
+        met = legs.place(encounter.along_m, 0.0)
+        assert np.hypot(*(there - met)) == pytest.approx(abs(encounter.right_m), abs=1e-6)
+        assert abs(encounter.right_m) <= 0.5
+        assert 39.9 <= encounter.along_m - along_m <= 60.0
+
+
+def test_the_seed_alone_draws_them() -> None:
+    keys = Keys(count=20)
+    assert drawn(keys, 400.0, default_rng(1)) == drawn(keys, 400.0, default_rng(1))
+    assert drawn(keys, 400.0, default_rng(1)) != drawn(keys, 400.0, default_rng(2))
+
+
+def test_they_are_spread_over_the_way() -> None:
+    along = np.array([each.along_m for each in drawn(Keys(count=20), 400.0, default_rng(5))])
+    share_m = (400.0 - 60.0) / 20
+    assert np.diff(along).min() >= 0.4 * share_m - 1e-9
+    assert along[0] >= 60.0
+    assert along[-1] <= 400.0
+
+
+def test_it_is_launched_nearer_where_something_stands_in_its_way() -> None:
+    """The current comes from a boom 6 m off: what would start beyond it starts on this side."""
+    wall = Capsules(np.array([[-50.0, -6.0]]), np.array([[200.0, -6.0]]), np.array([0.4]), ("log boom",))
+    legs = Legs(PLACES)
+    one = Encounter(50.0, 50.0, 0.0, BodyKind.ANIMAL, 1.2, 0.0)
+    met = Encounters([one], legs, SPEED_MPS, current(0.0, 0.5), Waterway(wall))
+    (launch,) = met.due(0, (0.0, 0.0), 0)
+    assert -5.0 < launch.east_m < -3.0  # clear of it by half a metre and the animal's own size
+    assert met.no_room == 0
+
+
+def test_it_is_left_out_where_there_is_no_room() -> None:
+    wall = Capsules(np.array([[50.0, -20.0]]), np.array([[50.0, 20.0]]), np.array([2.0]), ("dam",))
+    met = Encounters(
+        [Encounter(50.0, 50.0, 0.0, BodyKind.TRUNK, 5.0, 0.0)],
+        Legs(PLACES),
+        SPEED_MPS,
+        current(0.0, 0.0),
+        Waterway(wall),
+    )
+    assert met.due(0, (0.0, 0.0), 0) == []
+    assert met.no_room == 1
+
+
+def test_nothing_comes_while_the_vessel_heads_nowhere_or_there_is_none() -> None:
+    legs = Legs(PLACES)
+    met = Encounters(drawn(Keys(count=3), legs.length_m, default_rng(1)), legs, SPEED_MPS, current(0.0, 0.0), OPEN)
+    assert met.due(0, (99.0, 0.0), None) == []
+    assert Encounters((), legs, SPEED_MPS, current(0.0, 0.0), OPEN).due(0, (99.0, 0.0), 0) == []
+
+
+def test_a_vessel_that_is_late_meets_the_same() -> None:
+    legs = Legs(PLACES)
+    wanted = drawn(Keys(count=5), legs.length_m, default_rng(9))
+    quick, slow = (
+        sailed(Encounters(wanted, legs, SPEED_MPS, current(0.3, 0.0), OPEN), legs, step_s) for step_s in (0.02, 0.01)
+    )
+    for (_, one), (_, other) in zip(quick, slow, strict=True):
+        assert (one.north_m, one.east_m) == pytest.approx((other.north_m, other.east_m), abs=0.05)

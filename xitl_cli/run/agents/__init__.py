@@ -1,1 +1,0 @@
-"""Agents at the other end of a link: reached, fed, watched over, and held to account."""

@@ -1,1 +1,0 @@
-"""The companion computer of a run: its line, what goes between it and the autopilot, what it reports."""

@@ -1,0 +1,193 @@
+"""The host's picture of an agent, from the messages it sends."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from agent.wire import dialect
+from sim_core.frames import Array
+from sim_core.geodesy import LocalFrame
+from xitl_cli.ardupilot_earth import Place, geodetic_of
+from xitl_cli.record.records import Estimate, Miss, Task
+from xitl_cli.run.links import px4_modes
+
+MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
+OTHER_MODES = {6: "FOLLOW", 7: "SIMPLE", 8: "DOCK", 9: "CIRCLE", 12: "SMART_RTL", 16: "INITIALISING"}
+"""Those that ArduPilot's Rover has beside."""
+ORIGIN_SET = "origin set"  # in ArduPilot's words
+RECENT_TEXTS = 20
+STATUSTEXT_BYTES = 50
+
+
+class AgentView:
+    """Takes every message; keeps the latest of what matters.
+
+    `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
+    are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
+    heard: the autopilot's heartbeat has been; px4: it is a PX4. has_origin: its estimator has an origin. pair_ms: how
+    much older than a position its attitude may be to make an estimate with it. sphere_metres: its local position is in
+    ArduPilot's metres, about an origin on the real Earth.
+    """
+
+    def __init__(
+        self,
+        frame: LocalFrame,
+        on_text: Callable[[int, str], None],
+        on_estimate: Callable[[int, Estimate], None],
+        node: str = "LC",
+        sim_ns: Callable[[int], int | None] = lambda agent_us: None,
+    ) -> None:
+        self.status: Any = None
+        self.info: Any = None
+        self.pair_ms = 0
+        self.sphere_metres = False
+        self.heard = False
+        self.px4 = False
+        self.has_origin = False
+        self.mode = "–"
+        self.armed = False
+        self.ready_to_arm = False
+        self.target_seq: int | None = None
+        self.reached_seqs: set[int] = set()
+        self.acks: dict[int, int] = {}
+        self.tasks: dict[str, Task] = {}
+        self.texts: deque[str] = deque(maxlen=RECENT_TEXTS)
+        self._frame = frame
+        self._node = node
+        self._sim_ns = sim_ns
+        self._chunks: dict[int, str] = {}
+        self._on_text = on_text
+        self._on_estimate = on_estimate
+        self._origin: Place | None = None
+        self._attitude: Any = None
+        self._handlers: dict[int, Callable[[Any], object]] = {
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
+            dialect.MAVLINK_MSG_ID_STATUSTEXT: self._statustext,
+            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._command_ack,
+            dialect.MAVLINK_MSG_ID_MISSION_CURRENT: self._mission_current,
+            dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: self._mission_item_reached,
+            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._global_origin,
+            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
+            dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
+            dialect.MAVLINK_MSG_ID_XITL_NODE_INFO: self._node_info,
+            dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self.task,
+        }
+
+    def take(self, message: Any) -> None:
+        """Note one message; kinds it has no use for are passed over."""
+        handler = self._handlers.get(message.get_msgId())
+        if handler is not None:
+            handler(message)
+
+    def adopt(self, other: AgentView) -> None:
+        """Another agent with the same mission steers now: its state, and what either has reached."""
+        self.status, self.info = other.status, other.info
+        self.mode, self.armed, self.ready_to_arm = other.mode, other.armed, other.ready_to_arm
+        self.target_seq = other.target_seq
+        self.reached_seqs |= other.reached_seqs
+        self.acks |= other.acks
+
+    def _heartbeat(self, message: Any) -> None:
+        self.heard = True
+        self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.px4 = message.autopilot == px4_modes.AUTOPILOT
+        number = message.custom_mode
+        known = MODES.get(number) or OTHER_MODES.get(number, f"mode {number}")
+        self.mode = px4_modes.mode_name(number) if self.px4 else known
+
+    def _sys_status(self, message: Any) -> None:
+        self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)
+
+    def _statustext(self, message: Any) -> None:
+        """A sentence may come in chunks of 50 characters; the one that is not full ends it."""
+        sentence = message.id
+        chunk = _text(message.text)
+        whole = self._chunks.pop(sentence, "") + chunk if sentence else chunk
+        if sentence and len(chunk) == STATUSTEXT_BYTES:
+            self._chunks = {sentence: whole}
+            return
+        self.texts.append(whole)
+        if whole.endswith(ORIGIN_SET):
+            self.has_origin = True
+        self._on_text(message.severity, whole)
+
+    def _command_ack(self, message: Any) -> None:
+        self.acks[message.command] = message.result
+
+    def _mission_current(self, message: Any) -> None:
+        self.target_seq = message.seq
+
+    def _mission_item_reached(self, message: Any) -> None:
+        self.reached_seqs.add(message.seq)
+
+    def _global_origin(self, message: Any) -> None:
+        self._origin = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        self.has_origin = True
+
+    def _attitude_quaternion(self, message: Any) -> None:
+        self._attitude = message
+
+    def _local_position(self, message: Any) -> None:
+        attitude = self._attitude
+        if self._origin is None or attitude is None:
+            return
+        if not 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
+            return
+        estimate = Estimate(
+            pos_ned_m=self._ned(self._origin, np.array([[message.x, message.y, message.z]]))[0],
+            vel_ned_mps=np.array([message.vx, message.vy, message.vz]),
+            quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
+            gyro_frd_radps=np.array([attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed]),
+        )
+        self._on_estimate(message.time_boot_ms * 1000, estimate)
+
+    def _ned(self, origin: Place, about_origin_m: Array) -> Array:
+        if self.sphere_metres:
+            return self._frame.ned(*geodetic_of(origin, about_origin_m).T)
+        return self._frame.ned(*np.array([origin]).T) + about_origin_m
+
+    def _node_status(self, message: Any) -> None:
+        self.status = message
+
+    def _node_info(self, message: Any) -> None:
+        self.info = message
+
+    def task(self, message: Any) -> Task:
+        """XITL_TASK_STATS as a record, kept too."""
+        name = _text(message.task)
+        cycles = message.cycles > 0
+        self.tasks[name] = task = Task(
+            node=self._node,
+            task=name,
+            rate_hz=message.rate_hz,
+            cycles=message.cycles,
+            missed=message.missed,
+            start_jitter_max_s=message.start_jitter_max_usec * 1e-6,
+            run_mean_s=message.run_mean_usec * 1e-6,
+            run_max_s=message.run_max_usec * 1e-6,
+            skipped=message.skipped,
+            start_jitter_mean_s=message.start_jitter_mean_usec * 1e-6,
+            worst_run_ns=self._sim_ns(message.worst_run_time_usec) if cycles else None,
+            worst_start_ns=self._sim_ns(message.worst_start_time_usec) if cycles else None,
+            start_histogram=tuple(message.start_jitter_histogram),
+            run_histogram=tuple(message.run_histogram),
+        )
+        return task
+
+    def miss(self, message: Any) -> Miss | None:
+        """XITL_TASK_MISS as a record, None while its instants have no simulation time."""
+        due_ns, start_ns, end_ns = map(self._sim_ns, (message.due_usec, message.start_usec, message.end_usec))
+        if due_ns is None or start_ns is None or end_ns is None:
+            return None
+        return Miss(self._node, _text(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)
+
+
+def _text(raw: bytes | str) -> str:
+    data = raw if isinstance(raw, str) else raw.decode("utf-8", "replace")
+    return data.rstrip("\0")

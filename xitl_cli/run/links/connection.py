@@ -1,0 +1,311 @@
+"""One agent: reach it, start it, feed it, watch over it, stop it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from agent.node import PROTOCOL
+from agent.wire import dialect
+from agent.wire.impaired import NO_FAULTS, ImpairedTransport
+from agent.wire.link import Link
+from agent.wire.signing import Signing
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.run.faults import Faults
+from xitl_cli.run.links import sentences
+from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.run.links.link_accounts import state_of
+from xitl_cli.run.links.node_words import node_report
+from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
+from xitl_cli.run.links.setup import Setup
+from xitl_cli.run.links.silence import SAID_S, Silence
+from xitl_cli.run.links.terms import Terms, terms_of_autopilot
+from xitl_cli.run.pace import Pace
+from xitl_cli.run.pilot import LinkReport, NodeReport
+
+HELLO_INTERVAL_S = 0.5
+START_TRIES = 6
+STOP_INTERVAL_S = 0.2
+STOP_WAIT_S = 2.0
+DRAIN_S = 1.0
+QUIET_S = 0.1
+SYNC_BURST = 10
+FAULTS_REPEAT_NS = 1_000_000_000
+NOTICE, WARNING = 5, 4  # MAV_SEVERITY
+
+_NEVER_IMPAIRED = {dialect.MAVLINK_MSG_ID_XITL_RUN, dialect.MAVLINK_MSG_ID_XITL_FAULTS}
+
+
+class AgentConnection:
+    """The agent called `name`, whose messages go to `inbox`. gone: why it cannot go on, None while it can.
+
+    terms: those of the profile's autopilot where none are given.
+
+    why_silent: what to say of so many seconds of silence until an instant of simulation time, where a bridge is only as
+    silent as the autopilot behind it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        profile: RunProfile,
+        inbox: AgentInbox,
+        signing: Signing | None = None,
+        terms: Terms | None = None,
+    ) -> None:
+        self.name = name
+        self.inbox = inbox
+        self._terms = terms_of_autopilot(profile, name) if terms is None else terms
+        self.gone: UserError | None = None
+        self.why_silent: Callable[[float, float], UserError] | None = None
+        self._who = self._terms.who
+        self._prefix = "" if name == "agent" else f"{name} "
+        self._profile = profile
+        self._lockstep = profile.clock.mode == "lockstep"
+        self._signing = signing
+        self._impaired: ImpairedTransport | None = None
+        self._faults = Faults()
+        self._faults_sent_ns = 0
+        self._silence: Silence | None = None
+        self._probed_ns = 0
+        self._peer: Peer | None = None
+        self._now_ns: Callable[[], int] = lambda: 0
+
+    # Before the run
+
+    def reach(self, peer: Peer) -> None:
+        """Say hello to an agent until it answers. Raises UserError when it does not, or speaks another dialect."""
+        self._peer = peer
+        transport = peer.transport
+        if self._profile.faults:
+            clock_s = self._sim_s if self._lockstep else time.monotonic
+            transport = self._impaired = ImpairedTransport(transport, self._is_never_impaired, clock_s)
+        self.link = Link(transport, HOST_SYSTEM_ID, HOST_COMPONENT_ID, signing=self._signing)
+        started_s = time.monotonic()
+        timeout_s = self._terms.connect_timeout_s
+        while self.inbox.view.status is None:
+            if time.monotonic() - started_s > timeout_s:
+                raise self._not_understood() or peer.unreachable(timeout_s)
+            peer.check()
+            self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
+            self._receive_until(lambda: self.inbox.view.status is not None, HELLO_INTERVAL_S)
+        protocol = self.inbox.view.status.protocol
+        if protocol != PROTOCOL:
+            raise UserError(
+                f"{transport.peer}: the agent speaks version {protocol} of the XITL dialect, "
+                f"this host version {PROTOCOL}; install the same release of xitl on both"
+            )
+        info = self.inbox.view.info
+        if info is not None and self._terms.node not in info.nodes.split(","):
+            raise UserError(
+                f"{transport.peer}: the agent there is no {self._terms.key}, it runs {info.nodes}; "
+                f"start it with --role {self._terms.role}, or use another {self._terms.key}.link"
+            )
+
+    def begin(
+        self,
+        recorder: Recorder,
+        pace: Pace,
+        now_ns: Callable[[], int],
+        parameters: dict[str, float],
+        mission: list[tuple[float, float, float]],
+    ) -> None:
+        """Start it and tell it what to do; `now_ns` is simulation time. Raises UserError when it does not take it."""
+        self._now_ns = now_ns
+        self.inbox.record_to(recorder, pace, now_ns)
+        self.link.tap = self.inbox.tap
+        self._start()
+        component_id = self._terms.component_id
+        setup = Setup(self.link.send, self.receive, AGENT_SYSTEM_ID, component_id, self._terms.key)
+        setup.set_parameters(parameters)
+        if mission:
+            setup.upload_mission(mission)
+        if not self._lockstep:
+            for _ in range(SYNC_BURST):
+                self.request_time()
+                self.receive(0.02)
+        self.inbox.timing.begin()
+
+    def _start(self) -> None:
+        """Start, and wait for the answer: both ends count their frames from behind the start message."""
+        view = self.inbox.view
+        view.status = None
+        for number in range(START_TRIES):
+            self._send_run(dialect.XITL_RUN_COMMAND_START)
+            self.link.reset_counters()
+            if self._receive_until(lambda: view.status is not None and bool(view.status.running), HELLO_INTERVAL_S):
+                if number:  # a start that is slow to arrive starts it once more
+                    self._receive_until(lambda: False, HELLO_INTERVAL_S)
+                self.inbox.accounts.started(self.link.counters)
+                return
+            self.peer.check()
+        raise self.peer.unreachable(START_TRIES * HELLO_INTERVAL_S)
+
+    # In the run
+
+    @property
+    def peer(self) -> Peer:
+        """Where it runs; `reach` was told."""
+        assert self._peer is not None
+        return self._peer
+
+    def send_sensors(self, messages: list[Any]) -> None:
+        """Samples that are due."""
+        self.inbox.timing.sent(messages)
+        self.link.send(*messages)
+
+    def send(self, message: Any) -> None:
+        """An order, or whatever else the agent is to get."""
+        self.link.send(message)
+
+    def send_tick(self, sim_ns: int, tick: int) -> None:
+        """Lockstep: all that was sampled up to now has been sent."""
+        self.link.send(dialect.MAVLink_xitl_tick_message(sim_ns // 1000, tick))
+
+    def request_time(self) -> None:
+        """Ask for its time stamps."""
+        self.link.send(self.inbox.timing.request())
+
+    def receive(self, timeout_s: float = 0.0) -> list[Any]:
+        """Take in what has arrived; waits for it at most `timeout_s`."""
+        self.peer.pump()
+        messages = self.link.receive(timeout_s)
+        self.inbox.take(messages)
+        return messages
+
+    def _receive_until(self, done: Callable[[], bool], seconds: float) -> bool:
+        """Take in what arrives until it is done, which is returned, or time is up."""
+        until_s = time.monotonic() + seconds
+        while not done() and (left_s := until_s - time.monotonic()) > 0.0:
+            self.receive(left_s)
+        return done()
+
+    def watch(self) -> None:
+        """Real time: notice when it is gone, silent or started anew; `gone` then says so."""
+        now_ns = time.monotonic_ns()
+        if self._silence is None:
+            self._silence = Silence(self._terms.silent_s, now_ns)
+        silence, inbox = self._silence, self.inbox
+        if inbox.fresh:
+            lasted_s = silence.heard(inbox.command_ns)
+            if lasted_s is not None:
+                inbox.say(NOTICE, "run", f"{self._who} {self._terms.speaks} again after {lasted_s:.2f} s")
+        try:
+            self.peer.check()
+        except UserError as error:
+            self.gone = error
+            return
+        if silence.noticed(now_ns):
+            inbox.say(WARNING, "run", f"no {self._terms.says} from {self._who} for {SAID_S:g} s")
+        if silence.under_way:
+            if not inbox.view.status.running:
+                self.gone = sentences.restarted(self.peer.transport.peer, self._who, self._sim_s())
+            elif silence.too_long(now_ns):
+                self.gone = self.silent(self._terms.silent_s)
+            elif now_ns - self._probed_ns > HELLO_INTERVAL_S * 1e9:
+                self._probed_ns = now_ns
+                self._send_run(dialect.XITL_RUN_COMMAND_HELLO)
+
+    def silent(self, seconds: float) -> UserError:
+        """What to say when the run cannot go on without it."""
+        if self.why_silent is not None:
+            return self.why_silent(seconds, self._sim_s())
+        return sentences.silent(self.peer.transport.peer, self._who, seconds, self._sim_s())
+
+    def _not_understood(self) -> UserError | None:
+        return sentences.not_understood(self._terms, self.link)
+
+    def apply_faults(self, sim_ns: int, faults: Faults | None) -> None:
+        """Put new faults in force, and remind the agent of its part once a second. None: as they were."""
+        if faults is not None:
+            self._faults = faults
+            if self._impaired is not None:
+                self._impaired.set(faults.to_agent, faults.seed)
+        elif not self._faults.on_agent or sim_ns - self._faults_sent_ns < FAULTS_REPEAT_NS:
+            return
+        self._faults_sent_ns = sim_ns
+        self.link.send(self._faults.message(sim_ns))
+
+    def _is_never_impaired(self, message_id: int) -> bool:
+        return message_id in _NEVER_IMPAIRED or (self._lockstep and message_id == dialect.MAVLINK_MSG_ID_XITL_TICK)
+
+    # After the run
+
+    def stop(self) -> None:
+        """End the run at the other end too and let both ends agree on their counts, as far as it still answers."""
+        self.inbox.accounts.over = True
+        self.inbox.timing.settle()
+        if self._peer is None or self.gone is not None:
+            return
+        if self._impaired is not None:
+            self._impaired.set(NO_FAULTS)
+        self._drain()
+        inbox = self.inbox
+        inbox.no_run = None
+        began_s = time.monotonic()
+        tries = sent = 0
+        while inbox.no_run is None and time.monotonic() - began_s < STOP_WAIT_S:
+            self._send_run(dialect.XITL_RUN_COMMAND_STOP)
+            tries, sent = tries + 1, self.link.counters.sent
+            self._receive_until(lambda: inbox.no_run is not None, STOP_INTERVAL_S)
+        if inbox.no_run is None:
+            return
+        if not self._lockstep or tries > 1:
+            late = self._faults.from_agent
+            took_s = time.monotonic() - began_s
+            self._receive_until(lambda: False, max(QUIET_S, 1.2 * took_s, late.delay_s + late.jitter_s))
+        inbox.view.status = inbox.no_run
+        inbox.accounts.stopped(inbox.no_run, sent)
+
+    def _drain(self) -> None:
+        """Let what waits for the line or is delayed go out first."""
+        transport, until_s = self.link.transport, time.monotonic() + DRAIN_S
+        while (self.link.wake_s() is not None or transport.backlog_s() > 0.0) and time.monotonic() < until_s:
+            self.receive(0.01)
+
+    def close(self) -> None:
+        """Give back process and sockets. Safe to call at any time."""
+        if self._peer is not None:
+            self._peer.close()
+            self._peer = None
+
+    # Reports
+
+    @property
+    def impaired(self) -> tuple[int, int, int | None]:
+        """Frames that faults have kept back for good: towards the agent, and from it; and when the agent told."""
+        status = self.inbox.view.status
+        ours = 0 if self._impaired is None else self._impaired.lost
+        if status is None:
+            return ours, 0, None
+        return ours, status.frames_impaired, self.inbox.sim_ns(status.time_usec)
+
+    def links(self) -> tuple[LinkReport, LinkReport]:
+        """Towards the agent, and from it."""
+        inbox = self.inbox
+        there, back = inbox.accounts.reports(
+            self._prefix, self.link.counters, self.impaired[0], inbox.view.status, inbox.timing
+        )
+        return there, replace(back, host_end=self.link.transport.counts())
+
+    def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
+        """Keep how the link has done so far."""
+        for report in self.links():
+            recorder.link(stamp_ns, state_of(report))
+
+    def node(self) -> NodeReport | None:
+        """What it says of its machine, None when it never did."""
+        status, info = self.inbox.view.status, self.inbox.view.info
+        return None if status is None or info is None else node_report(self.name, info, status)
+
+    def _sim_s(self) -> float:
+        return self._now_ns() * 1e-9
+
+    def _send_run(self, command: int) -> None:
+        mode = dialect.XITL_CLOCK_MODE_LOCKSTEP if self._lockstep else dialect.XITL_CLOCK_MODE_REALTIME
+        name = self._profile.name.encode()[:32]
+        self.link.send(dialect.MAVLink_xitl_run_message(self._now_ns() // 1000, name, command, mode, PROTOCOL))

@@ -1,0 +1,166 @@
+"""What arrives from one agent: put where it belongs, timed, counted and recorded."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from agent.wire import dialect
+from sim_core.geodesy import LocalFrame
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Estimate, MotorCommand
+from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.link_accounts import LinkAccounts
+from xitl_cli.run.links.link_timing import LinkTiming, LockstepTiming
+from xitl_cli.run.links.node_words import node_state
+from xitl_cli.run.links.stamps import sent_ns
+from xitl_cli.run.pace import Pace
+
+OWN_IDS = dialect.MAVLINK_MSG_ID_XITL_RUN  # and above: between host and agent, on the agent's clock
+
+_NODES = {"agent": "LC", "companion": "HC"}
+_SPEAKERS = {"agent": "autopilot", "companion": "companion"}
+
+OnEstimate = Callable[[int | None, Estimate], None]
+
+
+class AgentInbox:
+    """The messages of the agent on link `name`. `on_estimate` gets what it believes, and when that was.
+
+    on_message: gets every message that is not between the two ends alone. command: the latest motor commands, which
+    answer `answered_tick` and came at command_ns on the host's monotonic clock. fresh: whether some came since it was
+    set to False. vehicle_sim_ns: simulation time of an instant in us on the clock of the standard messages, which is
+    the agent's unless it is a bridge. no_run: the latest status that told of no run, which a delayed one of the run may
+    come after.
+    """
+
+    def __init__(self, name: str, frame: LocalFrame, motors: int, lockstep: bool, on_estimate: OnEstimate) -> None:
+        node = _NODES.get(name, name)
+        self.on_message: Callable[[Any], None] = lambda message: None
+        self.vehicle_sim_ns: Callable[[int], int | None] = self.sim_ns
+        self._on_estimate = on_estimate
+        self.view = AgentView(frame, self._on_text, self._on_belief, node, self.sim_ns)
+        self.timing = LockstepTiming(node) if lockstep else LinkTiming(node)
+        self.accounts = LinkAccounts()
+        self.traffic: dict[str, dict[int, int]] = {"tx": {}, "rx": {}}
+        self.command = MotorCommand((0.0,) * motors)
+        self.command_ns = 0
+        self.answered_tick = -1
+        self.fresh = False
+        self.no_run: Any = None
+        self._name = name
+        self._speaker = _SPEAKERS.get(name, f"{name} autopilot")
+        self._lockstep = lockstep
+        self._command_stamp_ns: int | None = None
+        self._recorder: Recorder | None = None
+        self._pace: Pace | None = None
+        self._now_ns: Callable[[], int] = lambda: 0
+        self._handlers: dict[int, Callable[[Any], None]] = {
+            dialect.MAVLINK_MSG_ID_XITL_ACTUATORS: self._on_actuators,
+            dialect.MAVLINK_MSG_ID_XITL_TIMESYNC: self._on_timesync,
+            dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self._on_task_stats,
+            dialect.MAVLINK_MSG_ID_XITL_TASK_MISS: self._on_task_miss,
+            dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._on_node_status,
+        }
+
+    def record_to(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int]) -> None:
+        """From now on keep what comes; `now_ns` is simulation time."""
+        self._recorder, self._pace, self._now_ns = recorder, pace, now_ns
+
+    def take(self, messages: list[Any]) -> None:
+        """Messages in the order in which they came."""
+        handlers, accounts = self._handlers, self.accounts
+        for message in messages:
+            handler = handlers.get(message.get_msgId())
+            if handler is None:
+                self.view.take(message)
+                self.on_message(message)
+            else:
+                handler(message)
+            accounts.heard += 1
+
+    def tap(self, direction: str, frame: bytes) -> None:
+        """A raw frame on the link, see Link."""
+        recorder = self._recorder
+        assert recorder is not None
+        counts, number = self.traffic[direction], frame[7] | frame[8] << 8 | frame[9] << 16
+        counts[number] = counts.get(number, 0) + 1
+        if direction == "tx":
+            recorder.frame_sent(self._now_ns(), frame, self._name)
+            return
+        now_ns, left_ns = self._now_ns(), None
+        if not self._lockstep:
+            stamp_ns = sent_ns(frame)
+            if stamp_ns is not None:
+                left_ns = self._sim_of(stamp_ns) if number >= OWN_IDS else self.vehicle_sim_ns(stamp_ns // 1000)
+        recorder.frame_received(now_ns, frame, left_ns, self._name)
+
+    def sim_ns(self, agent_us: int) -> int | None:
+        """Simulation time of an instant on the agent's clock, None while the clocks' relation is unknown."""
+        return self._sim_of(agent_us * 1000)
+
+    def _sim_of(self, agent_ns: int) -> int | None:
+        if self._lockstep:
+            return agent_ns
+        host_ns = self.timing.host_ns(agent_ns)
+        if host_ns is None or self._pace is None:
+            return None
+        return min(self._pace.sim_of_host(host_ns), self._now_ns())
+
+    def age_ns(self) -> int | None:
+        """How long ago on the wall the motor commands were sent, None while that cannot be told."""
+        if self._command_stamp_ns is None:
+            return None
+        sent_at_ns = self.timing.host_ns(self._command_stamp_ns)
+        return None if sent_at_ns is None else max(time.monotonic_ns() - sent_at_ns, 0)
+
+    def say(self, severity: int, source: str, text: str) -> None:
+        """A sentence for the log."""
+        if self._recorder is not None:
+            self._recorder.say(self._now_ns(), severity, source, text)
+
+    # One message each
+
+    def _on_actuators(self, message: Any) -> None:
+        flags = message.flags
+        self.command = MotorCommand(
+            motors=tuple(message.command[: len(self.command.motors)]),
+            armed=bool(flags & dialect.XITL_ACTUATOR_FLAGS_ARMED),
+            failsafe=bool(flags & dialect.XITL_ACTUATOR_FLAGS_FAILSAFE),
+        )
+        self.command_ns = time.monotonic_ns()
+        self._command_stamp_ns = message.time_usec * 1000
+        self.fresh = True
+        self.answered_tick = message.tick
+        self.timing.arrived(message)
+
+    def _on_timesync(self, message: Any) -> None:
+        clock = self.timing.answered(message)
+        if clock is not None and self._recorder is not None:
+            self._recorder.clock(self._now_ns(), clock)
+
+    def _on_task_stats(self, message: Any) -> None:
+        task = self.view.task(message)
+        if self._recorder is not None:
+            self._recorder.task(self._now_ns(), task)
+
+    def _on_task_miss(self, message: Any) -> None:
+        miss = self.view.miss(message)
+        if miss is not None and self._recorder is not None:
+            self._recorder.miss(self._now_ns(), miss)
+
+    def _on_node_status(self, message: Any) -> None:
+        self.view.take(message)
+        self.accounts.status(message)
+        if not message.running:
+            self.no_run = message
+        if self._recorder is not None and self.view.info is not None:
+            self._recorder.node(self._now_ns(), node_state(self._name, self.view.info, message))
+
+    def _on_belief(self, agent_us: int, estimate: Estimate) -> None:
+        if self._recorder is not None:  # an agent may still be at the run of a host that was killed
+            self._on_estimate(self.vehicle_sim_ns(agent_us), estimate)
+
+    def _on_text(self, severity: int, text: str) -> None:
+        self.say(severity, self._speaker, text)

@@ -1,0 +1,234 @@
+"""Where the agent runs: in this process, in one of its own on this machine, or on a board. One interface for all."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Protocol
+
+from agent.assembly import REFUSALS, assemble
+from agent.machine import VIRTUAL
+from agent.options import BRIDGE, COMPANION, FCU, Options
+from agent.wire.memory import memory_pair
+from agent.wire.transport import Transport, TransportError, open_transport
+from xitl_cli.errors import UserError
+from xitl_cli.run.directory import DATAFLASH
+from xitl_cli.run.links.agent_options import AgentOptions
+from xitl_cli.run.links.loopback import loopback_of
+
+HOST_SYSTEM_ID = 255
+HOST_COMPONENT_ID = 190
+AGENT_SYSTEM_ID = 1
+AGENT_COMPONENT_ID = 1
+_STOP_S = 2.0
+
+
+class Peer(Protocol):
+    """An agent that can be talked to through `transport`."""
+
+    transport: Transport
+
+    def pump(self) -> None:
+        """Let the agent work; does nothing where it has a processor of its own."""
+
+    def check(self) -> None:
+        """Raise UserError when the agent is known to be gone."""
+
+    def unreachable(self, waited_s: float) -> UserError:
+        """What to say when it does not answer."""
+
+    def close(self) -> None:
+        """Stop what was started."""
+
+
+class InProcess:
+    """The same agent code in the host's process, over the in-memory transport."""
+
+    def __init__(self, options: AgentOptions) -> None:
+        self.transport: Transport
+        self.transport, theirs = memory_pair("companion" if options.companion else "agent")
+        self._opened = ExitStack()
+        try:
+            node = assemble(theirs, own_options(options), self._opened)
+        except REFUSALS as error:
+            self.close()
+            raise UserError(str(error)) from error
+        self.pump: Callable[[], None] = node.poll
+
+    def check(self) -> None:
+        pass
+
+    def unreachable(self, waited_s: float) -> UserError:
+        return UserError("the agent in this process did not answer; this is a fault of xitl, please report it")
+
+    def close(self) -> None:
+        self._opened.close()
+        self.transport.close()
+
+
+def own_options(options: AgentOptions) -> Options:
+    """As `xitl agent` would get them."""
+    if options.bridge is not None:
+        bridge = options.bridge
+        return Options(
+            role=BRIDGE,
+            link_key=None if options.link_key_file is None else Path(options.link_key_file),
+            kind=VIRTUAL,
+            autopilot=bridge.mavlink,
+            world=bridge.world or "",
+            sensors=bridge.sensors or "",
+            sensor_link=bridge.sensor_link or "",
+            outputs=bridge.outputs,
+            trim_us=bridge.trim_us,
+            span_us=bridge.span_us,
+        )
+    return Options(
+        role=COMPANION if options.companion else FCU,
+        ground=options.ground_stations,
+        controller=options.controller or "",
+        signing_key=None if options.signing_key_file is None else Path(options.signing_key_file),
+        link_key=None if options.link_key_file is None else Path(options.link_key_file),
+        log_file=None if options.log_dir is None else options.log_dir / DATAFLASH,
+        kind=VIRTUAL,
+    )
+
+
+class OwnProcess:
+    """The agent as a process of its own on this machine, at the other end of `url`, or of the line that it asks for."""
+
+    def __init__(self, url: str, options: AgentOptions) -> None:
+        agent_url = url
+        self._loopback = loopback_of(url)
+        if self._loopback is not None:
+            url, agent_url = self._loopback.host_url, self._loopback.agent_url
+        self._url = url
+        self._what = "companion" if options.companion else "agent"
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "agent", "--attached", "--link", agent_url, *options.arguments()],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # a Ctrl-C at the terminal is the host's to pass on
+        )
+        assert self._process.stdout is not None
+        if not self._process.stdout.readline():  # its first line says that it listens
+            error = self._gone()
+            self.close()
+            raise error
+        try:
+            self.transport = open_transport(url, listen=False)
+        except TransportError as error:
+            self.close()
+            raise UserError(f"{options.key}.link: {error}") from error
+
+    def pump(self) -> None:
+        pass
+
+    def check(self) -> None:
+        if self._process.poll() is not None:
+            raise self._gone()
+
+    def unreachable(self, waited_s: float) -> UserError:
+        return UserError(
+            f"{self._url}: the {self._what} process started but did not answer for {waited_s:.0f} s; "
+            "check that no firewall filters this port on the loopback interface"
+        )
+
+    def close(self) -> None:
+        transport = getattr(self, "transport", None)
+        if transport is not None:
+            transport.close()
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(_STOP_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        for stream in (self._process.stdout, self._process.stderr):
+            if stream is not None:
+                stream.close()
+        if self._loopback is not None:
+            self._loopback.close()
+
+    def _gone(self) -> UserError:
+        code = self._process.wait()
+        stderr = self._process.stderr
+        lines = stderr.read().strip().splitlines() if stderr is not None and not stderr.closed else []
+        reason = lines[-1].removeprefix("error: ") if lines else f"exit code {code}"
+        if code < 0:
+            reason = f"signal {-code} killed it; look for who sent it (out of memory?), then run again"
+        return UserError(f"the {self._what} process ended: {reason}")
+
+
+class Board:
+    """An agent that somebody started on a board."""
+
+    def __init__(self, url: str, options: AgentOptions) -> None:
+        self._url = url
+        self._what, self._role = ("companion", f"--role {COMPANION} ") if options.companion else ("agent", "")
+        try:
+            self.transport = open_transport(url, listen=False)
+        except TransportError as error:
+            raise UserError(f"{options.key}.link: {error}") from error
+
+    def pump(self) -> None:
+        pass
+
+    def check(self) -> None:
+        pass
+
+    def unreachable(self, waited_s: float) -> UserError:
+        return UserError(
+            f"{self._url}: no {self._what} answered within {waited_s:.0f} s; "
+            f"check that {_advice(self._url, self._role)}"
+        )
+
+    def close(self) -> None:
+        self.transport.close()
+
+
+def _advice(url: str, role: str = "") -> str:
+    """What to look at when nobody answers at the other end. `role`: the option that it is started with, if any."""
+    scheme, _, rest = url.partition("://")
+    if scheme == "serial":
+        return (
+            "the cable joins both ends crosswise (TX to RX, ground to ground), and that the board runs "
+            f"`xitl agent --link serial:///dev/ttyX?{rest.partition('?')[2] or 'baud=921600'}` at the same baud rate"
+        )
+    if scheme == "can":
+        return (
+            "the bus is terminated at both ends, and that the board runs `xitl agent --link can://...` at the same bit "
+            "rate with the node numbers the other way round"
+        )
+    host, _, port = rest.rpartition(":")
+    there = f"{host}:{port}" if _is_address(host) else f"usb0:{port}"
+    return (
+        f"{host} answers a ping (cable, power, address of this machine's USB-Ethernet interface), and that the board "
+        f"runs `xitl agent {role}--link {scheme}://{there}`, serves no other host and has the same link key as this "
+        "one, or none like it"
+    )
+
+
+def _is_address(host: str) -> bool:
+    """A board may know itself by its name as 127.0.1.1, where nobody else reaches it."""
+    try:
+        ip_address(host.strip("[]"))
+    except ValueError:
+        return False
+    return True
+
+
+def open_peer(runs: str, link: str | None, options: AgentOptions) -> Peer:
+    """The peer that a profile asks for. Raises UserError when it cannot be opened."""
+    if runs == "in-process":
+        return InProcess(options)
+    if link is None:
+        key = options.key
+        raise UserError(f"{key}.runs = {runs} needs {key}.link, for instance udp://127.0.0.1:14660")
+    return OwnProcess(link, options) if runs == "process" else Board(link, options)

@@ -1,0 +1,1 @@
+"""Nodes of a run: autopilot, bridge, standby, companion, direct control, drivers."""

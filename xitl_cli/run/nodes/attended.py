@@ -1,0 +1,275 @@
+"""Another autopilot behind a bridge, as the host looks after it: started, prepared, timed, stopped, its log kept."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from agent.wire import dialect
+from sim_core.geodesy import LocalFrame
+from sim_core.kinematics import Kinematics
+from xitl_cli.errors import UserError
+from xitl_cli.firmware.process import CONSOLE, STOP_S, FirmwareProcess, newest_log
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import MotorCommand
+from xitl_cli.run import directory
+from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
+from xitl_cli.run.links.setup import mission_of
+from xitl_cli.run.nodes.autopilot_clock import SIMULATED_GRAIN_NS, AutopilotClock
+from xitl_cli.run.nodes.autopilot_parameters import own_values
+from xitl_cli.run.nodes.autopilot_report import AutopilotReport
+from xitl_cli.run.nodes.autopilot_version import version_words
+from xitl_cli.run.nodes.driver import Driver
+from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
+from xitl_cli.run.nodes.firmware_launch import Launch, resolved_bridge
+from xitl_cli.run.nodes.milestones import Milestones
+from xitl_cli.run.nodes.orders import Send
+from xitl_cli.run.nodes.preparation import Preparation
+from xitl_cli.run.nodes.scheduler import scheduler_record
+from xitl_cli.run.pace import Pace
+from xitl_cli.run.pilot import ClockReport
+
+EXTERNAL = "external"
+BRIDGE = "Bridge: "
+WRONG_VEHICLE = f"{BRIDGE}the autopilot is "
+CHECK_EVERY = 16  # exchanges
+BLOCKED_STOP_S = 0.3  # it waits for its world, which has stopped, and does not listen
+NO_BRIDGE_NS = 10_000_000_000  # a bridge tells its counts every second
+PAIR_MS = 50  # attitude and position come by their own rates
+_MAKES = {"ardupilot": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, "px4": dialect.MAV_AUTOPILOT_PX4}
+CALL_S = 0.7  # the agent calls again every half second
+
+
+class Attended:
+    """The autopilot of `profile`, whose log goes to `run_directory`. `bridge`: how the agent reaches it.
+
+    Raises UserError when it is to be started here and there is none.
+    """
+
+    def __init__(self, profile: RunProfile, run_directory: Path | None) -> None:
+        self._profile = profile
+        self._directory = run_directory
+        autopilot = profile.autopilot
+        started = autopilot.firmware != EXTERNAL
+        self.bridge = resolved_bridge(autopilot.bridge) if started else autopilot.bridge
+        self.milestones = Milestones()
+        self._launch = Launch(profile, self.bridge) if started else None
+        self._process: FirmwareProcess | None = None
+        self._view: AgentView | None = None
+        self._status: Any = None
+        self._recorder: Recorder | None = None
+        self._now_ns: Callable[[], int] = lambda: 0
+        self._version = ""
+        self._vehicle = ""
+        self._problem: str | None = None
+        self._exchanges = 0
+        self._restarts: int | None = None
+        self._text = ""
+        self._complaints: deque[str] = deque(maxlen=2)
+        self._log: Path | None = None
+        self._clock: AutopilotClock | None = None
+
+    def preparation(self, driver: Driver, view: AgentView, send: Send, frame: LocalFrame) -> Preparation:
+        """What goes before the driver."""
+        profile, autopilot, target = self._profile, self._profile.autopilot, (AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        places = mission_of(profile, frame) if profile.mission.waypoints_ned_m else []
+        self._view = view
+        simulated = self._launch is not None and autopilot.firmware_build == "sitl"
+        grain_ns = SIMULATED_GRAIN_NS if simulated else 0
+        self._clock = AutopilotClock(profile.clock.mode == "lockstep", send, grain_ns)
+        return Preparation(
+            driver,
+            view,
+            ParameterSetting(send, target, own_values(profile), autopilot.kind == "px4"),
+            MissionUpload(send, target, places),
+            CalibrationAcceptance(send, target, self._launch is not None and autopilot.firmware_build == "linux"),
+            autopilot.moored_until_armed,
+            self.bridge.mavlink,
+            autopilot.connect_timeout_s,
+            self._complained,
+        )
+
+    def begin(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int], inbox: AgentInbox) -> None:
+        """The run begins: record from now on, and stamp by the autopilot's clock what comes in its messages."""
+        self._recorder, self._now_ns = recorder, now_ns
+        if self._clock is not None:
+            self._clock.begin(recorder, pace, now_ns)
+            inbox.vehicle_sim_ns = self._clock.sim_ns
+        inbox.view.pair_ms = PAIR_MS
+        # The world of its own simulator is as ArduPilot counts metres; our receiver is on the Earth.
+        inbox.view.sphere_metres = self._profile.autopilot.kind == "ardupilot" and self.bridge.sensors is not None
+
+    def clocks(self) -> list[ClockReport]:
+        """The relation of its clock to the host's."""
+        return [] if self._clock is None else [self._clock.report()]
+
+    def start(self, serve: Callable[[float], object]) -> None:
+        """Start the firmware, if that is ours to do. Raises UserError.
+
+        In real time `serve(seconds)` lets the agent call it; in lockstep the agent does so before time runs.
+        """
+        if self._launch is None or self._directory is None:
+            return
+        try:
+            self._process = self._launch.start(self._directory)
+        except UserError as error:
+            raise self._with_build(error) from error
+        until_s = time.monotonic() + (CALL_S if self.bridge.world is None else 0.0)
+        while time.monotonic() < until_s:
+            serve(0.02)
+
+    # In the run
+
+    def take(self, message: Any) -> None:
+        """A message that came from the bridge, after the view has seen it."""
+        number = message.get_msgId()
+        if self._clock is not None:
+            self._clock.take(message)
+        if number == dialect.MAVLINK_MSG_ID_XITL_BRIDGE_STATUS:
+            self._status = message
+            if self._recorder is not None:
+                self._recorder.bridge(self._now_ns(), _counts(message))
+        elif number == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
+            self._version = version_words(message.flight_sw_version, bytes(message.flight_custom_version))
+        elif number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            self._vehicle = _vehicle(message.type)
+            self._problem = self._problem or self._other_make(message.autopilot)
+        elif number == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._view is not None and self._view.texts:
+            text = self._view.texts[-1]
+            if text is not self._text:  # else this is a part of one that is not whole yet
+                self._text = text
+                self._note(message.severity, text)
+
+    def _note(self, severity: int, text: str) -> None:
+        if severity <= dialect.MAV_SEVERITY_ERROR and text.startswith(WRONG_VEHICLE):
+            self._problem = text.removeprefix(BRIDGE)
+        elif text.startswith(BRIDGE) and severity > dialect.MAV_SEVERITY_WARNING:
+            self._complaints.clear()
+        elif text.startswith(BRIDGE) and text not in self._complaints:
+            self._complaints.append(text)
+
+    def _complained(self) -> str:
+        """The latest troubles that the bridge told of and has not told the end of, to go at the end of a sentence."""
+        said = "; ".join(text.removeprefix(BRIDGE) for text in self._complaints)
+        return f"; the bridge said: {said}" if said else ""
+
+    def update(self, sim_ns: int, command: MotorCommand, motion: Kinematics) -> None:
+        """At every exchange. Raises UserError when the run cannot go on with it."""
+        if self._view is not None and self._clock is not None:
+            self.milestones.update(sim_ns, self._view, command, motion)
+            if self._view.heard:
+                self._clock.update(sim_ns)
+        if self._status is None and sim_ns > NO_BRIDGE_NS:
+            raise UserError(
+                "autopilot.link: the agent there is no bridge, it runs an autopilot of its own; start it with "
+                "--role bridge, or use autopilot.kind: embedded"
+            )
+        self._look_for_restart(sim_ns)
+        self._exchanges += 1
+        if self._problem is not None or self._exchanges % CHECK_EVERY == 0:
+            self.check()
+
+    def _look_for_restart(self, sim_ns: int) -> None:
+        """A mission that was under way is over with it: nobody would arm it again."""
+        if self.milestones.armed_s is None or self._view is None or self._profile.driver.kind != "mission":
+            return
+        restarts = 0 if self._status is None else self._status.restarts
+        if self._restarts is None:
+            self._restarts = restarts
+        elif restarts > self._restarts and not self._view.armed:
+            raise UserError(
+                f"the autopilot started anew in the mission, before {sim_ns * 1e-9:.1f} s of simulation time, "
+                "and is disarmed; look at its power and its log for why, then run again"
+            )
+
+    def _other_make(self, mav_autopilot: int) -> str | None:
+        wanted = self._profile.autopilot.kind
+        if mav_autopilot == _MAKES[wanted]:
+            return None
+        names = {number: name for name, number in _MAKES.items()}
+        name = names.get(mav_autopilot, "another one")
+        return f"the autopilot is {name} (MAV_AUTOPILOT {mav_autopilot}), not {wanted}"
+
+    def check(self) -> None:
+        """Raise UserError when it is known to be gone or to be the wrong one."""
+        if self._problem is not None:
+            raise UserError(f"{self._problem}; use the firmware of one, or another autopilot.bridge.mavlink")
+        if self._process is None:
+            return
+        try:
+            self._process.check()
+        except UserError as error:
+            raise (error if self._heard else self._with_build(error)) from error
+
+    @property
+    def _heard(self) -> bool:
+        return self._view is not None and self._view.heard
+
+    def _with_build(self, error: UserError) -> UserError:
+        """It ended before it was heard: its options may be those of another build."""
+        build = self._profile.autopilot.firmware_build
+        return UserError(f"{error}, and see that it is a {build} build, as autopilot.firmware_build says")
+
+    @property
+    def silent_s(self) -> float:
+        """How long it may be silent in lockstep; at first it may still have to be started elsewhere."""
+        autopilot = self._profile.autopilot
+        return autopilot.silent_s if self._heard else max(autopilot.silent_s, autopilot.connect_timeout_s)
+
+    def why_silent(self, seconds: float, sim_s: float) -> UserError:
+        """What to say when it has been silent for too long."""
+        if self._process is None and self.bridge.world is not None and not self._heard:
+            return UserError(
+                f"{self.bridge.world}: no autopilot asked for the world there in {seconds:.0f} s; start one elsewhere "
+                "with --model JSON:HOST, where HOST is the machine of the bridge, or use autopilot.firmware: find"
+            )
+        said = self._complained()
+        stopped = f"stopped and was silent for {seconds:.3g} s, at {sim_s:.2f} s of simulation time; look at"
+        if self._process is not None:
+            return UserError(f"{self._process.program.name} {stopped} {self._process.directory / CONSOLE}{said}")
+        return UserError(f"{self.bridge.mavlink}: the autopilot {stopped} its power, its cables and its log{said}")
+
+    # After the run
+
+    def end(self) -> None:
+        """Stop it and keep its log. Safe to call again."""
+        if self._process is None or self._directory is None:
+            return
+        self._process.stop(STOP_S if self.bridge.world is None else BLOCKED_STOP_S)
+        log = newest_log(self._process.directory)
+        if log is not None:
+            self._log = log.replace(self._directory / directory.DATAFLASH)
+        self._process = None
+
+    def report(self) -> AutopilotReport:
+        """What is known of it."""
+        autopilot = self._profile.autopilot
+        return AutopilotReport(
+            kind=autopilot.kind,
+            firmware=self._version,
+            vehicle=self._vehicle,
+            milestones=self.milestones,
+            bridge=_counts(self._status),
+            program=None if self._launch is None else str(self._launch.program),
+            log=self._log is not None,
+            scheduler=None if self._log is None else scheduler_record(self._log),
+            real_clock=None if self._launch is None else autopilot.firmware_build == "linux",
+            utc_offset_s=None if self._clock is None else self._clock.utc_offset_s,
+        )
+
+
+def _counts(status: Any) -> dict[str, int]:
+    if status is None:
+        return {}
+    return {name: int(getattr(status, name)) for name in status.get_fieldnames() if name != "time_usec"}
+
+
+def _vehicle(mav_type: int) -> str:
+    entry = dialect.enums["MAV_TYPE"].get(mav_type)
+    return entry.name.removeprefix("MAV_TYPE_").replace("_", " ").lower() if entry else f"MAV_TYPE {mav_type}"

@@ -1,0 +1,132 @@
+"""The clock of another autopilot against the host's, by the standard TIMESYNC message through the bridge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from agent.wire import dialect
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Clock
+from xitl_cli.run.links.link_timing import LinkTiming
+from xitl_cli.run.pace import Pace
+from xitl_cli.run.pilot import ClockReport
+
+NODE = "autopilot"
+REALTIME_HZ, LOCKSTEP_HZ = 10.0, 1.0
+REQUESTS_KEPT = 256
+SETTLING_NS = 500_000_000  # an autopilot whose clock is further off in lockstep has been in a run before
+SIMULATED_GRAIN_NS = 10_000_000  # a SITL build in real time sleeps some ms, and its clock runs to catch up
+OLDEST_UTC_S = 1e9  # before it has the time from a satellite it counts from 1970
+
+Send = Callable[[Any], object]
+
+
+class AutopilotClock:
+    """Asks for its time now and then, and answers when it asks.
+
+    In real time offset and drift against the host's monotonic clock are estimated as for an agent. In lockstep it is
+    told the time, and the offset is that of its answer against the tick that brought the request: it may be an
+    exchange behind, and its answer takes some more, which is the bound. `grain_ns`: how far its readings may be off in
+    real time, which widens the bound. utc_offset_s: its UTC (SYSTEM_TIME) less
+    this machine's, None in lockstep and until it knows the time.
+    """
+
+    def __init__(self, lockstep: bool, send: Send, grain_ns: int = 0) -> None:
+        self.utc_offset_s: float | None = None
+        self._lockstep = lockstep
+        self._send = send
+        self._grain_ns = grain_ns
+        self._timing = LinkTiming(NODE, lambda: time.monotonic_ns() + grain_ns)
+        self._every_ns = round(1e9 / (LOCKSTEP_HZ if lockstep else REALTIME_HZ))
+        self._asked_ns: int | None = None
+        self._requests: dict[int, int] = {}
+        self._count = 0
+        self._offset_ns: int | None = None
+        self._trip_ns = 0
+        self._ahead_ns = 0
+        self._samples = 0
+        self._recorder: Recorder | None = None
+        self._pace: Pace | None = None
+        self._now_ns: Callable[[], int] = lambda: 0
+
+    def begin(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int]) -> None:
+        """The run begins; `now_ns` is simulation time."""
+        self._recorder, self._pace, self._now_ns = recorder, pace, now_ns
+
+    def update(self, sim_ns: int) -> None:
+        """Ask when it is time to."""
+        if self._asked_ns is not None and sim_ns - self._asked_ns < self._every_ns:
+            return
+        self._asked_ns = sim_ns
+        stamp_ns = self._local_ns()
+        self._count += 1
+        self._requests[stamp_ns] = self._count
+        if len(self._requests) > REQUESTS_KEPT:
+            self._requests.pop(next(iter(self._requests)))
+        self._send(dialect.MAVLink_timesync_message(0, stamp_ns))
+
+    def take(self, message: Any) -> None:
+        """A message of the autopilot."""
+        number = message.get_msgId()
+        if number == dialect.MAVLINK_MSG_ID_TIMESYNC:
+            if message.tc1 == 0:
+                self._send(dialect.MAVLink_timesync_message(self._local_ns(), message.ts1))
+            else:
+                self._answered(message)
+        elif number == dialect.MAVLINK_MSG_ID_SYSTEM_TIME and not self._lockstep:
+            utc_s = message.time_unix_usec * 1e-6
+            if utc_s > OLDEST_UTC_S:
+                self.utc_offset_s = utc_s - time.time()
+
+    def sim_ns(self, autopilot_us: int) -> int | None:
+        """Simulation time of an instant on its clock, None while their relation is unknown."""
+        if self._lockstep:
+            stamp_ns = autopilot_us * 1000 - self._ahead_ns
+            return stamp_ns if stamp_ns <= self._now_ns() + SETTLING_NS else None
+        host_ns = self._timing.host_ns(autopilot_us * 1000)
+        if host_ns is None or self._pace is None:
+            return None
+        return min(self._pace.sim_of_host(host_ns), self._now_ns())
+
+    def report(self) -> ClockReport:
+        """The relation at the end."""
+        if not self._lockstep:
+            return self._timing.report()
+        if self._offset_ns is None:
+            return ClockReport(NODE, None, None)
+        return ClockReport(NODE, self._offset_ns * 1e-3, 0.0, self._trip_ns * 1e-3, samples=self._samples)
+
+    def _answered(self, message: Any) -> None:
+        sequence = self._requests.pop(message.ts1, None)
+        if sequence is None:
+            return
+        if self._lockstep:
+            clock: Clock | None = self._exchange(sequence, message.ts1, message.tc1, self._local_ns())
+        else:
+            clock = self._measured(sequence, message.ts1, message.tc1)
+        if clock is not None and self._recorder is not None:
+            self._recorder.clock(self._now_ns(), clock)
+
+    def _measured(self, sequence: int, sent_ns: int, node_ns: int) -> Clock | None:
+        """An uneven clock makes an exchange as uncertain as one that took so much longer on both ways."""
+        grain_ns = self._grain_ns
+        clock = self._timing.answered(
+            dialect.MAVLink_xitl_timesync_message(sent_ns - grain_ns, node_ns, node_ns, sequence)
+        )
+        if clock is None:
+            return None
+        return replace(clock, host_ns=sent_ns, round_trip_s=clock.round_trip_s - 2e-9 * grain_ns)
+
+    def _exchange(self, sequence: int, sent_ns: int, node_ns: int, returned_ns: int) -> Clock:
+        self._samples += 1
+        self._trip_ns = returned_ns - sent_ns
+        self._offset_ns = node_ns - sent_ns
+        self._ahead_ns = self._offset_ns if abs(self._offset_ns) > SETTLING_NS else 0
+        trip_s, offset_s = self._trip_ns * 1e-9, self._offset_ns * 1e-9
+        return Clock(NODE, sequence, sent_ns, node_ns, trip_s, offset_s, 0.0, asymmetry_bound_s=trip_s)
+
+    def _local_ns(self) -> int:
+        return self._now_ns() if self._lockstep else time.monotonic_ns()

@@ -1,0 +1,213 @@
+"""What a companion found in a run, recorded as it comes and held against the truth."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.companion.clouds import Clouds
+from agent.wire import dialect
+from sim_core import frames
+from sim_core.frames import Array
+from sim_core.geodesy import LocalFrame
+from sim_core.kinematics import Kinematics
+from sim_core.simulation import SimulationState
+from xitl_cli.logs.compare.trajectories import Trajectory
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.perception import Source
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.run.nodes.companion_line import CompanionLine, NoCompanion
+from xitl_cli.run.nodes.obstacle_score import ObstacleScore
+from xitl_cli.run.sensors.sensing import local_frame
+from xitl_cli.run.world.scenery import Scenery
+
+TRUTH_RATE_HZ = 50.0
+TRUTH_KEPT_S = 10.0  # an odometry that is later has no truth
+SEEN_RATE_HZ = 10.0
+_MANOEUVRES = {
+    dialect.XITL_MANOEUVRE_NONE: "none",
+    dialect.XITL_MANOEUVRE_DETOUR: "detour",
+    dialect.XITL_MANOEUVRE_STOP: "stop",
+    dialect.XITL_MANOEUVRE_RETURN: "return",
+}
+_SOURCES: dict[int, Source] = {dialect.XITL_CLOUD_KIND_LIDAR_MAP: "lidar", dialect.XITL_CLOUD_KIND_SONAR_MAP: "sonar"}
+_ZEROS = (0,) * len(dialect.MAVLink_xitl_companion_status_message.fieldnames)
+_UNCOUNTED = ("time_usec", "latency", "manoeuvre")
+
+
+class NoFindings:
+    """Nobody finds anything."""
+
+    def begin(self, recorder: Recorder, now_ns: Callable[[], int]) -> None:
+        """The run starts; `now_ns` is simulation time."""
+
+    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> None:
+        """The truth, after each physics step, counted from 1."""
+
+
+class _Poses:
+    """Poses of a run, packed: one that goes on overnight has half a million."""
+
+    def __init__(self) -> None:
+        self._stamps_ns = array("q")
+        self._numbers = array("d")
+
+    def __len__(self) -> int:
+        return len(self._stamps_ns)
+
+    def add(self, stamp_ns: int, pos_m: Array, quat_wxyz: Array) -> None:
+        self._stamps_ns.append(stamp_ns)
+        self._numbers.extend((*pos_m.tolist(), *quat_wxyz.tolist()))
+
+    def trajectory(self) -> Trajectory:
+        numbers = np.array(self._numbers).reshape(-1, 7)
+        return Trajectory(np.array(self._stamps_ns, dtype=np.int64), numbers[:, :3], numbers[:, 3:])
+
+
+class Findings(NoFindings):
+    """Takes what the companion says (`take`) and what the autopilot says of its origin (`hear_autopilot`).
+
+    Poses and maps are in the frame `odom`: forward, right, down of the body where the odometry began. status: the
+    latest XITL_COMPANION_STATUS, None before the first.
+    """
+
+    def __init__(self, frame: LocalFrame, score: ObstacleScore, physics_rate_hz: float) -> None:
+        self.status: Any = None
+        self.score = score
+        self.clouds = Clouds()
+        self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
+        self._frame = frame
+        self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
+        self._every_seen = max(round(physics_rate_hz / SEEN_RATE_HZ), 1)
+        self._origin_ned_m = np.zeros(3)
+        self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
+        self._odometry, self._truth = _Poses(), _Poses()
+        self._recorder: Recorder | None = None
+        self._now_ns: Callable[[], int] = lambda: 0
+        self._handlers: dict[int, Callable[[Any], None]] = {
+            dialect.MAVLINK_MSG_ID_ODOMETRY: self._on_odometry,
+            dialect.MAVLINK_MSG_ID_XITL_CLOUD: self._on_cloud,
+            dialect.MAVLINK_MSG_ID_XITL_OBSTACLE: self._on_obstacle,
+            dialect.MAVLINK_MSG_ID_XITL_COMPANION_STATUS: self._on_status,
+        }
+
+    def begin(self, recorder: Recorder, now_ns: Callable[[], int]) -> None:
+        self._recorder, self._now_ns = recorder, now_ns
+
+    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> None:
+        if step % self._every_truth == 0:
+            self._recent.append((sim_ns, motion.pos_ned_m[0], motion.quat_ned_frd[0]))
+        if step % self._every_seen == 0:
+            rotation = motion.rot_ned_frd[0]
+            self.score.see(motion.pos_ned_m[0], math.atan2(rotation[1, 0], rotation[0, 0]), state.debris)
+
+    def take(self, message: Any) -> None:
+        """A message of the companion."""
+        handler = self._handlers.get(message.get_msgId())
+        if handler is not None and self._recorder is not None:
+            handler(message)
+
+    def hear_autopilot(self, message: Any) -> None:
+        """GPS_GLOBAL_ORIGIN is where the autopilot's local frame is, which obstacles are told in."""
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
+            place = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+            self._origin_ned_m = self._frame.ned(*np.array([place]).T)[0]
+            self.score.origin_ne_m = (float(self._origin_ned_m[0]), float(self._origin_ned_m[1]))
+
+    # What was found
+
+    def odometry(self) -> Trajectory:
+        """Poses of the companion's odometry, in `odom`."""
+        return self._odometry.trajectory()
+
+    def truth(self) -> Trajectory:
+        """The body's true poses at the same instants, in NED, as far as they were told of in time."""
+        return self._truth.trajectory()
+
+    def map_points(self, source: Source) -> tuple[Array, NDArray[np.uint8]]:
+        """(k, 3) in `odom` and their intensity (k,)."""
+        points, intensity = self.maps[source]
+        return (
+            np.frombuffer(points, dtype=np.float32).reshape(-1, 3).astype(float),
+            np.frombuffer(intensity, dtype=np.uint8).copy(),
+        )
+
+    def companion(self) -> dict[str, Any]:
+        """The summary's section: the last status that came, all zeros before the first."""
+        status = dialect.MAVLink_xitl_companion_status_message(*_ZEROS) if self.status is None else self.status
+        counts = {name: getattr(status, name) for name in status.fieldnames if name not in _UNCOUNTED}
+        lost = {"map_chunks_lost": self.clouds.chunks_lost}
+        return {**counts, **lost, "latency_s": status.latency, "manoeuvre": _MANOEUVRES.get(status.manoeuvre, "?")}
+
+    # One message each
+
+    def _on_odometry(self, message: Any) -> None:
+        assert self._recorder is not None
+        if not all(map(math.isfinite, (message.x, message.y, message.z, *message.q))) or not any(message.q):
+            return
+        stamp_ns = message.time_usec * 1000
+        quat = frames.quat_normalize(np.array(message.q, dtype=float))
+        place = np.array((message.x, message.y, message.z))
+        self._odometry.add(stamp_ns, place, quat)
+        if self._recent and stamp_ns >= self._recent[0][0]:
+            true_place, true_quat = self._true_pose(stamp_ns)
+            if not len(self._truth):
+                self._recorder.perception.odom_frame(self._now_ns(), true_place, true_quat)
+            self._truth.add(stamp_ns, true_place, true_quat)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = frames.quat_to_matrix(quat), place
+        velocity = np.array((message.vx, message.vy, message.vz))
+        self._recorder.perception.odometry(stamp_ns, pose, velocity)
+
+    def _true_pose(self, stamp_ns: int) -> tuple[Array, Array]:
+        """Between the two truths about an instant of the last seconds: place and attitude, both linearly."""
+        recent = self._recent
+        after = bisect_left(recent, stamp_ns, key=lambda pose: pose[0])
+        if after in (0, len(recent)):
+            _, place, quat = recent[min(after, len(recent) - 1)]
+            return place, quat
+        (start_ns, one, before), (end_ns, other, behind) = recent[after - 1], recent[after]
+        share = (stamp_ns - start_ns) / (end_ns - start_ns)
+        turned = behind if float(before @ behind) >= 0.0 else -behind
+        return one + share * (other - one), frames.quat_normalize(before + share * (turned - before))
+
+    def _on_cloud(self, message: Any) -> None:
+        assert self._recorder is not None
+        for cloud in self.clouds.take(message):
+            source = _SOURCES.get(cloud.kind)
+            if source is not None:
+                points, intensity = self.maps[source]
+                points += cloud.points_m.tobytes()
+                intensity += cloud.intensity.tobytes()
+                self._recorder.perception.map_points(self._now_ns(), cloud.points_m, cloud.intensity, source)
+
+    def _on_obstacle(self, message: Any) -> None:
+        assert self._recorder is not None
+        self.score.hear(message)
+        message.pos_ned = (np.array(message.pos_ned) + self._origin_ned_m).tolist()
+        self._recorder.perception.obstacle(self._now_ns(), message)
+
+    def _on_status(self, message: Any) -> None:
+        assert self._recorder is not None
+        self.status = message
+        self._recorder.perception.companion(self._now_ns(), message)
+
+
+def findings_of(profile: RunProfile, scenery: Scenery, companion: NoCompanion | CompanionLine) -> NoFindings:
+    """Ears for a companion, where there is one, and the truth of the world it looks at."""
+    if not isinstance(companion, CompanionLine):
+        return NoFindings()
+    sensors, hull = profile.sensors, profile.vehicle.hull
+    looks = sensors is not None and sensors.lidar is not None
+    standing = scenery.caster() if looks else None
+    score = ObstacleScore((hull.length_m, hull.width_m), standing, scenery.water_down_m)
+    findings = Findings(local_frame(profile.site), score, profile.clock.physics_rate_hz)
+    companion.on_message, companion.on_forward = findings.take, findings.hear_autopilot
+    return findings

@@ -1,0 +1,159 @@
+"""The autopilot that a profile has started here: its ports, its command line, its parameters, its directory."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import SplitResult, urlsplit
+
+from xitl_cli.errors import UserError
+from xitl_cli.firmware.find import find_firmware
+from xitl_cli.firmware.process import FirmwareProcess, free_port
+from xitl_cli.profile.ground_stations import ground_stations_of
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.operation import Bridge
+from xitl_cli.run.directory import AUTOPILOT
+from xitl_cli.run.links.agent_options import is_free
+from xitl_cli.run.nodes.autopilot_parameters import EXTERNAL_AHRS_PROTOCOL, parm_text, serial_port_of, start_values
+from xitl_cli.shipped import firmware_params_dir
+
+PARAMETERS = "parameters.parm"
+SCRIPTS = "scripts"  # where a SITL build looks for them
+LISTENS_S = 10.0
+STATION_PORTS = (1, 2)  # SERIAL1 and SERIAL2 speak MAVLink unless told otherwise
+SCRIPTING = {"SCR_ENABLE": 1, "SCR_SDEV_EN": 1, "SCR_SDEV1_PROTO": EXTERNAL_AHRS_PROTOCOL}
+SPEEDUP = 200  # as fast as the world comes
+_LISTENS = ("SERIAL0 on TCP port", "Waiting for connection", "Loaded defaults")
+
+
+def resolved_bridge(bridge: Bridge) -> Bridge:
+    """Port 0 in an address of the bridge is one that is free."""
+    urls = {key: getattr(bridge, key) for key in ("mavlink", "world", "sensor_link")}
+    return bridge.model_copy(update={key: _with_port(url) for key, url in urls.items() if url is not None})
+
+
+class Launch:
+    """Starts the firmware of `profile`; `bridge` has the ports.
+
+    Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
+    """
+
+    def __init__(self, profile: RunProfile, bridge: Bridge) -> None:
+        autopilot = profile.autopilot
+        self.program = find_firmware("rover", autopilot.firmware_build, autopilot.firmware)
+        self._profile = profile
+        self._bridge = bridge
+        self._values = start_values(profile)
+        if bridge.sensors == "hil":
+            self._check_scripting()
+
+    def start(self, run_directory: Path) -> FirmwareProcess:
+        """In `autopilot/` of the run's directory, which is made anew. Raises UserError."""
+        directory = run_directory.absolute() / AUTOPILOT
+        try:
+            shutil.rmtree(directory, ignore_errors=True)
+            directory.mkdir(parents=True)
+            (directory / PARAMETERS).write_text(parm_text(self._values))
+            if self._bridge.sensors == "hil":
+                shutil.copytree(firmware_params_dir() / "lua", directory / SCRIPTS)
+        except OSError as error:
+            raise UserError(f"{directory}: cannot be made ({error.strerror}); choose another --out") from error
+        process = FirmwareProcess(self.program, self.arguments(), directory)
+        if self._profile.autopilot.firmware_build == "sitl":
+            process.wait_for(*_LISTENS, timeout_s=LISTENS_S)
+        return process
+
+    def arguments(self) -> list[str]:
+        """Its command line."""
+        autopilot = self._profile.autopilot
+        own = self._sitl() if autopilot.firmware_build == "sitl" else self._linux()
+        return [*own, "--defaults", PARAMETERS, *autopilot.firmware_arguments]
+
+    def _sitl(self) -> list[str]:
+        profile, world = self._profile, self._bridge.world
+        site, start = profile.site, profile.mission.start
+        place = (site.latitude_deg, site.longitude_deg, site.altitude_m, start.heading_deg)
+        words = ["--home", ",".join(f"{value:.9f}" for value in place)]
+        if world is None:
+            words += ["--model", "motorboat"]
+        else:
+            parts = urlsplit(world)
+            words += ["--model", "JSON:127.0.0.1", "--sim-port-out", str(parts.port), "--speedup", str(SPEEDUP)]
+        words += ["--rc-in-port", str(free_port(socket.SOCK_DGRAM))]
+        serial = {0: f"tcp:{urlsplit(self._bridge.mavlink).port}", 1: "none:", 2: "none:"}
+        for port, address in self._stations():
+            serial[port] = (
+                f"tcp:{address.port}" if address.scheme == "tcp" else f"udpclient:{address.hostname}:{address.port}"
+            )
+        if self._bridge.sensor_link is not None:
+            port, parts = self._sensor_port(), urlsplit(self._bridge.sensor_link)
+            serial[port] = f"uart:{parts.path}:{_baud(parts)}" if parts.scheme == "serial" else f"tcp:{parts.port}"
+        return words + _serial_words(serial)
+
+    def _linux(self) -> list[str]:
+        words = ["--log-directory", "logs", "--storage-directory", ".", "--terrain-directory", "."]
+        serial = {0: _linux_path(self._bridge.mavlink)}
+        for port, address in self._stations():
+            where = "*" if address.scheme == "tcp" else address.hostname
+            serial[port] = f"{address.scheme}:{where}:{address.port}"
+        if self._bridge.sensor_link is not None:
+            serial[self._sensor_port()] = _linux_path(self._bridge.sensor_link, waits=True)
+        return words + _serial_words(serial)
+
+    def _check_scripting(self) -> None:
+        """With the driver on and nothing at its other end, ArduPilot crashes as it starts."""
+        for name, wanted in SCRIPTING.items():
+            value = self._values.get(name, 0.0)
+            if value != wanted:
+                raise UserError(
+                    f"autopilot.parameters.{name} = {value:g}: autopilot.bridge.sensors = hil needs {wanted}, for the "
+                    "script that takes them; leave it as parameter file rover-hil has it"
+                )
+
+    def _stations(self) -> Iterator[tuple[int, SplitResult]]:
+        """Its serial ports for ground stations, and their addresses: of the usual ones those that nobody holds."""
+        addresses = ground_stations_of(self._profile)
+        if self._profile.autopilot.ground_stations is None:
+            addresses = tuple(url for url in addresses if is_free(url))
+        taken = serial_port_of(self._values)
+        ports = (port for port in STATION_PORTS if port != taken)
+        return zip(ports, map(urlsplit, addresses), strict=False)
+
+    def _sensor_port(self) -> int:
+        port = serial_port_of(self._values)
+        if port is None:
+            raise UserError(
+                f"autopilot.parameter_files: no serial port of the autopilot has SERIALn_PROTOCOL = "
+                f"{EXTERNAL_AHRS_PROTOCOL}, so autopilot.bridge.sensor_link leads nowhere; set one, "
+                "for instance SERIAL4_PROTOCOL"
+            )
+        return port
+
+
+def _linux_path(url: str, waits: bool = False) -> str:
+    """How ArduPilot's Linux builds name the other end: they serve TCP, wait for UDP, open a device."""
+    parts = urlsplit(url)
+    if parts.scheme == "serial":
+        return parts.path
+    if parts.scheme == "udp":
+        return f"udpin:{parts.hostname}:{parts.port}"
+    return f"tcp:{parts.hostname}:{parts.port}" + (":wait" if waits else "")
+
+
+def _serial_words(serial: dict[int, str]) -> list[str]:
+    return [word for port, path in sorted(serial.items()) for word in (f"--serial{port}", path)]
+
+
+def _baud(parts: SplitResult) -> str:
+    query = dict(word.partition("=")[::2] for word in parts.query.split("&"))
+    return query.get("baud", "921600")
+
+
+def _with_port(url: str) -> str:
+    parts = urlsplit(url)
+    if parts.scheme not in ("tcp", "udp") or parts.port != 0:
+        return url
+    kind = socket.SOCK_STREAM if parts.scheme == "tcp" else socket.SOCK_DGRAM
+    return f"{parts.scheme}://{parts.hostname}:{free_port(kind)}"

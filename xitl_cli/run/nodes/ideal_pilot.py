@@ -1,0 +1,102 @@
+"""No autopilot, no sensors, no link: the control laws steer the mission from the true state, straight to the vessel."""
+
+from __future__ import annotations
+
+import math
+
+from agent.fcu.control.allocation import NEUTRAL
+from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load
+from agent.fcu.control.guidance import GuidanceGains
+from agent.fcu.control.helm import Helm, Propellers
+from agent.fcu.control.loops import ground_speed_mps
+from agent.fcu.local_frame import LocalFrame
+from agent.fcu.mission import mission, waypoint
+from agent.fcu.parameters import Parameters
+from agent.fcu.pilot import COMPLETE
+from agent.fcu.pilot import Pilot as MissionPilot
+from agent.fcu.samples import Estimate
+from sim_core.kinematics import Kinematics
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.records import MotorCommand
+from xitl_cli.run.links.setup import mission_of, parameters_of
+from xitl_cli.run.nodes.direct_pilot import DirectPilot
+from xitl_cli.run.pilot import Progress
+from xitl_cli.run.sensors.sensing import local_frame
+
+
+class IdealPilot(DirectPilot):
+    """See Pilot. Guidance, control and allocation of the embedded autopilot, with the truth for an estimate."""
+
+    def __init__(self, profile: RunProfile) -> None:
+        super().__init__(NEUTRAL)
+        parameters = Parameters(parameters_of(profile))
+        site = profile.site
+        places = mission_of(profile, local_frame(site))
+        self._mission = MissionPilot(mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
+        self._gains = GuidanceGains.of(parameters)
+        self._controller = _controller(profile)(parameters)
+        self._propellers = Propellers(parameters)
+        self._frame = LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
+        self._dt_s = 1.0 / profile.clock.exchange_rate_hz
+
+    def exchange(self, sim_ns: int, motion: Kinematics) -> None:
+        estimate = _truth(sim_ns, motion)
+        (north_m, east_m, _), (north_mps, east_mps, _) = estimate.pos_ned_m, estimate.vel_ned_mps
+        speed_mps = ground_speed_mps(estimate.yaw_rad, north_mps, east_mps)
+        course = self._mission.steer(
+            self._gains, self._frame, (north_m, east_m), estimate.yaw_rad, speed_mps, self._dt_s
+        )
+        if course is None:
+            self.command = MotorCommand(NEUTRAL, armed=True)
+            return
+        last = self._propellers.last
+        order = Order(course.heading_rad, 0.0, course.speed_mps, speed_mps, last.thrust_limited, last.steering_limited)
+        answer = self._controller.control(order, estimate, self._dt_s)
+        if isinstance(answer, Motors):
+            motors = self._propellers.take(answer)
+        else:
+            motors = self._propellers.drive(answer, self._dt_s)
+        self.command = MotorCommand(motors, armed=True)
+
+    def progress(self) -> Progress:
+        reached, finished = self._mission.reached, self._mission.state == COMPLETE
+        return Progress(
+            mode="IDEAL",
+            armed=True,
+            target=None if finished else reached,
+            reached=reached,
+            finished=finished,
+            completed=finished,
+        )
+
+
+def _controller(profile: RunProfile) -> MakeController:
+    """The controller that the profile names, else the autopilot's own."""
+    if profile.autopilot.controller is None:
+        return Helm
+    try:
+        return load(profile.autopilot.controller)
+    except ControllerError as error:
+        raise UserError(f"autopilot.controller: {error}") from error
+
+
+def _truth(sim_ns: int, motion: Kinematics) -> Estimate:
+    """What an estimator without errors would say."""
+    rotation = motion.rot_ned_frd[0].tolist()
+    w, x, y, z = motion.quat_ned_frd[0].tolist()
+    p, q, r = motion.gyro_frd_radps[0].tolist()
+    north_m, east_m, down_m = motion.pos_ned_m[0].tolist()
+    vn, ve, vd = motion.vel_ned_mps[0].tolist()
+    return Estimate(
+        sim_ns,
+        (w, x, y, z),
+        math.atan2(rotation[2][1], rotation[2][2]),
+        -math.asin(min(max(rotation[2][0], -1.0), 1.0)),
+        math.atan2(rotation[1][0], rotation[0][0]),
+        (p, q, r),
+        (north_m, east_m, down_m),
+        (vn, ve, vd),
+        True,
+        True,
+    )

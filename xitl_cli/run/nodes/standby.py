@@ -1,0 +1,111 @@
+"""Two agents: the one in standby is kept where the active one is, and takes over from it when that goes silent."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from xitl_cli.profile.schema.operation import Standby
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import Takeover
+from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.connection import WARNING, AgentConnection
+from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
+from xitl_cli.run.nodes.orders import MODE_NUMBERS, Orders
+from xitl_cli.run.nodes.takeover import Ramp
+from xitl_cli.run.nodes.takeover import Takeover as Decision
+from xitl_cli.run.pilot import TakeoverReport
+
+SETTLED_NS = 1_500_000_000  # heartbeats come at 1 Hz: before, two that were told the same may seem to differ
+PATIENCE_NS = 3_000_000_000
+SPEAKS_NS = 500_000_000
+
+
+class Follower:
+    """Brings an agent that does not steer into the state of the one that does: armed or not, mode, waypoint."""
+
+    def __init__(self, agent: AgentConnection) -> None:
+        self._view = agent.inbox.view
+        self._orders = Orders(self._view, agent.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        self._wanted: tuple[bool, str] | None = None
+        self._astray_ns: int | None = None
+
+    def update(self, sim_ns: int, active: AgentView, speaks: bool = True) -> None:
+        """Give the orders that are due. Nobody is brought to where one was that no longer `speaks`."""
+        if not speaks:
+            self._astray_ns = None
+            return
+        wanted, view, orders = (active.armed, active.mode), self._view, self._orders
+        if wanted != self._wanted:
+            self._wanted = wanted
+            orders.forget()
+        if (view.armed, view.mode) == wanted and view.target_seq == active.target_seq:
+            self._astray_ns = None
+            return
+        if self._astray_ns is None:
+            self._astray_ns = sim_ns
+        if sim_ns - self._astray_ns < SETTLED_NS:
+            return
+        patient = sim_ns - self._astray_ns < PATIENCE_NS
+        if view.mode != active.mode and active.mode in MODE_NUMBERS:
+            orders.set_mode(sim_ns, active.mode)
+        elif view.armed != active.armed:
+            if view.ready_to_arm or not active.armed:
+                orders.arm(sim_ns, active.armed)
+        elif not patient and active.target_seq is not None:
+            orders.set_waypoint(active.target_seq)
+        if not patient:
+            self._astray_ns = None
+            orders.forget()
+
+
+class Redundancy:
+    """Decides at every exchange who steers, and with which motor commands.
+
+    `view` is what the driver sees: that of the active agent, with the waypoints that any has reached.
+    """
+
+    def __init__(self, agents: Sequence[AgentConnection], view: AgentView, standby: Standby) -> None:
+        self.takeovers: list[TakeoverReport] = []
+        self._agents = agents
+        self._view = view
+        self._decision = Decision(standby.takeover_s, len(agents), time.monotonic_ns())
+        self._ramp = Ramp(standby.max_step)
+        self._followers = [Follower(agent) for agent in agents]
+
+    @property
+    def active(self) -> AgentConnection:
+        """Who steers."""
+        return self._agents[self._decision.active]
+
+    def update(self, sim_ns: int, recorder: Recorder) -> tuple[float, ...]:
+        """Once all that has come is taken in: switch if it is time, keep the others in line. Returns the motors."""
+        before = self.active
+        for number, agent in enumerate(self._agents):
+            if agent.gone is None and agent.inbox.command_ns:
+                self._decision.heard(number, agent.inbox.command_ns)
+        switch = self._decision.decide(time.monotonic_ns())
+        if switch is not None:
+            self._view.adopt(self.active.inbox.view)
+            self._ramp.start()
+        motors = self._ramp.next(self.active.inbox.command.motors)
+        if switch is not None:
+            silent_s, step = switch.silent_ns * 1e-9, self._ramp.largest
+            self._keep(sim_ns, recorder, Takeover(before.name, self.active.name, silent_s, step))
+        speaks = time.monotonic_ns() - self.active.inbox.command_ns < SPEAKS_NS
+        for number, agent in enumerate(self._agents):
+            if agent is not self.active and agent.gone is None:
+                self._followers[number].update(sim_ns, self._view, speaks)
+        return motors
+
+    def _keep(self, sim_ns: int, recorder: Recorder, takeover: Takeover) -> None:
+        recorder.takeover(sim_ns, takeover)
+        recorder.say(
+            sim_ns,
+            WARNING,
+            "run",
+            f"{takeover.to_node} takes over from {takeover.from_node}, silent for {takeover.silent_s:.2f} s",
+        )
+        self.takeovers.append(
+            TakeoverReport(sim_ns * 1e-9, takeover.from_node, takeover.to_node, takeover.silent_s, takeover.step)
+        )

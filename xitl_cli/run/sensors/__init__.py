@@ -1,0 +1,1 @@
+"""What is measured: sensors, their messages, their faults, the perception instruments."""

@@ -1,0 +1,138 @@
+"""The lidar in a run: it watches how the vessel moves, casts a frame when it is over, sends the cloud in chunks."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator, default_rng
+
+from agent.companion.clouds import Cloud, cloud_messages
+from agent.wire import dialect
+from agent.wire.codec import Message
+from sim_core.frames import Array
+from sim_core.kinematics import Kinematics
+from sim_core.sensors.laser_light import Air
+from sim_core.sensors.lidar import Fates, Lidar, Scan
+from sim_core.sensors.lidar_rays import Track
+from sim_core.sensors.rosette import Rosette
+from sim_core.sensors.water_seen import WaterSeen
+from sim_core.simulation import Simulation, SimulationState, bodies_of
+from sim_core.world.rays import RayCaster
+from xitl_cli.errors import UserError
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.perception import PerceptionRecorder
+from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.world.scenery import Scenery
+
+
+class LidarInstrument:
+    """The lidar of the first vessel. `every`: physics steps in a frame; the first frame begins when that many are done.
+
+    A cloud goes out `latency_ns` after the end of its frame.
+    """
+
+    def __init__(
+        self,
+        lidar: Lidar,
+        caster: RayCaster,
+        simulation: Simulation,
+        every: int,
+        latency_ns: int,
+        rng: Generator,
+    ) -> None:
+        self._lidar = lidar
+        self._caster = caster
+        self._simulation = simulation
+        self._every = every
+        self._latency_ns = latency_ns
+        self._rng = rng
+        self._recorder: PerceptionRecorder | None = None
+        self._stamps_ns: list[int] = []
+        self._places: list[Array] = []
+        self._attitudes: list[Array] = []
+        self._waiting: deque[tuple[int, list[Message]]] = deque()
+        self._frames = 0
+        self._fates = dict.fromkeys((field.name for field in fields(Fates)), 0)
+
+    @property
+    def address(self) -> str | None:
+        """It has no line of its own."""
+        return None
+
+    def begin(self, recorder: PerceptionRecorder) -> None:
+        """The run starts; clouds are kept with the recorder."""
+        self._recorder = recorder
+
+    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> list[Message]:
+        """After each physics step, counted from 1: the chunks of the clouds that are due."""
+        ends = step % self._every == 0
+        if self._stamps_ns:
+            self._keep(sim_ns, motion)
+            if ends:
+                self._finish()
+        if ends:
+            self._stamps_ns, self._places, self._attitudes = [], [], []
+            self._keep(sim_ns, motion)
+            self._bodies = bodies_of(self._simulation, state)
+        if self._waiting and self._waiting[0][0] <= sim_ns:
+            return self._waiting.popleft()[1]
+        return []
+
+    def report(self) -> dict[str, Any]:
+        """Frames and what became of the points."""
+        return {"frames": self._frames, "triangles": self._caster.triangles, "points": dict(self._fates)}
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _keep(self, sim_ns: int, motion: Kinematics) -> None:
+        self._stamps_ns.append(sim_ns)
+        self._places.append(motion.pos_ned_m[0])
+        self._attitudes.append(motion.rot_ned_frd[0])
+
+    def _finish(self) -> None:
+        """Cast the frame that is over, and let its cloud wait out the latency."""
+        track = Track(np.array(self._stamps_ns), np.array(self._places), np.array(self._attitudes))
+        start_ns, end_ns = self._stamps_ns[0], self._stamps_ns[-1]
+        water = WaterSeen.of(self._simulation.environment, start_ns * 1e-9, track.pos_ned_m[0])
+        scan = self._lidar.scan(track, self._caster, water, self._rng, self._bodies)
+        for name, count in asdict(scan.fates).items():
+            self._fates[name] += count
+        if self._recorder is not None:
+            self._recorder.cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
+        self._waiting.append((end_ns + self._latency_ns, cloud_messages(_cloud(self._frames, scan))))
+        self._frames += 1
+
+
+def lidar_of(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> LidarInstrument:
+    """The lidar of the profile, which has one.
+
+    Raises UserError when the model refuses a value that the profile's own checks let through.
+    """
+    assert profile.sensors is not None
+    assert profile.sensors.lidar is not None
+    keys, environment = profile.sensors.lidar, profile.environment
+    try:
+        lidar = Lidar(
+            rosette=Rosette(keys.points_hz),
+            air=Air() if environment.visibility_m is None else Air(environment.visibility_m),
+            water_reflectivity=environment.water_reflectivity,
+            **keys.model_dump(exclude={"rate_hz", "points_hz", "latency_s"}),
+        )
+    except ValueError as error:
+        raise UserError(f"{profile.name}: {error}") from error
+    return LidarInstrument(
+        lidar=lidar,
+        caster=scenery.caster(),
+        simulation=simulation,
+        every=round(profile.clock.physics_rate_hz / keys.rate_hz),
+        latency_ns=round(keys.latency_s * 1e9),
+        rng=default_rng(seeds.of("lidar")),
+    )
+
+
+def _cloud(number: int, scan: Scan) -> Cloud:
+    return Cloud(dialect.XITL_CLOUD_KIND_LIDAR, number, scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)

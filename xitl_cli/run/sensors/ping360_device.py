@@ -1,0 +1,225 @@
+"""A Ping360 as its own protocol shows it: commands in, echoes out, in the time that the head and the sound take.
+
+No clock and no port of its own: frames go in with `order`, `advance` says what is due by then.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from numpy import uint8
+from numpy.typing import NDArray
+
+from sim_core.sensors.sonar import OVERHEAD_S, PingSettings, Sector, turning_s
+from xitl_cli.run.sensors import ping_protocol as wire
+from xitl_cli.run.sensors.ping_protocol import AutoTransmit, Frame, PingFramer, Transducer
+
+Echo = Callable[[PingSettings], NDArray[uint8]]
+"""The echo of a ping that goes out now."""
+
+DEVICE_TYPE = 2  # Ping360
+FIRMWARE = (3, 3, 8)
+PROTOCOL = (1, 0, 0)
+DEVICE_ID = 2
+WAITING = 16  # commands kept while the head is busy
+RESET_S = 0.5
+
+_AT_POWER_ON = Transducer(1, 0, 0, 32, 80, 740, 1024, 0)
+_LIMITS: dict[str, tuple[int, int]] = {
+    "mode": (0, 1),
+    "gain_setting": (0, 2),
+    "angle": (0, 399),
+    "transmit_duration": (1, 1000),
+    "sample_period": (80, 40000),
+    "transmit_frequency": (500, 1000),
+    "number_of_samples": (200, 1200),
+    "transmit": (0, 1),
+    "start_angle": (0, 399),
+    "stop_angle": (0, 399),
+    "num_steps": (1, 10),
+    "delay": (0, 100),
+}
+
+
+@dataclass(slots=True)
+class _Job:
+    """A command under way: the head arrives at ping_ns, the answer goes out at answer_ns."""
+
+    ping_ns: int
+    answer_ns: int
+    scan: AutoTransmit | None = None
+    pinged: bool = False
+
+
+class Ping360Device:
+    """frames: understood. refused: answered with a NACK. dropped: commands that came faster than they could be done.
+
+    others: frames for another device. pings: that went out.
+    """
+
+    def __init__(self) -> None:
+        self.frames = self.refused = self.dropped = self.others = self.pings = 0
+        self._framer = PingFramer()
+        self._id = DEVICE_ID
+        self._waiting: deque[Frame] = deque()
+        self._out: list[bytes] = []
+        self._power_on()
+
+    def counts(self) -> dict[str, int]:
+        """What has been counted, by name."""
+        return {
+            "frames": self.frames,
+            "pings": self.pings,
+            "refused": self.refused,
+            "dropped": self.dropped,
+            "others": self.others,
+            "bad_checksum": self._framer.bad,
+            "skipped_bytes": self._framer.skipped,
+        }
+
+    def _power_on(self) -> None:
+        self._state = _AT_POWER_ON
+        self._data = b""
+        self._head_grad = 0
+        self._job: _Job | None = None
+        self._sector = Sector(0, 0, 1)
+        self._offset, self._forward = 0, True
+        self._deaf_until_ns = 0
+
+    def frames_in(self, data: bytes) -> list[Frame]:
+        """The frames that bytes from the line complete, whatever the bytes are."""
+        frames = self._framer.take(data)
+        self.frames += len(frames)
+        return frames
+
+    def order(self, frames: Sequence[Frame]) -> None:
+        """Commands, to be obeyed in turn."""
+        for frame in frames:
+            if len(self._waiting) >= WAITING:
+                self.dropped += 1
+            else:
+                self._waiting.append(frame)
+
+    def advance(self, now_ns: int, echo: Echo) -> list[bytes]:
+        """Frames to send by now; `echo` is asked when a ping goes out."""
+        self._go_on(now_ns, echo)
+        while self._waiting and now_ns >= self._deaf_until_ns and (self._job is None or self._job.scan is not None):
+            self._obey(self._waiting.popleft(), now_ns)
+        out, self._out = self._out, []
+        return out
+
+    def _go_on(self, now_ns: int, echo: Echo) -> None:
+        job = self._job
+        if job is None:
+            return
+        state = self._state
+        if not job.pinged and now_ns >= job.ping_ns:
+            job.pinged = True
+            self._head_grad = state.angle
+            self._data = echo(_settings(state)).tobytes() if state.transmit else b""
+            self.pings += state.transmit
+        if not job.pinged or now_ns < job.answer_ns:
+            return
+        if job.scan is None:
+            self._answer(wire.DEVICE_DATA, wire.device_data(state, self._data))
+            self._job = None
+        else:
+            self._answer(wire.AUTO_DEVICE_DATA, wire.auto_device_data(state, job.scan, self._data))
+            self._offset, self._forward = self._sector.after(self._offset, self._forward)
+            self._start(job.answer_ns, self._sector.angle_grad(self._offset), job.scan)
+
+    def _start(self, now_ns: int, angle_grad: int, scan: AutoTransmit | None) -> None:
+        self._state = state = self._state._replace(angle=angle_grad)
+        wait_s = turning_s(self._head_grad, angle_grad) + (1e-3 * scan.delay if scan is not None else 0.0)
+        ping_ns = now_ns + round(wait_s * 1e9)
+        busy_s = _settings(state).listen_s + OVERHEAD_S if state.transmit else 0.0
+        self._job = _Job(ping_ns, ping_ns + round(busy_s * 1e9), scan)
+
+    def _obey(self, frame: Frame, now_ns: int) -> None:
+        if frame.destination not in (0, self._id):
+            self.others += 1
+        elif frame.message == wire.GENERAL_REQUEST:
+            self._reply(wire.number_in(frame.payload))
+        elif frame.message == wire.TRANSDUCER:
+            self._transducer(wire.transducer_of(frame.payload), now_ns)
+        elif frame.message == wire.AUTO_TRANSMIT:
+            self._auto_transmit(wire.auto_transmit_of(frame.payload), now_ns)
+        elif frame.message == wire.MOTOR_OFF:
+            self._job = None
+            self._answer(wire.ACK, wire.ack(wire.MOTOR_OFF))
+        elif frame.message == wire.RESET:
+            self._power_on()
+            self._deaf_until_ns = now_ns + round(RESET_S * 1e9)
+        elif frame.message in (wire.SET_DEVICE_ID, wire.COMMON_SET_DEVICE_ID):
+            self._set_id(frame)
+        else:
+            self._refuse(frame.message, f"message {frame.message} is not known")
+
+    def _transducer(self, command: Transducer | None, now_ns: int) -> None:
+        problem = _problem(command)
+        if command is None or problem:
+            self._refuse(wire.TRANSDUCER, problem)
+            return
+        self._state, self._data = command._replace(mode=1), b""
+        self._start(now_ns, command.angle, None)
+
+    def _auto_transmit(self, scan: AutoTransmit | None, now_ns: int) -> None:
+        problem = _problem(scan)
+        if scan is None or problem:
+            self._refuse(wire.AUTO_TRANSMIT, problem)
+            return
+        self._sector = Sector(scan.start_angle, (scan.stop_angle - scan.start_angle) % 400, scan.num_steps)
+        self._offset, self._forward = 0, True
+        _, gain, duration, period, frequency, samples = scan[:6]
+        self._state = Transducer(1, gain, scan.start_angle, duration, period, frequency, samples, 1)
+        self._start(now_ns, scan.start_angle, scan)
+
+    def _set_id(self, frame: Frame) -> None:
+        new = frame.payload[0] if frame.payload else 0
+        if not 1 <= new <= 254:
+            self._refuse(frame.message, f"id = {new}; use 1 to 254")
+            return
+        self._id = new
+        self._answer(wire.ACK, wire.ack(frame.message))
+
+    def _reply(self, wanted: int | None) -> None:
+        if wanted == wire.PROTOCOL_VERSION:
+            self._answer(wanted, bytes((*PROTOCOL, 0)))
+        elif wanted == wire.DEVICE_INFORMATION:
+            self._answer(wanted, bytes((DEVICE_TYPE, 1, *FIRMWARE, 0)))
+        elif wanted == wire.DEVICE_DATA:
+            self._answer(wanted, wire.device_data(self._state, self._data))
+        else:
+            reason = "no message is named" if wanted is None else f"message {wanted} cannot be requested"
+            self._refuse(wire.GENERAL_REQUEST if wanted is None else wanted, reason)
+
+    def _answer(self, message: int, payload: bytes) -> None:
+        self._out.append(wire.packed(Frame(message, self._id, 0, payload)))
+
+    def _refuse(self, message: int, reason: str) -> None:
+        self.refused += 1
+        self._answer(wire.NACK, wire.nack(message, reason))
+
+
+def _problem(command: Transducer | AutoTransmit | None) -> str:
+    """Why a command is not obeyed, empty when it is."""
+    if command is None:
+        return "the message has a wrong length"
+    for name, value in command._asdict().items():
+        low, high = _LIMITS.get(name, (0, 255))
+        if not low <= value <= high:
+            return f"{name} = {value}; use {low} to {high}"
+    return ""
+
+
+def _settings(state: Transducer) -> PingSettings:
+    return PingSettings(
+        angle_grad=state.angle,
+        sample_period_s=state.sample_period * wire.TICK_S,
+        samples=state.number_of_samples,
+        pulse_s=state.transmit_duration * 1e-6,
+        frequency_khz=float(state.transmit_frequency),
+        gain=state.gain_setting,
+    )

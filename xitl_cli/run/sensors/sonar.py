@@ -1,0 +1,165 @@
+"""The sonar in a run: it scans its sector ping by ping; a device of the maker's protocol may be served beside it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy import uint8
+from numpy.random import Generator, default_rng
+from numpy.typing import NDArray
+
+from agent.companion.echoes import echo_points
+from agent.companion.pings import TURN_GRAD, Ping, ping_messages
+from agent.wire.codec import Message
+from sim_core.kinematics import Kinematics
+from sim_core.sensors.sonar import (
+    OVERHEAD_S,
+    Below,
+    PingSettings,
+    ScanningSonar,
+    Sector,
+    turning_s,
+)
+from sim_core.simulation import Simulation, SimulationState, bodies_of
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.perception import Sonar
+from xitl_cli.record.perception import PerceptionRecorder
+from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.sensors.ping360_port import Ping360Port
+from xitl_cli.run.world.scenery import Scenery
+
+DEGREES_A_GRAD = 360.0 / TURN_GRAD
+TICK_S = 25e-9
+TICKS = (80, 40_000)
+PULSE_SHARE = 0.004  # of the time to listen: long pulses reach far, short ones tell close things apart
+PULSE_S = (5e-6, 500e-6)
+
+BelowOf = Callable[[SimulationState], Below]
+
+
+class SonarInstrument:
+    """Pings of the first vessel's sonar, told when they have been heard out and `latency_s` has passed.
+
+    The served device is a head of its own in the same place, so that a client of it changes nothing of what the
+    companion hears.
+    """
+
+    def __init__(
+        self, settings: Sonar, temperature_c: float, below_of: BelowOf, seeds: Seeds, port: Ping360Port | None = None
+    ) -> None:
+        self._heading_grad = round(settings.heading_deg / DEGREES_A_GRAD)
+        self._sonar = ScanningSonar(
+            position_frd_m=settings.position_frd_m,
+            heading_rad=self._heading_grad * (2.0 * np.pi / TURN_GRAD),
+            water_temperature_c=temperature_c,
+        )
+        self._sound_speed_mps = settings.sound_speed_mps
+        self._sector = sector_of(settings)
+        self._ping = ping_settings(settings)
+        self._busy_s = self._ping.listen_s + OVERHEAD_S
+        self._latency_s = settings.latency_s
+        self._below_of = below_of
+        self._rng = default_rng(seeds.of("sonar"))
+        self._device_rng = default_rng(seeds.of("sonar device"))
+        self._port = port
+        self._recorder: PerceptionRecorder | None = None
+        self._offset_grad, self._forward = 0, True
+        self._ping_ns: int | None = None
+        self._heard: deque[tuple[int, Ping]] = deque()
+        self._pings = self._echoes = 0
+
+    @property
+    def address(self) -> str | None:
+        """What a client of the served device opens, None for no device."""
+        return None if self._port is None else self._port.address
+
+    def begin(self, recorder: PerceptionRecorder) -> None:
+        """The run starts."""
+        self._recorder = recorder
+
+    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> list[Message]:
+        """After each physics step: XITL_PING of the pings that are due."""
+        if self._ping_ns is None:
+            self._ping_ns = sim_ns
+        if sim_ns >= self._ping_ns:
+            self._send_out(sim_ns, self._ping_ns, state, motion)
+        if self._port is not None:
+            self._port.poll(sim_ns, lambda settings: self._echo(settings, state, motion, self._device_rng))
+        messages: list[Message] = []
+        while self._heard and self._heard[0][0] <= sim_ns:
+            messages += ping_messages(self._heard.popleft()[1])
+        return messages
+
+    def _send_out(self, sim_ns: int, due_ns: int, state: SimulationState, motion: Kinematics) -> None:
+        angle_grad = self._sector.angle_grad(self._offset_grad)
+        settings = self._ping.at(angle_grad)
+        ping = Ping(
+            self._pings % 65536,
+            sim_ns,
+            (angle_grad + self._heading_grad) % TURN_GRAD,
+            self._sonar.position_frd_m,
+            settings.sample_period_s,
+            self._sound_speed_mps,
+            self._echo(settings, state, motion, self._rng),
+        )
+        self._pings += 1
+        self._heard.append((sim_ns + round((self._busy_s + self._latency_s) * 1e9), ping))
+        points_frd_m, intensity = echo_points(ping)
+        self._echoes += len(points_frd_m)
+        if self._recorder is not None:
+            self._recorder.ping(sim_ns, ping)
+            self._recorder.sonar_points(sim_ns, points_frd_m, intensity)
+        self._offset_grad, self._forward = self._sector.after(self._offset_grad, self._forward)
+        turn_s = turning_s(angle_grad, self._sector.angle_grad(self._offset_grad))
+        self._ping_ns = due_ns + round((self._busy_s + turn_s) * 1e9)
+
+    def _echo(
+        self, settings: PingSettings, state: SimulationState, motion: Kinematics, rng: Generator
+    ) -> NDArray[uint8]:
+        return self._sonar.echo(settings, motion.pos_ned_m[0], motion.rot_ned_frd[0], self._below_of(state), rng)
+
+    def report(self) -> dict[str, Any]:
+        """pings: that went out. echoes: what stood out in them. serve: what the device's line and its client did."""
+        said: dict[str, Any] = {"pings": self._pings, "echoes": self._echoes}
+        if self._port is not None:
+            said["serve"] = {"address": self._port.address, **self._port.counts()}
+        return said
+
+    def close(self) -> None:
+        """Give the device's line back."""
+        if self._port is not None:
+            self._port.close()
+
+
+def sonar_of(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> SonarInstrument:
+    """The sonar of a profile that has one. Raises UserError when `serve` cannot be had."""
+    assert profile.sensors is not None
+    assert profile.sensors.sonar is not None
+    settings, water = profile.sensors.sonar, profile.environment.water
+    caster = scenery.caster()
+
+    def below_of(state: SimulationState) -> Below:
+        surface_down_m = -water.level_m - float(state.elevation_m[0])
+        return Below(caster, surface_down_m, bodies_of(simulation, state))
+
+    port = None if settings.serve is None else Ping360Port(settings.serve)
+    return SonarInstrument(settings, settings.water_temperature_c, below_of, seeds, port)
+
+
+def sector_of(settings: Sonar) -> Sector:
+    """The sector in the head's own directions."""
+    first_deg, last_deg = settings.sector_deg
+    first_grad = round(first_deg / DEGREES_A_GRAD)
+    return Sector(first_grad % TURN_GRAD, round(last_deg / DEGREES_A_GRAD) - first_grad, settings.step_grad)
+
+
+def ping_settings(settings: Sonar) -> PingSettings:
+    """As a client of the device sets them: whole ticks, fewer samples where the range is short for them."""
+    listen_s = 2.0 * settings.range_m / settings.sound_speed_mps
+    samples = max(min(settings.samples, int(listen_s / (TICKS[0] * TICK_S))), 200)
+    ticks = min(max(round(listen_s / samples / TICK_S), TICKS[0]), TICKS[1])
+    pulse_s = min(max(PULSE_SHARE * listen_s, PULSE_S[0]), PULSE_S[1])
+    return PingSettings(0, ticks * TICK_S, samples, pulse_s, float(settings.frequency_khz), settings.gain)

@@ -1,0 +1,1 @@
+"""What is simulated: vessel, surroundings, what drifts and what the hull meets."""
