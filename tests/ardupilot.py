@@ -10,7 +10,7 @@ from types import TracebackType
 import pytest
 
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.find import FIND, find_firmware
+from xitl_cli.firmware.cache import FIND, find_firmware
 from xitl_cli.firmware.process import FirmwareProcess, free_port
 
 VARIABLES = {"sitl": "XITL_ARDUROVER", "linux": "XITL_ARDUROVER_LINUX"}

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from tests.ardupilot import VARIABLES, Rover
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.find import FIND, find_firmware
+from xitl_cli.firmware.cache import FIND, find_firmware
 
 TURNS = 3
 ECHO_FRAMES = 60_000

@@ -14,7 +14,7 @@ from rich.table import Table
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
-    from xitl_cli.firmware.cache import Kept
+    from xitl_cli.firmware.cache import CachedFirmware
 
 VehicleArgument = Annotated[str, typer.Argument(metavar="VEHICLE", help="rover (boats too), plane, copter or sub.")]
 Version = Annotated[str, typer.Option(help="stable, beta, latest, or numbers: 4.6.3, or 4.6 for the newest of them.")]
@@ -35,7 +35,7 @@ def get(
     as_json: Json = False,
 ) -> None:
     """Download ArduPilot firmware from the project's public server into the cache, where `xitl sim` finds it."""
-    from xitl_cli.firmware.get import get as get_firmware
+    from xitl_cli.firmware.download import fetch_firmware
     from xitl_cli.firmware.server import BASE
 
     console = Console(stderr=as_json, highlight=False, soft_wrap=True)
@@ -50,23 +50,23 @@ def get(
             bar.update(task, completed=done, total=total)
 
     try:
-        got = get_firmware(vehicle, version, board, url or BASE, force, progress)
+        fetched = fetch_firmware(vehicle, version, board, url or BASE, force, progress)
     finally:
         if shown:
             bar.stop()
     if as_json:
-        _print_json({**_told(got.kept), "fresh": got.fresh, "resumed": got.resumed, "note": got.note})
+        _print_json({**_row(fetched.cached), "fresh": fetched.fresh, "note": fetched.note})
         return
-    record = got.kept.record
-    what = f"{vehicle} {record.version or got.kept.version} for {got.kept.board}"
-    how = "downloaded" if got.fresh else "is here already"
-    went_on = f", went on after {got.resumed} bytes" if got.resumed else ""
-    console.print(f"{what}: {how}{went_on}", markup=False)
-    console.print(f"  {got.kept.file}", markup=False)
+    cached = fetched.cached
+    record = cached.record
+    what = f"{vehicle} {record.version or cached.version} for {cached.board}"
+    how = "downloaded" if fetched.fresh else "is here already"
+    console.print(f"{what}: {how}", markup=False)
+    console.print(f"  {cached.file}", markup=False)
     if record.verified:
         console.print(f"  checked: {', '.join(record.verified)}", markup=False)
-    if got.note:
-        console.print(f"  note: {got.note}", markup=False)
+    if fetched.note:
+        console.print(f"  note: {fetched.note}", markup=False)
 
 
 def list_firmware(
@@ -77,28 +77,29 @@ def list_firmware(
     as_json: Json = False,
 ) -> None:
     """List the firmware in the cache, or the releases of the server."""
-    from xitl_cli.firmware.cache import PROGRAMS, firmware_root, kept
-    from xitl_cli.firmware.server import BASE, MOVING, releases
+    from xitl_cli.firmware.cache import PROGRAMS, firmware_root, list_cached
+    from xitl_cli.firmware.download import read_text
+    from xitl_cli.firmware.server import BASE, MOVING_VERSIONS, list_releases
 
     console = Console(highlight=False, soft_wrap=True)
     if available is not None:
         if available not in PROGRAMS:
             raise UserError(f"{available}: no firmware is known for it; use one of {', '.join(PROGRAMS)}")
-        found = releases(url or BASE, available)
+        found = list_releases(url or BASE, available, read_text)
         if as_json:
-            _print_json({"vehicle": available, "releases": [*MOVING, *found]})
+            _print_json({"vehicle": available, "releases": [*MOVING_VERSIONS, *found]})
         else:
-            console.print("  ".join([*MOVING, *found]), markup=False)
+            console.print("  ".join([*MOVING_VERSIONS, *found]), markup=False)
         return
-    all_kept = kept()
+    all_cached = list_cached()
     if as_json:
-        _print_json({"folder": str(firmware_root()), "firmware": [_told(one) for one in all_kept]})
+        _print_json({"folder": str(firmware_root()), "firmware": [_row(one) for one in all_cached]})
         return
-    if not all_kept:
+    if not all_cached:
         console.print(f"{firmware_root()}: no firmware yet; bring some with `xitl firmware get rover`", markup=False)
         return
     table = Table("vehicle", "version", "board", "is", "bytes", "commit", box=None, header_style="bold")
-    for one in all_kept:
+    for one in all_cached:
         record = one.record
         size = str(record.size or one.file.stat().st_size)
         table.add_row(one.vehicle, one.version, one.board, record.version or "put there by hand", size, record.git[:8])
@@ -111,12 +112,12 @@ def path(
     board: Annotated[str | None, typer.Option(help="Only for this board.")] = None,
 ) -> None:
     """Print the path of a firmware in the cache, the one that `xitl sim` would take unless more is said."""
-    from xitl_cli.firmware.cache import firmware_root, kept, program
+    from xitl_cli.firmware.cache import find_program, firmware_root, list_cached
 
     if version is None and board is None:
-        chosen = program(vehicle, "sitl")
+        chosen = find_program(vehicle, "sitl")
     else:
-        fitting = (one for one in kept(vehicle) if version in (None, one.version) and board in (None, one.board))
+        fitting = (one for one in list_cached(vehicle) if version in (None, one.version) and board in (None, one.board))
         chosen = next((one.file for one in fitting), None)
     if chosen is None:
         raise UserError(
@@ -125,15 +126,15 @@ def path(
     typer.echo(chosen)
 
 
-def _told(one: Kept) -> dict[str, Any]:
-    told: dict[str, Any] = {
+def _row(one: CachedFirmware) -> dict[str, Any]:
+    row: dict[str, Any] = {
         "vehicle": one.vehicle,
         "asked_version": one.version,
         "board": one.board,
         "file": str(one.file),
     }
-    return {**told, **asdict(one.record)}
+    return {**row, **asdict(one.record)}
 
 
-def _print_json(told: dict[str, Any]) -> None:
-    typer.echo(json.dumps(told, indent=2, ensure_ascii=False))
+def _print_json(row: dict[str, Any]) -> None:
+    typer.echo(json.dumps(row, indent=2, ensure_ascii=False))

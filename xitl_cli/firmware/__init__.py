@@ -1,1 +1,1 @@
-"""Firmware of other autopilots: where it is kept, how it is brought here, how it is started."""
+"""Firmware of other autopilots: cache, download, verification, process."""

@@ -1,4 +1,4 @@
-"""Where firmware that was brought here is kept: CACHE/firmware/VEHICLE/VERSION/BOARD/, one program or image each.
+"""The firmware cache, CACHE/firmware/VEHICLE/VERSION/BOARD/, and the search for a program that runs here.
 
 CACHE is XITL_CACHE, else XDG_CACHE_HOME/xitl, else ~/.cache/xitl. VERSION is what was asked for: `stable`, `beta`,
 `latest` or numbers. Beside the file lies a record of where it is from. A file that was put there by hand counts too.
@@ -10,11 +10,14 @@ import json
 import os
 import platform
 import re
+import shutil
 import struct
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+
+from xitl_cli.errors import UserError
 
 PROGRAMS = {"rover": "ardurover", "plane": "arduplane", "copter": "arducopter", "sub": "ardusub"}
 """By vehicle, what its firmware is called on machines that run it as a program; images for boards add a suffix."""
@@ -22,6 +25,7 @@ PROGRAMS = {"rover": "ardurover", "plane": "arduplane", "copter": "arducopter", 
 SITL, SITL_ARMHF = "sitl", "sitl-armhf"
 SIMULATED = (SITL, SITL_ARMHF)
 RECORD = "firmware.json"
+FIND = "find"
 IMAGE_SUFFIX = ".apj"
 _MOVING = {"stable": 3, "beta": 1, "latest": 0}
 _NUMBERED = re.compile(r"\d+\.\d+\.\d+")
@@ -30,11 +34,10 @@ _MACHINES = {"x86_64": (62, 3), "aarch64": (183, 40), "armv7l": (40,), "armv6l":
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class FirmwareRecord:
     """Where a file is from. Empty strings are unknown; `verified` says in words what was checked."""
 
     url: str = ""
-    etag: str = ""
     sha256: str = ""
     size: int = 0
     version: str = ""
@@ -43,14 +46,14 @@ class Record:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class CachedFirmware:
     """One firmware in the cache."""
 
     vehicle: str
     version: str
     board: str
     file: Path
-    record: Record
+    record: FirmwareRecord
 
     @property
     def is_program(self) -> bool:
@@ -63,33 +66,62 @@ def firmware_root() -> Path:
     return _cache() / "firmware"
 
 
-def folder(vehicle: str, version: str, board: str) -> Path:
+def cache_folder(vehicle: str, version: str, board: str) -> Path:
     """Where the one firmware belongs; it need not exist."""
     return firmware_root() / vehicle / version / board
 
 
-def names(vehicle: str, board: str) -> tuple[str, ...]:
+def file_names(vehicle: str, board: str) -> tuple[str, ...]:
     """What the file may be called there: a program, or an image for a board that runs no programs."""
     program_name = PROGRAMS[vehicle]
     return (program_name,) if board in SIMULATED else (program_name + IMAGE_SUFFIX, program_name)
 
 
-def kept(vehicle: str | None = None) -> list[Kept]:
+def list_cached(vehicle: str | None = None) -> list[CachedFirmware]:
     """All that is there, of one vehicle or of all; a stable version first, then the newest numbers."""
     found = [
-        Kept(at.parent.parent.name, at.parent.name, at.name, file, read_record(at))
+        CachedFirmware(at.parent.parent.name, at.parent.name, at.name, file, read_record(at))
         for at in sorted(firmware_root().glob(f"{vehicle or '*'}/*/*"))
         for file in _files(at)
     ]
     return sorted(found, key=lambda one: (one.vehicle, *(-part for part in _rank(one.version)), one.board))
 
 
-def program(vehicle: str, build: str) -> Path | None:
+def find_cached(vehicle: str, version: str, board: str) -> CachedFirmware | None:
+    """One firmware of the cache, None where it is not there."""
+    return next((one for one in list_cached(vehicle) if (one.version, one.board) == (version, board)), None)
+
+
+def find_program(vehicle: str, build: str) -> Path | None:
     """The program to start for a build, `sitl` or `linux`, that this machine can run; None when there is none."""
-    for one in kept(vehicle):
+    for one in list_cached(vehicle):
         if one.is_program and (one.board in SIMULATED) == (build == SITL) and runs_here(one.file):
             return one.file
     return None
+
+
+def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
+    """The program of `vehicle` (`rover`) for `build`, `sitl` or `linux`.
+
+    `given` is its path, or `find` to look on the PATH and then in the cache. On the PATH a Linux build is the one whose
+    name ends in `-linux`. Raises UserError when there is none that runs here.
+    """
+    if given != FIND:
+        return _checked_program(Path(given).expanduser())
+    name = PROGRAMS[vehicle] if build == SITL else f"{PROGRAMS[vehicle]}-linux"
+    on_path = shutil.which(name)
+    found = Path(on_path) if on_path is not None else find_program(vehicle, build)
+    if found is not None:
+        return found.absolute()
+    if build == SITL:
+        raise UserError(
+            f"autopilot.firmware: there is no {name} on the PATH or in the cache; "
+            f"run `xitl firmware get {vehicle}`, or give its path with --firmware"
+        )
+    raise UserError(
+        f"autopilot.firmware: there is no {name} on the PATH or in the cache; build ArduPilot for the board `linux` "
+        "(or for this machine's board) and give the path of its program with --firmware"
+    )
 
 
 def runs_here(file: Path) -> bool:
@@ -110,22 +142,22 @@ def runs_here(file: Path) -> bool:
     return machine in _MACHINES.get(platform.machine(), (machine,))
 
 
-def read_record(at: Path) -> Record:
+def read_record(at: Path) -> FirmwareRecord:
     """The record in a folder; an empty one where there is none, or none that can be read."""
     try:
         read = json.loads((at / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return Record()
+        return FirmwareRecord()
     if not isinstance(read, dict):
-        return Record()
-    defaults = asdict(Record())
+        return FirmwareRecord()
+    defaults = asdict(FirmwareRecord())
     known = {name: value for name, value in read.items() if name in defaults and type(value) is type(defaults[name])}
     verified = read.get("verified")
     checked = tuple(map(str, verified)) if isinstance(verified, list) else ()
-    return Record(**{**known, "verified": checked})
+    return FirmwareRecord(**{**known, "verified": checked})
 
 
-def record_text(record: Record) -> str:
+def record_text(record: FirmwareRecord) -> str:
     """The record as it is written."""
     written: dict[str, Any] = asdict(record)
     return json.dumps(written, indent=2, ensure_ascii=False) + "\n"
@@ -141,7 +173,7 @@ def _cache() -> Path:
 
 def _files(at: Path) -> Iterator[Path]:
     vehicle = at.parent.parent.name
-    for name in names(vehicle, at.name) if vehicle in PROGRAMS else ():
+    for name in file_names(vehicle, at.name) if vehicle in PROGRAMS else ():
         if (at / name).is_file():
             yield at / name
 
@@ -152,3 +184,16 @@ def _rank(version: str) -> tuple[int, int, int, int]:
         major, minor, patch = (int(part) for part in version.split("."))
         return (2, major, minor, patch)
     return (_MOVING.get(version, -1), 0, 0, 0)
+
+
+def _checked_program(path: Path) -> Path:
+    if not path.is_file():
+        raise UserError(f"autopilot.firmware: {path} does not exist; check the path, or use `find`")
+    if not os.access(path, os.X_OK):
+        raise UserError(f"autopilot.firmware: {path} is not executable; run `chmod +x {path}`")
+    if not runs_here(path):
+        raise UserError(
+            f"autopilot.firmware: {path} is no program for this machine's processor; "
+            "use one that is, for instance of `xitl firmware get rover`"
+        )
+    return path.absolute()

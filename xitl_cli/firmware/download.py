@@ -1,224 +1,234 @@
-"""One file from the web to a path: whole or not at all, going on where an earlier attempt was cut off."""
+"""Firmware from the server into the cache: into a temporary file, verified, then renamed to its place."""
 
 from __future__ import annotations
 
-import fcntl
-import json
-import os
-import re
-import time
-from collections.abc import Callable, Mapping
+import http.client
+import platform
+import socket
+import ssl
+import tempfile
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
+from email.message import Message
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+from urllib.error import HTTPError, URLError
+from urllib.parse import urlsplit
+from urllib.request import HTTPRedirectHandler, Request, build_opener
 
+from agent import __version__
 from xitl_cli.errors import UserError
-from xitl_cli.firmware import web
+from xitl_cli.firmware import cache, server
+from xitl_cli.firmware.cache import CachedFirmware, FirmwareRecord
+from xitl_cli.firmware.server import FirmwareFolder, PublishedVersion
+from xitl_cli.firmware.verify import DamagedError, sha256, verify
 
+TIMEOUT_S = 30.0
 CHUNK_BYTES = 1 << 16
-ATTEMPTS = 5
-MOST_BYTES = 500_000_000
-PAUSE_S = 1.0
-_LENGTH = re.compile(r"[0-9]{1,18}")
-_CONTENT_RANGE = re.compile(r"bytes ([0-9]{1,18})-[0-9]{1,18}/([0-9]{1,18}|\*)")
-_RANGED, _WHOLE = 206, 200
+PAGE_BYTES = 4_000_000
+MAX_FIRMWARE_BYTES = 500_000_000
+_NOT_FOUND = 404
+_CHECKSUM_SUFFIX = ".sha256"
+_BROKEN = (http.client.HTTPException, OSError)
 
 Progress = Callable[[int, int | None], None]
-"""Told with how many bytes are here, and of how many where that is known."""
+"""Called with the number of bytes received, and of all bytes where that is known."""
+
+
+class UnreachableError(UserError):
+    """The server did not answer, or the connection broke."""
+
+
+class RefusedError(UserError):
+    """The server answered with an error; `status` says which."""
+
+    def __init__(self, text: str, status: int) -> None:
+        super().__init__(text)
+        self.status = status
 
 
 @dataclass(frozen=True, slots=True)
-class Downloaded:
-    """size: bytes of the file. etag: what the server calls this version of it, ETag or else the date, or empty.
+class FetchedFirmware:
+    """The firmware that was asked for, now in the cache. fresh: it was downloaded. note: a remark for the user."""
 
-    resumed: bytes that earlier attempts had brought. unchanged: the server still has the version that was asked about,
-    and nothing was downloaded.
-    """
-
-    size: int = 0
-    etag: str = ""
-    resumed: int = 0
-    unchanged: bool = False
+    cached: CachedFirmware
+    fresh: bool
+    note: str = ""
 
 
-@dataclass
-class _Part:
-    """What is here so far: `file` holds the first bytes of the version of `url` that the server calls `tag`."""
-
-    url: str
-    file: IO[bytes]
-    notes: Path
-    tag: str = ""
-    resumed: int = 0
-
-    def size(self) -> int:
-        return self.file.seek(0, 2)
-
-    def recall(self) -> None:
-        """Keep what an earlier attempt left if it can be gone on from, else start anew."""
-        try:
-            noted = json.loads(self.notes.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            noted = {}
-        if isinstance(noted, dict) and noted.get("url") == self.url and noted.get("tag") and self.size():
-            self.tag, self.resumed = str(noted["tag"]), self.size()
-        else:
-            self.restart("")
-
-    def restart(self, tag: str) -> None:
-        self.file.truncate(0)
-        self.tag, self.resumed = tag, 0
-        self.notes.write_text(json.dumps({"url": self.url, "tag": tag}), encoding="utf-8")
+def default_board() -> str:
+    """The simulator build that this machine can run."""
+    return cache.SITL_ARMHF if platform.machine().startswith(("arm", "aarch64")) else cache.SITL
 
 
-def download(
-    url: str,
-    to: Path,
+def fetch_firmware(
+    vehicle: str,
+    version: str = "stable",
+    board: str | None = None,
+    base: str = server.BASE,
+    force: bool = False,
     progress: Progress = lambda done, total: None,
-    known_etag: str = "",
-    accept: Callable[[Path], None] = lambda part: None,
-    pause_s: float = PAUSE_S,
-    anew: bool = False,
-) -> Downloaded:
-    """Bring a URL to a path. `accept` sees the whole file before it gets its name, and may refuse it by raising.
+) -> FetchedFirmware:
+    """Have a firmware in the cache.
 
-    `anew` drops what an earlier attempt left. `known_etag` of the version that is there already makes the server say so
-    instead of sending it again. A connection that breaks is tried `ATTEMPTS` times, as long as each brings something;
-    what is here then stays for the next call.
-    Raises UnreachableError, RefusedError, or UserError when this machine cannot keep the file; what `accept` raises
-    goes through, and what was downloaded is dropped.
+    A numbered release in the cache is not asked for again, and `stable`, `beta` and `latest` are downloaded only when
+    the server's commit differs from that of the copy in the cache; `force` downloads in any case.
+    Raises UserError; an earlier copy in the cache then stays as it was.
     """
-    part_path = to.with_name(to.name + ".part")
-    notes = to.with_name(to.name + ".part.json")
+    board = board or default_board()
     try:
-        to.parent.mkdir(parents=True, exist_ok=True)
-        with part_path.open("ab") as file:
-            _alone(file, part_path)
-            part = _Part(url, file, notes)
-            if anew:
-                part.restart("")
-            else:
-                part.recall()
-            got = _attempts(part, progress, known_etag, pause_s)
-            if got.unchanged:
-                _drop(part_path, notes)
-                return got
-            file.flush()
-            try:
-                accept(part_path)
-            except BaseException:
-                _drop(part_path, notes)
+        folder = server.find_folder(base, vehicle, version, board, read_text)
+        cached = cache.find_cached(vehicle, folder.version, board)
+        if cached is not None and not force and folder.version not in server.MOVING_VERSIONS:
+            return FetchedFirmware(cached, fresh=False)
+        published = server.published_version(folder, read_text)
+        if cached is not None and not force and cached.record.git and cached.record.git == published.git:
+            return FetchedFirmware(cached, fresh=False)
+        return _download(folder, published, progress)
+    except UnreachableError as error:
+        known = version in server.MOVING_VERSIONS and vehicle in cache.PROGRAMS and not force
+        cached = cache.find_cached(vehicle, version, board) if known else None
+        if cached is not None:
+            return FetchedFirmware(cached, fresh=False, note=f"the copy in the cache is used: {error}")
+        raise UnreachableError(f"{error}; {_manual_way(vehicle, version, board, base)}") from None
+
+
+def read_text(url: str) -> str | None:
+    """The text at a URL, None where the server has none. Raises UnreachableError, RefusedError for other refusals."""
+    try:
+        with closing(_open(url)) as answer:
+            data: bytes = answer.read(PAGE_BYTES)
+            return data.decode("utf-8", "replace")
+    except RefusedError as error:
+        if error.status == _NOT_FOUND:
+            return None
+        raise
+    except _BROKEN as error:
+        raise UnreachableError(f"{url}: the connection broke ({_reason(error)}); try again") from None
+
+
+def _download(folder: FirmwareFolder, published: PublishedVersion, progress: Progress) -> FetchedFirmware:
+    target = cache.cache_folder(folder.vehicle, folder.version, folder.board)
+    for name in cache.file_names(folder.vehicle, folder.board):
+        try:
+            return _download_file(folder, published, target / name, progress)
+        except RefusedError as error:
+            if error.status != _NOT_FOUND:
                 raise
-            part_path.replace(to)
-            notes.unlink(missing_ok=True)
-            return got
+    raise server.not_found(folder, read_text)
+
+
+def _download_file(
+    folder: FirmwareFolder, published: PublishedVersion, target: Path, progress: Progress
+) -> FetchedFirmware:
+    url = folder.url + target.name
+    checksum = read_text(url + _CHECKSUM_SUFFIX)
+    image = target.suffix == cache.IMAGE_SUFFIX
+    root = cache.firmware_root()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".download-", dir=root) as temporary:
+            file = Path(temporary) / target.name
+            size = _receive(url, file, progress)
+            try:
+                verified = verify(file, image, folder.board, published.git, checksum)
+            except DamagedError as error:
+                raise UserError(f"{url}: {error}; try again, or another version") from None
+            if not image:
+                file.chmod(0o755)
+            record = FirmwareRecord(url, sha256(file), size, published.version, published.git, verified)
+            (file.parent / cache.RECORD).write_text(cache.record_text(record), encoding="utf-8")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            file.replace(target)
+            (file.parent / cache.RECORD).replace(target.parent / cache.RECORD)
     except OSError as error:
-        where = error.filename or to
+        where = error.filename or target
         raise UserError(
             f"{where}: cannot be written ({error.strerror}); free or choose another place: XITL_CACHE"
         ) from None
+    missing = published.git and f"commit {published.git[:8]}" not in verified
+    note = f"commit {published.git[:8]} is not found in it" if missing else ""
+    return FetchedFirmware(CachedFirmware(folder.vehicle, folder.version, folder.board, target, record), True, note)
 
 
-def _attempts(part: _Part, progress: Progress, known_etag: str, pause_s: float) -> Downloaded:
-    """Until the file is whole."""
-    left, furthest = ATTEMPTS, part.size()
-    while True:
-        try:
-            return _attempt(part, progress, known_etag)
-        except web.CUT as error:
-            left = ATTEMPTS if part.size() > furthest else left - 1
-            furthest = max(furthest, part.size())
-            if left <= 0:
-                raise web.UnreachableError(
-                    f"{part.url}: broke off after {part.size()} bytes ({web.reason(error)}); run it again, "
-                    "it goes on from there"
-                ) from None
-            time.sleep(pause_s)
-
-
-def _attempt(part: _Part, progress: Progress, known_etag: str) -> Downloaded:
-    headers = {"Accept-Encoding": "identity"}
-    start = part.size() if part.tag else 0
-    if start:
-        headers |= {"Range": f"bytes={start}-", "If-Range": part.tag}
-    elif known_etag:
-        headers["If-None-Match" if known_etag.endswith('"') else "If-Modified-Since"] = known_etag
-    with web.ask(part.url, headers) as answer:
-        if answer.status == web.NOT_MODIFIED:
-            return Downloaded(etag=known_etag, unchanged=True)
-        if answer.status == web.RANGE_BEYOND:
-            part.restart("")
-            raise ConnectionError("the server has less than was here; starting anew")
-        total = _length(answer)
-        etag = _header(answer, "ETag") or _header(answer, "Last-Modified")
-        if answer.status == _RANGED:
-            total = _total(answer, start)
-        elif answer.status == _WHOLE:
-            part.restart(_validator(answer))
-            start = 0
-        else:
-            raise web.RefusedError(f"{part.url}: the server answers {answer.status}; check the address", answer.status)
-        if total is not None and total > MOST_BYTES:
-            raise UserError(f"{part.url}: has {total} bytes, which is no firmware; check the address")
-        size = _copy(answer, part.file, start, total, progress)
-    if total is not None and size != total:
-        if size > total:
-            part.restart("")
-        raise ConnectionError(f"{size} of {total} bytes came")
-    return Downloaded(size, etag, part.resumed)
-
-
-def _copy(answer: web.Answer, file: IO[bytes], start: int, total: int | None, progress: Progress) -> int:
-    size = start
-    progress(size, total)
-    try:
-        while chunk := answer.read(CHUNK_BYTES):
-            file.write(chunk)
+def _receive(url: str, file: Path, progress: Progress) -> int:
+    """The number of bytes. Raises UnreachableError for less than was announced, UserError for what is no firmware."""
+    with closing(_open(url)) as answer, file.open("wb") as out:
+        announced = answer.headers.get("Content-Length", "")
+        total = int(announced) if announced.isascii() and announced.isdigit() and len(announced) < 18 else None
+        if total is not None and total > MAX_FIRMWARE_BYTES:
+            raise UserError(f"{url}: has {total} bytes, which is no firmware; check the address")
+        size = 0
+        progress(size, total)
+        while True:
+            try:
+                chunk = answer.read(CHUNK_BYTES)
+            except _BROKEN as error:
+                raise UnreachableError(f"{url}: broke off after {size} bytes ({_reason(error)}); try again") from None
+            if not chunk:
+                break
+            out.write(chunk)
             size += len(chunk)
             progress(size, total)
-            if size > MOST_BYTES:
-                raise UserError(f"{answer.url}: does not end, which is no firmware; check the address")
-    finally:
-        file.flush()
+            if size > MAX_FIRMWARE_BYTES:
+                raise UserError(f"{url}: does not end, which is no firmware; check the address")
+    if total is not None and size != total:
+        raise UnreachableError(f"{url}: broke off ({size} of {total} bytes came); try again")
     return size
 
 
-def _validator(answer: web.Answer) -> str:
-    """What a later request may go on with: a strong ETag, else the date, else nothing."""
-    etag = _header(answer, "ETag")
-    return etag if etag.startswith('"') else _header(answer, "Last-Modified")
-
-
-def _total(answer: web.Answer, start: int) -> int | None:
-    found = _CONTENT_RANGE.fullmatch(_header(answer, "Content-Range"))
-    if found is None or int(found[1]) != start:
-        raise web.RefusedError(
-            f"{answer.url}: the server sends another part than was asked for; use --force", answer.status
-        )
-    return None if found[2] == "*" else int(found[2])
-
-
-def _length(answer: web.Answer) -> int | None:
-    told = _header(answer, "Content-Length")
-    return int(told) if _LENGTH.fullmatch(told) else None
-
-
-def _header(answer: web.Answer, name: str) -> str:
-    headers: Mapping[str, str] = {key.lower(): value for key, value in answer.headers.items()}
-    return headers.get(name.lower(), "").strip()
-
-
-def _alone(file: IO[bytes], path: Path) -> None:
-    """Lock it, as long as it still has its name: another xitl that has just finished gave it that of the whole file."""
+def _open(url: str) -> Any:
+    """An open answer. Raises UserError for no web address, RefusedError for an error, UnreachableError for none."""
+    if urlsplit(url).scheme not in ("http", "https"):
+        raise UserError(f"{url}: is no web address; write it like https://firmware.ardupilot.org")
+    request = Request(url, headers={"User-Agent": f"xitl/{__version__}", "Accept-Encoding": "identity"})
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        here = path.stat().st_ino == os.fstat(file.fileno()).st_ino
-    except OSError:
-        here = False
-    if not here:
-        raise UserError(f"{path}: another xitl is downloading it; wait for it, or end it") from None
+        return build_opener(NoDowngrade()).open(request, timeout=TIMEOUT_S)
+    except HTTPError as error:
+        error.close()
+        raise RefusedError(
+            f"{url}: the server answers {error.code} {error.reason}; check the address", error.code
+        ) from None
+    except (URLError, ValueError, *_BROKEN) as error:
+        raise UnreachableError(
+            f"{url}: cannot be reached ({_reason(error)}); check the network and the address"
+        ) from None
 
 
-def _drop(part: Path, notes: Path) -> None:
-    part.unlink(missing_ok=True)
-    notes.unlink(missing_ok=True)
+class NoDowngrade(HTTPRedirectHandler):
+    """Follows redirections, but not from https to anything else."""
+
+    def redirect_request(
+        self, req: Request, fp: IO[bytes], code: int, msg: str, headers: Message, newurl: str
+    ) -> Request | None:
+        """As the base class, or URLError."""
+        if urlsplit(req.full_url).scheme == "https" and urlsplit(newurl).scheme != "https":
+            raise URLError(f"it points from https to {newurl}")
+        return super().redirect_request(req, fp, code, msg, headers, newurl)  # type: ignore[arg-type]
+
+
+def _reason(error: BaseException) -> str:
+    inner = error.reason if isinstance(error, URLError) else error
+    if isinstance(inner, ssl.SSLCertVerificationError):
+        return f"its certificate is not trusted here: {inner.verify_message}"
+    if isinstance(inner, socket.gaierror):
+        return "its name has no address; is there a network?"
+    if isinstance(inner, TimeoutError):
+        return "no answer in time"
+    if isinstance(inner, OSError) and inner.strerror:
+        return inner.strerror
+    return str(inner) or type(inner).__name__
+
+
+def _manual_way(vehicle: str, version: str, board: str, base: str) -> str:
+    if vehicle not in cache.PROGRAMS:
+        return "check the vehicle"
+    name = cache.file_names(vehicle, board)[0]
+    known = version in server.MOVING_VERSIONS or server.is_release(version)
+    url = FirmwareFolder(base.rstrip("/"), vehicle, version, board).url + name if known else base
+    target = cache.cache_folder(vehicle, version, board) / name
+    return (
+        f"or by hand: bring {url} from a machine with a network to {target} "
+        "and make it executable, or name its path with --firmware"
+    )

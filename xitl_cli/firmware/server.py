@@ -10,16 +10,16 @@ gen_stable.py.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from urllib.parse import quote, unquote, urljoin, urlsplit
 
 from xitl_cli.errors import UserError
-from xitl_cli.firmware import web
 from xitl_cli.firmware.cache import PROGRAMS, SITL, SITL_ARMHF
 
 BASE = "https://firmware.ardupilot.org"
-MOVING = ("stable", "beta", "latest")
+MOVING_VERSIONS = ("stable", "beta", "latest")
 _FOLDERS = {"rover": "Rover", "plane": "Plane", "copter": "Copter", "sub": "Sub"}
 _BUILDS = {SITL: "SITL_x86_64_linux_gnu", SITL_ARMHF: "SITL_arm_linux_gnueabihf"}
 _NUMBERS = re.compile(r"(\d+)\.(\d+)(?:\.(\d+|x))?")
@@ -29,10 +29,13 @@ _RELEASE = re.compile(r"stable-(\d+\.\d+\.\d+)")
 _COMMIT = re.compile(r"^commit ([0-9a-f]{8,40})\b", re.MULTILINE)
 _VERSION = re.compile(r"(\d+\.\d+\.\d+)-(?:FIRMWARE_VERSION_TYPE_)?(\w+)")
 
+ReadText = Callable[[str], str | None]
+"""Reads the text at a URL; None where the server has none."""
+
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """One folder of the server that holds one firmware. `version` is one of MOVING or three numbers."""
+class FirmwareFolder:
+    """One folder of the server that holds one firmware. `version` is one of MOVING_VERSIONS or three numbers."""
 
     base: str
     vehicle: str
@@ -42,25 +45,25 @@ class Place:
     @property
     def url(self) -> str:
         """With a slash at the end."""
-        version = self.version if self.version in MOVING else f"stable-{self.version}"
+        version = self.version if self.version in MOVING_VERSIONS else f"stable-{self.version}"
         return f"{_top(self.base, self.vehicle)}{version}/{quote(_BUILDS.get(self.board, self.board), safe='')}/"
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class PublishedVersion:
     """What the server says of a firmware; empty where it says nothing. `git` is the whole commit."""
 
     version: str = ""
     git: str = ""
 
 
-def place(base: str, vehicle: str, version: str, board: str) -> Place:
+def find_folder(base: str, vehicle: str, version: str, board: str, read_text: ReadText) -> FirmwareFolder:
     """Where a firmware is. Asks the server for the newest release of `4.6` or `4.6.x`. Raises UserError."""
     if vehicle not in PROGRAMS:
         raise UserError(f"{vehicle}: no firmware is known for it; use one of {', '.join(PROGRAMS)}")
     if not _NAME.fullmatch(board):
         raise UserError(f"{board}: is no name of a board; use {SITL}, {SITL_ARMHF} or a folder of {base}")
-    return Place(base.rstrip("/"), vehicle, _version(base, vehicle, version), board)
+    return FirmwareFolder(base.rstrip("/"), vehicle, _version(base, vehicle, version, read_text), board)
 
 
 def is_release(version: str) -> bool:
@@ -69,47 +72,51 @@ def is_release(version: str) -> bool:
     return numbers is not None and numbers[3] not in (None, "x")
 
 
-def about(at: Place) -> About:
+def published_version(folder: FirmwareFolder, read_text: ReadText) -> PublishedVersion:
     """What the two texts say. Raises UnreachableError."""
-    version, git = (web.text(at.url + name) or "" for name in ("firmware-version.txt", "git-version.txt"))
+    version, git = (read_text(folder.url + name) or "" for name in ("firmware-version.txt", "git-version.txt"))
     numbers, commit = _VERSION.match(version.strip()), _COMMIT.search(git)
     named = "" if numbers is None else f"{numbers[1]} {numbers[2].lower()}"
-    return About(named, "" if commit is None else commit[1])
+    return PublishedVersion(named, "" if commit is None else commit[1])
 
 
-def releases(base: str, vehicle: str) -> list[str]:
+def list_releases(base: str, vehicle: str, read_text: ReadText) -> list[str]:
     """All numbered releases, the newest first; empty where the server does not list them. Raises UnreachableError."""
-    found = {release[1] for name in _listed(_top(base, vehicle)) if (release := _RELEASE.fullmatch(name))}
+    found = {release[1] for name in _listed(_top(base, vehicle), read_text) if (release := _RELEASE.fullmatch(name))}
     return sorted(found, key=lambda release: [int(part) for part in release.split(".")], reverse=True)
 
 
-def missing(at: Place) -> UserError:
-    """What to say of a firmware that the server does not have: what of its address is wrong, and what there is."""
-    where = f"{at.vehicle} {at.version} for {at.board}"
-    folder = at.url.rstrip("/").rpartition("/")[0] + "/"
-    boards = _listed(folder)
+def not_found(folder: FirmwareFolder, read_text: ReadText) -> UserError:
+    """The error for a firmware that the server does not have: which part of its address is wrong, and what there is."""
+    where = f"{folder.vehicle} {folder.version} for {folder.board}"
+    above = folder.url.rstrip("/").rpartition("/")[0] + "/"
+    boards = _listed(above, read_text)
     if boards:
         known = [*_BUILDS, *boards] if any(name in boards for name in _BUILDS.values()) else boards
-        near = get_close_matches(at.board, known, 3, 0.5) or [name for name in known if name in _BUILDS] or known[:3]
-        return UserError(f"{where}: {folder} has no such board; use one of its folders, for instance {', '.join(near)}")
-    numbered = releases(at.base, at.vehicle)
-    if numbered and at.version not in MOVING and at.version not in numbered:
-        return UserError(
-            f"{where}: there is no such release; use {', '.join(numbered[:4])} or one of {', '.join(MOVING)}"
+        near = (
+            get_close_matches(folder.board, known, 3, 0.5) or [name for name in known if name in _BUILDS] or known[:3]
         )
-    return UserError(f"{where}: {at.url} is not there; check --version, --board and --url, or look at {at.base}")
+        return UserError(f"{where}: {above} has no such board; use one of its folders, for instance {', '.join(near)}")
+    numbered = list_releases(folder.base, folder.vehicle, read_text)
+    if numbered and folder.version not in MOVING_VERSIONS and folder.version not in numbered:
+        return UserError(
+            f"{where}: there is no such release; use {', '.join(numbered[:4])} or one of {', '.join(MOVING_VERSIONS)}"
+        )
+    return UserError(
+        f"{where}: {folder.url} is not there; check --version, --board and --url, or look at {folder.base}"
+    )
 
 
-def _version(base: str, vehicle: str, version: str) -> str:
-    if version in MOVING:
+def _version(base: str, vehicle: str, version: str, read_text: ReadText) -> str:
+    if version in MOVING_VERSIONS:
         return version
     numbers = _NUMBERS.fullmatch(version.removeprefix("stable-").removeprefix("v"))
     if numbers is None:
-        raise UserError(f"{version}: is no version; use {', '.join(MOVING)} or numbers like 4.6.3 or 4.6")
+        raise UserError(f"{version}: is no version; use {', '.join(MOVING_VERSIONS)} or numbers like 4.6.3 or 4.6")
     major, minor, patch = numbers.groups()
     if patch not in (None, "x"):
         return f"{major}.{minor}.{patch}"
-    found = releases(base, vehicle)
+    found = list_releases(base, vehicle, read_text)
     for release in found:
         if release.startswith(f"{major}.{minor}."):
             return release
@@ -121,9 +128,9 @@ def _top(base: str, vehicle: str) -> str:
     return f"{base.rstrip('/')}/{_FOLDERS[vehicle]}/"
 
 
-def _listed(url: str) -> list[str]:
+def _listed(url: str, read_text: ReadText) -> list[str]:
     """Names in a folder, in the order of the page: links one step below it, whichever way they are written."""
-    page = web.text(url)
+    page = read_text(url)
     below = urlsplit(url).path
     found: dict[str, None] = {}
     for link in _LINK.findall(page or ""):

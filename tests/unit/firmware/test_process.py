@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.find import find_firmware
+from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.firmware.process import FirmwareProcess, free_port, newest_log
 
 

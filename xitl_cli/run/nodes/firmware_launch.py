@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import SplitResult, urlsplit
 
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.find import find_firmware
+from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.firmware.process import FirmwareProcess, free_port
 from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile

@@ -1,12 +1,9 @@
 from __future__ import annotations
 
-import errno
-import io
 import json
 import os
 import socket
 from pathlib import Path
-from typing import Any
 
 import pytest
 from firmware_images import COMMIT, image, program
@@ -14,35 +11,34 @@ from firmware_server import FirmwareServer
 from typer.testing import CliRunner
 
 from xitl_cli.errors import UserError
-from xitl_cli.firmware import cache, download, web
-from xitl_cli.firmware.get import Got
-from xitl_cli.firmware.get import get as get_firmware
+from xitl_cli.firmware import cache, download
+from xitl_cli.firmware.download import FetchedFirmware, fetch_firmware
 
 SITL = "/Rover/stable/SITL_x86_64_linux_gnu/ardurover"
 PIXHAWK = "/Rover/stable/Pixhawk6X/ardurover.apj"
 
 
-def get(server: FirmwareServer, version: str = "stable", board: str = "sitl", force: bool = False) -> Got:
-    return get_firmware("rover", version, board, server.url, force, pause_s=0.0)
+def get(server: FirmwareServer, version: str = "stable", board: str = "sitl", force: bool = False) -> FetchedFirmware:
+    return fetch_firmware("rover", version, board, server.url, force)
 
 
 def test_a_program_lands_in_the_cache_ready_to_run(server: FirmwareServer, cache_at: Path) -> None:
     got = get(server)
 
-    assert got.kept.file == cache_at / "firmware/rover/stable/sitl/ardurover"
-    assert got.kept.file.read_bytes() == program()
-    assert os.access(got.kept.file, os.X_OK)
+    assert got.cached.file == cache_at / "firmware/rover/stable/sitl/ardurover"
+    assert got.cached.file.read_bytes() == program()
+    assert os.access(got.cached.file, os.X_OK)
     assert got.fresh
-    record = got.kept.record
+    record = got.cached.record
     assert (record.version, record.git, record.url) == ("4.6.3 official", COMMIT, server.url + SITL)
     assert record.verified == ("300000 bytes", "ELF program, complete", f"commit {COMMIT[:8]}")
-    assert cache.kept("rover") == [got.kept]
-    assert sorted(file.name for file in got.kept.file.parent.iterdir()) == ["ardurover", "firmware.json"]
+    assert cache.list_cached("rover") == [got.cached]
+    assert sorted(file.name for file in got.cached.file.parent.iterdir()) == ["ardurover", "firmware.json"]
 
 
 def test_progress_ends_at_the_whole_length(server: FirmwareServer, cache_at: Path) -> None:
     seen: list[tuple[int, int | None]] = []
-    get_firmware("rover", board="sitl", base=server.url, progress=lambda done, total: seen.append((done, total)))
+    fetch_firmware("rover", board="sitl", base=server.url, progress=lambda done, total: seen.append((done, total)))
 
     assert seen[0] == (0, 300_000)
     assert seen[-1] == (300_000, 300_000)
@@ -50,7 +46,7 @@ def test_progress_ends_at_the_whole_length(server: FirmwareServer, cache_at: Pat
 
 
 def test_an_image_for_a_board_is_held_against_its_own_crc(server: FirmwareServer, cache_at: Path) -> None:
-    kept = get(server, board="Pixhawk6X").kept
+    kept = get(server, board="Pixhawk6X").cached
 
     assert kept.file == cache_at / "firmware/rover/stable/Pixhawk6X/ardurover.apj"
     assert "CRC-32 of the image" in kept.record.verified
@@ -59,7 +55,7 @@ def test_an_image_for_a_board_is_held_against_its_own_crc(server: FirmwareServer
 
 
 def test_a_board_that_runs_programs_has_one_instead_of_an_image(server: FirmwareServer, cache_at: Path) -> None:
-    kept = get(server, board="navigator").kept
+    kept = get(server, board="navigator").cached
     assert kept.file.name == "ardurover"
     assert kept.is_program
 
@@ -69,8 +65,8 @@ def test_a_board_that_runs_programs_has_one_instead_of_an_image(server: Firmware
 )
 def test_versions_by_number(server: FirmwareServer, cache_at: Path, version: str, folder: str) -> None:
     got = get(server, version)
-    assert got.kept.version == folder
-    assert got.kept.record.version == f"{folder} official"
+    assert got.cached.version == folder
+    assert got.cached.record.version == f"{folder} official"
 
 
 def test_a_numbered_release_is_not_asked_for_twice(server: FirmwareServer, cache_at: Path) -> None:
@@ -82,87 +78,39 @@ def test_a_numbered_release_is_not_asked_for_twice(server: FirmwareServer, cache
     assert server.asked == []
 
 
-def test_a_moving_version_is_only_downloaded_when_it_has_moved(server: FirmwareServer, cache_at: Path) -> None:
+def test_a_moving_version_is_downloaded_when_the_server_has_another_commit(
+    server: FirmwareServer, cache_at: Path
+) -> None:
     get(server)
     assert not get(server).fresh
-    assert server.bodies(SITL) == [("", 200), ("", 304)]
+    assert server.asked.count(SITL) == 1
 
-    server.files[SITL] = program(size=290_000)
-    assert get(server).kept.file.read_bytes() == program(size=290_000)
-
-
-def test_a_server_that_only_has_dates_is_asked_by_them(server: FirmwareServer, cache_at: Path) -> None:
-    server.etags, server.dates = False, True
-    get(server)
-    assert not get(server).fresh
-    assert server.bodies(SITL) == [("", 200), ("", 304)]
+    other = "a" * 40
+    server.files[SITL] = program(commit=other)
+    server.files[SITL.replace("ardurover", "git-version.txt")] = f"commit {other}\n".encode()
+    assert get(server).fresh
+    assert cache.list_cached()[0].record.git == other
 
 
-def test_force_downloads_again_from_the_start(server: FirmwareServer, cache_at: Path) -> None:
+def test_force_downloads_again(server: FirmwareServer, cache_at: Path) -> None:
     get(server, "4.6.3")
     assert get(server, "4.6.3", force=True).fresh
 
-    server.cuts = [120_000] + [0] * 20
+
+# Broken connections and wrong lengths
+
+
+def test_a_broken_connection_leaves_the_cache_as_it_was(server: FirmwareServer, cache_at: Path) -> None:
+    server.cuts = [120_000]
+    with pytest.raises(UserError, match="120000 of 300000 bytes came"):
+        get(server)
+    assert not any(path.is_file() for path in cache_at.rglob("*"))
+    assert get(server).cached.file.read_bytes() == program()
+
+    server.cuts = [1000]
     with pytest.raises(UserError):
-        get(server)
-    server.cuts = []
-    assert get(server, force=True).resumed == 0
-    assert server.bodies(SITL)[-1] == ("", 200)
-
-
-# Bad days of the network
-
-
-def test_a_cut_connection_is_gone_on_from(server: FirmwareServer, cache_at: Path) -> None:
-    server.cuts = [100_000, 100_000]
-    got = get(server)
-
-    assert got.kept.file.read_bytes() == program()
-    assert server.bodies(SITL) == [("", 200), ("bytes=100000-", 206), ("bytes=200000-", 206)]
-
-
-def test_the_next_call_goes_on_where_the_last_one_gave_up(server: FirmwareServer, cache_at: Path) -> None:
-    server.cuts = [120_000] + [0] * 20
-    with pytest.raises(
-        UserError, match=r"broke off after 120000 bytes \(120000 of 300000 bytes came\); run it again, it goes"
-    ):
-        get(server)
-    part = cache_at / "firmware/rover/stable/sitl/ardurover.part"
-    assert part.stat().st_size == 120_000
-    assert cache.kept() == []
-
-    server.cuts = []
-    got = get(server)
-    assert got.resumed == 120_000
-    assert got.kept.file.read_bytes() == program()
-    assert not part.exists()
-
-
-def test_what_was_begun_of_another_version_is_dropped(server: FirmwareServer, cache_at: Path) -> None:
-    server.cuts = [120_000] + [0] * 20
-    with pytest.raises(UserError):
-        get(server)
-    server.cuts = []
-    server.files[SITL] = program(size=280_000)
-
-    assert get(server).kept.file.read_bytes() == program(size=280_000)
-
-
-@pytest.mark.parametrize("etags", [True, False])
-def test_a_server_without_ranges_starts_over(server: FirmwareServer, cache_at: Path, etags: bool) -> None:
-    server.ranges, server.etags, server.cuts = False, etags, [100_000]
-    assert get(server).kept.file.read_bytes() == program()
-
-
-def test_a_part_that_is_longer_than_the_file_is_dropped(server: FirmwareServer, cache_at: Path) -> None:
-    server.cuts = [200_000] + [0] * 20
-    with pytest.raises(UserError):
-        get(server)
-    server.cuts = []
-    with (cache_at / "firmware/rover/stable/sitl/ardurover.part").open("ab") as part:
-        part.write(bytes(150_000))
-
-    assert get(server).kept.file.read_bytes() == program()
+        get(server, force=True)
+    assert cache.list_cached()[0].file.read_bytes() == program()
 
 
 @pytest.mark.parametrize("pretended", [299_000, 301_000])
@@ -170,7 +118,7 @@ def test_a_length_that_is_not_the_file_s_is_refused(server: FirmwareServer, cach
     server.pretend_length = pretended
     with pytest.raises(UserError):
         get(server)
-    assert cache.kept() == []
+    assert cache.list_cached() == []
 
 
 @pytest.mark.parametrize("pretended", [600_000_000, "2" * 30, "\xb2"])
@@ -181,33 +129,24 @@ def test_what_is_larger_than_any_firmware_is_not_begun(
     if isinstance(pretended, int):
         with pytest.raises(UserError, match="has 600000000 bytes, which is no firmware"):
             get(server)
-        assert (cache_at / "firmware/rover/stable/sitl/ardurover.part").stat().st_size == 0
+        assert cache.list_cached() == []
     else:  # a length that is none is not believed; the file says itself that it is whole
-        assert get(server).kept.file.read_bytes() == program()
+        assert get(server).cached.file.read_bytes() == program()
 
 
 def test_what_does_not_end_is_broken_off(
     server: FirmwareServer, cache_at: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(download, "MOST_BYTES", 200_000)
+    monkeypatch.setattr(download, "MAX_FIRMWARE_BYTES", 200_000)
     server.pretend_length = ""
     with pytest.raises(UserError, match="does not end, which is no firmware"):
         get(server)
 
 
-def test_another_range_than_was_asked_for_is_not_put_behind_what_is_here(
-    server: FirmwareServer, cache_at: Path
-) -> None:
-    server.cuts, server.pretend_start = [100_000], 5
-    with pytest.raises(UserError, match="sends another part than was asked for; use --force"):
-        get(server)
-    assert cache.kept() == []
-
-
 def test_redirections_are_followed(server: FirmwareServer, cache_at: Path) -> None:
     server.files["/elsewhere"] = server.files.pop(SITL)
     server.moved[SITL] = "/elsewhere"
-    assert get(server).kept.file.read_bytes() == program()
+    assert get(server).cached.file.read_bytes() == program()
 
 
 def test_https_is_not_left_by_a_redirection() -> None:
@@ -216,7 +155,7 @@ def test_https_is_not_left_by_a_redirection() -> None:
     from urllib.error import URLError
     from urllib.request import Request
 
-    from xitl_cli.firmware.web import NoDowngrade
+    from xitl_cli.firmware.download import NoDowngrade
 
     arguments = (BytesIO(), 302, "Found", Message())
     followed = NoDowngrade().redirect_request(Request("https://a.test/x"), *arguments, "https://b.test/x")
@@ -230,7 +169,7 @@ def test_without_a_network_the_manual_way_is_said(cache_at: Path) -> None:
         taken.bind(("127.0.0.1", 0))  # bound, but nobody listens
         base = f"http://127.0.0.1:{taken.getsockname()[1]}"
         with pytest.raises(UserError) as refused:
-            get_firmware("rover", "4.6.3", "sitl", base, pause_s=0.0)
+            fetch_firmware("rover", "4.6.3", "sitl", base)
     sentence = str(refused.value)
     assert "cannot be reached (Connection refused)" in sentence
     assert f"or by hand: bring {base}/Rover/stable-4.6.3/SITL_x86_64_linux_gnu/ardurover" in sentence
@@ -241,9 +180,9 @@ def test_without_a_network_the_manual_way_is_said(cache_at: Path) -> None:
 
 def test_without_a_network_what_is_here_is_kept(server: FirmwareServer, cache_at: Path) -> None:
     get(server)
-    got = get_firmware("rover", "stable", "sitl", "http://127.0.0.1:9", pause_s=0.0)
+    got = fetch_firmware("rover", "stable", "sitl", "http://127.0.0.1:9")
     assert not got.fresh
-    assert "the server was not asked" in got.note
+    assert "the copy in the cache is used" in got.note
 
 
 # What the server does not have
@@ -270,7 +209,7 @@ def test_what_is_not_there_is_told_with_what_is(
 
 def test_an_unknown_vehicle(server: FirmwareServer, cache_at: Path) -> None:
     with pytest.raises(UserError, match="boat: no firmware is known for it; use one of rover, plane, copter, sub"):
-        get_firmware("boat", base=server.url)
+        fetch_firmware("boat", base=server.url)
 
 
 # What is no firmware
@@ -300,7 +239,7 @@ def test_a_checksum_beside_the_file_is_held_against_it(server: FirmwareServer, c
     import hashlib
 
     server.files[SITL + ".sha256"] = f"{hashlib.sha256(program()).hexdigest()}  ardurover\n".encode()
-    assert "SHA-256 as published" in get(server).kept.record.verified
+    assert "SHA-256 as published" in get(server).cached.record.verified
 
     server.files[SITL + ".sha256"] = f"{'0' * 64}  ardurover\n".encode()
     with pytest.raises(UserError, match="its SHA-256 is not the one that is published beside it"):
@@ -311,7 +250,7 @@ def test_another_commit_than_the_server_says_is_noted(server: FirmwareServer, ca
     server.files[SITL] = program(commit="f" * 40)
     got = get(server)
     assert got.note == f"commit {COMMIT[:8]} is not found in it"
-    assert f"commit {COMMIT[:8]}" not in got.kept.record.verified
+    assert f"commit {COMMIT[:8]}" not in got.cached.record.verified
 
 
 def test_a_failed_update_leaves_the_old_one(server: FirmwareServer, cache_at: Path) -> None:
@@ -319,51 +258,7 @@ def test_a_failed_update_leaves_the_old_one(server: FirmwareServer, cache_at: Pa
     server.files[SITL] = b"damaged" * 1000
     with pytest.raises(UserError):
         get(server)
-    assert cache.kept()[0].file.read_bytes() == program()
-
-
-def test_a_second_download_at_the_same_time_is_refused(server: FirmwareServer, cache_at: Path) -> None:
-    import fcntl
-
-    part = cache_at / "firmware/rover/stable/sitl/ardurover.part"
-    part.parent.mkdir(parents=True)
-    with part.open("ab") as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        for force in (False, True):
-            with pytest.raises(UserError, match="another xitl is downloading it"):
-                get(server, force=force)
-        assert part.exists()
-
-
-def test_what_another_has_finished_meanwhile_is_left_alone(server: FirmwareServer, cache_at: Path) -> None:
-    """Between opening the part and locking it, the other one gave it its name and let go."""
-    import fcntl
-
-    whole = cache_at / "firmware/rover/stable/sitl/ardurover"
-    part = whole.with_name("ardurover.part")
-    whole.parent.mkdir(parents=True)
-    part.write_bytes(program())
-    lock = fcntl.flock
-
-    def finished(file: Any, operation: int) -> None:
-        part.rename(whole)
-        lock(file, operation)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fcntl, "flock", finished)
-        with pytest.raises(UserError, match="another xitl is downloading it"):
-            get(server)
-    assert whole.read_bytes() == program()
-
-
-@pytest.mark.parametrize("kind", [OSError, ConnectionResetError, TimeoutError])
-def test_however_a_connection_breaks_it_is_no_trouble_with_the_disk(kind: type[OSError]) -> None:
-    class Body(io.BytesIO):
-        def read(self, size: int | None = -1) -> bytes:
-            raise kind(errno.EHOSTUNREACH, "No route to host")
-
-    with web.Answer(200, {}, "http://a", Body()) as answer, pytest.raises(web.CUT):
-        answer.read(1)
+    assert cache.list_cached()[0].file.read_bytes() == program()
 
 
 # The cache
@@ -372,28 +267,28 @@ def test_however_a_connection_breaks_it_is_no_trouble_with_the_disk(kind: type[O
 def test_stable_and_the_highest_numbers_come_first(server: FirmwareServer, cache_at: Path) -> None:
     for version in ("4.5.7", "4.6.3", "stable", "4.6.2"):
         get(server, version)
-    assert [one.version for one in cache.kept("rover")] == ["stable", "4.6.3", "4.6.2", "4.5.7"]
+    assert [one.version for one in cache.list_cached("rover")] == ["stable", "4.6.3", "4.6.2", "4.5.7"]
 
 
 def test_only_a_program_for_this_processor_is_started(
     server: FirmwareServer, cache_at: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arm, pc, navigator = (get(server, board=board).kept.file for board in ("sitl-armhf", "sitl", "navigator"))
+    arm, pc, navigator = (get(server, board=board).cached.file for board in ("sitl-armhf", "sitl", "navigator"))
 
     monkeypatch.setattr("platform.machine", lambda: "x86_64")
-    assert cache.program("rover", "sitl") == pc
-    assert cache.program("rover", "linux") is None
+    assert cache.find_program("rover", "sitl") == pc
+    assert cache.find_program("rover", "linux") is None
     monkeypatch.setattr("platform.machine", lambda: "armv7l")
-    assert cache.program("rover", "sitl") == arm
-    assert cache.program("rover", "linux") == navigator
+    assert cache.find_program("rover", "sitl") == arm
+    assert cache.find_program("rover", "linux") == navigator
 
 
 def test_a_program_that_was_put_there_by_hand_counts(cache_at: Path) -> None:
-    by_hand = cache.folder("rover", "mine", "linux") / "ardurover"
+    by_hand = cache.cache_folder("rover", "mine", "linux") / "ardurover"
     by_hand.parent.mkdir(parents=True)
     by_hand.write_bytes(program())
-    assert [one.version for one in cache.kept()] == ["mine"]
-    assert cache.program("rover", "linux") is None  # not executable
+    assert [one.version for one in cache.list_cached()] == ["mine"]
+    assert cache.find_program("rover", "linux") is None  # not executable
     by_hand.chmod(0o755)
     assert cache.runs_here(by_hand) == (os.uname().machine == "x86_64")
 
@@ -402,7 +297,7 @@ def test_a_program_that_was_put_there_by_hand_counts(cache_at: Path) -> None:
     "text", ["", "[]", '{"version": "4.6.3", "new key": null}', "not json", '{"git": 4, "verified": 5, "size": "big"}']
 )
 def test_a_record_that_cannot_be_read_is_no_error(cache_at: Path, text: str) -> None:
-    at = cache.folder("rover", "stable", "sitl")
+    at = cache.cache_folder("rover", "stable", "sitl")
     at.mkdir(parents=True)
     (at / cache.RECORD).write_text(text)
     record = cache.read_record(at)
@@ -452,7 +347,7 @@ def test_list_and_path(server: FirmwareServer, cache_at: Path) -> None:
         2,
         f"{cache_at}/firmware: holds no such firmware of rover; bring it with `xitl firmware get rover`",
     )
-    file = get(server, "4.6.2").kept.file
+    file = get(server, "4.6.2").cached.file
     assert json.loads(command("list", "--json")[1])["firmware"][0]["file"] == str(file)
     assert "4.6.2 official" in command("list")[1]
     assert command("path", "rover", "--version", "4.6.2")[1].strip() == str(file)
