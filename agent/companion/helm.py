@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from agent.companion.avoidance import FREE, STAY, Choice, Planner, Things
 from agent.companion.course import Legs, crabbing_rad, leg_course_rad
 from agent.companion.pose_history import VehiclePose
-from agent.companion.vehicle import AUTO, GUIDED, VehicleView, command_long, heading_rad
+from agent.companion.vehicle import VehicleView, command_long, heading_rad
+from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
 Array = NDArray[np.float64]

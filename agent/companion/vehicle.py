@@ -11,9 +11,8 @@ import numpy as np
 from agent.companion.mission_copy import MissionCopy, Place
 from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion
 from agent.fcu.local_frame import LocalFrame
+from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
-
-AUTO, GUIDED = 10, 15  # of ArduPilot Rover and of the embedded autopilot
 
 _RATES_HZ = (
     (mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, 25.0),

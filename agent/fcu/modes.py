@@ -14,15 +14,22 @@ from agent.fcu.control.guidance import GuidanceOutput
 from agent.fcu.control.guided import COURSE, POSITION, TURN
 from agent.fcu.control.station import Passage, Station
 from agent.fcu.voyage import Situation, Voyage
+from agent.mavlink.modes import ACRO, AUTO, GUIDED, HOLD, LOITER, MANUAL, ROVER_MODES, RTL, STEERING
 
-MANUAL = 0
-ACRO = 1
-STEERING = 3
-HOLD = 4
-LOITER = 5
-AUTO = 10
-RTL = 11
-GUIDED = 15
+__all__ = [
+    "ACRO",
+    "AUTO",
+    "BY_NUMBER",
+    "GUIDED",
+    "HOLD",
+    "LOITER",
+    "MANUAL",
+    "NAMES",
+    "RTL",
+    "STEERING",
+    "TABLE",
+    "Mode",
+]
 
 _LEAST_LATERAL_MPS2 = 0.1
 _LEAST_STEERING_MPS = 1.0
@@ -137,14 +144,14 @@ def _steered(voyage: Voyage, now: Situation, heading_rad: float, speed_mps: floa
 
 
 TABLE: tuple[Mode, ...] = (
-    Mode(MANUAL, "MANUAL", False, _manual),
-    Mode(ACRO, "ACRO", False, _acro),
-    Mode(STEERING, "STEERING", True, _steering),
-    Mode(HOLD, "HOLD", False, _hold),
-    Mode(LOITER, "LOITER", True, _loiter, Voyage.leave_station),
-    Mode(AUTO, "AUTO", True, _auto, Voyage.depart),
-    Mode(RTL, "RTL", True, _rtl, Voyage.turn_home),
-    Mode(GUIDED, "GUIDED", True, _guided, Voyage.await_target),
+    Mode(MANUAL, ROVER_MODES[MANUAL], False, _manual),
+    Mode(ACRO, ROVER_MODES[ACRO], False, _acro),
+    Mode(STEERING, ROVER_MODES[STEERING], True, _steering),
+    Mode(HOLD, ROVER_MODES[HOLD], False, _hold),
+    Mode(LOITER, ROVER_MODES[LOITER], True, _loiter, Voyage.leave_station),
+    Mode(AUTO, ROVER_MODES[AUTO], True, _auto, Voyage.depart),
+    Mode(RTL, ROVER_MODES[RTL], True, _rtl, Voyage.turn_home),
+    Mode(GUIDED, ROVER_MODES[GUIDED], True, _guided, Voyage.await_target),
 )
 BY_NUMBER = {mode.number: mode for mode in TABLE}
 NAMES = {mode.number: mode.name for mode in TABLE}

@@ -13,7 +13,8 @@ from agent.companion.avoidance import AROUND, FREE, STAY, Choice, Planner, Thing
 from agent.companion.course import Legs, crabbing_rad, sail
 from agent.companion.helm import Helm
 from agent.companion.pose_history import VehiclePose, quaternion, rotation
-from agent.companion.vehicle import AUTO, GUIDED, Way
+from agent.companion.vehicle import Way
+from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
 HERE = np.zeros(2)

@@ -9,27 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from agent.mavlink.modes import ROVER_MODES
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.words.kinds import Kind, kind_of
 
 _OFFBOARD = {30: "OFFBOARD"}
-_ROVER = {
-    0: "MANUAL",
-    1: "ACRO",
-    2: "LEARNING",
-    3: "STEERING",
-    4: "HOLD",
-    5: "LOITER",
-    6: "FOLLOW",
-    7: "SIMPLE",
-    8: "DOCK",
-    9: "CIRCLE",
-    10: "AUTO",
-    11: "RTL",
-    12: "SMART_RTL",
-    15: "GUIDED",
-    16: "INITIALISING",
-}
 _COPTER = {
     0: "STABILIZE",
     1: "ACRO",
@@ -104,7 +88,7 @@ _BLIMP = {0: "LAND", 1: "MANUAL", 2: "VELOCITY", 3: "LOITER", 4: "RTL"}
 
 MODES: Mapping[Kind, Mapping[int, str]] = MappingProxyType(
     {
-        "rover": _ROVER | _OFFBOARD,
+        "rover": {**ROVER_MODES, **_OFFBOARD},
         "copter": _COPTER | _OFFBOARD,
         "plane": _PLANE | _OFFBOARD,
         "sub": _SUB | _OFFBOARD,

@@ -8,16 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from agent.mavlink.modes import mode_name
 from agent.wire import dialect
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from xitl_cli.ardupilot_earth import Place, geodetic_of
 from xitl_cli.record.records import Estimate, Miss, Task
-from xitl_cli.run.links import px4_modes
 
-MODES = {0: "MANUAL", 1: "ACRO", 3: "STEERING", 4: "HOLD", 5: "LOITER", 10: "AUTO", 11: "RTL", 15: "GUIDED"}
-OTHER_MODES = {6: "FOLLOW", 7: "SIMPLE", 8: "DOCK", 9: "CIRCLE", 12: "SMART_RTL", 16: "INITIALISING"}
-"""Those that ArduPilot's Rover has beside."""
 ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
 STATUSTEXT_BYTES = 50
@@ -96,10 +93,8 @@ class AgentView:
     def _heartbeat(self, message: Any) -> None:
         self.heard = True
         self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.px4 = message.autopilot == px4_modes.AUTOPILOT
-        number = message.custom_mode
-        known = MODES.get(number) or OTHER_MODES.get(number, f"mode {number}")
-        self.mode = px4_modes.mode_name(number) if self.px4 else known
+        self.px4 = message.autopilot == dialect.MAV_AUTOPILOT_PX4
+        self.mode = mode_name(message.custom_mode, self.px4)
 
     def _sys_status(self, message: Any) -> None:
         self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)

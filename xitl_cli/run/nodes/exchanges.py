@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from agent.mavlink.parameters import bytewise_field, bytewise_value
 from agent.wire import dialect
 from xitl_cli.errors import UserError
-from xitl_cli.run.links import px4_modes
 from xitl_cli.run.nodes.patience import Patience
 
 Send = Callable[[Any], object]
@@ -75,7 +75,7 @@ class ParameterSetting:
         name, value = self._left[0]
         if _text(message.param_id) != name:
             return
-        kept = px4_modes.parameter_value(message) if self._px4 else message.param_value
+        kept = bytewise_value(message) if self._px4 else message.param_value
         if self._px4:
             self._kind = message.param_type
         if math.isclose(kept, value, rel_tol=1e-5, abs_tol=1e-7):
@@ -97,7 +97,7 @@ class ParameterSetting:
         if not self._px4:
             return value
         try:
-            return px4_modes.parameter_field(value, self._kind)
+            return bytewise_field(value, self._kind)
         except ValueError as error:
             raise UserError(f"autopilot.parameters.{name}: {error}") from None
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from agent.mavlink.modes import set_mode_parameters
 from agent.wire import dialect
-from xitl_cli.run.links import px4_modes
-from xitl_cli.run.links.agent_view import MODES, AgentView
+from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.mission_download import MissionDownload
 
 REPEAT_S = 1.0
@@ -17,8 +17,6 @@ RC_CHANNELS = 18
 POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and yaw rate are ignored
 
 Send = Callable[[Any], object]
-
-MODE_NUMBERS = {name: number for number, name in MODES.items()}
 
 
 class Orders:
@@ -44,10 +42,7 @@ class Orders:
 
     def set_mode(self, sim_ns: int, mode: str) -> bool:
         """Ask for the mode until it is accepted; True once it is."""
-        if self.view.px4:
-            return self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, *px4_modes.mode_parameters(mode))
-        flag = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-        return self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, flag, float(MODE_NUMBERS[mode]))
+        return self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, *set_mode_parameters(mode, self.view.px4))
 
     def set_waypoint(self, seq: int) -> None:
         """Head for an item of the mission; nothing answers it."""

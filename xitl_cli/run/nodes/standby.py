@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+from agent.mavlink.modes import ROVER_MODE_NUMBERS
 from xitl_cli.profile.schema.operation import Standby
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.records import Takeover
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import WARNING, AgentConnection
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
-from xitl_cli.run.nodes.orders import MODE_NUMBERS, Orders
+from xitl_cli.run.nodes.orders import Orders
 from xitl_cli.run.nodes.takeover import Ramp
 from xitl_cli.run.nodes.takeover import Takeover as Decision
 from xitl_cli.run.pilot import TakeoverReport
@@ -47,7 +48,7 @@ class Follower:
         if sim_ns - self._astray_ns < SETTLED_NS:
             return
         patient = sim_ns - self._astray_ns < PATIENCE_NS
-        if view.mode != active.mode and active.mode in MODE_NUMBERS:
+        if view.mode != active.mode and active.mode in ROVER_MODE_NUMBERS:
             orders.set_mode(sim_ns, active.mode)
         elif view.armed != active.armed:
             if view.ready_to_arm or not active.armed:

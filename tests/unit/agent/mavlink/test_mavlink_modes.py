@@ -6,7 +6,8 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
-from xitl_cli.run.links.px4_modes import mode_name, mode_parameters, parameter_field, parameter_value
+from agent.mavlink.modes import ROVER_MODES, mode_name, set_mode_parameters
+from agent.mavlink.parameters import bytewise_field, bytewise_value
 
 
 @pytest.mark.parametrize(
@@ -22,18 +23,26 @@ from xitl_cli.run.links.px4_modes import mode_name, mode_parameters, parameter_f
 )
 def test_modes_are_those_that_pymavlink_knows(name: str, theirs: str) -> None:
     _, main, sub = mavutil.px4_map[theirs]
-    assert mode_parameters(name) == (1.0, main, sub)
+    assert set_mode_parameters(name, px4=True) == (1.0, main, sub)
     custom_mode = main << 16 | sub << 24
-    assert mode_name(custom_mode) == name
+    assert mode_name(custom_mode, px4=True) == name
     assert mavutil.interpret_px4_mode(mavutil.px4_map[theirs][0] | 1, custom_mode) == theirs
 
 
+def test_rovers_modes_are_those_that_pymavlink_knows() -> None:
+    assert {number: ROVER_MODES[number] for number in mavutil.mode_mapping_rover if number in ROVER_MODES} == {
+        number: name for number, name in mavutil.mode_mapping_rover.items() if number in ROVER_MODES
+    }
+    assert set_mode_parameters("GUIDED") == (1.0, 15.0)
+    assert mode_name(21) == "mode 21"
+
+
 def test_hold_is_px4_s_loiter() -> None:
-    assert mode_parameters("HOLD") == mode_parameters("LOITER")
+    assert set_mode_parameters("HOLD", px4=True) == set_mode_parameters("LOITER", px4=True)
 
 
 def test_a_mode_that_is_not_known_has_its_numbers() -> None:
-    assert mode_name(4 << 16 | 9 << 24) == "mode 4.9"
+    assert mode_name(4 << 16 | 9 << 24, px4=True) == "mode 4.9"
 
 
 @pytest.mark.parametrize(
@@ -47,18 +56,18 @@ def test_a_mode_that_is_not_known_has_its_numbers() -> None:
 )
 def test_whole_numbers_travel_in_the_bytes_of_the_field(kind: int, layout: str, value: int) -> None:
     (raw,) = struct.unpack("<f", struct.pack(layout, value))
-    assert struct.pack("<f", parameter_field(value, kind)) == struct.pack(layout, value)
+    assert struct.pack("<f", bytewise_field(value, kind)) == struct.pack(layout, value)
     told = mavlink.MAVLink_param_value_message(b"RD_TRANS", raw, kind, 1, 0)
-    assert parameter_value(told) == value
+    assert bytewise_value(told) == value
 
 
 def test_other_numbers_travel_as_they_are() -> None:
     told = mavlink.MAVLink_param_value_message(b"RO_SPEED_LIM", 1.5, mavlink.MAV_PARAM_TYPE_REAL32, 1, 0)
-    assert parameter_value(told) == 1.5
-    assert parameter_field(1.5, mavlink.MAV_PARAM_TYPE_REAL32) == 1.5
+    assert bytewise_value(told) == 1.5
+    assert bytewise_field(1.5, mavlink.MAV_PARAM_TYPE_REAL32) == 1.5
 
 
 @pytest.mark.parametrize("value", [1.5, 1e12, float("nan"), float("inf")])
 def test_what_is_no_whole_number_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match="use a whole number"):
-        parameter_field(value, mavlink.MAV_PARAM_TYPE_INT32)
+        bytewise_field(value, mavlink.MAV_PARAM_TYPE_INT32)
