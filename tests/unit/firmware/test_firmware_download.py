@@ -257,7 +257,7 @@ def test_a_failed_update_leaves_the_old_one(server: FirmwareServer, cache_at: Pa
     get(server)
     server.files[SITL] = b"damaged" * 1000
     with pytest.raises(UserError):
-        get(server)
+        get(server, force=True)
     assert cache.list_cached()[0].file.read_bytes() == program()
 
 
