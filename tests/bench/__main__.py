@@ -25,9 +25,12 @@ RUNS = 5
 
 def main() -> None:
     table = Table("figure", "unit", "wanted", "median", "least", "most", box=None)
-    logs = [part for part in (bench_logs, bench_logs_tlog) if part.available()]
     rays = [bench_rays, bench_lidar] if bench_rays.available() else []
-    figures = [*FIGURES, *(PERCEPTION if rays else ()), *(figure for part in (*logs, *rays) for figure in part.FIGURES)]
+    figures = [
+        *FIGURES,
+        *(PERCEPTION if rays else ()),
+        *(figure for part in (bench_logs, bench_logs_tlog, *rays) for figure in part.FIGURES),
+    ]
     for name, wanted, unit, measure in figures:
         values = measure()
         cells = (statistics.median(values), min(values), max(values))
@@ -42,8 +45,6 @@ def main() -> None:
             cells = (statistics.median(values), min(values), max(values))
             table.add_row(name, unit, wanted, *(f"{value:.3g}" for value in cells))
     Console(width=110).print(table)
-    if len(logs) < 2:
-        print("not all readers of logs were measured: the recorded logs lie beside the checkout, in ../shared/data")
     if not rays:
         print("rays were not measured: embreex is not installed; pip install 'xitl[perception]'")
     if not bench_ardupilot.available():

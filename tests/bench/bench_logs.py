@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.recorded import LOGS
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
-LOGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs"
 NAMES = ("boat-auto-calm.bin", "boat-auto-gust.bin")
 SIZE = 100_000_000
 RUNS = 7
@@ -35,10 +35,6 @@ with DataFlashLog(Path(sys.argv[1])) as log:
     status = Path("/proc/self/status").read_text()  # getrusage has what forked this, too
     print(int(status.partition("VmHWM:")[2].split()[0]) * 1024)
 """
-
-
-def available() -> bool:
-    return LOGS.is_dir()
 
 
 @cache

@@ -15,15 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from tests.bench.bench_logs import RUNS, loop_s, timed
+from tests.recorded import MISSION_TLOG
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
 from xitl_cli.logs.formats.tlog.index import index
 
-CAPTURE = Path(__file__).resolve().parents[3] / "shared" / "data" / "captures" / "ardurover-mission.tlog"
 SIZE = 20_000_000
-
-
-def available() -> bool:
-    return CAPTURE.is_file()
 
 
 @cache
@@ -32,7 +28,7 @@ def large_log() -> Path:
     folder = tempfile.TemporaryDirectory()
     atexit.register(folder.cleanup)
     path = Path(folder.name) / "large.tlog"
-    data = np.fromfile(CAPTURE, np.uint8)
+    data = np.fromfile(MISSION_TLOG, np.uint8)
     times = (index(data).start - 8)[:, None] + np.arange(8)
     stamp_us = data[times].view(">u8")[:, 0]
     lasts_us = int(np.ptp(stamp_us)) + 1000

@@ -12,24 +12,20 @@ from pathlib import Path
 import pytest
 from conftest import Xitl, assert_one_line_error, command, environment
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
-CALM = SHARED / "logs" / "boat-auto-calm.bin"
-CAPTURE = SHARED / "captures" / "ardurover-mission.tlog"
+from tests.recorded import CALM, MISSION_TLOG
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
-
-pytestmark = pytest.mark.skipif(not CALM.is_file(), reason=f"{CALM} is not there")
 
 
 def test_info_of_several_files_and_one_that_is_none(xitl: Xitl, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("calm, a little rain\n")
-    told = xitl("logs", "info", str(CALM), "notes.txt", str(CAPTURE))
+    told = xitl("logs", "info", str(CALM), "notes.txt", str(MISSION_TLOG))
     assert told.returncode == 2
     assert told.stderr.strip().splitlines() == [
         "error: notes.txt: is no log: it is text that begins with 'calm, a little rain'; "
         "give a DataFlash .bin, a .tlog or an .mcap"
     ]
-    first, _, second = told.stdout.partition(str(CAPTURE))
+    first, _, second = told.stdout.partition(str(MISSION_TLOG))
     assert "DataFlash, 7.1 MB, 152455 records" in first
     assert "ArduRover V4.7.0-dev" in first
     assert "42.434 to 140.712 s (1:38 min) since the autopilot started" in first
@@ -85,7 +81,7 @@ def test_dump_several_messages_in_the_order_of_the_file(logs: Run) -> None:
 
 
 def test_dump_raw_values_and_nothing(logs: Run) -> None:
-    told = logs("dump", str(CAPTURE), "GLOBAL_POSITION_INT", "--raw", "--json", "--limit", "1")
+    told = logs("dump", str(MISSION_TLOG), "GLOBAL_POSITION_INT", "--raw", "--json", "--limit", "1")
     assert isinstance(json.loads(told.stdout)["fields"]["lat"], int)
     told = logs("dump", str(CALM), "ATT", "--where", "Roll > 1000")
     assert (told.returncode, told.stdout) == (0, "")

@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
+from tests.recorded import LOGS
+
 pytestmark = pytest.mark.slow
 
-LOGS = Path(__file__).parents[3] / "shared" / "data" / "logs"
 FAULTS = """
 extends: [hitl-loopback]
 faults:
@@ -51,7 +52,6 @@ def test_a_cut_link_and_a_clock_that_leapt_are_reported_with_their_times(tmp_pat
     assert "sensors.recording_pauses" not in keys(found, "warning", "critical")
 
 
-@pytest.mark.skipif(not LOGS.exists(), reason="the shared logs are not beside the checkout")
 def test_gusts_differ_from_calm_by_the_steering_at_its_end() -> None:
     calm, gust = (analysed(LOGS / f"boat-auto-{name}.bin") for name in ("calm", "gust"))
     assert keys(calm, "warning", "critical") == set()

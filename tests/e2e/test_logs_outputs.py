@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 from conftest import assert_one_line_error, command, environment
 
-CALM = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs" / "boat-auto-calm.bin"
+from tests.recorded import CALM
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(not CALM.is_file(), reason=f"{CALM} is not there")]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 from pymavlink import DFReader
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "logs"
+from tests.recorded import CALM
+
 Array = NDArray[np.float64]
 
 
@@ -83,14 +84,13 @@ def test_a_replay_that_time_cuts_short_is_not_completed(xitl: Xitl, tmp_path: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the recorded ArduRover logs are not beside this tree")
 def test_the_outputs_of_an_ardurover_log_drive_the_vessel(xitl: Xitl, tmp_path: Path) -> None:
     """The log says that output 1 steers and output 3 is the throttle; each holds until the next, 10 times a second.
 
     Throttle is 0.18 of the span most of the time, which is 2 · 250 N · 0.18² = 16 N on this vessel and 0.6 m/s against
     15 N s/m + 20 N s²/m²: some 20 m in the 40 s between corners alone.
     """
-    log = SHARED / "boat-auto-calm.bin"
+    log = CALM
     (tmp_path / "calm.yaml").write_text("extends: [mitl-replay, environments/calm]\n")
     told = (f"driver.file={log}", "driver.replay.span_us=500")  # SERVO1_MIN to SERVO1_MAX of that log
     result = xitl("sim", "--profile", "calm.yaml", *(word for key in told for word in ("--set", key)), "--out", "run")

@@ -8,17 +8,13 @@ from typing import Any
 
 import pytest
 
+from tests.recorded import LOGS, MISSION_TLOG
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
 from xitl_cli.logs.sections import Section, Severity
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-LOGS = DATA / "logs"
-CAPTURE = DATA / "captures" / "ardurover-mission.tlog"
 ANALYSES = ("vehicle", "modes", "arming", "events", "missions", "parameters", "estimator")
 SENTENCES = {"calm": 18, "gust": 18, "external-ahrs": 34, "linux-hal-injected": 28}
-
-pytestmark = pytest.mark.skipif(not LOGS.is_dir(), reason="the shared logs are not beside the checkout")
 
 
 @pytest.fixture(scope="module")
@@ -116,9 +112,8 @@ def test_the_estimator_of_a_simulated_boat_against_its_truth(sections: dict[str,
     assert facts(sections["external-ahrs"]["estimator"])["origin_set"] == 14.643
 
 
-@pytest.mark.skipif(not CAPTURE.exists(), reason="the shared capture is not beside the checkout")
 def test_telemetry_of_the_same_mission() -> None:
-    with TelemetryLog(CAPTURE) as log:
+    with TelemetryLog(MISSION_TLOG) as log:
         found = {each: importlib.import_module(f"xitl_cli.logs.analyses.{each}").analyse(log) for each in ANALYSES}
     assert facts(found["vehicle"])["vehicle"] == "rover"
     assert facts(found["vehicle"])["vehicle_type"] == "surface boat"

@@ -10,9 +10,9 @@ import pytest
 from made_log import MadeLog, MadeTable
 from sound_sections import sound_sections
 
+from tests.recorded import CALM
 from xitl_cli.logs.opening import open_log
 
-CALM = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs" / "boat-auto-calm.bin"
 ANALYSES = ("vehicle", "modes", "arming", "events", "missions", "parameters", "estimator")
 TABLES: dict[str, tuple[str, ...]] = {
     "ARM": ("ArmState", "ArmChecks", "Forced", "Method"),
@@ -89,7 +89,6 @@ def test_an_empty_log() -> None:
         sound_sections(MadeLog(kind=kind))
 
 
-@pytest.mark.skipif(not CALM.exists(), reason="the shared logs are not beside the checkout")
 @pytest.mark.parametrize("seed", range(3))
 def test_a_damaged_log(seed: int, tmp_path: Path) -> None:
     """One byte in a thousand is another one."""

@@ -11,16 +11,12 @@ import pytest
 from recorded_run import recorded_run
 from typer.testing import CliRunner
 
+from tests.recorded import CALM, GUST, LOGS
 from xitl_cli.logs.compare.comparison import Comparison, compare
 from xitl_cli.logs.opening import open_log
 from xitl_cli.main import _app
 
 pytestmark = pytest.mark.slow
-
-LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
-CALM, GUST = LOGS / "boat-auto-calm.bin", LOGS / "boat-auto-gust.bin"
-
-shared = pytest.mark.skipif(not LOGS.is_dir(), reason="the shared logs are not beside the checkout")
 
 
 def compared(*arguments: object) -> dict[str, Any]:
@@ -40,7 +36,6 @@ def rows(document: dict[str, Any], section: str) -> dict[str, dict[str, Any]]:
     return {row[0]: dict(zip(grid["columns"], row, strict=True)) for row in grid["rows"]}
 
 
-@shared
 @pytest.mark.parametrize("how", ["none", "sim3"])
 def test_the_files_for_evo_give_its_figures(tmp_path: Path, how: str) -> None:
     metrics = pytest.importorskip("evo.core.metrics", reason="needs evo: pip install 'xitl[test]'")
@@ -65,7 +60,6 @@ def test_the_files_for_evo_give_its_figures(tmp_path: Path, how: str) -> None:
         assert ours[name]["count"] == len(metric.error)
 
 
-@shared
 def test_calm_and_gust_are_two_runs_of_one_mission() -> None:
     document = compared(CALM, GUST)
     assert document["time"]["method"] == "mission"
@@ -79,7 +73,6 @@ def test_calm_and_gust_are_two_runs_of_one_mission() -> None:
     assert rows(until_end, "motion")["yaw"]["B later (s)"] == pytest.approx(-0.12, abs=0.06)
 
 
-@shared
 def test_truth_and_estimate_of_one_file() -> None:
     said = facts(compared(CALM, CALM, "--of-a", "truth"))
     assert said["position_rms_m"] < 0.5
@@ -125,7 +118,6 @@ def test_logs_of_two_seeds_are_two_runs() -> None:
     assert rows(document, "events")["armed"]["B later (s)"] == pytest.approx(0.0, abs=0.1)
 
 
-@shared
 def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
     page = tmp_path / "both.html"
     done = CliRunner().invoke(
@@ -143,7 +135,6 @@ def test_the_answer_comes_first_and_the_page_is_written(tmp_path: Path) -> None:
     assert "Time base against the sample number" in text
 
 
-@shared
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -159,7 +150,6 @@ def test_what_cannot_be_compared_is_one_sentence(arguments: tuple[object, ...], 
     assert words in f"{done.output}{done.stderr if done.stderr_bytes else ''}{done.exception}"
 
 
-@shared
 def test_forth_and_back_are_alike() -> None:
     with open_log(CALM) as log_a, open_log(GUST) as log_b:
         there: Comparison = compare(log_a, log_b, until_s=50.0)

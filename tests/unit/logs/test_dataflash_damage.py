@@ -9,20 +9,18 @@ import numpy as np
 import pytest
 from pymavlink import DFReader
 
+from tests.recorded import CALM
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
-LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 FMT = 128
 FMT_NAMES_AT = 25
 """Where the names of the columns begin in an FMT record: damage there is not seen, and costs no row."""
-
-pytestmark = pytest.mark.skipif(not LOGS.is_dir(), reason="the recorded ArduRover logs are not beside this tree")
 
 
 @pytest.fixture(scope="module")
 def records() -> list[bytes]:
     """A real log in short, one string a record as pymavlink finds them: descriptions, a few parameters, then motion."""
-    path = LOGS / "boat-auto-calm.bin"
+    path = CALM
     reader = DFReader.DFReader_binary(str(path), zero_time_base=True)
     starts = sorted(start for starts in reader.offsets for start in starts)
     lengths = {kind: fmt.len for kind, fmt in reader.formats.items()}

@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 from pymavlink import DFReader
 
+from tests.recorded import LOGS
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
-LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 NAMES = (
     "boat-auto-calm.bin",
     "boat-auto-external-ahrs.bin",
@@ -23,8 +23,6 @@ NAMES = (
 )
 SLICE = 400_000
 """Bytes from the start: descriptions, parameters, files, and the first rows of most types."""
-
-pytestmark = pytest.mark.skipif(not LOGS.is_dir(), reason="the recorded ArduRover logs are not beside this tree")
 
 
 def messages(path: Path) -> list[Any]:

@@ -8,18 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.recorded import CALM
 from xitl_cli.logs import file_bytes
 from xitl_cli.logs.file_bytes import FileBytes
 from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.summary import summary_of
 
-CALM = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs" / "boat-auto-calm.bin"
-
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    if not CALM.is_file():
-        pytest.skip(f"{CALM} is not there")
     path = tmp_path / "run.bin"
     path.write_bytes(CALM.read_bytes()[:500_000])
     return path

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
+from tests.recorded import CALM, GUST
 from xitl_cli.logs.timeline.alignment import align
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 
 
 def turn_rate_degps(t_s: np.ndarray) -> np.ndarray:
@@ -136,11 +133,10 @@ def test_clock_records_place_a_log_through_a_step_and_a_drift() -> None:
     assert np.abs(found_s - sim_s).max() < placed.error_s
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs lie beside the checkout, and are not there")
 def test_logs_of_two_runs_are_told_apart_by_utc() -> None:
     from xitl_cli.logs.opening import open_log
 
-    with open_log(SHARED / "boat-auto-calm.bin") as one, open_log(SHARED / "boat-auto-gust.bin") as other:
+    with open_log(CALM) as one, open_log(GUST) as other:
         _, placed = align([one, other])
     assert placed.method == "UTC"
     assert "do not overlap" in placed.sentence

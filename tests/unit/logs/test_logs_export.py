@@ -17,14 +17,13 @@ from made_table import every_kind, made_table
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.errors import UserError
 from xitl_cli.logs.export.exporting import Exported, Wanted, export_log
 from xitl_cli.logs.export.naming import field_names, file_names, type_names
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.table import Column, Table
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
 def exported(log: Log, out: Path, file_format: str = "csv", **wanted: Any) -> Exported:
@@ -201,11 +200,8 @@ def test_stamps_before_the_zero_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["logs/boat-auto-calm.bin", "captures/ardurover-mission.tlog"])
-def test_a_real_log(tmp_path: Path, name: str) -> None:
-    path = SHARED / name
-    if not path.is_file():
-        pytest.skip(f"{path} is not there")
+@pytest.mark.parametrize("path", [CALM, MISSION_TLOG], ids=lambda path: path.stem)
+def test_a_real_log(tmp_path: Path, path: Path) -> None:
     with open_log(path) as log:
         looked_at = ("ATT", "GPS", "MSG", "ISBD", "FILE", "ATTITUDE", "STATUSTEXT", "RC_CHANNELS")
         wanted = Wanted(tuple(log.tables[name] for name in looked_at if name in log.tables))

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record
 
+from tests.recorded import LOGS, MISSION_TLOG
 from xitl_cli.errors import UserError
 from xitl_cli.logs.opening import open_log
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 
 
 def attitudes(count: int, *, stamped: bool = True) -> bytes:
@@ -86,9 +85,7 @@ def test_a_recording_by_any_name(tmp_path: Path) -> None:
 
 
 def test_the_real_ones() -> None:
-    logs = [*sorted((SHARED / "logs").glob("*.bin")), *sorted((SHARED / "captures").glob("*.tlog"))]
-    if not logs:
-        pytest.skip(f"{SHARED} has no logs")
+    logs = [*sorted(LOGS.glob("*.bin")), MISSION_TLOG]
     for path in logs:
         with open_log(path) as log:
             assert log.format == ("tlog" if path.suffix == ".tlog" else "dataflash")

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
+from tests.recorded import LINUX
 from xitl_cli.logs.analyses.scheduler import analyse
 from xitl_cli.logs.running.loops import loops, simulated
 from xitl_cli.logs.sections import Severity
 
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 SECOND = 1_000_000_000
 STAMPS = np.arange(1, 7) * 10 * SECOND
 LONG = np.array([0, 0, 3, 0, 0, 0])
@@ -122,11 +120,10 @@ def test_every_missed_deadline_has_its_delay_and_company() -> None:
     ]
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared logs lie beside the checkout, and are not there")
 def test_the_start_of_a_real_autopilot_is_seen() -> None:
     from xitl_cli.logs.opening import open_log
 
-    with open_log(SHARED / "boat-auto-linux-hal-injected.bin") as log:
+    with open_log(LINUX) as log:
         section = analyse(log)
     assert section is not None
     assert section.worst == Severity.NOTICE

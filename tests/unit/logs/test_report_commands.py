@@ -9,16 +9,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from tests.recorded import CALM, LOGS
 from xitl_cli.commands import logs_analyze
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Section
-
-LOGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
-CALM = LOGS / "boat-auto-calm.bin"
-
-pytestmark = pytest.mark.skipif(not CALM.exists(), reason="needs the shared ArduRover logs beside the checkout")
 
 app = typer.Typer()
 app.command("analyze")(logs_analyze.analyze)
@@ -36,7 +32,7 @@ def run(*arguments: str | Path) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("log", sorted(LOGS.glob("*.bin")), ids=lambda path: path.stem)
-def test_no_analysis_fails_on_a_shared_log(log: Path) -> None:
+def test_no_analysis_fails_on_a_real_log(log: Path) -> None:
     code, text = run("analyze", log, "--json")
     told = json.loads(text)
     assert code == 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,10 @@ import pytest
 from made_log import MadeLog, MadeTable
 from sound_sections import sound_sections
 
+from tests.recorded import CALM, EXTERNAL_AHRS
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.sections import Severity
 
-CALM = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs" / "boat-auto-calm.bin"
 ANALYSES = ("sensors", "gnss", "vibration", "radio", "power")
 IMU = ("GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "T", "GH", "AH", "GHz", "AHz", "EG", "EA", "SampleUS")
 CHANNELS = tuple(f"C{channel}" for channel in range(1, 5))
@@ -98,7 +97,6 @@ def test_nonsense_of_sensors(block: int) -> None:
         sound_sections(nonsense(seed), ANALYSES)
 
 
-@pytest.mark.skipif(not CALM.exists(), reason="the shared logs are not beside the checkout")
 def test_the_real_logs_of_a_healthy_boat_raise_no_alarm() -> None:
     found: dict[str, list[str]] = {}
     for name in ("calm", "gust"):
@@ -110,9 +108,8 @@ def test_the_real_logs_of_a_healthy_boat_raise_no_alarm() -> None:
     assert found == {"calm": [], "gust": ["radio.saturated"]}
 
 
-@pytest.mark.skipif(not CALM.exists(), reason="the shared logs are not beside the checkout")
 def test_a_real_log_whose_injected_sensors_stopped_says_so() -> None:
-    with DataFlashLog(CALM.with_name("boat-auto-external-ahrs.bin")) as log:
+    with DataFlashLog(EXTERNAL_AHRS) as log:
         found = {
             (finding.key, finding.sentence.split()[0]): finding
             for part in sound_sections(log, ANALYSES)

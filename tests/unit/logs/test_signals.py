@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from pymavlink import DFReader, mavutil
 from recorded_run import recorded_run
 
+from tests.recorded import GUST, MISSION_TLOG
 from xitl_cli.logs import signals
 from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.signals.series import series
-
-SHARED = Path(__file__).parents[4] / "shared" / "data"
-GUST, TLOG = SHARED / "logs" / "boat-auto-gust.bin", SHARED / "captures" / "ardurover-mission.tlog"
-needs_shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the shared ArduRover logs are not beside this checkout")
 
 
 def of_type(name: str) -> list[object]:
@@ -28,7 +24,6 @@ def of_type(name: str) -> list[object]:
     return found
 
 
-@needs_shared
 def test_an_ardupilot_log_tells_motion_as_its_messages_do() -> None:
     attitudes = of_type("ATT")
     with open_log(GUST) as log:
@@ -57,7 +52,6 @@ def test_an_ardupilot_log_tells_motion_as_its_messages_do() -> None:
     assert outputs[3].unit == "us"
 
 
-@needs_shared
 def test_an_ardupilot_log_tells_states() -> None:
     with open_log(GUST) as log:
         modes, armed, texts = signals.modes(log), signals.armed(log), signals.texts(log)
@@ -67,14 +61,13 @@ def test_an_ardupilot_log_tells_states() -> None:
     assert said == [(message.TimeUS, message.Message) for message in of_type("MSG")]  # in the order of the file
 
 
-@needs_shared
 def test_telemetry_tells_the_same_kind_of_things() -> None:
-    heard = mavutil.mavlogfile(str(TLOG))
+    heard = mavutil.mavlogfile(str(MISSION_TLOG))
     yaws = []
     while (message := heard.recv_match(type="ATTITUDE")) is not None:
         yaws.append(np.degrees(message.yaw) % 360.0)
     heard.close()
-    with open_log(TLOG) as log:
+    with open_log(MISSION_TLOG) as log:
         yaw, place, modes = signals.yaw(log), signals.position_geodetic(log), signals.modes(log)
         armed, outputs = signals.armed(log), signals.outputs(log)
     assert yaw is not None

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record, theirs
 
+from tests.recorded import MISSION_TLOG
 from xitl_cli.logs.formats.tlog import index as index_module
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
-CAPTURE = Path(__file__).resolve().parents[4] / "shared" / "data" / "captures" / "ardurover-mission.tlog"
 NUMBERS = sorted(dialect.mavlink_map)
 
 
@@ -44,11 +44,9 @@ def assert_equal(log: TelemetryLog, truth: dict) -> None:
 
 
 def test_a_real_one() -> None:
-    if not CAPTURE.is_file():
-        pytest.skip(f"{CAPTURE} is not there")
-    truth, bad = theirs(CAPTURE)
+    truth, bad = theirs(MISSION_TLOG)
     assert bad == 0
-    with TelemetryLog(CAPTURE) as log:
+    with TelemetryLog(MISSION_TLOG) as log:
         assert_equal(log, truth)
         assert log.base == "utc"
         assert log.health.records == sum(map(len, truth.values()))

@@ -9,11 +9,10 @@ from pymavlink import DFReader
 
 from agent.dataflash.format import header
 from agent.dataflash.messages import FORMATS
+from tests.recorded import CALM
 from xitl_cli.errors import UserError
 from xitl_cli.replay.csv_file import read_csv
 from xitl_cli.replay.dataflash_file import read_dataflash
-
-SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "logs"
 
 
 def _csv(tmp_path: Path, text: str) -> Path:
@@ -94,9 +93,8 @@ def test_a_damaged_time_costs_its_row_and_none_behind_it(tmp_path: Path) -> None
     assert [round(at_s * 50) for at_s in read_dataflash(path).at_s] == [n for n in range(1, 41) if n != 20]
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the recorded ArduRover logs are not beside this tree")
 def test_an_ardurover_log_reads_as_pymavlink_reads_it() -> None:
-    path = SHARED / "boat-auto-calm.bin"
+    path = CALM
     log = read_dataflash(path)
     reader = DFReader.DFReader_binary(str(path), zero_time_base=True)
     rows = []
