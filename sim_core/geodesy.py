@@ -1,4 +1,4 @@
-"""WGS84: local tangent-plane NED to and from latitude, longitude and height, and normal gravity.
+"""WGS84: local tangent-plane NED to and from latitude, longitude and height, and normal gravity; ArduPilot's sphere.
 
 Constants and formulas: NIMA TR8350.2, Department of Defense World Geodetic System 1984, 3rd edition.
 """
@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim_core.frames import Array
+
+GeodeticPoint = tuple[float, float, float]
+"""Latitude, longitude (deg) and altitude (m)."""
 
 SEMI_MAJOR_AXIS_M = 6378137.0
 FLATTENING = 1.0 / 298.257223563
@@ -128,3 +131,27 @@ def normal_gravity_mps2(latitude_deg: float, altitude_m: float = 0.0) -> float:
     height = altitude_m / SEMI_MAJOR_AXIS_M
     slope = 1.0 + FLATTENING + _CENTRIFUGAL_RATIO - 2.0 * FLATTENING * sin_squared
     return surface * (1.0 - 2.0 * slope * height + 3.0 * height * height)
+
+
+ARDUPILOT_M_PER_DEG = math.radians(6_378_100.0)
+"""Metres in a degree of latitude as ArduPilot counts them (AP_Common/Location): those of a sphere of 6378.1 km, and of
+longitude that times the cosine of the latitude midway. A degree of the ellipsoid is up to 0.7 % shorter near the
+equator, 0.3 % longer near the poles: what ArduPilot calls 150 m north of its origin near the equator is 149 m on the
+Earth."""
+
+
+def ardupilot_ned(origin: GeodeticPoint, geodetic: Array) -> Array:
+    """(N, 3) NED in ArduPilot's metres about `origin` of (N, 3) latitude, longitude (deg) and altitude (m)."""
+    latitude, longitude, altitude = geodetic.T
+    east_scale = np.cos(np.radians(0.5 * (latitude + origin[0])))
+    turns = (longitude - origin[1] + 180.0) % 360.0 - 180.0
+    north, east = (latitude - origin[0]) * ARDUPILOT_M_PER_DEG, turns * ARDUPILOT_M_PER_DEG * east_scale
+    return np.stack([north, east, origin[2] - altitude], axis=1)
+
+
+def ardupilot_geodetic(origin: GeodeticPoint, ned_m: Array) -> Array:
+    """(N, 3) latitude, longitude (deg) and altitude (m) of (N, 3) NED in ArduPilot's metres about `origin`."""
+    latitude = origin[0] + ned_m[:, 0] / ARDUPILOT_M_PER_DEG
+    east_scale = np.cos(np.radians(0.5 * (latitude + origin[0])))
+    longitude = origin[1] + ned_m[:, 1] / (ARDUPILOT_M_PER_DEG * east_scale)
+    return np.stack([latitude, longitude, origin[2] - ned_m[:, 2]], axis=1)

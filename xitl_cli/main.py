@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 
 if TYPE_CHECKING:
     import typer
@@ -32,7 +33,7 @@ def main() -> NoReturn:
             _app(sys.argv[1:])()
         finally:
             sys.stdout.flush()
-    except UserError as error:
+    except (UserError, LogError) as error:
         fail(str(error))
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EPIPE):
@@ -48,7 +49,7 @@ def fail(message: str) -> NoReturn:
     """One red line, exit code 2."""
     from rich.console import Console
 
-    from xitl_cli.printable import printable
+    from xitl_cli.logs.text import printable
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     console.print(f"error: {printable(message)}", style="bold red", markup=False)

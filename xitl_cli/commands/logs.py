@@ -5,14 +5,22 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from xitl_cli.commands.output import quiet_pipe, refuse
 from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
+
+if TYPE_CHECKING:
+    from xitl_cli.params.ftp import Files
+
+_ASK_AGAIN_S = 2.0
+_TRIES = 9
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A DataFlash .bin, a .tlog or an .mcap.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
@@ -43,7 +51,7 @@ def info(
             try:
                 with open_log(path) as log:
                     summary = summary_of(log, every_field=fields)
-            except UserError as error:
+            except LogError as error:
                 refusals.append(str(error))
                 continue
             if as_json:
@@ -80,11 +88,11 @@ def dump(
     an element of an array.
     """
     from xitl_cli.commands.logs_dump import Asked, row_lines
-    from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.opening import open_log
     from xitl_cli.logs.query.conditions import Condition
     from xitl_cli.logs.query.names import tables_named
     from xitl_cli.logs.query.times import stamps_between
+    from xitl_cli.logs.text import optional_seconds
 
     condition = Condition(where) if where.strip() else None
     written = False
@@ -118,11 +126,11 @@ def export(
 
     PlotJuggler reads all three, Foxglove and Lichtblick the MCAP.
     """
-    from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.export.exporting import Wanted, export_log
     from xitl_cli.logs.opening import open_log
     from xitl_cli.logs.query.names import tables_named
     from xitl_cli.logs.query.times import stamps_between
+    from xitl_cli.logs.text import optional_seconds
 
     with open_log(file) as log:
         tables = tables_named(log, messages or list(log.tables))
@@ -152,7 +160,7 @@ def tasks(
     The vehicle then counts until it restarts: bit 0 of its SCHED_OPTIONS is set.
     """
     from xitl_cli.logs.export.safe_file import part_of, refuse_present
-    from xitl_cli.logs.tasks_file import counted, fetch_tasks, parse
+    from xitl_cli.logs.tasks_file import counted, parse
     from xitl_cli.params.source import is_vehicle
     from xitl_cli.signing import read_key_file
 
@@ -178,6 +186,36 @@ def tasks(
         )
     if not counted(found):
         typer.echo("nothing was counted: the clock of a simulator stands still while a task runs", err=True)
+
+
+def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
+    """The file of the vehicle at `url`, which starts counting if it did not: that takes up to 12 s.
+
+    Sets bit 0 of SCHED_OPTIONS on the vehicle until it restarts, as asking for the file does. Raises UserError when
+    the vehicle does not answer, has no such file, or does not count.
+    """
+    from xitl_cli.params.ftp import Files
+    from xitl_cli.params.vehicle import connected
+
+    with connected(url, signing_key) as vehicle:
+        return read_tasks(Files(vehicle), url)
+
+
+def read_tasks(files: Files, url: str, again_s: float = _ASK_AGAIN_S) -> str:
+    """The file once it lists tasks, which it does from the vehicle's next PM record on, up to 10 s later."""
+    from xitl_cli.logs.tasks_file import MOST_BYTES, PATH, parse
+    from xitl_cli.params.ftp import RefusedError
+
+    for attempt in range(_TRIES):
+        if attempt:
+            time.sleep(again_s)
+        try:
+            text = files.read(PATH, MOST_BYTES).decode("utf-8", "replace")
+        except RefusedError as refusal:
+            raise UserError(f"{url}: {PATH} cannot be read: {refusal}; it needs ArduPilot 4.1 or newer") from refusal
+        if parse(text):
+            return text
+    raise UserError(f"{url}: {PATH} lists no tasks; set SCHED_OPTIONS to 1 and try again after 10 s")
 
 
 def _width() -> int | None:

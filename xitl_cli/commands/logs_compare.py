@@ -11,7 +11,7 @@ import typer
 
 from xitl_cli.commands.output import quiet_pipe
 from xitl_cli.errors import UserError
-from xitl_cli.printable import printable
+from xitl_cli.logs.text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -78,9 +78,9 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Hold one log against another: paths, errors, profiles, channels, events, scheduler, time bases."""
-    from xitl_cli.logs.clock_text import optional_seconds
     from xitl_cli.logs.compare.comparison import compare as compared
     from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs.text import optional_seconds
 
     if report is None and open_page:
         report = Path("compare.html")
@@ -162,9 +162,9 @@ def _page(a: Log, b: Log, found: Comparison) -> Page:
 
 
 def _card(name: str, log: Log) -> Card:
-    from xitl_cli.logs.clock_text import duration_text
     from xitl_cli.logs.report.page import Card
     from xitl_cli.logs.report.words import FORMATS, damage_sentences
+    from xitl_cli.logs.text import duration_text
 
     facts = [("file", str(log.path)), ("format", FORMATS[log.format])]
     if log.span_ns is not None:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.cells import plain, texts
 from xitl_cli.logs.query.conditions import TIME, Condition
@@ -43,7 +43,7 @@ class Asked:
 
 
 def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
-    """Pieces of text, each some whole lines. Raises UserError for a field that none of the messages has."""
+    """Pieces of text, each some whole lines. Raises LogError for a field that none of the messages has."""
     zero, at_once = zero_ns(log), rows_at_once(log, tables)
     columns = _columns(tables, asked.fields)
     left = asked.limit
@@ -205,7 +205,7 @@ def _columns(tables: Sequence[Table], wanted: Sequence[str]) -> list[list[str]]:
         for table, names in zip(tables, found, strict=True):
             try:
                 names.append(column_named(table, name))
-            except UserError as error:
+            except LogError as error:
                 refusals.append(error)
         if len(refusals) == len(tables):
             raise refusals[0]

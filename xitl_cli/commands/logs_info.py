@@ -5,11 +5,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from xitl_cli.logs.clock_text import duration_text
 from xitl_cli.logs.report.words import FORMATS, damage_sentences, plural
 from xitl_cli.logs.summary import MessageSummary, Summary
 from xitl_cli.logs.table import Column
-from xitl_cli.printable import printable
+from xitl_cli.logs.text import duration_text, printable
 
 _WIDTH = 80
 _PLACES = 10

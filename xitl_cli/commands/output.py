@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import typer
 
 from xitl_cli.errors import UserError
-from xitl_cli.printable import printable
+from xitl_cli.logs.text import printable
 
 
 @contextmanager

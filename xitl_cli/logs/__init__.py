@@ -1,4 +1,9 @@
 """What vehicles and runs left behind: DataFlash logs, telemetry logs and MCAP recordings as one kind of table.
 
-opening → Log (dataflash/, mcap/, mavlink/) → signals/ → analyses/, timeline/, compare/ → report/, export/
+opening → Log (formats/) → signals/ → analyses/, timeline/, compare/ → report/, export/
 """
+
+from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.opening import open_log
+
+__all__ = ["LogError", "open_log"]

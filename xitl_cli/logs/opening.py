@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import stat
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from xitl_cli.errors import UserError
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.errors import LogError
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.log import Log
 
 _LOOKED_AT_BYTES = 64 << 10
 _DATAFLASH_START = b"\xa3\x95"
@@ -35,11 +38,12 @@ _ENDINGS = (".mcap", ".bin", ".tlog")
 _WANTED = "give a DataFlash .bin, a .tlog or an .mcap"
 
 
-def open_log(path: Path) -> Log:
+def open_log(path: str | Path) -> Log:
     """The log at `path`; damaged ones too, their `health` says how much of them is left.
 
-    Raises UserError when there is no file, when it cannot be read, and when it is no log.
+    Raises LogError when there is no file, when it cannot be read, and when it is no log.
     """
+    path = Path(path)
     head, size = _head(path)
     try:
         if head.startswith(_MCAP_MAGIC):
@@ -50,7 +54,7 @@ def open_log(path: Path) -> Log:
             return _dataflash(path)
         other = next((what for magic, what in _OTHERS if head.startswith(magic)), None)
         if other is not None:
-            raise UserError(f"{path}: is {other}")
+            raise LogError(f"{path}: is {other}")
         if _is_telemetry(head, size):
             from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
@@ -59,7 +63,7 @@ def open_log(path: Path) -> Log:
             return _dataflash(path)
     except OSError as error:
         raise _unreadable(path, error) from error
-    raise UserError(f"{path}: is no log: {_looks_like(head)}; {_WANTED}")
+    raise LogError(f"{path}: is no log: {_looks_like(head)}; {_WANTED}")
 
 
 def _dataflash(path: Path) -> Log:
@@ -72,24 +76,24 @@ def _head(path: Path) -> tuple[bytes, int]:
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
-            raise UserError(f"{path}: is a directory; {_inside(path)}")
+            raise LogError(f"{path}: is a directory; {_inside(path)}")
         if not stat.S_ISREG(mode):  # a pipe would wait for its writer
-            raise UserError(f"{path}: is no regular file; save what comes from it to a file and give that")
+            raise LogError(f"{path}: is no regular file; save what comes from it to a file and give that")
         with path.open("rb") as file:
             head = file.read(_LOOKED_AT_BYTES)
             size = path.stat().st_size
     except FileNotFoundError as error:
-        raise UserError(f"{path}: there is no such file; {_WANTED}") from error
+        raise LogError(f"{path}: there is no such file; {_WANTED}") from error
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise _unreadable(path, error) from error
     if not head:
-        raise UserError(f"{path}: is empty: whatever was to write it has written nothing; {_WANTED}")
+        raise LogError(f"{path}: is empty: whatever was to write it has written nothing; {_WANTED}")
     return head, size
 
 
-def _unreadable(path: Path, error: OSError | ValueError) -> UserError:
+def _unreadable(path: Path, error: OSError | ValueError) -> LogError:
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return UserError(f"{path}: cannot be read ({reason}); check the path and its permissions")
+    return LogError(f"{path}: cannot be read ({reason}); check the path and its permissions")
 
 
 def _inside(directory: Path) -> str:

@@ -1,4 +1,4 @@
-"""@SYS/tasks.txt of ArduPilot: what each task of its scheduler took, and fetching it from a vehicle.
+"""@SYS/tasks.txt of ArduPilot: what each task of its scheduler took.
 
 A header line ("TasksV2"), then a task a line: name, MIN, MAX and AVG in microseconds, OVR (overruns), SLP, TOT (share
 of the time of all tasks). An asterisk after the name marks a task of the fast loop. Counted since the last PM record
@@ -9,21 +9,12 @@ is first asked, with its next PM record: until then the header is all there is.
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from xitl_cli.errors import UserError
-
-if TYPE_CHECKING:
-    from xitl_cli.params.ftp import Files
 
 PATH = "@SYS/tasks.txt"
 MOST_BYTES = 64 * 1024
 MOST_US, MOST_OVERRUNS = 9999, 999
-ASK_AGAIN_S = 2.0
-TRIES = 9  # it begins to count with its next PM record, up to 10 s later
 
 _LINE = re.compile(
     r"(?P<name>\S.*?)\s+MIN=\s*(?P<min>\d+)\s+MAX=\s*(?P<max>\d+)\s+AVG=\s*(?P<avg>\d+)\s+"
@@ -72,31 +63,3 @@ def parse(text: str) -> list[TaskTime]:
 def counted(tasks: Sequence[TaskTime]) -> bool:
     """Whether any time was measured: where the clock stands still while a task runs (SITL), all is 0."""
     return any(task.most_us or task.share_percent for task in tasks)
-
-
-def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
-    """The file of the vehicle at `url`, which starts counting if it did not: that takes up to 12 s.
-
-    Sets bit 0 of SCHED_OPTIONS on the vehicle until it restarts, as asking for the file does. Raises UserError when
-    the vehicle does not answer, has no such file, or does not count.
-    """
-    from xitl_cli.params.ftp import Files
-    from xitl_cli.params.vehicle import connected
-
-    with connected(url, signing_key) as vehicle:
-        return read_tasks(Files(vehicle), url)
-
-
-def read_tasks(files: Files, url: str, again_s: float = ASK_AGAIN_S) -> str:
-    from xitl_cli.params.ftp import RefusedError
-
-    for attempt in range(TRIES):
-        if attempt:
-            time.sleep(again_s)
-        try:
-            text = files.read(PATH, MOST_BYTES).decode("utf-8", "replace")
-        except RefusedError as refusal:
-            raise UserError(f"{url}: {PATH} cannot be read: {refusal}; it needs ArduPilot 4.1 or newer") from refusal
-        if parse(text):
-            return text
-    raise UserError(f"{url}: {PATH} lists no tasks; set SCHED_OPTIONS to 1 and try again after 10 s")

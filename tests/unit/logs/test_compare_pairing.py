@@ -9,9 +9,9 @@ import pytest
 from made_log import MadeLog, MadeTable
 from made_vessel import Array, vessel
 
-from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.compare.pairing import Start, pair
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.sections import Severity
 
 
@@ -96,7 +96,7 @@ def test_one_file_lies_on_itself() -> None:
     [("mission", "A does not show when it navigated"), ("armed", "A does not show when it armed"), ("motion", "moved")],
 )
 def test_what_is_not_in_both_is_said(start: Start, words: str) -> None:
-    with pytest.raises(UserError, match=re.escape(words)) as raised:
+    with pytest.raises(LogError, match=re.escape(words)) as raised:
         pair(vessel("a"), vessel("b"), start)
     assert "--shift SECONDS" in str(raised.value)
     assert "\n" not in str(raised.value)
@@ -105,12 +105,12 @@ def test_what_is_not_in_both_is_said(start: Start, words: str) -> None:
 def test_two_logs_with_nothing_in_common() -> None:
     a = vessel("a")
     b = MadeLog(MadeTable("BARO", [1, 2, 3], {"Alt": [0.0, 0.1, 0.2]}), path="/made/b.bin")
-    with pytest.raises(UserError, match="no common time"):
+    with pytest.raises(LogError, match="no common time"):
         pair(a, b)
 
 
 def test_an_empty_log() -> None:
-    with pytest.raises(UserError, match=r"empty\.bin: holds nothing with a time"):
+    with pytest.raises(LogError, match=r"empty\.bin: holds nothing with a time"):
         pair(vessel("a"), MadeLog(path="/made/empty.bin"))
 
 
@@ -156,9 +156,9 @@ def test_rows_that_are_no_numbers() -> None:
 
 def test_times_that_leave_nothing() -> None:
     a, b = vessel("a", armed_s=4.0), vessel("b")
-    with pytest.raises(UserError, match="nothing is left"):
+    with pytest.raises(LogError, match="nothing is left"):
         compare(a, b, shift_s=0.0, from_s=9.0, until_s=8.0)
-    with pytest.raises(UserError, match="B does not show when it was armed"):
+    with pytest.raises(LogError, match="B does not show when it was armed"):
         compare(a, b, shift_s=0.0, armed=True)
 
 

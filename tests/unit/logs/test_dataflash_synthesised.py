@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from agent.dataflash.format import header
 from agent.dataflash.messages import FORMATS
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash import index
 from xitl_cli.logs.formats.dataflash.embedded import embedded_files, files
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
@@ -295,11 +295,11 @@ def test_embedded_files_are_put_together(tmp_path: Path) -> None:
 def test_a_file_that_is_no_log_is_refused_in_one_sentence(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "a.bin"
     path.write_bytes(content)
-    with pytest.raises(UserError, match=r"a\.bin: (is no|describes none)"):
+    with pytest.raises(LogError, match=r"a\.bin: (is no|describes none)"):
         DataFlashLog(path)
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(LogError, match="cannot be read"):
         DataFlashLog(tmp_path)
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(LogError, match="cannot be read"):
         DataFlashLog(tmp_path / "none.bin")
 
 
@@ -323,7 +323,7 @@ def test_no_bytes_raise_anything_but_a_sentence(tmp_path: Path, parts: list[byte
     path.write_bytes(b"".join(parts))
     try:
         log = DataFlashLog(path)
-    except UserError:
+    except LogError:
         return
     with log:
         rows = 0

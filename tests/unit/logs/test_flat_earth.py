@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.ardupilot_earth import ned_of
+from sim_core.geodesy import ardupilot_ned
 from xitl_cli.logs import signals
 from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.sections import Severity
@@ -32,13 +32,13 @@ def log_of(simulated: bool, moving: bool = True) -> MadeLog:
 
 def test_metres_are_those_of_its_sphere() -> None:
     places = np.array([[-8.8 + 1e-3, -63.95, 3.0], [-8.8, -63.95 + 1e-3, 5.0]])
-    found = ned_of((-8.8, -63.95, 3.0), places)
+    found = ardupilot_ned((-8.8, -63.95, 3.0), places)
     assert found[0] == pytest.approx([A_DEGREE_M * 1e-3, 0.0, 0.0], abs=1e-6)
     assert found[1] == pytest.approx([0.0, A_DEGREE_M * 1e-3 * math.cos(math.radians(8.8)), -2.0], abs=1e-6)
 
 
 def test_it_goes_the_short_way_over_the_date_line() -> None:
-    found = ned_of((0.0, 179.9995, 0.0), np.array([[0.0, -179.9995, 0.0]]))
+    found = ardupilot_ned((0.0, 179.9995, 0.0), np.array([[0.0, -179.9995, 0.0]]))
     assert found[0, 1] == pytest.approx(A_DEGREE_M * 1e-3, rel=1e-6)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from made_log import MadeLog, MadeTable
 from made_table import made_table
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.query.cells import plain, texts
 from xitl_cli.logs.query.conditions import Condition
 from xitl_cli.logs.query.merged import merged
@@ -100,7 +100,7 @@ def test_conditions(text: str, truth: list[int]) -> None:
     ],
 )
 def test_what_is_no_condition(text: str, words: tuple[str, ...]) -> None:
-    with pytest.raises(UserError) as told:
+    with pytest.raises(LogError) as told:
         holds(text)
     assert "\n" not in str(told.value)
     for word in words:
@@ -112,7 +112,7 @@ def test_what_is_no_condition(text: str, words: tuple[str, ...]) -> None:
 def test_any_text_holds_or_is_refused(text: str) -> None:
     try:
         truth = holds(text)
-    except UserError:
+    except LogError:
         return
     assert len(truth) == 5
 
@@ -139,7 +139,7 @@ def test_names_in_any_case_and_near_ones() -> None:
     log = MadeLog(att(), att("att2"), path="flight.bin")
     assert [table is log.tables["ATT"] for table in tables_named(log, ["att,ATT"])] == [True]
     assert len(tables_named(log, ["ATT2", "ATT"])) == 2
-    with pytest.raises(UserError, match=r"flight\.bin: has no message 'AT'; did you mean 'ATT'\?"):
+    with pytest.raises(LogError, match=r"flight\.bin: has no message 'AT'; did you mean 'ATT'\?"):
         tables_named(log, ["AT"])
 
 
@@ -149,7 +149,7 @@ def test_second_zero_is_the_first_row_where_the_logs_own_is_years_away() -> None
     assert stamps_between(MadeLog(late, base="utc"), 0.5, None) == (1_700_000_000_500_000_000, None)
     assert zero_ns(MadeLog(att())) == 0
     for from_s, until_s in ((2.0, 1.0), (math.nan, None), (None, math.inf), (1e300, None)):
-        with pytest.raises(UserError):
+        with pytest.raises(LogError):
             stamps_between(MadeLog(att()), from_s, until_s)
 
 

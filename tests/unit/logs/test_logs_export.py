@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from tests.recorded import CALM, MISSION_TLOG
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.exporting import Exported, Wanted, export_log
 from xitl_cli.logs.export.naming import field_names, file_names, type_names
 from xitl_cli.logs.log import Log
@@ -133,7 +133,7 @@ def test_parquet_of_every_kind_of_column(tmp_path: Path, raw: bool) -> None:
 def test_without_pyarrow_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(UserError, match=r"pip install 'xitl\[parquet\]'"):
+    with pytest.raises(LogError, match=r"pip install 'xitl\[parquet\]'"):
         exported(MadeLog(every_kind()), tmp_path / "out", "parquet")
     assert not (tmp_path / "out").exists()
 
@@ -220,7 +220,7 @@ def test_what_is_there_stays(tmp_path: Path) -> None:
     for file_format, place in (("csv", tmp_path), ("mcap", tmp_path / "out.mcap")):
         exported(log, place, file_format)
         before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
-        with pytest.raises(UserError, match=r"is there already; .*--overwrite"):
+        with pytest.raises(LogError, match=r"is there already; .*--overwrite"):
             exported(log, place, file_format)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
         export_log(log, Wanted(tuple(log.tables.values())), file_format, place, True)
@@ -230,14 +230,14 @@ def test_what_is_there_stays(tmp_path: Path) -> None:
 def test_places_that_take_no_files(tmp_path: Path) -> None:
     log = MadeLog(every_kind())
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(UserError, match="file"):
+    with pytest.raises(LogError, match="file"):
         exported(log, tmp_path / "file")
-    with pytest.raises(UserError, match="file"):
+    with pytest.raises(LogError, match="file"):
         exported(log, tmp_path / "file" / "out.mcap", "mcap")
-    with pytest.raises(UserError, match="csv, parquet, mcap"):
+    with pytest.raises(LogError, match="csv, parquet, mcap"):
         exported(log, tmp_path, "xlsx")
     (tmp_path / "KIND.csv").mkdir()
-    with pytest.raises(UserError, match="is a directory"):
+    with pytest.raises(LogError, match="is a directory"):
         exported(log, tmp_path)
     assert (tmp_path / "file").read_text() == "mine"
 
@@ -246,7 +246,7 @@ def test_the_log_is_not_written_over(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     exported(MadeLog(every_kind()), path, "mcap")
     before = path.read_bytes()
-    with open_log(path) as log, pytest.raises(UserError, match="is the log itself"):
+    with open_log(path) as log, pytest.raises(LogError, match="is the log itself"):
         export_log(log, Wanted(tuple(log.tables.values())), "mcap", path, True)
     assert path.read_bytes() == before
 
@@ -263,7 +263,7 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, file_format: st
     out = tmp_path / "out.mcap" if file_format == "mcap" else tmp_path
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, hard))
-        with pytest.raises(UserError) as told:
+        with pytest.raises(LogError) as told:
             exported(log, out, file_format)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record
 
 from tests.recorded import LOGS, MISSION_TLOG
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.opening import open_log
 
 
@@ -113,7 +113,7 @@ def test_the_real_ones() -> None:
 def test_what_is_no_log(tmp_path: Path, content: bytes, words: tuple[str, ...]) -> None:
     path = tmp_path / "flight.bin"
     path.write_bytes(content)
-    with pytest.raises(UserError) as told:
+    with pytest.raises(LogError) as told:
         open_log(path)
     sentence = str(told.value)
     assert sentence.startswith(f"{path}: ")
@@ -125,25 +125,25 @@ def test_what_is_no_log(tmp_path: Path, content: bytes, words: tuple[str, ...]) 
 def test_an_archive(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "logs.zip", "w") as archive:
         archive.writestr("flight.bin", dataflash())
-    with pytest.raises(UserError, match="ZIP"):
+    with pytest.raises(LogError, match="ZIP"):
         open_log(tmp_path / "logs.zip")
 
 
 def test_places_without_a_file(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="no such file"):
+    with pytest.raises(LogError, match="no such file"):
         open_log(tmp_path / "flight.bin")
-    with pytest.raises(UserError, match=r"is a directory; give a DataFlash"):
+    with pytest.raises(LogError, match=r"is a directory; give a DataFlash"):
         open_log(tmp_path)
     (tmp_path / "autopilot.bin").touch()
     (tmp_path / "run.mcap").touch()
-    with pytest.raises(UserError, match=r"is a directory; give a file of it, such as .*run\.mcap"):
+    with pytest.raises(LogError, match=r"is a directory; give a file of it, such as .*run\.mcap"):
         open_log(tmp_path)
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(LogError, match="cannot be read"):
         open_log(tmp_path / "run.mcap" / "log.bin")
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(LogError, match="cannot be read"):
         open_log(tmp_path / ("x" * 300))
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(UserError, match="no regular file"):
+    with pytest.raises(LogError, match="no regular file"):
         open_log(tmp_path / "pipe")
 
 
@@ -153,7 +153,7 @@ def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
     path.chmod(0)
     if os.access(path, os.R_OK):
         pytest.skip("this user may read everything")
-    with pytest.raises(UserError, match="cannot be read"):
+    with pytest.raises(LogError, match="cannot be read"):
         open_log(path)
 
 
@@ -168,7 +168,7 @@ def test_any_bytes_are_opened_or_refused_in_a_sentence(tmp_path: Path, beginning
     refusal = ""
     try:
         log = open_log(path)
-    except UserError as error:
+    except LogError as error:
         refusal = str(error)
     if refusal:
         assert refusal.startswith(f"{path}: ")

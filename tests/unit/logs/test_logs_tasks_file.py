@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from made_log import MadeLog, MadeTable
 
 from agent.wire import dialect
+from xitl_cli.commands.logs import read_tasks
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses.tasks import analyse
-from xitl_cli.logs.tasks_file import TaskTime, counted, parse, read_tasks
+from xitl_cli.logs.tasks_file import TaskTime, counted, parse
 from xitl_cli.params.ftp import Files
 
 CAPTURED = Path(__file__).parents[2] / "data/captures/linux-tasks.txt"

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros_files import write
 from mcap_truth import payloads_of
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.mcap.file import McapLog
 
 _ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
@@ -165,7 +165,7 @@ def test_any_bytes_behind_the_magic_are_survived(tmp_path: Path, tail: bytes) ->
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "not.mcap").write_bytes(b"MCAP0 not quite")
     for name, words in (("not.mcap", "is no MCAP file"), ("none.mcap", "cannot be read"), (".", "cannot be read")):
-        with pytest.raises(UserError, match=words):
+        with pytest.raises(LogError, match=words):
             McapLog(tmp_path / name)
 
 

@@ -13,6 +13,7 @@ from tests.recorded import CALM, LOGS
 from xitl_cli.commands import logs_analyze
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Section
 
@@ -24,7 +25,7 @@ app.command("plot")(logs_analyze.plot)
 def run(*arguments: str | Path) -> tuple[int, str]:
     """Exit code, or 2 with the sentence as `main` prints it, and what was printed."""
     told = CliRunner().invoke(app, [str(each) for each in arguments], env={"COLUMNS": "80", "NO_COLOR": "1"})
-    if isinstance(told.exception, UserError):
+    if isinstance(told.exception, (UserError, LogError)):
         return 2, told.output + f"error: {told.exception}"
     if told.exception is not None and not isinstance(told.exception, SystemExit):
         raise told.exception

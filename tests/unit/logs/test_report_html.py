@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from report_samples import AT_NS, HOSTILE, sample_report
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Health
 from xitl_cli.logs.report import html
 from xitl_cli.logs.report.page import page_of
@@ -141,5 +141,5 @@ def test_an_earlier_page_is_replaced_and_no_scrap_is_left(tmp_path: Path) -> Non
 @pytest.mark.parametrize("place", [".", "missing/report.html", "file/report.html"])
 def test_a_place_that_cannot_be_written_gets_a_sentence(tmp_path: Path, place: str) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match=r"is a directory; name a file|cannot be written \(.+\); choose another place"):
+    with pytest.raises(LogError, match=r"is a directory; name a file|cannot be written \(.+\); choose another place"):
         html.write_text(tmp_path / place, "x")

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.clock_text import clock_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.sections import Grid, Value
+from xitl_cli.logs.text import clock_text
 from xitl_cli.logs.timeline.line import LaidLog, TimeLine
 
 MOST_ROWS = 500

@@ -10,11 +10,11 @@ import numpy as np
 
 from xitl_cli.logs.analyses.instants import Instants, number
 from xitl_cli.logs.analyses.parameter_rows import last_values
-from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value
 from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.text import length_text
 from xitl_cli.logs.words.heard import autopilot_heartbeats, heard
 from xitl_cli.logs.words.kinds import firmware_text, kind_of
 from xitl_cli.logs.words.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name

@@ -57,7 +57,7 @@ def compare(
 ) -> Comparison:
     """B against A. from_s, until_s: after the zero; armed: only while both were.
 
-    Events, scheduler and time bases are those of the whole logs. Raises UserError when there is no way to lay one on
+    Events, scheduler and time bases are those of the whole logs. Raises LogError when there is no way to lay one on
     the time of the other, or nothing is left of it.
     """
     laid = pair(a, b, start, shift_s)

@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from xitl_cli.errors import UserError
 from xitl_cli.logs import signals
 from xitl_cli.logs.compare.common_time import Instants, Pairing
 from xitl_cli.logs.compare.one_run import contradiction
 from xitl_cli.logs.compare.states import modes
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.timeline.placement import Placement
 from xitl_cli.logs.words.modes import NAVIGATING
@@ -28,11 +28,11 @@ def pair(a: Log, b: Log, start: Start = "auto", shift_s: float | None = None) ->
     """shift_s: B's first row is so much later than A's; None: found by `start`.
 
     auto: by clocks when both may be of one run, else where both begin a mission, arm, or begin to move, else by
-    correlating a shared signal. Raises UserError when none of it, or not what was asked for, is in both.
+    correlating a shared signal. Raises LogError when none of it, or not what was asked for, is in both.
     """
     for log in (a, b):
         if log.span_ns is None:
-            raise UserError(f"{log.path}: holds nothing with a time, so it cannot be compared; give another log")
+            raise LogError(f"{log.path}: holds nothing with a time, so it cannot be compared; give another log")
     assert a.span_ns is not None
     assert b.span_ns is not None
     if shift_s is not None:
@@ -46,7 +46,7 @@ def pair(a: Log, b: Log, start: Start = "auto", shift_s: float | None = None) ->
         if isinstance(found, Pairing):
             return found
         tried.append(found)
-    raise UserError(
+    raise LogError(
         f"{a.path} and {b.path} have no common time: {'; '.join(tried)}; lay one on the other with --shift SECONDS"
     )
 
@@ -54,7 +54,7 @@ def pair(a: Log, b: Log, start: Start = "auto", shift_s: float | None = None) ->
 def within(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: float | None, armed: bool) -> Pairing:
     """Compares only from and until so many seconds after the zero (see `zero_ns`), and only while both were armed.
 
-    Raises UserError when nothing is left.
+    Raises LogError when nothing is left.
     """
     zero = zero_ns(a, b, pairing)
     from_ns = None if from_s is None else zero + round(from_s * 1e9)
@@ -63,13 +63,13 @@ def within(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: floa
         spans = signals.armed(a), signals.armed(b)
         for name, found in zip("AB", spans, strict=True):
             if not found:
-                raise UserError(f"{name} does not show when it was armed; leave --armed out, or use --from and --until")
+                raise LogError(f"{name} does not show when it was armed; leave --armed out, or use --from and --until")
         begin = max(spans[0][0].from_ns, pairing.instant(spans[1][0].from_ns))
         end = min(spans[0][-1].until_ns, pairing.instant(spans[1][-1].until_ns))
         from_ns = begin if from_ns is None else max(begin, from_ns)
         until_ns = end if until_ns is None else min(end, until_ns)
     if from_ns is not None and until_ns is not None and from_ns >= until_ns:
-        raise UserError("nothing is left to compare: the end comes before the beginning; choose other times")
+        raise LogError("nothing is left to compare: the end comes before the beginning; choose other times")
     return replace(pairing, from_ns=from_ns, until_ns=until_ns)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.csv_files import COLUMNS_FILE, write_columns, write_csv
 from xitl_cli.logs.export.flat import FlatColumn, stretches
 from xitl_cli.logs.export.naming import file_names
@@ -48,9 +48,9 @@ class Exported:
 
 
 def export_log(log: Log, wanted: Wanted, file_format: str, out: Path | None, overwrite: bool) -> Exported:
-    """Raises UserError for a format that is none, a place that takes no files, and a file that is there already."""
+    """Raises LogError for a format that is none, a place that takes no files, and a file that is there already."""
     if file_format not in FORMATS:
-        raise UserError(f"--format = {file_format!r} is not known; choose from {', '.join(FORMATS)}")
+        raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join(FORMATS)}")
     if file_format == "mcap":
         return _as_mcap(log, wanted, out, overwrite)
     return _as_files(log, wanted, file_format, out or Path(f"{log.path.stem}-{file_format}"), overwrite)
@@ -66,11 +66,7 @@ def _as_mcap(log: Log, wanted: Wanted, out: Path | None, overwrite: bool) -> Exp
     refuse_present([path], overwrite)
     make_directory(path.parent)
     with part_of(path, overwrite) as part:
-        span_ns = (wanted.from_ns, wanted.until_ns)
-        try:
-            rows, early = write_mcap(part, log, list(wanted.tables), span_ns, wanted.raw)
-        except UserError as error:
-            raise UserError(str(error).replace(str(part), str(path))) from error
+        rows, early = write_mcap(part, log, wanted.tables, (wanted.from_ns, wanted.until_ns), wanted.raw)
     notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
     return Exported((str(path),), rows, f"{path}: {_of(rows, wanted)}", notes)
 
@@ -122,7 +118,7 @@ def _refuse_itself(log: Log, paths: list[Path]) -> None:
     """The log is mapped into memory: writing over it would take it away under the reader."""
     for path in paths:
         if path.exists() and log.path.exists() and path.samefile(log.path):
-            raise UserError(f"{path}: is the log itself; choose another place with --out")
+            raise LogError(f"{path}: is the log itself; choose another place with --out")
 
 
 def _of(rows: int, wanted: Wanted) -> str:

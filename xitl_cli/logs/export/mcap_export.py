@@ -1,8 +1,16 @@
-"""One MCAP of ROS 2 messages, a topic a message, in the order of the log."""
+"""One MCAP of ROS 2 messages, a topic a message, in the order of the log.
+
+A message with much to say in a batch gets chunks of its own, as in a recording: a reader of one topic unpacks little.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from xitl_cli.logs.export.naming import type_names
 from xitl_cli.logs.export.ros_message import RosMessage
@@ -10,44 +18,51 @@ from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.merged import merged, rows_at_once
 from xitl_cli.logs.table import Table
 
-_LATEST_NS = 2**63 - 1
+_CHUNK_BYTES = 1 << 20
+_APART_BYTES = 32 << 10
 
 
 def write_mcap(
-    path: Path, log: Log, tables: list[Table], span_ns: tuple[int | None, int | None], raw: bool
+    path: Path, log: Log, tables: Sequence[Table], span_ns: tuple[int | None, int | None], raw: bool
 ) -> tuple[int, int]:
     """How many rows were written, and how many of them at 0, as their stamp was before the log's zero."""
-    from xitl_cli.record.mcap_file import McapFile
+    from mcap.writer import CompressionType, Writer
 
     names = type_names(table.name for table in tables)
     messages = [RosMessage(table, raw) for table in tables]
-    file = McapFile(path)
     rows_written = early = 0
-    try:
-        logs = [
-            file.ros_channel(_topic(table.name), f"xitl_export/msg/{names[table.name]}", message.definition)
-            for table, message in zip(tables, messages, strict=True)
-        ]
+    with path.open("xb") as file:
+        writer: Any = Writer(file, chunk_size=_CHUNK_BYTES, compression=CompressionType.LZ4)
+        writer.start("xitl", "xitl")
+        channels = []
+        for table, message in zip(tables, messages, strict=True):
+            name = f"xitl_export/msg/{names[table.name]}"
+            schema = writer.register_schema(name, "ros2msg", message.definition.encode())
+            channels.append(writer.register_channel(_topic(table.name), "cdr", schema))
         source = {
             "source": log.path.name,
             "format": log.format,
             "time_base": log.base,
             "values": "raw" if raw else "scaled",
         }
-        file.metadata("xitl export", source)
+        writer.add_metadata("xitl export", source)
         for batch in merged(tables, *span_ns, None, 0, rows_at_once(log, tables), raw=raw):
-            rows = [
-                zip(message.payloads(own), table.stamp_ns[own].tolist(), strict=True)
-                for table, message, own in zip(tables, messages, batch.rows, strict=True)
-            ]
-            for owner in batch.order.tolist():
-                payload, stamp_ns = next(rows[owner])
-                early += stamp_ns < 0
-                logs[owner](payload, min(max(stamp_ns, 0), _LATEST_NS))
             rows_written += len(batch.order)
-            file.flush_if_due()
-    finally:
-        file.close()
+            waiting = []
+            for table, message, channel, own in zip(tables, messages, channels, batch.rows, strict=True):
+                stamps, payloads = table.stamp_ns[own], list(message.payloads(own))
+                early += int(np.count_nonzero(stamps < 0))
+                rows = zip(np.clip(stamps, 0, None).tolist(), payloads, strict=True)
+                if sum(map(len, payloads)) >= _APART_BYTES:
+                    for stamp_ns, payload in rows:
+                        writer.add_message(channel, stamp_ns, payload, stamp_ns)
+                    writer.flush()
+                waiting.append(rows)  # nothing is left of one that was written
+            for owner in batch.order.tolist():
+                for stamp_ns, payload in islice(waiting[owner], 1):
+                    writer.add_message(channels[owner], stamp_ns, payload, stamp_ns)
+            writer.flush()
+        writer.finish()
     return rows_written, early
 
 

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.csv_files import time_names
 from xitl_cli.logs.export.flat import FlatColumn, flat_columns, flat_values
 from xitl_cli.logs.table import Table
 
 
 def require_parquet() -> None:
-    """Raises UserError when pyarrow is not installed."""
+    """Raises LogError when pyarrow is not installed."""
     try:
         import pyarrow.parquet  # type: ignore[import-untyped]  # noqa: F401
     except ImportError as error:
-        raise UserError(
+        raise LogError(
             "--format parquet: pyarrow is not installed; install it with `pip install 'xitl[parquet]'`, or use csv"
         ) from error
 

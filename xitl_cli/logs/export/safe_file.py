@@ -7,26 +7,26 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 
 
 def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
-    """Raises UserError for a file that would be replaced, before anything is written."""
+    """Raises LogError for a file that would be replaced, before anything is written."""
     for path in paths:
         if path.is_dir():
-            raise UserError(f"{path}: is a directory; name another place with --out")
+            raise LogError(f"{path}: is a directory; name another place with --out")
         if path.exists() and not path.is_file():  # a device would be replaced by a file
-            raise UserError(f"{path}: is no regular file; choose another place with --out")
+            raise LogError(f"{path}: is no regular file; choose another place with --out")
         if not overwrite and path.exists():
-            raise UserError(f"{path}: is there already; choose another place with --out, or add --overwrite")
+            raise LogError(f"{path}: is there already; choose another place with --out, or add --overwrite")
 
 
 def make_directory(path: Path) -> None:
-    """With its parents. Raises UserError."""
+    """With its parents. Raises LogError."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
-        raise UserError(f"{path}: is no directory; choose another place with --out") from error
+        raise LogError(f"{path}: is no directory; choose another place with --out") from error
     except OSError as error:
         raise _refusal(path, error) from error
 
@@ -35,7 +35,7 @@ def make_directory(path: Path) -> None:
 def part_of(final: Path, overwrite: bool) -> Iterator[Path]:
     """A path beside `final` to write to; when all went well the file there gets that name, otherwise it is removed.
 
-    Raises UserError when the place takes no file, when the disk is full, and when `final` has turned up meanwhile.
+    Raises LogError when the place takes no file, when the disk is full, and when `final` has turned up meanwhile.
     """
     target = Path(os.path.realpath(final)) if overwrite else final  # what a link leads to, and not the link
     part = target.with_name(f".{target.name[:200]}.{os.getpid()}.part")
@@ -58,13 +58,13 @@ def _named_if_free(part: Path, final: Path) -> None:
     try:
         os.link(part, final)
     except FileExistsError as error:
-        raise UserError(f"{final}: is there already; choose another place with --out, or add --overwrite") from error
+        raise LogError(f"{final}: is there already; choose another place with --out, or add --overwrite") from error
     except OSError:  # a file system without links
         refuse_present([final], overwrite=False)
         part.replace(final)
 
 
-def _refusal(path: Path, error: OSError) -> UserError:
-    return UserError(
+def _refusal(path: Path, error: OSError) -> LogError:
+    return LogError(
         f"{path}: cannot be written ({error.strerror or error}); free space or choose another place with --out"
     )

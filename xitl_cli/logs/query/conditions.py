@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.query.names import column_named
 from xitl_cli.logs.table import Rows, Table
 
@@ -42,28 +42,28 @@ _ARITHMETIC: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
 
 
 class Condition:
-    """Raises UserError when `text` is not one."""
+    """Raises LogError when `text` is not one."""
 
     def __init__(self, text: str) -> None:
         self.text = text
         if len(text) > _LONGEST:
-            raise UserError(f"the condition is {len(text)} characters long; {_LONGEST} are allowed")
+            raise LogError(f"the condition is {len(text)} characters long; {_LONGEST} are allowed")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # Python's advice on programs
                 self._tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             reason = error.msg if isinstance(error, SyntaxError) else "it cannot be read"
-            raise UserError(f"{text!r} is no condition ({reason}); write one such as 'Roll > 5 and I == 0'") from error
+            raise LogError(f"{text!r} is no condition ({reason}); write one such as 'Roll > 5 and I == 0'") from error
         if _depth(self._tree) > _DEEPEST:
-            raise UserError(f"{text!r} is nested more than {_DEEPEST} deep; write it simpler")
+            raise LogError(f"{text!r} is nested more than {_DEEPEST} deep; write it simpler")
 
     def holds(self, table: Table, rows: Rows, zero_ns: int, *, raw: bool = False) -> NDArray[np.bool_]:
-        """(n,) of these rows. A comparison with NaN does not hold. Raises UserError for names that are not there."""
+        """(n,) of these rows. A comparison with NaN does not hold. Raises LogError for names that are not there."""
         with np.errstate(all="ignore"):
             result = _Evaluation(self.text, table, rows, zero_ns, raw).of(self._tree)
         if not _is_truth(result):
-            raise UserError(f"{self.text!r} is a value and no condition; compare it with something, such as '… > 0'")
+            raise LogError(f"{self.text!r} is a value and no condition; compare it with something, such as '… > 0'")
         count = len(table.stamp_ns[rows])
         return np.broadcast_to(np.asarray(result, dtype=np.bool_), (count,))
 
@@ -99,17 +99,17 @@ class _Evaluation:
                 return np.abs(self._number(argument))
             case ast.Compare(left=first, ops=signs, comparators=others):
                 return self._comparison(first, signs, others)
-        raise UserError(f"{self._text!r}: {ast.unparse(node)!r} is not allowed in a condition; there are {_ALLOWED}")
+        raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is not allowed in a condition; there are {_ALLOWED}")
 
     def _comparison(self, first: ast.expr, signs: list[ast.cmpop], others: list[ast.expr]) -> Any:
         left, result = self.of(first), None
         for sign, node in zip(signs, others, strict=True):
             compare = _COMPARISONS.get(type(sign))
             if compare is None:
-                raise UserError(f"{self._text!r}: there is no `in` or `is` in a condition; there are {_ALLOWED}")
+                raise LogError(f"{self._text!r}: there is no `in` or `is` in a condition; there are {_ALLOWED}")
             right = self.of(node)
             if _is_text(left) != _is_text(right):
-                raise UserError(f"{self._text!r} compares a text with a number; put texts in quotes, numbers not")
+                raise LogError(f"{self._text!r} compares a text with a number; put texts in quotes, numbers not")
             truth = compare(left, right)
             result = truth if result is None else np.logical_and(result, truth)
             left = right
@@ -123,13 +123,13 @@ class _Evaluation:
     def _number(self, node: ast.expr) -> Any:
         value = self.of(node)
         if _is_text(value) or _is_truth(value):
-            raise UserError(f"{self._text!r}: {ast.unparse(node)!r} is no number, nothing can be worked out with it")
+            raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is no number, nothing can be worked out with it")
         return value
 
     def _truth(self, node: ast.expr) -> Any:
         value = self.of(node)
         if not _is_truth(value):
-            raise UserError(f"{self._text!r}: {ast.unparse(node)!r} is no condition; compare it, such as '… > 0'")
+            raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is no condition; compare it, such as '… > 0'")
         return value
 
     def _dotted(self, node: ast.expr) -> str:
@@ -137,23 +137,23 @@ class _Evaluation:
             return f"{self._dotted(node.value)}.{node.attr}"
         if isinstance(node, ast.Name):
             return node.id
-        raise UserError(f"{self._text!r}: {ast.unparse(node)!r} is no name of a field; there are {_ALLOWED}")
+        raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is no name of a field; there are {_ALLOWED}")
 
     def _column(self, name: str) -> Any:
         if name == TIME and TIME not in self._table.columns:
             return (self._table.stamp_ns[self._rows] - self._zero_ns) * 1e-9
         column = self._table.columns[column_named(self._table, name)]
         if column.shape:
-            raise UserError(f"{self._text!r}: {column.name} of {self._table.name} is an array; write {column.name}[0]")
+            raise LogError(f"{self._text!r}: {column.name} of {self._table.name} is an array; write {column.name}[0]")
         return self._values(column.name)
 
     def _element(self, name: str, element: int) -> Any:
         column = self._table.columns[column_named(self._table, name)]
         if len(column.shape) != 1:
-            raise UserError(f"{self._text!r}: {column.name} of {self._table.name} is no array; leave [{element}] out")
+            raise LogError(f"{self._text!r}: {column.name} of {self._table.name} is no array; leave [{element}] out")
         values = self._values(column.name)
         if not 0 <= element < values.shape[1]:
-            raise UserError(
+            raise LogError(
                 f"{self._text!r}: {column.name} of {self._table.name} has {values.shape[1]} elements, from 0"
             )
         return values[:, element]
@@ -161,7 +161,7 @@ class _Evaluation:
     def _values(self, column: str) -> NDArray[Any]:
         values = self._table.values(column, self._rows, raw=self._raw)
         if self._table.columns[column].kind == "bytes":
-            raise UserError(f"{self._text!r}: {column} of {self._table.name} is bytes, which are not compared")
+            raise LogError(f"{self._text!r}: {column} of {self._table.name} is bytes, which are not compared")
         if values.dtype.kind in "iu":  # small ones would wrap round
             return values.astype(np.float64 if values.dtype == np.uint64 else np.int64)
         return values

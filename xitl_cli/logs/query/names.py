@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.table import Table
 
@@ -13,10 +13,10 @@ _LISTED = 12
 
 
 def tables_named(log: Log, wanted: Iterable[str]) -> list[Table]:
-    """In the order wanted, each once; "IMU,ATT" are two. Raises UserError."""
+    """In the order wanted, each once; "IMU,ATT" are two. Raises LogError."""
     names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
     if not log.tables:
-        raise UserError(f"{log.path}: holds no message that can be read; `xitl logs info` says what is wrong with it")
+        raise LogError(f"{log.path}: holds no message that can be read; `xitl logs info` says what is wrong with it")
     return [log.tables[name] for name in dict.fromkeys(_table_name(log, name) for name in names)]
 
 
@@ -28,12 +28,12 @@ def _table_name(log: Log, wanted: str) -> str:
 
 
 def column_named(table: Table, wanted: str) -> str:
-    """Raises UserError."""
+    """Raises LogError."""
     return match(wanted, table.columns, f"{table.name} has no field", f"it has {listed(table.columns)}")
 
 
 def match(wanted: str, known: Collection[str], lacks: str, advice: str) -> str:
-    """The name of `known` that is meant. Raises UserError that begins with `lacks` and ends with `advice`."""
+    """The name of `known` that is meant. Raises LogError that begins with `lacks` and ends with `advice`."""
     if wanted in known:
         return wanted
     folded = {name.casefold(): name for name in reversed(list(known))}
@@ -41,7 +41,7 @@ def match(wanted: str, known: Collection[str], lacks: str, advice: str) -> str:
         return found
     near = get_close_matches(wanted.casefold(), folded, n=1)
     suggestion = f"did you mean {folded[near[0]]!r}? " if near else ""
-    raise UserError(f"{lacks} {wanted!r}; {suggestion}{advice}")
+    raise LogError(f"{lacks} {wanted!r}; {suggestion}{advice}")
 
 
 def listed(names: Collection[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 
 NS_PER_S = 1_000_000_000
@@ -27,12 +27,12 @@ def zero_in_words(log: Log) -> str:
 
 
 def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tuple[int | None, int | None]:
-    """Stamps of a span in seconds. Raises UserError for one that is empty."""
+    """Stamps of a span in seconds. Raises LogError for one that is empty."""
     for option, value in (("--from", from_s), ("--until", until_s)):
         if value is not None and not (math.isfinite(value) and abs(value) < 9e9):
-            raise UserError(f"{option} = {value} is no time in a log; give seconds since {zero_in_words(log)}")
+            raise LogError(f"{option} = {value} is no time in a log; give seconds since {zero_in_words(log)}")
     if from_s is not None and until_s is not None and until_s < from_s:
-        raise UserError(f"--until = {until_s:g} is before --from = {from_s:g}; swap them")
+        raise LogError(f"--until = {until_s:g} is before --from = {from_s:g}; swap them")
     zero = zero_ns(log)
     from_ns = None if from_s is None else zero + round(from_s * NS_PER_S)
     until_ns = None if until_s is None else zero + round(until_s * NS_PER_S)

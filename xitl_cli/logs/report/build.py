@@ -7,9 +7,9 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
 from xitl_cli.logs.analyses.failure import Failure, failure
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.names import match
 from xitl_cli.logs.query.times import zero_ns
@@ -29,7 +29,7 @@ Progress = Callable[[str], None]
 def build(paths: Sequence[Path], only: Collection[str] = (), told: Progress = lambda _: None) -> Report:
     """Of every file that can be opened; the others become refusals.
 
-    only: names of SECTIONS; none means all. told: hears what is being done. Raises UserError for a section that does
+    only: names of SECTIONS; none means all. told: hears what is being done. Raises LogError for a section that does
     not exist.
     """
     wanted = sections_named(only)
@@ -56,7 +56,7 @@ def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[
     for path in dict.fromkeys(paths):
         try:
             logs.append(opened.enter_context(open_log(path)))
-        except UserError as error:
+        except LogError as error:
             refusals.append(Refusal(path, str(error)))
     return logs, refusals
 
@@ -98,7 +98,7 @@ def short_names(paths: Sequence[Path]) -> list[str]:
 
 
 def sections_named(only: Collection[str]) -> list[str]:
-    """Of SECTIONS; none means all. Raises UserError for one that does not exist."""
+    """Of SECTIONS; none means all. Raises LogError for one that does not exist."""
     named = {match(name, SECTIONS, "there is no section", f"choose from {', '.join(SECTIONS)}") for name in only}
     return [name for name in SECTIONS if not named or name in named]
 

@@ -6,7 +6,7 @@ import textwrap
 
 from xitl_cli.logs.report.words import is_numeric, plural, value_text
 from xitl_cli.logs.sections import Grid
-from xitl_cli.printable import printable
+from xitl_cli.logs.text import printable
 
 _APART = 2
 _WIDE = 24

@@ -13,7 +13,7 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.report import markup
 from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.page import Page, Part, page_of
@@ -30,7 +30,7 @@ _SCRIPTS = ("data.js", "plots.js", "time.js", "page.js")
 
 
 def write(report: Report, path: Path) -> None:
-    """Replaces what is at `path`. Raises UserError when it cannot be written."""
+    """Replaces what is at `path`. Raises LogError when it cannot be written."""
     write_page(page_of(report), path)
 
 
@@ -40,12 +40,12 @@ def write_page(page: Page, path: Path) -> None:
 
 
 def refuse_other(path: Path) -> None:
-    """Raises UserError for what is there and is no page: a log that was named by mistake would be lost."""
+    """Raises LogError for what is there and is no page: a log that was named by mistake would be lost."""
     try:
         if path.is_dir():
-            raise UserError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
+            raise LogError(f"{path}: is a directory; name a file in it, such as {path / 'report.html'}")
         if path.exists() and not (path.is_file() and _is_page(path)):
-            raise UserError(f"{path}: is there already and is no page; name another file, such as report.html")
+            raise LogError(f"{path}: is there already and is no page; name another file, such as report.html")
     except OSError as error:
         raise _unwritable(path, error) from error
 
@@ -56,8 +56,8 @@ def _is_page(path: Path) -> bool:
         return file.read(len(_DOCTYPE)) in (b"", _DOCTYPE.encode())
 
 
-def _unwritable(path: Path, error: OSError) -> UserError:
-    return UserError(f"{path}: cannot be written ({error.strerror}); choose another place")
+def _unwritable(path: Path, error: OSError) -> LogError:
+    return LogError(f"{path}: cannot be written ({error.strerror}); choose another place")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -231,12 +231,12 @@ def _plotly() -> str:
     """plotly.js as the installed plotly package brings it; the package itself is not loaded."""
     found = importlib.util.find_spec("plotly")
     if found is None or found.origin is None:
-        raise UserError("a page needs plotly.js, which the plotly package brings; install it with `pip install plotly`")
+        raise LogError("a page needs plotly.js, which the plotly package brings; install it with `pip install plotly`")
     file = Path(found.origin).parent / "package_data" / "plotly.min.js"
     try:
         return file.read_text(encoding="utf-8")
     except OSError as error:
-        raise UserError(
+        raise LogError(
             f"{file}: the plotly package lacks its script; reinstall it with `pip install plotly`"
         ) from error
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from xitl_cli.logs.clock_text import clock_text
 from xitl_cli.logs.sections import Evidence
+from xitl_cli.logs.text import clock_text
 from xitl_cli.logs.timeline.line import TimeLine
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from xitl_cli.logs.clock_text import duration_text
 from xitl_cli.logs.report.model import FileReport, Overview, Report
 from xitl_cli.logs.report.words import FORMATS
 from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.text import duration_text
 from xitl_cli.logs.timeline.line import TimeLine
 
 

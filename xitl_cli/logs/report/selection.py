@@ -10,7 +10,7 @@ from difflib import get_close_matches
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.names import column_named
 from xitl_cli.logs.table import Table, by_instance
@@ -31,13 +31,13 @@ class Signal:
 
 
 def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> list[list[Signal]]:
-    """For each log what it has of it. Raises UserError when none has any."""
+    """For each log what it has of it. Raises LogError when none has any."""
     found: list[list[Signal]] = []
-    why: list[UserError] = []
+    why: list[LogError] = []
     for log in logs:
         try:
             found.append(_of(log, wanted, raw))
-        except UserError as error:
+        except LogError as error:
             found.append([])
             why.append(error)
     if len(why) == len(logs):
@@ -57,7 +57,7 @@ def _of(log: Log, wanted: str, raw: bool) -> list[Signal]:
     table = log.tables[max(names, key=len)]
     rest = _REST.fullmatch(wanted[len(table.name) :])
     if rest is None:
-        raise UserError(
+        raise LogError(
             f"{wanted!r} names no signal; write {table.name}.FIELD, or {table.name}[1].FIELD for an instance"
         )
     return [
@@ -67,24 +67,24 @@ def _of(log: Log, wanted: str, raw: bool) -> list[Signal]:
     ]
 
 
-def _no_message(log: Log, wanted: str) -> UserError:
+def _no_message(log: Log, wanted: str) -> LogError:
     typed = re.split(r"[.\[]", wanted, maxsplit=1)[0] if not wanted.startswith("/") else wanted
     known = {name.casefold(): name for name in log.tables}
     near = get_close_matches(typed.casefold(), known, n=1)
     advice = f"did you mean {known[near[0]]}? " if near else ""
-    return UserError(f"{log.path}: has no message {typed!r}; {advice}`xitl logs info` lists them")
+    return LogError(f"{log.path}: has no message {typed!r}; {advice}`xitl logs info` lists them")
 
 
 def _instances(table: Table, wanted: str | None) -> list[tuple[str, Table]]:
     if table.instance is None:
         if wanted is not None:
-            raise UserError(f"{table.name} has no instances; write {table.name}.FIELD")
+            raise LogError(f"{table.name} has no instances; write {table.name}.FIELD")
         return [(table.name, table)]
     split = by_instance(table)
     if wanted is None:
         return [(f"{table.name}[{number}]" if len(split) > 1 else table.name, part) for number, part in split.items()]
     if int(wanted) not in split:
-        raise UserError(f"{table.name} has no instance {wanted}; it has {', '.join(map(str, split))}")
+        raise LogError(f"{table.name} has no instance {wanted}; it has {', '.join(map(str, split))}")
     return [(f"{table.name}[{wanted}]", split[int(wanted)])]
 
 
@@ -107,15 +107,15 @@ def _columns(table: Table, label: str, wanted: str | None, raw: bool) -> list[Si
 def _components(table: Table, label: str, name: str, index: int | None, raw: bool) -> list[Signal]:
     column = table.columns[name]
     if column.kind != "number":
-        raise UserError(f"{table.name}.{name} is {column.kind}, which cannot be drawn; `xitl logs dump` shows it")
+        raise LogError(f"{table.name}.{name} is {column.kind}, which cannot be drawn; `xitl logs dump` shows it")
     values = np.asarray(table.values(name, raw=raw), dtype=np.float64)
     unit = column.raw_unit if raw else column.unit
     if values.ndim == 1:
         if index is not None:
-            raise UserError(f"{table.name}.{name} is a single number; write it without [{index}]")
+            raise LogError(f"{table.name}.{name} is a single number; write it without [{index}]")
         return [Signal(f"{label}.{name}", unit, table.stamp_ns, values)]
     flat = values.reshape(len(values), -1)
     if index is not None and index >= flat.shape[1]:
-        raise UserError(f"{table.name}.{name} has {flat.shape[1]} numbers a row; [{index}] is beyond them")
+        raise LogError(f"{table.name}.{name} has {flat.shape[1]} numbers a row; [{index}] is beyond them")
     chosen = range(min(flat.shape[1], _MOST_COMPONENTS)) if index is None else (index,)
     return [Signal(f"{label}.{name}[{each}]", unit, table.stamp_ns, flat[:, each]) for each in chosen]

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.errors import UserError
 from xitl_cli.logs import signals
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.report.build import lay, open_all, short_names
 from xitl_cli.logs.report.model import Overview, Refusal
 from xitl_cli.logs.report.overview import Source, states
@@ -26,11 +26,11 @@ _MOST_NAMES = 3
 def signal_page(
     paths: Sequence[Path], wanted: Sequence[str], from_s: float | None, until_s: float | None, *, raw: bool = False
 ) -> tuple[Page, list[Refusal]]:
-    """from_s and until_s: on the page's time line. Raises UserError when no file opens, or none has a signal."""
+    """from_s and until_s: on the page's time line. Raises LogError when no file opens, or none has a signal."""
     with ExitStack() as opened:
         logs, refusals = open_all(paths, opened)
         if not logs:
-            raise UserError(refusals[-1].sentence)
+            raise LogError(refusals[-1].sentence)
         names = short_names([log.path for log in logs])
         sources = [
             Source(log, line, name if len(logs) > 1 else "")
@@ -44,7 +44,7 @@ def signal_page(
                     names_by_unit.setdefault(signal.unit, []).append(signal.name)
                     by_unit.setdefault(signal.unit, []).append(_trace(source, signal, from_s, until_s))
         if not any(len(trace.x) for traces in by_unit.values() for trace in traces):
-            raise UserError(f"{paths[0]}: nothing of {', '.join(wanted)} lies between --from and --until; widen them")
+            raise LogError(f"{paths[0]}: nothing of {', '.join(wanted)} lies between --from and --until; widen them")
         overview = Overview(modes=states(sources, signals.modes), armed=states(sources, signals.armed))
         cards = tuple(
             Card(

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
-from xitl_cli.logs.clock_text import duration_text
 from xitl_cli.logs.report.columns import grid_lines
 from xitl_cli.logs.report.instants import evidence_text
 from xitl_cli.logs.report.model import FileReport, Found, Report
@@ -19,7 +18,7 @@ from xitl_cli.logs.report.words import (
     value_text,
 )
 from xitl_cli.logs.sections import Fact, Grid, Section, Severity
-from xitl_cli.printable import printable
+from xitl_cli.logs.text import duration_text, printable
 
 _STYLES = {Severity.CRITICAL: "bold red", Severity.WARNING: "yellow", Severity.NOTICE: "cyan", Severity.OK: "green"}
 _INDENT = 10

@@ -8,8 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_core.geodesy import LocalFrame
-from xitl_cli.ardupilot_earth import ned_of
+from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.signals.geodetic import HIGHEST_M, geodetic, on_earth
 from xitl_cli.logs.signals.motion import odometries
@@ -93,7 +92,7 @@ def _metres(log: Log, geodetic: Series, of: Of, about: tuple[float, float, float
     if simulated is None or not (of == "truth" or is_of_its_world(geodetic, simulated)):
         return frame.ned(*geodetic.values.T)
     own = _estimator_origin(log) or _first_place(simulated)
-    flat = ned_of(own, geodetic.values)
+    flat = ardupilot_ned(own, geodetic.values)
     return flat if about == own else frame.ned(*LocalFrame(*own).geodetic(flat))
 
 

@@ -1,6 +1,6 @@
 """The world that ArduPilot's own simulator made (SIM): whether a log is of it.
 
-What such a world calls a metre is found back only by its own count (xitl_cli.ardupilot_earth); a receiver on the real
+What such a world calls a metre is found back only by its own count (`ardupilot_ned`); a receiver on the real
 Earth is not concerned. Where the senses come from elsewhere (external AHRS, HIL) the simulated vehicle stands still, or
 is driven by the same outputs to another place, and what SIM tells is true of nothing.
 """
@@ -11,8 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from sim_core.geodesy import LocalFrame
-from xitl_cli.ardupilot_earth import ned_of
+from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.signals.geodetic import geodetic
 from xitl_cli.logs.signals.series import Series
@@ -74,7 +73,7 @@ def is_of_its_world(told: Series, simulated: Series) -> bool:
     """
     latitude, longitude, altitude = map(float, simulated.values[0])
     origin = (latitude, longitude, altitude)
-    true_m = ned_of(origin, simulated.values)[:, :2]
+    true_m = ardupilot_ned(origin, simulated.values)[:, :2]
     extent_m = float(np.hypot(*np.ptp(true_m, axis=0)))
     if extent_m < _STILL_M:
         return False
@@ -82,5 +81,5 @@ def is_of_its_world(told: Series, simulated: Series) -> bool:
     known = np.isfinite(at).all(axis=1)
     if not known.any():
         return False
-    apart = ned_of(origin, told.values[known]) - ned_of(origin, at[known])
+    apart = ardupilot_ned(origin, told.values[known]) - ardupilot_ned(origin, at[known])
     return float(np.median(np.hypot(apart[:, 0], apart[:, 1]))) < _NEAR_SHARE * extent_m

@@ -11,8 +11,7 @@ import numpy as np
 from agent.mavlink.modes import mode_name
 from agent.wire import dialect
 from sim_core.frames import Array
-from sim_core.geodesy import LocalFrame
-from xitl_cli.ardupilot_earth import Place, geodetic_of
+from sim_core.geodesy import GeodeticPoint, LocalFrame, ardupilot_geodetic
 from xitl_cli.record.records import Estimate, Miss, Task
 
 ORIGIN_SET = "origin set"  # in ArduPilot's words
@@ -59,7 +58,7 @@ class AgentView:
         self._chunks: dict[int, str] = {}
         self._on_text = on_text
         self._on_estimate = on_estimate
-        self._origin: Place | None = None
+        self._origin: GeodeticPoint | None = None
         self._attitude: Any = None
         self._handlers: dict[int, Callable[[Any], object]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
@@ -142,9 +141,9 @@ class AgentView:
         )
         self._on_estimate(message.time_boot_ms * 1000, estimate)
 
-    def _ned(self, origin: Place, about_origin_m: Array) -> Array:
+    def _ned(self, origin: GeodeticPoint, about_origin_m: Array) -> Array:
         if self.sphere_metres:
-            return self._frame.ned(*geodetic_of(origin, about_origin_m).T)
+            return self._frame.ned(*ardupilot_geodetic(origin, about_origin_m).T)
         return self._frame.ned(*np.array([origin]).T) + about_origin_m
 
     def _node_status(self, message: Any) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.table import Table, first_of
 
@@ -37,7 +37,7 @@ def scheduler_record(log: Path) -> SchedulerRecord | None:
         with DataFlashLog(log) as opened:
             table = opened.tables.get("PM")
             return None if table is None else _record(table)
-    except UserError:
+    except LogError:
         return None
 
 

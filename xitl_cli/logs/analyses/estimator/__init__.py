@@ -11,9 +11,9 @@ from xitl_cli.logs.analyses.estimator import agreement, biases, jumps, ratios, t
 from xitl_cli.logs.analyses.estimator.cores import Core, cores, whole
 from xitl_cli.logs.analyses.estimator.phases import Origin, Use, first_position_ns, never_positioned, origin, uses
 from xitl_cli.logs.analyses.instants import Instants, grid, inside, number
-from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.text import length_text
 from xitl_cli.logs.words.estimator import MAG_FUSION, SOURCE_SETS
 from xitl_cli.logs.words.kinds import firmware_text
 

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.estimator.cores import Core, whole
 from xitl_cli.logs.analyses.instants import Instants, inside, length_s, spans_where
-from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Finding, Severity
 from xitl_cli.logs.table import Table
+from xitl_cli.logs.text import length_text
 from xitl_cli.logs.words.estimator import (
     ABSOLUTE,
     CONSTANT_POSITION,

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.estimator.cores import Core
 from xitl_cli.logs.analyses.instants import Instants, inside, length_s, spans_where
-from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
 from xitl_cli.logs.table import Table
+from xitl_cli.logs.text import length_text
 from xitl_cli.logs.words.heard import heard
 
 _COLUMNS: Mapping[str, str] = MappingProxyType(

@@ -12,10 +12,10 @@ from xitl_cli.logs.analyses.events.error_rows import ErrorSpan, error_rows, erro
 from xitl_cli.logs.analyses.events.failsafe_texts import Trouble, troubles
 from xitl_cli.logs.analyses.instants import Instants, grid, inside
 from xitl_cli.logs.analyses.modes import mode_spans
-from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity
 from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.text import length_text
 from xitl_cli.logs.words import errors
 from xitl_cli.logs.words.auxiliary import POSITIONS, SOURCES, function_name
 from xitl_cli.logs.words.events import event_name

@@ -12,9 +12,9 @@ from xitl_cli.logs.analyses.instants import Instants, grid, number
 from xitl_cli.logs.analyses.missions.items import Version, executed, versions
 from xitl_cli.logs.analyses.missions.track import Leg, Sailed, largest_m, length_m, overall_rms_m, sailed_legs
 from xitl_cli.logs.analyses.modes import ModeSpan, mode_spans
-from xitl_cli.logs.clock_text import length_text
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.text import length_text
 from xitl_cli.logs.words.heard import heard
 from xitl_cli.logs.words.missions import FRAMES, command_name
 

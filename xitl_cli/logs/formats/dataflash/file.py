@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.file_bytes import FileBytes
 from xitl_cli.logs.formats.dataflash.describe import meanings
 from xitl_cli.logs.formats.dataflash.index import Index, index
@@ -29,7 +29,7 @@ _HUGE = 512 << 20
 class DataFlashLog:
     """Implements `Log`. Opening finds all records; columns are read when they are asked for.
 
-    Raises UserError when the file cannot be read or holds no record that is whole.
+    Raises LogError when the file cannot be read or holds no record that is whole.
     """
 
     def __init__(self, path: Path) -> None:
@@ -37,17 +37,17 @@ class DataFlashLog:
         try:
             self._bytes = FileBytes(path)
         except OSError as error:
-            raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+            raise LogError(f"{path}: cannot be read ({error.strerror}); check the path") from error
         self._data = self._bytes.data
         if not len(self._data):
-            raise UserError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")
+            raise LogError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")
         self._index: Index = index(self._data, self._forget_huge)
         self._looked_for = 0
         if len(self._index.found.place) <= self._index.found.losses.suspect:  # none of them is sure
             self.close()
             if self._index.found.unknown:
-                raise UserError(f"{path}: describes none of its records (no FMT); give a log that has its beginning")
-            raise UserError(f"{path}: is no DataFlash log; give a .bin as ArduPilot writes it")
+                raise LogError(f"{path}: describes none of its records (no FMT); give a log that has its beginning")
+            raise LogError(f"{path}: is no DataFlash log; give a .bin as ArduPilot writes it")
 
     def _forget_huge(self, start: int, stop: int) -> None:
         """Give the memory of these bytes back, of a file that can be larger than what memory there is."""

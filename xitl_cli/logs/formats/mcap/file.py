@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks
 from xitl_cli.logs.formats.mcap.decoded import Decoder, UndecodableError
@@ -38,7 +38,7 @@ class McapLog:
     tells what there is; going over `tables` does not. Two channels of one topic with different schemas are two tables,
     the second is called "topic#2".
 
-    Raises UserError when the file cannot be read or is no MCAP file.
+    Raises LogError when the file cannot be read or is no MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,7 +46,7 @@ class McapLog:
         self._source = Source(path)
         try:
             if self._source.read(0, len(records.MAGIC)) != records.MAGIC:
-                raise UserError(f"{path}: is no MCAP file; give a recording that begins with the letters MCAP")
+                raise LogError(f"{path}: is no MCAP file; give a recording that begins with the letters MCAP")
             self._open()
         except BaseException:
             self._source.close()

@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 
 _WINDOW = 1 << 16
 
@@ -18,11 +18,11 @@ class Source:
         try:
             self._file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
         except OSError as error:
-            raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+            raise LogError(f"{path}: cannot be read ({error.strerror}); check the path") from error
         status = os.fstat(self._file)
         if stat.S_ISDIR(status.st_mode):
             self.close()
-            raise UserError(f"{path}: cannot be read (it is a directory); name a file in it")
+            raise LogError(f"{path}: cannot be read (it is a directory); name a file in it")
         self.size = status.st_size
         self._window = b""
         self._window_at = 0

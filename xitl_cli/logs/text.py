@@ -1,10 +1,10 @@
-"""Instants and durations as people write them, and back."""
+"""Instants and durations as people write them, and back; text from outside, made fit for a terminal."""
 
 from __future__ import annotations
 
 import math
 
-from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 
 
 def clock_text(at_s: float, decimals: int = 1) -> str:
@@ -31,14 +31,14 @@ def length_text(length_s: float) -> str:
 
 
 def seconds_of(text: str) -> float:
-    """Of 90, 90.5, 1:30.5 or 1:02:03. Raises UserError."""
+    """Of 90, 90.5, 1:30.5 or 1:02:03. Raises LogError."""
     parts = text.strip().lstrip("-").split(":")
     try:
         numbers = [float(part) for part in parts]
     except ValueError:
         numbers = []
     if not 1 <= len(numbers) <= 3 or not all(math.isfinite(number) and number >= 0 for number in numbers):
-        raise UserError(f"{text!r} is no time; write seconds (90.5), minutes (1:30.5) or hours (1:02:03)")
+        raise LogError(f"{text!r} is no time; write seconds (90.5), minutes (1:30.5) or hours (1:02:03)")
     total = 0.0
     for number in numbers:
         total = total * 60.0 + number
@@ -48,3 +48,8 @@ def seconds_of(text: str) -> float:
 def optional_seconds(text: str | None) -> float | None:
     """As `seconds_of`; None of None."""
     return None if text is None else seconds_of(text)
+
+
+def printable(text: str) -> str:
+    """Without control characters: the text of a log or the name of a file may hold commands to a terminal."""
+    return text if text.isprintable() else "".join(letter if letter.isprintable() else " " for letter in text)
