@@ -10,7 +10,7 @@ from contextlib import ExitStack
 import agent
 from agent.assembly import REFUSALS, assemble
 from agent.attached import end_with
-from agent.board.notify import ready
+from agent.board.startup import notify_ready
 from agent.options import parse
 from agent.timing.realtime import set_up
 from agent.wire.transport import open_transport
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
             said.append(f"{node.role.others}: {', '.join(node.role.addresses)}")
         sys.stdout.write("\n".join([*said, *standing.said, ""]))
         sys.stdout.flush()
-        ready()
+        notify_ready()
         node.serve(lambda: not stop)
     return 0
 

@@ -83,8 +83,7 @@ def _companion(options: Options) -> Role:
 
 
 def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
-    from agent.bridges.outputs import Outputs
-    from agent.bridges.role import BridgeRole
+    from agent.bridges.role import BridgeRole, Outputs
     from agent.bridges.vehicle_link import VehicleLink
 
     _refuse_what_the_embedded_one_has(options, "a bridge")

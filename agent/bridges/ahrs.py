@@ -1,34 +1,185 @@
 """A simulated navigation unit on a line of its own: our sensors as the frames that an external-AHRS driver reads.
 
 Stock firmware takes them for a unit on one of its serial ports (SERIALn_PROTOCOL 36) and runs its own EKF on them.
-Two makes of unit are behind this: `vectornav` and `microstrain`. Every inertial sample of ours goes out at once, with
-the newest magnetic field and pressure beside it; every fix when it comes, so that its latency is the one of our
-receiver; and the solution of our own estimator, at 50 Hz, once a place is known: before that, software-in-the-loop
-builds of ArduPilot end with a panic over a place of zeros.
+Two makes are implemented: `vectornav` and `microstrain`. Every inertial sample goes out at once, with the newest
+magnetic field and pressure; every fix when it comes, so that its latency is that of our receiver; and the solution of
+our own estimator, at 50 Hz, once the position is known: before that, software-in-the-loop builds of ArduPilot end with
+a panic over a position of zeros.
 
-In lockstep the driver's thread still sleeps a millisecond of real time between two looks at its port. Much faster than
+In lockstep the driver's thread still sleeps a millisecond of real time between two reads of its port. Much faster than
 real time there would be turns of the main loop without an inertial sample, which the EKF makes up for twice: at 13
-times attitude and heading were seen to go wrong by degrees. So a run with such a unit is held to `LOCKSTEP_FACTOR`.
+times real time attitude and heading went wrong by degrees. So a run with such a unit is held to `LOCKSTEP_FACTOR`.
 
-Start-up: an ArduPilot without another barometer wants pressure within 0.5 s of its calibration, else it stays in
+Start-up: an ArduPilot without another barometer needs pressure within 0.5 s of its calibration, else it stays in
 "Config Error: Baro: unable to calibrate" for good. So the run has to be on, with sensors flowing, before it boots.
 """
 
 from __future__ import annotations
 
 import time
+from collections import Counter, deque
 from collections.abc import Sequence
+from time import monotonic, sleep
 from typing import Callable
 
 from agent.bridges.injector import Injection, Injector
-from agent.bridges.pace import Pace, RateGauge, SpeedLimit
-from agent.bridges.readings import Readings
+from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.bridges.sensor_line import SensorLine
 from agent.fcu.samples import BarometerSample, ImuSample, MagnetometerSample
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
+from agent.wire.transport import DATAGRAM_BYTES, Standing, Transport, open_transport
+
+WAITING_FRAMES = 32  # 0.1 s of inertial frames at 200 Hz with those between them: older ones would only mislead
+DATAGRAM_NS = 15_000_000  # between two datagrams: in lockstep it is every other tick of 10 ms
+BACKLOG_S = 0.02  # what may lie in the system's buffer of a line before frames wait here, where they can be dropped
+LISTEN = "?listen"
+
+
+def open_line(url: str) -> SensorLine:
+    """Open the URL of a sensor's line; with `?listen` at its end we wait there to be called. Raises TransportError.
+
+    tcp://127.0.0.1:5765 calls an autopilot that serves its port, udp://127.0.0.1:14800?listen waits for one that is a
+    client, serial:///dev/ttyUSB0?baud=921600 is the same for both.
+    """
+    listen = url.endswith(LISTEN)
+    return SensorLine(open_transport(url[: -len(LISTEN)] if listen else url, listen))
+
+
+class SensorLine:
+    """Frames go out at once on a stream, and bundled on datagrams: an ArduPilot reads one datagram in 10 ms, on Linux
+    and in software in the loop, and more than that would pile up in front of it without an end.
+
+    Frames that the line does not take wait, a few of them; when too many do, the oldest is dropped and counted.
+    unsent: frames dropped so, or sent while nobody was there. sent: those that the line took, by kind.
+    """
+
+    def __init__(self, transport: Transport) -> None:
+        self.unsent = 0
+        self.sent: Counter[str] = Counter()
+        self._transport = transport
+        self._waiting: deque[tuple[bytes, str]] = deque()
+        self._sent_ns: int | None = None
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody is there, as far as the line can know."""
+        return bool(self._transport.peer)
+
+    @property
+    def address(self) -> str:
+        """Where it is, for people."""
+        return self._transport.address
+
+    def send(self, frame: bytes, kind: str = "") -> None:
+        """Give a frame to the line; `flush` sends it on."""
+        self._waiting.append((frame, kind))
+        if len(self._waiting) > WAITING_FRAMES:
+            self._waiting.popleft()
+            self.unsent += 1
+
+    def flush(self, now_ns: int) -> None:
+        """Send on what waits, as far as the line takes it and it is time to; `now_ns` on the clock of the run."""
+        waiting, transport = self._waiting, self._transport
+        if not waiting:
+            return
+        if not transport.peer:
+            self.unsent += len(waiting)
+            waiting.clear()
+        elif transport.stream:
+            while waiting and transport.backlog_s() < BACKLOG_S and transport.send(waiting[0][0]):
+                self.sent[waiting.popleft()[1]] += 1
+        elif self._sent_ns is None or not 0 <= now_ns - self._sent_ns < DATAGRAM_NS:
+            self._sent_ns = now_ns
+            self._send_bundled()
+
+    def _send_bundled(self) -> None:
+        waiting = self._waiting
+        bundle, count = b"", 0
+        for frame, _ in waiting:
+            if count and len(bundle) + len(frame) > DATAGRAM_BYTES:
+                break
+            bundle += frame
+            count += 1
+        if not self._transport.send(bundle):
+            return
+        for _ in range(count):
+            self.sent[waiting.popleft()[1]] += 1
+
+    def receive(self) -> list[bytes]:
+        """What has come in. Looks for the other end too, where one has to be found."""
+        return self._transport.receive(0.0)
+
+    def heard(self, index: int) -> bool:
+        """Chunk `index` of the last `receive` made sense: its sender is the other end. False when it is not."""
+        return self._transport.credit(index, Standing.HEARD)
+
+    def clear(self) -> None:
+        """Forget what waits, and the counts."""
+        self._waiting.clear()
+        self._sent_ns = None
+        self.unsent = 0
+        self.sent.clear()
+
+    def descriptors(self) -> tuple[int, ...]:
+        """What becomes readable with bytes from the other end."""
+        descriptor = self._transport.fileno()
+        return () if descriptor is None else (descriptor,)
+
+    def close(self) -> None:
+        """Give the line back."""
+        self._transport.close()
+
+
+RATE_WINDOW = 64
+LONGEST_HOLD_S = 0.5
+
+
+class RateGauge:
+    """How many samples a second come, by their stamps."""
+
+    def __init__(self) -> None:
+        self._first_ns = 0
+        self._count = 0
+
+    def add(self, stamp_ns: int) -> float | None:
+        """The rate, once for every `RATE_WINDOW` samples, None in between."""
+        if self._count == 0 or stamp_ns <= self._first_ns:
+            self._first_ns, self._count = stamp_ns, 1
+            return None
+        self._count += 1
+        if self._count <= RATE_WINDOW:
+            return None
+        rate_hz = RATE_WINDOW * 1e9 / (stamp_ns - self._first_ns)
+        self._count = 0
+        return rate_hz
+
+
+class SpeedLimit:
+    """Holds a run in lockstep back to `factor` times real time."""
+
+    def __init__(
+        self, factor: float, clock_s: Callable[[], float] = monotonic, wait: Callable[[float], None] = sleep
+    ) -> None:
+        self._wall_s_per_ns = 1e-9 / factor
+        self._clock_s = clock_s
+        self._wait = wait
+        self._last_ns: int | None = None
+        self._due_s = 0.0
+
+    def hold(self, now_ns: int) -> None:
+        """The run has got to `now_ns`: wait until it may be there, half a second at most."""
+        clock_s = self._clock_s()
+        if self._last_ns is not None:
+            self._due_s += (now_ns - self._last_ns) * self._wall_s_per_ns
+            early_s = min(self._due_s - clock_s, LONGEST_HOLD_S)
+            if early_s > 0.0:
+                self._wait(early_s)
+                clock_s = self._clock_s()
+        self._last_ns = now_ns
+        self._due_s = max(self._due_s, clock_s)
+
 
 SOLUTION_NS = 20_000_000
 LOCKSTEP_FACTOR = 8.0
@@ -91,9 +242,9 @@ class Ahrs(Injector):
         self._say = say
         self._line.clear()
         self._began_ns = clock.now_ns()
-        self._readings = Readings(lockstep, self._unix_s)
-        self._solution_pace = Pace(SOLUTION_NS)
-        self._inertial_pace, self._paced_hz = Pace(0), 0.0
+        self._readings = SensorReadings(lockstep, self._unix_s)
+        self._solution_pace = SampleDecimator(SOLUTION_NS)
+        self._inertial_pace, self._paced_hz = SampleDecimator(0), 0.0
         self._gauge = RateGauge()
         self._limit = SpeedLimit(LOCKSTEP_FACTOR)
         self._told_slow = self._told_absent = self._was_taken = False
@@ -157,7 +308,7 @@ class Ahrs(Injector):
         if readings.field is not None and readings.pressure is not None:
             self._send_inertial(sample, readings.field, readings.pressure)
         readings.solve(sample)
-        if self._solution_pace.due(sample.stamp_ns):
+        if self._solution_pace.is_due(sample.stamp_ns):
             navigation = readings.newest()
             frame = None if navigation is None else self.solution(navigation)
             if frame is not None:
@@ -166,13 +317,13 @@ class Ahrs(Injector):
     def _send_inertial(self, imu: ImuSample, field: MagnetometerSample, pressure: BarometerSample) -> None:
         asked_hz = self.asked_hz()
         if asked_hz != self._paced_hz:
-            self._inertial_pace, self._paced_hz = Pace(round(1e9 / asked_hz) if asked_hz else 0), asked_hz
+            self._inertial_pace, self._paced_hz = SampleDecimator(round(1e9 / asked_hz) if asked_hz else 0), asked_hz
         rate_hz = self._gauge.add(imu.stamp_ns)
         if rate_hz is not None and rate_hz < _SLOW * asked_hz and not self._told_slow:
             self._told_slow = True
             text = f"inertial samples come at {rate_hz:.0f} Hz, the autopilot asks for {asked_hz:.0f}"
             self._say(_WARNING, f"{text}; set EAHRS_RATE to sensors.imu.rate_hz")
-        if not self._inertial_pace.due(imu.stamp_ns):
+        if not self._inertial_pace.is_due(imu.stamp_ns):
             return
         frame = self.inertial(
             InertialSample(

@@ -13,8 +13,7 @@ from typing import Callable
 
 from agent.bridges import hil_messages as hil
 from agent.bridges.injector import Injection, Injector
-from agent.bridges.pace import Pace
-from agent.bridges.readings import Readings
+from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample
 from agent.bridges.vehicle_link import VehicleLink
 from agent.fcu.samples import Vector3
@@ -59,10 +58,10 @@ class HilMessages(Injector):
         self.counts = Injection()
         self._clock = clock
         self._say = say
-        self._readings = Readings(lockstep, self._unix_s)
+        self._readings = SensorReadings(lockstep, self._unix_s)
         self._updated = 0
         self._first_ns: int | None = None
-        self._pace = Pace(SOLUTION_NS)
+        self._pace = SampleDecimator(SOLUTION_NS)
         self._heard_ns: int | None = None
         self._waiting_since_ns: int | None = None
         self._silent = False
@@ -123,7 +122,7 @@ class HilMessages(Injector):
             updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
             self.counts.imu_out += self._send(hil.sensor_message(sample, updated))
         readings.solve(imu)
-        if self._pace.due(stamp_ns):
+        if self._pace.is_due(stamp_ns):
             navigation = readings.newest()
             if navigation is not None:
                 self.counts.solution_out += self._send(hil.state_message(navigation, imu.gyro_frd_radps))

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-from agent.bridges.gps_time import EPOCH_UNIX_S, LEAP_S
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges.samples import EPOCH_UNIX_S, LEAP_S, InertialSample, Navigation, ReceiverFix
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 

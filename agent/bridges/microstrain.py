@@ -1,18 +1,171 @@
-"""MicroStrain 3DM-GQ7, for ArduPilot with EAHRS_TYPE 7: its Linux builds too, on a BeagleBone for one.
+"""MicroStrain 3DM-GQ7, for ArduPilot with EAHRS_TYPE 7: its Linux builds too, for instance on a BeagleBone.
 
-There is no set-up: packets flow as soon as somebody is there, and the driver never answers. It hands its receiver's
-last fix on again with every packet of the filter, fifty times a second: GPS1_DELAY_MS has to tell the EKF of half the
-time between two fixes beside the latency of the receiver.
+There is no set-up: packets flow as soon as a peer is there, and the driver never answers. It hands its receiver's last
+fix on again with every packet of the filter, fifty times a second: GPS1_DELAY_MS has to tell the EKF of half the time
+between two fixes in addition to the latency of the receiver.
+
+Layout and units: MIP Data Communications Protocol manual of the 3DM-GQ7 (HBK MicroStrain). A packet is `u`, `e`, the
+descriptor set, the length of its fields, the fields (length with itself, descriptor, values, big-endian) and a
+two-byte Fletcher checksum over all before. Quaternions are (w, x, y, z).
 """
 
 from __future__ import annotations
 
-from agent.bridges import microstrain_frames as frames
-from agent.bridges.ahrs import Ahrs
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.bridges.sensor_line import LISTEN, open_line
+import math
+import struct
+from itertools import accumulate
+
+from agent.bridges.ahrs import LISTEN, Ahrs, open_line
+from agent.bridges.samples import SECOND_NS, WEEK_S, InertialSample, Navigation, ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
 from agent.options import Options, OptionsError
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+SENSORS, FILTER, RECEIVER_1 = 0x80, 0x82, 0x91
+FULL_NAVIGATION = 4  # state of the filter
+
+_FIX_KINDS = {2: 1, 3: 0, 4: 0, 5: 5, 6: 6}
+"""GPS_FIX_TYPE to the unit's: two dimensions, three, three with corrections, RTK floating and fixed."""
+_NO_FIX = 3
+
+_TIME = struct.Struct(">BBdHH")
+_SENSOR_FIELDS = struct.Struct(">BBf BB3f BB3f BB3f")
+_FILTER_FIELDS = struct.Struct(">BB3H BB3dH BB3fH BB4fH BB3fH BB3fH")
+_RECEIVER_FIELDS = struct.Struct(">BBBBHH BB4d2fH BB8fH BB7fH")
+_ALL_VALID = 0xFFFF
+
+
+def packet(descriptor_set: int, fields: bytes) -> bytes:
+    """Header and checksum around fields."""
+    content = bytes((0x75, 0x65, descriptor_set, len(fields))) + fields
+    return content + checksum(content)
+
+
+def checksum(content: bytes) -> bytes:
+    """Fletcher's, of two bytes without carry: sum of the bytes, sum of those sums."""
+    return bytes((sum(content) & 0xFF, sum(accumulate(content)) & 0xFF))
+
+
+def inertial_frame(sample: InertialSample) -> bytes:
+    """Pressure (mbar), field (gauss), specific force (standard gravity) and rate (rad/s), FRD."""
+    fx, fy, fz = sample.accel_frd_mps2
+    g = STANDARD_GRAVITY_MPS2
+    fields = _SENSOR_FIELDS.pack(
+        6,
+        0x17,
+        sample.pressure_pa * 1e-2,
+        14,
+        0x06,
+        *sample.field_frd_gauss,
+        14,
+        0x04,
+        fx / g,
+        fy / g,
+        fz / g,
+        14,
+        0x05,
+        *sample.gyro_frd_radps,
+    )
+    return packet(SENSORS, fields)
+
+
+def solution_frame(navigation: Navigation) -> bytes:
+    """State of the filter, place (deg, m), velocity (m/s), attitude, and the uncertainties of place and velocity.
+
+    The height is given as above the ellipsoid; mean sea level is taken for it. The time is that of the newest fix and
+    not of the filter: ArduPilot's driver takes it for the time of the fix, and counts a receiver as lagging and
+    unhealthy whose time goes on faster than 20 times a second.
+    """
+    n = navigation
+    horizontal_m, speed_mps = n.horizontal_accuracy_m, n.speed_accuracy_mps
+    fields = _FILTER_FIELDS.pack(
+        8,
+        0x10,
+        FULL_NAVIGATION,
+        3,
+        0,
+        28,
+        0x01,
+        n.lat_deg,
+        n.lon_deg,
+        n.alt_m,
+        1,
+        16,
+        0x02,
+        *n.vel_ned_mps,
+        1,
+        20,
+        0x03,
+        *n.quat_ned_frd,
+        1,
+        16,
+        0x08,
+        horizontal_m,
+        horizontal_m,
+        n.vertical_accuracy_m,
+        1,
+        16,
+        0x09,
+        speed_mps,
+        speed_mps,
+        speed_mps,
+        1,
+    )
+    return packet(FILTER, _time(n.fix_gps_ns) + fields)
+
+
+def receiver_frame(fix: ReceiverFix, receiver: int = RECEIVER_1) -> bytes:
+    """A fix: kind and satellites, place with one sigma (deg, m), velocity (m/s), dilutions of precision."""
+    d = fix.dilution
+    north, east, down = fix.vel_ned_mps
+    ground_mps = math.hypot(north, east)
+    course_deg = math.degrees(math.atan2(east, north)) % 360.0
+    course_accuracy_deg = math.degrees(math.atan2(fix.speed_accuracy_mps, ground_mps))
+    fields = _RECEIVER_FIELDS.pack(
+        8,
+        0x0B,
+        _FIX_KINDS.get(fix.fix_type, _NO_FIX),
+        fix.satellites,
+        0,
+        _ALL_VALID,
+        44,
+        0x03,
+        fix.lat_deg,
+        fix.lon_deg,
+        fix.alt_m,
+        fix.alt_m,
+        fix.horizontal_accuracy_m,
+        fix.vertical_accuracy_m,
+        _ALL_VALID,
+        36,
+        0x05,
+        north,
+        east,
+        down,
+        math.hypot(ground_mps, down),
+        ground_mps,
+        course_deg,
+        fix.speed_accuracy_mps,
+        course_accuracy_deg,
+        _ALL_VALID,
+        32,
+        0x07,
+        d.geometric,
+        d.position,
+        d.horizontal,
+        d.vertical,
+        d.time,
+        d.north,
+        d.east,
+        _ALL_VALID,
+    )
+    return packet(receiver, _time(fix.gps_ns) + fields)
+
+
+def _time(gps_ns: int) -> bytes:
+    """Second of the week and week, both valid."""
+    week, rest_ns = divmod(gps_ns, WEEK_S * SECOND_NS)
+    return _TIME.pack(14, 0xD3, rest_ns * 1e-9, week, 3)
 
 
 class MicroStrain7(Ahrs):
@@ -44,10 +197,10 @@ class MicroStrain7(Ahrs):
         return "check EAHRS_TYPE 7, SERIALn_PROTOCOL 36, and that this is port n"
 
     def inertial(self, sample: InertialSample) -> bytes | None:
-        return frames.inertial_frame(sample) if self._line.connected else None
+        return inertial_frame(sample) if self._line.connected else None
 
     def solution(self, navigation: Navigation) -> bytes | None:
-        return frames.solution_frame(navigation) if self._line.connected else None
+        return solution_frame(navigation) if self._line.connected else None
 
     def fix(self, fix: ReceiverFix) -> bytes | None:
-        return frames.receiver_frame(fix) if self._line.connected else None
+        return receiver_frame(fix) if self._line.connected else None

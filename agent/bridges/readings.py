@@ -1,14 +1,94 @@
-"""The host's messages as the samples that a simulated unit has measured, and what the unit makes of them."""
+"""Sensor samples from the host's messages, and the navigation solution that a simulated unit computes from them."""
 
 from __future__ import annotations
 
+import math
 from typing import Callable
 
-from agent.bridges.gps_time import GpsTime, fixed, of_unix_time
-from agent.bridges.navigation_solution import NavigationSolution
-from agent.bridges.samples import Navigation, ReceiverFix
-from agent.fcu.samples import BarometerSample, ImuSample, MagnetometerSample
+from agent.bridges.declination import declination_rad
+from agent.bridges.samples import GpsTime, Navigation, ReceiverFix
+from agent.fcu.parameters import Parameters
+from agent.fcu.samples import BarometerSample, GnssSample, ImuSample, MagnetometerSample
+from agent.fcu.sensing.estimator import Estimator
 from agent.wire.codec import Message
+
+TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # what the estimator keeps at sea; it has no covariance of attitude
+
+
+class NavigationSolution:
+    """Samples in; `newest` is the solution at the newest inertial sample.
+
+    It knows of no lever arms: the place is that of the antenna. The declination is found with the first fix.
+    """
+
+    def __init__(self, time: GpsTime) -> None:
+        self._time = time
+        self._parameters = Parameters()
+        self._estimator = Estimator(self._parameters)
+        self._fix: ReceiverFix | None = None
+
+    def on_imu(self, sample: ImuSample) -> None:
+        """A sample that cannot be true is passed over, as by the others."""
+        self._estimator.on_imu(sample)
+
+    def on_magnetometer(self, sample: MagnetometerSample) -> None:
+        """Field, FRD."""
+        self._estimator.on_magnetometer(sample)
+
+    def on_barometer(self, sample: BarometerSample) -> None:
+        """Pressure."""
+        self._estimator.on_barometer(sample)
+
+    def on_fix(self, fix: ReceiverFix) -> None:
+        """A fix of the receiver, as late as it comes."""
+        accepted = self._estimator.on_gnss(
+            GnssSample(
+                fix.stamp_ns,
+                fix.lat_deg,
+                fix.lon_deg,
+                fix.alt_m,
+                fix.vel_ned_mps,
+                fix.horizontal_accuracy_m,
+                fix.vertical_accuracy_m,
+                fix.speed_accuracy_mps,
+                fix.fix_type,
+                fix.satellites,
+            )
+        )
+        if not accepted or fix.fix_type < 3:
+            return
+        if self._fix is None:
+            year = self._time.year_at(fix.stamp_ns)
+            self._parameters.set("COMPASS_DEC", declination_rad(fix.lat_deg, fix.lon_deg, fix.alt_m, year))
+            self._estimator.configure()
+        self._fix = fix
+
+    def newest(self) -> Navigation | None:
+        """None before attitude and place are known, and while they are lost."""
+        frame, fix = self._estimator.frame, self._fix
+        if frame is None or fix is None:
+            return None
+        e = self._estimator.estimate()
+        if not (e.attitude_valid and e.position_valid):
+            return None
+        north, east, down = e.pos_ned_m
+        lat_deg, lon_deg = frame.to_geodetic(north, east)
+        return Navigation(
+            e.stamp_ns,
+            fix.gps_ns,
+            e.quat_ned_frd,
+            (e.roll_rad, e.pitch_rad, math.remainder(e.yaw_rad, 2.0 * math.pi)),
+            lat_deg,
+            lon_deg,
+            frame.alt_m - down,
+            e.vel_ned_mps,
+            TILT_ACCURACY_DEG,
+            HEADING_ACCURACY_DEG,
+            fix.horizontal_accuracy_m,
+            fix.vertical_accuracy_m,
+            fix.speed_accuracy_mps,
+        )
+
 
 LATEST_US = (1 << 62) // 1000
 LARGEST = 1e7  # of any value in its unit: a sensor that says more, or no number, has measured nothing
@@ -44,7 +124,7 @@ def fix_of(message: Message, time: GpsTime) -> ReceiverFix | None:
     stamp_ns = message.time_usec * 1000
     return ReceiverFix(
         stamp_ns,
-        time.at(stamp_ns),
+        time.gps_ns(stamp_ns),
         message.lat * 1e-7,
         message.lon * 1e-7,
         message.alt * 1e-3,
@@ -61,7 +141,29 @@ def _is_measured(time_us: int, *values: float) -> bool:
     return time_us <= LATEST_US and all(-LARGEST < value < LARGEST for value in values)
 
 
-class Readings:
+class SampleDecimator:
+    """Every sample whose turn it is; with `period_ns` 0 each one. Stamps that step back begin anew."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._early_ns = period_ns // 8
+        self._next_ns: int | None = None
+        self._last_ns = 0
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Whether this sample is to be passed on."""
+        if self._period_ns == 0:
+            return True
+        if self._next_ns is None or stamp_ns < self._last_ns or stamp_ns > self._next_ns + self._period_ns:
+            self._next_ns = stamp_ns
+        self._last_ns = stamp_ns
+        if stamp_ns + self._early_ns < self._next_ns:
+            return False
+        self._next_ns += self._period_ns
+        return True
+
+
+class SensorReadings:
     """Of one run: the newest samples of the slow sensors, the date, and the solution of the unit's own estimator.
 
     field, pressure: None before the first. refused: messages that were no measurement; they are passed over. The date
@@ -84,13 +186,13 @@ class Readings:
         if sample is None:
             self.refused += 1
         elif self._time is None:
-            self._time = fixed() if self._lockstep else of_unix_time(self._unix_s(), sample.stamp_ns)
+            self._time = GpsTime.fixed() if self._lockstep else GpsTime.from_unix_time(self._unix_s(), sample.stamp_ns)
             self._solver = NavigationSolution(self._time) if self._solves else None
         return sample
 
     def fix(self, message: Message) -> ReceiverFix | None:
         """The fix, None when it is refused."""
-        fix = fix_of(message, self._time or fixed())
+        fix = fix_of(message, self._time or GpsTime.fixed())
         self.refused += fix is None
         return fix
 

@@ -1,21 +1,122 @@
-"""Another autopilot as a node: the host's sensors in by one or more ways, its outputs and its MAVLink back."""
+"""The bridge role: another autopilot as a node. Sensor injectors in, motor outputs and its MAVLink back."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from time import monotonic
 from typing import Callable
 
-from agent.bridges.injector import Injector
-from agent.bridges.outputs import Outputs, actuators, pulses_of
-from agent.bridges.status import bridge_status
+from agent.bridges.injector import Injection, Injector
 from agent.bridges.vehicle_link import VehicleLink
 from agent.fcu.mavlink.texts import Texts
 from agent.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
+from agent.wire import dialect
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
+
+CHANNELS_OF_A_MESSAGE = 16
+MOTORS_ON_WIRE = 8
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Which channels drive the motors, 1 the lowest, in the order of the motors.
+
+    A command is (pulse - trim_us) / span_us, limited to [-1, 1]; a pulse of 0 is no output, which commands 0.
+    """
+
+    channels: tuple[int, ...] = (1, 3)
+    trim_us: float = 1500.0
+    span_us: float = 400.0
+
+    def of_pulses(self, pulses_us: Sequence[int]) -> tuple[float, ...]:
+        """Commands of pulse widths by channel, from channel 1 on; a channel that is not among them commands 0."""
+        trim_us, span_us, known = self.trim_us, self.span_us, len(pulses_us)
+        commands = []
+        for channel in self.channels:
+            pulse_us = pulses_us[channel - 1] if channel <= known else 0
+            commands.append(max(-1.0, min(1.0, (pulse_us - trim_us) / span_us)) if pulse_us else 0.0)
+        return tuple(commands)
+
+    def of_values(self, values: Sequence[float]) -> tuple[float, ...]:
+        """The same channels of outputs that are normalised already."""
+        known = len(values)
+        return tuple(max(-1.0, min(1.0, values[n - 1])) if n <= known else 0.0 for n in self.channels)
+
+
+def pulses_of(message: Message, before: Sequence[int]) -> tuple[int, ...]:
+    """Pulse widths of all channels, in us, after a SERVO_OUTPUT_RAW: one set of 16 of them is new."""
+    new = tuple(getattr(message, f"servo{number}_raw") for number in range(1, CHANNELS_OF_A_MESSAGE + 1))
+    start = message.port * CHANNELS_OF_A_MESSAGE
+    if start == 0:
+        return new + tuple(before[CHANNELS_OF_A_MESSAGE:])
+    if start > CHANNELS_OF_A_MESSAGE:
+        return tuple(before)
+    return (*before[:start], *(0,) * (start - len(before)), *new)
+
+
+def actuators(
+    commands: Sequence[float], armed: bool, imu_stamp_us: int, imu_received_us: int, now_ns: int, count: int
+) -> Message:
+    """XITL_ACTUATORS of these commands; `count` is the tick that it answers, or counts up."""
+    flags = dialect.XITL_ACTUATOR_FLAGS_ARMED if armed else 0
+    motors = list(commands[:MOTORS_ON_WIRE])
+    padded = motors + [0.0] * (MOTORS_ON_WIRE - len(motors))
+    message: Message = dialect.MAVLink_xitl_actuators_message(
+        now_ns // 1000, imu_stamp_us, imu_received_us, count, padded, len(motors), flags
+    )
+    return message
+
+
+HEARD, TAKEN, SCRIPT = 1, 2, 4
+_MOST = 0xFFFFFFFF
+
+
+def bridge_status(
+    now_ns: int, counts: Sequence[Injection], vehicle: VehicleLink, outputs_in: int, unsent: int
+) -> Message:
+    """What all ways together have done since the run began; `outputs_in` sets of outputs were taken.
+
+    unsent: messages of the host that the autopilot's line did not take; they are added to the frames of the ways in.
+    """
+    link = vehicle.counters
+
+    def total(name: str) -> int:
+        return min(sum(int(getattr(count, name)) for count in counts), _MOST)
+
+    connected = HEARD if vehicle.connected else 0
+    connected |= TAKEN if any(count.taken for count in counts) else 0
+    connected |= SCRIPT if any(count.script_answers for count in counts) else 0
+    damaged = link.dropped_bad_crc + link.dropped_unknown + link.dropped_truncated
+    message: Message = dialect.MAVLink_xitl_bridge_status_message(
+        time_usec=now_ns // 1000,
+        imu_out=total("imu_out"),
+        solution_out=total("solution_out"),
+        gnss_out=total("gnss_out"),
+        unsent=min(total("unsent") + unsent, _MOST),
+        world_in=total("world_in"),
+        world_resent=total("world_resent"),
+        world_lost=total("world_lost"),
+        restarts=max(total("restarts"), vehicle.reboots),
+        outputs_in=outputs_in & _MOST,
+        commands_in=total("commands_in"),
+        junk=total("junk"),
+        mavlink_in=link.received + vehicle.passed,
+        mavlink_lost=link.lost,
+        mavlink_dropped=damaged,
+        mavlink_passed=vehicle.passed,
+        mavlink_out=link.sent,
+        script_in=total("script_in"),
+        script_out=total("script_out"),
+        script_dropped=total("script_dropped"),
+        world_rate=min(max((count.world_rate for count in counts), default=0), 0xFFFF),
+        connected=connected,
+    )
+    return message
+
 
 WATCH_HZ = 10.0
 STATUS_NS = 1_000_000_000

@@ -1,22 +1,330 @@
 """VectorNav VN-300, for ArduPilot with EAHRS_TYPE 1: boards with ChibiOS and software in the loop.
 
-The driver sets the unit up first (see `vectornav_commands`); nothing flows before it has asked. It opens its port anew
-before every read, which empties the buffer on ArduPilot's Linux builds: take the MicroStrain there.
+The driver sets the unit up first, over its command port; nothing flows before. It opens its port anew before every
+read, which empties the buffer on ArduPilot's Linux builds: use the MicroStrain there.
+
+Layout and units: VN-300 User Manual and ICD (VectorNav Technologies), sections on binary output messages, on the
+communication interface and on configuration registers. A binary frame is the sync byte, the groups and their fields,
+the values little-endian, and a CRC16-CCITT over all but the sync byte, big-endian. Quaternions are (x, y, z, w).
+
+    $VNWRG,06,0,1*xx        write a register          the answer repeats the command
+    $VNRRG,01*xx            read one                  $VNRRG,01,VN-300*xx
+    $VNASY,0*xx             outputs off, or on (1)
+    $VNERR,03*xx            the answer to anything else
+
+A command's checksum is two hexadecimal digits (all bytes from after `$` to before `*`, exclusive or), four
+(CRC16-CCITT), or XX for none.
 """
 
 from __future__ import annotations
 
+import math
+import struct
 import time
+from binascii import crc_hqx
+from functools import reduce
+from operator import xor
 from typing import Callable
 
-from agent.bridges import vectornav_frames as frames
-from agent.bridges.ahrs import Ahrs
+from agent.bridges.ahrs import Ahrs, SensorLine, open_line
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.bridges.sensor_line import SensorLine, open_line
-from agent.bridges.vectornav_commands import INERTIAL, RATE_HZ, RECEIVER, SOLUTION, CommandPort
 from agent.bridges.vehicle_link import VehicleLink
 from agent.options import Options, OptionsError
 from agent.timing.clock import Clock
+
+SYNC = b"\xfa"
+INERTIAL_HEADER = bytes.fromhex("01 2107")  # common: time of startup, rate, acceleration, IMU, field and pressure
+SOLUTION_HEADER = bytes.fromhex("31 0100 0601 1306")  # common: time; attitude: angles, quaternion, its uncertainty; INS
+RECEIVER_HEADER = bytes.fromhex("49 0300 B826 1800")  # common: time, GPS time; receiver 1; receiver 2: satellites, fix
+
+_INERTIAL = struct.Struct("<Q17f")
+_SOLUTION = struct.Struct("<Q3f4f3fH3d3f2f")
+_RECEIVER = struct.Struct("<QQBB3d3f3ff7fBB")
+
+TRACKING = 2  # mode of INS status: GNSS and attitude within what the unit promises
+HAS_FIX = 1 << 2
+INERTIAL_FAULT, FIELD_FAULT, RECEIVER_FAULT = 1 << 5, 1 << 6, 1 << 7
+
+
+def framed(content: bytes) -> bytes:
+    """Sync byte and checksum around groups, fields and values."""
+    return SYNC + content + crc_hqx(content, 0).to_bytes(2, "big")
+
+
+def inertial_frame(sample: InertialSample) -> bytes:
+    """Rate (rad/s), specific force (m/s²), field (gauss) in FRD, temperature (degC), pressure (kPa).
+
+    Compensated and uncompensated values are the same: what the unit would take off is not simulated.
+    """
+    gyro, accel = sample.gyro_frd_radps, sample.accel_frd_mps2
+    values = _INERTIAL.pack(
+        sample.stamp_ns,
+        *gyro,
+        *accel,
+        *accel,
+        *gyro,
+        *sample.field_frd_gauss,
+        sample.temperature_degc,
+        sample.pressure_pa * 1e-3,
+    )
+    return framed(INERTIAL_HEADER + values)
+
+
+def solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
+    """Attitude (deg, and as a quaternion), place (deg, m) and velocity (m/s) with their uncertainty (deg, m, m/s)."""
+    w, x, y, z = navigation.quat_ned_frd
+    yaw, pitch, roll = (math.degrees(angle) for angle in reversed(navigation.euler_rad))
+    tilt_deg, heading_deg = navigation.tilt_accuracy_deg, navigation.heading_accuracy_deg
+    values = _SOLUTION.pack(
+        navigation.stamp_ns,
+        yaw,
+        pitch,
+        roll,
+        x,
+        y,
+        z,
+        w,
+        heading_deg,
+        tilt_deg,
+        tilt_deg,
+        TRACKING | HAS_FIX | faults,
+        navigation.lat_deg,
+        navigation.lon_deg,
+        navigation.alt_m,
+        *navigation.vel_ned_mps,
+        navigation.horizontal_accuracy_m,
+        navigation.speed_accuracy_mps,
+    )
+    return framed(SOLUTION_HEADER + values)
+
+
+def receiver_frame(fix: ReceiverFix) -> bytes:
+    """A fix of the receiver: place (deg, m), velocity (m/s), one sigma of both, dilutions of precision.
+
+    The second antenna of the unit has the same satellites and the same kind of fix.
+    """
+    d = fix.dilution
+    horizontal_m = fix.horizontal_accuracy_m
+    values = _RECEIVER.pack(
+        fix.stamp_ns,
+        fix.gps_ns,
+        fix.satellites,
+        fix.fix_type,
+        fix.lat_deg,
+        fix.lon_deg,
+        fix.alt_m,
+        *fix.vel_ned_mps,
+        horizontal_m,
+        horizontal_m,
+        fix.vertical_accuracy_m,
+        fix.speed_accuracy_mps,
+        d.geometric,
+        d.position,
+        d.time,
+        d.vertical,
+        d.horizontal,
+        d.north,
+        d.east,
+        fix.satellites,
+        fix.fix_type,
+    )
+    return framed(RECEIVER_HEADER + values)
+
+
+MODEL = "VN-300"
+RATE_HZ = 400  # of the unit's inertial sensors, which its outputs divide
+LONGEST_LINE = 256
+
+BAD_CHECKSUM, BAD_COMMAND, TOO_FEW, TOO_MANY, BAD_VALUE, BAD_REGISTER, NOT_PERMITTED = 3, 4, 5, 6, 7, 8, 9
+
+INERTIAL, SOLUTION, RECEIVER = 75, 76, 77
+_OUTPUTS = {
+    INERTIAL: (0x01, 0x0721),
+    SOLUTION: (0x31, 0x0001, 0x0106, 0x0613),
+    RECEIVER: (0x49, 0x0003, 0x26B8, 0x0018),
+}
+_ASYNC_TYPE, _ASYNC_RATE = 6, 7
+_READABLE = {1: MODEL, 2: "7", 3: "0100000001", 4: "0.5.0.0"}  # model, hardware, serial number, firmware
+
+
+class CommandError(Exception):
+    """A command was refused, for the reason that its number gives."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+class CommandPort:
+    """`feed` takes bytes as they come and returns the answers.
+
+    on: whether outputs flow at all. divisors: of the outputs that were asked for, by register. commands: lines that
+    were answered, refused ones too. restarts: how often a set-up began after an earlier one had been finished.
+    junk: bytes that were no command.
+    """
+
+    def __init__(self) -> None:
+        self.commands = 0
+        self.refused = 0
+        self.restarts = 0
+        self.junk = 0
+        self._line = bytearray()
+        self._begin()
+
+    def _begin(self) -> None:
+        self.on = True
+        self.divisors: dict[int, int] = {}
+        self._ascii: dict[int, dict[int, int]] = {_ASYNC_TYPE: {1: 0, 2: 0}, _ASYNC_RATE: {1: 40, 2: 40}}
+
+    @property
+    def set_up(self) -> bool:
+        """Whether all three outputs were asked for, and are on."""
+        return self.on and len(self.divisors) == len(_OUTPUTS)
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Answers, in the order of the commands."""
+        answers = []
+        for byte in data:
+            if byte == 0x24:  # $
+                self.junk += len(self._line)
+                self._line = bytearray(b"$")
+            elif not self._line:
+                self.junk += byte not in b"\r\n"
+            elif byte in b"\r\n":
+                answers.append(self._answer(bytes(self._line)))
+                self._line.clear()
+            else:
+                self._line.append(byte)
+                if len(self._line) > LONGEST_LINE:
+                    self.junk += len(self._line)
+                    self._line.clear()
+        return answers
+
+    def _answer(self, line: bytes) -> bytes:
+        self.commands += 1
+        try:
+            return sentence(self._obey(_words(line)))
+        except CommandError as error:
+            self.refused += 1
+            return sentence(f"VNERR,{error.number:02X}")
+
+    def _obey(self, words: list[str]) -> str:
+        name, values = words[0], words[1:]
+        if name == "VNRRG":
+            return ",".join((name, values[0] if values else "", *self._read(values)))
+        if name == "VNWRG":
+            self._write(values)
+        elif name == "VNASY":
+            self._switch(values)
+        elif name in ("VNRST", "VNRFS"):
+            _exactly(values, 0)
+            self._begin()
+        elif name == "VNWNV":
+            _exactly(values, 0)
+        else:
+            raise CommandError(BAD_COMMAND)
+        return ",".join(words)
+
+    def _switch(self, values: list[str]) -> None:
+        _exactly(values, 1)
+        on = _number(values[0], 10)
+        if on not in (0, 1):
+            raise CommandError(BAD_VALUE)
+        if not on and self.set_up:
+            self.restarts += 1
+        self.on = bool(on)
+
+    def _read(self, values: list[str]) -> list[str]:
+        if not values:
+            raise CommandError(TOO_FEW)
+        register = _number(values[0], 10)
+        if register in self._ascii:
+            port = _number(values[1], 10) if len(values) > 1 else 1
+            return [str(self._ascii[register][_port(port)])]
+        _exactly(values, 1)
+        if register in _READABLE:
+            return [_READABLE[register]]
+        if register in _OUTPUTS:
+            fields = _OUTPUTS[register]
+            divisor = self.divisors.get(register)
+            return ["0", "1", "00"] if divisor is None else ["3", str(divisor), *_spelled(fields)]
+        raise CommandError(BAD_REGISTER)
+
+    def _write(self, values: list[str]) -> None:
+        if len(values) < 2:
+            raise CommandError(TOO_FEW)
+        register = _number(values[0], 10)
+        if register in self._ascii:
+            if len(values) > 3:
+                raise CommandError(TOO_MANY)
+            ports = (_port(_number(values[2], 10)),) if len(values) == 3 else (1, 2)
+            for port in ports:
+                self._ascii[register][port] = _number(values[1], 10)
+        elif register in _OUTPUTS:
+            self._set_output(register, values[1:])
+        else:
+            raise CommandError(NOT_PERMITTED if register in _READABLE else BAD_REGISTER)
+
+    def _set_output(self, register: int, values: list[str]) -> None:
+        """Port, divisor of the rate, groups, and the fields of each group; only what ArduPilot asks for is made."""
+        port = _number(values[0], 10)
+        if port == 0:
+            self.divisors.pop(register, None)
+            return
+        fields = _OUTPUTS[register]
+        if len(values) < 2 + len(fields):
+            raise CommandError(TOO_FEW)
+        if len(values) > 2 + len(fields):
+            raise CommandError(TOO_MANY)
+        divisor = _number(values[1], 10)
+        asked = tuple(_number(word, 16) for word in values[2:])
+        if port > 3 or divisor < 1 or asked != fields:
+            raise CommandError(BAD_VALUE)
+        self.divisors[register] = divisor
+
+
+def sentence(body: str) -> bytes:
+    """A line around its body: `$`, checksum, end of line."""
+    content = body.encode("ascii")
+    return b"$%s*%02X\r\n" % (content, reduce(xor, content, 0))
+
+
+def _words(line: bytes) -> list[str]:
+    """Of a line with a good checksum. Raises CommandError."""
+    body, star, given = line[1:].rpartition(b"*")
+    checksum = given.strip().upper()
+    good = (b"%02X" % reduce(xor, body, 0), b"%04X" % crc_hqx(body, 0), b"XX")
+    if not star or checksum not in good:
+        raise CommandError(BAD_CHECKSUM)
+    if not body.isascii():
+        raise CommandError(BAD_COMMAND)
+    return body.decode("ascii").split(",")
+
+
+def _number(word: str, base: int) -> int:
+    try:
+        number: int | None = int(word, base)
+    except ValueError:
+        number = None
+    if number is None or not 0 <= number <= 0xFFFFFF:
+        raise CommandError(BAD_VALUE)
+    return number
+
+
+def _port(number: int) -> int:
+    if number not in (1, 2):
+        raise CommandError(BAD_VALUE)
+    return number
+
+
+def _exactly(values: list[str], count: int) -> None:
+    if len(values) != count:
+        raise CommandError(TOO_FEW if len(values) < count else TOO_MANY)
+
+
+def _spelled(fields: tuple[int, ...]) -> list[str]:
+    return [f"{fields[0]:02X}", *(f"{field:04X}" for field in fields[1:])]
+
 
 _STALE_NS = 500_000_000
 
@@ -66,7 +374,7 @@ class VectorNav(Ahrs):
         return "check EAHRS_TYPE 1, SERIALn_PROTOCOL 36, and that this is port n"
 
     def inertial(self, sample: InertialSample) -> bytes | None:
-        return frames.inertial_frame(sample) if self._flows(INERTIAL) else None
+        return inertial_frame(sample) if self._flows(INERTIAL) else None
 
     def solution(self, navigation: Navigation) -> bytes | None:
         if not self._flows(SOLUTION):
@@ -78,11 +386,11 @@ class VectorNav(Ahrs):
             or pressure is None
             or navigation.stamp_ns - min(field.stamp_ns, pressure.stamp_ns) > _STALE_NS
         ):
-            faults = frames.FIELD_FAULT
-        return frames.solution_frame(navigation, faults)
+            faults = FIELD_FAULT
+        return solution_frame(navigation, faults)
 
     def fix(self, fix: ReceiverFix) -> bytes | None:
-        return frames.receiver_frame(fix) if self._flows(RECEIVER) else None
+        return receiver_frame(fix) if self._flows(RECEIVER) else None
 
     def _flows(self, output: int) -> bool:
         return self._port.on and output in self._port.divisors

@@ -1,1 +1,1 @@
-"""The companion computer's side of the agent."""
+"""The companion computer: odometry, map, obstacle detection and tracking, collision check and avoidance."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.rigid import moved
+from agent.companion.rigid_motion import moved
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]

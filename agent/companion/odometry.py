@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.estimate import Estimate, Filter, Motion
-from agent.companion.inertial import Inertial
-from agent.companion.lidar_only import LidarOnly
-from agent.companion.rigid import drifted, exponential
+from agent.companion.odometry_filters import Estimate, Filter, Inertial, LidarOnly, Motion
+from agent.companion.rigid_motion import drifted, exponential
 from agent.companion.water_plane import WaterPlane
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from agent.wire import dialect
 from agent.wire.codec import Message
 
 if TYPE_CHECKING:
-    from agent.companion.perceiver import Perceiver
+    from agent.companion.perception import Perceiver
 
 WATCH_HZ = 10.0
 PERCEIVE_HZ = 25.0
@@ -84,8 +84,8 @@ class CompanionRole(Role):
 
     def _begin_to_perceive(self) -> Perceiver | None:
         try:
-            from agent.companion.perceiver import Perceiver
-            from agent.companion.watch import Watch
+            from agent.companion.obstacle_avoidance import Watch
+            from agent.companion.perception import Perceiver
         except ImportError as error:
             self._blind = True
             self.say(_WARNING, f"No perception: {error}; pip install numpy kiss-icp")

@@ -1,32 +1,264 @@
 """MAVLink over a CAN bus: each frame is a transfer of CAN frames, see `agent.wire.can_transfer`.
 
-The bus is python-can's, so that every interface it knows can be used.
+    can://INTERFACE/CHANNEL?bitrate=…&fd=true&data_bitrate=…&node=2&peer=1&…
+
+python-can drives the bus, so that every interface it knows can be used; keys other than these go to it as they are.
 """
 
 from __future__ import annotations
 
 import errno
+import os
 import select
+import socket
+import termios
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from time import monotonic, sleep
 from typing import Any
-from urllib.parse import SplitResult
+from urllib.parse import SplitResult, unquote
 
-from agent.wire.can_open import opened
-from agent.wire.can_transfer import LARGEST_CHUNK, NORMAL, URGENT, CanFrame, Reassembler, Segmenter
-from agent.wire.can_url import CanSettings, can_settings
+from agent.wire.can_transfer import LARGEST_CHUNK, NODES, NORMAL, URGENT, CanFrame, CanLine, Reassembler, Segmenter
 from agent.wire.framing import MAGIC
-from agent.wire.line import Line
 from agent.wire.priority import URGENT as URGENT_MESSAGES
-from agent.wire.query import text_of
-from agent.wire.slcan_port import Adapter
 from agent.wire.transport import (
+    AddressDeniedError,
+    AddressInUseError,
+    AddressUnavailableError,
+    BadUrlError,
     DatagramTooLongError,
+    Line,
     Transport,
     TransportClosedError,
     TransportError,
 )
+from agent.wire.urls import Value, query, switch, text_of, whole
+
+CHUNK_BYTES = 4096
+
+
+class Adapter:
+    """What a bus does not tell of itself: nothing, as far as is known."""
+
+    def has_room(self) -> bool:
+        """Whether a frame would be taken."""
+        return True
+
+    def has_input(self) -> bool:
+        """Whether there are frames that select() does not see."""
+        return False
+
+
+class SlcanPort(Adapter):
+    """Takes the place of the pyserial port, with the names that python-can looks up."""
+
+    def __init__(self, port: Any) -> None:
+        self.write_timeout = None
+        self._port = port
+        self._descriptor: int = port.fileno()
+        self._unread = b""
+        self._at = 0
+        self._unwritten = b""
+        attributes = termios.tcgetattr(self._descriptor)
+        attributes[6][termios.VMIN] = 1  # so that an empty read means that the adapter is gone
+        termios.tcsetattr(self._descriptor, termios.TCSANOW, attributes)
+
+    def has_input(self) -> bool:
+        return self._at < len(self._unread)
+
+    def has_room(self) -> bool:
+        """Raises OSError when the adapter is gone."""
+        if self._unwritten:
+            with suppress(BlockingIOError, InterruptedError):
+                self._unwritten = self._unwritten[os.write(self._descriptor, self._unwritten) :]
+        return not self._unwritten
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that `read` has. Raises OSError when the adapter is gone."""
+        if self._at >= len(self._unread):
+            self._at, self._unread = 0, b""
+            with suppress(BlockingIOError, InterruptedError):
+                self._unread = os.read(self._descriptor, CHUNK_BYTES)
+                if not self._unread:
+                    raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return len(self._unread) - self._at
+
+    def read(self, size: int = 1) -> bytes:
+        """Bytes of those that `in_waiting` found."""
+        at = self._at
+        self._at = at + size
+        return self._unread[at : at + size]
+
+    def write(self, line: bytes) -> int:
+        """Takes all of it; what the adapter does not take yet goes with the next `has_room`."""
+        self._unwritten += line
+        self.has_room()
+        return len(line)
+
+    def flush(self) -> None:
+        """Does not wait."""
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has not been read."""
+        self._at, self._unread = 0, b""
+        self._port.reset_input_buffer()
+
+    def fileno(self) -> int:
+        """Of the port."""
+        return self._descriptor
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()
+
+
+CALLER, LISTENER = 1, 2  # the nodes' numbers when the URL gives none
+EXAMPLE = "write it like can://socketcan/can0?bitrate=1000000"
+
+
+@dataclass(frozen=True)
+class CanSettings:
+    """interface and channel are python-can's; extra: its other arguments."""
+
+    interface: str
+    channel: str | int
+    line: CanLine
+    node: int
+    peer: int
+    extra: Mapping[str, Value]
+
+    def url(self, node: int) -> str:
+        """A node of this bus, for people."""
+        return f"can://{self.interface}/{str(self.channel).lstrip('/')}?node={node}"
+
+
+def can_settings(url: SplitResult, listen: bool) -> CanSettings:
+    """The settings in a URL. Raises BadUrlError."""
+    where = text_of(url)
+    channel = unquote(url.path).lstrip("/")
+    if not url.netloc or "@" in url.netloc or ":" in url.netloc:
+        raise BadUrlError(where, "the interface is missing", EXAMPLE)
+    if not channel:
+        raise BadUrlError(where, "the channel is missing", EXAMPLE)
+    if url.fragment:
+        raise BadUrlError(where, f"can:// takes no fragment ({url.fragment})", EXAMPLE)
+    keys = query(url, EXAMPLE)
+    fd = switch(url, "fd", keys.pop("fd", False))
+    bitrate = whole(url, "bitrate", keys.pop("bitrate", None), 5_000, 1_000_000, EXAMPLE)
+    data_bitrate = whole(url, "data_bitrate", keys.pop("data_bitrate", bitrate), bitrate, 20_000_000, EXAMPLE)
+    if not fd and data_bitrate != bitrate:
+        raise BadUrlError(where, "data_bitrate is for CAN FD alone", "add fd=true or drop it")
+    default = (LISTENER, CALLER) if listen else (CALLER, LISTENER)
+    node = whole(url, "node", keys.pop("node", default[0]), 0, NODES - 1, EXAMPLE)
+    peer = whole(url, "peer", keys.pop("peer", default[1]), 0, NODES - 1, EXAMPLE)
+    if node == peer:
+        raise BadUrlError(where, f"node and peer are both {node}", "give each end a number of its own")
+    if url.netloc == "udp_multicast":
+        keys.setdefault("hop_limit", 0)
+    return CanSettings(
+        interface=url.netloc,
+        channel=_channel(url.netloc, channel),
+        line=CanLine(bitrate, fd, data_bitrate if fd else 0),
+        node=node,
+        peer=peer,
+        extra=keys,
+    )
+
+
+def _channel(interface: str, channel: str) -> str | int:
+    if "/" in channel:  # a device
+        return f"/{channel}"
+    return int(channel) if channel.isascii() and channel.isdigit() and interface != "virtual" else channel
+
+
+VIRTUAL_QUEUE = 4096
+BUFFER_BYTES = 1 << 20  # half a second of a busy bus while the reader is held up; the kernel caps it
+
+
+def opened(settings: CanSettings, where: str) -> tuple[Any, Adapter]:
+    """The python-can bus, and what says more of it than python-can does.
+
+    Raises a TransportError that names `where`.
+    """
+    try:
+        import can
+    except ImportError:
+        raise TransportError(where, "needs python-can", "install it with pip install python-can") from None
+
+    if settings.interface not in can.VALID_INTERFACES:
+        raise BadUrlError(
+            where,
+            f"python-can has no interface {settings.interface}",
+            "use one such as socketcan, slcan, pcan, kvaser, gs_usb, udp_multicast or virtual",
+        )
+    try:
+        bus = can.Bus(settings.channel, settings.interface, ignore_config=True, **_arguments(settings))
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
+        raise _explained(error, settings, where) from None
+    if settings.interface == "slcan":
+        attributes = vars(bus)
+        attributes["serialPortOrig"] = port = SlcanPort(attributes["serialPortOrig"])
+        return bus, port
+    if settings.interface in ("socketcan", "udp_multicast"):
+        with socket.socket(fileno=os.dup(bus.fileno())) as sock:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+    return bus, Adapter()
+
+
+def _arguments(settings: CanSettings) -> dict[str, Any]:
+    import can
+
+    line = settings.line
+    arguments: dict[str, Any] = {"bitrate": line.bitrate}
+    if settings.interface == "virtual":
+        arguments["rx_queue_size"] = VIRTUAL_QUEUE
+    elif settings.interface == "slcan":
+        arguments["timeout"] = 0.0
+        if line.fd:
+            del arguments["bitrate"]
+            arguments["timing"] = can.BitTimingFd.from_sample_point(
+                80_000_000, line.bitrate, 80.0, line.data_bitrate, 80.0
+            )
+    elif settings.interface == "udp_multicast":
+        arguments["fd"] = line.fd
+    elif line.fd:
+        arguments.update(fd=True, data_bitrate=line.data_bitrate)
+    arguments.update(settings.extra)
+    return arguments
+
+
+def _explained(error: BaseException, settings: CanSettings, where: str) -> TransportError:
+    number = _number(error)
+    channel = settings.channel
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return AddressUnavailableError(
+            where, f"there is no {channel} on this machine", "plug the adapter in and look for its name with ip link"
+        )
+    if number == errno.EAFNOSUPPORT:
+        return AddressUnavailableError(
+            where, "this kernel has no SocketCAN", "load its modules (modprobe can can_raw) or use slcan"
+        )
+    if number in (errno.EACCES, errno.EPERM):
+        return AddressDeniedError(
+            where, "this user may not open it", "add the user to the group dialout and log in again"
+        )
+    if number in (errno.EBUSY, errno.EADDRINUSE):
+        return AddressInUseError(where, "the channel is in use by another program", "stop it or choose another channel")
+    reason = str(error).rstrip(".") or type(error).__name__
+    return TransportError(where, f"cannot be opened ({reason})", "check interface, channel and bit rates")
+
+
+def _number(error: BaseException | None) -> int | None:
+    while error is not None:
+        number = getattr(error, "errno", None) or getattr(error, "error_code", None)
+        if isinstance(number, int):
+            return number
+        error = error.__cause__
+    return None
+
 
 BATCH = 4096  # CAN frames of one receive(): a flood may not hold the caller
 FIRST_RETRY_S = 0.1

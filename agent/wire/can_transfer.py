@@ -1,25 +1,71 @@
-"""Chunks of bytes over CAN frames: cut on one side, put together on the other. No bus in here.
+"""Chunks of bytes as CAN frames: segmentation, reassembly, and the time a frame takes. No bus in here.
 
 A chunk of up to 510 bytes is one transfer: two bytes of length, little endian, then the chunk, cut into parts of 8
 bytes (classic CAN) or 64 (CAN FD, the last one padded to a length that CAN FD has). Identifier, 29 bits, high first:
 
     priority 2 | tag 4 | sender 6 | destination 6 | transfer 5 | index 6
 
-Priority 0 is for what cannot wait, 2 for the rest, so that the bus itself lets the first pass. The tag marks frames of
-this protocol. Transfers count up modulo 32 for each priority, index is the place of the part, so that order on the bus
+Priority 0 is for urgent messages, 2 for the rest, so that the bus itself lets the first pass. The tag marks frames of
+this protocol. Transfers count up modulo 32 for each priority, index is the number of the part, so that order on the bus
 does not matter.
 
-What comes out is a chunk that was sent, and once, as long as frames are displaced by fewer than 16 transfers of their
-priority, and of the transfers that follow one with a hole within `OPEN_S` not all of 16 in a row are lost whole. Beyond
-that the transfer number alone cannot tell old from new; a chunk put together wrongly then fails the checksum of the
-frame it holds.
+A reassembled chunk is one that was sent, and comes out once, as long as frames are displaced by fewer than 16 transfers
+of their priority, and of the transfers that follow one with a hole within `OPEN_S` not all of 16 in a row are lost
+whole. Beyond that the transfer number alone cannot tell old from new; a chunk put together wrongly then fails the
+checksum of the frame it holds.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from agent.wire.can_line import CLASSIC_BYTES, FD_BYTES, HEADER_BYTES, padded
+CLASSIC_BYTES = 8
+FD_BYTES = 64
+FD_LENGTHS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64)
+HEADER_BYTES = 2  # of a transfer: its length
+
+
+@dataclass(frozen=True)
+class CanLine:
+    """Bit rates of a bus; data_bitrate counts for the data of CAN FD frames."""
+
+    bitrate: int
+    fd: bool = False
+    data_bitrate: int = 0
+
+    @property
+    def part_bytes(self) -> int:
+        """The most data a frame carries."""
+        return FD_BYTES if self.fd else CLASSIC_BYTES
+
+    @property
+    def capacity_bps(self) -> float:
+        """Bytes of data per second in full frames."""
+        return self.part_bytes / self.frame_s(self.part_bytes)
+
+    def frame_s(self, data_bytes: int) -> float:
+        """Time of one frame, in seconds."""
+        if not self.fd:
+            stuffed = 54 + 8 * data_bytes  # start of frame to checksum
+            return (stuffed + (stuffed - 1) // 4 + 13) / self.bitrate
+        arbitration = 36  # start of frame to bit rate switch
+        data = 5 + 8 * padded(data_bytes)
+        checksum = 4 + 17 + 6 if data_bytes <= 16 else 4 + 21 + 7  # stuff count, checksum, fixed stuff bits
+        slow = arbitration + (arbitration - 1) // 4 + 13
+        fast = data + (data + 3) // 4 + checksum
+        return slow / self.bitrate + fast / (self.data_bitrate or self.bitrate)
+
+    def transfer_s(self, chunk_bytes: int) -> float:
+        """Time of all frames that carry a chunk."""
+        whole, rest = divmod(HEADER_BYTES + chunk_bytes, self.part_bytes)
+        return whole * self.frame_s(self.part_bytes) + (self.frame_s(rest) if rest else 0.0)
+
+
+def padded(data_bytes: int) -> int:
+    """The shortest length that a CAN FD frame can have for so many bytes."""
+    return next(length for length in FD_LENGTHS if length >= data_bytes)
+
 
 LARGEST_CHUNK = 510
 NODES = 64

@@ -14,17 +14,17 @@ from time import monotonic, sleep
 from typing import Any
 from urllib.parse import SplitResult, unquote
 
-from agent.wire.line import Line
-from agent.wire.query import query, text_of, whole
 from agent.wire.transport import (
     AddressDeniedError,
     AddressInUseError,
     AddressUnavailableError,
     BadUrlError,
+    Line,
     Transport,
     TransportClosedError,
     TransportError,
 )
+from agent.wire.urls import query, text_of, whole
 
 BITS_PER_BYTE = 10  # with start and stop bit
 CHUNK_BYTES = 4096

@@ -13,9 +13,8 @@ import socket
 from time import monotonic
 from urllib.parse import SplitResult
 
-from agent.wire.address import Address, address_url, explained, resolve
-from agent.wire.interface import interface_of, keep_to
 from agent.wire.transport import Transport, TransportClosedError
+from agent.wire.urls import Address, address_url, explained, interface_of, keep_to, resolve
 
 BUFFER_BYTES = 1 << 16  # what may lie unread at the other end: a second or two of telemetry, not minutes of it
 CHUNK_BYTES = 1 << 16

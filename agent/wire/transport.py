@@ -1,12 +1,12 @@
 """What carries the bytes of a link: one interface, one table of schemes, one tree of errors.
 
+    (no URL)              two ends in one process, see `memory_pair`               agent.wire.memory
     udp://host:port       datagrams over Ethernet, USB-Ethernet or loopback        agent.wire.udp
     tcp://host:port       a stream of bytes; listening, one peer after the other   agent.wire.tcp
     serial:///dev/…       a stream of bytes over a serial line                     agent.wire.serial_line
     can://bus/channel     a CAN bus, classic or FD, by python-can                  agent.wire.can_bus
-    (no URL)              two ends in one process, see `memory_pair`               agent.wire.memory
 
-A new transport is a row in `SCHEMES`, a class, and a row in the contract test.
+A new transport is a class, a row in `SCHEMES`, and a row in the contract test.
 
     TransportError
     ├── BadUrlError               the URL names no transport that can be opened
@@ -23,9 +23,27 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from enum import Enum
 from importlib import import_module
+from time import monotonic
 from types import TracebackType
-from typing import TypeVar, cast
+from typing import Callable, TypeVar, cast
 from urllib.parse import SplitResult, urlsplit
+
+
+class Line:
+    """A line that carries one thing after the other, each for a known time."""
+
+    def __init__(self, clock_s: Callable[[], float] = monotonic) -> None:
+        self._clock_s = clock_s
+        self._free_at_s = 0.0
+
+    def took(self, busy_s: float) -> None:
+        """It was given something that keeps it busy for so long."""
+        self._free_at_s = max(self._free_at_s, self._clock_s()) + busy_s
+
+    def backlog_s(self) -> float:
+        """Seconds until it is free, 0 when it is."""
+        return max(self._free_at_s - self._clock_s(), 0.0)
+
 
 SCHEMES: dict[str, str] = {
     "udp": "agent.wire.udp:UdpTransport",

@@ -10,9 +10,8 @@ from typing import Callable
 from urllib.parse import SplitResult
 
 from agent.timing.waiting import wait_readable
-from agent.wire.address import Address, address_url, explained, resolve
-from agent.wire.interface import interface_of, keep_to
 from agent.wire.transport import DatagramTooLongError, Standing, Transport, TransportClosedError
+from agent.wire.urls import Address, address_url, explained, interface_of, keep_to, resolve
 
 # A second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max.
 BUFFER_BYTES = 1 << 20

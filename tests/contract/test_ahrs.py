@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 from ahrs_autopilot import CAPTURE, Double, MicroStrainDouble, Real, VectorNavDouble, Watcher, parameters
 
-from agent.bridges.ahrs import Ahrs
+from agent.bridges.ahrs import Ahrs, open_line
 from agent.bridges.json_world import JsonWorld
 from agent.bridges.microstrain import MicroStrain7
-from agent.bridges.sensor_line import open_line
 from agent.bridges.vectornav import VectorNav
 from agent.timing.clock import MonotonicClock, TickClock
 from agent.wire import dialect as mav

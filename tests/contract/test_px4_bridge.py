@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from agent.assembly import assemble
-from agent.bridges import px4_line
+from agent.bridges import px4
 from agent.node import AgentNode
 from agent.options import Options
 from agent.wire import dialect as mav
@@ -67,7 +67,7 @@ def acceleration_at(stamp_us: int) -> float:
 
 @pytest.fixture
 def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
-    monkeypatch.setattr(px4_line, "PATIENCE_S", 5.0)
+    monkeypatch.setattr(px4, "PATIENCE_S", 5.0)
     with ExitStack() as opened, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         yield Host(opened, taken.getsockname()[1])
@@ -87,7 +87,7 @@ def test_samples_in_and_the_motors_of_the_same_tick_out(host: Host) -> None:
 
 
 def test_a_run_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(px4_line, "PATIENCE_S", 5.0)
+    monkeypatch.setattr(px4, "PATIENCE_S", 5.0)
     told = []
     for _ in range(2):
         with ExitStack() as opened, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:

@@ -15,7 +15,7 @@ import pytest
 from transport_ends import CLASSIC, GROUP, PAIRS, WAIT_S, opened, send, slcan_buses, take, take_bytes
 
 from agent.wire import dialect
-from agent.wire.can_line import CanLine
+from agent.wire.can_transfer import CanLine
 from agent.wire.link import Link
 from agent.wire.transport import Transport, open_transport
 from xitl_cli.run.links.can_loopback import CanLoopback

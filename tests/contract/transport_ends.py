@@ -8,8 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 
-from agent.wire.can_line import CanLine
-from agent.wire.can_transfer import LARGEST_CHUNK
+from agent.wire.can_transfer import LARGEST_CHUNK, CanLine
 from agent.wire.impaired import ImpairedTransport
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Standing, Transport, open_transport

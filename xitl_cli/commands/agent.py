@@ -67,10 +67,9 @@ def deploy(
     from rich.console import Console
     from rich.text import Text
 
-    from agent.board.settings import to_json
-    from xitl_cli.deploy.options import settings
+    from agent.board.install import to_json
     from xitl_cli.deploy.package import build
-    from xitl_cli.deploy.ssh import Board, run_there
+    from xitl_cli.deploy.ssh import Board, run_there, settings
 
     board = Board(destination, port, identity, ssh_config)
     given = {"link": link, "role": role, "cpu": cpu, "realtime": None if realtime is None else str(realtime)}

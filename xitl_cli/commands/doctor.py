@@ -11,7 +11,7 @@ import typer
 from xitl_cli.commands.agent import Identity, Port, SshConfig
 
 if TYPE_CHECKING:
-    from agent.board.findings import Finding
+    from agent.board.doctor import Finding
     from xitl_cli.deploy.ssh import Board
 
 HOST_PYTHON = (3, 11)
@@ -30,8 +30,7 @@ def doctor(
     ssh_config: SshConfig = None,
 ) -> None:
     """Check this machine or a board: kernel, permissions, clocks, ports, devices. Exit code 1 on a problem."""
-    from agent.board.doctor import examine
-    from agent.board.findings import exit_code, text, to_json
+    from agent.board.doctor import examine, exit_code, findings_text, findings_to_json
 
     if destination is None:
         findings = examine(link, HOST_PYTHON)
@@ -40,12 +39,12 @@ def doctor(
 
         findings = _examined_there(Board(destination, port, identity, ssh_config), link)
     colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
-    print(to_json(findings) if as_json else text(findings, colour))
+    print(findings_to_json(findings) if as_json else findings_text(findings, colour))
     raise typer.Exit(exit_code(findings))
 
 
 def _examined_there(board: Board, link: str | None) -> list[Finding]:
-    from agent.board.findings import from_objects
+    from agent.board.doctor import findings_from_objects
     from xitl_cli.deploy.package import build
     from xitl_cli.deploy.ssh import run_there
     from xitl_cli.errors import UserError
@@ -53,6 +52,6 @@ def _examined_there(board: Board, link: str | None) -> list[Finding]:
     arguments = ["doctor", "--for-host", *([] if link is None else [f"--link={link}"])]
     outcome = run_there(board, build(), arguments, b"")
     try:
-        return from_objects(outcome.get("findings"))
+        return findings_from_objects(outcome.get("findings"))
     except ValueError as error:
         raise UserError(f"{board.destination}: the answer is {error}; try again") from None

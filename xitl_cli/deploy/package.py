@@ -23,7 +23,7 @@ import sys
 if sys.version_info < (3, 9):
     sys.exit("error: xitl-agent.pyz needs Python 3.9 or newer, this is %s" % sys.version.split()[0])
 
-from agent.board.entry import main
+from agent.board.startup import main
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:], "xitl-agent.pyz"))

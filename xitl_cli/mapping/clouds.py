@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.companion.clouds import Cloud
-from agent.companion.pings import Ping
+from agent.companion.sonar import Ping
 from agent.wire import dialect
 from agent.wire.codec import Message, decode
 from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC

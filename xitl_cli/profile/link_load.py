@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from agent.wire.can_line import CanLine
+from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import BITS_PER_BYTE
 from xitl_cli.profile.schema.sensors import Sensors, sensors_of
 

@@ -121,7 +121,7 @@ def test_without_odometry_it_says_so_and_looks_out_all_the_same(monkeypatch: pyt
 
 
 def test_without_numpy_it_is_there_and_says_why_it_is_blind(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "agent.companion.perceiver", None)
+    monkeypatch.setitem(sys.modules, "agent.companion.perception", None)
     companion = Companion()
     companion.clouds(2)
     said = "".join(texts(companion.said))

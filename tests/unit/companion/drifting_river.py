@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from agent.companion.obstacle_avoidance import Watch
 from agent.companion.pose_history import quaternion, rotation
-from agent.companion.watch import Watch
 from agent.fcu.control.guidance import GuidanceGains, GuidanceState, guide, leg, wrapped
 from agent.fcu.control.guided import CourseOverGround
 from agent.fcu.local_frame import LocalFrame

@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agent.companion.estimate import Estimate, Motion
-from agent.companion.inertial import DOWN_RAD, HEIGHT_M, INITIAL, Inertial, Motions, _information
 from agent.companion.odometry import LidarOdometry
+from agent.companion.odometry_filters import (
+    DOWN_RAD,
+    HEIGHT_M,
+    INITIAL,
+    Estimate,
+    Inertial,
+    Motion,
+    Motions,
+    _information,
+)
 from agent.companion.pose_history import PoseHistory, quaternion, rotation
-from agent.companion.rigid import exponential, logarithm
+from agent.companion.rigid_motion import exponential, logarithm
 from agent.companion.water_plane import Level, WaterPlane
 from tests.unit.companion import river_scans
 

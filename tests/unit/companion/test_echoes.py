@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agent.companion.echoes import echo_points
-from agent.companion.pings import Ping
+from agent.companion.sonar import Ping, echo_points
 
 SAMPLES = 600
 PERIOD_S = 2.0 * 30.0 / 1500.0 / SAMPLES  # 5 cm a sample

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from agent.companion.odometry import LidarOdometry, OdometryError
-from agent.companion.rigid import drifted, exponential, inverse, logarithm
+from agent.companion.rigid_motion import drifted, exponential, inverse, logarithm
 from agent.companion.water_plane import WaterPlane
 from tests.unit.companion import river_scans
 

@@ -8,15 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.companion.avoidance import Things, clearance_m
-from agent.companion.clusters import Cluster, clusters
-from agent.companion.course import STEP_S, Legs, leg_course_rad, sail
+from agent.companion.avoidance import STEP_S, Legs, Things, clearance_m, leg_course_rad, sail
+from agent.companion.detection import Cluster, Frame, Sighting, cells_of, clusters
+from agent.companion.obstacle_avoidance import SECTORS, Watch, proximity_messages
 from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion, rotation
-from agent.companion.proximity import SECTORS, proximity_messages
-from agent.companion.sighting import Frame, Sighting, cells_of
-from agent.companion.structure import Structure
-from agent.companion.tracks import CurrentGuess, Tracks
-from agent.companion.watch import Watch
+from agent.companion.tracking import CurrentGuess, Structure, Tracks
 
 HERE = np.zeros(2)
 TENTH_NS = 100_000_000

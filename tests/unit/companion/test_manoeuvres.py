@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.companion.avoidance import AROUND, FREE, STAY, Choice, Planner, Things
-from agent.companion.course import Legs, crabbing_rad, sail
-from agent.companion.helm import Helm
+from agent.companion.autopilot_state import Way
+from agent.companion.avoidance import AROUND, FREE, STAY, Choice, Legs, Planner, Things, crabbing_rad, sail
+from agent.companion.command_output import Helm
 from agent.companion.pose_history import VehiclePose, quaternion, rotation
-from agent.companion.vehicle import Way
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.companion.pings import Ping, Pings, ping_messages
+from agent.companion.sonar import Ping, Pings, ping_messages
 from agent.wire.codec import Message, Packer, decode
 
 

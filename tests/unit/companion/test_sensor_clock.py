@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from agent.companion.sensor_clock import SensorClock
+from agent.companion.perception import SensorClock
 
 S = 1_000_000_000
 

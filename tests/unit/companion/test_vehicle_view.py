@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agent.companion.autopilot_state import VehicleView, heading_rad
 from agent.companion.pose_history import PoseHistory, quaternion, rotation
-from agent.companion.vehicle import VehicleView, heading_rad
 from agent.fcu.local_frame import LocalFrame
 from agent.mavlink.modes import AUTO
 from agent.wire import dialect as mav

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from agent.board.settings import Settings
-from xitl_cli.deploy.options import settings
-from xitl_cli.deploy.ssh import REMOTE, Board
+from agent.board.install import Settings
+from xitl_cli.deploy.ssh import REMOTE, Board, settings
 from xitl_cli.errors import UserError
 
 

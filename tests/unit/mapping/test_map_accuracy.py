@@ -14,7 +14,7 @@ from sim_core.world.boom import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory, umeyama
 from xitl_cli.mapping.accuracy import apart, boom_section, matched, perception_sections
 from xitl_cli.mapping.clouds import at
-from xitl_cli.mapping.files import write_tum
+from xitl_cli.mapping.rebuild import write_tum
 
 
 def wandering(count: int = 400, off_m: float = 0.0, turned: bool = False) -> Trajectory:

@@ -13,8 +13,7 @@ from agent.assembly import assemble
 from agent.node import PROTOCOL
 from agent.options import Options
 from agent.wire import dialect
-from agent.wire.can_line import CanLine
-from agent.wire.can_transfer import Segmenter
+from agent.wire.can_transfer import CanLine, Segmenter
 from agent.wire.codec import Packer
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair

@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from agent.companion.pings import Ping
+from agent.companion.sonar import Ping
 from agent.wire import dialect as mav
 from xitl_cli.logs.opening import open_log
 from xitl_cli.mapping import clouds as recorded

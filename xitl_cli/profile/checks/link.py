@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from urllib.parse import SplitResult, urlsplit
 
-from agent.wire.address import host_port
-from agent.wire.can_line import CanLine
-from agent.wire.can_url import can_settings
+from agent.wire.can_bus import can_settings
+from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import device_and_baud
 from agent.wire.transport import SCHEMES, BadUrlError
+from agent.wire.urls import host_port
 from xitl_cli.profile.entry import KeyPath, dotted
 from xitl_cli.profile.link_load import BAUDS, BUSES, MOST_SHARE, Load, bytes_per_s, highest_imu_rate_hz, load_of
 from xitl_cli.profile.problems import shown

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
-from agent.wire.can_line import FD_LENGTHS, CanLine
+from agent.wire.can_transfer import FD_LENGTHS, CanLine
 from xitl_cli.run.links.pty_pair import PtyPair
 
 MOST_FRAMES = 256  # that an adapter keeps; the computer keeps the rest

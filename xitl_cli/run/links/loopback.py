@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 from urllib.parse import urlsplit
 
-from agent.wire.can_url import can_settings
+from agent.wire.can_bus import can_settings
 from agent.wire.serial_line import device_and_baud
 from agent.wire.transport import BadUrlError
 from xitl_cli.errors import UserError

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_core.world.boom import LogBoom
 from xitl_cli.mapping.accuracy import perception_sections
-from xitl_cli.mapping.files import points_of, write_map, write_tum
+from xitl_cli.mapping.rebuild import points_of, write_map, write_tum
 from xitl_cli.record.perception import SOURCES
 from xitl_cli.run import directory
 from xitl_cli.run.nodes.companion_line import CompanionLine, NoCompanion

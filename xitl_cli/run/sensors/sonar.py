@@ -11,8 +11,7 @@ from numpy import uint8
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
-from agent.companion.echoes import echo_points
-from agent.companion.pings import TURN_GRAD, Ping, ping_messages
+from agent.companion.sonar import TURN_GRAD, Ping, echo_points, ping_messages
 from agent.wire.codec import Message
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import (

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from agent.bridges import gps_time
+from agent.bridges.samples import WEEK_S, GpsTime
 from agent.wire import dialect
 from sim_core.sensors.gnss import GnssSample
 from sim_core.sensors.obstacle_scanner import ScanSample
@@ -31,7 +31,7 @@ ORIENTATIONS = {
 }
 """MAV_SENSOR_ORIENTATION of the six directions of the body; others go as custom with a quaternion."""
 
-_WEEK_MS = gps_time.WEEK_S * 1000
+_WEEK_MS = WEEK_S * 1000
 _NO_DILUTION = 6  # ignore_flags: horizontal and vertical dilution
 
 
@@ -70,10 +70,10 @@ def distance_sensor(number: int, rangefinder: Rangefinder) -> Callable[[int, Ran
 
 def gps_input(gps_id: int) -> Callable[[int, GnssSample], Message]:
     """GPS_INPUT of this receiver."""
-    clock = gps_time.fixed()
+    clock = GpsTime.fixed()
 
     def encode(stamp_us: int, sample: GnssSample) -> Message:
-        week, of_week_ms = divmod(clock.at(stamp_us * 1000) // 1_000_000, _WEEK_MS)
+        week, of_week_ms = divmod(clock.gps_ns(stamp_us * 1000) // 1_000_000, _WEEK_MS)
         north_mps, east_mps, down_mps = sample.vel_ned_mps[0].tolist()
         return dialect.MAVLink_gps_input_message(
             stamp_us,

@@ -14,10 +14,10 @@ from dataclasses import asdict, dataclass
 from urllib.parse import urlsplit
 
 from agent.wire import dialect
-from agent.wire.address import Address, address_url, explained, resolve
 from agent.wire.codec import Packer, decode
 from agent.wire.framing import Framer
 from agent.wire.transport import TransportError
+from agent.wire.urls import Address, address_url, explained, resolve
 from sim_core.world.bodies import BodyKind
 from sim_core.world.drifting import Launch
 from xitl_cli.errors import UserError

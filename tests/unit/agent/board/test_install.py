@@ -11,9 +11,8 @@ from typing import NoReturn
 
 import pytest
 
-from agent.board.install import ARCHIVE, InstallError, install, places
+from agent.board.install import ARCHIVE, InstallError, Settings, SettingsError, from_json, install, places, to_json
 from agent.board.service import ServiceError, quoted, unit
-from agent.board.settings import Settings, SettingsError, from_json, to_json
 
 NOTHING = Settings(service=False, options=None, files={})
 

@@ -8,12 +8,10 @@ from collections.abc import Callable
 
 import pytest
 
-from agent.bridges import microstrain_frames, vectornav_frames
-from agent.bridges.ahrs import Ahrs
+from agent.bridges import microstrain, vectornav
+from agent.bridges.ahrs import Ahrs, SensorLine
 from agent.bridges.microstrain import MicroStrain7
-from agent.bridges.sensor_line import SensorLine
-from agent.bridges.vectornav import VectorNav
-from agent.bridges.vectornav_commands import sentence
+from agent.bridges.vectornav import VectorNav, sentence
 from agent.options import Options, OptionsError
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
@@ -34,12 +32,12 @@ SET_UP = (
 MS = 1_000_000
 INERTIAL, SOLUTION, FIX = "inertial", "solution", "fix"
 KINDS = {
-    b"\xfa" + vectornav_frames.INERTIAL_HEADER: INERTIAL,
-    b"\xfa" + vectornav_frames.SOLUTION_HEADER: SOLUTION,
-    b"\xfa" + vectornav_frames.RECEIVER_HEADER: FIX,
-    bytes((0x75, 0x65, microstrain_frames.SENSORS)): INERTIAL,
-    bytes((0x75, 0x65, microstrain_frames.FILTER)): SOLUTION,
-    bytes((0x75, 0x65, microstrain_frames.RECEIVER_1)): FIX,
+    b"\xfa" + vectornav.INERTIAL_HEADER: INERTIAL,
+    b"\xfa" + vectornav.SOLUTION_HEADER: SOLUTION,
+    b"\xfa" + vectornav.RECEIVER_HEADER: FIX,
+    bytes((0x75, 0x65, microstrain.SENSORS)): INERTIAL,
+    bytes((0x75, 0x65, microstrain.FILTER)): SOLUTION,
+    bytes((0x75, 0x65, microstrain.RECEIVER_1)): FIX,
 }
 
 
@@ -124,7 +122,7 @@ class Bench:
         return [sent for sent in self.wire.sent if any(sent.startswith(head) and KINDS[head] == kind for head in KINDS)]
 
 
-def vectornav() -> Bench:
+def vectornav_bench() -> Bench:
     bench = Bench(VectorNav)
     bench.hear(*SET_UP)
     return bench
@@ -161,7 +159,7 @@ def test_what_flows(make: Callable[[SensorLine], Ahrs]) -> None:
 
 
 def test_no_solution_before_a_place_is_known() -> None:
-    bench = vectornav()
+    bench = vectornav_bench()
     bench.run(10.0, without=("gnss",))
     assert bench.frames(SOLUTION) == []
     bench.run(5.0)
@@ -169,7 +167,7 @@ def test_no_solution_before_a_place_is_known() -> None:
 
 
 def test_the_solution_is_where_and_how_the_vessel_is() -> None:
-    bench = vectornav()
+    bench = vectornav_bench()
     bench.run(20.0)
     values = struct.unpack_from("<3f4f3fH3d3f", bench.frames(SOLUTION)[-1], 8 + 8)
     yaw, pitch, roll = values[:3]
@@ -184,10 +182,10 @@ def test_the_solution_is_where_and_how_the_vessel_is() -> None:
 
 
 def test_a_dead_compass_is_told_in_the_status() -> None:
-    bench = vectornav()
+    bench = vectornav_bench()
     bench.run(10.0)
     bench.run(2.0, without=("field",))
-    assert struct.unpack_from("<H", bench.frames(SOLUTION)[-1], 8 + 48)[0] & vectornav_frames.FIELD_FAULT
+    assert struct.unpack_from("<H", bench.frames(SOLUTION)[-1], 8 + 48)[0] & vectornav.FIELD_FAULT
 
 
 def test_inertial_frames_at_the_rate_that_was_asked_for() -> None:
@@ -218,7 +216,7 @@ def test_nobody_there_is_said_once(make: Callable[[SensorLine], Ahrs], name: str
 
 
 def test_a_restart_of_the_autopilot() -> None:
-    bench = vectornav()
+    bench = vectornav_bench()
     bench.run(1.0)
     bench.hear(SET_UP[0])
     before = len(bench.frames(INERTIAL))
@@ -256,7 +254,7 @@ def test_a_cable_that_is_pulled(make: Callable[[SensorLine], Ahrs]) -> None:
 
 
 def test_a_run_begins_with_counts_of_its_own_and_the_set_up_of_the_last() -> None:
-    bench = vectornav()
+    bench = vectornav_bench()
     bench.run(1.0)
     bench.wire.coming.append(b"noise")
     bench.unit.serve(0)

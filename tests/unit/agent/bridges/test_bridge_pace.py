@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from agent.bridges.pace import RATE_WINDOW, Pace, RateGauge, SpeedLimit
+from agent.bridges.ahrs import RATE_WINDOW, RateGauge, SpeedLimit
+from agent.bridges.readings import SampleDecimator
 
 MS = 1_000_000
 
 
 def passed(period_ns: int, stamps_ns: list[int]) -> list[int]:
-    pace = Pace(period_ns)
-    return [stamp_ns for stamp_ns in stamps_ns if pace.due(stamp_ns)]
+    pace = SampleDecimator(period_ns)
+    return [stamp_ns for stamp_ns in stamps_ns if pace.is_due(stamp_ns)]
 
 
 def test_all_of_them() -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.bridges.frame_times import FrameTimes
+from agent.bridges.json_world import FrameTimes
 
 
 def its_clock(clock_us: int, last_s: float, told_s: float) -> int:

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as public
 
-from agent.bridges.gps_time import EPOCH_UNIX_S, LEAP_S, START_OF_RUNS_S
 from agent.bridges.hil import ABSENT_NS, SILENT_NS, HilMessages
+from agent.bridges.samples import EPOCH_UNIX_S, LEAP_S, START_OF_RUNS_S
 from agent.bridges.vehicle_link import SAMPLES_WAITING, VehicleLink
 from agent.options import Options, OptionsError
 from agent.timing.clock import TickClock

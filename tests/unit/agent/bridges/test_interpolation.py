@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from agent.bridges.interpolation import Path, Truth, truth_of
+from agent.bridges.json_world import Path, Truth, truth_of
 from agent.wire import dialect as mav
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.bridges.json_frames import datagrams, extras_text, frame_text, head_of, imu_text, pulses_of
+from agent.bridges.json_line import datagrams, extras_text, frame_text, head_of, imu_text, pulses_of
 
 MOTION = (1.0, -2.0, 0.5, 0.8, 0.0, 0.0, 0.6, 3.0, -0.25, 0.0)
 IMU = imu_text((0.1, -0.2, 0.3), (0.0, 0.5, -9.81))

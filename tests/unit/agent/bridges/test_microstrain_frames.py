@@ -7,9 +7,8 @@ import struct
 
 import pytest
 
-from agent.bridges import microstrain_frames as frames
-from agent.bridges.gps_time import SECOND_NS, WEEK_S
-from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
+from agent.bridges import microstrain
+from agent.bridges.samples import SECOND_NS, WEEK_S, InertialSample, Navigation, ReceiverFix
 
 SAMPLE = InertialSample(5, (0.1, -0.2, 0.3), (0.5, -0.25, -9.80665), (0.25, -0.125, 0.0625), 101_325.0, 21.5)
 GPS_NS = (2_371 * WEEK_S + 100_000) * SECOND_NS + 250_000_000
@@ -50,11 +49,11 @@ def fields(packet: bytes, descriptor_set: int) -> dict[int, bytes]:
 
 def test_a_checksum_of_the_manual() -> None:
     """The ping command of the protocol's description, and its checksum."""
-    assert frames.packet(0x01, bytes.fromhex("0201")).hex() == "756501020201e0c6"
+    assert microstrain.packet(0x01, bytes.fromhex("0201")).hex() == "756501020201e0c6"
 
 
 def test_an_inertial_packet() -> None:
-    found = fields(frames.inertial_frame(SAMPLE), 0x80)
+    found = fields(microstrain.inertial_frame(SAMPLE), 0x80)
     assert set(found) == {0x17, 0x06, 0x04, 0x05}
     assert struct.unpack(">f", found[0x17])[0] == pytest.approx(1013.25)  # mbar
     assert struct.unpack(">3f", found[0x06]) == (0.25, -0.125, 0.0625)  # gauss
@@ -63,7 +62,7 @@ def test_an_inertial_packet() -> None:
 
 
 def test_a_filter_packet() -> None:
-    found = fields(frames.solution_frame(NAVIGATION), 0x82)
+    found = fields(microstrain.solution_frame(NAVIGATION), 0x82)
     assert struct.unpack(">dHH", found[0xD3]) == (100_000.25, 2_371, 3)
     assert struct.unpack(">3H", found[0x10]) == (4, 3, 0)
     assert struct.unpack(">3dH", found[0x01]) == (-8.8, -63.95, 60.5, 1)
@@ -74,7 +73,7 @@ def test_a_filter_packet() -> None:
 
 
 def test_a_receiver_packet() -> None:
-    found = fields(frames.receiver_frame(FIX), 0x91)
+    found = fields(microstrain.receiver_frame(FIX), 0x91)
     assert struct.unpack(">dHH", found[0xD3])[:2] == (100_000.25, 2_371)
     assert struct.unpack(">BBHH", found[0x0B])[:2] == (0, 14)
     assert struct.unpack(">4d2fH", found[0x03])[:6] == (-8.8, -63.95, 60.5, 60.5, 0.75, 1.5)
@@ -87,4 +86,4 @@ def test_a_receiver_packet() -> None:
 @pytest.mark.parametrize(("fix_type", "kind"), [(3, 0), (2, 1), (1, 3), (0, 3), (4, 0), (5, 5), (6, 6)])
 def test_kinds_of_fix(fix_type: int, kind: int) -> None:
     """GPS_FIX_TYPE, where 1 is no fix, to the unit's."""
-    assert fields(frames.receiver_frame(FIX._replace(fix_type=fix_type)), 0x91)[0x0B][0] == kind
+    assert fields(microstrain.receiver_frame(FIX._replace(fix_type=fix_type)), 0x91)[0x0B][0] == kind

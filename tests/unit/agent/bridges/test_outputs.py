@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from agent.bridges.outputs import Outputs, actuators, pulses_of
+from agent.bridges.role import Outputs, actuators, pulses_of
 from agent.wire import dialect as mav
 
 US = [1900, 1100, 1300, 0, 2200, 700, 1500, 1501]

@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.bridges import px4, px4_line
-from agent.bridges.px4 import Px4
-from agent.bridges.px4_line import FIRST_US, Px4Line
+from agent.bridges import px4
+from agent.bridges.px4 import FIRST_US, Px4, Px4Line
 from agent.bridges.vehicle_link import VehicleLink
 from agent.options import Options
 from agent.timing.clock import TickClock
@@ -75,7 +74,7 @@ def listening() -> Px4:
 
 @pytest.fixture
 def bridge(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bridge]:
-    monkeypatch.setattr(px4_line, "PATIENCE_S", 5.0)  # a busy machine is no silent autopilot
+    monkeypatch.setattr(px4, "PATIENCE_S", 5.0)  # a busy machine is no silent autopilot
     injector = listening()
     yield Bridge(injector)
     injector.close()
@@ -122,7 +121,7 @@ def test_every_sample_waits_for_its_output(bridge: Bridge) -> None:
 def test_px4_may_be_silent_at_its_start_and_while_disarmed(
     bridge: Bridge, monkeypatch: pytest.MonkeyPatch, quiet_us: tuple[int, int]
 ) -> None:
-    monkeypatch.setattr(px4_line, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(px4, "PATIENCE_S", 0.5)
     with calling(Px4Double(quiet_us=[quiet_us]), bridge.port) as double:
         for _ in range(60):
             assert bridge.tick()
@@ -220,7 +219,7 @@ def test_a_sample_that_is_not_newer_is_dropped(bridge: Bridge) -> None:
 def test_a_stopped_px4_holds_the_world(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that reads nothing: its line fills, and no sample is lost."""
     monkeypatch.setattr(px4, "BLOCK_S", 0.01)
-    monkeypatch.setattr(px4_line, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(px4, "PATIENCE_S", 0.0)
     with socket.create_connection(("127.0.0.1", bridge.port), 5.0):
         for number in range(60_000):
             bridge.injector.take(imu(number * IMU_NS), 0)

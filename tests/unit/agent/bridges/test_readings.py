@@ -10,16 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.bridges.gps_time import fixed
+from agent.bridges.ahrs import SensorLine
 from agent.bridges.hil import HilMessages
 from agent.bridges.injector import Injector
 from agent.bridges.json_world import JsonWorld
 from agent.bridges.microstrain import MicroStrain7
 from agent.bridges.px4 import Px4
-from agent.bridges.readings import LARGEST, Readings, field_of, fix_of, imu_of, pressure_of
-from agent.bridges.sensor_line import SensorLine
-from agent.bridges.vectornav import VectorNav
-from agent.bridges.vectornav_commands import sentence
+from agent.bridges.readings import LARGEST, SensorReadings, field_of, fix_of, imu_of, pressure_of
+from agent.bridges.samples import GpsTime
+from agent.bridges.vectornav import VectorNav, sentence
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message, Packer
@@ -37,10 +36,10 @@ def gnss(time_us: int = 0, velocity: Any = (1.0, -2.0, 0.5), h_acc: float = 0.8)
 
 
 def test_a_fix_in_the_units_of_its_name() -> None:
-    fix = fix_of(gnss(250_000), fixed())
+    fix = fix_of(gnss(250_000), GpsTime.fixed())
     assert fix is not None
     assert (fix.lat_deg, fix.lon_deg, fix.alt_m) == pytest.approx((-8.8012345, -63.9512345, 61.23))
-    assert fix.gps_ns == fixed().zero_ns + 250 * MS
+    assert fix.gps_ns == GpsTime.fixed().zero_ns + 250 * MS
     assert (fix.fix_type, fix.satellites) == (3, 14)
 
 
@@ -50,13 +49,13 @@ def test_what_is_no_number_or_beyond_all_sense_is_no_measurement(bad: float) -> 
     assert imu_of(mav.MAVLink_xitl_imu_message(0, (0.0, 0.0, 0.0), (0.0, 0.0, bad), 20.0)) is None
     assert field_of(mav.MAVLink_xitl_magnetometer_message(0, (0.0, 0.0, bad))) is None
     assert pressure_of(mav.MAVLink_xitl_barometer_message(0, bad, 20.0)) is None
-    assert fix_of(gnss(velocity=(0.0, 0.0, bad)), fixed()) is None
-    assert fix_of(gnss(h_acc=bad), fixed()) is None
-    assert fix_of(gnss(2**64 - 1), fixed()) is None
+    assert fix_of(gnss(velocity=(0.0, 0.0, bad)), GpsTime.fixed()) is None
+    assert fix_of(gnss(h_acc=bad), GpsTime.fixed()) is None
+    assert fix_of(gnss(2**64 - 1), GpsTime.fixed()) is None
 
 
 def test_what_is_refused_is_counted_and_the_last_good_one_stays() -> None:
-    readings = Readings(True, lambda: 0.0)
+    readings = SensorReadings(True, lambda: 0.0)
     assert readings.take_field(mav.MAVLink_xitl_magnetometer_message(1, (0.2, 0.0, 0.1)))
     assert not readings.take_field(mav.MAVLink_xitl_magnetometer_message(2, (math.nan, 0.0, 0.1)))
     assert not readings.take_pressure(mav.MAVLink_xitl_barometer_message(2, math.nan, 20.0))

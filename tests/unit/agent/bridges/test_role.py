@@ -9,8 +9,7 @@ import pytest
 from bridged_vehicle import ARMED, VehicleDouble, until
 
 from agent.bridges.injector import Injection, Injector
-from agent.bridges.outputs import Outputs
-from agent.bridges.role import BridgeRole
+from agent.bridges.role import BridgeRole, Outputs
 from agent.bridges.vehicle_link import VehicleLink
 from agent.node import PROTOCOL, AgentNode
 from agent.timing.clock import Clock

@@ -8,7 +8,7 @@ from time import monotonic, sleep
 
 import pytest
 
-from agent.bridges.sensor_line import DATAGRAM_NS, WAITING_FRAMES, SensorLine, open_line
+from agent.bridges.ahrs import DATAGRAM_NS, WAITING_FRAMES, SensorLine, open_line
 from agent.wire.transport import BadUrlError, Transport, open_transport
 
 

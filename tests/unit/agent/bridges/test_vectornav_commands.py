@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.bridges.vectornav_commands import INERTIAL, RECEIVER, SOLUTION, CommandPort, sentence
+from agent.bridges.vectornav import INERTIAL, RECEIVER, SOLUTION, CommandPort, sentence
 
 SET_UP = (
     "VNASY,0",

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from agent.wire.can_line import FD_LENGTHS, CanLine
-from agent.wire.can_transfer import Segmenter
+from agent.wire.can_transfer import FD_LENGTHS, CanLine, Segmenter
 
 
 @pytest.mark.parametrize("data_bytes", range(9))

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.wire.can_line import FD_LENGTHS
 from agent.wire.can_transfer import (
+    FD_LENGTHS,
     LARGEST_CHUNK,
     MOST_OPEN,
     NORMAL,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.wire.sequence import SENDERS, SequenceMonitor
+from agent.wire.link import SENDERS, SequenceMonitor
 
 
 def heard(numbers: list[int]) -> SequenceMonitor:

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.wire.can_line import CanLine
-from agent.wire.can_url import CanSettings, can_settings
-from agent.wire.query import natural
+from agent.wire.can_bus import CanSettings, can_settings
+from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import device_and_baud
 from agent.wire.transport import AddressUnavailableError, BadUrlError, TransportError, UnknownHostError, open_transport
+from agent.wire.urls import natural
 
 CAN = "can://socketcan/can0?bitrate=1000000"
 

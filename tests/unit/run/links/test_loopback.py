@@ -7,8 +7,7 @@ import time
 
 import pytest
 
-from agent.wire.can_line import CanLine
-from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, Segmenter
+from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, CanLine, Segmenter
 from agent.wire.transport import Transport, open_transport
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.can_loopback import CanLoopback

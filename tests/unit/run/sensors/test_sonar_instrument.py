@@ -7,8 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from agent.companion.echoes import echo_points
-from agent.companion.pings import Ping, Pings
+from agent.companion.sonar import Ping, Pings, echo_points
 from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import OVERHEAD_S, TURN_S, Below

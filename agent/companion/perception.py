@@ -1,4 +1,4 @@
-"""What a companion makes of its sensors: odometry, map, and what is in the way."""
+"""Perception of a run: odometry and map from clouds and pings, and obstacle avoidance from the same clouds."""
 
 from __future__ import annotations
 
@@ -9,16 +9,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.companion.clouds import Cloud, Clouds, cloud_messages
-from agent.companion.echoes import echo_points
-from agent.companion.inertial import Motions
 from agent.companion.mapping import LIDAR, SONAR, Added, CloudMap
+from agent.companion.obstacle_avoidance import Watch
 from agent.companion.odometry import LidarOdometry, OdometryError, Placed, no_motion
-from agent.companion.pings import Ping, Pings
+from agent.companion.odometry_filters import Motions
 from agent.companion.pose_history import AHEAD_NS
-from agent.companion.sensor_clock import SensorClock
 from agent.companion.settings import Settings
-from agent.companion.watch import Watch
+from agent.companion.sonar import Ping, Pings, echo_points
 from agent.wire import dialect as mav
+
+WINDOW_NS = 20_000_000_000
+
+
+class SensorClock:
+    """The shortest way a cloud has taken of late is taken for none: what came faster than all others came at once.
+
+    In lockstep both clocks are one.
+    """
+
+    def __init__(self, lockstep: bool) -> None:
+        self._lockstep = lockstep
+        self._since_ns: int | None = None
+        self._least_ns: int | None = None
+        self._before_ns: int | None = None
+
+    def arrived(self, stamp_ns: int, now_ns: int) -> None:
+        """Something that was whole at `stamp_ns` came at `now_ns`."""
+        took_ns = now_ns - stamp_ns
+        if self._since_ns is None or now_ns - self._since_ns > WINDOW_NS:
+            self._since_ns, self._before_ns, self._least_ns = now_ns, self._least_ns, took_ns
+        elif self._least_ns is None or took_ns < self._least_ns:
+            self._least_ns = took_ns
+
+    def own_ns(self, stamp_ns: int) -> int:
+        """On this machine's clock."""
+        if self._lockstep or self._least_ns is None:
+            return stamp_ns
+        least_ns = self._least_ns if self._before_ns is None else min(self._least_ns, self._before_ns)
+        return stamp_ns + least_ns
+
 
 Messages = list[Any]
 

@@ -1,6 +1,7 @@
-"""Rigid motions: (4, 4) matrices and their twists (6,), velocity then angular velocity, in the body.
+"""Rotations and rigid motions: unit quaternions, (4, 4) matrices of SE(3), and twists (6,).
 
-Closed forms of SE(3): Barfoot, State Estimation for Robotics, 2017, sec. 7.1.
+A twist is velocity, then angular velocity, in the body. Closed forms of SE(3): Barfoot, State Estimation for Robotics,
+2017, sec. 7.1.
 """
 
 from __future__ import annotations

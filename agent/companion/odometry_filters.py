@@ -1,28 +1,65 @@
-"""The next pose as the autopilot's attitude and velocity say, corrected by the cloud: an error-state Kalman filter.
+"""Prediction and correction of the odometry's pose: aided by the autopilot, or from the clouds alone.
 
-A vessel that steers around something looks at open water for seconds, where a lidar says nothing of how it turned. Its
-autopilot knows: by its gyroscopes how it turned since the cloud before, by gravity where down is, by its velocity how
-that changed. Where the autopilot says that the vessel is, is not used. The errors (9,) are of place, attitude (a turn
-of the odometry's frame) and velocity, all in the odometry's frame (Sola, Quaternion kinematics for the error-state
-Kalman filter, arXiv:1711.02508, sec. 7).
+`AidedFilter` is an error-state Kalman filter. A vessel that avoids an obstacle faces open water for seconds, where a
+lidar says nothing of how it turned. Its autopilot knows: from its gyroscopes how it turned since the cloud before, from
+gravity where down is, and how its velocity changed. The autopilot's position is not used. The errors (9,) are of
+position, attitude (a turn of the odometry's frame) and velocity, all in the odometry's frame (Sola, Quaternion
+kinematics for the error-state Kalman filter, arXiv:1711.02508, sec. 7).
 
-Noises were set on six runs with three to four detours each.
+`LidarOnlyFilter` is an alpha-beta filter: constant velocity, and roll and pitch as the water shows them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.estimate import Estimate, Motion
 from agent.companion.pose_history import PoseHistory, VehiclePose
-from agent.companion.rigid import cross_matrix, exponential, logarithm
+from agent.companion.rigid_motion import cross_matrix, exponential, inverse, logarithm
 from agent.companion.water_plane import WaterPlane
 
 Array = NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """How the autopilot says the body moved from one cloud's end to the next.
+
+    turned (3, 3): the body now seen from the body then. rate_frd_radps (3,): mean of the cloud's own time.
+    attitude_ned (3, 3): body to NED now. vel_ned_mps (3,) now, of which gained_ned_mps (3,) since then.
+    """
+
+    turned: Array
+    rate_frd_radps: Array
+    attitude_ned: Array
+    vel_ned_mps: Array
+    gained_ned_mps: Array
+
+
+class Estimate(NamedTuple):
+    """pose_odom (4, 4): body FRD to the odometry's frame. twist_frd (6,): velocity and rates in the body."""
+
+    pose_odom: Array
+    twist_frd: Array
+
+
+class Filter(Protocol):
+    """Weighs what a cloud says against what was to be expected. Called in this order for each cloud."""
+
+    def taken_up(self) -> None:
+        """The cloud before was not this filter's, or there was none."""
+
+    def predicted(self, before: Estimate | None, dt_s: float, motion: Motion | None) -> Estimate:
+        """At the cloud's end; before is None for the first cloud."""
+
+    def corrected(self, guess: Estimate, aligned: Array, solid_frd_m: Array, dt_s: float) -> Estimate | None:
+        """With the pose (4, 4) that registration found for the points (n, 3); None where that cannot be."""
+
+    def levelled(self, estimate: Estimate, motion: Motion | None) -> Estimate:
+        """Held to the water, and to what is known of down."""
+
 
 INITIAL = np.diag([1e-6] * 3 + [1e-6] * 3 + [0.04] * 3)
 """Covariance of the errors where the odometry begins, m, rad and m/s squared."""
@@ -41,7 +78,7 @@ MOST_OFF_M, MOST_OFF_RAD, DEVIATIONS = 1.0, 0.1, 3.0
 """A registration farther from the prediction, by more than so many deviations of it, found something else."""
 MOST_GAIN_MPS2, DOUBTED_MPS = 10.0, 1.0
 """A velocity that changes faster was wrong before, and how far off it may be now."""
-REFERENCE_CLOUDS = 50
+AIDED_REFERENCE_CLOUDS = 50
 """Whose mean is down, and whose mean height is that of the water."""
 _NOTHING = 1e-9  # registration hands back the prediction where it could join no points
 _DOWN = np.array([0.0, 0.0, 1.0])
@@ -148,7 +185,7 @@ class Inertial:
         """Down is where the autopilot says, and the water at its height."""
         assert motion is not None
         down = estimate.pose_odom[:3, :3] @ motion.attitude_ned.T @ _DOWN
-        if self._downs < REFERENCE_CLOUDS:
+        if self._downs < AIDED_REFERENCE_CLOUDS:
             self._downs += 1
             self._down = self._down + (down - self._down) / self._downs
         reference = self._down / np.linalg.norm(self._down)
@@ -160,7 +197,7 @@ class Inertial:
         if level is None:
             return estimate
         height_m = level.down_m + float(reference @ estimate.pose_odom[:3, 3])
-        if self._heights < REFERENCE_CLOUDS:
+        if self._heights < AIDED_REFERENCE_CLOUDS:
             self._heights += 1
             self._height_m += (height_m - self._height_m) / self._heights
         jacobian = np.zeros((1, 9))
@@ -205,3 +242,99 @@ def _turn_of(rotation: Array) -> Array:
     motion = np.eye(4)
     motion[:3, :3] = rotation
     return logarithm(motion)[3:]
+
+
+MOST_SURPRISE_MPS = 8.0
+"""How far from what was predicted a pose may be for each second that went by. Vessels gain some m/s in a second."""
+GAIN = np.array([0.8, 0.8, 0.3, 0.9, 0.9, 0.9])
+"""Share of a pose's surprise that is believed, of place and attitude (alpha of an alpha-beta filter)."""
+RATE_GAIN = GAIN**2 / (2.0 - GAIN)
+"""The beta that belongs to it (Benedict and Bordner, IRE Trans. AC-7, 1962)."""
+
+ROCKING = 0.65
+"""Share believed of how fast the body turns against the water within a cloud: waves turn the water too."""
+
+REFERENCE_CLOUDS = 30
+"""Whose mean is the plane of the water: some periods of the waves."""
+LEVEL_GAIN = 0.2
+HEIGHT_GAIN = 0.4
+"""Share of the tilt and of the height off the water that is taken back with every cloud; waves are averaged out."""
+
+
+class LidarOnly:
+    """water: what the cloud in hand shows of it."""
+
+    def __init__(self, water: WaterPlane) -> None:
+        self._water = water
+        self._normal: Array = np.zeros(3)
+        self._height_m = 0.0
+        self._levels = 0
+        self._surface: tuple[Array, float] | None = None
+
+    def taken_up(self) -> None:
+        """Where the water was last is not known."""
+        self._surface = None
+
+    def predicted(self, before: Estimate | None, dt_s: float, motion: Motion | None) -> Estimate:
+        """Even motion, rocking as the water shows."""
+        if before is None:
+            return Estimate(np.eye(4), self._rocked(np.zeros(6)))
+        pose = self._floated(before.pose_odom @ exponential(before.twist_frd * dt_s))
+        self._surface = None
+        return Estimate(pose, self._rocked(before.twist_frd))
+
+    def corrected(self, guess: Estimate, aligned: Array, solid_frd_m: Array, dt_s: float) -> Estimate | None:
+        """By fixed shares of the surprise."""
+        surprise = logarithm(inverse(guess.pose_odom) @ aligned)
+        if not float(np.linalg.norm(surprise[:3])) <= MOST_SURPRISE_MPS * dt_s:  # also when it is not a number
+            return None
+        pose = guess.pose_odom @ exponential(GAIN * surprise)
+        return Estimate(pose, self._rocked(guess.twist_frd + RATE_GAIN * surprise / dt_s))
+
+    def levelled(self, estimate: Estimate, motion: Motion | None) -> Estimate:
+        """Height and tilt a little nearer to what the water says, whose plane stays where it was."""
+        level = self._water.level
+        if level is None:
+            return estimate
+        pose = estimate.pose_odom
+        normal, down_m = pose[:3, :3] @ level.normal_frd, level.down_m
+        height_m = down_m + float(normal @ pose[:3, 3])
+        if self._levels < REFERENCE_CLOUDS:
+            share = 1.0 / (self._levels + 1)
+            self._normal = self._normal + share * (normal - self._normal)
+            self._height_m += share * (height_m - self._height_m)
+            self._levels += 1
+        reference = self._normal / np.linalg.norm(self._normal)
+        turn = np.concatenate([np.zeros(3), LEVEL_GAIN * np.cross(normal, reference)])
+        levelled = pose.copy()
+        levelled[:3, :3] = exponential(turn)[:3, :3] @ pose[:3, :3]
+        levelled[:3, 3] += HEIGHT_GAIN * (self._height_m - down_m - float(reference @ pose[:3, 3])) * reference
+        normal = levelled[:3, :3] @ level.normal_frd
+        self._surface = (normal, down_m + float(normal @ levelled[:3, 3]))
+        return Estimate(levelled, estimate.twist_frd)
+
+    def _rocked(self, twist: Array) -> Array:
+        """(6,) a twist that rolls and pitches as this cloud's water says, where it shows any, and does not heave.
+
+        Heave of some cm in a second is below what the prediction makes of it.
+        """
+        level = self._water.level
+        if level is None:
+            return twist
+        normal = level.normal_frd
+        rocked = twist.copy()
+        rocked[:3] -= (normal @ twist[:3]) * normal
+        rocked[3:] = ROCKING * level.turn_frd_radps + (normal @ twist[3:]) * normal
+        return rocked
+
+    def _floated(self, guess: Array) -> Array:
+        """A predicted pose, tilted and lifted so that the water is where the last cloud saw it."""
+        level, before = self._water.level, self._surface
+        if level is None or before is None:
+            return guess
+        normal, last_normal = guess[:3, :3] @ level.normal_frd, before[0]
+        turn = np.concatenate([np.zeros(3), np.cross(normal, last_normal)])
+        floated = guess.copy()
+        floated[:3, :3] = exponential(turn)[:3, :3] @ guess[:3, :3]
+        floated[:3, 3] += (before[1] - level.down_m - float(last_normal @ guess[:3, 3])) * last_normal
+        return floated

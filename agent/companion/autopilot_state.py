@@ -1,4 +1,4 @@
-"""The vehicle as its autopilot tells of it: pose, mode, mission."""
+"""State of the autopilot as its messages tell: pose, mode, mission, and the path ahead."""
 
 from __future__ import annotations
 

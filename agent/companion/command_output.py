@@ -1,8 +1,8 @@
-"""Takes the helm when the mission's way is blocked, and gives it back when it is free.
+"""Command output of the avoidance: takes control from the mission when its path is blocked, and returns it when free.
 
-It steers in GUIDED and only where the autopilot was in AUTO. Who else changes the mode has the helm: nothing is sent
-until the autopilot is in AUTO again. Nothing is sent either when the pose is not known: an autopilot in GUIDED stops by
-itself when its targets fail to come.
+It commands in GUIDED and only where the autopilot was in AUTO. Anybody else who changes the mode is in control: nothing
+is sent until the autopilot is in AUTO again. Nothing is sent either when the pose is not known: an autopilot in GUIDED
+stops by itself when its targets fail to come.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.avoidance import FREE, STAY, Choice, Planner, Things
-from agent.companion.course import Legs, crabbing_rad, leg_course_rad
+from agent.companion.autopilot_state import VehicleView, command_long, heading_rad
+from agent.companion.avoidance import FREE, STAY, Choice, Legs, Planner, Things, crabbing_rad, leg_course_rad
 from agent.companion.pose_history import VehiclePose
-from agent.companion.vehicle import VehicleView, command_long, heading_rad
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 

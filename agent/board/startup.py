@@ -1,7 +1,9 @@
-"""What `xitl-agent.pyz` does: serve a host, or `doctor` and `install` for the board it is on."""
+"""Start of `xitl-agent.pyz`: serve a host, or `doctor` and `install` for its board; and the notice to systemd."""
 
 from __future__ import annotations
 
+import os
+import socket
 from importlib import import_module
 from typing import Callable, cast
 
@@ -20,3 +22,17 @@ def main(arguments: list[str], program: str) -> int:
     if module == "agent.__main__":
         return run(arguments, program)
     return run(arguments[1:], f"{program} {name}")
+
+
+def notify_ready() -> None:
+    """Say so to the service manager that started this process; nothing where none did."""
+    address = os.environ.pop("NOTIFY_SOCKET", "")
+    if not address:
+        return
+    if address.startswith("@"):
+        address = "\0" + address[1:]
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        try:
+            manager.sendto(b"READY=1", address)
+        except OSError:
+            return  # it will say itself that it waited in vain
