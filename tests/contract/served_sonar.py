@@ -15,7 +15,7 @@ from sim_core.sensors.sonar import Below, PingSettings, ScanningSonar
 from sim_core.world.materials import STEEL
 from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.solids import Plane
-from xitl_cli.run.sensors.ping360_port import Ping360Port
+from xitl_cli.run.sensors.ping360 import Ping360Port
 
 WALL_M = 6.0  # to the north
 

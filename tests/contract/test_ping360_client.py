@@ -13,7 +13,7 @@ import pytest
 from served_sonar import WALL_M, served
 
 from xitl_cli.errors import UserError
-from xitl_cli.run.sensors.ping360_port import Ping360Port
+from xitl_cli.run.sensors.ping360 import Ping360Port
 
 brping = pytest.importorskip("brping")
 definitions = brping.definitions

@@ -20,7 +20,7 @@ from sim_core.sensors.rangefinder import RangefinderSample
 from tests.ardupilot import Rover
 from xitl_cli.profile.schema.sensors import Rangefinder
 from xitl_cli.run.nodes.autopilot_parameters import file_values
-from xitl_cli.run.sensors import standard_messages
+from xitl_cli.run.sensors import sensor_messages as standard_messages
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.slow]
 WAIT_S = 60.0

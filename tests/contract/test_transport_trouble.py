@@ -18,8 +18,7 @@ from agent.wire import dialect
 from agent.wire.can_transfer import CanLine
 from agent.wire.link import Link
 from agent.wire.transport import Transport, open_transport
-from xitl_cli.run.links.can_loopback import CanLoopback
-from xitl_cli.run.links.serial_loopback import SerialLoopback
+from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback
 
 
 @pytest.mark.slow

@@ -12,8 +12,7 @@ from agent.wire.can_transfer import LARGEST_CHUNK, CanLine
 from agent.wire.impaired import ImpairedTransport
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Standing, Transport, open_transport
-from xitl_cli.run.links.can_loopback import CanLoopback
-from xitl_cli.run.links.serial_loopback import SerialLoopback
+from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback
 
 WAIT_S = 5.0  # only ever waited out by a failure
 GROUP = "239.74.163.2"

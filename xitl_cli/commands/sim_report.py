@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from xitl_cli.commands.sim_autopilot import autopilot_rows
-from xitl_cli.commands.sim_incidents import incidents
-from xitl_cli.commands.sim_perception import perception_rows
 from xitl_cli.profile import Profile
 from xitl_cli.run import directory
 from xitl_cli.run.session import Result
@@ -174,3 +172,186 @@ def _number(value: float | None, unit: str = "") -> str:
         return "–"
     digits = 0 if abs(value) >= 100 or value == 0 else 2 if unit else 1
     return f"{value:.{digits}f}{' ' if unit and unit != '°' else ''}{unit}"
+
+
+_TIMES = {
+    "time_to_origin_s": "origin",
+    "time_to_ready_s": "ready to arm",
+    "time_to_arm_s": "armed",
+    "time_to_motion_s": "under way",
+}
+_SENT = {"imu_out": "inertial", "solution_out": "of motion", "gnss_out": "of satellites"}
+_TROUBLE = {
+    "unsent": "not taken",
+    "world_resent": "asked for again",
+    "world_lost": "missed",
+    "restarts": "restarts of it",
+    "junk": "bytes not understood",
+    "mavlink_lost": "MAVLink lost",
+    "script_dropped": "dropped by its script",
+}
+
+
+def autopilot_rows(section: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
+    """(what, text) of `autopilot` in summary.json."""
+    if section is None:
+        return
+    who = " ".join(filter(None, (section["kind"], section["vehicle"], section["firmware"])))
+    yield "autopilot", who
+    if section["kind"] == "px4":
+        yield "", "(this bridge has not yet been run against PX4)"
+    times = [f"{word} {section[key]:.1f} s" for key, word in _TIMES.items() if section[key] is not None]
+    if times:
+        yield "", ", ".join(times)
+    if not section["log"]:
+        yield "", "its own log stays where it runs" if section["program"] is None else "it left no log of its own"
+    counts = section["bridge"]
+    if counts is not None:
+        yield "bridge", _bridge(counts)
+    scheduler = section["scheduler"]
+    if scheduler is not None:
+        yield "scheduler", _scheduler(scheduler, section["clock"], section["agent"])
+
+
+def _bridge(counts: dict[str, int]) -> str:
+    sent = [f"{counts[key]} {word}" for key, word in _SENT.items() if counts[key]]
+    words = [f"frames in: {', '.join(sent)}" if sent else "no frames in", f"{counts['outputs_in']} outputs back"]
+    if counts["world_rate"]:
+        words.append(f"world at {counts['world_rate']} Hz")
+    words += [f"{counts[key]} {word}" for key, word in _TROUBLE.items() if counts[key]]
+    return "\n".join((words[0], ", ".join(words[1:])))
+
+
+def _scheduler(scheduler: dict[str, Any], clock: str, agent: dict[str, int]) -> str:
+    words = [f"{scheduler[key]} {word}" for key, word in (("long_loops", "long"),) if scheduler[key] is not None]
+    if scheduler["loops"] is not None:
+        words.append(f"of {scheduler['loops']} loops")
+    text = " ".join(words)
+    if scheduler["max_us"] is not None:
+        text += f", longest {scheduler['max_us'] / 1e3:.1f} ms"
+    if scheduler["load_max_percent"] is not None:
+        text += f", load {scheduler['load_mean_percent']:.1f} %, at most {scheduler['load_max_percent']:.1f} %"
+    if clock != "real":
+        text += "\n(by its simulated clock: says nothing of processor time)"
+    return text + f"\nthe agent missed {agent['missed']} of {agent['cycles']} cycles"
+
+
+_ODD = {
+    "gaps": "gaps",
+    "late": "late",
+    "repeated": "repeated",
+    "unsent": "unsent",
+    "refused": "refused",
+    "impaired": "lost on purpose",
+}
+_HOST_END = {
+    "losses": "breaks of the line",
+    "errors": "bus errors",
+    "incomplete": "transfers with a hole",
+    "malformed": "malformed frames",
+    "foreign": "foreign frames",
+}
+_NODE = {
+    "log_dropped": "records of its log not written",
+    "stations_missed": "things ground stations missed",
+    "events_lost": "sentences lost",
+}
+
+
+def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """(what, text) of each, from summary.json."""
+    for node in summary["nodes"]:
+        yield "node", _node(node)
+    actuators = summary["actuators"]
+    if actuators is not None and actuators["age_us"]["max"]:
+        yield "commands", _actuators(actuators)
+    for link in summary["links"]:
+        odd = [f"{link[key]} {words}" for key, words in _ODD.items() if link[key]]
+        odd += [
+            f"{count} {_HOST_END[key]} here" for key, count in link["host_end"].items() if count and key in _HOST_END
+        ]
+        if odd:
+            yield "link", f"{link['name']}: {', '.join(odd)}"
+    for takeover in summary["takeovers"]:
+        yield (
+            "takeover",
+            f"{takeover['to_node']} for {takeover['from_node']} at {takeover['at_s']:.2f} s, which was silent for "
+            f"{takeover['silent_s']:.2f} s; largest step {takeover['step']:.3f}",
+        )
+    collisions = summary["collisions"]
+    if collisions is not None and collisions["count"]:
+        yield "collisions", _collisions(collisions)
+    pace = summary["pace"]
+    if pace["slips"]:
+        times = "once" if pace["slips"] == 1 else f"{pace['slips']} times"
+        yield "stood still", f"{times}, {pace['slipped_s']:.1f} s in all: this machine did not run meanwhile"
+
+
+def _node(node: dict[str, Any]) -> str:
+    words = [node["nodes"].replace(",", " "), node["kind"], node["machine"], *node["flags"]]
+    if node["link"] != "agent":
+        words.insert(0, node["link"])
+    for key, text in (("memory_mib", "{:.0f} MiB"), ("cpu_percent", "CPU {:.0f} %"), ("temperature_c", "{:.0f} °C")):
+        if node[key] is not None:
+            words.append(text.format(node[key]))
+    words += [f"{node[key]} {text}" for key, text in _NODE.items() if node[key]]
+    return ", ".join(word for word in words if word)
+
+
+def _collisions(collisions: dict[str, Any]) -> str:
+    with_what = ", ".join(f"{count} with {what}" for what, count in collisions["by"].items())
+    return (
+        f"{collisions['count']}: {with_what}; the first at {collisions['first_s']:.2f} s, "
+        f"the hardest at {collisions['max_impact_mps']:.2f} m/s"
+    )
+
+
+def _actuators(actuators: dict[str, Any]) -> str:
+    age = actuators["age_us"]
+    text = f"{age['p50'] / 1e3:.1f} ms old when used, p99 {age['p99'] / 1e3:.1f}, at most {age['max'] / 1e3:.1f} ms"
+    if actuators["stale"]:
+        text += f"; none new at {actuators['stale']} exchanges, at most {actuators['longest_stale']} in a row"
+    return text
+
+
+def perception_rows(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Rows of the report; none without a companion."""
+    odometry, mapping, obstacles = summary["odometry"], summary["mapping"], summary["obstacles"]
+    if odometry is not None and odometry["poses"]:
+        yield "odometry", _odometry(odometry)
+    if mapping is not None and mapping["points"]:
+        yield "map", _map(mapping)
+    companion = summary["companion"]
+    if companion is not None and companion["gone_s"] is not None:
+        yield "companion", f"gone from {companion['gone_s']:.1f} s on"
+    for text in () if companion is None else companion["warnings"]:
+        yield "companion", text
+    if obstacles is not None and companion is not None:
+        yield "obstacles", _obstacles(obstacles, companion)
+        lost = companion["chunks_lost"] + companion["map_chunks_lost"]
+        if lost or companion["clouds_dropped"]:
+            yield "clouds", f"{lost} chunks lost, {companion['clouds_dropped']} clouds came too fast for the companion"
+
+
+def _odometry(odometry: dict[str, Any]) -> str:
+    ate_m, path_m = odometry["ate_rms_m"], odometry["path_m"]
+    if ate_m is None:
+        return f"{odometry['poses']} poses, too few to be held against the truth"
+    share = f" ({100.0 * ate_m / path_m:.2f} % of {path_m:.0f} m)" if path_m else ""
+    return f"{odometry['rate_hz']:.1f} Hz, ATE {ate_m:.2f} m{share}, RPE {odometry['rpe_m']:.2f} m in a second"
+
+
+def _map(mapping: dict[str, Any]) -> str:
+    text = f"{mapping['points']} points by lidar, {mapping['sonar_points']} by sonar"
+    if mapping["boom_rms_m"] is not None:
+        text += f"; {mapping['boom_rms_m']:.2f} m RMS off the log boom"
+    if mapping["coverage"] is not None:
+        text += f", {100.0 * mapping['coverage']:.0f} % of it seen"
+    return text
+
+
+def _obstacles(obstacles: dict[str, Any], companion: dict[str, Any]) -> str:
+    text = f"{obstacles['detected']} of {obstacles['launched']} adrift detected, {obstacles['false']} false"
+    if obstacles["min_clearance_m"] is not None:
+        text += f", cleared by {obstacles['min_clearance_m']:.1f} m and more"
+    return f"{text}; {companion['detours']} detours, {companion['stops']} stops"

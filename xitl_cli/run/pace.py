@@ -8,8 +8,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from xitl_cli.record.records import Clock, PaceReport, Task
-from xitl_cli.run.histogram import Histogram
-from xitl_cli.run.time_base import Slope, TimeBase
+from xitl_cli.run.statistics import Histogram, Slope, TimeBase
 
 SLIP_NS = 500_000_000
 ANCHORS_KEPT = 64

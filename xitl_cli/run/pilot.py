@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.records import MotorCommand, Task
-from xitl_cli.run.histogram import Histogram
-from xitl_cli.run.nodes.autopilot_report import AutopilotReport
-from xitl_cli.run.nodes.score import EstimationScore
 from xitl_cli.run.pace import Pace
+
+if TYPE_CHECKING:
+    from xitl_cli.run.nodes.bridge import AutopilotReport
+    from xitl_cli.run.nodes.score import EstimationScore
+from xitl_cli.run.statistics import Histogram
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentSeen, Pair, link_na
 from xitl_cli.graph.of_profile import wdri_of, wdri_of_graph
 from xitl_cli.graph.wdri import Vertices, Wdri
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.nodes.autopilot_report import AutopilotReport
+from xitl_cli.run.nodes.bridge import AutopilotReport
 from xitl_cli.run.pilot import LinkReport, NodeReport, Traffic
 
 

@@ -20,17 +20,15 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.replay.track import track_of_file, track_of_script
 from xitl_cli.run import directory
-from xitl_cli.run.links.agent_options import options_of
-from xitl_cli.run.links.tick import StoppedWaitingError
+from xitl_cli.run.links.connection import StoppedWaitingError
+from xitl_cli.run.links.peer import options_of
 from xitl_cli.run.loop import Ending, Loop
-from xitl_cli.run.nodes import companion_results as results
 from xitl_cli.run.nodes.agent_pilot import AgentPilot, links_of
-from xitl_cli.run.nodes.attended import Attended
-from xitl_cli.run.nodes.companion_line import NoCompanion
-from xitl_cli.run.nodes.findings import findings_of
-from xitl_cli.run.nodes.ideal_pilot import IdealPilot
+from xitl_cli.run.nodes.bridge import Attended
+from xitl_cli.run.nodes.companion import NoCompanion
+from xitl_cli.run.nodes.direct_control import IdealPilot, TrackPilot
+from xitl_cli.run.nodes.findings import findings_of, sections, write
 from xitl_cli.run.nodes.score import MissionScore
-from xitl_cli.run.nodes.track_pilot import TrackPilot
 from xitl_cli.run.pace import Lockstep, Pace, Realtime
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.seeds import Seeds
@@ -101,9 +99,9 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
                 )
                 outcome = _fly(loop, profile, seeds, scenery)
     directory.keep_dataflash(out)
-    summary = summary_of(ready, outcome) | results.sections(findings, scenery.boom, companion)
+    summary = summary_of(ready, outcome) | sections(findings, scenery.boom, companion)
     summary["warnings"] = list(scenery.warnings)
-    results.write(findings, out)
+    write(findings, out)
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:
         raise outcome.crash

@@ -9,9 +9,8 @@ from agent import __version__
 from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.records import PaceReport, Task
-from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
-from xitl_cli.run.nodes.autopilot_report import AutopilotReport, autopilot_section
+from xitl_cli.run.nodes.bridge import AutopilotReport, autopilot_section
 from xitl_cli.run.nodes.score import EstimationScore, MissionScore
 from xitl_cli.run.pilot import (
     ActuatorReport,
@@ -23,6 +22,7 @@ from xitl_cli.run.pilot import (
     Traffic,
 )
 from xitl_cli.run.run_graph import graph_section
+from xitl_cli.run.statistics import Histogram
 
 FORMAT = 1
 

@@ -16,8 +16,7 @@ from xitl_cli.graph.nodes import is_node_name
 from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.graph.of_run import measured_run
 from xitl_cli.profile import load_profile, resolved_yaml
-from xitl_cli.run.nodes.autopilot_report import AutopilotReport
-from xitl_cli.run.nodes.milestones import Milestones
+from xitl_cli.run.nodes.bridge import AutopilotReport, Milestones
 from xitl_cli.run.pilot import LinkReport, NodeReport
 from xitl_cli.run.run_graph import graph_section
 

@@ -17,7 +17,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
 from xitl_cli.run.nodes.agent_pilot import AgentPilot
-from xitl_cli.run.nodes.ideal_pilot import IdealPilot
+from xitl_cli.run.nodes.direct_control import IdealPilot
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.view import NoView
 

@@ -13,10 +13,9 @@ from rich.console import Console
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.record.records import PaceReport, Task
-from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.loop import Ending
-from xitl_cli.run.nodes.autopilot_report import AutopilotReport
-from xitl_cli.run.nodes.companion_results import NOTHING
+from xitl_cli.run.nodes.bridge import AutopilotReport
+from xitl_cli.run.nodes.findings import NOTHING
 from xitl_cli.run.nodes.score import MissionScore
 from xitl_cli.run.pilot import (
     ActuatorReport,
@@ -27,6 +26,7 @@ from xitl_cli.run.pilot import (
     TakeoverReport,
 )
 from xitl_cli.run.session import Result
+from xitl_cli.run.statistics import Histogram
 from xitl_cli.run.summary import Outcome, summary_of
 
 

@@ -1,13 +1,15 @@
-"""One agent: reach it, start it, feed it, watch over it, stop it."""
+"""Connection to one agent: reach it, start it, feed it, watch it, stop it."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
+from agent.assembly import AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID
 from agent.node import PROTOCOL
+from agent.options import BRIDGE, COMPANION, FCU
 from agent.wire import dialect
 from agent.wire.impaired import NO_FAULTS, ImpairedTransport
 from agent.wire.link import Link
@@ -16,16 +18,141 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.faults import Faults
-from xitl_cli.run.links import sentences
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.link_accounts import state_of
-from xitl_cli.run.links.node_words import node_report
+from xitl_cli.run.links.link_accounts import node_report, state_of
 from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import Setup
-from xitl_cli.run.links.silence import SAID_S, Silence
-from xitl_cli.run.links.terms import Terms, terms_of_autopilot
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import LinkReport, NodeReport
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """key: the profile's group. who: in sentences. node: what it has to announce, with --role `role`.
+
+    says: what is missed when it is silent, and what it does (`speaks`) when it is back. silent_s: what is too long.
+    """
+
+    key: str
+    who: str
+    node: str
+    role: str
+    component_id: int
+    connect_timeout_s: float
+    silent_s: float
+    link_key_file: str | None = None
+    says: str = "motor commands"
+    speaks: str = "commands"
+
+
+def terms_of_autopilot(profile: RunProfile, name: str) -> Terms:
+    """Of the agent called `name`: `agent`, or one in standby."""
+    autopilot = profile.autopilot
+    return Terms(
+        key="autopilot",
+        who="the agent" if name == "agent" else f"the {name} agent",
+        node="LC",
+        role=FCU if autopilot.kind == "embedded" else BRIDGE,
+        component_id=AUTOPILOT_COMPONENT_ID,
+        connect_timeout_s=autopilot.connect_timeout_s,
+        silent_s=autopilot.silent_s,
+        link_key_file=autopilot.link_key_file,
+    )
+
+
+def terms_of_companion(profile: RunProfile) -> Terms:
+    """Of a profile that has one."""
+    companion = profile.companion
+    assert companion is not None
+    return Terms(
+        key="companion",
+        who="the companion",
+        node="HC",
+        role=COMPANION,
+        component_id=COMPANION_COMPONENT_ID,
+        connect_timeout_s=companion.connect_timeout_s,
+        silent_s=companion.silent_s,
+        link_key_file=companion.link_key_file,
+        says="word",
+        speaks="is heard",
+    )
+
+
+def _silent_error(peer: str, who: str, seconds: float, sim_s: float) -> UserError:
+    """Nothing came for so long."""
+    return UserError(
+        f"{peer}: {who} stopped answering and was silent for {seconds:.3g} s, at {sim_s:.2f} s of simulation time; "
+        "look at its log, its power and the cable"
+    )
+
+
+def _restarted_error(peer: str, who: str, sim_s: float) -> UserError:
+    """It is there, but knows of no run."""
+    return UserError(
+        f"{peer}: {who} answers but has no run on, at {sim_s:.2f} s of simulation time: it was started anew; look at "
+        "its log for why it ended, then run again"
+    )
+
+
+def _not_understood_error(terms: Terms, link: Link) -> UserError | None:
+    """Something came, but no good frame; None when nothing did."""
+    where = link.transport.peer
+    if link.refused_signature:
+        return UserError(
+            f"{where}: {terms.who} answers, but not signed with {terms.key}.link_key_file = {terms.link_key_file}; "
+            "start it with --link-key and the same key, or leave it out here"
+        )
+    if link.counters.dropped:
+        baud = "; or the baud rates differ" if link.transport.name == "serial" else ""
+        return UserError(
+            f"{where}: what answers there is not understood by this host; install the same release of xitl on "
+            f"both{baud}"
+        )
+    return None
+
+
+SAID_S = 0.5
+
+
+class Silence:
+    """Watches one agent. It speaks when a motor command of its comes; `limit_s` of silence is more than a run takes.
+
+    Each silence of at least `SAID_S` is told once when it is noticed and once when it ends. longest_s: the longest.
+    """
+
+    def __init__(self, limit_s: float, now_ns: int) -> None:
+        self.longest_s = 0.0
+        self._limit_ns = round(limit_s * 1e9)
+        self._heard_ns = now_ns
+        self._said = False
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a silence has been told and has not ended."""
+        return self._said
+
+    def heard(self, now_ns: int) -> float | None:
+        """A motor command came: the length in seconds of the silence that it ends, if that was told."""
+        silent_ns, self._heard_ns = now_ns - self._heard_ns, now_ns
+        if not self._said:
+            return None
+        self._said = False
+        self.longest_s = max(self.longest_s, silent_ns * 1e-9)
+        return silent_ns * 1e-9
+
+    def noticed(self, now_ns: int) -> bool:
+        """Whether a silence is to be told now, for the first time."""
+        silent_ns = now_ns - self._heard_ns
+        if silent_ns < SAID_S * 1e9:
+            return False
+        self.longest_s = max(self.longest_s, silent_ns * 1e-9)
+        new, self._said = not self._said, True
+        return new
+
+    def too_long(self, now_ns: int) -> bool:
+        """Whether it has lasted longer than a run takes."""
+        return now_ns - self._heard_ns >= self._limit_ns
+
 
 HELLO_INTERVAL_S = 0.5
 START_TRIES = 6
@@ -203,7 +330,7 @@ class AgentConnection:
             inbox.say(WARNING, "run", f"no {self._terms.says} from {self._who} for {SAID_S:g} s")
         if silence.under_way:
             if not inbox.view.status.running:
-                self.gone = sentences.restarted(self.peer.transport.peer, self._who, self._sim_s())
+                self.gone = _restarted_error(self.peer.transport.peer, self._who, self._sim_s())
             elif silence.too_long(now_ns):
                 self.gone = self.silent(self._terms.silent_s)
             elif now_ns - self._probed_ns > HELLO_INTERVAL_S * 1e9:
@@ -214,10 +341,10 @@ class AgentConnection:
         """What to say when the run cannot go on without it."""
         if self.why_silent is not None:
             return self.why_silent(seconds, self._sim_s())
-        return sentences.silent(self.peer.transport.peer, self._who, seconds, self._sim_s())
+        return _silent_error(self.peer.transport.peer, self._who, seconds, self._sim_s())
 
     def _not_understood(self) -> UserError | None:
-        return sentences.not_understood(self._terms, self.link)
+        return _not_understood_error(self._terms, self.link)
 
     def apply_faults(self, sim_ns: int, faults: Faults | None) -> None:
         """Put new faults in force, and remind the agent of its part once a second. None: as they were."""
@@ -309,3 +436,33 @@ class AgentConnection:
         mode = dialect.XITL_CLOCK_MODE_LOCKSTEP if self._lockstep else dialect.XITL_CLOCK_MODE_REALTIME
         name = self._profile.name.encode()[:32]
         self.link.send(dialect.MAVLink_xitl_run_message(self._now_ns() // 1000, name, command, mode, PROTOCOL))
+
+
+REPEAT_S = 0.5
+
+
+class StoppedWaitingError(Exception):
+    """Somebody ends the run while an answer is waited for."""
+
+
+def tick_and_wait(agent: AgentConnection, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
+    """Send the tick until it is answered; what comes meanwhile is taken in.
+
+    Raises UserError when there is no answer for `silent_s` or the agent is known to be gone, and what `check` raises.
+    """
+    inbox = agent.inbox
+    agent.send_tick(sim_ns, tick)
+    agent.receive(0.0)
+    started_s = sent_s = time.monotonic()
+    while inbox.answered_tick != tick:
+        agent.receive(REPEAT_S)
+        if inbox.answered_tick == tick:
+            return
+        now_s = time.monotonic()
+        if now_s - started_s > silent_s:
+            raise agent.silent(now_s - started_s)
+        if now_s - sent_s > REPEAT_S:
+            agent.peer.check()
+            check()
+            agent.send_tick(sim_ns, tick)
+            sent_s = now_s

@@ -10,9 +10,8 @@ from typing import Any
 from agent.timing.sync import ClockSync
 from agent.wire import dialect
 from xitl_cli.record.records import Clock
-from xitl_cli.run.histogram import Histogram
 from xitl_cli.run.pilot import ClockReport
-from xitl_cli.run.time_base import DriftWindows, TimeBase
+from xitl_cli.run.statistics import DriftWindows, Histogram, TimeBase
 
 STAMPS_KEPT = 4096
 

@@ -13,21 +13,25 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.records import Estimate, Task
 from xitl_cli.run.faults import FaultSchedule
-from xitl_cli.run.links.agent_options import AgentOptions, missing_addresses
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.links.connection import WARNING, AgentConnection
+from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, tick_and_wait
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID, Peer, open_peer
+from xitl_cli.run.links.peer import (
+    AGENT_COMPONENT_ID,
+    AGENT_SYSTEM_ID,
+    AgentOptions,
+    Peer,
+    missing_addresses,
+    open_peer,
+)
 from xitl_cli.run.links.setup import mission_of, parameters_of
-from xitl_cli.run.links.tick import StoppedWaitingError, tick_and_wait
 from xitl_cli.run.links.waiting import wait_for_any
 from xitl_cli.run.nodes.actuator_use import ActuatorUse
-from xitl_cli.run.nodes.attended import Attended
-from xitl_cli.run.nodes.autopilot_report import AutopilotReport
-from xitl_cli.run.nodes.companion_inbox import LINK as COMPANION
-from xitl_cli.run.nodes.companion_line import CompanionLine, NoCompanion
-from xitl_cli.run.nodes.driver import make_driver
-from xitl_cli.run.nodes.estimate_check import EstimateCheck
+from xitl_cli.run.nodes.bridge import Attended, AutopilotReport
+from xitl_cli.run.nodes.companion import LINK as COMPANION
+from xitl_cli.run.nodes.companion import CompanionLine, NoCompanion
+from xitl_cli.run.nodes.drivers import make_driver
+from xitl_cli.run.nodes.estimation import EstimateCheck
 from xitl_cli.run.nodes.orders import Orders
 from xitl_cli.run.nodes.score import EstimationScore
 from xitl_cli.run.nodes.standby import Redundancy

@@ -15,7 +15,7 @@ from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import Bridge
 from xitl_cli.run.directory import AUTOPILOT
-from xitl_cli.run.links.agent_options import is_free
+from xitl_cli.run.links.peer import is_free
 from xitl_cli.run.nodes.autopilot_parameters import EXTERNAL_AHRS_PROTOCOL, parm_text, serial_port_of, start_values
 from xitl_cli.shipped import firmware_params_dir
 

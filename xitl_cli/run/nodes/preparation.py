@@ -8,7 +8,7 @@ from typing import Any
 
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.driver import Driver
+from xitl_cli.run.nodes.drivers import Driver
 from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
 from xitl_cli.run.pilot import Progress
 

@@ -1,14 +1,17 @@
-"""What the agents are told of the world, one kind of message at a time."""
+"""Channels: one kind of message to the agents each, with its rate, its latency, its sensor and its faults."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
 from numpy.random import Generator
 
+from agent.wire import dialect
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
+from sim_core.sensors.wind_vane import WindVane
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
 
@@ -52,3 +55,53 @@ class SensorChannel:
             if sample is None:
                 return None
         return self._encode(stamp_ns // 1000, sample)
+
+
+UNKNOWN_WIND_MPS = -1.0
+
+
+class TruthChannel:
+    """XITL_TRUTH every so many physics steps, for the instant of the step and without delay."""
+
+    latency_ns = 0
+
+    def __init__(self, every: int, vane: VaneChannel | None = None) -> None:
+        self.every = every
+        self._vane = vane
+
+    def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> Message:
+        wind = (UNKNOWN_WIND_MPS, 0.0) if self._vane is None else self._vane.latest(stamp_ns)
+        return dialect.MAVLink_xitl_truth_message(
+            stamp_ns // 1000,
+            motion.pos_ned_m[0].tolist(),
+            motion.vel_ned_mps[0].tolist(),
+            motion.quat_ned_frd[0].tolist(),
+            motion.gyro_frd_radps[0].tolist(),
+            *wind,
+        )
+
+
+class VaneChannel:
+    """The wind vane: it has no message of its own, its newest sample that has been delivered goes with the truth."""
+
+    latency_ns = 0
+
+    def __init__(self, vane: WindVane, rng: Generator, physics_rate_hz: float) -> None:
+        self.every = round(physics_rate_hz / vane.rate_hz)
+        self._vane = vane
+        self._rng = rng
+        self._state = vane.initial(1, rng)
+        self._latency_ns = round(vane.latency_s * 1e9)
+        self._waiting: deque[tuple[int, float, float]] = deque()
+        self._latest = (UNKNOWN_WIND_MPS, 0.0)
+
+    def message(self, stamp_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
+        self._state, sample = self._vane.measure(self._state, motion, air_ned_mps, self._rng)
+        delivered_ns = stamp_ns + self._latency_ns
+        self._waiting.append((delivered_ns, float(sample.speed_mps[0]), float(sample.direction_rad[0])))
+
+    def latest(self, now_ns: int) -> tuple[float, float]:
+        """Speed in m/s, below 0 while none has come, and direction in rad from the bow."""
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            self._latest = self._waiting.popleft()[1:]
+        return self._latest

@@ -18,9 +18,8 @@ from sim_core.world.river import FlatBed
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.place import LogBoom, World
 from xitl_cli.run.seeds import Seeds
-from xitl_cli.run.sensors import standard_messages
-from xitl_cli.run.sensors.channel import Channel, SensorChannel
-from xitl_cli.run.sensors.truth_channel import TruthChannel, VaneChannel
+from xitl_cli.run.sensors import sensor_messages as standard_messages
+from xitl_cli.run.sensors.channel import Channel, SensorChannel, TruthChannel, VaneChannel
 from xitl_cli.run.world.scenery import boom_of
 
 BRIDGED = ("ardupilot", "px4")

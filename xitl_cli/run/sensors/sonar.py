@@ -27,7 +27,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.perception import Sonar
 from xitl_cli.record.perception import PerceptionRecorder
 from xitl_cli.run.seeds import Seeds
-from xitl_cli.run.sensors.ping360_port import Ping360Port
+from xitl_cli.run.sensors.ping360 import Ping360Port
 from xitl_cli.run.world.scenery import Scenery
 
 DEGREES_A_GRAD = 360.0 / TURN_GRAD

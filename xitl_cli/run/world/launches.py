@@ -24,9 +24,9 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.world.collisions import Collisions
-from xitl_cli.run.world.control_port import ControlPort
 from xitl_cli.run.world.debris_scene import debris_scene
 from xitl_cli.run.world.encounters import Encounters, Legs, drawn
+from xitl_cli.run.world.launch_requests import ControlPort
 
 RECORD_RATE_HZ = 10.0
 MOST_BODIES = 500

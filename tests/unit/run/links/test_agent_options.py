@@ -11,8 +11,7 @@ from agent.options import parse
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.ground_stations import USUAL, ground_stations_of
 from xitl_cli.run import directory
-from xitl_cli.run.links.agent_options import AgentOptions, missing_addresses, options_of
-from xitl_cli.run.links.peer import own_options
+from xitl_cli.run.links.peer import AgentOptions, missing_addresses, options_of, own_options
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,7 @@ import pytest
 from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, CanLine, Segmenter
 from agent.wire.transport import Transport, open_transport
 from xitl_cli.errors import UserError
-from xitl_cli.run.links.can_loopback import CanLoopback
-from xitl_cli.run.links.loopback import loopback_of
-from xitl_cli.run.links.serial_loopback import SerialLoopback
+from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback, loopback_of
 
 WAIT_S = 5.0
 

@@ -13,10 +13,9 @@ from agent.wire.signing import Signing
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.run.links.agent_options import AgentOptions
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.peer import Board, InProcess
+from xitl_cli.run.links.peer import AgentOptions, Board, InProcess
 
 KEY = bytes(range(32))
 

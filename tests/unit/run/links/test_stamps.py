@@ -8,7 +8,7 @@ import pytest
 
 from agent.wire import dialect
 from agent.wire.codec import Packer
-from xitl_cli.run.links.stamps import sent_ns
+from xitl_cli.run.links.inbox import sent_ns
 
 
 def message(kind: Any, **values: int) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from xitl_cli.errors import UserError
-from xitl_cli.run.links import tick
+from xitl_cli.run.links import connection as tick
 
 
 class Agent:

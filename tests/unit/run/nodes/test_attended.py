@@ -16,17 +16,15 @@ from agent.fcu.mavlink.texts import Texts
 from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
-from xitl_cli.commands.sim_autopilot import autopilot_rows
+from xitl_cli.commands.sim_report import autopilot_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.record.records import MotorCommand, Task
 from xitl_cli.record.schemas import BRIDGE_COUNTS
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.attended import NO_BRIDGE_NS, Attended
-from xitl_cli.run.nodes.autopilot_report import autopilot_section
-from xitl_cli.run.nodes.driver import NoDriver
+from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, Attended, SchedulerRecord, autopilot_section
+from xitl_cli.run.nodes.drivers import NoDriver
 from xitl_cli.run.nodes.orders import Orders
-from xitl_cli.run.nodes.scheduler import SchedulerRecord
 from xitl_cli.run.sensors.sensing import local_frame
 
 SECOND = 1_000_000_000

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from agent.wire import dialect
-from xitl_cli.run.nodes import autopilot_clock as module
-from xitl_cli.run.nodes.autopilot_clock import LOCKSTEP_HZ, REALTIME_HZ, AutopilotClock
+from xitl_cli.run.nodes import bridge_clock as module
+from xitl_cli.run.nodes.bridge_clock import LOCKSTEP_HZ, REALTIME_HZ, AutopilotClock
 
 SECOND = 1_000_000_000
 MS = 1_000_000

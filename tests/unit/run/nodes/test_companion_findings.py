@@ -13,8 +13,7 @@ from agent.wire import dialect as mav
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.geodesy import LocalFrame
 from sim_core.world.drifting import no_debris
-from xitl_cli.run.nodes.companion_results import sections
-from xitl_cli.run.nodes.findings import Findings
+from xitl_cli.run.nodes.findings import Findings, sections
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
 
 S = 1_000_000_000

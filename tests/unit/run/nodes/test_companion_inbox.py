@@ -7,7 +7,7 @@ from typing import Any
 from agent.wire import dialect as mav
 from agent.wire.codec import Packer
 from sim_core.geodesy import LocalFrame
-from xitl_cli.run.nodes.companion_inbox import CompanionInbox
+from xitl_cli.run.nodes.companion import CompanionInbox
 
 
 class Heard:

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from xitl_cli.commands.sim_perception import perception_rows
+from xitl_cli.commands.sim_report import perception_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.peer import OwnProcess
-from xitl_cli.run.nodes import companion_line as line
+from xitl_cli.run.nodes import companion as line
 from xitl_cli.run.session import INCOMPLETE, run
 from xitl_cli.run.view import Glance, NoView
 

@@ -13,12 +13,9 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.operation import ScriptStep
 from xitl_cli.replay.track import Track
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.ground_station_driver import GroundStationDriver
-from xitl_cli.run.nodes.mission_driver import READY_TIMEOUT_S, MissionDriver
+from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, GroundStationDriver, MissionDriver, ReplayDriver, ScriptDriver
 from xitl_cli.run.nodes.orders import Orders
-from xitl_cli.run.nodes.replay_driver import ReplayDriver
 from xitl_cli.run.nodes.score import MissionScore
-from xitl_cli.run.nodes.script_driver import ScriptDriver
 
 S = 1_000_000_000
 TICK = 20_000_000

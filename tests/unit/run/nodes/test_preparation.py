@@ -14,8 +14,8 @@ from xitl_cli.errors import UserError
 from xitl_cli.record.records import MotorCommand
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes import patience
+from xitl_cli.run.nodes.bridge import Milestones
 from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
-from xitl_cli.run.nodes.milestones import Milestones
 from xitl_cli.run.nodes.preparation import SHORTEST_HEARTBEAT_S, Preparation
 from xitl_cli.run.pilot import Progress
 

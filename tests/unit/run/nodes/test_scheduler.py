@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pymavlink import DFReader
 
-from xitl_cli.run.nodes.scheduler import scheduler_record
+from xitl_cli.run.nodes.bridge import scheduler_record
 
 HEAD = b"\xa3\x95"
 FMT = struct.Struct("<2sBBB4s16s64s")

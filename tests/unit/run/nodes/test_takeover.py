@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xitl_cli.run.links.silence import Silence
-from xitl_cli.run.nodes.takeover import Ramp, Switch, Takeover
+from xitl_cli.run.links.connection import Silence
+from xitl_cli.run.nodes.standby import Ramp, Switch, TakeoverDecision
 
 MS = 1_000_000
 PERIOD = 20 * MS
 
 
-def steer(takeover: Takeover, until_ms: int, speaks: dict[int, list[range]]) -> list[tuple[int, Switch]]:
+def steer(takeover: TakeoverDecision, until_ms: int, speaks: dict[int, list[range]]) -> list[tuple[int, Switch]]:
     """Every 20 ms those who speak are heard, then it is decided; (instant in ms, switch) of each switch."""
     switches = []
     for now_ms in range(0, until_ms, 20):
@@ -27,31 +27,31 @@ def steer(takeover: Takeover, until_ms: int, speaks: dict[int, list[range]]) -> 
 
 
 def test_nobody_takes_over_while_the_first_speaks() -> None:
-    assert steer(Takeover(0.3), 2000, {0: [range(2000)], 1: [range(2000)]}) == []
+    assert steer(TakeoverDecision(0.3), 2000, {0: [range(2000)], 1: [range(2000)]}) == []
 
 
 def test_the_standby_takes_over_after_the_set_time_and_keeps_it() -> None:
-    takeover = Takeover(0.3)
+    takeover = TakeoverDecision(0.3)
     speaks = {0: [range(1000), range(2000, 4000)], 1: [range(4000)]}
     assert steer(takeover, 4000, speaks) == [(1280, Switch(1, 300 * MS))]
     assert takeover.active == 1
 
 
 def test_it_goes_back_only_when_the_new_one_is_silent_and_the_old_one_speaks() -> None:
-    takeover = Takeover(0.3)
+    takeover = TakeoverDecision(0.3)
     speaks = {0: [range(1000), range(3000, 5000)], 1: [range(2000)]}
     assert [(at, switch.active) for at, switch in steer(takeover, 5000, speaks)] == [(1280, 1), (3000, 0)]
 
 
 def test_when_both_are_silent_nothing_changes() -> None:
-    takeover = Takeover(0.3)
+    takeover = TakeoverDecision(0.3)
     assert steer(takeover, 5000, {0: [range(1000)], 1: [range(1000)]}) == []
     assert takeover.active == 0
 
 
 def test_a_pause_of_the_host_itself_is_no_silence() -> None:
     """What was queued meanwhile is heard before it is decided."""
-    takeover = Takeover(0.3)
+    takeover = TakeoverDecision(0.3)
     steer(takeover, 1000, {0: [range(1000)], 1: [range(1000)]})
     for agent in (1, 0):
         takeover.heard(agent, 4000 * MS)

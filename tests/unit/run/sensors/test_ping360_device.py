@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim_core.sensors.sonar import OVERHEAD_S, PingSettings, turning_s
 from xitl_cli.run.sensors import ping_protocol as wire
-from xitl_cli.run.sensors.ping360_device import WAITING, Ping360Device
+from xitl_cli.run.sensors.ping360 import WAITING, Ping360Device
 from xitl_cli.run.sensors.ping_protocol import AutoTransmit, Frame, PingFramer, Transducer, packed
 
 STEP_NS = 2_500_000

@@ -19,8 +19,7 @@ from sim_core.world.bodies import BodyKind
 from sim_core.world.drifting import Launch
 from xitl_cli.commands.world import launch as launch_command
 from xitl_cli.errors import UserError
-from xitl_cli.run.world.control_port import ControlPort
-from xitl_cli.run.world.launch_request import ask_for
+from xitl_cli.run.world.launch_requests import ControlPort, ask_for
 
 NOW_NS = 5_000_000_000
 EAST_RAD = struct.unpack("<f", struct.pack("<f", math.pi / 2))[0]  # as it comes over the wire

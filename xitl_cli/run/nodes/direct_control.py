@@ -1,8 +1,9 @@
-"""No autopilot, no sensors, no link: the control laws steer the mission from the true state, straight to the vessel."""
+"""Direct control without an autopilot: ideal control laws, a script or a recording, straight to the vessel."""
 
 from __future__ import annotations
 
 import math
+import time
 
 from agent.fcu.control.allocation import NEUTRAL
 from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load
@@ -15,14 +16,84 @@ from agent.fcu.parameters import Parameters
 from agent.fcu.pilot import COMPLETE
 from agent.fcu.pilot import Pilot as MissionPilot
 from agent.fcu.samples import Estimate
+from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.records import MotorCommand
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.records import MotorCommand, Task
+from xitl_cli.replay.track import Track
 from xitl_cli.run.links.setup import mission_of, parameters_of
-from xitl_cli.run.nodes.direct_pilot import DirectPilot
-from xitl_cli.run.pilot import Progress
+from xitl_cli.run.nodes.score import EstimationScore
+from xitl_cli.run.pace import Pace
+from xitl_cli.run.pilot import (
+    ActuatorReport,
+    ClockReport,
+    FaultReport,
+    LinkReport,
+    NodeReport,
+    Progress,
+    TakeoverReport,
+    Traffic,
+)
 from xitl_cli.run.sensors.sensing import local_frame
+
+
+class DirectPilot:
+    """See Pilot. Commands go straight to the vessel; what is left to say is `exchange` and `progress`."""
+
+    def __init__(self, motors: tuple[float, ...]) -> None:
+        self.command = MotorCommand(motors, armed=True)
+        self.estimation: EstimationScore | None = None
+        self.stale_exchanges = 0
+
+    def prepare(self) -> None:
+        pass
+
+    def begin(self, recorder: Recorder, pace: Pace) -> None:
+        pass
+
+    def sense(self, sim_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
+        pass
+
+    def idle(self, seconds: float) -> None:
+        time.sleep(seconds)
+
+    def position_error_m(self) -> float | None:
+        return None
+
+    def end(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def links(self) -> list[LinkReport]:
+        return []
+
+    def tasks(self) -> list[Task]:
+        return []
+
+    def clocks(self) -> list[ClockReport]:
+        return []
+
+    def nodes(self) -> list[NodeReport]:
+        return []
+
+    def actuators(self) -> ActuatorReport | None:
+        return None
+
+    def takeovers(self) -> list[TakeoverReport]:
+        return []
+
+    def faults(self) -> list[FaultReport]:
+        return []
+
+    def autopilot(self) -> None:
+        return None
+
+    def traffic(self) -> Traffic:
+        return {}
 
 
 class IdealPilot(DirectPilot):
@@ -100,3 +171,29 @@ def _truth(sim_ns: int, motion: Kinematics) -> Estimate:
         True,
         True,
     )
+
+
+class TrackPilot(DirectPilot):
+    """Plays a script or a recording; knows no waypoints. Played to its end it has completed what it was for."""
+
+    def __init__(self, track: Track, mode: str, propellers: int) -> None:
+        super().__init__(track.motors_at(0) or (0.0,) * propellers)
+        self._track = track
+        self._mode = mode
+        self._now_ns = 0
+
+    def exchange(self, sim_ns: int, motion: Kinematics) -> None:
+        self._now_ns = sim_ns
+        motors = self._track.motors_at(sim_ns)
+        if motors is not None and motors != self.command.motors:
+            self.command = MotorCommand(motors, armed=True)
+
+    def progress(self) -> Progress:
+        track = self._track
+        return Progress(
+            mode=self._mode,
+            armed=True,
+            finished=track.end_ns is not None and self._now_ns >= track.end_ns,
+            completed=self._now_ns >= track.last_ns,
+            waypoints=(),
+        )

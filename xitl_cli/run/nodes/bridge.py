@@ -1,39 +1,192 @@
-"""Another autopilot behind a bridge, as the host looks after it: started, prepared, timed, stopped, its log kept."""
+"""Another autopilot behind a bridge: started, prepared, timed, checked, stopped, its log collected."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.process import CONSOLE, STOP_S, FirmwareProcess, newest_log
+from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import MotorCommand
+from xitl_cli.record.records import MotorCommand, Task
 from xitl_cli.run import directory
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.inbox import AgentInbox
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.links.setup import mission_of
-from xitl_cli.run.nodes.autopilot_clock import SIMULATED_GRAIN_NS, AutopilotClock
 from xitl_cli.run.nodes.autopilot_parameters import own_values
-from xitl_cli.run.nodes.autopilot_report import AutopilotReport
-from xitl_cli.run.nodes.autopilot_version import version_words
-from xitl_cli.run.nodes.driver import Driver
+from xitl_cli.run.nodes.bridge_clock import SIMULATED_GRAIN_NS, AutopilotClock
+from xitl_cli.run.nodes.drivers import Driver
 from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
 from xitl_cli.run.nodes.firmware_launch import Launch, resolved_bridge
-from xitl_cli.run.nodes.milestones import Milestones
 from xitl_cli.run.nodes.orders import Send
 from xitl_cli.run.nodes.preparation import Preparation
-from xitl_cli.run.nodes.scheduler import scheduler_record
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import ClockReport
+
+MOVES_MPS = 0.2
+DRIVES = 0.02
+
+
+@dataclass(slots=True)
+class Milestones:
+    """Seconds from the start of the run; None until then.
+
+    heartbeat: first heard. origin: its estimator has an origin. ready: its pre-arm checks pass. armed. motion: after
+    arming, the motors turn and the vessel makes more than `MOVES_MPS` over ground.
+    """
+
+    heartbeat_s: float | None = None
+    origin_s: float | None = None
+    ready_s: float | None = None
+    armed_s: float | None = None
+    motion_s: float | None = None
+
+    def update(self, sim_ns: int, view: AgentView, command: MotorCommand, motion: Kinematics) -> None:
+        """Look at every exchange."""
+        now_s = sim_ns * 1e-9
+        if self.heartbeat_s is None and view.heard:
+            self.heartbeat_s = now_s
+        if self.origin_s is None and view.has_origin:
+            self.origin_s = now_s
+        if self.ready_s is None and view.ready_to_arm:
+            self.ready_s = now_s
+        if self.armed_s is None and view.armed:
+            self.armed_s = now_s
+        if self.motion_s is None and self.armed_s is not None and max(map(abs, command.motors)) > DRIVES:
+            north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
+            if math.hypot(north_mps, east_mps) > MOVES_MPS:
+                self.motion_s = now_s
+
+
+_KINDS = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}
+
+
+def version_words(flight_sw_version: int, custom: bytes) -> str:
+    """`4.6.3 (3fc7011a)`: four bytes of numbers and release type, eight characters of the revision."""
+    major, minor, patch, kind = flight_sw_version.to_bytes(4, "big")
+    release = _KINDS.get(kind, f"-{kind}")
+    revision = custom.split(b"\0")[0].decode("ascii", "replace").strip()
+    return f"{major}.{minor}.{patch}{release}" + (f" ({revision})" if revision.isprintable() and revision else "")
+
+
+_LOOPS = ("NL", "NLoop")  # by version
+
+
+@dataclass(frozen=True, slots=True)
+class SchedulerRecord:
+    """Sums over all rows. long_loops: loops that took longer than the period allows. max_us: the longest loop.
+
+    fields: the columns that this version logs. load_*_percent: of the processor's time. None: not logged.
+    """
+
+    rows: int
+    fields: tuple[str, ...]
+    loops: int | None = None
+    long_loops: int | None = None
+    max_us: int | None = None
+    load_mean_percent: float | None = None
+    load_max_percent: float | None = None
+
+
+def scheduler_record(log: Path) -> SchedulerRecord | None:
+    """From a DataFlash log; None when it cannot be read or has no PM records."""
+    try:
+        with DataFlashLog(log) as opened:
+            table = opened.tables.get("PM")
+            return None if table is None else _record(table)
+    except LogError:
+        return None
+
+
+def _record(table: Table) -> SchedulerRecord:
+    loops, long_loops = _column(table, first_of(table, _LOOPS)), _column(table, first_of(table, ("NLon",)))
+    longest, load = _column(table, first_of(table, ("MaxT",))), _column(table, first_of(table, ("Load",)))
+    return SchedulerRecord(
+        rows=len(table),
+        fields=tuple(name for name in table.columns if name != "TimeUS"),
+        loops=None if loops is None else int(loops.sum()),
+        long_loops=None if long_loops is None else int(long_loops.sum()),
+        max_us=None if longest is None else int(longest.max()),
+        load_mean_percent=None if load is None else float(load.mean()) / 10.0,
+        load_max_percent=None if load is None else float(load.max()) / 10.0,
+    )
+
+
+def _column(table: Table, name: str | None) -> NDArray[np.float64] | None:
+    """As logged, in single counts; None where no row has it."""
+    if name is None or table.columns[name].kind != "number" or table.columns[name].shape:
+        return None
+    values = table.values(name, raw=True).astype(np.float64)
+    known: NDArray[np.float64] = values[np.isfinite(values)]
+    return known if len(known) else None
+
+
+HOST = "PS1"
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotReport:
+    """firmware, vehicle: as it says itself, empty where it never did.
+
+    milestones: see there. bridge: counts of XITL_BRIDGE_STATUS by name, empty where none came. program: what was
+    started here, None for one that somebody else started. log: whether its DataFlash log was collected. scheduler: from
+    that log; only of one that runs on a real clock (None: not known) it tells of processor time.
+    utc_offset_s: its UTC less ours.
+    """
+
+    kind: str
+    firmware: str = ""
+    vehicle: str = ""
+    milestones: Milestones = field(default_factory=Milestones)
+    bridge: dict[str, int] = field(default_factory=dict)
+    program: str | None = None
+    log: bool = False
+    scheduler: SchedulerRecord | None = None
+    real_clock: bool | None = None
+    utc_offset_s: float | None = None
+
+
+def autopilot_section(report: AutopilotReport, tasks: Sequence[Task]) -> dict[str, Any]:
+    """`autopilot` of summary.json; docs/recording.md explains the keys."""
+    times, agent = report.milestones, [task for task in tasks if task.node != HOST]
+    return {
+        "kind": report.kind,
+        "firmware": report.firmware or None,
+        "vehicle": report.vehicle or None,
+        "program": report.program,
+        "time_to_heartbeat_s": times.heartbeat_s,
+        "time_to_origin_s": times.origin_s,
+        "time_to_ready_s": times.ready_s,
+        "time_to_arm_s": times.armed_s,
+        "time_to_motion_s": times.motion_s,
+        "bridge": report.bridge or None,
+        "log": report.log,
+        "clock": None if report.real_clock is None else "real" if report.real_clock else "simulated",
+        "utc_offset_s": report.utc_offset_s,
+        "scheduler": None if report.scheduler is None else _scheduler(report.scheduler),
+        "agent": {"cycles": sum(task.cycles for task in agent), "missed": sum(task.missed for task in agent)},
+    }
+
+
+def _scheduler(record: SchedulerRecord) -> dict[str, Any]:
+    return {**asdict(record), "fields": list(record.fields)}
+
 
 EXTERNAL = "external"
 BRIDGE = "Bridge: "

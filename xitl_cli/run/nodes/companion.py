@@ -1,30 +1,157 @@
-"""The companion in a run: its link, its place in the exchanges, and what goes between it and the autopilot."""
+"""The companion computer of a run: its link, its place in the exchanges, and what goes between it and the autopilot."""
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
+from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.signing import Signing
+from sim_core.environment.water import Water
+from sim_core.geodesy import LocalFrame
+from sim_core.vessel.buoyancy import floating_draft_m
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import Task
+from xitl_cli.record.records import Estimate, Task
 from xitl_cli.run.faults import Faults, FaultSchedule
-from xitl_cli.run.links.agent_options import AgentOptions
-from xitl_cli.run.links.connection import WARNING, AgentConnection
-from xitl_cli.run.links.peer import open_peer
-from xitl_cli.run.links.terms import terms_of_companion
-from xitl_cli.run.links.tick import StoppedWaitingError
-from xitl_cli.run.nodes.companion_inbox import LINK, CompanionInbox
-from xitl_cli.run.nodes.companion_parameters import parameters_of
-from xitl_cli.run.nodes.companion_routing import TO_AUTOPILOT, TO_COMPANION
+from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, terms_of_companion
+from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.run.links.peer import AgentOptions, open_peer
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport, Traffic
 from xitl_cli.run.sensors.sensing import local_frame
+from xitl_cli.run.world.world import vessel_model
 from xitl_cli.signing import read_key_file
+
+
+def _ids(*names: str) -> frozenset[int]:
+    return frozenset(getattr(dialect, f"MAVLINK_MSG_ID_{name}") for name in names)
+
+
+TO_COMPANION = _ids(
+    *("HEARTBEAT", "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"),
+    *("GPS_GLOBAL_ORIGIN", "HOME_POSITION", "COMMAND_ACK", "POSITION_TARGET_LOCAL_NED", "POSITION_TARGET_GLOBAL_INT"),
+    *("MISSION_CURRENT", "MISSION_ITEM_REACHED", "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ACK"),
+)
+TO_AUTOPILOT = _ids(
+    *("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"),
+    *("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "OBSTACLE_DISTANCE", "DISTANCE_SENSOR"),
+)
+KEPT_ELSEWHERE = _ids("XITL_CLOUD", "XITL_PING")
+"""Not kept as frames: a recording has them as /lidar/points, /sonar/ping and /companion/map."""
+
+
+def parameters_of(profile: RunProfile) -> dict[str, float]:
+    """What vessel, lidar and mission imply, then the profile's own."""
+    assert profile.companion is not None
+    hull = profile.vehicle.hull
+    water = Water(**profile.environment.water.model_dump())
+    values = {
+        "HULL_LENGTH": hull.length_m,
+        "HULL_WIDTH": hull.width_m,
+        "HULL_WATER": hull.keel_below_cg_m - floating_draft_m(vessel_model(profile.vehicle), water),
+        "WP_SPEED": profile.mission.speed_mps,
+    }
+    if profile.sensors is not None and profile.sensors.lidar is not None:
+        values["LIDAR_YAW"] = profile.sensors.lidar.yaw_deg
+    return values | dict(profile.companion.parameters)
+
+
+LINK = "companion"
+MOST_WARNINGS = 8
+_TICK = dialect.MAVLINK_MSG_ID_XITL_TICK
+
+
+@dataclass(slots=True)
+class _Said:
+    """Up to the answer to a tick."""
+
+    tick: int = -1
+    frames: list[bytes] = field(default_factory=list)
+    messages: list[Any] = field(default_factory=list)
+
+
+class CompanionInbox(AgentInbox):
+    """As of an agent. Any word is a sign of life, and it answers a tick with the tick.
+
+    While `holds`, what comes waits until `release`, with the answer that it came ahead of: when it came on the wall
+    clock then makes no difference. answered_tick: the latest answer that has come. warnings: the first few sentences
+    that it, or the run about it, said of what went wrong, each once.
+    """
+
+    def __init__(self, frame: LocalFrame, lockstep: bool) -> None:
+        super().__init__(LINK, frame, 0, lockstep, _pass_over)
+        self.holds = False
+        self.warnings: list[str] = []
+        self._handlers[_TICK] = lambda message: None
+        self._frames: deque[_Said] = deque([_Said()])
+        self._messages: deque[_Said] = deque([_Said()])
+
+    def take(self, messages: list[Any]) -> None:
+        if messages:
+            self.command_ns = time.monotonic_ns()
+            self.fresh = True
+        if not self.holds:
+            super().take(messages)
+            return
+        for message in messages:
+            self._messages[-1].messages.append(message)
+            if message.get_msgId() == _TICK:
+                self._messages[-1].tick = message.tick
+                self._messages.append(_Said())
+                self.answered_tick = max(self.answered_tick, message.tick)
+
+    def say(self, severity: int, source: str, text: str) -> None:
+        if severity <= WARNING and text not in self.warnings and len(self.warnings) < MOST_WARNINGS:
+            self.warnings.append(text)
+        super().say(severity, source, text)
+
+    def tap(self, direction: str, frame: bytes) -> None:
+        if direction == "tx" or not self.holds:
+            self._keep(direction, frame)
+            return
+        self._frames[-1].frames.append(frame)
+        if _id_of(frame) == _TICK:
+            self._frames.append(_Said())
+
+    def release(self, tick: int) -> None:
+        """Take in all that came up to the answer to `tick`."""
+        while self._messages[0].tick >= 0 and self._messages[0].tick <= tick:
+            self._take_in(self._frames.popleft(), self._messages.popleft())
+
+    def release_all(self) -> None:
+        """Hold nothing any more, and take in what is left."""
+        self.holds = False
+        for frames, said in zip(self._frames, self._messages, strict=True):
+            self._take_in(frames, said)
+        self._frames, self._messages = deque([_Said()]), deque([_Said()])
+
+    def _take_in(self, frames: _Said, said: _Said) -> None:
+        for frame in frames.frames:
+            self._keep("rx", frame)
+        super().take(said.messages)
+
+    def _keep(self, direction: str, frame: bytes) -> None:
+        number = _id_of(frame)
+        if number in KEPT_ELSEWHERE:
+            counts = self.traffic[direction]
+            counts[number] = counts.get(number, 0) + 1
+        else:
+            super().tap(direction, frame)
+
+
+def _id_of(frame: bytes) -> int:
+    return frame[7] | frame[8] << 8 | frame[9] << 16
+
+
+def _pass_over(stamp_ns: int | None, estimate: Estimate) -> None:
+    """A companion has no estimate of the kind that an autopilot has."""
+
 
 REPEAT_S = 0.5
 SYNC_EVERY_S = 0.1

@@ -1,0 +1,378 @@
+"""Drivers: who commands an autopilot in a run. A mission, a ground station, a timed script, a recording, or nobody."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from enum import Enum
+from typing import Any, Protocol
+
+import numpy as np
+
+from agent.wire import dialect
+from sim_core.geodesy import LocalFrame
+from xitl_cli.errors import UserError
+from xitl_cli.profile.ground_stations import ground_stations_of
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.operation import ScriptStep
+from xitl_cli.replay.track import Track, track_of_file
+from xitl_cli.run.nodes.mission_download import MissionDownload
+from xitl_cli.run.nodes.orders import REPEAT_S, Orders
+from xitl_cli.run.pilot import Progress
+
+
+class Driver(Protocol):
+    """Asked at every exchange, on simulation time."""
+
+    def update(self, sim_ns: int) -> None:
+        """Give the orders that are due. Raises UserError when the autopilot cannot be brought under way."""
+
+    def take(self, message: Any) -> None:
+        """A message of the autopilot, after the view has seen it."""
+
+    def progress(self) -> Progress:
+        """How far it is, without what the view alone knows (mode, armed, messages)."""
+
+
+class NoDriver:
+    """Nobody gives orders; a mission that the autopilot starts by itself still counts."""
+
+    def __init__(self, orders: Orders, waypoints: int) -> None:
+        self._view = orders.view
+        self._total = waypoints
+
+    def update(self, sim_ns: int) -> None:
+        pass
+
+    def take(self, message: Any) -> None:
+        pass
+
+    def progress(self) -> Progress:
+        reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
+        done = 0 < self._total == reached
+        return Progress("", reached=reached, finished=done, completed=done)
+
+
+def make_driver(profile: RunProfile, orders: Orders, frame: LocalFrame) -> Driver:
+    """The driver that the profile asks for. Raises UserError when its file cannot be played."""
+    driver, waypoints = profile.driver, len(profile.mission.waypoints_ned_m)
+    if driver.kind == "mission":
+        return MissionDriver(orders, waypoints, profile.autopilot.arm_timeout_s)
+    if driver.kind == "ground-station":
+        return GroundStationDriver(orders, frame, ground_stations_of(profile), driver.stay)
+    if driver.kind == "script":
+        return ScriptDriver(orders, frame, driver.script, waypoints)
+    if driver.kind == "replay":
+        assert driver.file is not None
+        track = track_of_file(driver.file, driver.replay, profile.vehicle.commands)
+        return ReplayDriver(orders, track, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
+    return NoDriver(orders, waypoints)
+
+
+READY_TIMEOUT_S = 60.0
+ASK_WHY_S = 5.0  # before giving up
+PREARM = ("PreArm: ", "Arm: ")
+
+
+class Phase(Enum):
+    """What is waited for."""
+
+    READY = "the autopilot to become ready to arm"
+    ARMED = "the autopilot to arm"
+    STARTED = "the autopilot to change its mode"
+    UNDER_WAY = "nothing"
+
+
+class Departure:
+    """Arms the autopilot when it is ready and sets a mode.
+
+    Raises UserError from `update` when that is not done `timeout_s` after the start.
+    """
+
+    def __init__(self, orders: Orders, mode: str, timeout_s: float = READY_TIMEOUT_S) -> None:
+        self._orders = orders
+        self._mode = mode
+        self._timeout_s = timeout_s
+        self.phase = Phase.READY
+
+    def update(self, sim_ns: int) -> bool:
+        """One look at the autopilot; sends the next command when it is time. True once it is under way."""
+        orders = self._orders
+        if self.phase is Phase.READY and orders.view.ready_to_arm:
+            orders.forget()
+            self.phase = Phase.ARMED
+        if self.phase is Phase.READY and sim_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
+            orders.arm(sim_ns)  # refused, with the reasons
+        if self.phase is Phase.ARMED and orders.arm(sim_ns):
+            self.phase = Phase.STARTED
+        if self.phase is Phase.STARTED and orders.set_mode(sim_ns, self._mode):
+            self.phase = Phase.UNDER_WAY
+        if self.phase is not Phase.UNDER_WAY and sim_ns > self._timeout_s * 1e9:
+            said = f"; it said: {', '.join(_latest_reasons(orders.view.texts))}" if orders.view.texts else ""
+            raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{said}")
+        return self.phase is Phase.UNDER_WAY
+
+
+def _latest_reasons(texts: Iterable[str]) -> list[str]:
+    """What keeps it from arming, each once, else the last thing it said."""
+    said = list(texts)
+    return list(dict.fromkeys(text for text in said if text.startswith(PREARM))) or said[-1:]
+
+
+class MissionDriver:
+    """Sends the commands a person at a ground station would; the mission has `waypoints` items after home."""
+
+    def __init__(self, orders: Orders, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
+        self._view = orders.view
+        self._departure = Departure(orders, "AUTO", arm_timeout_s)
+        self._total = waypoints
+        self._under_way = False
+
+    def update(self, sim_ns: int) -> None:
+        self._under_way = self._under_way or self._departure.update(sim_ns)
+
+    def take(self, message: Any) -> None:
+        pass
+
+    def progress(self) -> Progress:
+        reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
+        done = 0 < self._total == reached
+        target = reached if self._under_way and not done else None
+        return Progress("", target=target, reached=reached, finished=done, completed=done)
+
+
+RC_TRIM_US, RC_SPAN_US = 1500, 400
+
+
+class ReplayDriver:
+    """Plays `track` (port, starboard) once the autopilot is armed in MANUAL; the vessel is moored until then.
+
+    The pulses go out at every exchange. The autopilot mixes and shapes them for its motors, which repeats the recorded
+    commands only as well as its settings equal those of the recorded vehicle.
+    """
+
+    def __init__(
+        self,
+        orders: Orders,
+        track: Track,
+        rc_channels: tuple[int, int],
+        arm_timeout_s: float = READY_TIMEOUT_S,
+    ) -> None:
+        self._orders = orders
+        self._track = track
+        self._channels = rc_channels
+        self._departure = Departure(orders, "MANUAL", arm_timeout_s)
+        self._started_ns: int | None = None
+        self._played_ns = -1
+
+    def update(self, sim_ns: int) -> None:
+        if self._started_ns is None:
+            if not self._departure.update(sim_ns):
+                return
+            self._started_ns = sim_ns
+        self._played_ns = sim_ns - self._started_ns
+        port, starboard = self._track.motors_at(self._played_ns) or (0.0, 0.0)
+        pulses: list[int | None] = [None] * max(self._channels)
+        for channel, demand in zip(self._channels, ((port - starboard) / 2, (port + starboard) / 2), strict=True):
+            pulses[channel - 1] = round(RC_TRIM_US + RC_SPAN_US * demand)
+        self._orders.rc(pulses)
+
+    def take(self, message: Any) -> None:
+        pass
+
+    def progress(self) -> Progress:
+        done = self._played_ns >= self._track.last_ns
+        waits_for = self._departure.phase.value if self._started_ns is None else ""
+        return Progress("", finished=done, completed=done, waypoints=(), waits_for=waits_for)
+
+
+LAST_ORDER_S = 2.0  # an end waits so long for the orders of its own step
+RC_INTERVAL_S = 0.1  # an autopilot takes an override that is not repeated for a lost transmitter
+
+
+class ScriptDriver:
+    """Gives the orders of each step from its time on: mode, then arm, then RC and target.
+
+    Mode and arm are repeated every second until they are accepted or the next step begins; RC pulses stay in force,
+    and are repeated, until a later step gives others. Completed is a script whose steps were all reached and whose
+    orders were all accepted. The mission on board, which a script may start, has `waypoints` items after home.
+    """
+
+    def __init__(self, orders: Orders, frame: LocalFrame, steps: Sequence[ScriptStep], waypoints: int) -> None:
+        self._orders = orders
+        self._steps = steps
+        self._targets = [_place(frame, step.goto_ned_m) for step in steps]
+        self._total = waypoints
+        self._number = -1
+        self._now_ns = -1
+        self._mode_set = self._armed = True
+        self._refused = 0
+        self._pulses: tuple[int | None, ...] | None = None
+        self._pulses_ns: int | None = None
+        self._target_ns: int | None = None
+
+    def update(self, sim_ns: int) -> None:
+        self._now_ns = sim_ns
+        while self._number + 1 < len(self._steps) and round(self._steps[self._number + 1].at_s * 1e9) <= sim_ns:
+            self._begin(self._number + 1)
+        if self._number < 0:
+            return
+        step = self._steps[self._number]
+        if step.mode is not None and not self._mode_set:
+            self._mode_set = self._orders.set_mode(sim_ns, step.mode)
+        if step.arm is not None and self._mode_set and not self._armed:
+            self._armed = self._orders.arm(sim_ns, step.arm)
+        if self._mode_set and self._armed:
+            self._go_to(sim_ns)
+        if self._pulses is not None and _is_due(self._pulses_ns, RC_INTERVAL_S, sim_ns):
+            self._orders.rc(self._pulses)
+            self._pulses_ns = sim_ns
+
+    def take(self, message: Any) -> None:
+        pass
+
+    def progress(self) -> Progress:
+        played = self._number + 1 == len(self._steps)
+        settled = self._settled()
+        given_up = self._now_ns - round(self._steps[-1].at_s * 1e9) >= LAST_ORDER_S * 1e9
+        view = self._orders.view
+        reached = len({seq for seq in view.reached_seqs if 1 <= seq <= self._total})
+        sailing = view.armed and view.mode == "AUTO" and reached < self._total
+        return Progress(
+            "",
+            target=reached if sailing else None,
+            reached=reached,
+            finished=played and self._steps[-1].end and (settled or given_up),
+            completed=played and settled and not self._refused,
+        )
+
+    def _settled(self) -> bool:
+        """Whether the orders of the step in force were accepted."""
+        mode = self._mode_set or self._orders.accepted(dialect.MAV_CMD_DO_SET_MODE)
+        return mode and (self._armed or self._orders.accepted(dialect.MAV_CMD_COMPONENT_ARM_DISARM))
+
+    def _begin(self, number: int) -> None:
+        if not self._settled():
+            self._refused += 1
+        step = self._steps[number]
+        self._orders.forget()
+        self._number = number
+        self._mode_set, self._armed = step.mode is None, step.arm is None
+        self._target_ns = None
+        if step.rc_us is not None:
+            self._pulses = _laid_over(self._pulses or (), step.rc_us)
+            self._pulses_ns = None
+
+    def _go_to(self, sim_ns: int) -> None:
+        """Nothing answers a target: it is repeated while the step is in force and the vehicle is in GUIDED."""
+        target = self._targets[self._number]
+        if target is None or not _is_due(self._target_ns, REPEAT_S, sim_ns):
+            return
+        if self._target_ns is None or self._orders.view.mode == "GUIDED":
+            self._orders.go_to(sim_ns, *target)
+        self._target_ns = sim_ns
+
+
+def _laid_over(before: Sequence[int | None], pulses: Sequence[int | None]) -> tuple[int | None, ...]:
+    count = max(len(before), len(pulses))
+    old, new = ([*values, *[None] * (count - len(values))] for values in (before, pulses))
+    return tuple(o if n is None else n for o, n in zip(old, new, strict=True))
+
+
+def _is_due(last_ns: int | None, every_s: float, now_ns: int) -> bool:
+    return last_ns is None or now_ns - last_ns >= every_s * 1e9
+
+
+def _place(frame: LocalFrame, goto_ned_m: tuple[float, float] | None) -> tuple[float, float, float] | None:
+    if goto_ned_m is None:
+        return None
+    lat, lon, alt = frame.geodetic(np.array([[*goto_ned_m, 0.0]]))
+    return float(lat[0]), float(lon[0]), float(alt[0])
+
+
+FAREWELL_S = 2.0  # after the last waypoint, for the ground station to hear of it
+
+
+class GroundStationDriver:
+    """Sends no orders. The vessel is moored until the autopilot is armed for the first time.
+
+    The mission that is started is downloaded, so that the run is judged by what was drawn. With `stay` the run goes on
+    after it. `addresses`: where the autopilot talks to ground stations.
+    """
+
+    def __init__(self, orders: Orders, frame: LocalFrame, addresses: Sequence[str], stay: bool) -> None:
+        self._view = orders.view
+        self._frame = frame
+        self._addresses = addresses
+        self._stay = stay
+        self._download: MissionDownload = orders.download()
+        self._seqs: tuple[int, ...] = ()
+        self._places: tuple[tuple[float, float], ...] | None = None
+        self._over_ns: int | None = None
+        self._now_ns = 0
+        self._was_armed = False
+        self._was_auto = False
+
+    def update(self, sim_ns: int) -> None:
+        view = self._view
+        self._now_ns = sim_ns
+        if not self._is_over():
+            self._over_ns = None
+        elif self._over_ns is None:
+            self._over_ns = sim_ns
+        self._was_armed = self._was_armed or view.armed
+        auto = view.armed and view.mode == "AUTO"
+        if auto and not self._was_auto:
+            self._download.start(sim_ns)
+            if self._reached() == len(self._seqs):
+                view.reached_seqs.clear()  # sailed before: this is another time
+        self._was_auto = auto
+        self._download.update(sim_ns)
+
+    def take(self, message: Any) -> None:
+        was_done = self._download.done
+        self._download.take(message)
+        if self._download.done and not was_done:
+            self._adopt()
+
+    def progress(self) -> Progress:
+        reached, total = self._reached(), len(self._seqs)
+        target = self._seqs.index(self._view.target_seq) if self._view.target_seq in self._seqs else None
+        over = self._is_over()
+        left = self._over_ns is not None and self._now_ns - self._over_ns >= FAREWELL_S * 1e9
+        return Progress(
+            "",
+            target=target if self._was_auto and not over else None,
+            reached=reached,
+            finished=over and left and not self._stay,
+            completed=0 < total == reached,
+            waypoints=self._places if self._places is not None else (),
+            waits_for="" if self._was_armed else self._waits_for(),
+        )
+
+    def _is_over(self) -> bool:
+        return bool(self._seqs) and self._seqs[-1] in self._view.reached_seqs
+
+    def _reached(self) -> int:
+        return sum(seq in self._view.reached_seqs for seq in self._seqs)
+
+    def _adopt(self) -> None:
+        """Judge by the mission that was downloaded; places of another mission are forgotten."""
+        items = [item for item in self._download.items if item.seq > 0 and item.command == dialect.MAV_CMD_NAV_WAYPOINT]
+        seqs = tuple(item.seq for item in items)
+        alt_m = np.full(len(items), self._frame.altitude_m)
+        lat, lon = (np.array([item[column] for item in items], dtype=float) for column in (2, 3))
+        ned = self._frame.ned(lat, lon, alt_m) if items else np.empty((0, 3))
+        places = tuple((north, east) for north, east, _ in ned.tolist())
+        if self._places is not None and places != self._places:
+            self._view.reached_seqs.clear()
+        self._seqs, self._places = seqs, places
+
+    def _waits_for(self) -> str:
+        where = ", ".join(_said(address) for address in self._addresses)
+        return f"a ground station to arm the vessel ({where or 'at the board'})"
+
+
+def _said(address: str) -> str:
+    """`udp://127.0.0.1:14550` is sent to and `tcp://0.0.0.0:5760` waits, which is what a person has to know."""
+    scheme, _, place = address.partition("://")
+    return f"sends to UDP {place}" if scheme == "udp" else f"listens at TCP {place}"
