@@ -8,10 +8,11 @@ Every function takes and returns batches: `(..., 3)`, `(..., 4)` or `(..., 3, 3)
 from __future__ import annotations
 
 import numpy as np
-from numpy import float64
+from numpy import float32, float64
 from numpy.typing import NDArray
 
 Array = NDArray[float64]
+Array32 = NDArray[float32]
 
 _NED_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _FRD_FLU = np.diag([1.0, -1.0, -1.0])

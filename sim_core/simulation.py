@@ -9,24 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from numpy import float64
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
-from sim_core.environment.hull_waves import HullWaves, StillHull
+from sim_core.environment.waves import HullWaves, StillHull
+from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
 from sim_core.vessel.model import VesselModel
 from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
 from sim_core.world import waterway as waterways
 from sim_core.world.contact import Contacts, Outline
-from sim_core.world.drifting import DebrisState, Launch, bodies_at
+from sim_core.world.debris import DebrisState, Launch, bodies_at
 from sim_core.world.rays import Bodies
 from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, Water, Waterway
-
-Array = NDArray[float64]
 
 DRIFT_NS = 20_000_000  # current and gusts change over seconds and are sampled exactly at any step: 50 Hz is plenty
 

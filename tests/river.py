@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from sim_core.world.rays import Array32
+from sim_core.frames import Array32
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.world.scenery import Scenery, scenery_of

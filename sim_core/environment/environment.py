@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from numpy import float64
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from sim_core.environment.current import Current, StillWater
-from sim_core.environment.water import Water
+from sim_core.environment.water import Current, StillWater, Water
 from sim_core.environment.waves import FlatWater, WaveField
 from sim_core.environment.wind import Air, StillAir, WindState
-
-Array = NDArray[float64]
+from sim_core.frames import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)

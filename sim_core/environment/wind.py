@@ -1,26 +1,173 @@
-"""Wind: StillAir, Wind.
+"""Wind and gusts.
 
     Wind(mean_mps, direction_deg, direction_deviation_deg=0.0, direction_correlation_s=300.0, gust=NoGust(),
          discrete_gusts=())
 
-`direction_deg` is where the wind comes from, clockwise from north; the mean speed is the one at the vessels.
+`direction_deg` is where the wind comes from, clockwise from north; the mean speed is the one at the vessels. A gust is
+a deviation of the speed from its mean. Gust spectra are one-sided densities S(f) in (m/s)^2/Hz of the frequency in Hz.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy import float64
+from numpy import float32
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from sim_core.environment.gauss_markov import GaussMarkov
-from sim_core.environment.gusts import DiscreteGust, Gust, NoGust
+from sim_core.frames import Array
+from sim_core.noise import GaussMarkov
 
-Array = NDArray[float64]
+LOWEST_HZ = 1.0 / 1200.0  # slower than 20 minutes is weather, not gust
+HIGHEST_HZ = 2.0  # faster than this a vessel's windage averages it out
+
+
+class Gust(Protocol):
+    """A random gust: how its state evolves and what it adds to the mean speed."""
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        """(N, ...) initial state."""
+        ...
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        """(N, ...) state one step later."""
+        ...
+
+    def speed_mps(self, state: Array, time_s: float) -> Array:
+        """(N,) deviation from the mean wind speed."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NoGust:
+    """A steady wind."""
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        return np.zeros(vessels)
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        return state
+
+    def speed_mps(self, state: Array, time_s: float) -> Array:
+        return state
+
+
+@dataclass(frozen=True, slots=True)
+class OrnsteinUhlenbeckGust:
+    """First-order gust; the state (N,) is the deviation itself."""
+
+    process: GaussMarkov
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        return self.process.initial(vessels, rng)
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        return self.process.step(state, dt_s, rng)
+
+    def speed_mps(self, state: Array, time_s: float) -> Array:
+        return state
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectralGust:
+    """A sum of W harmonics that realises a spectrum; the state (N, W) holds each vessel's random phases, in rad."""
+
+    frequency_hz: Array
+    amplitude_mps: Array
+
+    @classmethod
+    def from_spectrum(
+        cls, name: str, mean_mps: float, height_m: float, deviation_mps: float | None = None, components: int = 48
+    ) -> SpectralGust:
+        """Harmonics on logarithmic bands, each with its band's energy; scaled to `deviation_mps` if given."""
+        density = gust_density(name)
+        if not (mean_mps > 0.0 and height_m > 0.0 and components >= 8):
+            raise ValueError(
+                f"wind.gust.spectrum = {name!r} needs a positive mean_mps and height and 8 components or more; "
+                f"got {mean_mps}, {height_m}, {components}"
+            )
+        edges_hz = np.geomspace(LOWEST_HZ, HIGHEST_HZ, components + 1)
+        fine_hz = np.geomspace(edges_hz[:-1], edges_hz[1:], 17, axis=1)
+        variance = np.trapezoid(density(fine_hz, mean_mps, height_m), fine_hz, axis=1)
+        if deviation_mps is not None:
+            variance = variance * (deviation_mps**2 / variance.sum())
+        # Off-centre by the golden ratio: harmonics of no common period, so that the gusts never repeat.
+        position = (np.arange(components) * 0.6180339887498949) % 1.0
+        return cls(edges_hz[:-1] * (edges_hz[1:] / edges_hz[:-1]) ** position, np.sqrt(2.0 * variance))
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        return rng.uniform(0.0, 2.0 * math.pi, (vessels, len(self.frequency_hz)))
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        return state
+
+    def speed_mps(self, state: Array, time_s: float) -> Array:
+        turns = self.frequency_hz * time_s
+        phase_rad = state + (2.0 * math.pi) * (turns - np.floor(turns))
+        speed: Array = np.cos(phase_rad.astype(float32)) @ self.amplitude_mps
+        return speed
+
+
+@dataclass(frozen=True, slots=True)
+class DiscreteGust:
+    """A single gust that rises as (1 - cos), holds and falls the same way (EASA CS-25.341's shape, in time)."""
+
+    start_s: float
+    rise_s: float
+    hold_s: float
+    fall_s: float
+    speed_mps: float
+
+    def __post_init__(self) -> None:
+        if not (self.rise_s > 0.0 and self.fall_s > 0.0 and self.hold_s >= 0.0 and math.isfinite(self.speed_mps)):
+            raise ValueError(
+                f"discrete gust at start_s = {self.start_s}: rise_s and fall_s must be positive, hold_s not negative"
+            )
+
+    def at(self, time_s: float) -> float:
+        """Speed in m/s that this gust adds."""
+        risen = min(max((time_s - self.start_s) / self.rise_s, 0.0), 1.0)
+        fallen = min(max((time_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s, 0.0), 1.0)
+        return 0.5 * self.speed_mps * (math.cos(math.pi * fallen) - math.cos(math.pi * risen))
+
+
+def npd_density(frequency_hz: Array, mean_mps: float, height_m: float) -> Array:
+    """Norwegian Petroleum Directorate (NORSOK N-003, ISO 19901-1), valid for the 1 h mean at 10 m."""
+    n = 0.468
+    x = 172.0 * frequency_hz * (height_m / 10.0) ** (2.0 / 3.0) * (mean_mps / 10.0) ** -0.75
+    density: Array = 320.0 * (mean_mps / 10.0) ** 2 * (height_m / 10.0) ** 0.45 / (1.0 + x**n) ** (5.0 / (3.0 * n))
+    return density
+
+
+def harris_density(frequency_hz: Array, mean_mps: float, height_m: float, drag: float = 0.003) -> Array:
+    """Harris (1971) with L = 1800 m: 4 k L U / (2 + x^2)^(5/6), x = L f / U; `drag` is the surface drag k."""
+    x = 1800.0 * frequency_hz / mean_mps
+    density: Array = 4.0 * drag * 1800.0 * mean_mps / (2.0 + x * x) ** (5.0 / 6.0)
+    return density
+
+
+def davenport_density(frequency_hz: Array, mean_mps: float, height_m: float, drag: float = 0.003) -> Array:
+    """Davenport (1961) with L = 1200 m: 4 k U^2 x^2 / (f (1 + x^2)^(4/3)), x = L f / U."""
+    x = 1200.0 * frequency_hz / mean_mps
+    density: Array = 4.0 * drag * mean_mps**2 * x * x / (frequency_hz * (1.0 + x * x) ** (4.0 / 3.0))
+    return density
+
+
+GUST_DENSITIES: dict[str, Callable[[Array, float, float], Array]] = {
+    "npd": npd_density,
+    "harris": harris_density,
+    "davenport": davenport_density,
+}
+
+
+def gust_density(name: str) -> Callable[[Array, float, float], Array]:
+    """The density function of a spectrum by its name."""
+    if name not in GUST_DENSITIES:
+        raise ValueError(f"wind.gust.spectrum = {name!r} is not known; use one of {', '.join(GUST_DENSITIES)}")
+    return GUST_DENSITIES[name]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

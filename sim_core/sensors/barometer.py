@@ -13,9 +13,8 @@ from numpy.random import Generator
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.checks import require_finite, require_non_negative, require_positive
-from sim_core.sensors.digitiser import Digitiser, digitiser
-from sim_core.sensors.noise import GaussMarkov, gauss_markov
+from sim_core.noise import SampledGaussMarkov, sampled_gauss_markov
+from sim_core.sensors.measurement import Digitiser, digitiser, require_finite, require_non_negative, require_positive
 
 SEA_LEVEL_PRESSURE_PA = 101325.0
 SEA_LEVEL_TEMPERATURE_K = 288.15
@@ -70,7 +69,7 @@ class Barometer:
     drift_correlation_s: float = 600.0
     resolution_pa: float = 0.0
     sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA
-    _drift: GaussMarkov = field(init=False, repr=False, compare=False)
+    _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _scale: Array = field(init=False, repr=False, compare=False)
     _output: Digitiser = field(init=False, repr=False, compare=False)
 
@@ -93,7 +92,7 @@ class Barometer:
             raise ValueError(
                 f"barometer.origin_altitude_m = {self.origin_altitude_m} is above the troposphere; give at most 11000"
             )
-        drift = gauss_markov([self.drift_pa], self.drift_correlation_s, self.rate_hz)
+        drift = sampled_gauss_markov([self.drift_pa], self.drift_correlation_s, self.rate_hz)
         put = object.__setattr__
         put(self, "_drift", drift)
         put(self, "_scale", np.hstack([[[self.noise_pa]], drift.drive]))

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.checks import require_non_negative, require_positive, require_vector
-from sim_core.sensors.lever_arm import cross_matrix
-from sim_core.sensors.noise import GaussMarkov, gauss_markov
+from sim_core.noise import SampledGaussMarkov, sampled_gauss_markov
+from sim_core.sensors.measurement import cross_matrix, require_non_negative, require_positive, require_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ class Gnss:
     satellites: int = 12
     antenna_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     _scale: Array = field(init=False, repr=False, compare=False)
-    _drift: GaussMarkov = field(init=False, repr=False, compare=False)
+    _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _antenna_frd_m: Array | None = field(init=False, repr=False, compare=False)
     _cross: Array = field(init=False, repr=False, compare=False)
 
@@ -80,7 +79,7 @@ class Gnss:
         horizontal, vertical, velocity = self.horizontal_noise_m, self.vertical_noise_m, self.velocity_noise_mps
         drift_m = [self.horizontal_drift_m, self.horizontal_drift_m, self.vertical_drift_m]
         put = object.__setattr__
-        drift = gauss_markov(drift_m, self.drift_correlation_s, self.rate_hz)
+        drift = sampled_gauss_markov(drift_m, self.drift_correlation_s, self.rate_hz)
         white = np.array([[horizontal, horizontal, vertical, velocity, velocity, velocity]])
         put(self, "_drift", drift)
         put(self, "_scale", np.hstack([white, drift.drive]))

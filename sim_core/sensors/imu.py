@@ -9,10 +9,18 @@ from numpy.random import Generator
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.checks import require_finite, require_non_negative, require_positive, require_vector
-from sim_core.sensors.digitiser import Digitiser, digitiser
-from sim_core.sensors.lever_arm import centripetal_matrix, cross_matrix, pair_products
-from sim_core.sensors.noise import GaussMarkov, bias_deviation, gauss_markov, white_deviation
+from sim_core.noise import SampledGaussMarkov, bias_deviation, sampled_gauss_markov, white_deviation
+from sim_core.sensors.measurement import (
+    Digitiser,
+    centripetal_matrix,
+    cross_matrix,
+    digitiser,
+    pair_products,
+    require_finite,
+    require_non_negative,
+    require_positive,
+    require_vector,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +74,7 @@ class Imu:
     gravity_mps2: float = 9.80665
     _scale: Array = field(init=False, repr=False, compare=False)
     _turn_on: Array = field(init=False, repr=False, compare=False)
-    _drift: GaussMarkov = field(init=False, repr=False, compare=False)
+    _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _gravity_ned_mps2: Array = field(init=False, repr=False, compare=False)
     _cross: Array | None = field(init=False, repr=False, compare=False)
     _gyro_output: Digitiser = field(init=False, repr=False, compare=False)
@@ -77,7 +85,7 @@ class Imu:
         self._check()
         gyro_white = white_deviation(self.gyro_noise_density_radpsprthz, self.rate_hz)
         accel_white = white_deviation(self.accel_noise_density_mps2prthz, self.rate_hz)
-        drift = gauss_markov(
+        drift = sampled_gauss_markov(
             _six(bias_deviation(self.gyro_bias_instability_radps), bias_deviation(self.accel_bias_instability_mps2)),
             _six(self.gyro_bias_correlation_s, self.accel_bias_correlation_s),
             self.rate_hz,

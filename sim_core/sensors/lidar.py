@@ -4,6 +4,10 @@ The range equation with the maker's figures: a diffuse target of 10 % square to 
 `range_at_10_percent_m`, others as far as reflectivity times cosine of incidence over the square of the range is as
 much, less what air takes on both ways (Beer-Lambert). Water returns light that its silt scatters back, through the
 surface twice (Fresnel), which at grazing angles is hardly any. Nothing under the surface is seen.
+
+Two wedge prisms that turn in opposite senses at rates of no simple ratio draw a rosette that does not repeat, so that
+the share of the view that has been seen grows with time (Livox Mid-40/Mid-70 point cloud characteristics; small angles
+of prisms add as vectors: Risley prisms, Marshall 1999, "Risley prism scan patterns", eq 1).
 """
 
 from __future__ import annotations
@@ -12,21 +16,130 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy import float32, float64, uint8
+from numpy import float32, int64, uint8
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.checks import require_non_negative, require_positive, require_vector
-from sim_core.sensors.laser_light import Air, through_surface
-from sim_core.sensors.lidar_rays import Rays, Track, rays_from
-from sim_core.sensors.rosette import Rosette
-from sim_core.sensors.water_seen import WaterSeen
-from sim_core.world.materials import MATERIALS
+from sim_core.frames import Array, Array32, euler_to_quat, quat_to_matrix
+from sim_core.sensors.measurement import require_non_negative, require_positive, require_vector
+from sim_core.sensors.optics import Air, WaterSeen, through_surface
+from sim_core.world.geometry import MATERIALS
 from sim_core.world.rays import NO_BODIES, Bodies, RayCaster
 
-Array = NDArray[float64]
-Array32 = NDArray[float32]
+MID_70_TURNS_HZ = (121.567, -77.733)
+MID_70_WEDGE_DEG = (17.6, 17.6)
+
+
+@dataclass(frozen=True, slots=True)
+class Rosette:
+    """A pattern of `points_hz` points a second; turns_hz and wedge_deg of the two prisms.
+
+    Directions are in the sensor's axes: forward along the middle of the view, right, down.
+    """
+
+    points_hz: float = 100_000.0
+    turns_hz: tuple[float, float] = MID_70_TURNS_HZ
+    wedge_deg: tuple[float, float] = MID_70_WEDGE_DEG
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.points_hz) and self.points_hz > 0.0):
+            raise ValueError(f"lidar.points_hz = {self.points_hz} must be a positive number")
+
+    @property
+    def half_view_rad(self) -> float:
+        """From the axis to the rim of the view."""
+        return math.radians(sum(self.wedge_deg))
+
+    def directions(self, first: int, count: int) -> Array32:
+        """(3, count) forward, right and down of unit vectors: of the points first, first + 1, ... since the start.
+
+        The deflection, right and down, is d1 (cos a1, sin a1) + d2 (cos a2, sin a2), an angle from the axis.
+        """
+        # Whole turns come off in double precision: after an hour there are 4e5 of them.
+        start_s = first / self.points_hz
+        later_s = np.arange(count, dtype=float32) * float32(1.0 / self.points_hz)
+        directions = np.zeros((3, count), dtype=float32)
+        forward, right, down = directions
+        for turns_hz, wedge_deg in zip(self.turns_hz, self.wedge_deg, strict=True):
+            angle = later_s * float32(2.0 * math.pi * turns_hz)
+            angle += float32(2.0 * math.pi * math.fmod(turns_hz * start_s, 1.0))
+            wedge = float32(math.radians(wedge_deg))
+            right += wedge * np.cos(angle)
+            down += wedge * np.sin(angle)
+        off = np.sqrt(right * right + down * down)
+        np.maximum(off, float32(1e-9), out=off)
+        np.cos(off, out=forward)
+        directions[1:] *= np.sin(off) / off
+        return directions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Where a body was at K >= 2 instants of one frame, from its start to its end.
+
+    stamps_ns (K,); pos_ned_m (K, 3); rot_ned_frd (K, 3, 3). Between two instants both are interpolated linearly: for
+    steps of milliseconds a matrix between two is a rotation to 1e-6.
+    """
+
+    stamps_ns: NDArray[int64]
+    pos_ned_m: Array
+    rot_ned_frd: Array
+
+    @property
+    def duration_s(self) -> float:
+        """From the first instant to the last."""
+        return float(self.stamps_ns[-1] - self.stamps_ns[0]) * 1e-9
+
+    def poses(self, later_s: Array) -> tuple[Array, Array]:
+        """Place (k, 3) and attitude (k, 3, 3) later_s (k,) after the start."""
+        known_s = (self.stamps_ns - self.stamps_ns[0]) * 1e-9
+        leg = np.clip(np.searchsorted(known_s, later_s, side="right") - 1, 0, len(known_s) - 2)
+        share = ((later_s - known_s[leg]) / (known_s[leg + 1] - known_s[leg]))[:, None]
+        place = (1.0 - share) * self.pos_ned_m[leg] + share * self.pos_ned_m[leg + 1]
+        share = share[:, None]
+        return place, (1.0 - share) * self.rot_ned_frd[leg] + share * self.rot_ned_frd[leg + 1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rays:
+    """n rays: origins and unit directions (n, 3), later_s (n,) after the start of the frame."""
+
+    origin_ned_m: Array32
+    direction_ned: Array32
+    later_s: Array32
+
+    def of(self, rows: NDArray[np.intp]) -> Rays:
+        """Some of them."""
+        return Rays(self.origin_ned_m.take(rows, 0), self.direction_ned.take(rows, 0), self.later_s[rows])
+
+
+def rays_from(
+    track: Track, position_frd_m: Array, rot_frd_sensor: Array, looking: Array32, first_s: float, interval_s: float
+) -> Rays:
+    """Rays along looking (3, n), in the sensor's axes, of a sensor at (3,), turned by (3, 3), on the track.
+
+    The first goes out first_s after the track's start, each other interval_s later. They go in blocks of about a step
+    of the track; in a block the pose goes linearly from one end to the other, which is two products of matrices.
+    """
+    count = looking.shape[1]
+    size = min(max(round(track.duration_s / (len(track.stamps_ns) - 1) / interval_s), 1), max(count, 1))
+    blocks = -(-count // size)
+    place, turned = track.poses(first_s + np.arange(blocks + 1) * (size * interval_s))
+    place = place + turned @ position_frd_m
+    turned = turned @ rot_frd_sensor
+    share = np.arange(size, dtype=float32) / float32(size)
+    both = np.zeros((2, 3, blocks * size), float32)
+    both[0, :, :count] = looking
+    np.multiply(both[0].reshape(3, blocks, size), share, out=both[1].reshape(3, blocks, size))
+    along = np.concatenate([turned[:-1], np.diff(turned, axis=0)], axis=2).astype(float32)
+    direction = both.reshape(6, blocks, size).transpose(1, 2, 0) @ along.transpose(0, 2, 1)
+    ends = np.stack([place[:-1], np.diff(place, axis=0)], axis=1).astype(float32)
+    fractions: Array32 = np.column_stack([np.ones_like(share), share])
+    origin = fractions @ ends
+    later_s = np.arange(count, dtype=float32) * float32(interval_s) + float32(first_s)
+    return Rays(origin.reshape(-1, 3)[:count], direction.reshape(-1, 3)[:count], later_s)
+
+
 Mask = NDArray[np.bool_]
 
 FULL_SCALE = 150.0  # intensity of a diffuse target of 100 % (Livox Mid-70 user manual, "Reflectivity")

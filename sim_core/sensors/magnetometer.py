@@ -10,9 +10,15 @@ from numpy.random import Generator
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.checks import require_finite, require_non_negative, require_positive, require_vector
-from sim_core.sensors.digitiser import Digitiser, digitiser
-from sim_core.sensors.noise import GaussMarkov, bias_deviation, gauss_markov, white_deviation
+from sim_core.noise import SampledGaussMarkov, bias_deviation, sampled_gauss_markov, white_deviation
+from sim_core.sensors.measurement import (
+    Digitiser,
+    digitiser,
+    require_finite,
+    require_non_negative,
+    require_positive,
+    require_vector,
+)
 
 _GAUSS_PER_NANOTESLA = 1e-5
 
@@ -86,7 +92,7 @@ class Magnetometer:
     resolution_gauss: float = 0.0
     _scale: Array = field(init=False, repr=False, compare=False)
     _output: Digitiser = field(init=False, repr=False, compare=False)
-    _drift: GaussMarkov = field(init=False, repr=False, compare=False)
+    _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _field_ned_gauss: Array = field(init=False, repr=False, compare=False)
     _hard_iron_frd_gauss: Array = field(init=False, repr=False, compare=False)
 
@@ -103,7 +109,7 @@ class Magnetometer:
             "magnetometer", field_ned_gauss=self.field_ned_gauss, hard_iron_frd_gauss=self.hard_iron_frd_gauss
         )
         deviation = np.full(3, bias_deviation(self.bias_instability_gauss))
-        drift = gauss_markov(deviation, self.bias_correlation_s, self.rate_hz)
+        drift = sampled_gauss_markov(deviation, self.bias_correlation_s, self.rate_hz)
         white = np.full((1, 3), white_deviation(self.noise_density_gaussprthz, self.rate_hz))
         put = object.__setattr__
         put(self, "_drift", drift)

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from sim_core.frames import Array, euler_to_quat, quat_conjugate, quat_multiply, quat_to_matrix
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.checks import require_non_negative, require_positive
+from sim_core.sensors.measurement import require_non_negative, require_positive
 
 
 @dataclass(frozen=True, slots=True)

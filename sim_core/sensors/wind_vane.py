@@ -10,9 +10,14 @@ from numpy.random import Generator
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.checks import require_non_negative, require_positive, require_vector
-from sim_core.sensors.digitiser import Digitiser, digitiser
-from sim_core.sensors.lever_arm import cross_matrix
+from sim_core.sensors.measurement import (
+    Digitiser,
+    cross_matrix,
+    digitiser,
+    require_non_negative,
+    require_positive,
+    require_vector,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,14 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy import float64
-from numpy.typing import NDArray
 
-from sim_core.environment.hull_waves import HullSurface
 from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.environment.waves import HullSurface
+from sim_core.frames import Array
 from sim_core.vessel.model import Hull, VesselModel
-
-Array = NDArray[float64]
 
 
 def segment_area_m2(submerged_m: Array, radius_m: float) -> Array:

@@ -1,8 +1,10 @@
-"""Air propellers: thrust ~ n |n|, speed a first-order lag behind the command.
+"""Air propellers, some of which turn about their masts: thrust ~ n |n|, speed a first-order lag behind the command.
 
 The lag has its own time constant for speeding up and for slowing down, as PX4's motor model has. Speed is a fraction
 of full speed in [-1, 1]; forward and reverse have their own full thrust. Thrust is static: at the few m/s of a boat the
-inflow of an air propeller changes it little.
+inflow of an air propeller changes it little. An angle delta of a steering gear turns the thrust to
+(cos delta, -sin delta): at the stern a positive one brings the bow to starboard. The gear turns at its rate towards the
+command and stops there.
 """
 
 from __future__ import annotations
@@ -10,12 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy import float64
+from numpy import intp
 from numpy.typing import NDArray
 
+from sim_core.frames import Array
 from sim_core.vessel.model import VesselModel
-
-Array = NDArray[float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,3 +55,54 @@ class Propulsion:
     def terms(self, rotor_speed: Array) -> tuple[Array, Array]:
         """(N, P), (N, P): n |n| and n^2, what the thrust is linear in."""
         return rotor_speed * np.abs(rotor_speed), rotor_speed * rotor_speed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SteeredPropulsion:
+    """Constants of P propellers and S gears. Commands and what follows them: P speeds, then S shares of full angle."""
+
+    propulsion: Propulsion
+    steered: NDArray[intp]  # (S,) which propellers
+    max_angle_rad: Array  # (S,)
+    most_per_step: Array  # (S,) share of the full angle that a gear turns in one step
+    wrench: Array  # (4 P, 6) as of Propulsion for thrust ahead, then the same for thrust to port
+
+    @classmethod
+    def of(cls, model: VesselModel, dt_s: float) -> SteeredPropulsion:
+        """Constants from the vessel's propellers for steps of dt_s."""
+        propulsion = Propulsion.of(model, dt_s)
+        gears = [(index, p.steering) for index, p in enumerate(model.propellers) if p.steering is not None]
+        forward = np.array([propeller.max_thrust_n for propeller in model.propellers])
+        reverse = np.array([propeller.max_reverse_thrust_n for propeller in model.propellers])
+        to_port = np.array([0.0, -1.0, 0.0])
+        per_newton = np.array([[*to_port, *np.cross(p.position_frd_m, to_port)] for p in model.propellers])
+        aside = [0.5 * (forward + reverse)[:, None] * per_newton, 0.5 * (forward - reverse)[:, None] * per_newton]
+        return cls(
+            propulsion=propulsion,
+            steered=np.array([index for index, _ in gears], dtype=intp),
+            max_angle_rad=np.radians([gear.max_angle_deg for _, gear in gears]),
+            most_per_step=np.array([gear.rate_degps * dt_s / gear.max_angle_deg for _, gear in gears]),
+            wrench=np.concatenate([propulsion.wrench, *aside]),
+        )
+
+    def spin(self, rotor_speed: Array, command: Array) -> Array:
+        """(N, P + S) one step later, for (N, P + S) commands, which are clamped to [-1, 1]."""
+        propellers = self.propulsion.spin_down_gain.size
+        speed = self.propulsion.spin(rotor_speed[:, :propellers], command[:, :propellers])
+        share, wanted = rotor_speed[:, propellers:], np.minimum(np.maximum(command[:, propellers:], -1.0), 1.0)
+        turn = np.minimum(np.maximum(wanted - share, -self.most_per_step), self.most_per_step)
+        return np.concatenate((speed, share + turn), axis=1)
+
+    def terms(self, rotor_speed: Array) -> tuple[Array, ...]:
+        """Four of (N, P): n |n| and n^2 times the cosine of the angle, then times its sine."""
+        propellers = self.propulsion.spin_down_gain.size
+        angle = np.zeros((len(rotor_speed), propellers))
+        angle[:, self.steered] = rotor_speed[:, propellers:] * self.max_angle_rad
+        cosine, sine = np.cos(angle), np.sin(angle)
+        signed, square = self.propulsion.terms(rotor_speed[:, :propellers])
+        return signed * cosine, square * cosine, signed * sine, square * sine
+
+
+def propulsion_of(model: VesselModel, dt_s: float) -> Propulsion | SteeredPropulsion:
+    """Whichever the vessel's propellers need."""
+    return Propulsion.of(model, dt_s) if model.commands == len(model.propellers) else SteeredPropulsion.of(model, dt_s)

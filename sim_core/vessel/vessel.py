@@ -5,21 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy import float64
-from numpy.typing import NDArray
 
-from sim_core.environment.hull_waves import HullSurface
 from sim_core.environment.water import GRAVITY_MPS2, Water
-from sim_core.frames import euler_to_quat, quat_to_matrix
+from sim_core.environment.waves import HullSurface
+from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
-from sim_core.vessel.hydrodynamics import Hydrodynamics
+from sim_core.vessel.forces import Hydrodynamics, WindDrag
 from sim_core.vessel.model import VesselModel
-from sim_core.vessel.propulsion import Propulsion
-from sim_core.vessel.steered_propulsion import SteeredPropulsion, propulsion_of
-from sim_core.vessel.windage import WindDrag
-
-Array = NDArray[float64]
+from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, propulsion_of
 
 # Rows: outer(q, (p, q, r)); q' = 1/2 q * (0, p, q, r), Fossen 2021, eq 2.78.
 _HALF_RATES = 0.5 * np.array(

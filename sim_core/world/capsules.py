@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy import float64, intp
+from numpy import intp
 from numpy.typing import NDArray
 
-Array = NDArray[float64]
+from sim_core.frames import Array
+
 Numbers = NDArray[intp]
 
 

@@ -13,11 +13,9 @@ import numpy as np
 from numpy import float32, float64, int16
 from numpy.typing import NDArray
 
-from sim_core.world.error import WorldError
-from sim_core.world.materials import MATERIALS
-from sim_core.world.mesh import Mesh
-from sim_core.world.near_rays import rays_near
-from sim_core.world.rays import NO_BODIES, Array32, Bodies, Hits
+from sim_core.frames import Array32
+from sim_core.world.geometry import MATERIALS, Mesh, WorldError
+from sim_core.world.rays import NO_BODIES, Bodies, Hits, rays_near
 
 _MISSING = "ray casting needs embreex, which is not installed; pip install 'xitl[perception]'"
 

@@ -13,13 +13,10 @@ import numpy as np
 from numpy import float32, float64, int16
 from numpy.typing import NDArray
 
-from sim_core.world.materials import MATERIALS
-from sim_core.world.mesh import Mesh
-from sim_core.world.near_rays import rays_near
-from sim_core.world.rays import NO_BODIES, Array32, Bodies, Hits
-from sim_core.world.solids import Meeting, Solid
+from sim_core.frames import Array, Array32
+from sim_core.world.geometry import MATERIALS, Meeting, Mesh, Solid
+from sim_core.world.rays import NO_BODIES, Bodies, Hits, rays_near
 
-Array = NDArray[float64]
 _CLUMP = 64
 _AT_ONCE = 2_000_000 // _CLUMP
 _TINY = 1e-14

@@ -11,18 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy import float64
-from numpy.typing import NDArray
 
+from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.world.capsules import Capsules
-from sim_core.world.contact import NO_CONTACTS, Contacts, Outline
-from sim_core.world.drifting import DebrisState, Launch, Push, drift, launched, no_debris
-from sim_core.world.held import held_by, together
-from sim_core.world.hull_contact import NOTHING_NEAR, Near, meet, near_of
+from sim_core.world.contact import NO_CONTACTS, NOTHING_NEAR, Contacts, Near, Outline, meet, near_of
+from sim_core.world.debris import DebrisState, Launch, Push, drift, launched, no_debris
+from sim_core.world.debris_contact import held_by, together
 from sim_core.world.river import Bed
-
-Array = NDArray[float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

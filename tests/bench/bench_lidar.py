@@ -20,9 +20,8 @@ from agent.wire.codec import Packer
 from sim_core.environment.environment import Environment
 from sim_core.environment.waves import FlatWater
 from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.lidar import Lidar
-from sim_core.sensors.lidar_rays import Track
-from sim_core.sensors.water_seen import WaterSeen
+from sim_core.sensors.lidar import Lidar, Track
+from sim_core.sensors.optics import WaterSeen
 from sim_core.world.embree_rays import EmbreeCaster
 from sim_core.world.rays import Hits
 from xitl_cli.profile import load_profile

@@ -12,10 +12,9 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from sim_core.world.materials import WOOD
-from sim_core.world.rays import NO_BODIES, Array32, Bodies
-from sim_core.world.scene import caster_of
-from sim_core.world.shapes import cylinder
+from sim_core.frames import Array32
+from sim_core.world.geometry import WOOD, cylinder
+from sim_core.world.rays import NO_BODIES, Bodies, caster_of
 from tests.river import fan, river_scenery
 
 RUNS = 7

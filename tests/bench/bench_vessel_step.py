@@ -10,13 +10,11 @@ import time
 
 import numpy as np
 
-from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.gauss_markov import GaussMarkov
-from sim_core.environment.gusts import DiscreteGust, OrnsteinUhlenbeckGust
-from sim_core.environment.water import Water
+from sim_core.environment.water import UniformCurrent, Water
 from sim_core.environment.waves import IrregularWaves
-from sim_core.environment.wind import Wind
+from sim_core.environment.wind import DiscreteGust, OrnsteinUhlenbeckGust, Wind
+from sim_core.noise import GaussMarkov
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, VesselModel, Windage
 

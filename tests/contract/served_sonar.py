@@ -12,9 +12,8 @@ from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from sim_core.sensors.sonar import Below, PingSettings, ScanningSonar
-from sim_core.world.materials import STEEL
+from sim_core.world.geometry import STEEL, Plane
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.solids import Plane
 from xitl_cli.run.sensors.ping360 import Ping360Port
 
 WALL_M = 6.0  # to the north

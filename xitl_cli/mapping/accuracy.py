@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.frames import quat_to_matrix
-from sim_core.world.boom import LogBoom
+from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import (
     Similarity,
     Trajectory,

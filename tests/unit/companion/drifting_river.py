@@ -24,10 +24,9 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.water import Water
 from sim_core.environment.waves import FlatWater, IrregularWaves
 from sim_core.sensors.lidar import Lidar, Track
-from sim_core.sensors.water_seen import WaterSeen
-from sim_core.world.bodies import Body
-from sim_core.world.rays import Bodies
-from sim_core.world.scene import Scene, caster_of
+from sim_core.sensors.optics import WaterSeen
+from sim_core.world.debris import Body
+from sim_core.world.rays import Bodies, Scene, caster_of
 
 FRAME_S, STEP_S = 0.1, 0.02
 AUTO, GUIDED, HOLD = 10, 15, 4

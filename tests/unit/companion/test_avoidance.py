@@ -9,11 +9,10 @@ import pytest
 from drifting_river import AUTO, GUIDED, HOLD, Adrift, River, Trial
 
 from agent.wire import dialect as mav
-from sim_core.world.bodies import USUAL_LENGTH_M, BodyKind, body_of
-from sim_core.world.boom import LogBoom
-from sim_core.world.materials import CONCRETE
-from sim_core.world.scene import Part, Scene
-from sim_core.world.shapes import box, moved
+from sim_core.world.debris import USUAL_LENGTH_M, BodyKind, body_of
+from sim_core.world.geometry import CONCRETE, box, moved
+from sim_core.world.rays import Part, Scene
+from sim_core.world.structures import LogBoom
 from xitl_cli.run.nodes.obstacle_score import NEAR_M
 
 pytest.importorskip("embreex")

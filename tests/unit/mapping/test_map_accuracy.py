@@ -10,7 +10,7 @@ from evo.core import metrics, sync
 from evo.tools import file_interface
 
 from sim_core.frames import euler_to_quat
-from sim_core.world.boom import LogBoom
+from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory, umeyama
 from xitl_cli.mapping.accuracy import apart, boom_section, matched, perception_sections
 from xitl_cli.mapping.clouds import at

@@ -10,10 +10,9 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.water import Water
 from sim_core.environment.waves import FlatWater, WaveField
 from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.lidar import Fates
-from sim_core.sensors.lidar_rays import Track
-from sim_core.sensors.water_seen import WaterSeen
-from sim_core.world.materials import MATERIALS, WALL, Material
+from sim_core.sensors.lidar import Fates, Track
+from sim_core.sensors.optics import WaterSeen
+from sim_core.world.geometry import MATERIALS, WALL, Material
 from sim_core.world.rays import NO_BODIES, Bodies, Hits
 
 

@@ -9,12 +9,10 @@ import pytest
 from lidar_scenes import NOTHING, PlaneCaster, SquareOn, accounted, moving, water
 
 from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.lidar import Lidar
-from sim_core.sensors.rosette import Rosette
-from sim_core.world import shapes
-from sim_core.world.materials import WALL, WOOD
-from sim_core.world.rays import Bodies
-from sim_core.world.scene import Part, Scene, caster_of
+from sim_core.sensors.lidar import Lidar, Rosette
+from sim_core.world import geometry as shapes
+from sim_core.world.geometry import WALL, WOOD
+from sim_core.world.rays import Bodies, Part, Scene, caster_of
 
 EXACT = Lidar(range_noise_m=0.0)
 

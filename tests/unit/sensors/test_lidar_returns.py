@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from lidar_scenes import PlaneCaster, SquareOn, accounted, moving, water
 
-from sim_core.sensors.laser_light import Air, extinction_per_m, through_surface
 from sim_core.sensors.lidar import Fates, Lidar, Scan
-from sim_core.world.materials import BED, CONCRETE, MATERIALS, STEEL, WALL, Material
+from sim_core.sensors.optics import Air, extinction_per_m, through_surface
+from sim_core.world.geometry import BED, CONCRETE, MATERIALS, STEEL, WALL, Material
 
 TENTH = BED  # a material of 10 %
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sim_core.sensors.rosette import MID_70_TURNS_HZ, Rosette
+from sim_core.sensors.lidar import MID_70_TURNS_HZ, Rosette
 
 HOUR = 3600 * 100_000
 

@@ -12,10 +12,9 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.water import Water
 from sim_core.environment.waves import FlatWater, IrregularWaves, RegularWave, WaveField
 from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.lidar import Lidar, Scan
-from sim_core.sensors.lidar_rays import Track
-from sim_core.sensors.water_seen import WaterSeen
-from sim_core.world.materials import ROCK
+from sim_core.sensors.lidar import Lidar, Scan, Track
+from sim_core.sensors.optics import WaterSeen
+from sim_core.world.geometry import ROCK
 
 METRE_UP = (0.0, 0.0, -1.0)
 EXACT = Lidar(range_noise_m=0.0)

@@ -17,15 +17,15 @@ from sim_core.sensors.sonar import (
     PingSettings,
     ScanningSonar,
     Sector,
+    absorption_dbpm,
     received,
+    sound_speed_mps,
     turning_s,
 )
-from sim_core.sensors.underwater_sound import absorption_dbpm, sound_speed_mps
-from sim_core.world import shapes
-from sim_core.world.materials import BED, CONCRETE, STEEL
+from sim_core.world import geometry as shapes
+from sim_core.world.geometry import BED, CONCRETE, STEEL, Box, Plane, Solid, Sphere
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.scene import Part, Scene, caster_of
-from sim_core.world.solids import Box, Plane, Solid, Sphere
+from sim_core.world.rays import Part, Scene, caster_of
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from sim_core.sensors.underwater_sound import absorption_dbpm, sound_speed_mps
+from sim_core.sensors.sonar import absorption_dbpm, sound_speed_mps
 
 
 @pytest.mark.parametrize("temperature_c", [4.0, 12.0, 20.0, 25.0, 30.0])

@@ -10,9 +10,8 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from vessels import BARE, FULL, froude_scaled
 
-from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.environment.water import GRAVITY_MPS2, UniformCurrent, Water
 from sim_core.environment.waves import IrregularWaves, RegularWave
 from sim_core.environment.wind import Wind
 from sim_core.frames import euler_to_quat, quat_to_euler, quat_to_matrix

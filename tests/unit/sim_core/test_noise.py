@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from sim_core.sensors.noise import GAUSS_MARKOV_ALLAN_PEAK, bias_deviation, gauss_markov, white_deviation
+from sim_core.noise import GAUSS_MARKOV_ALLAN_PEAK, bias_deviation, sampled_gauss_markov, white_deviation
 
 
 def test_the_allan_peak_is_the_maximum_of_the_closed_form():
@@ -26,7 +26,7 @@ def test_white_deviation_grows_with_the_root_of_the_rate():
 
 @pytest.mark.parametrize("rate_hz", [0.1, 1.0, 400.0])
 def test_discretisation_is_exact_at_any_rate(rate_hz):
-    process = gauss_markov([2.0, 0.5], 60.0, rate_hz)
+    process = sampled_gauss_markov([2.0, 0.5], 60.0, rate_hz)
     np.testing.assert_allclose(process.decay, np.exp(-1.0 / (60.0 * rate_hz)), rtol=1e-14)
     stationary = (process.decay * process.deviation) ** 2 + process.drive**2
     np.testing.assert_allclose(stationary, process.deviation**2, rtol=1e-14)
@@ -34,5 +34,5 @@ def test_discretisation_is_exact_at_any_rate(rate_hz):
 
 
 def test_each_column_may_have_its_own_correlation_time():
-    process = gauss_markov([1.0, 1.0], [10.0, 1000.0], 1.0)
+    process = sampled_gauss_markov([1.0, 1.0], [10.0, 1000.0], 1.0)
     np.testing.assert_allclose(process.decay, np.exp([[-0.1, -0.001]]))

@@ -7,8 +7,7 @@ import math
 import numpy as np
 from motion import at_rest
 
-from sim_core.environment.obstacles import Wall, Walls, boom
-from sim_core.sensors.obstacle_scanner import SECTORS, ObstacleScanner
+from sim_core.sensors.rangefinder import SECTORS, ObstacleScanner, Wall, Walls, boom
 
 RNG = np.random.default_rng(1)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sim_core.environment.obstacles import Wall, Walls, boom, box
+from sim_core.sensors.rangefinder import Wall, Walls, boom, box
 
 ORIGIN = np.zeros((1, 3))
 

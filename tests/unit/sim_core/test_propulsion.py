@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from vessels import FULL
 
+from sim_core.vessel.forces import AIR_DENSITY_KGPM3, WindDrag
 from sim_core.vessel.propulsion import Propulsion
-from sim_core.vessel.windage import AIR_DENSITY_KGPM3, WindDrag
 
 DT_S = 0.0025
 PROPULSION = Propulsion.of(FULL, DT_S)

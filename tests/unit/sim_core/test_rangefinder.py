@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from motion import at_rest
 
-from sim_core.environment.obstacles import Wall, Walls
-from sim_core.sensors.rangefinder import Rangefinder
+from sim_core.sensors.rangefinder import Rangefinder, Wall, Walls
 
 
 def measured(unit: Rangefinder, truth=None, seed: int = 1) -> np.ndarray:

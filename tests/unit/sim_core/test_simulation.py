@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from vessels import FULL
 
-from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.gauss_markov import GaussMarkov
-from sim_core.environment.gusts import OrnsteinUhlenbeckGust
-from sim_core.environment.water import Water
+from sim_core.environment.water import UniformCurrent, Water
 from sim_core.environment.waves import IrregularWaves
-from sim_core.environment.wind import Wind
+from sim_core.environment.wind import OrnsteinUhlenbeckGust, Wind
+from sim_core.noise import GaussMarkov
 from sim_core.simulation import Simulation, SimulationState, initial, kinematics, step
 from sim_core.vessel.model import Damping, Hull
 

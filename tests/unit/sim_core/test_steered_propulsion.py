@@ -12,8 +12,7 @@ from vessels import FULL
 from sim_core.environment.environment import Environment
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.model import Propeller, SteeringGear
-from sim_core.vessel.propulsion import Propulsion
-from sim_core.vessel.steered_propulsion import SteeredPropulsion, propulsion_of
+from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, propulsion_of
 
 DT_S = 0.0025
 GEAR = SteeringGear(max_angle_deg=30.0, rate_degps=60.0)

@@ -8,9 +8,16 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.signal import welch
 
-from sim_core.environment.spectra import jonswap, pierson_moskowitz, spreading_quantiles, wave_number
 from sim_core.environment.water import GRAVITY_MPS2, Water
-from sim_core.environment.waves import IrregularWaves, RegularWave, WaveField
+from sim_core.environment.waves import (
+    IrregularWaves,
+    RegularWave,
+    WaveField,
+    jonswap,
+    pierson_moskowitz,
+    spreading_quantiles,
+    wave_number,
+)
 
 HS_M, TP_S = 0.2, 2.5
 PEAK = 2.0 * np.pi / TP_S

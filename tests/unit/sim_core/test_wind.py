@@ -9,20 +9,21 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
 
-from sim_core.environment.current import ChannelCurrent, StillWater, UniformCurrent
-from sim_core.environment.gauss_markov import GaussMarkov
-from sim_core.environment.gusts import (
+from sim_core.environment.water import ChannelCurrent, StillWater, UniformCurrent
+from sim_core.environment.wind import (
     HIGHEST_HZ,
     LOWEST_HZ,
     DiscreteGust,
     OrnsteinUhlenbeckGust,
     SpectralGust,
+    StillAir,
+    Wind,
     davenport_density,
     gust_density,
     harris_density,
     npd_density,
 )
-from sim_core.environment.wind import StillAir, Wind
+from sim_core.noise import GaussMarkov
 
 
 @pytest.mark.parametrize("dt_s", [0.0025, 0.5])

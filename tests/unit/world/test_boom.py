@@ -9,23 +9,21 @@ import pytest
 from trimesh import Trimesh
 from trimesh.proximity import closest_point_naive
 
-from sim_core.world import catenary
-from sim_core.world.boom import LogBoom, Pile
-from sim_core.world.materials import STEEL
-from sim_core.world.shapes import UPRIGHT, cylinder, heading_matrix, merged, moved
+from sim_core.world.geometry import STEEL, UPRIGHT, cylinder, heading_matrix, merged, moved
+from sim_core.world.structures import LogBoom, Pile, catenary_length_m, catenary_parameter_m, catenary_points_m
 
 
 @pytest.mark.parametrize(("span_m", "sag_m"), [(50.0, 0.01), (50.0, 2.0), (350.0, 30.0), (10.0, 40.0), (1000.0, 1.0)])
 def test_the_parameter_satisfies_the_equation_of_the_sag(span_m: float, sag_m: float) -> None:
-    a = catenary.parameter_m(span_m, sag_m)
+    a = catenary_parameter_m(span_m, sag_m)
     assert a * (math.cosh(span_m / (2 * a)) - 1) == pytest.approx(sag_m, rel=1e-6)
 
 
 def test_length_and_points_agree_with_a_fine_polyline() -> None:
     start, end = np.array([3.0, -4.0]), np.array([43.0, 26.0])
-    points = catenary.points_m(start, end, 5.0, np.linspace(0.0, 1.0, 20_001))
+    points = catenary_points_m(start, end, 5.0, np.linspace(0.0, 1.0, 20_001))
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    assert steps.sum() == pytest.approx(catenary.length_m(50.0, 5.0), rel=1e-7)
+    assert steps.sum() == pytest.approx(catenary_length_m(50.0, 5.0), rel=1e-7)
     np.testing.assert_allclose(steps, steps.mean(), rtol=1e-5, err_msg="shares are of the length")
     np.testing.assert_allclose(points[[0, -1]], [start, end], atol=1e-9)
     # To the right of north-east is south-east.
@@ -37,19 +35,19 @@ def test_length_and_points_agree_with_a_fine_polyline() -> None:
 
 def test_the_sag_of_a_flat_one_is_that_of_a_parabola() -> None:
     """L = s (1 + 8/3 (sag / s)^2), the next term being 32/5 (sag / s)^4."""
-    assert catenary.length_m(100.0, 2.0) == pytest.approx(100.0 * (1 + 8 / 3 * 0.0004), abs=100 * 6.4 * 0.02**4)
+    assert catenary_length_m(100.0, 2.0) == pytest.approx(100.0 * (1 + 8 / 3 * 0.0004), abs=100 * 6.4 * 0.02**4)
 
 
 def test_floats_follow_the_line_end_to_end() -> None:
     boom = LogBoom.of([(0.0, 0.0), (40.0, 30.0), (80.0, 60.0)], 3.0, 6.0, 0.5, down_m=0.2)
-    assert len(boom.centre_ned_m) == 2 * round(catenary.length_m(50.0, 3.0) / 6.0)
+    assert len(boom.centre_ned_m) == 2 * round(catenary_length_m(50.0, 3.0) / 6.0)
     np.testing.assert_array_equal(boom.centre_ned_m[:, 2], 0.2)
     ends = boom.ends_ned_m
     np.testing.assert_allclose(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), boom.length_m)
     gap = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
     # A twentieth of the line is gaps, but a chord is not the arc: 6 m of a curve of some 105 m radius, a millimetre.
     np.testing.assert_allclose(gap, boom.length_m[0] / 0.95 * 0.05, atol=0.02)
-    fine = catenary.points_m(np.zeros(2), np.array([40.0, 30.0]), 3.0, np.linspace(0.0, 1.0, 5001))
+    fine = catenary_points_m(np.zeros(2), np.array([40.0, 30.0]), 3.0, np.linspace(0.0, 1.0, 5001))
     first = boom.centre_ned_m[: len(boom.centre_ned_m) // 2, :2]
     off = np.linalg.norm(first[:, None] - fine[None], axis=2).min(axis=1)
     # Half a sagitta: l^2 / 8 R.

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from asv import ASV
 
-from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
+from sim_core.environment.water import UniformCurrent
 from sim_core.simulation import Simulation, SimulationState, initial, launch, step
-from sim_core.world import hull_contact
-from sim_core.world.bodies import BodyKind
+from sim_core.world import contact
 from sim_core.world.capsules import Capsules, box, touches
 from sim_core.world.contact import (
     DAMPING_RATIO,
@@ -22,7 +21,7 @@ from sim_core.world.contact import (
     pressed_n,
     wrench_frd,
 )
-from sim_core.world.drifting import Launch
+from sim_core.world.debris import BodyKind, Launch
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import OPEN_WATER, Waterway
 
@@ -149,8 +148,8 @@ def test_what_presses_on_the_hull_presses_back_on_the_body() -> None:
     state = initial(simulation, np.zeros((1, 2)), np.array([0.4]), np.random.default_rng(1))
     state = launch(simulation, state, Launch(0, BodyKind.TRUNK, 1.2, 0.9, 1.0))
     motion, debris = state.vessel.motion, state.debris
-    near = hull_contact.near_of(Capsules.of(()), None, simulation.outline, motion, debris)
-    contacts, wrench, push = hull_contact.meet(Capsules.of(()), None, simulation.outline, motion, debris, near, 0.0025)
+    near = contact.near_of(Capsules.of(()), None, simulation.outline, motion, debris)
+    contacts, wrench, push = contact.meet(Capsules.of(()), None, simulation.outline, motion, debris, near, 0.0025)
     assert len(contacts)
     assert push is not None
     assert wrench is not None

@@ -10,10 +10,9 @@ import pytest
 from sim_core.environment.water import Water as StillLake
 from sim_core.environment.waves import RegularWave
 from sim_core.kinematics import Kinematics
-from sim_core.world.bodies import BodyKind, body_of
 from sim_core.world.capsules import Capsules
 from sim_core.world.contact import Outline
-from sim_core.world.drifting import DebrisState, Launch, bodies_at, drift, launched, no_debris
+from sim_core.world.debris import BodyKind, DebrisState, Launch, bodies_at, body_of, drift, launched, no_debris
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import STILL, Afloat, Water, Waterway
 from sim_core.world.waterway import step as waterway_step

@@ -8,11 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim_core.world.afloat import volume_below_m3, waterline_m
-from sim_core.world.bodies import USUAL_LENGTH_M, WATER_KGPM3, BodyKind, body_of
-from sim_core.world.materials import WOOD
-from sim_core.world.mesh import Mesh
-from sim_core.world.shapes import box, cylinder, ellipsoid
+from sim_core.world.debris import USUAL_LENGTH_M, WATER_KGPM3, BodyKind, body_of, volume_below_m3, waterline_m
+from sim_core.world.geometry import WOOD, Mesh, box, cylinder, ellipsoid
 
 trimesh = pytest.importorskip("trimesh")
 

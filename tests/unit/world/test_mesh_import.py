@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim_core.world.error import WorldError
-from sim_core.world.materials import ROCK
-from sim_core.world.mesh_import import import_mesh
+from sim_core.world.geometry import ROCK, WorldError, import_mesh
 
 NOWHERE = (0.0, 0.0, 0.0)
 

@@ -8,15 +8,29 @@ import sys
 import numpy as np
 import pytest
 
+from sim_core.frames import Array32
 from sim_core.world.embree_rays import EmbreeCaster
-from sim_core.world.error import WorldError
-from sim_core.world.materials import BED, CONCRETE, HIDE, MATERIALS, PLASTIC, STEEL, WOOD
-from sim_core.world.near_rays import rays_near
+from sim_core.world.geometry import (
+    BED,
+    CONCRETE,
+    HIDE,
+    MATERIALS,
+    PLASTIC,
+    STEEL,
+    WOOD,
+    Box,
+    Cylinder,
+    Plane,
+    Sphere,
+    WorldError,
+    box,
+    cylinder,
+    heading_matrix,
+    moved,
+    sphere,
+)
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.rays import Array32, Bodies, RayCaster
-from sim_core.world.scene import Backend, Part, Scene, caster_of
-from sim_core.world.shapes import box, cylinder, heading_matrix, moved, sphere
-from sim_core.world.solids import Box, Cylinder, Plane, Sphere
+from sim_core.world.rays import Backend, Bodies, Part, RayCaster, Scene, caster_of, rays_near
 from tests.river import fan, river_scenery
 
 # Single precision carries 24 bits: 6e-8 of the 10 m these rays go, and some operations.

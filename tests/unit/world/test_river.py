@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim_core.world.banks import rock_parts, shoal_part, tree_parts
-from sim_core.world.buildings import building
-from sim_core.world.dam import Intakes, dam_parts
-from sim_core.world.river import FlatBed, RiverBed
+from sim_core.world.river import FlatBed, RiverBed, rock_parts, shoal_part, tree_parts
+from sim_core.world.structures import Intakes, building, dam_parts
 
 PLAIN = RiverBed.of(126.87, (10.0, 20.0), 300.0, 12.0, 0.5, 4.0, undulation_m=0.0, water_down_m=0.1)
 BED = RiverBed.of(126.87, (10.0, 20.0), 300.0, 12.0, 0.5, 4.0, undulation_m=0.3, seed=7, water_down_m=0.1)

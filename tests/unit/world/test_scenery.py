@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim_core.world.boom import LogBoom
-from sim_core.world.materials import MATERIALS
-from sim_core.world.mesh_import import FORMATS
+from sim_core.world.geometry import FORMATS, MATERIALS
 from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.rays import RayCaster
+from sim_core.world.structures import LogBoom
 from tests.river import fan, river_profile, river_scenery
 from xitl_cli.errors import UserError
 from xitl_cli.profile.load import load_profile

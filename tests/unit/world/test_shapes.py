@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim_core.world.materials import CONCRETE, STEEL, WOOD
-from sim_core.world.mesh import Mesh
-from sim_core.world.shapes import (
+from sim_core.world.geometry import (
+    CONCRETE,
+    STEEL,
     UPRIGHT,
+    WOOD,
+    Mesh,
     box,
     capsule,
     cone,

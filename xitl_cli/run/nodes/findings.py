@@ -20,7 +20,7 @@ from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
-from sim_core.world.boom import LogBoom
+from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
 from xitl_cli.mapping.rebuild import points_of, write_map, write_tum

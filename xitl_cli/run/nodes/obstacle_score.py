@@ -9,7 +9,7 @@ import numpy as np
 from numpy import float64
 from numpy.typing import NDArray
 
-from sim_core.world.drifting import DebrisState
+from sim_core.world.debris import DebrisState
 from sim_core.world.rays import RayCaster
 
 Array = NDArray[float64]

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 
 from numpy.random import default_rng
 
-from sim_core.environment.obstacles import Wall, Walls, boom, box
 from sim_core.geodesy import LocalFrame
 from sim_core.sensors.gnss import Gnss
-from sim_core.sensors.obstacle_scanner import ObstacleScanner
 from sim_core.sensors.odometry import Odometry
-from sim_core.sensors.rangefinder import Rangefinder
+from sim_core.sensors.rangefinder import ObstacleScanner, Rangefinder, Wall, Walls, boom, box
 from sim_core.sensors.wind_vane import WindVane
 from sim_core.world.river import FlatBed
 from xitl_cli.profile.schema import RunProfile

@@ -14,11 +14,8 @@ from agent.wire import dialect
 from agent.wire.codec import Message
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.laser_light import Air
-from sim_core.sensors.lidar import Fates, Lidar, Scan
-from sim_core.sensors.lidar_rays import Track
-from sim_core.sensors.rosette import Rosette
-from sim_core.sensors.water_seen import WaterSeen
+from sim_core.sensors.lidar import Fates, Lidar, Rosette, Scan, Track
+from sim_core.sensors.optics import Air, WaterSeen
 from sim_core.simulation import Simulation, SimulationState, bodies_of
 from sim_core.world.rays import RayCaster
 from xitl_cli.errors import UserError

@@ -12,9 +12,8 @@ from sim_core.sensors.barometer import BarometerSample
 from sim_core.sensors.gnss import GnssSample
 from sim_core.sensors.imu import ImuSample
 from sim_core.sensors.magnetometer import MagnetometerSample
-from sim_core.sensors.obstacle_scanner import ScanSample
 from sim_core.sensors.odometry import OdometrySample
-from sim_core.sensors.rangefinder import RangefinderSample
+from sim_core.sensors.rangefinder import RangefinderSample, ScanSample
 from xitl_cli.profile.schema.sensors import ObstacleScanner, Rangefinder
 
 Message = Any  # the generated codec is untyped

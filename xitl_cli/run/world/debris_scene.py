@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from foxglove import messages
 
 from sim_core import frames
-from sim_core.world.bodies import Body, BodyKind
+from sim_core.world.debris import Body, BodyKind
 from xitl_cli.record.perception import body_frame
 
 _COLORS = {

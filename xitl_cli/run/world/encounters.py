@@ -16,8 +16,7 @@ from numpy import bool_, float64
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from sim_core.world.bodies import USUAL_LENGTH_M, Body, BodyKind, body_of
-from sim_core.world.drifting import Launch
+from sim_core.world.debris import USUAL_LENGTH_M, Body, BodyKind, Launch, body_of
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.debris import Encounters as Keys
 

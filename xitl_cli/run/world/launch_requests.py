@@ -17,8 +17,7 @@ from agent.wire.framing import Framer
 from agent.wire.link import Link
 from agent.wire.transport import Transport, TransportError, open_transport
 from agent.wire.urls import Address, address_url, explained, resolve
-from sim_core.world.bodies import BodyKind
-from sim_core.world.drifting import Launch
+from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
 

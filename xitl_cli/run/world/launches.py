@@ -17,8 +17,7 @@ from numpy.random import default_rng
 from sim_core import frames
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, launch
-from sim_core.world.bodies import body_of
-from sim_core.world.drifting import DebrisState, Launch
+from sim_core.world.debris import DebrisState, Launch, body_of
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder

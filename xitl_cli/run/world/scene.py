@@ -9,7 +9,7 @@ import numpy as np
 from foxglove import messages
 
 from sim_core import frames
-from sim_core.world.boom import LogBoom
+from sim_core.world.structures import LogBoom
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.place import Dam
 from xitl_cli.profile.schema.vehicle import Vehicle

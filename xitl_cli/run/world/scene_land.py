@@ -6,8 +6,7 @@ import numpy as np
 from foxglove import messages
 
 from sim_core import frames
-from sim_core.world.materials import MATERIALS
-from sim_core.world.mesh import Mesh
+from sim_core.world.geometry import MATERIALS, Mesh
 from sim_core.world.river import RiverBed
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import MAP_FRAME

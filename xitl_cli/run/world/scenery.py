@@ -15,19 +15,10 @@ from pathlib import Path
 import numpy as np
 from numpy.random import default_rng
 
-from sim_core.world import shapes
-from sim_core.world.banks import rock_parts, shoal_part, tree_parts
-from sim_core.world.boom import LogBoom, Pile
-from sim_core.world.buildings import block, building
-from sim_core.world.dam import Intakes, dam_parts
-from sim_core.world.error import WorldError
-from sim_core.world.materials import BED, CONCRETE, MATERIALS
-from sim_core.world.mesh import Mesh
-from sim_core.world.mesh_import import import_mesh
-from sim_core.world.rays import RayCaster
-from sim_core.world.river import Bed, FlatBed, RiverBed
-from sim_core.world.scene import Backend, Part, Scene, caster_of
-from sim_core.world.solids import Box, Plane
+from sim_core.world.geometry import BED, CONCRETE, MATERIALS, Box, Mesh, Plane, WorldError, box, import_mesh, moved
+from sim_core.world.rays import Backend, Part, RayCaster, Scene, caster_of
+from sim_core.world.river import Bed, FlatBed, RiverBed, rock_parts, shoal_part, tree_parts
+from sim_core.world.structures import Intakes, LogBoom, Pile, block, building, dam_parts
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema import place as schema
@@ -161,5 +152,5 @@ def _dam(keys: schema.Dam) -> list[Part]:
 
 
 def _square(down_m: float) -> Mesh:
-    flat = shapes.box((_FLAT_BED_M, _FLAT_BED_M, 1.0), BED)
-    return shapes.moved(flat, (0.0, 0.0, down_m + 0.5))
+    flat = box((_FLAT_BED_M, _FLAT_BED_M, 1.0), BED)
+    return moved(flat, (0.0, 0.0, down_m + 0.5))

@@ -10,12 +10,11 @@ from typing import Protocol
 
 import numpy as np
 
-from sim_core.world.bodies import BodyKind
-from sim_core.world.boom import LogBoom
 from sim_core.world.capsules import Capsules, box
-from sim_core.world.drifting import Launch
+from sim_core.world.debris import BodyKind, Launch
+from sim_core.world.geometry import Box
 from sim_core.world.river import Bed
-from sim_core.world.solids import Box
+from sim_core.world.structures import LogBoom
 from sim_core.world.waterway import OPEN_WATER, Waterway
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema import debris as schema

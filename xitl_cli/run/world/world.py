@@ -7,13 +7,20 @@ import math
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from sim_core.environment.current import ChannelCurrent, Current, StillWater, UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.gauss_markov import GaussMarkov
-from sim_core.environment.gusts import DiscreteGust, Gust, NoGust, OrnsteinUhlenbeckGust, SpectralGust
-from sim_core.environment.water import Water
+from sim_core.environment.water import ChannelCurrent, Current, StillWater, UniformCurrent, Water
 from sim_core.environment.waves import FlatWater, IrregularWaves, RegularWave, WaveField
-from sim_core.environment.wind import Air, StillAir, Wind
+from sim_core.environment.wind import (
+    Air,
+    DiscreteGust,
+    Gust,
+    NoGust,
+    OrnsteinUhlenbeckGust,
+    SpectralGust,
+    StillAir,
+    Wind,
+)
+from sim_core.noise import GaussMarkov
 from sim_core.simulation import Simulation, SimulationState, initial
 from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, SteeringGear, VesselModel, Windage
 from sim_core.world.waterway import OPEN_WATER

@@ -12,7 +12,7 @@ from agent.companion.clouds import Cloud, cloud_messages
 from agent.wire import dialect as mav
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.geodesy import LocalFrame
-from sim_core.world.drifting import no_debris
+from sim_core.world.debris import no_debris
 from xitl_cli.run.nodes.findings import Findings, sections
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
 

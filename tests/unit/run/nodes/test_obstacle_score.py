@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from agent.wire import dialect as mav
-from sim_core.world.bodies import BodyKind
-from sim_core.world.drifting import DebrisState, Launch, launched, no_debris
-from sim_core.world.materials import CONCRETE
+from sim_core.world.debris import BodyKind, DebrisState, Launch, launched, no_debris
+from sim_core.world.geometry import CONCRETE, box, moved
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.shapes import box, moved
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
 
 HULL_M = (2.3, 1.6)

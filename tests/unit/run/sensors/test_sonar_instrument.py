@@ -12,9 +12,8 @@ from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import OVERHEAD_S, TURN_S, Below
 from sim_core.simulation import SimulationState, kinematics
-from sim_core.world.materials import STEEL
+from sim_core.world.geometry import STEEL, Plane
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.solids import Plane
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
 from xitl_cli.profile.schema.perception import Sonar

@@ -15,8 +15,7 @@ import pytest
 from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from agent.wire.framing import Framer
-from sim_core.world.bodies import BodyKind
-from sim_core.world.drifting import Launch
+from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.commands.world import launch as launch_command
 from xitl_cli.errors import UserError
 from xitl_cli.run.world.launch_requests import ControlPort, ask_for

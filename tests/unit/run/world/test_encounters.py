@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from sim_core.world.bodies import BodyKind, body_of
 from sim_core.world.capsules import Capsules
-from sim_core.world.drifting import Launch
+from sim_core.world.debris import BodyKind, Launch, body_of
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.debris import Encounters as Keys
 from xitl_cli.run.world.encounters import Encounter, Encounters, Legs, drawn

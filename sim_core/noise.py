@@ -1,4 +1,11 @@
-"""The noise processes the sensors share: white noise from its density and first-order Gauss-Markov."""
+"""Noise of sensors and of the environment: white noise by its density, and first-order Gauss-Markov processes.
+
+A Gauss-Markov (Ornstein-Uhlenbeck) process of deviation sigma and time constant tau is sampled exactly at any step:
+
+    x(t + dt) = a x(t) + sigma sqrt(1 - a^2) n,   a = exp(-dt / tau),   n ~ N(0, 1)
+
+so that the standard deviation is sigma and the autocorrelation exp(-lag / tau) whatever dt is.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +13,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy import float64
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
 
 from sim_core.frames import Array
 
@@ -28,7 +37,7 @@ def bias_deviation(bias_instability: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class GaussMarkov:
+class SampledGaussMarkov:
     """First-order Gauss-Markov processes, one per column, discretised exactly and stationary from the start.
 
     deviation, decay, drive: (1, K). `x' = decay x + drive n` with `decay = exp(-dt / Tc)` and
@@ -44,9 +53,34 @@ class GaussMarkov:
         return self.deviation * normals
 
 
-def gauss_markov(deviation: ArrayLike, correlation_s: ArrayLike, rate_hz: float) -> GaussMarkov:
+def sampled_gauss_markov(deviation: ArrayLike, correlation_s: ArrayLike, rate_hz: float) -> SampledGaussMarkov:
     """K processes from deviations (K,) and correlation times (K,) or one for all, sampled at `rate_hz`."""
     sigma = np.array(deviation, dtype=np.float64, ndmin=2)
     step = np.broadcast_to(-1.0 / (rate_hz * np.asarray(correlation_s, dtype=np.float64)), sigma.shape)
     # expm1 keeps the drive exact when the step is a millionth of the correlation time.
-    return GaussMarkov(deviation=sigma, decay=np.exp(step), drive=sigma * np.sqrt(-np.expm1(2.0 * step)))
+    return SampledGaussMarkov(deviation=sigma, decay=np.exp(step), drive=sigma * np.sqrt(-np.expm1(2.0 * step)))
+
+
+@dataclass(frozen=True, slots=True)
+class GaussMarkov:
+    """deviation: stationary standard deviation, in the unit of the quantity; correlation_s: time constant tau."""
+
+    deviation: float
+    correlation_s: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.deviation) and self.deviation >= 0.0):
+            raise ValueError(f"deviation = {self.deviation} must be zero or a positive number")
+        if not (math.isfinite(self.correlation_s) and self.correlation_s > 0.0):
+            raise ValueError(f"correlation_s = {self.correlation_s} must be a positive number of seconds")
+
+    def initial(self, vessels: int, rng: Generator) -> NDArray[float64]:
+        """(N,) drawn from the stationary distribution."""
+        return self.deviation * rng.standard_normal(vessels)
+
+    def step(self, value: NDArray[float64], dt_s: float, rng: Generator) -> NDArray[float64]:
+        """(N,) one step later."""
+        decay = math.exp(-dt_s / self.correlation_s)
+        kick = self.deviation * math.sqrt(1.0 - decay * decay)
+        advanced: NDArray[float64] = decay * value + kick * rng.standard_normal(value.shape)
+        return advanced

@@ -1,7 +1,7 @@
-"""A log boom: floating cylinders end to end, between piles that hold the line.
+"""What people have built in the river: log boom, dam, buildings.
 
-boom = LogBoom.of(anchors_ne_m, sag_m=2.0, float_length_m=6.0, float_radius_m=0.5)
-boom.distance_m(points_ned_m)
+A log boom is floating cylinders end to end, between piles that hold the line; under an even current the line hangs in
+plan as a catenary. A dam is a box, or a wall with intakes before it, each a niche with bars across its mouth.
 """
 
 from __future__ import annotations
@@ -13,15 +13,26 @@ from itertools import pairwise
 
 import numpy as np
 from numpy import float64
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sim_core.world import catenary
-from sim_core.world.materials import PLASTIC, STEEL
-from sim_core.world.scene import Part
-from sim_core.world.shapes import UPRIGHT, cylinder, heading_matrix, moved
-from sim_core.world.solids import Cylinder
+from sim_core.frames import Array
+from sim_core.world.geometry import (
+    CONCRETE,
+    PLASTIC,
+    STEEL,
+    UPRIGHT,
+    WALL,
+    Box,
+    Cylinder,
+    Material,
+    box,
+    cylinder,
+    heading_matrix,
+    moved,
+)
+from sim_core.world.rays import Part
+from sim_core.world.river import Bed
 
-Array = NDArray[float64]
 _FILLED = 0.95
 """Of the line is float, the rest is the gap."""
 _AT_ONCE = 1_000_000
@@ -79,7 +90,7 @@ class LogBoom:
     ) -> LogBoom:
         centres, along, lengths = [], [], []
         for start, end in pairwise(anchors):
-            line_m = catenary.length_m(math.dist(start[:2], end[:2]), sag_m)
+            line_m = catenary_length_m(math.dist(start[:2], end[:2]), sag_m)
             count = max(round(line_m / float_length_m), 1)
             share = (np.arange(count) + 0.5) / count
             down = start[2] + share * (end[2] - start[2])
@@ -87,8 +98,8 @@ class LogBoom:
                 middle, way = start[:2] + share[:, None] * (end - start)[:2], np.tile((end - start)[:2], (count, 1))
             else:
                 half = 0.5 * _FILLED / count
-                bow = catenary.points_m(start[:2], end[:2], sag_m, share + half)
-                stern = catenary.points_m(start[:2], end[:2], sag_m, share - half)
+                bow = catenary_points_m(start[:2], end[:2], sag_m, share + half)
+                stern = catenary_points_m(start[:2], end[:2], sag_m, share - half)
                 middle, way = (bow + stern) / 2, bow - stern
             centres.append(np.column_stack([middle, down]))
             along.append(way)
@@ -163,3 +174,114 @@ def _capped(beyond_side: Array, beyond_end: Array) -> Array:
     outside = np.hypot(np.maximum(beyond_side, 0.0), np.maximum(beyond_end, 0.0))
     distance: Array = outside + np.minimum(np.maximum(beyond_side, beyond_end), 0.0)
     return distance
+
+
+_BAR_M = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class Intakes:
+    """`count` openings of width and height, their middles at `down_m`, each behind `bars` upright bars."""
+
+    count: int
+    width_m: float
+    height_m: float
+    down_m: float
+    bars: int = 0
+
+
+def dam_parts(
+    centre_ned_m: Array, size_m: tuple[float, float, float], heading_rad: float, intakes: Intakes | None = None
+) -> list[Part]:
+    """`size_m`: length along the heading, width, height. The intakes are niches half as deep, on the left."""
+    length, width, height = size_m
+    centre = np.asarray(centre_ned_m, dtype=float64)
+    if intakes is None:
+        return [block("dam", centre, size_m, heading_rad, CONCRETE)]
+    blocks = [((0.0, width / 4, 0.0), (length, width / 2, height))]
+    top, bottom = -height / 2, height / 2
+    middle_down = intakes.down_m - centre[2]
+    low, high = middle_down + intakes.height_m / 2, middle_down - intakes.height_m / 2
+    for above, below in ((top, high), (low, bottom)):
+        if below > above:
+            blocks.append(((0.0, -width / 4, (above + below) / 2), (length, width / 2, below - above)))
+    pitch = length / intakes.count
+    mouths = (np.arange(intakes.count) + 0.5) * pitch - length / 2
+    edges = [
+        -length / 2,
+        *np.ravel([mouths - intakes.width_m / 2, mouths + intakes.width_m / 2], order="F"),
+        length / 2,
+    ]
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        if last > first:
+            blocks.append((((first + last) / 2, -width / 4, middle_down), (last - first, width / 2, intakes.height_m)))
+    turn = heading_matrix(heading_rad)
+    parts = [block("dam", centre + turn @ place, size, heading_rad, CONCRETE) for place, size in blocks]
+    for mouth in mouths.tolist():
+        for share in ((np.arange(intakes.bars) + 1) / (intakes.bars + 1)).tolist():
+            place = np.array([mouth + (share - 0.5) * intakes.width_m, _BAR_M - width / 2, middle_down])
+            size = (_BAR_M, _BAR_M, intakes.height_m)
+            parts.append(block("bars", centre + turn @ place, size, heading_rad, STEEL))
+    return parts
+
+
+_FOUNDATION_M = 1.0
+
+
+def block(
+    name: str, centre_ned_m: ArrayLike, size_m: tuple[float, float, float], heading_rad: float, material: Material
+) -> Part:
+    """A box of size_m, its length along the heading."""
+    centre, turn = np.asarray(centre_ned_m, dtype=float64), heading_matrix(heading_rad)
+    mesh = moved(box(size_m, material), centre, turn)
+    return Part(name, mesh, (Box(centre, np.array(size_m), turn, material),))
+
+
+def building(
+    bed: Bed, centre_ne_m: tuple[float, float], size_m: tuple[float, float, float], heading_rad: float
+) -> Part:
+    """A block that stands on the ground at its middle, size_m[2] high above it, its foundation a metre below."""
+    length, width, height = size_m
+    ground = float(bed.bed_down_m(np.array(centre_ne_m)))
+    centre = np.array([*centre_ne_m, ground + (_FOUNDATION_M - height) / 2])
+    return block("building", centre, (length, width, height + _FOUNDATION_M), heading_rad, WALL)
+
+
+def catenary_parameter_m(span_m: float, sag_m: float) -> float:
+    """a of y = a cosh(x / a) with the given sag over the span: sag = a (cosh(span / 2a) - 1). By halving; sag > 0."""
+    # sag < span^2 / 8a (1 + (span / 2a)^2 / 6 ...): the parabola's a is the least.
+    low, high = 0.1 * min(sag_m, span_m), 10.0 * (span_m**2 / (8 * sag_m) + sag_m + span_m)
+    for _ in range(200):
+        middle = math.sqrt(low * high)
+        # cosh overflows beyond 700.
+        turn = min(span_m / (2 * middle), 700.0)
+        if 2 * middle * math.sinh(turn / 2) ** 2 > sag_m:
+            low = middle
+        else:
+            high = middle
+    return math.sqrt(low * high)
+
+
+def catenary_length_m(span_m: float, sag_m: float) -> float:
+    """Along the line: 2 a sinh(span / 2a)."""
+    if sag_m == 0.0:
+        return span_m
+    a = catenary_parameter_m(span_m, sag_m)
+    return 2 * a * math.sinh(span_m / (2 * a))
+
+
+def catenary_points_m(from_ne_m: Array, to_ne_m: Array, sag_m: float, share: Array) -> Array:
+    """(K, 2) places at shares (K,) of the length between two points (2,), sagging to the right of the way there."""
+    way = to_ne_m - from_ne_m
+    if sag_m == 0.0:
+        straight: Array = from_ne_m + share[:, None] * way
+        return straight
+    span_m = math.hypot(way[0], way[1])
+    a = catenary_parameter_m(span_m, sag_m)
+    # s = a sinh(x / a) from the middle.
+    x = a * np.arcsinh((share - 0.5) * 2 * math.sinh(span_m / (2 * a)))
+    depth = sag_m - 2 * a * np.sinh(x / (2 * a)) ** 2
+    ahead = way / span_m
+    right = np.array([-ahead[1], ahead[0]])
+    hanging: Array = from_ne_m + (x[:, None] + span_m / 2) * ahead + depth[:, None] * right
+    return hanging

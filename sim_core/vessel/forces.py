@@ -1,4 +1,4 @@
-"""Inertia, added mass, Coriolis terms and damping of a vessel in moving water.
+"""Forces on a vessel in moving water and air: inertia, added mass, Coriolis terms, damping and windage.
 
 Fossen's vectorial form (Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., 2021, ch. 6), with the
 centre of gravity as origin and nu_r the velocity relative to the water, solved for the inertial acceleration. With
@@ -12,6 +12,12 @@ current this is his M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau (eq 6.119), sinc
 The Munk moments within C_A belong to a flow that closes behind the stern. Blunt ends shed it, which leaves a side
 force and a moment there (slender-body theory with a trailing edge, Newman, Marine Hydrodynamics, 1977, ch. 7). Without
 them, and they are in no damping table, hulls like these would leave their course and bury their bows above 2 m/s.
+
+Windage (Fossen 2021, eq 10.16-10.18), with the velocity (u, v) of the vessel relative to the air and speed V:
+
+    X = -1/2 rho c_x A_front u V,   Y = -1/2 rho c_y A_lateral v V,   N = -rho c_n A_lateral L u v
+
+that is C_X = -c_x cos(gamma), C_Y = c_y sin(gamma), C_N = c_n sin(2 gamma) without an angle being computed.
 """
 
 from __future__ import annotations
@@ -19,12 +25,9 @@ from __future__ import annotations
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numpy import float64
-from numpy.typing import NDArray
 
+from sim_core.frames import Array
 from sim_core.vessel.model import VesselModel
-
-Array = NDArray[float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,3 +109,29 @@ def stern_forces(added_mass: Array, length_m: float) -> tuple[Array, Array]:
     products[0, 2, 4] = -down * half_m
     lift = -np.diag([0.0, across, down, 0.0, down * half_m**2, across * half_m**2])
     return products.reshape(36, 6), lift
+
+
+AIR_DENSITY_KGPM3 = 1.2  # 20 degC at sea level
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindDrag:
+    """Constants of one vessel."""
+
+    wrench: Array  # (3, 6)
+
+    @classmethod
+    def of(cls, model: VesselModel) -> WindDrag:
+        """Constants from the vessel's windage."""
+        wind = model.wind
+        wrench = np.zeros((3, 6))
+        wrench[0, 0] = -0.5 * AIR_DENSITY_KGPM3 * wind.surge_coefficient * wind.frontal_area_m2
+        wrench[1, 1] = -0.5 * AIR_DENSITY_KGPM3 * wind.sway_coefficient * wind.lateral_area_m2
+        wrench[2, 5] = -AIR_DENSITY_KGPM3 * wind.yaw_coefficient * wind.lateral_area_m2 * wind.length_m
+        return cls(wrench)
+
+    def terms(self, relative_frd_mps: Array) -> tuple[Array, Array]:
+        """(N, 2), (N, 1): u V and v V, and u v, for (N, 3) velocities of the vessel relative to the air."""
+        along = relative_frd_mps[:, :2]
+        speed = np.sqrt(np.vecdot(along, along))
+        return along * speed[:, None], along[:, :1] * along[:, 1:]

@@ -1,4 +1,4 @@
-"""What holds bodies at the places where they touch what stands: impulses of one step, found together.
+"""Contact of debris with what stands in the water and with the banks.
 
 Bodies weigh from grams to tonnes and move in long steps, so spring and damper are taken implicitly: the force is that
 at the end of the step, F = k (x + x' dt) + c x', which no mass and no step makes unstable. Places of one body depend on
@@ -11,18 +11,54 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy import float64
-from numpy.typing import NDArray
 
-from sim_core.world.capsules import Numbers
-from sim_core.world.contact import FRICTION, STIFFNESS_NPM
-from sim_core.world.drifting import DebrisState, Push, pushed_at
-
-Array = NDArray[float64]
+from sim_core.frames import Array
+from sim_core.world.capsules import Capsules, Numbers, touches
+from sim_core.world.contact import FRICTION, STIFFNESS_NPM, bed_normal
+from sim_core.world.debris import DebrisState, Push, capsules_of, pushed_at
+from sim_core.world.river import Bed
 
 RELEASE_S = 0.2  # in which what is pressed in comes out again, c / k: nothing bounces off a boom
 SWING_RADPS = 20.0  # the spring is as stiff for great trunks that they swing so fast: else 3 t at 5 m/s go through
 _SWEEPS = 4  # two ends of a body come to 1 % of each other in three
+
+
+def held_by(standing: Capsules, bed: Bed | None, debris: DebrisState, dt_s: float) -> Push | None:
+    """What presses on the bodies in a step of dt_s, which they would end with the velocities in `debris`, were they not
+    held; None for nothing.
+    """
+    bodies, figures = capsules_of(debris), debris.figures
+    # Of each touch: which body, where, the normal and how deep.
+    found: list[tuple[Numbers, Array, Array, Array]] = []
+    if len(standing):
+        reach = figures.half_axis_m + figures.radius_m
+        body, other = np.nonzero(standing.distance_m(debris.pos_ned_m[:, :2]) < reach[:, None])
+        if len(body):
+            touch = touches(bodies, standing, body, other)
+            found.append((touch.first, touch.place_ne_m, touch.normal_ne, touch.depth_m))
+    if bed is not None:
+        ends = np.concatenate([bodies.from_ne_m, bodies.to_ne_m])
+        lowest_m = debris.pos_ned_m[:, 2] - figures.middle_m + figures.draught_m
+        over = np.tile(lowest_m, 2) - bed.bed_down_m(ends)
+        aground = np.flatnonzero(over > 0.0)
+        if len(aground):
+            normal = bed_normal(bed, ends[aground])
+            level = np.sqrt(np.vecdot(normal[:, :2], normal[:, :2]))
+            uphill = np.maximum(level, 1e-3)  # a body is not lifted: it is pushed back the way it came up
+            depth = over[aground] * -normal[:, 2] / uphill
+            out = normal[:, :2] / uphill[:, None]
+            found.append((aground % len(bodies), ends[aground], out, np.minimum(depth, 0.5)))
+    if not any(len(each[0]) for each in found):
+        return None
+    body, place, normal, depth = (np.concatenate(column) for column in zip(*found, strict=True))
+    return holding(debris, body, place, normal, depth, dt_s)
+
+
+def together(one: Push, other: Push | None) -> Push:
+    """The sum."""
+    if other is None:
+        return one
+    return Push(one.force_ne_n + other.force_ne_n, one.moment_nm + other.moment_nm)
 
 
 def holding(

@@ -1,0 +1,394 @@
+"""Bodies adrift: trunks, branches, rafts of plants and animals; how deep they float, how they are carried and turned.
+
+    body_of(BodyKind.TRUNK, length_m=None) -> Body
+    debris = launched(no_debris(), Launch(...), current_ned_mps, surface_down_m)
+    debris = drift(debris, dt_ns, current_ned_mps, surface_down_m, push)
+
+Proportions of a body are those of the usual size scaled by the length. Its axes: forward along its length, right, down,
+about its middle; how deep the middle lies follows from mass and mesh. The volume below a level plane is, by the
+divergence theorem with the field (0, 0, max(z - level, 0)), the sum over the triangles of their area seen from above,
+signed, times the mean of max(z - level, 0) over each: no triangle is cut.
+
+Horizontally a body follows m (1 + C_a) u' = F + 1/2 rho C_d A |w| w, where w is the velocity of the water, and of its
+own swimming, relative to the body (Morison et al. 1950 in its drag and added mass), A its wetted area across or along
+the flow. It turns slowly to and fro as eddies turn it, and rides the waves' surface.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import lru_cache
+
+import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.frames import Array
+from sim_core.world.capsules import Capsules, Numbers
+from sim_core.world.geometry import HIDE, LEAVES, WOOD, Material, Mesh, cylinder, ellipsoid, merged, moved
+from sim_core.world.rays import NO_BODIES, Bodies
+
+
+def volume_below_m3(mesh: Mesh, level_m: float) -> float:
+    """Volume of what lies below (z, down, greater than) `level_m`, in the mesh's axes."""
+    corner = mesh.vertices_m[mesh.faces]
+    first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    seen_m2 = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    return float(seen_m2 @ _mean_depth_m(corner[:, :, 2] - level_m))
+
+
+def waterline_m(mesh: Mesh, volume_m3: float) -> float:
+    """Height (z, down) of the water's surface in the mesh's axes when it displaces `volume_m3`.
+
+    Raises ValueError when that is more than the mesh has: it would sink.
+    """
+    top, bottom = float(mesh.vertices_m[:, 2].min()), float(mesh.vertices_m[:, 2].max())
+    if not 0.0 < volume_m3 < volume_below_m3(mesh, top):
+        raise ValueError(f"a body that displaces {volume_m3:.3g} m3 afloat has {volume_below_m3(mesh, top):.3g} m3")
+    for _ in range(60):  # bisection to rounding
+        middle = 0.5 * (top + bottom)
+        if volume_below_m3(mesh, middle) > volume_m3:
+            top = middle
+        else:
+            bottom = middle
+    return 0.5 * (top + bottom)
+
+
+def _mean_depth_m(depth_m: Array) -> Array:
+    """(F,) mean over triangles of the positive part of a depth that is linear in them, from the corners' (F, 3).
+
+    With corners a <= b <= c, where only a < 0 the part cut off is a pyramid of height -a on the share
+    a^2 / ((b - a) (c - a)) of the area, and as well for c where only c > 0.
+    """
+    a, b, c = np.sort(depth_m, axis=1).T
+    mean = np.where(a >= 0.0, (a + b + c) / 3.0, 0.0)
+    one_dry = (a < 0.0) & (b >= 0.0) & (c > 0.0)
+    one_wet = (b < 0.0) & (c > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.where(one_dry, (a + b + c) / 3.0 - a**3 / (3.0 * (b - a) * (c - a)), mean)
+        wet: Array = np.where(one_wet, c**3 / (3.0 * (c - a) * (c - b)), mean)
+    return wet
+
+
+WATER_KGPM3 = 997.8
+Point = tuple[float, float, float]
+
+
+class BodyKind(IntEnum):
+    """Numbered as XITL_BODY_KIND."""
+
+    TRUNK = 0
+    BRANCH = 1
+    PLANTS = 2
+    ANIMAL = 3
+
+
+USUAL_LENGTH_M = {BodyKind.TRUNK: 5.0, BodyKind.BRANCH: 3.0, BodyKind.PLANTS: 2.5, BodyKind.ANIMAL: 1.2}
+
+# Of the volume, with what is wet and what is air in it. A drifting trunk lies 60 to 90 % under; a raft of water
+# hyacinth is mostly air; a capybara swims with back and head out.
+_DENSITY_KGPM3 = {BodyKind.TRUNK: 750.0, BodyKind.BRANCH: 800.0, BodyKind.PLANTS: 340.0, BodyKind.ANIMAL: 640.0}
+_SWIM_MPS = {BodyKind.ANIMAL: 0.25}
+_MATERIAL: dict[BodyKind, Material] = {
+    BodyKind.TRUNK: WOOD,
+    BodyKind.BRANCH: WOOD,
+    BodyKind.PLANTS: LEAVES,
+    BodyKind.ANIMAL: HIDE,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """One thing afloat.
+
+    middle_below_surface_m: depth of the middle at rest; draught_m, height_m: how far it reaches below and above the
+    surface. In plan it is a capsule: all points within radius_m of an axis of +-half_axis_m along forward.
+    """
+
+    kind: BodyKind
+    length_m: float
+    mesh: Mesh
+    mass_kg: float
+    yaw_inertia_kgm2: float
+    middle_below_surface_m: float
+    draught_m: float
+    height_m: float
+    half_axis_m: float
+    radius_m: float
+    swim_mps: float
+
+
+@lru_cache(maxsize=256)
+def body_of(kind: BodyKind, length_m: float | None = None) -> Body:
+    """A body of a kind, of the usual length unless given. The same arguments give the same object and mesh.
+
+    Raises ValueError for a length that is no length.
+    """
+    length = USUAL_LENGTH_M[kind] if length_m is None else length_m
+    if not (math.isfinite(length) and 0.1 <= length <= 50.0):
+        raise ValueError(f"a {kind.name.lower()} of {length} m; give a length from 0.1 to 50 m")
+    scale = length / USUAL_LENGTH_M[kind]
+    mesh, half_axis_m, radius_m = _SHAPES[kind](scale, _MATERIAL[kind])
+    low = float(mesh.vertices_m[:, 2].min())
+    mass_kg = _DENSITY_KGPM3[kind] * volume_below_m3(mesh, low)
+    waterline = waterline_m(mesh, mass_kg / WATER_KGPM3)
+    width_m = 2.0 * radius_m
+    return Body(
+        kind=kind,
+        length_m=length,
+        mesh=mesh,
+        mass_kg=mass_kg,
+        yaw_inertia_kgm2=mass_kg * (length**2 + width_m**2) / 12.0,
+        middle_below_surface_m=-waterline,
+        draught_m=float(mesh.vertices_m[:, 2].max()) - waterline,
+        height_m=waterline - low,
+        half_axis_m=half_axis_m,
+        radius_m=radius_m,
+        swim_mps=_SWIM_MPS.get(kind, 0.0),
+    )
+
+
+def _trunk(scale: float, material: Material) -> tuple[Mesh, float, float]:
+    radius = 0.25 * scale
+    return cylinder(radius, 5.0 * scale, material, sides=20), 2.5 * scale - radius, radius
+
+
+def _branch(scale: float, material: Material) -> tuple[Mesh, float, float]:
+    """A limb under the water and twigs that stand up out of it."""
+    feet = (-1.1, -0.7, -0.3, 0.0, 0.3, 0.65, 1.0, 1.3)
+    heights = (0.35, 0.45, 0.55, 0.6, 0.5, 0.55, 0.4, 0.3)
+    sides = (0.25, -0.25, 0.08, -0.15, 0.25, -0.2, 0.13, -0.1)
+    twigs = [
+        _twig((foot, 0.0, 0.0), (foot + 0.15, side, -height), 0.02, material)
+        for foot, height, side in zip(feet, heights, sides, strict=True)
+    ]
+    limb = cylinder(0.09, 3.0, material, sides=12)
+    return _scaled(merged([limb, *twigs]), scale), 1.3 * scale, 0.2 * scale
+
+
+def _plants(scale: float, material: Material) -> tuple[Mesh, float, float]:
+    radii = (1.25 * scale, 1.05 * scale, 0.25 * scale)
+    return ellipsoid(radii, material, sides=24, rings=10), 0.2 * scale, 1.05 * scale
+
+
+def _animal(scale: float, material: Material) -> tuple[Mesh, float, float]:
+    back = moved(ellipsoid((0.45, 0.2, 0.27), material), (-0.15, 0.0, 0.0))
+    head = moved(ellipsoid((0.2, 0.1, 0.12), material, sides=12), (0.4, 0.0, -0.18))
+    return _scaled(merged([back, head]), scale), 0.4 * scale, 0.2 * scale
+
+
+def _twig(foot_m: Point, tip_m: Point, radius_m: float, material: Material) -> Mesh:
+    """A thin cylinder from foot to tip."""
+    foot, tip = np.array(foot_m), np.array(tip_m)
+    length = float(np.linalg.norm(tip - foot))
+    along = (tip - foot) / length
+    right = np.cross(along, (1.0, 0.0, 0.0))
+    right /= np.linalg.norm(right)
+    axes = np.column_stack([along, right, np.cross(along, right)])
+    return moved(cylinder(radius_m, length, material, sides=5), 0.5 * (foot + tip), axes)
+
+
+def _scaled(mesh: Mesh, scale: float) -> Mesh:
+    return Mesh(np.ascontiguousarray(mesh.vertices_m * scale), mesh.faces, mesh.material)
+
+
+_SHAPES = {
+    BodyKind.TRUNK: _trunk,
+    BodyKind.BRANCH: _branch,
+    BodyKind.PLANTS: _plants,
+    BodyKind.ANIMAL: _animal,
+}
+
+
+ADDED_ACROSS, ADDED_ALONG = 1.0, 0.1  # of the body's mass: a cylinder half in the water, and a slender one end on
+DRAG_ACROSS, DRAG_ALONG = 1.1, 0.8  # of a cylinder across the flow and of its blunt end (Hoerner 1965)
+TURN_S = 4.0  # in which a body takes the turning of the water around it
+EDDY_RADPS = (0.017, 0.011)  # amplitudes of that turning
+EDDY_PERIODS_S = (23.0, 57.0)
+_GOLDEN = 0.6180339887498949  # each body's eddies have phases of their own, without a draw
+
+
+@dataclass(frozen=True, slots=True)
+class Launch:
+    """One body to put into the water; without a length it is of the usual one of its kind."""
+
+    at_ns: int
+    kind: BodyKind
+    north_m: float
+    east_m: float
+    heading_rad: float = 0.0
+    length_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DebrisState:
+    """B bodies at time_ns, in the order in which they came: the number of a body is its place.
+
+    pos_ned_m (B, 3) of their middles, vel_ned_mps (B, 3), yaw_rad and yaw_rate_radps (B,). `scheduled`: how many of the
+    waterway's launches have been put into the water.
+    """
+
+    time_ns: int
+    bodies: tuple[Body, ...]
+    pos_ned_m: Array
+    vel_ned_mps: Array
+    yaw_rad: Array
+    yaw_rate_radps: Array
+    scheduled: int
+    figures: Figures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Figures:
+    """What does not change of B bodies, side by side.
+
+    masses_kg (B, 2): along and across, with the added ones. drag_kgpm (B, 2): 1/2 rho C_d A along and across.
+    inertia_kgm2, half_axis_m, radius_m, draught_m, middle_m (below the surface), swim_mps: (B,). phases_rad (B, 2).
+    """
+
+    masses_kg: Array
+    drag_kgpm: Array
+    inertia_kgm2: Array
+    half_axis_m: Array
+    radius_m: Array
+    draught_m: Array
+    middle_m: Array
+    swim_mps: Array
+    phases_rad: Array
+
+    @classmethod
+    def of(cls, bodies: tuple[Body, ...]) -> Figures:
+        def column(name: str) -> Array:
+            return np.array([getattr(body, name) for body in bodies], dtype=float64)
+
+        mass, draught, width = column("mass_kg"), column("draught_m"), 2.0 * column("radius_m")
+        length = 2.0 * column("half_axis_m") + width
+        dynamic = 0.5 * WATER_KGPM3
+        number = np.arange(len(bodies))
+        return cls(
+            masses_kg=np.outer(mass, (1.0 + ADDED_ALONG, 1.0 + ADDED_ACROSS)),
+            drag_kgpm=dynamic * np.column_stack([DRAG_ALONG * width * draught, DRAG_ACROSS * length * draught]),
+            inertia_kgm2=column("yaw_inertia_kgm2") * (1.0 + ADDED_ACROSS),
+            half_axis_m=column("half_axis_m"),
+            radius_m=column("radius_m"),
+            draught_m=draught,
+            middle_m=column("middle_below_surface_m"),
+            swim_mps=column("swim_mps"),
+            phases_rad=2.0 * math.pi * np.column_stack([number * _GOLDEN % 1.0, number * _GOLDEN**2 % 1.0]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Push:
+    """What B bodies are pushed with: force_ne_n (B, 2), moment_nm (B,) about down."""
+
+    force_ne_n: Array
+    moment_nm: Array
+
+
+def no_debris(time_ns: int = 0) -> DebrisState:
+    """Nothing adrift."""
+    none = np.empty((0, 3))
+    return DebrisState(time_ns, (), none, none, np.empty(0), np.empty(0), 0, Figures.of(()))
+
+
+def launched(debris: DebrisState, launch: Launch, current_ned_mps: Array, surface_down_m: float) -> DebrisState:
+    """With one body more, that drifts with the (3,) current already. Raises ValueError for an impossible length."""
+    body = body_of(launch.kind, launch.length_m)
+    bodies = (*debris.bodies, body)
+    place = [launch.north_m, launch.east_m, surface_down_m + body.middle_below_surface_m]
+    swimming = [body.swim_mps * math.cos(launch.heading_rad), body.swim_mps * math.sin(launch.heading_rad), 0.0]
+    return replace(
+        debris,
+        bodies=bodies,
+        pos_ned_m=np.concatenate([debris.pos_ned_m, [place]]),
+        vel_ned_mps=np.concatenate([debris.vel_ned_mps, [current_ned_mps * (1.0, 1.0, 0.0) + swimming]]),
+        yaw_rad=np.append(debris.yaw_rad, launch.heading_rad),
+        yaw_rate_radps=np.append(debris.yaw_rate_radps, 0.0),
+        figures=Figures.of(bodies),
+    )
+
+
+def drift(
+    debris: DebrisState, dt_ns: int, current_ned_mps: Array, surface_down_m: Array, push: Push | None = None
+) -> DebrisState:
+    """One step later, in a current (B, 3), or (1, 3) for all, under a surface at (B,): semi-implicit Euler.
+
+    The drag is taken implicitly in its speed, u' = w |w| / (1 + |w| dt / l), so that a light body in a long step comes
+    to the current and not past it.
+    """
+    figures, dt_s = debris.figures, dt_ns * 1e-9
+    ahead = np.column_stack([np.cos(debris.yaw_rad), np.sin(debris.yaw_rad)])
+    aside = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    slip = current_ned_mps[:, :2] + figures.swim_mps[:, None] * ahead - debris.vel_ned_mps[:, :2]
+    slip_body = np.column_stack([np.vecdot(slip, ahead), np.vecdot(slip, aside)])
+    gain = np.abs(slip_body) * figures.drag_kgpm / figures.masses_kg
+    acceleration = slip_body * gain / (1.0 + gain * dt_s)
+    spin = (_eddies(debris, figures) - debris.yaw_rate_radps) / TURN_S
+    if push is not None:
+        pushed = np.column_stack([np.vecdot(push.force_ne_n, ahead), np.vecdot(push.force_ne_n, aside)])
+        acceleration += pushed / figures.masses_kg
+        spin = spin + push.moment_nm / figures.inertia_kgm2
+    vel_ned_mps = debris.vel_ned_mps.copy()
+    vel_ned_mps[:, :2] += dt_s * (acceleration[:, :1] * ahead + acceleration[:, 1:] * aside)
+    yaw_rate = debris.yaw_rate_radps + dt_s * spin
+    pos_ned_m = debris.pos_ned_m + dt_s * vel_ned_mps
+    down_m = surface_down_m + figures.middle_m
+    vel_ned_mps[:, 2] = (down_m - debris.pos_ned_m[:, 2]) / dt_s
+    pos_ned_m[:, 2] = down_m
+    return replace(
+        debris,
+        time_ns=debris.time_ns + dt_ns,
+        pos_ned_m=pos_ned_m,
+        vel_ned_mps=vel_ned_mps,
+        yaw_rad=debris.yaw_rad + dt_s * yaw_rate,
+        yaw_rate_radps=yaw_rate,
+    )
+
+
+def pushed_at(debris: DebrisState, body: NDArray[np.intp], place_ne_m: Array, force_ne_n: Array) -> Push:
+    """K forces (K, 2) at places (K, 2) on bodies (K,), summed by body."""
+    lever = place_ne_m - debris.pos_ned_m[body, :2]
+    force, moment = np.zeros((len(debris.bodies), 2)), np.zeros(len(debris.bodies))
+    np.add.at(force, body, force_ne_n)
+    np.add.at(moment, body, lever[:, 0] * force_ne_n[:, 1] - lever[:, 1] * force_ne_n[:, 0])
+    return Push(force, moment)
+
+
+def bodies_at(debris: DebrisState, time_ns: int) -> Bodies:
+    """For ray casting: moved on by their velocities from the latest step of theirs to time_ns."""
+    if not debris.bodies:
+        return NO_BODIES
+    late_s = (time_ns - debris.time_ns) * 1e-9
+    yaw_rad = debris.yaw_rad + late_s * debris.yaw_rate_radps
+    rotation = np.zeros((len(yaw_rad), 3, 3))
+    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(yaw_rad)
+    rotation[:, 1, 0] = np.sin(yaw_rad)
+    rotation[:, 0, 1] = -rotation[:, 1, 0]
+    rotation[:, 2, 2] = 1.0
+    meshes = tuple(body.mesh for body in debris.bodies)
+    return Bodies(meshes, debris.pos_ned_m + late_s * debris.vel_ned_mps, debris.vel_ned_mps, rotation)
+
+
+def _eddies(debris: DebrisState, figures: Figures) -> Array:
+    """(B,) how fast the water around each body turns."""
+    turns = debris.time_ns * 1e-9 * 2.0 * math.pi / np.array(EDDY_PERIODS_S)
+    turning: Array = np.sin(figures.phases_rad + turns) @ np.array(EDDY_RADPS)
+    return turning
+
+
+def capsules_of(debris: DebrisState) -> Capsules:
+    """The bodies in plan."""
+    axis = np.column_stack([np.cos(debris.yaw_rad), np.sin(debris.yaw_rad)]) * debris.figures.half_axis_m[:, None]
+    place = debris.pos_ned_m[:, :2]
+    return Capsules(place - axis, place + axis, debris.figures.radius_m, ("",) * len(place))
+
+
+def body_velocity(debris: DebrisState, body: Numbers, place_ne_m: Array) -> Array:
+    """(K, 2) velocity of the bodies' matter at places."""
+    lever = place_ne_m - debris.pos_ned_m[body, :2]
+    turning = debris.yaw_rate_radps[body, None] * np.column_stack([-lever[:, 1], lever[:, 0]])
+    velocity: Array = debris.vel_ned_mps[body, :2] + turning
+    return velocity

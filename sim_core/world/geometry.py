@@ -1,0 +1,343 @@
+"""Materials, triangle meshes of simple shapes and of files, and solids in closed form.
+
+A mesh is closed, in its own axes about its middle; long shapes lie along x. Faces are counter-clockwise from outside:
+(b - a) x (c - a) points out.
+
+A solid, in NED, has `meet(origin_m, direction) -> (range_m (R,), normal (R, 3))` of rays (R, 3) with unit directions in
+double precision: inf and 0 for none. A ray that starts inside meets the far side. Equations: Akenine-Moeller, Haines
+and Hoffman, Real-Time Rendering, 4th edition, 22.6 to 22.8.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy import float64, int32
+from numpy.typing import ArrayLike, NDArray
+
+from sim_core.frames import Array, enu_to_ned
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """reflectivity: diffuse, of light of 905 nm, 0 to 1. backscatter: of sound, 0 to 1 of what a rigid wall returns."""
+
+    name: str
+    reflectivity: float
+    backscatter: float
+
+
+CONCRETE = Material("concrete", 0.35, 0.8)
+STEEL = Material("steel", 0.45, 1.0)
+PLASTIC = Material("plastic", 0.5, 0.4)
+WOOD = Material("wood", 0.3, 0.3)
+LEAVES = Material("leaves", 0.5, 0.08)
+HIDE = Material("hide", 0.25, 0.2)
+EARTH = Material("earth", 0.25, 0.25)
+ROCK = Material("rock", 0.3, 0.6)
+WALL = Material("wall", 0.6, 0.8)
+BED = Material("bed", 0.1, 0.15)
+
+MATERIALS = (CONCRETE, STEEL, PLASTIC, WOOD, LEAVES, HIDE, EARTH, ROCK, WALL, BED)
+"""By number, as `Hits.material` has them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """Triangles of one material: vertices_m (V, 3), faces (F, 3) numbers of vertices, counter-clockwise from outside.
+
+    The axes are those of who holds it: NED for what stands in the river, forward, right, down for a body.
+    """
+
+    vertices_m: NDArray[float64]
+    faces: NDArray[int32]
+    material: Material
+
+
+class WorldError(Exception):
+    """One sentence: what of the world cannot be had, and what to do."""
+
+
+_BOX_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+_BOX_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ],
+    dtype=int32,
+)  # fmt: skip
+
+
+def box(size_m: tuple[float, float, float], material: Material) -> Mesh:
+    """Of size_m along x, y and z."""
+    return Mesh(_BOX_CORNERS * np.asarray(size_m), _BOX_FACES, material)
+
+
+def cylinder(radius_m: float, length_m: float, material: Material, sides: int = 16) -> Mesh:
+    """Its axis along x. Flat sides lie inside the true cylinder by up to radius (1 - cos(pi / sides))."""
+    half = length_m / 2
+    return revolved((-half, -half, half, half), (0.0, radius_m, radius_m, 0.0), material, sides)
+
+
+def cone(radius_m: float, length_m: float, material: Material, sides: int = 10) -> Mesh:
+    """Its base at x = -length / 2, its tip at x = length / 2."""
+    half = length_m / 2
+    return revolved((-half, -half, half), (0.0, radius_m, 0.0), material, sides)
+
+
+def capsule(radius_m: float, length_m: float, material: Material, sides: int = 16, rings: int = 4) -> Mesh:
+    """A cylinder with hemispheres, along x, length_m over all; rings: in each hemisphere."""
+    turn = np.linspace(0.0, math.pi / 2, rings + 1)
+    ahead = length_m / 2 - radius_m + radius_m * np.cos(turn[::-1])
+    radius = radius_m * np.sin(turn[::-1])
+    radius[-1] = 0.0
+    return revolved((*-ahead[::-1], *ahead), (*radius[::-1], *radius), material, sides)
+
+
+def sphere(radius_m: float, material: Material, sides: int = 16, rings: int = 8) -> Mesh:
+    """The corners lie on the sphere."""
+    return ellipsoid((radius_m, radius_m, radius_m), material, sides, rings)
+
+
+def ellipsoid(radii_m: tuple[float, float, float], material: Material, sides: int = 16, rings: int = 8) -> Mesh:
+    """Of radii_m along x, y and z; rings: from pole to pole along x."""
+    turn = np.linspace(0.0, math.pi, rings + 1)
+    radius = np.sin(turn)
+    radius[[0, -1]] = 0.0
+    unit = revolved(-np.cos(turn), radius, material, sides)
+    return Mesh(unit.vertices_m * np.asarray(radii_m), unit.faces, material)
+
+
+def revolved(x_m: ArrayLike, radius_m: ArrayLike, material: Material, sides: int = 16) -> Mesh:
+    """What an outline x_m (K,), growing, radius_m (K,), 0 at both ends alone, sweeps as it turns about x."""
+    ahead, radius = np.asarray(x_m, dtype=float64), np.asarray(radius_m, dtype=float64)
+    turn = 2 * math.pi * np.arange(sides) / sides
+    round_m = np.stack([np.zeros(sides), np.cos(turn), np.sin(turn)], axis=-1)
+    rings = radius[1:-1, None, None] * round_m + ahead[1:-1, None, None] * np.array([1.0, 0.0, 0.0])
+    count = len(rings) * sides
+    vertices = np.concatenate([rings.reshape(-1, 3), [[ahead[0], 0.0, 0.0], [ahead[-1], 0.0, 0.0]]])
+    here = np.arange(sides)
+    following = (here + 1) % sides
+    first = np.stack([np.full(sides, count), following, here], axis=-1)
+    end = count - sides
+    last = np.stack([np.full(sides, count + 1), end + here, end + following], axis=-1)
+    faces = [first, last]
+    for low in range(0, end, sides):
+        high = low + sides
+        faces.append(np.stack([low + here, low + following, high + here], axis=-1))
+        faces.append(np.stack([low + following, high + following, high + here], axis=-1))
+    return Mesh(vertices, np.concatenate(faces).astype(int32), material)
+
+
+def moved(mesh: Mesh, offset_m: ArrayLike, rotation: ArrayLike | None = None) -> Mesh:
+    """The mesh turned by `rotation` (3, 3), own axes to new ones, then shifted by `offset_m` (3,)."""
+    vertices = mesh.vertices_m if rotation is None else mesh.vertices_m @ np.asarray(rotation, dtype=float64).T
+    return Mesh(vertices + np.asarray(offset_m, dtype=float64), mesh.faces, mesh.material)
+
+
+def merged(meshes: Sequence[Mesh]) -> Mesh:
+    """All of them as one, of the first one's material."""
+    first = np.cumsum([0, *(len(mesh.vertices_m) for mesh in meshes)])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, first[:-1].tolist(), strict=True)]
+    vertices = np.concatenate([mesh.vertices_m for mesh in meshes])
+    return Mesh(vertices, np.concatenate(faces).astype(int32), meshes[0].material)
+
+
+def heading_matrix(heading_rad: float) -> Array:
+    """(3, 3) forward, right, down to NED for a body that is level."""
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+
+
+UPRIGHT = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+"""Turns what lies along x upright, its +x end up."""
+
+
+FORMATS = ("stl", "dae", "obj", "ply", "gltf", "glb")
+LARGEST_M = 2000.0
+"""Of what is not suspected to be in millimetres."""
+_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
+def import_mesh(
+    path: Path,
+    position_ned_m: tuple[float, float, float],
+    heading_deg: float = 0.0,
+    scale: float = 1.0,
+    up: Literal["y", "z"] = "z",
+    material: Material = CONCRETE,
+) -> tuple[Mesh, str | None]:
+    """The mesh in NED, its origin at position_ned_m; and a warning if it looks like millimetres.
+
+    Raises:
+        WorldError: no such file, another format, no triangles, or coordinates that are not numbers.
+    """
+    vertices, faces = _read(path)
+    if not len(faces):
+        raise WorldError(f"{path} has no triangles; export it again, as a mesh of triangles")
+    if not np.isfinite(vertices).all():
+        raise WorldError(f"{path} has vertices that are not numbers; repair the mesh and export it again")
+    own = scale * (vertices if up == "z" else vertices @ _Y_UP.T)
+    extent_m = float(np.ptp(own[faces].reshape(-1, 3), axis=0).max())
+    warning = None
+    if extent_m > LARGEST_M:
+        warning = f"{path} is {extent_m:.0f} m across; if it is in millimetres, give it scale: {scale / 1000:g}"
+    turned = enu_to_ned(own) @ heading_matrix(math.radians(heading_deg)).T
+    return Mesh(turned + np.array(position_ned_m), faces, material), warning
+
+
+def _read(path: Path) -> tuple[Array, NDArray[int32]]:
+    """Vertices (V, 3) and faces (F, 3), of all that the file holds."""
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in FORMATS:
+        raise WorldError(f"{path} is not of a known format; use one of {', '.join(FORMATS)}")
+    if not path.is_file():
+        raise WorldError(f"{path} does not exist; give the path of a mesh, relative to the profile")
+    try:
+        import trimesh
+    except ImportError:
+        raise WorldError("meshes need trimesh, which is not installed; pip install 'xitl[perception]'") from None
+    try:
+        # Processed, vertices that are not numbers would go, and their triangles with them, unsaid.
+        loaded = trimesh.load_scene(path, process=False).to_mesh()
+        vertices, faces = np.asarray(loaded.vertices, dtype=float64), np.asarray(loaded.faces, dtype=int32)
+    except ImportError as error:  # it tries other readers on a damaged file, too
+        raise WorldError(
+            f"{path} cannot be read as {kind}: it is damaged, or of a kind that needs more ({error}); export it again"
+        ) from error
+    except Exception as error:  # its readers raise whatever a damaged file leads them to
+        raise WorldError(f"{path} cannot be read as {kind} ({error}); export it again") from error
+    if vertices.ndim != 2 or faces.ndim != 2:
+        return np.empty((0, 3)), np.empty((0, 3), dtype=int32)
+    return vertices, faces
+
+
+Meeting: TypeAlias = tuple[Array, Array]
+_PARALLEL = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """All points x with normal . x = offset_m; normal a unit vector (3,). Met from either side."""
+
+    normal: Array
+    offset_m: float
+    material: Material
+
+    def meet(self, origin_m: Array, direction: Array) -> Meeting:
+        """See the module."""
+        toward = direction @ self.normal
+        slanted = np.abs(toward) > _PARALLEL
+        range_m = (self.offset_m - origin_m @ self.normal) / np.where(slanted, toward, 1.0)
+        return _of(np.where(slanted & (range_m >= 0.0), range_m, np.inf), np.broadcast_to(self.normal, direction.shape))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sphere:
+    """About centre_m (3,)."""
+
+    centre_m: Array
+    radius_m: float
+    material: Material
+
+    def meet(self, origin_m: Array, direction: Array) -> Meeting:
+        """See the module."""
+        relative = origin_m - self.centre_m
+        half = np.einsum("ij,ij->i", relative, direction)
+        inner = half**2 - np.einsum("ij,ij->i", relative, relative) + self.radius_m**2
+        range_m = _first(-half, inner)
+        return _of(range_m, (relative + _finite(range_m)[:, None] * direction) / self.radius_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """Of size_m (3,) along its own axes, about centre_m (3,); rotation (3, 3): own axes to NED."""
+
+    centre_m: Array
+    size_m: Array
+    rotation: Array
+    material: Material
+
+    def meet(self, origin_m: Array, direction: Array) -> Meeting:
+        """Slabs."""
+        relative, own = (origin_m - self.centre_m) @ self.rotation, direction @ self.rotation
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sides = np.stack([(-self.size_m / 2 - relative) / own, (self.size_m / 2 - relative) / own])
+        parallel = np.abs(own) <= _PARALLEL
+        outside = parallel & (np.abs(relative) > self.size_m / 2)
+        entry = np.where(parallel, np.where(outside, np.inf, -np.inf), sides.min(axis=0))
+        leave = np.where(parallel, np.where(outside, -np.inf, np.inf), sides.max(axis=0))
+        enters, leaves = entry.max(axis=1), leave.min(axis=1)
+        inside = enters < 0.0
+        hit = (enters <= leaves) & (leaves >= 0.0)
+        range_m = np.where(hit, np.where(inside, leaves, enters), np.inf)
+        axis = np.where(inside, leave.argmin(axis=1), entry.argmax(axis=1))
+        normal = np.zeros_like(own)
+        rows = np.arange(len(own))
+        normal[rows, axis] = -np.sign(own[rows, axis])
+        return _of(range_m, normal @ self.rotation.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cylinder:
+    """With flat ends, about centre_m (3,), along the unit vector axis (3,)."""
+
+    centre_m: Array
+    axis: Array
+    radius_m: float
+    length_m: float
+    material: Material
+
+    def meet(self, origin_m: Array, direction: Array) -> Meeting:
+        """The round side, and the two ends."""
+        relative = origin_m - self.centre_m
+        along, toward = relative @ self.axis, direction @ self.axis
+        across, sideways = relative - along[:, None] * self.axis, direction - toward[:, None] * self.axis
+        square = np.einsum("ij,ij->i", sideways, sideways)
+        slanted = square > _PARALLEL
+        per_square = 1.0 / np.where(slanted, square, 1.0)
+        half = np.einsum("ij,ij->i", across, sideways) * per_square
+        rest = (np.einsum("ij,ij->i", across, across) - self.radius_m**2) * per_square
+        root = np.sqrt(np.maximum(half**2 - rest, 0.0))
+        range_m, normal = np.full(len(along), np.inf), np.zeros_like(direction)
+        for candidate in (-half - root, -half + root):
+            on = slanted & (half**2 >= rest) & (candidate >= 0.0)
+            on &= np.abs(along + candidate * toward) <= self.length_m / 2
+            nearer = on & (candidate < range_m)
+            range_m = np.where(nearer, candidate, range_m)
+            side = (across + candidate[:, None] * sideways) / self.radius_m
+            normal = np.where(nearer[:, None], side, normal)
+        lengthwise = np.abs(toward) > _PARALLEL
+        for end in (-1.0, 1.0):
+            candidate = (end * self.length_m / 2 - along) / np.where(lengthwise, toward, 1.0)
+            place = across + candidate[:, None] * sideways
+            on = lengthwise & (candidate >= 0.0) & (np.einsum("ij,ij->i", place, place) <= self.radius_m**2)
+            nearer = on & (candidate < range_m)
+            range_m = np.where(nearer, candidate, range_m)
+            normal = np.where(nearer[:, None], end * self.axis, normal)
+        return _of(range_m, normal)
+
+
+Solid: TypeAlias = Plane | Sphere | Box | Cylinder
+
+
+def _first(middle: Array, inner: Array) -> Array:
+    """The lesser of middle -+ sqrt(inner) that is not behind, inf for none."""
+    root = np.sqrt(np.maximum(inner, 0.0))
+    nearest = np.where(middle - root >= 0.0, middle - root, middle + root)
+    first: Array = np.where((inner >= 0.0) & (nearest >= 0.0), nearest, np.inf)
+    return first
+
+
+def _finite(range_m: Array) -> Array:
+    finite: Array = np.where(np.isfinite(range_m), range_m, 0.0)
+    return finite
+
+
+def _of(range_m: Array, normal: Array) -> Meeting:
+    return range_m, np.where(np.isfinite(range_m)[:, None], normal, 0.0)
