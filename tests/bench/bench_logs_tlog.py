@@ -16,8 +16,7 @@ import numpy as np
 
 from tests.bench.bench_logs import RUNS, loop_s, timed
 from tests.recorded import MISSION_TLOG
-from xitl_cli.logs.formats.tlog.file import TelemetryLog
-from xitl_cli.logs.formats.tlog.index import index
+from xitl_cli.logs.formats.tlog.file import TelemetryLog, index_frames
 
 SIZE = 20_000_000
 
@@ -29,7 +28,7 @@ def large_log() -> Path:
     atexit.register(folder.cleanup)
     path = Path(folder.name) / "large.tlog"
     data = np.fromfile(MISSION_TLOG, np.uint8)
-    times = (index(data).start - 8)[:, None] + np.arange(8)
+    times = (index_frames(data).start - 8)[:, None] + np.arange(8)
     stamp_us = data[times].view(">u8")[:, 0]
     lasts_us = int(np.ptp(stamp_us)) + 1000
     with path.open("wb") as file:

@@ -112,11 +112,11 @@ def _is_telemetry(head: bytes, size: int) -> bool:
     """Two records that check out, or one and nothing else."""
     import numpy as np
 
-    from xitl_cli.logs.formats.tlog.index import index
+    from xitl_cli.logs.formats.tlog.file import index_frames
 
     if not any(magic in head for magic in (b"\xfd", b"\xfe")):
         return False
-    found = index(np.frombuffer(head, dtype=np.uint8))
+    found = index_frames(np.frombuffer(head, dtype=np.uint8))
     if len(found.start) >= 2:
         return bool(found.stamped.any())
     return len(found.start) == 1 and int(found.start[0]) == 8 and len(head) == size
@@ -140,7 +140,7 @@ def _looks_like(head: bytes) -> str:
 def _is_bare_mavlink(head: bytes) -> bool:
     import numpy as np
 
-    from xitl_cli.logs.formats.tlog.headers import headers, whole
+    from xitl_cli.logs.formats.tlog.frames import intact, parse_headers
 
     data = np.frombuffer(head, dtype=np.uint8)
-    return bool(whole(data, headers(data, np.array([0], dtype=np.int64)))[0])
+    return bool(intact(data, parse_headers(data, np.array([0], dtype=np.int64)))[0])

@@ -14,8 +14,8 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from xitl_cli.logs.formats.mcap.decoded import MOST_ELEMENTS
 from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.formats.mcap.table import MOST_ELEMENTS
 from xitl_cli.logs.table import Table
 
 _STEP = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")

@@ -18,7 +18,7 @@ from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash import index
 from xitl_cli.logs.formats.dataflash.embedded import embedded_files, files
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
-from xitl_cli.logs.formats.dataflash.heads import Bytes, Forget, Heads, find_heads
+from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Heads, find_heads
 
 BITS = {"b": 8, "B": 8, "M": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
 BITS |= {"c": 16, "C": 16, "e": 32, "E": 32, "L": 32, "a": 16}

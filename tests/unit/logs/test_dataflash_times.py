@@ -9,7 +9,7 @@ import pytest
 from dataflash_records import ITSELF, described, record
 
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
-from xitl_cli.logs.formats.dataflash.times import implausible
+from xitl_cli.logs.formats.dataflash.table import implausible
 
 SECOND_US = 1_000_000
 HOUR_US = 3600 * SECOND_US

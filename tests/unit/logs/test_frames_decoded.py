@@ -12,8 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 from telemetry import frame
 
-from xitl_cli.logs.formats.tlog.checksum import checksums
-from xitl_cli.logs.formats.tlog.frames import FrameCounts, frame_tables
+from xitl_cli.logs.formats.tlog.frames import FrameCounts, checksums, frame_tables
 
 NUMBERS = sorted(dialect.mavlink_map)
 

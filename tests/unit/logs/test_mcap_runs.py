@@ -10,9 +10,10 @@ from mcap.reader import make_reader
 from mcap_truth import is_equal, payloads_of
 from recorded_run import recorded_run
 
-from xitl_cli.logs.formats.mcap import gather, topic
+from xitl_cli.logs.formats.file_bytes import FileReader
+from xitl_cli.logs.formats.mcap import chunks
+from xitl_cli.logs.formats.mcap import table as table_module
 from xitl_cli.logs.formats.mcap.file import McapLog
-from xitl_cli.logs.formats.mcap.source import Source
 from xitl_cli.logs.summary import summary_of
 from xitl_cli.record.mcap_file import McapFile
 
@@ -122,14 +123,14 @@ def test_one_topic_does_not_cost_the_whole_file(
             number(b"\0\1\0\0" + np.float64(step).tobytes(), step)
         file.flush_if_due()
     file.close()
-    read_bytes, read = [0], Source.read
+    read_bytes, read = [0], FileReader.read
 
-    def counted(self: Source, place: int, size: int) -> bytes:
+    def counted(self: FileReader, place: int, size: int) -> bytes:
         data = read(self, place, size)
         read_bytes[0] += len(data)
         return data
 
-    monkeypatch.setattr(Source, "read", counted)
+    monkeypatch.setattr(FileReader, "read", counted)
     with McapLog(path) as log:
         assert {name: len(table) for name, table in log.tables.items()} == {"/cloud": 200, "/number": 20}
         assert log.tables["/number"].values("x").tolist() == list(range(0, 200, 10))
@@ -151,10 +152,10 @@ def test_topics_too_large_to_keep_are_read_again(run: Path, monkeypatch: pytest.
             }
 
     whole = values()
-    monkeypatch.setattr(topic, "_KEPT_BYTES", 0)
-    monkeypatch.setattr(gather, "BATCH_BYTES", 1000)
+    monkeypatch.setattr(table_module, "_KEPT_BYTES", 0)
+    monkeypatch.setattr(chunks, "BATCH_BYTES", 1000)
     with McapLog(run) as log:
         assert log.tables["/truth/state"].survey().kept is None
     assert values() == whole
-    monkeypatch.setattr(topic, "_PLAIN_BYTES", 0)
+    monkeypatch.setattr(table_module, "_PLAIN_BYTES", 0)
     assert values() == whole

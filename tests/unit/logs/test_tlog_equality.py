@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record, theirs
 
 from tests.recorded import MISSION_TLOG
-from xitl_cli.logs.formats.tlog import index as index_module
+from xitl_cli.logs.formats.tlog import file as file_module
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
 
 NUMBERS = sorted(dialect.mavlink_map)
@@ -55,7 +55,7 @@ def test_a_real_one() -> None:
 
 @pytest.mark.parametrize("block_bytes", [500, 1 << 20])
 def test_every_message_in_both_versions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block_bytes: int) -> None:
-    monkeypatch.setattr(index_module, "BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr(file_module, "BLOCK_BYTES", block_bytes)
     path = tmp_path / "flight.tlog"
     path.write_bytes(b"".join(random_log(1, 1500)))
     truth, bad = theirs(path)
@@ -70,7 +70,7 @@ def test_every_message_in_both_versions(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_damaged_one_gives_at_least_what_pymavlink_reads(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
-    monkeypatch.setattr(index_module, "BLOCK_BYTES", 4000)
+    monkeypatch.setattr(file_module, "BLOCK_BYTES", 4000)
     draw = random.Random(seed)
     records = random_log(seed, 400)
     data = bytearray(b"".join(records))
@@ -207,7 +207,7 @@ def test_any_bytes_are_read_or_counted(noise: bytes, places: list[int], seed: in
         data[place % len(data)] ^= 0xFF if number % 2 else 0x10
     middle = len(data) // 2
     data[middle:middle] = noise
-    found = index_module.index(np.frombuffer(bytes(data), dtype=np.uint8))
+    found = file_module.index_frames(np.frombuffer(bytes(data), dtype=np.uint8))
     assert (np.diff(found.start) > 0).all()
     assert found.losses.lost_bytes + found.losses.truncated_bytes <= len(data)
     assert (found.start < len(data)).all()
@@ -216,7 +216,7 @@ def test_any_bytes_are_read_or_counted(noise: bytes, places: list[int], seed: in
 @given(st.binary(max_size=2000))
 @settings(max_examples=80, deadline=None)
 def test_noise_has_no_frames(noise: bytes) -> None:
-    found = index_module.index(np.frombuffer(noise, dtype=np.uint8))
+    found = file_module.index_frames(np.frombuffer(noise, dtype=np.uint8))
     assert len(found.start) == 0
     assert found.losses.lost_bytes + found.losses.truncated_bytes == len(noise)
 
@@ -224,6 +224,6 @@ def test_noise_has_no_frames(noise: bytes) -> None:
 @pytest.mark.parametrize("byte", [b"\xfd", b"\xfe", b"\0", b"\xfe\x09"])
 def test_long_patterns_of_beginnings(byte: bytes) -> None:
     data = np.frombuffer(byte * 100_000, dtype=np.uint8)
-    found = index_module.index(data)
+    found = file_module.index_frames(data)
     assert len(found.start) == 0
     assert found.losses.lost_bytes + found.losses.truncated_bytes == len(data)

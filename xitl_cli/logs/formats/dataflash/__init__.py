@@ -1,4 +1,5 @@
-"""DataFlash logs (.bin) of ArduPilot and of the embedded autopilot, read by columns; damage is skipped, and told.
+"""DataFlash logs (.bin) of ArduPilot and of the embedded autopilot, read by columns; damage is skipped, and reported.
 
-heads (A3 95) → definitions (FMT) → chain (records) → index → file, table, rows → columns; embedded: files in a log
+definitions.py FMT, FMTU, UNIT and MULT; records.py: the chain of records; index.py: both, settled with each other
+table.py       columns and time stamps; file.py: the log
 """

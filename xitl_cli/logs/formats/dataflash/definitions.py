@@ -1,242 +1,298 @@
-"""Which FMT record holds for which rows: also where one was damaged, or a type is described anew.
+"""What a DataFlash log says of its own records: FMT gives letters and columns, FMTU, UNIT and MULT what they measure.
 
-A byte of an FMT record that is damaged must not cost the rows of its type, so what it says is held against where the
-heads of the rows are.
+Letters: ArduPilot's libraries/AP_Logger/LogStructure.h.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.dataflash.chain import Types
-from xitl_cli.logs.formats.dataflash.formats import (
-    FMT,
-    FMT_ID,
-    FMT_LENGTH,
-    HEAD_BYTES,
-    Definition,
-    parse_fmt,
-    plausible_fmt,
-)
-from xitl_cli.logs.formats.dataflash.heads import Bytes, Heads, Places
+HEAD_BYTES = 3
+FMT_ID = 0x80
+FMT_LENGTH = 89
 
-_MOST_VERSIONS = 64
-"""Descriptions of one type that differ; no log has as many."""
-_MOST_CHANGES = 16_384
-_SAMPLE = 512
-"""Heads looked at to see how long the records of a type are."""
-_ASSUMED_FROM = 3
-"""Rows of a type that no FMT describes, from which on their length is believed."""
+_SHAPES: Mapping[str, tuple[str, int]] = {
+    "a": ("<i2", 32),
+    "b": ("i1", 1),
+    "B": ("u1", 1),
+    "M": ("u1", 1),
+    "h": ("<i2", 1),
+    "H": ("<u2", 1),
+    "i": ("<i4", 1),
+    "I": ("<u4", 1),
+    "q": ("<i8", 1),
+    "Q": ("<u8", 1),
+    "g": ("<f2", 1),
+    "f": ("<f4", 1),
+    "d": ("<f8", 1),
+    "n": ("S4", 1),
+    "N": ("S16", 1),
+    "Z": ("S64", 1),
+    "c": ("<i2", 1),
+    "C": ("<u2", 1),
+    "e": ("<i4", 1),
+    "E": ("<u4", 1),
+    "L": ("<i4", 1),
+}
+_DIVISORS: Mapping[str, float] = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
+TEXT = frozenset("nNZ")
+WIDTHS: Mapping[str, int] = {letter: np.dtype(code).itemsize * count for letter, (code, count) in _SHAPES.items()}
 
-Versions = dict[int, list[Definition]]
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_]")
+_PREFIXES = {1e-1: "d", 1e-2: "c", 1e-3: "m", 1e-6: "u", 1e-9: "n", 1e3: "k"}
+_UNITS = {"deglatitude": "deg", "deglongitude": "deg", "degheading": "deg", "UNKNOWN": "", "instance": ""}
 
 
 @dataclass(frozen=True, slots=True)
-class Described:
-    """versions: by type number, each from its place on, the first also before. redefined: descriptions that differ from
-    what held before. assumed: the length of types that no FMT describes."""
+class RecordField:
+    """One column of a record. at: its first byte, counted from the record's. letter: "" when it is not known."""
 
-    versions: Versions
-    redefined: int
-    assumed: Mapping[int, int]
+    name: str
+    letter: str
+    at: int
 
-    def types(self) -> Types:
-        length = np.zeros(256, np.uint8)
-        timed = np.zeros(256, np.bool_)
-        changes = []
-        for type_id, one in self.assumed.items():
-            length[type_id] = one
-        for type_id, versions in self.versions.items():
-            length[type_id] = versions[0].length
-            timed[type_id] = all(version.begins_with_time for version in versions)
-            changes += [(version.place, type_id, version.length) for version in versions[1:]]
-        return Types(length, timed, tuple(sorted(changes)))
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        return np.dtype(_SHAPES[self.letter][0])
 
+    @property
+    def items(self) -> int:
+        return _SHAPES[self.letter][1]
 
-def likely_fmt(data: Bytes, heads: Heads, place: Places) -> Places:
-    """Those of these places of FMT records that end at a head, or that read like one."""
-    place = place[place + FMT_LENGTH <= len(data)]
-    followed = heads.are_at(place + FMT_LENGTH, len(data))
-    first = data[place + HEAD_BYTES + 2]
-    for one in np.flatnonzero(~followed & (first >= ord("A")) & (first <= ord("Z"))).tolist():
-        followed[one] = plausible_fmt(payload_at(data, int(place[one])))
-    return place[followed]
+    @property
+    def divisor(self) -> float | None:
+        return _DIVISORS.get(self.letter)
 
+    def conversion(self, measure: Measure, *, raw: bool) -> tuple[float, float]:
+        """What a stored number is divided and multiplied by: the letter's divisor, else the factor of what it measures.
 
-def payload_at(data: Bytes, place: int) -> bytes:
-    return data[place + HEAD_BYTES : place + FMT_LENGTH].tobytes()
+        A tenth, a hundredth … is divided by: that is what the decimal number rounds to.
+        """
+        if self.divisor is not None:
+            return self.divisor, 1.0
+        factor = 1.0 if raw else measure.factor
+        inverse = round(1.0 / factor) if 1e-15 < abs(factor) < 1.0 else 0
+        return (float(inverse), 1.0) if inverse and abs(factor * inverse - 1.0) < 1e-12 else (1.0, factor)
 
 
-def describe(
-    data: Bytes, heads: Heads, fmt_places: Sequence[int], unknown: Sequence[tuple[int, int, int]] = ()
-) -> Described:
-    """From the FMT records at these places. unknown: head, type number and length of records
-    in line that no FMT described."""
-    settling = _Settling(data, heads)
-    settling.take(fmt_places)
-    assumed = settling.adopt(unknown)
-    versions = settling.versions
-    return Described(versions, settling.ignored + sum(len(some) - 1 for some in versions.values()), assumed)
+@dataclass(frozen=True, slots=True)
+class RecordDefinition:
+    """A type as one FMT record at byte `place` describes it.
 
+    length: of a record with its head, as described; 0 when that cannot be. fields: the columns that can be read.
+    unread: those that cannot. why: what keeps these from being read, or all of a row when there are no fields.
+    """
 
-class _Settling:
-    def __init__(self, data: Bytes, heads: Heads) -> None:
-        self._data = data
-        self._heads = heads
-        self._heads_of: dict[int, Places] = {}
-        self.versions: Versions = {FMT_ID: [FMT]}
-        self._refused: list[Definition] = []
-        self.ignored = 0
+    place: int
+    type_id: int
+    length: int
+    name: str
+    letters: str
+    names: tuple[str, ...]
+    fields: tuple[RecordField, ...]
+    unread: tuple[str, ...] = ()
+    why: str = ""
 
-    def take(self, fmt_places: Sequence[int]) -> None:
-        for place in self._changes(np.array(fmt_places, dtype=np.int64)):
-            payload = payload_at(self._data, place)
-            new = self._sized(parse_fmt(payload, place))
-            if new.type_id == FMT_ID:
-                if new.name != FMT.name:
-                    self._refused.append(new)
-                continue
-            versions = self.versions.setdefault(new.type_id, [])
-            if not versions:
-                versions.append(new)
-            elif not versions[-1].means(new):
-                if len(versions) < _MOST_VERSIONS and self._holds(versions[-1], new):
-                    versions.append(new)
-                else:
-                    self._refused.append(new)
+    @property
+    def letters_length(self) -> int | None:
+        """Of a record with its head as the letters have it; None when a letter is not known."""
+        if any(letter not in WIDTHS for letter in self.letters):
+            return None
+        return HEAD_BYTES + sum(WIDTHS[letter] for letter in self.letters)
 
-    def _changes(self, places: Places) -> list[int]:
-        """Without those that say of a type what was said last."""
-        if not len(places):
-            return []
-        rows = np.lib.stride_tricks.sliding_window_view(self._data, FMT_LENGTH)[places, HEAD_BYTES:]
-        order = np.argsort(rows[:, 0], kind="stable")
-        new = np.ones(len(places), np.bool_)
-        new[order[1:]] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
-        changes = np.flatnonzero(new)
-        self.ignored = max(0, len(changes) - _MOST_CHANGES)
-        return [int(place) for place in places[changes[:_MOST_CHANGES]]]
+    def means(self, other: RecordDefinition) -> bool:
+        """Whether rows of both are read alike."""
+        return (self.length, self.name, self.letters, self.names) == (
+            other.length,
+            other.name,
+            other.letters,
+            other.names,
+        )
 
-    def _sized(self, new: Definition) -> Definition:
-        """With the length that its letters have, where the rows are as long as that."""
-        length = new.letters_length
-        if length is None or length in (new.length, HEAD_BYTES) or length > 255:
-            return new
-        declared = self._fit(new.type_id, new.length) if new.length > HEAD_BYTES else 0.0
-        return new.resized(length) if self._fit(new.type_id, length) > declared else new
+    def moved(self, type_id: int) -> RecordDefinition:
+        """The same of another type number: it was damaged."""
+        return replace(self, type_id=type_id)
 
-    def _holds(self, old: Definition, new: Definition) -> bool:
-        """Whether a description anew is one: rows behind it are as long as it says, rather than as they were."""
-        if new.length == old.length:
-            return True
-        return self._fit(new.type_id, new.length, new.place) >= self._fit(new.type_id, old.length, new.place)
+    def resized(self, length: int) -> RecordDefinition:
+        """The same of another length: it was damaged."""
+        return definition(self.place, self.type_id, length, self.name, self.letters, self.names)
 
-    def _fit(self, type_id: int, length: int, start: int = 0) -> float:
-        """The share of the type's heads from a place on that are that far from another."""
-        if type_id not in self._heads_of:
-            self._heads_of[type_id] = self._heads.place[self._heads.type_id == type_id]
-        place = self._heads_of[type_id]
-        place = place[np.searchsorted(place, start) :][:_SAMPLE]
-        if not len(place):
-            return 0.0
-        return float(np.count_nonzero(self._heads.are_at(place + length, len(self._data)))) / len(place)
+    @property
+    def begins_with_time(self) -> bool:
+        """Whether microseconds in 8 bytes follow its head, as in every log since 2015 or so."""
+        time = self.time
+        return time is not None and (time[0].at, time[0].letter) == (HEAD_BYTES, "Q")
 
-    def adopt(self, unknown: Sequence[tuple[int, int, int]]) -> dict[int, int]:
-        """Find which description was meant for the types that have none; the lengths of those that stay without."""
-        lengths: dict[int, Counter[int]] = {}
-        for _, type_id, length in unknown:
-            lengths.setdefault(type_id, Counter())[length] += 1
-        assumed = {}
-        for type_id, counts in sorted(lengths.items()):
-            length, times = counts.most_common(1)[0]
-            if type_id in self.versions or length <= HEAD_BYTES or length > 255:
-                continue
-            meant = self._behind_another_head(type_id, length) or self._meant_for(type_id, length)
-            if meant is not None:
-                self.versions[type_id] = [meant.moved(type_id)]
-            elif times >= _ASSUMED_FROM:
-                assumed[type_id] = length
-        return assumed
-
-    def _behind_another_head(self, type_id: int, length: int) -> Definition | None:
-        """The type number of the FMT record itself is damaged."""
-        place = self._heads.place
-        place = place[place + FMT_LENGTH <= len(self._data)]
-        likely = place[(self._data[place + 3] == type_id) & (self._data[place + 4] == length)]
-        for one in likely[:_SAMPLE].tolist():
-            payload = payload_at(self._data, one)
-            if plausible_fmt(payload):
-                return parse_fmt(payload, one)
+    @property
+    def time(self) -> tuple[RecordField, int] | None:
+        """The column that tells when a row was written, and its unit in nanoseconds."""
+        for place, field in enumerate(self.fields):
+            if field.name == "TimeUS" and field.letter in "QqIi":
+                return field, 1_000
+            old_gps = field.name == "T" and self.name in ("GPS", "GPS2")
+            if field.letter in "QqIi" and (old_gps or (field.name == "TimeMS" and place == 0)):
+                return field, 1_000_000
         return None
 
-    def _meant_for(self, type_id: int, length: int) -> Definition | None:
-        """The type number that an FMT record describes is damaged: it was described otherwise too, or no row is of it.
 
-        None also when more than one could be meant.
-        """
-        columns = self._columns_with_units()
-        several = [one for versions in self.versions.values() if len(versions) > 1 for one in versions]
-        likely = [one for one in (*self._refused, *several) if one.length == length]
-        if not likely:
-            idle = [
-                versions[0]
-                for known, versions in self.versions.items()
-                if versions[0].length == length and self._fit(known, length) == 0.0
-            ]
-            speaking = [one for one in idle if one.name == "FMTU" and self._speaks_of_types(one.moved(type_id))]
-            if speaking:
-                likely = speaking
-            elif columns:
-                likely = [one for one in idle if one.type_id not in columns and type_id in columns]
-            else:
-                likely = idle
-        likely = [one for one in likely if columns.get(type_id) in (None, len(one.letters))]
-        if len(likely) != 1:
-            return None
-        meant = likely[0]
-        if meant in self._refused:
-            self._refused.remove(meant)
+def definition(
+    place: int, type_id: int, length: int, name: str, letters: str, names: tuple[str, ...]
+) -> RecordDefinition:
+    """Raises nothing: what cannot be read is said in `why`."""
+    fields, unread, why = _fields(length, letters, names)
+    if not name:
+        name = f"type {type_id}"
+    return RecordDefinition(
+        place, type_id, length if length >= HEAD_BYTES else 0, name, letters, names, fields, unread, why
+    )
+
+
+@lru_cache(4096)  # the same ones are read again where a log is damaged
+def parse_fmt(payload: bytes, place: int) -> RecordDefinition:
+    """From the 86 bytes that follow the head of an FMT record; raises nothing."""
+    type_id, length = payload[0], payload[1]
+    name, columns = _cut(payload[2:6]), _cut(payload[22:86])
+    letters = payload[6:22].partition(b"\0")[0].decode("latin-1")
+    return definition(place, type_id, length, name, letters, tuple(columns.split(",")) if columns else ())
+
+
+def _fields(length: int, letters: str, names: tuple[str, ...]) -> tuple[tuple[RecordField, ...], tuple[str, ...], str]:
+    """Columns that can be read, names of those that cannot, and why not."""
+    if length < HEAD_BYTES:
+        return (), (), f"FMT gives it a length of {length} bytes, less than its head"
+    if not letters:
+        return (), (), "FMT gives it no columns"
+    unknown = [place for place, letter in enumerate(letters) if letter not in WIDTHS]
+    rest = length - HEAD_BYTES - sum(WIDTHS.get(letter, 0) for letter in letters)
+    if len(letters) == len(names) + 1 and rest == -WIDTHS.get(letters[-1], 0):  # what ends them is damaged
+        letters, unknown, rest = letters[:-1], [place for place in unknown if place < len(names)], 0
+    if names[:1] == ("TimeUS",) and letters[0] != "Q" and rest and rest + WIDTHS.get(letters[0], 0) == WIDTHS["Q"]:
+        letters, unknown, rest = "Q" + letters[1:], [place for place in unknown if place], 0
+    why = ""
+    first, last = len(letters), len(letters) - 1
+    if unknown:
+        why = f"FMT gives it letters that are not known: {letters!r}"
+        first, last = unknown[0], unknown[-1]
+    elif rest:
+        why = f"FMT gives it {length} bytes and letters for {length - rest}"
+        doubtful = _of_another_width(letters, rest, names)
+        if doubtful:
+            first, last = doubtful[0], doubtful[-1]
         else:
-            versions = self.versions[meant.type_id]
-            versions.remove(meant)
-            if not versions:
-                del self.versions[meant.type_id]
-        return meant
-
-    def _speaks_of_types(self, units: Definition) -> bool:
-        """Whether rows of this description of FMTU speak of types that are described."""
-        spoken = self._spoken_of(units)
-        return len(spoken) > 1 and sum(one in self.versions for one in spoken) > 0.8 * len(spoken)
-
-    def _columns_with_units(self) -> dict[int, int]:
-        """By type: of how many columns an FMTU record speaks."""
-        found: dict[int, int] = {}
-        for versions in self.versions.values():
-            if versions[0].name == "FMTU":
-                found |= self._spoken_of(versions[0])
-        return found
-
-    def _spoken_of(self, units: Definition) -> dict[int, int]:
-        types, columns = (
-            next((field for field in units.fields if (field.name, field.letter) == wanted), None)
-            for wanted in (("FmtType", "B"), ("UnitIds", "N"))
-        )
-        if types is None or columns is None:
-            return {}
-        place = self._heads.place[self._heads.type_id == units.type_id]
-        place = place[place + units.length <= len(self._data)]
-        place = place[self._heads.are_at(place + units.length, len(self._data))][:_MOST_CHANGES]
-        counts = np.count_nonzero(self._data[place[:, None] + columns.at + np.arange(16)], axis=1)
-        return dict(zip(self._data[place + types.at].tolist(), counts.tolist(), strict=True))
+            first, last = 0, len(letters) - 1
+    before = sum(WIDTHS[letter] for letter in letters[:first])
+    after = sum(WIDTHS[letter] for letter in letters[last + 1 :])
+    if HEAD_BYTES + before + after > length:
+        return (), (), why
+    fields, unread = [], []
+    at = HEAD_BYTES
+    for place, (name, letter) in enumerate(zip(_distinct(names, len(letters)), letters, strict=True)):
+        if first <= place <= last:
+            unread.append(name)
+            at = length - after
+        else:
+            fields.append(RecordField(name, letter, at))
+            at += WIDTHS[letter]
+    return tuple(fields), tuple(unread) if fields else (), why
 
 
-def in_line_lengths(heads: Heads, unknown: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """Of these heads the number, the type number and the distance to the next head."""
-    unknown = unknown[unknown + 1 < len(heads.place)]
-    gaps = heads.place[unknown + 1] - heads.place[unknown]
-    return list(zip(unknown.tolist(), heads.type_id[unknown].tolist(), gaps.tolist(), strict=True))
+def _of_another_width(letters: str, rest: int, names: tuple[str, ...]) -> list[int]:
+    """Which letters can be wrong when one is, and the right one is `rest` bytes wider."""
+    widths = set(WIDTHS.values())
+    found = [place for place, letter in enumerate(letters) if WIDTHS[letter] + rest in widths]
+    if found[:1] == [0] and letters[0] == "Q" and names[:1] == ("TimeUS",):
+        del found[0]
+    return found
+
+
+def _distinct(names: tuple[str, ...], count: int) -> list[str]:
+    """A name for each letter. Names that are missing, empty or there twice are made from their place."""
+    if len(names) != count:
+        parted = [part for name in names for part in _NOT_IN_A_NAME.split(name)]
+        names = tuple(parted) if len(parted) == count else (names[0] if names else "", *[""] * (count - 1))
+    found: list[str] = []
+    for place, name in enumerate(names, start=1):
+        if not name or name in found:
+            name = f"{name}_{place}" if name else f"column_{place}"
+        while name in found:
+            name += "_"
+        found.append(name)
+    return found
+
+
+def plausible_fmt(payload: bytes) -> bool:
+    """Whether these 86 bytes read like an FMT record: text where text belongs, letters that add up to the length."""
+    found = parse_fmt(payload, 0)
+    return (
+        _NAME.fullmatch(found.name) is not None
+        and bool(found.letters)
+        and found.letters_length == found.length
+        and len(found.names) == len(found.letters)
+    )
+
+
+def _cut(text: bytes) -> str:
+    return text.partition(b"\0")[0].decode("utf-8", "backslashreplace")
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """What a column measures. factor: from the stored number, or from what the letter makes of it, to `unit`; 1: none.
+
+    instance: whether the column tells instances apart.
+    """
+
+    unit: str = ""
+    raw_unit: str = ""
+    factor: float = 1.0
+    instance: bool = False
+
+
+NOTHING = Measure()
+
+Meaning = Callable[[RecordDefinition], Mapping[str, Measure]]
+"""What the columns of a type measure, by name."""
+
+
+def measures(
+    definition: RecordDefinition, units: str, multipliers: str, labels: Mapping[str, str], factors: Mapping[str, float]
+) -> dict[str, Measure]:
+    """By column: what FMTU's characters for it mean. labels, factors: by character, from UNIT and MULT."""
+    found = {}
+    names = _distinct(definition.names, len(definition.letters))
+    fields = {field.name: field for field in definition.fields}
+    for place, name in enumerate(names):
+        if name not in fields:
+            continue
+        character = units[place : place + 1]
+        label = "" if character in ("", "-", "?", "#") else labels.get(character, "")
+        factor = _factor(multipliers[place : place + 1], factors)
+        found[name] = _measure(fields[name], _UNITS.get(label, label), factor, character == "#")
+    return found
+
+
+def _measure(field: RecordField, unit: str, factor: float, instance: bool) -> Measure:
+    if field.letter in TEXT or field.divisor is not None or factor == 1.0:
+        return Measure(unit, unit, 1.0, instance)
+    prefix = _PREFIXES.get(factor)
+    raw_unit = "" if not unit else f"{prefix}{unit}" if prefix else f"{factor:g} {unit}"
+    if unit == "s" and factor < 1.0 and prefix and field.letter not in "fdg":
+        return Measure(raw_unit, raw_unit, 1.0, instance)
+    return Measure(unit, raw_unit, factor, instance)
+
+
+def _factor(character: str, factors: Mapping[str, float]) -> float:
+    """1: none. MULT holds single-precision numbers in double precision."""
+    factor = 1.0 if character in ("", "-", "?") else factors.get(character, 1.0)
+    if not np.isfinite(factor) or factor == 0.0:
+        return 1.0
+    return float(f"{factor:.7g}")
+
+
+FMT = definition(0, FMT_ID, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))

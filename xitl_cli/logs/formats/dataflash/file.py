@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -12,12 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.file_bytes import FileBytes
-from xitl_cli.logs.formats.dataflash.describe import meanings
-from xitl_cli.logs.formats.dataflash.index import Index, index
-from xitl_cli.logs.formats.dataflash.rows import fill
-from xitl_cli.logs.formats.dataflash.table import DataFlashTable, Part
-from xitl_cli.logs.formats.dataflash.times import Times, times_in_columns, times_in_heads
+from xitl_cli.logs.formats.dataflash.definitions import Meaning, Measure, RecordDefinition, measures
+from xitl_cli.logs.formats.dataflash.index import RecordIndex, index_records
+from xitl_cli.logs.formats.dataflash.records import Bytes
+from xitl_cli.logs.formats.dataflash.table import (
+    DataFlashTable,
+    DefinitionRows,
+    Times,
+    fill,
+    stored,
+    text,
+    times_in_columns,
+    times_in_heads,
+)
+from xitl_cli.logs.formats.file_bytes import FileBytes
 from xitl_cli.logs.log import Base, Format, Health
 
 _SEARCHES = 8
@@ -41,7 +49,7 @@ class DataFlashLog:
         self._data = self._bytes.data
         if not len(self._data):
             raise LogError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")
-        self._index: Index = index(self._data, self._forget_huge)
+        self._index: RecordIndex = index_records(self._data, self._forget_huge)
         self._looked_for = 0
         if len(self._index.found.place) <= self._index.found.losses.suspect:  # none of them is sure
             self.close()
@@ -68,7 +76,7 @@ class DataFlashLog:
 
     @cached_property
     def tables(self) -> Mapping[str, DataFlashTable]:
-        parts: dict[str, list[Part]] = {}
+        parts: dict[str, list[DefinitionRows]] = {}
         for part in self._parts:
             if part.definition.fields:
                 parts.setdefault(part.definition.name, []).append(part)
@@ -81,7 +89,7 @@ class DataFlashLog:
         )
 
     @cached_property
-    def _parts(self) -> list[Part]:
+    def _parts(self) -> list[DefinitionRows]:
         """Rows by type, each with the definition in force."""
         found = self._index.found
         parts = []
@@ -90,13 +98,13 @@ class DataFlashLog:
             if not count or not versions:
                 continue
             if len(versions) == 1:
-                parts.append(Part(versions[0], count, partial(self._find, type_id)))
+                parts.append(DefinitionRows(versions[0], count, partial(self._find, type_id)))
                 continue
             rows = self._find(type_id)
             cuts = [0, *(int(np.searchsorted(rows, version.place)) for version in versions[1:]), len(rows)]
             for version, start, stop in zip(versions, cuts, cuts[1:], strict=False):
                 if stop > start:
-                    parts.append(Part(version, stop - start, partial(np.copy, rows[start:stop])))
+                    parts.append(DefinitionRows(version, stop - start, partial(np.copy, rows[start:stop])))
         return parts
 
     def _find(self, type_id: int) -> NDArray[np.int64]:
@@ -176,3 +184,45 @@ class DataFlashLog:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+_NUMBER, _TEXT = "bBM", "nNZ"
+
+
+def meanings(data: Bytes, parts: Mapping[str, Sequence[DefinitionRows]]) -> Meaning:
+    """What the columns of a definition measure, as the last FMTU record of its type with as many columns says."""
+    labels = _by_character(data, parts.get("UNIT", ()), "Label", _TEXT)
+    factors = _by_character(data, parts.get("MULT", ()), "Mult", "dfg")
+    described: dict[int, list[tuple[str, str]]] = {}
+    for part in parts.get("FMTU", ()):
+        columns = [
+            _column(data, part, name, letters)
+            for name, letters in (("FmtType", _NUMBER), ("UnitIds", _TEXT), ("MultIds", _TEXT))
+        ]
+        for type_id, units, multipliers in zip(*(column.tolist() for column in columns), strict=False):
+            described.setdefault(type_id, []).append((units, multipliers))
+
+    def meaning(definition: RecordDefinition) -> Mapping[str, Measure]:
+        fitting = [pair for pair in described.get(definition.type_id, ()) if len(pair[0]) == len(definition.letters)]
+        units, multipliers = fitting[-1] if fitting else ("", "")
+        return measures(definition, units, multipliers, labels, factors)
+
+    return meaning
+
+
+def _by_character(data: Bytes, parts: Sequence[DefinitionRows], column: str, letters: str) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for part in parts:
+        numbers = _column(data, part, "Id", _NUMBER).tolist()
+        values = _column(data, part, column, letters).tolist()
+        found.update({chr(number & 0xFF): value for number, value in zip(numbers, values, strict=False)})
+    return found
+
+
+def _column(data: Bytes, part: DefinitionRows, name: str, letters: str) -> NDArray[Any]:
+    """Empty when there is none with such a letter."""
+    field = next((field for field in part.definition.fields if field.name == name and field.letter in letters), None)
+    if field is None:
+        return np.empty(0, np.int64)
+    values = stored(data, part.place, field)
+    return text(values) if values.dtype.kind == "S" else values

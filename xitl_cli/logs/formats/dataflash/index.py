@@ -1,27 +1,266 @@
-"""Where the records of a DataFlash log are, and what each of its types is."""
+"""Where the records of a DataFlash log are, and which FMT record describes which rows.
+
+A byte of an FMT record that is damaged must not cost the rows of its type, and a type may be described anew: what an
+FMT record says is checked against where the heads of its rows are.
+"""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.dataflash.chain import Found, chain
-from xitl_cli.logs.formats.dataflash.definitions import Described, describe, in_line_lengths, likely_fmt
-from xitl_cli.logs.formats.dataflash.formats import FMT_ID
-from xitl_cli.logs.formats.dataflash.heads import Bytes, Forget, find_heads
+from xitl_cli.logs.formats.dataflash.definitions import (
+    FMT,
+    FMT_ID,
+    FMT_LENGTH,
+    HEAD_BYTES,
+    RecordDefinition,
+    parse_fmt,
+    plausible_fmt,
+)
+from xitl_cli.logs.formats.dataflash.records import (
+    Bytes,
+    Forget,
+    FoundRecords,
+    Heads,
+    Places,
+    RecordTypes,
+    chain,
+    find_heads,
+)
+
+_MOST_VERSIONS = 64
+"""Descriptions of one type that differ; no log has as many."""
+_MOST_CHANGES = 16_384
+_SAMPLE = 512
+"""Heads looked at to see how long the records of a type are."""
+_ASSUMED_FROM = 3
+"""Rows of a type that no FMT describes, from which on their length is believed."""
+
+Versions = dict[int, list[RecordDefinition]]
+
+
+@dataclass(frozen=True, slots=True)
+class DescribedTypes:
+    """versions: by type number, each from its place on, the first also before. redefined: descriptions that differ from
+    what held before. assumed: the length of types that no FMT describes."""
+
+    versions: Versions
+    redefined: int
+    assumed: Mapping[int, int]
+
+    def types(self) -> RecordTypes:
+        length = np.zeros(256, np.uint8)
+        timed = np.zeros(256, np.bool_)
+        changes = []
+        for type_id, one in self.assumed.items():
+            length[type_id] = one
+        for type_id, versions in self.versions.items():
+            length[type_id] = versions[0].length
+            timed[type_id] = all(version.begins_with_time for version in versions)
+            changes += [(version.place, type_id, version.length) for version in versions[1:]]
+        return RecordTypes(length, timed, tuple(sorted(changes)))
+
+
+def likely_fmt(data: Bytes, heads: Heads, place: Places) -> Places:
+    """Those of these places of FMT records that end at a head, or that read like one."""
+    place = place[place + FMT_LENGTH <= len(data)]
+    followed = heads.are_at(place + FMT_LENGTH, len(data))
+    first = data[place + HEAD_BYTES + 2]
+    for one in np.flatnonzero(~followed & (first >= ord("A")) & (first <= ord("Z"))).tolist():
+        followed[one] = plausible_fmt(payload_at(data, int(place[one])))
+    return place[followed]
+
+
+def payload_at(data: Bytes, place: int) -> bytes:
+    return data[place + HEAD_BYTES : place + FMT_LENGTH].tobytes()
+
+
+def describe(
+    data: Bytes, heads: Heads, fmt_places: Sequence[int], unknown: Sequence[tuple[int, int, int]] = ()
+) -> DescribedTypes:
+    """From the FMT records at these places. unknown: head, type number and length of records
+    in line that no FMT described."""
+    settling = _DefinitionSearch(data, heads)
+    settling.add(fmt_places)
+    assumed = settling.adopt(unknown)
+    versions = settling.versions
+    return DescribedTypes(versions, settling.ignored + sum(len(some) - 1 for some in versions.values()), assumed)
+
+
+class _DefinitionSearch:
+    def __init__(self, data: Bytes, heads: Heads) -> None:
+        self._data = data
+        self._heads = heads
+        self._heads_of: dict[int, Places] = {}
+        self.versions: Versions = {FMT_ID: [FMT]}
+        self._refused: list[RecordDefinition] = []
+        self.ignored = 0
+
+    def add(self, fmt_places: Sequence[int]) -> None:
+        for place in self._changes(np.array(fmt_places, dtype=np.int64)):
+            payload = payload_at(self._data, place)
+            new = self._sized(parse_fmt(payload, place))
+            if new.type_id == FMT_ID:
+                if new.name != FMT.name:
+                    self._refused.append(new)
+                continue
+            versions = self.versions.setdefault(new.type_id, [])
+            if not versions:
+                versions.append(new)
+            elif not versions[-1].means(new):
+                if len(versions) < _MOST_VERSIONS and self._holds(versions[-1], new):
+                    versions.append(new)
+                else:
+                    self._refused.append(new)
+
+    def _changes(self, places: Places) -> list[int]:
+        """Without those that say of a type what was said last."""
+        if not len(places):
+            return []
+        rows = np.lib.stride_tricks.sliding_window_view(self._data, FMT_LENGTH)[places, HEAD_BYTES:]
+        order = np.argsort(rows[:, 0], kind="stable")
+        new = np.ones(len(places), np.bool_)
+        new[order[1:]] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
+        changes = np.flatnonzero(new)
+        self.ignored = max(0, len(changes) - _MOST_CHANGES)
+        return [int(place) for place in places[changes[:_MOST_CHANGES]]]
+
+    def _sized(self, new: RecordDefinition) -> RecordDefinition:
+        """With the length that its letters have, where the rows are as long as that."""
+        length = new.letters_length
+        if length is None or length in (new.length, HEAD_BYTES) or length > 255:
+            return new
+        declared = self._fit(new.type_id, new.length) if new.length > HEAD_BYTES else 0.0
+        return new.resized(length) if self._fit(new.type_id, length) > declared else new
+
+    def _holds(self, old: RecordDefinition, new: RecordDefinition) -> bool:
+        """Whether a description anew is one: rows behind it are as long as it says, rather than as they were."""
+        if new.length == old.length:
+            return True
+        return self._fit(new.type_id, new.length, new.place) >= self._fit(new.type_id, old.length, new.place)
+
+    def _fit(self, type_id: int, length: int, start: int = 0) -> float:
+        """The share of the type's heads from a place on that are that far from another."""
+        if type_id not in self._heads_of:
+            self._heads_of[type_id] = self._heads.place[self._heads.type_id == type_id]
+        place = self._heads_of[type_id]
+        place = place[np.searchsorted(place, start) :][:_SAMPLE]
+        if not len(place):
+            return 0.0
+        return float(np.count_nonzero(self._heads.are_at(place + length, len(self._data)))) / len(place)
+
+    def adopt(self, unknown: Sequence[tuple[int, int, int]]) -> dict[int, int]:
+        """Find which description was meant for the types that have none; the lengths of those that stay without."""
+        lengths: dict[int, Counter[int]] = {}
+        for _, type_id, length in unknown:
+            lengths.setdefault(type_id, Counter())[length] += 1
+        assumed = {}
+        for type_id, counts in sorted(lengths.items()):
+            length, times = counts.most_common(1)[0]
+            if type_id in self.versions or length <= HEAD_BYTES or length > 255:
+                continue
+            meant = self._behind_another_head(type_id, length) or self._meant_for(type_id, length)
+            if meant is not None:
+                self.versions[type_id] = [meant.moved(type_id)]
+            elif times >= _ASSUMED_FROM:
+                assumed[type_id] = length
+        return assumed
+
+    def _behind_another_head(self, type_id: int, length: int) -> RecordDefinition | None:
+        """The type number of the FMT record itself is damaged."""
+        place = self._heads.place
+        place = place[place + FMT_LENGTH <= len(self._data)]
+        likely = place[(self._data[place + 3] == type_id) & (self._data[place + 4] == length)]
+        for one in likely[:_SAMPLE].tolist():
+            payload = payload_at(self._data, one)
+            if plausible_fmt(payload):
+                return parse_fmt(payload, one)
+        return None
+
+    def _meant_for(self, type_id: int, length: int) -> RecordDefinition | None:
+        """The type number that an FMT record describes is damaged: it was described otherwise too, or no row is of it.
+
+        None also when more than one could be meant.
+        """
+        columns = self._columns_with_units()
+        several = [one for versions in self.versions.values() if len(versions) > 1 for one in versions]
+        likely = [one for one in (*self._refused, *several) if one.length == length]
+        if not likely:
+            idle = [
+                versions[0]
+                for known, versions in self.versions.items()
+                if versions[0].length == length and self._fit(known, length) == 0.0
+            ]
+            speaking = [one for one in idle if one.name == "FMTU" and self._speaks_of_types(one.moved(type_id))]
+            if speaking:
+                likely = speaking
+            elif columns:
+                likely = [one for one in idle if one.type_id not in columns and type_id in columns]
+            else:
+                likely = idle
+        likely = [one for one in likely if columns.get(type_id) in (None, len(one.letters))]
+        if len(likely) != 1:
+            return None
+        meant = likely[0]
+        if meant in self._refused:
+            self._refused.remove(meant)
+        else:
+            versions = self.versions[meant.type_id]
+            versions.remove(meant)
+            if not versions:
+                del self.versions[meant.type_id]
+        return meant
+
+    def _speaks_of_types(self, units: RecordDefinition) -> bool:
+        """Whether rows of this description of FMTU speak of types that are described."""
+        spoken = self._spoken_of(units)
+        return len(spoken) > 1 and sum(one in self.versions for one in spoken) > 0.8 * len(spoken)
+
+    def _columns_with_units(self) -> dict[int, int]:
+        """By type: of how many columns an FMTU record speaks."""
+        found: dict[int, int] = {}
+        for versions in self.versions.values():
+            if versions[0].name == "FMTU":
+                found |= self._spoken_of(versions[0])
+        return found
+
+    def _spoken_of(self, units: RecordDefinition) -> dict[int, int]:
+        types, columns = (
+            next((field for field in units.fields if (field.name, field.letter) == wanted), None)
+            for wanted in (("FmtType", "B"), ("UnitIds", "N"))
+        )
+        if types is None or columns is None:
+            return {}
+        place = self._heads.place[self._heads.type_id == units.type_id]
+        place = place[place + units.length <= len(self._data)]
+        place = place[self._heads.are_at(place + units.length, len(self._data))][:_MOST_CHANGES]
+        counts = np.count_nonzero(self._data[place[:, None] + columns.at + np.arange(16)], axis=1)
+        return dict(zip(self._data[place + types.at].tolist(), counts.tolist(), strict=True))
+
+
+def in_line_lengths(heads: Heads, unknown: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+    """Of these heads the number, the type number and the distance to the next head."""
+    unknown = unknown[unknown + 1 < len(heads.place)]
+    gaps = heads.place[unknown + 1] - heads.place[unknown]
+    return list(zip(unknown.tolist(), heads.type_id[unknown].tolist(), gaps.tolist(), strict=True))
+
 
 _PASSES = 4
 """Damage to what describes the types takes one more for each that is found in the light of the last."""
 
 
 @dataclass(frozen=True, slots=True)
-class Index:
-    found: Found
-    described: Described
+class RecordIndex:
+    found: FoundRecords
+    described: DescribedTypes
 
 
-def index(data: Bytes, forget: Forget) -> Index:
+def index_records(data: Bytes, forget: Forget) -> RecordIndex:
     """Of a log of any content. `forget` is told what was read and is not needed at once."""
     heads = find_heads(data, forget)
     places = likely_fmt(data, heads, heads.place[heads.type_id == FMT_ID]).tolist()
@@ -37,4 +276,4 @@ def index(data: Bytes, forget: Forget) -> Index:
         places, unknown = again, more
         described = describe(data, heads, places, unknown)
         found = chain(data, heads, described.types())
-    return Index(found, described)
+    return RecordIndex(found, described)

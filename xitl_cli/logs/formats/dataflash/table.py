@@ -1,28 +1,349 @@
-"""All records of one name."""
+"""The rows of a DataFlash log by name of record: their columns, and when they were written.
+
+One column is read by a strided view on the file, many by whole rows that are then taken apart.
+
+DataFlash has no checksum: a damaged time reads like any other, and one bit of it would stretch a run to years. In the
+order of the file time only grows, but for pauses and restarts, which are far from what is before or from what is after
+them. A row that is far from both, and on the same side, has a time that cannot be; so has the first or last row when it
+is very far. It is stamped as the row before it, as rows without a time are, and counted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.dataflash.describe import Meaning
-from xitl_cli.logs.formats.dataflash.formats import NOTHING, TEXT, Definition, Field, Measure
-from xitl_cli.logs.formats.dataflash.heads import Bytes, Places
-from xitl_cli.logs.formats.dataflash.rows import Wanted, fill, shown, stored, wanted
-from xitl_cli.logs.formats.dataflash.times import Times, stamps_ns
-from xitl_cli.logs.table import ALL, Column, Kind, Rows
+from xitl_cli.logs.formats.dataflash.definitions import (
+    HEAD_BYTES,
+    NOTHING,
+    TEXT,
+    Meaning,
+    Measure,
+    RecordDefinition,
+    RecordField,
+)
+from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Places, u64_at
+from xitl_cli.logs.table import ALL, Column, Kind, Rows, steps_back
+
+FAR_NS = 10_000_000_000
+VERY_FAR_NS = 3_600_000_000_000
+_AROUND = 16
+"""Rows before and after a row against which it is held."""
+_BLOCK_ROWS = 1 << 16
+"""Rows whose time is looked at in one go: what they take of the file stays in the processor's cache."""
+_DOUBTFUL_ROWS = 1 << 16
+_LATEST_NS = np.iinfo(np.int64).max
+
+Stamps = NDArray[np.int64]
+Block = tuple[Places, Bytes]
+"""(n,) places, rising, and types of rows that tell their time."""
 
 
-class Part:
+class TimedTable(Protocol):
+    """A table of which every row tells its time."""
+
+    @property
+    def place(self) -> Places: ...
+
+    def told_ns(self) -> Stamps: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Survey:
+    span_ns: tuple[int, int] | None
+    back_in_time: int
+    jumps: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Mended:
+    """Rows with a time that cannot be, by place, and the stamp that they get."""
+
+    place: Places
+    stamp_ns: Stamps
+
+
+class Times:
+    """blocks: the rows that tell their time, in the order of the file. told_ns: what those at these places tell."""
+
+    def __init__(self, blocks: Callable[[], Iterator[Block]], told_ns: Callable[[Places], Stamps]) -> None:
+        self._blocks = blocks
+        self._told_ns = told_ns
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        return self._whole[0].span_ns
+
+    @property
+    def back_in_time(self) -> int:
+        """Rows stamped earlier than the one before of their type."""
+        return self._whole[0].back_in_time
+
+    @property
+    def replaced(self) -> int:
+        """Rows with a time that cannot be."""
+        return len(self._whole[1].place)
+
+    def last_before(self, place: Places) -> Stamps:
+        """Of the last row before each place that tells its time; 0 at the log's start."""
+        found = np.zeros(len(place), np.int64)
+        for places, _ in self._blocks():
+            at = np.searchsorted(places, place) - 1
+            behind = np.flatnonzero(at >= 0)
+            before = places[at[behind]]
+            found[behind] = self.mended(before, self._told_ns(before))
+        return found
+
+    def mended(self, place: Places, told_ns: Stamps) -> Stamps:
+        """What rows at these places tell, but for those that cannot be."""
+        return _mended(self._whole[1], place, told_ns)
+
+    @cached_property
+    def _whole(self) -> tuple[_Survey, _Mended]:
+        nothing = _Mended(np.empty(0, np.int64), np.empty(0, np.int64))
+        found = self._survey(nothing)
+        if not found.jumps:
+            return found, nothing
+        places = [place for place, _ in self._blocks()]
+        stamp_ns = np.concatenate([self._told_ns(place) for place in places])
+        wrong = implausible(stamp_ns)
+        if not len(wrong):
+            return found, nothing
+        right = np.ones(len(stamp_ns), np.bool_)
+        right[wrong] = False
+        trusted = np.flatnonzero(right)
+        before = np.maximum(np.searchsorted(trusted, wrong) - 1, 0)
+        mended = _Mended(np.concatenate(places)[wrong], stamp_ns[trusted[before]])
+        return self._survey(mended), mended
+
+    def _survey(self, mended: _Mended) -> _Survey:
+        lowest, highest, back, jumps = [], [], 0, False
+        last_of = np.full(256, -1)
+        last: int | None = None
+        for place, type_id in self._blocks():
+            if not len(place):
+                continue
+            stamps = _mended(mended, place, self._told_ns(place))
+            lowest.append(int(stamps.min()))
+            highest.append(int(stamps.max()))
+            jumps |= last is not None and abs(int(stamps[0]) - last) > FAR_NS
+            last = int(stamps[-1])
+            if len(stamps) > 1:
+                steps = np.diff(stamps)
+                jumps |= int(steps.max()) > FAR_NS or int(steps.min()) < -FAR_NS
+            back += _back_in_time(stamps, type_id, last_of)
+        return _Survey((min(lowest), max(highest)) if lowest else None, back, jumps)
+
+
+def times_in_heads(data: Bytes, place: Places, type_id: Bytes, timed: NDArray[np.bool_]) -> Times:
+    """Of a log whose timed records all begin with their time in microseconds: nothing else of it is read.
+
+    timed: (256,) whether records of a type do.
+    """
+
+    def blocks() -> Iterator[Block]:
+        for at in range(0, len(place), _BLOCK_ROWS):
+            some = type_id[at : at + _BLOCK_ROWS]
+            rows = np.flatnonzero(timed[some])
+            yield place[at : at + _BLOCK_ROWS][rows], some[rows]
+
+    return Times(blocks, lambda places: stamps_ns(u64_at(data, places + HEAD_BYTES), 1_000))
+
+
+def times_in_columns(tables: Sequence[TimedTable]) -> Times:
+    """Of any other log. At most 256 tables."""
+    place = np.concatenate([np.empty(0, np.int64), *(table.place for table in tables)])
+    order = np.argsort(place, kind="stable")
+    place = place[order]
+    stamp_ns = np.concatenate([np.empty(0, np.int64), *(table.told_ns() for table in tables)])[order]
+    number = np.repeat(np.arange(len(tables), dtype=np.uint8), [len(table.place) for table in tables])[order]
+    return Times(lambda: iter([(place, number)]), lambda places: stamp_ns[np.searchsorted(place, places)])
+
+
+def _back_in_time(stamps: Stamps, type_id: Bytes, last_of: Stamps) -> int:
+    """Rows earlier than the one before of their type. last_of: (256,) by type the row before these; kept up."""
+    if int(stamps[0]) >= int(last_of.max()) and not steps_back(stamps):
+        last_of[type_id] = stamps  # of several of a type the last
+        return 0
+    order = np.argsort(type_id, kind="stable")
+    stamps, type_id = stamps[order], type_id[order]
+    first = np.flatnonzero(np.concatenate(([True], type_id[1:] != type_id[:-1])))
+    earlier = np.concatenate(([0], stamps[:-1]))
+    earlier[first] = last_of[type_id[first]]
+    final = np.concatenate((first[1:] - 1, [len(stamps) - 1]))
+    last_of[type_id[final]] = stamps[final]
+    return int(np.count_nonzero(stamps < earlier))
+
+
+def stamps_ns(counted: NDArray[np.integer], unit_ns: int) -> Stamps:
+    """From counts of a unit since boot; one that is too large, or negative, becomes the nearest that there can be."""
+    return np.asarray(np.clip(counted, 0, _LATEST_NS // unit_ns).astype(np.int64) * unit_ns)
+
+
+def implausible(stamp_ns: Stamps) -> NDArray[np.intp]:
+    """Which of the rows, in the order of the file, have a time that cannot be. Stamps are not negative."""
+    jumps = np.flatnonzero(np.abs(np.diff(stamp_ns)) > FAR_NS)
+    doubtful = np.unique(np.concatenate((jumps, jumps + 1)))
+    found = [np.empty(0, np.intp)]
+    for at in range(0, len(doubtful), _DOUBTFUL_ROWS):
+        rows = doubtful[at : at + _DOUBTFUL_ROWS]
+        before, after = (_away(stamp_ns, rows, side) for side in (-1, 1))
+        both = (np.minimum(before, after) > FAR_NS) | (np.maximum(before, after) < -FAR_NS)
+        alone = np.abs(np.where(np.isnan(before), after, before)) > VERY_FAR_NS
+        found.append(rows[np.where(np.isnan(before) | np.isnan(after), alone, both)])
+    return np.concatenate(found)
+
+
+def _away(stamp_ns: Stamps, rows: NDArray[np.intp], side: int) -> NDArray[np.float64]:
+    """How far each row is from the median of those on one side of it; NaN where there are none."""
+    around = rows[:, None] + side * np.arange(1, _AROUND + 1)
+    there = (around >= 0) & (around < len(stamp_ns))
+    values = np.where(there, stamp_ns[np.where(there, around, 0)], _LATEST_NS)
+    values.sort(axis=1)
+    count = there.sum(axis=1)
+    median = values[np.arange(len(rows)), np.maximum(count - 1, 0) // 2]
+    return np.where(count > 0, (stamp_ns[rows] - median).astype(np.float64), np.nan)
+
+
+def _mended(mended: _Mended, place: Places, told_ns: Stamps) -> Stamps:
+    if not len(mended.place) or not len(place):
+        return told_ns
+    at = np.minimum(np.searchsorted(mended.place, place), len(mended.place) - 1)
+    return np.where(mended.place[at] == place, mended.stamp_ns[at], told_ns)
+
+
+_WINDOW = 8 << 20
+"""Bytes of the file whose rows of all types are taken before the next: they stay in the processor's cache."""
+_ROWS_AT_ONCE = 16_384
+"""Rows taken at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnJob:
+    """Rows at these places, each of `length` bytes; of each field, what to divide and multiply by, and where it goes.
+
+    A field that is neither divided nor multiplied goes to an array of its own kind, else to one of float64.
+    layout: of a row, its columns named by their number.
+    """
+
+    place: Places
+    length: int
+    fields: Sequence[tuple[RecordField, float, float, NDArray[Any]]]
+    layout: np.dtype[np.void]
+
+
+def stored(data: Bytes, place: Places, field: RecordField) -> NDArray[Any]:
+    """(n,) or (n, items) of a field as it is in the file."""
+    shape = (len(place), field.items) if field.items > 1 else (len(place),)
+    width = field.dtype.itemsize * field.items
+    if not len(place):
+        return np.empty(shape, field.dtype)
+    found: NDArray[Any] = _every(data, width)[place + field.at].view(field.dtype).reshape(shape)
+    return found
+
+
+def column_job(place: Places, length: int, fields: Sequence[tuple[RecordField, float, float]]) -> ColumnJob:
+    """With an array for each of these fields, divided and multiplied by the two numbers behind it."""
+    count, listed = len(place), []
+    for field, divisor, multiplier in fields:
+        plain = divisor == multiplier == 1.0
+        shape = (count, field.items) if field.items > 1 else (count,)
+        listed.append((field, divisor, multiplier, np.empty(shape, field.dtype if plain else np.float64)))
+    layout = np.dtype(
+        {
+            "names": [str(number) for number in range(len(fields))],
+            "formats": [(field.dtype, field.items) if field.items > 1 else field.dtype for field, *_ in fields],
+            "offsets": [field.at for field, *_ in fields],
+            "itemsize": length,
+        }
+    )
+    return ColumnJob(place, length, listed, layout)
+
+
+def fill(data: Bytes, many: Sequence[ColumnJob], forget: Forget | None = None) -> None:
+    """Fill the arrays of all. `forget` is told what was read.
+
+    One thread: what Python does between the copies would hold up a second.
+    """
+    edges = np.arange(0, len(data) + _WINDOW, _WINDOW)
+    if len(many) == 1:  # rows of one type are so far apart that no window helps
+        edges = np.array([0, len(data)])
+    cuts = [np.searchsorted(one.place, edges).tolist() for one in many]
+
+    for at in range(len(edges) - 1):
+        for one, cut in zip(many, cuts, strict=True):
+            for start in range(cut[at], cut[at + 1], _ROWS_AT_ONCE):
+                _fill_rows(data, one, start, min(start + _ROWS_AT_ONCE, cut[at + 1]))
+        if forget is not None:
+            forget(int(edges[at]), int(edges[at + 1]))
+
+
+def _fill_rows(data: Bytes, one: ColumnJob, start: int, stop: int) -> None:
+    table = _every(data, one.length)[one.place[start:stop]].view(one.layout)
+    for number, (_, divisor, multiplier, out) in enumerate(one.fields):
+        column = table[str(number)]
+        if divisor != 1.0:
+            np.divide(column, divisor, out=out[start:stop])
+        elif multiplier != 1.0:
+            np.multiply(column, multiplier, out=out[start:stop])
+        else:
+            out[start:stop] = column
+
+
+def _every(data: Bytes, width: int) -> NDArray[np.void]:
+    """As many bytes from every place of the file on."""
+    return np.ndarray((len(data) - width + 1,), f"V{width}", data, strides=(1,))
+
+
+def shown(values: NDArray[Any], column: Column) -> NDArray[Any]:
+    """Text as str, bytes as objects; numbers unchanged."""
+    if column.kind == "number":
+        return values
+    return text(values) if column.kind == "text" else _objects(values)
+
+
+def text(values: NDArray[np.bytes_]) -> NDArray[np.str_]:
+    """Cut at the first NUL. Bytes that are no UTF-8 are read as ISO-8859-1."""
+    count, width = len(values), values.dtype.itemsize
+    if not count:
+        return np.empty(0, "U1")
+    characters = np.ascontiguousarray(values).view(np.uint8).reshape(count, width)
+    ended = np.logical_or.accumulate(characters == 0, axis=1)
+    foreign = np.flatnonzero((characters >= 0x80).any(axis=1))
+    longest = max(int(width - ended.sum(axis=1).min()), 1)
+    plain = np.where(ended | (characters >= 0x80), 0, characters)[:, :longest]
+    found = np.ascontiguousarray(plain, dtype=np.uint8).view(f"S{longest}").ravel().astype(f"U{longest}")
+    for row in foreign.tolist():
+        found[row] = _decoded(characters[row].tobytes())
+    return found
+
+
+def _decoded(whole: bytes) -> str:
+    try:
+        found = whole.decode()
+    except UnicodeDecodeError:
+        found = whole.decode("latin-1")
+    return found.partition("\0")[0]
+
+
+def _objects(values: NDArray[Any]) -> NDArray[np.object_]:
+    width = values.dtype.itemsize
+    whole = np.ascontiguousarray(values).tobytes()
+    found = np.empty(len(values), object)
+    found[:] = [whole[at : at + width] for at in range(0, len(whole), width)]
+    return found
+
+
+class DefinitionRows:
     """Rows that one definition describes; their places are looked for when they are needed."""
 
-    def __init__(self, definition: Definition, count: int, find: Callable[[], Places]) -> None:
+    def __init__(self, definition: RecordDefinition, count: int, find: Callable[[], Places]) -> None:
         self.definition = definition
         self._count = count
         self._find = find
@@ -36,11 +357,11 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class _Sense:
+class _TypedRows:
     """A part with what its columns are."""
 
-    part: Part
-    columns: Mapping[str, tuple[Field, Measure, Column]]
+    part: DefinitionRows
+    columns: Mapping[str, tuple[RecordField, Measure, Column]]
 
 
 class DataFlashTable:
@@ -54,13 +375,13 @@ class DataFlashTable:
         self,
         name: str,
         data: Bytes,
-        parts: Sequence[Part],
+        parts: Sequence[DefinitionRows],
         meaning: Meaning,
         times: Callable[[], Times],
     ) -> None:
         self._name = name
         self._data = data
-        self._parts = [_Sense(part, _columns(name, part.definition, meaning)) for part in parts]
+        self._parts = [_TypedRows(part, _columns(name, part.definition, meaning)) for part in parts]
         self._times = times
 
     @property
@@ -123,12 +444,12 @@ class DataFlashTable:
         """Whether rows say themselves when they were written."""
         return all(sense.part.definition.time is not None for sense in self._parts)
 
-    def _stamps(self, part: Part, place: Places) -> NDArray[np.int64]:
+    def _stamps(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
         if part.definition.time is None:
             return self._times().last_before(place)
         return self._times().mended(place, self._told(part, place))
 
-    def _told(self, part: Part, place: Places) -> NDArray[np.int64]:
+    def _told(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
         assert part.definition.time is not None
         field, unit_ns = part.definition.time
         return stamps_ns(stored(self._data, place, field), unit_ns)
@@ -140,7 +461,7 @@ class DataFlashTable:
         whole = [self._values(sense, sense.part.place, known, raw=raw) for sense in self._parts]
         return np.concatenate(whole)[self._order][rows]
 
-    def _values(self, sense: _Sense, place: Places, known: Column, *, raw: bool) -> NDArray[Any]:
+    def _values(self, sense: _TypedRows, place: Places, known: Column, *, raw: bool) -> NDArray[Any]:
         field, measure, column = sense.columns.get(known.name, (None, NOTHING, known))
         if field is None or (column.kind, column.shape) != (known.kind, known.shape):
             return _missing(known, len(place))
@@ -158,10 +479,10 @@ class DataFlashTable:
         fill(self._data, jobs)
         return self.filled(jobs)
 
-    def jobs(self, *, raw: bool = False) -> list[Wanted]:
+    def jobs(self, *, raw: bool = False) -> list[ColumnJob]:
         """All there is to read, one a part; `filled` gives the columns of them."""
         return [
-            wanted(
+            column_job(
                 sense.part.place,
                 sense.part.definition.length,
                 [(field, *field.conversion(measure, raw=raw)) for field, measure, _ in sense.columns.values()],
@@ -169,10 +490,10 @@ class DataFlashTable:
             for sense in self._parts
         ]
 
-    def filled(self, jobs: Sequence[Wanted]) -> dict[str, NDArray[Any]]:
+    def filled(self, jobs: Sequence[ColumnJob]) -> dict[str, NDArray[Any]]:
         return {name: self._joined(known, jobs) for name, known in self.columns.items()}
 
-    def _joined(self, known: Column, jobs: Sequence[Wanted]) -> NDArray[Any]:
+    def _joined(self, known: Column, jobs: Sequence[ColumnJob]) -> NDArray[Any]:
         found = []
         for sense, job in zip(self._parts, jobs, strict=True):
             values = next((values for field, _, _, values in job.fields if field.name == known.name), None)
@@ -184,7 +505,9 @@ class DataFlashTable:
         return found[0] if self._order is None else np.concatenate(found)[self._order]
 
 
-def _columns(name: str, definition: Definition, meaning: Meaning) -> dict[str, tuple[Field, Measure, Column]]:
+def _columns(
+    name: str, definition: RecordDefinition, meaning: Meaning
+) -> dict[str, tuple[RecordField, Measure, Column]]:
     measures = meaning(definition)
     found = {}
     for field in definition.fields:

@@ -7,14 +7,381 @@ ends too early, or claims a length that it does not have, is left out.
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap.cdr_definition import Node, Number, Struct, Text, Time, definition
-from xitl_cli.logs.formats.mcap.cdr_leaves import Blob, Count, Instant, Numbers, Place, Scalar, String, even, gathered
-from xitl_cli.logs.formats.mcap.cdr_sizes import advanced, fixed
-from xitl_cli.logs.formats.mcap.decoded import MOST_ELEMENTS, MOST_LEAVES, Leaf, Part, UndecodableError
-from xitl_cli.logs.formats.mcap.gather import Batch
+from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.formats.mcap.table import (
+    MOST_ELEMENTS,
+    MOST_LEAVES,
+    DecodedBatch,
+    Leaf,
+    RowNumbers,
+    UndecodableError,
+)
+from xitl_cli.logs.table import Kind
+
+_SIZES = {
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
+}
+_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+_MOST_TEXT = 1 << 20
+_DEEPEST = 16
+_FIELD = re.compile(r"([A-Za-z][\w/]*(?:<=[0-9]+)?(?:\[(?:<=)?[0-9]*\])?)\s+([A-Za-z]\w*)")
+_NAME = re.compile(r"[A-Za-z]\w*(?:/[A-Za-z]\w*){0,2}")
+
+
+@dataclass(frozen=True, slots=True)
+class CdrNumber:
+    """code: of numpy, without the order of bytes. octet: a uint8 or byte, whose sequences are blobs."""
+
+    code: str
+    size: int
+    octet: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CdrText:
+    """wide: wstring."""
+
+    wide: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CdrTime:
+    """int32 seconds, uint32 nanoseconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class CdrStruct:
+    fields: tuple[tuple[str, CdrNode], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CdrArray:
+    """count None: a sequence, its length in front."""
+
+    element: CdrNode
+    count: int | None
+
+
+CdrNode = CdrNumber | CdrText | CdrTime | CdrStruct | CdrArray
+
+
+def definition(name: str, text: bytes) -> CdrStruct:
+    """Of a `ros2msg` schema. Raises UndecodableError when it does not say how messages look."""
+    if len(text) > _MOST_TEXT:
+        raise UndecodableError("its definition is too long")
+    types: dict[str, Any] = {}
+    from rosbags.typesys import get_types_from_msg
+
+    for full_name, fields in _pieces(name, text.decode("utf-8", "replace")):
+        try:
+            types |= get_types_from_msg(fields, full_name)
+        except Exception as error:  # what a parser of others raises on garbage cannot be listed
+            raise UndecodableError("its definition cannot be read") from error
+    root = _tree(_normal(name), types, {}, 0)
+    if not isinstance(root, CdrStruct):
+        root = CdrStruct((("sec", _number("int32")), ("nanosec", _number("uint32"))))
+    return root
+
+
+def _pieces(name: str, text: str) -> list[tuple[str, str]]:
+    """Each message of the definition: its name, and its fields without comments, constants and defaults."""
+    pieces: list[tuple[str, str]] = []
+    for part in re.split(r"^={3,}[ \t\r]*$", text, flags=re.MULTILINE):
+        fields = []
+        for line in part.splitlines():
+            bare = line.strip()
+            if bare.startswith("MSG:"):
+                name = bare[4:].strip()
+            elif bare and not bare.startswith("#"):
+                match = _FIELD.match(bare)
+                if match is None:
+                    raise UndecodableError("its definition cannot be read")
+                if not bare[match.end() :].lstrip().startswith("="):
+                    fields.append(f"{match[1]} {match[2]}\n")
+        if _NAME.fullmatch(name) is None:
+            raise UndecodableError("its definition cannot be read")
+        pieces.append((name, "".join(fields)))
+    return pieces
+
+
+def _normal(name: str) -> str:
+    """package/Type and package/msg/Type are the same."""
+    parts = name.split("/")
+    return "/".join((parts[0], "msg", parts[-1])) if len(parts) == 2 else name
+
+
+def _tree(name: str, types: dict[str, Any], known: dict[str, CdrNode], depth: int) -> CdrNode:
+    if name in _TIMES:
+        return CdrTime()
+    if name in known:
+        return known[name]
+    if name.rsplit("/", 1)[-1] == "wstring":
+        return CdrText(wide=True)
+    if name not in types:
+        raise UndecodableError(f"its definition lacks {name[:80]}")
+    if depth > _DEEPEST:
+        raise UndecodableError("its definition is nested too deep")
+    fields = tuple((field, _node(kind, types, known, depth + 1)) for field, kind in types[name][1])
+    known[name] = CdrStruct(fields)
+    return known[name]
+
+
+def _node(described: Any, types: dict[str, Any], known: dict[str, CdrNode], depth: int) -> CdrNode:
+    kind, rest = described[0].name, described[1]
+    if kind == "BASE":
+        return CdrText() if rest[0] == "string" else _number(rest[0])
+    if kind == "NAME":
+        return _tree(rest, types, known, depth)
+    return CdrArray(_node(rest[0], types, known, depth), rest[1] if kind == "ARRAY" else None)
+
+
+def _number(name: str) -> CdrNumber:
+    code = _SIZES.get(name)
+    if code is None:
+        raise UndecodableError(f"its definition uses {name}")
+    return CdrNumber(code, int(code[1]), name in ("byte", "uint8"))
+
+
+_HEADER = 4
+_COARSEST = 8
+_MOST_DEPTH_STEPS = 10_000
+
+
+def fixed(node: CdrNode) -> bool:
+    """Whether the size is the same in every message."""
+    if isinstance(node, CdrStruct):
+        return all(fixed(child) for _, child in node.fields)
+    if isinstance(node, CdrArray):
+        return node.count is not None and fixed(node.element)
+    return not isinstance(node, CdrText)
+
+
+def advanced(node: CdrNode, place: int | NDArray[np.int64], count: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
+    """Where `count` fixed elements from `place` on end; counts below 2^32."""
+    places, counts = np.broadcast_arrays(np.asarray(place, dtype=np.int64), np.asarray(count, dtype=np.int64))
+    ends = places.copy()
+    step = np.array([_end(node, rest) - rest for rest in range(_COARSEST)], dtype=np.int64)
+    bit = 1
+    while (counts >= bit).any():
+        chosen = (counts & bit) != 0
+        ends = np.where(chosen, ends + step[(ends - _HEADER) % _COARSEST], ends)
+        step = step + step[(np.arange(_COARSEST) + step) % _COARSEST]
+        bit <<= 1
+    return int(ends) if ends.ndim == 0 else ends
+
+
+def _end(node: CdrNode, at: int) -> int:
+    """Where one element ends that begins at `at`, counted from behind the header."""
+    if isinstance(node, CdrNumber):
+        return at + -at % node.size + node.size
+    if isinstance(node, CdrTime):
+        return at + -at % 4 + 8
+    if isinstance(node, CdrStruct):
+        for _, child in node.fields:
+            at = _end(child, at)
+        return at if node.fields else at + 1
+    assert isinstance(node, CdrArray)
+    assert node.count is not None
+    if isinstance(node.element, CdrNumber):
+        return at + -at % node.element.size + node.count * node.element.size if node.count else at
+    return int(advanced(node.element, at + _HEADER, node.count)) - _HEADER
+
+
+Place = int | NDArray[np.int64]
+"""In a message, from its begin: one for all messages, or (n,)."""
+
+_KNOWN_TEXTS = 10_000
+
+
+def gathered(
+    data: bytes, start: NDArray[np.int64], stride: int | None, place: Place, dtype: np.dtype[Any], count: int | None
+) -> NDArray[Any]:
+    """(n,) or (n, count) values at `place` in messages beginning at `start`; all must be inside of `data`.
+
+    stride: from message to message, None when it differs.
+    """
+    inner, strides = ((), ()) if count is None else ((count,), (dtype.itemsize,))
+    if not len(start) or count == 0:
+        return np.zeros((len(start), *inner), dtype=dtype)
+    if stride is not None and isinstance(place, int):
+        offset = int(start[0]) + place
+        return np.ndarray((len(start), *inner), dtype, data, offset, (stride, *strides)).copy()
+    span = dtype.itemsize * (1 if count is None else count)
+    view = np.ndarray((len(data) - span + 1, *inner), dtype, data, 0, (1, *strides))
+    return view[start + place]  # type: ignore[no-any-return]
+
+
+def of_rows(place: Place, rows: RowNumbers) -> Place:
+    return place if isinstance(place, int) else place[rows]
+
+
+def even(start: NDArray[np.int64]) -> int | None:
+    """The distance from message to message when it is always the same."""
+    if len(start) < 2:
+        return 0 if len(start) else None
+    steps = np.diff(start)
+    return int(steps[0]) if (steps == steps[0]).all() else None
+
+
+class CdrLeaf(Leaf):
+    """What begins at `place` in each message of a batch."""
+
+    def __init__(self, batch: PayloadBatch, place: Place) -> None:
+        self.batch = batch
+        self.place = place
+
+    def read(self, rows: RowNumbers, dtype: np.dtype[Any], count: int | None = None) -> NDArray[Any]:
+        start = self.batch.start[rows]
+        values = gathered(self.batch.data, start, even(start), of_rows(self.place, rows), dtype, count)
+        return values.astype(dtype.newbyteorder("="), copy=False)
+
+    def slices(self, rows: RowNumbers, count: Place, size: int) -> list[bytes]:
+        """`count` times `size` bytes of each message."""
+        begin = self.batch.start[rows] + of_rows(self.place, rows)
+        end = begin + np.asarray(of_rows(count, rows)) * size
+        data = self.batch.data
+        return [data[first:last] for first, last in zip(begin.tolist(), end.tolist(), strict=True)]
+
+
+class NumberLeaf(CdrLeaf):
+    """A number."""
+
+    def __init__(self, batch: PayloadBatch, place: Place, stored: np.dtype[Any]) -> None:
+        super().__init__(batch, place)
+        self.stored = stored
+        self.dtype = stored.newbyteorder("=")
+
+    def take(self, rows: RowNumbers) -> NDArray[Any]:
+        return self.read(rows, self.stored)
+
+
+class InstantLeaf(CdrLeaf):
+    """Seconds and nanoseconds as nanoseconds."""
+
+    unit = "ns"
+    dtype = np.dtype(np.int64)
+
+    def __init__(self, batch: PayloadBatch, place: Place, order: str) -> None:
+        super().__init__(batch, place)
+        self.stored = np.dtype([("sec", order + "i4"), ("nanosec", order + "u4")])
+
+    def take(self, rows: RowNumbers) -> NDArray[Any]:
+        values = self.read(rows, self.stored)
+        stamp_ns: NDArray[np.int64] = values["sec"].astype(np.int64) * 1_000_000_000 + values["nanosec"]
+        return stamp_ns
+
+
+class CountLeaf(Leaf):
+    """How many elements an array has."""
+
+    dtype = np.dtype(np.int64)
+
+    def __init__(self, count: Place) -> None:
+        self._count = count
+
+    def take(self, rows: RowNumbers) -> NDArray[Any]:
+        return np.broadcast_to(np.asarray(of_rows(self._count, rows), dtype=np.int64), (len(rows),)).copy()
+
+
+class ArrayLeaf(CdrLeaf):
+    """An array of `count` numbers. good: the messages that count for its extent, once all have been read."""
+
+    def __init__(
+        self, batch: PayloadBatch, place: Place, count: Place, stored: np.dtype[Any], good: NDArray[np.bool_]
+    ) -> None:
+        super().__init__(batch, place)
+        self._count = count
+        self._good = good
+        self.stored = stored
+        self.dtype = stored.newbyteorder("=")
+
+    @property
+    def lengths(self) -> tuple[int, int] | None:  # type: ignore[override]
+        count = self._count
+        if isinstance(count, int):
+            return count, count
+        return int(count[self._good].min()), int(count[self._good].max())
+
+    def take(self, rows: RowNumbers) -> list[Any]:
+        return list(self.packed(rows))
+
+    def arrays(self, rows: RowNumbers, width: int) -> NDArray[Any]:
+        counts = np.broadcast_to(np.asarray(of_rows(self._count, rows)), (len(rows),))
+        if (counts == width).all():
+            return self.read(rows, self.stored, width)
+        padded = np.full((len(rows), width), np.nan)
+        for count in np.unique(counts).tolist():
+            mine = np.flatnonzero(counts == count)
+            padded[mine, :count] = self.read(rows[mine], self.stored, count)
+        return padded
+
+    def packed(self, rows: RowNumbers) -> list[bytes]:
+        return self.slices(rows, self._count, self.stored.itemsize)
+
+
+class BytesLeaf(CdrLeaf):
+    """A sequence of `count` octets."""
+
+    kind: Kind = "bytes"
+    dtype = np.dtype(object)
+
+    def __init__(self, batch: PayloadBatch, place: Place, count: Place) -> None:
+        super().__init__(batch, place)
+        self._count = count
+
+    def take(self, rows: RowNumbers) -> list[Any]:
+        return list(self.slices(rows, self._count, 1))
+
+
+class TextLeaf(CdrLeaf):
+    """`count` bytes with a NUL at their end, or characters of `wide` bytes each, in this order of bytes, without."""
+
+    kind: Kind = "text"
+    dtype = np.dtype(np.str_)
+
+    def __init__(self, batch: PayloadBatch, place: Place, count: Place, wide: int, order: str) -> None:
+        super().__init__(batch, place)
+        self._count = count
+        self._wide = wide
+        self._order = order
+
+    def take(self, rows: RowNumbers) -> list[Any]:
+        known: dict[bytes, str] = {}
+        texts = []
+        for stored in self.slices(rows, self._count, self._wide or 1):
+            text = known.get(stored)
+            if text is None:
+                text = self._decoded(stored)
+                if len(known) < _KNOWN_TEXTS:
+                    known[stored] = text
+            texts.append(text)
+        return texts
+
+    def _decoded(self, stored: bytes) -> str:
+        if not self._wide:
+            return stored[:-1].decode("utf-8", "replace")
+        units = np.frombuffer(stored, dtype=f"{self._order}u{self._wide}").astype("<u2")
+        return units.tobytes().decode("utf-16-le", "replace")
+
 
 HEADER = 4
 """Bytes before the first field; places in a message are aligned from behind them."""
@@ -27,10 +394,10 @@ _MOST_LOOPS = 4096
 class CdrDecoder:
     """Of a `ros2msg` schema. Raises UndecodableError when it cannot be read.
 
-    Fields of messages inside of messages are named "pose.pose.position.x". A Time or Duration is one column, int64 ns.
-    Numbers in arrays: (N, k), or padded with NaN where their number differs from row to row. Octet sequences are bytes.
-    Arrays of messages or texts: a column "transforms.length", and "transforms[0].child_frame_id" for the first of the
-    elements that every row has. bool is 0 or 1, char an uint8 as ROS 2 has it.
+    Fields of messages inside of messages are named "pose.pose.position.x". A Time or Duration is one column, int64
+    ns. Numbers in arrays: (N, k), or padded with NaN where their number differs from row to row. Octet sequences are
+    bytes. Arrays of messages or texts: a column "transforms.length", and "transforms[0].child_frame_id" for the first
+    of the elements that every row has. bool is 0 or 1, char an uint8 as ROS 2 has it.
     """
 
     open_ended = False
@@ -39,7 +406,7 @@ class CdrDecoder:
         self._root = definition(name, text)
         self._wide = 0
 
-    def decode(self, batch: Batch, wanted: str | None) -> Part:
+    def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
         """All fields in either case: one that is not asked for costs next to nothing."""
         good = batch.size >= HEADER
         kinds = np.frombuffer(batch.data, dtype=np.uint8)[batch.start[good] + 1]
@@ -47,16 +414,16 @@ class CdrDecoder:
         if not known.any():
             if len(kinds):
                 raise UndecodableError("its messages are in a later form of CDR")
-            return Part(good, {})
+            return DecodedBatch(good, {})
         kind = int(np.argmax(known))
         good[good] = kinds == kind
         reading = _Reading(batch, good, _ORDERS[kind], self._wide)
         try:
             reading.walk(self._root, "", True, True)
         except _NoneLeftError:
-            return Part(np.zeros(len(batch), dtype=np.bool_), {})
+            return DecodedBatch(np.zeros(len(batch), dtype=np.bool_), {})
         self._wide = reading.wide
-        return Part(reading.good, reading.leaves)
+        return DecodedBatch(reading.good, reading.leaves)
 
 
 class _NoneLeftError(Exception):
@@ -66,7 +433,7 @@ class _NoneLeftError(Exception):
 class _Reading:
     """good: the messages to read, and in the end those that could be read."""
 
-    def __init__(self, batch: Batch, good: NDArray[np.bool_], order: str, wide: int) -> None:
+    def __init__(self, batch: PayloadBatch, good: NDArray[np.bool_], order: str, wide: int) -> None:
         self.batch = batch
         self.order = order
         self.wide = wide
@@ -82,40 +449,40 @@ class _Reading:
         if not good.all():
             self._drop(~good)
 
-    def walk(self, node: Node, name: str, emit: bool, last: bool) -> None:
+    def walk(self, node: CdrNode, name: str, emit: bool, last: bool) -> None:
         """Take a node's bytes off all messages. last: nothing follows, so where it ends does not matter."""
         self._steps += 1
         if self._steps > _MOST_STEPS:
             raise UndecodableError("its messages are too intricate")
         emit = emit and len(self.leaves) < MOST_LEAVES
-        if isinstance(node, Number):
+        if isinstance(node, CdrNumber):
             dtype = np.dtype(self.order + node.code)
             self._take(node.size, node.size)
             if emit:
-                self.leaves[name] = Scalar(self.batch, self._taken, dtype)
-        elif isinstance(node, Time):
+                self.leaves[name] = NumberLeaf(self.batch, self._taken, dtype)
+        elif isinstance(node, CdrTime):
             self._take(4, 8)
             if emit:
-                self.leaves[name] = Instant(self.batch, self._taken, self.order)
-        elif isinstance(node, Struct):
+                self.leaves[name] = InstantLeaf(self.batch, self._taken, self.order)
+        elif isinstance(node, CdrStruct):
             if not node.fields:  # has an unnamed octet instead
                 self._take(1, 1)
             for number, (field, child) in enumerate(node.fields):
                 self.walk(child, f"{name}.{field}" if name else field, emit, last and number == len(node.fields) - 1)
-        elif isinstance(node, Text):
+        elif isinstance(node, CdrText):
             self._text(node, name, emit)
-        elif isinstance(node.element, Number):
+        elif isinstance(node.element, CdrNumber):
             self._numbers(node.element, node.count, name, emit)
         else:
             self._elements(node.element, node.count, name, emit, last)
 
-    def _text(self, node: Text, name: str, emit: bool) -> None:
+    def _text(self, node: CdrText, name: str, emit: bool) -> None:
         count = self._length()
         if node.wide and not self.wide:
             self.wide = self._width(count)
         count = self._take_many(1, count, self.wide if node.wide else 1)
         if emit:
-            self.leaves[name] = String(self.batch, self._taken, count, self.wide if node.wide else 0, self.order)
+            self.leaves[name] = TextLeaf(self.batch, self._taken, count, self.wide if node.wide else 0, self.order)
 
     def _width(self, count: Place) -> int:
         """Bytes of a wide character: some write 4, some 2, and only a text of two or more tells."""
@@ -130,23 +497,25 @@ class _Reading:
             return 4 if (np.frombuffer(data, dtype=f"{self.order}u4") < 1 << 16).all() else 2
         return 0 if np.all(counts == 0) else 4
 
-    def _numbers(self, element: Number, count: int | None, name: str, emit: bool) -> None:
+    def _numbers(self, element: CdrNumber, count: int | None, name: str, emit: bool) -> None:
         counts = self._length() if count is None else count
         counts = self._take_many(element.size, counts, element.size)
         if not emit:
             return
         if element.octet and count is None:
-            self.leaves[name] = Blob(self.batch, self._taken, counts)
+            self.leaves[name] = BytesLeaf(self.batch, self._taken, counts)
         else:
-            self.leaves[name] = Numbers(self.batch, self._taken, counts, np.dtype(self.order + element.code), self.good)
+            self.leaves[name] = ArrayLeaf(
+                self.batch, self._taken, counts, np.dtype(self.order + element.code), self.good
+            )
 
-    def _elements(self, element: Node, count: int | None, name: str, emit: bool, last: bool) -> None:
+    def _elements(self, element: CdrNode, count: int | None, name: str, emit: bool, last: bool) -> None:
         counts = self._length() if count is None else count
         before = self._cursor
         counts = self._take_many(1, counts, 1)  # an element has an octet at least
         self._cursor = self._patched(before)
         if emit and count is None:
-            self.leaves[f"{name}.length"] = Count(counts)
+            self.leaves[f"{name}.length"] = CountLeaf(counts)
         shared = int(np.min(counts if isinstance(counts, int) else counts[self.good]))
         shown = min(shared, MOST_ELEMENTS) if emit else 0
         for number in range(shown):
@@ -160,7 +529,7 @@ class _Reading:
         else:
             self._loop(element, left)
 
-    def _loop(self, element: Node, left: Place) -> None:
+    def _loop(self, element: CdrNode, left: Place) -> None:
         if isinstance(left, int):
             left = np.full(len(self._start), left, dtype=np.int64)
         if (left > _MOST_LOOPS).any():

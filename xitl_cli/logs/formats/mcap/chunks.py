@@ -1,20 +1,234 @@
-"""What chunks hold: unpacked, checked and kept for a while."""
+"""Chunks: unpacked to no more than they claim, taken apart to messages, kept for a while; payloads by topic."""
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap import content, records
-from xitl_cli.logs.formats.mcap.content import Content, Rows
-from xitl_cli.logs.formats.mcap.index import Chunk, Index, Tally
-from xitl_cli.logs.formats.mcap.records import MalformedError
-from xitl_cli.logs.formats.mcap.source import Source
-from xitl_cli.logs.formats.mcap.unpack import unpack
+from xitl_cli.logs.formats.file_bytes import FileReader
+from xitl_cli.logs.formats.mcap import records
+from xitl_cli.logs.formats.mcap.index import Chunk, RecordingIndex, RecordingLosses
+from xitl_cli.logs.formats.mcap.records import ChannelRecord, ChunkHead, MalformedError, SchemaRecord
+
+_PIECE = 1 << 16
+
+
+def unpack(data: bytes, compression: str, size: int) -> tuple[bytes, str]:
+    """At most `size` bytes, and why they are not all: "" when they are. What came before damage is kept."""
+    if compression == "":
+        return data[:size], "" if len(data) == size else f"a chunk of {size} bytes has {len(data)}"
+    if compression == "lz4":
+        unpacked, whole = _lz4(data, size)
+    elif compression == "zstd":
+        unpacked, whole = _zstd(data, size)
+    else:
+        return b"", f"a chunk is packed with {compression[:32]!r}, which cannot be unpacked"
+    if whole and len(unpacked) == size:
+        return unpacked, ""
+    return unpacked, f"a chunk of {size} bytes cannot be unpacked beyond {len(unpacked)}"
+
+
+def _lz4(data: bytes, size: int) -> tuple[bytes, bool]:
+    import lz4.frame  # type: ignore[import-untyped]
+
+    try:  # at once when it is whole
+        decompressor = lz4.frame.LZ4FrameDecompressor()
+        unpacked = decompressor.decompress(data, max_length=size)
+        if decompressor.eof or len(unpacked) == size:
+            return unpacked, True
+    except (RuntimeError, EOFError, ValueError):
+        pass
+    decompressor, parts, left = lz4.frame.LZ4FrameDecompressor(), [], size
+    try:
+        for at in range(0, len(data), _PIECE):
+            part = decompressor.decompress(data[at : at + _PIECE], max_length=left)
+            parts.append(part)
+            left -= len(part)
+            if decompressor.eof or left <= 0:
+                break
+    except (RuntimeError, EOFError, ValueError):
+        pass
+    return b"".join(parts), False
+
+
+def _zstd(data: bytes, size: int) -> tuple[bytes, bool]:
+    import zstandard
+
+    parts, left = list[bytes](), size
+    try:
+        reader = zstandard.ZstdDecompressor(max_window_size=1 << 30).stream_reader(io.BytesIO(data))
+        while left > 0:
+            part = reader.read(min(left, 1 << 20))
+            if not part:
+                return b"".join(parts), True
+            parts.append(part)
+            left -= len(part)
+    except (zstandard.ZstdError, MemoryError):
+        return b"".join(parts), False
+    return b"".join(parts), True
+
+
+MESSAGE_OVERHEAD = records.MESSAGE_HEAD.size
+_IN_CHUNKS = (records.SCHEMA, records.CHANNEL, records.MESSAGE)
+_ROWS_AT_ONCE = 100_000
+_LATEST_NS = np.uint64(2**63 - 1)
+_HEAD = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MessageRows:
+    """Messages of a chunk: channel, position of the payload, its size, log time; each (n,), in the chunk's order."""
+
+    channel: NDArray[np.uint16]
+    offset: NDArray[np.int64]
+    size: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+
+    def of(self, channel: int) -> MessageRows:
+        mine = self.channel == channel
+        return MessageRows(self.channel[mine], self.offset[mine], self.size[mine], self.stamp_ns[mine])
+
+
+@dataclass(slots=True)
+class ChunkContent:
+    """All there is in a chunk. lost: offset and size of what is no record; cut: bytes of an unfinished last one."""
+
+    rows: MessageRows
+    schemas: list[SchemaRecord] = field(default_factory=list)
+    channels: list[ChannelRecord] = field(default_factory=list)
+    lost: list[tuple[int, int]] = field(default_factory=list)
+    cut: int = 0
+
+
+Fits = Callable[[int, int], bool]
+"""Whether a message of this channel and log time can be there."""
+
+
+def stamps(times: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """Log times, the latest that 64 bits with a sign can hold for those beyond."""
+    return np.minimum(times, _LATEST_NS).astype(np.int64)
+
+
+def at_offsets(data: bytes, offsets: NDArray[np.int64]) -> tuple[MessageRows, NDArray[np.bool_]]:
+    """The messages whose records begin at `offsets`, and which of them are messages at all."""
+    last = len(data) - MESSAGE_OVERHEAD
+    inside = (offsets >= 0) & (offsets <= last)
+    if last < 0 or not len(offsets):
+        none = np.zeros(len(offsets), dtype=np.int64)
+        return MessageRows(none.astype(np.uint16), none, none, none), inside
+    heads = np.ndarray((last + 1,), dtype=_HEAD, buffer=data, strides=(1,))[np.where(inside, offsets, 0)]
+    length = heads["length"]
+    room = (len(data) - 9 - offsets).clip(0).astype(np.uint64)
+    whole = inside & (heads["opcode"] == records.MESSAGE) & (length >= 22) & (length <= room)
+    size = np.where(whole, length - np.uint64(22), np.uint64(0)).astype(np.int64)
+    return MessageRows(heads["channel"], offsets + MESSAGE_OVERHEAD, size, stamps(heads["log"])), whole
+
+
+def by_index(data: bytes, offsets: NDArray[np.int64]) -> ChunkContent | None:
+    """Everything in the chunk when its message indexes name all its messages; None when they do not."""
+    offsets = np.unique(offsets)
+    rows, whole = at_offsets(data, offsets)
+    if not whole.all():
+        return None
+    ends = rows.offset + rows.size
+    begins = np.append(offsets, len(data))
+    free = np.append(0, ends)
+    if np.any(free > begins):
+        return None
+    content = ChunkContent(rows)
+    for gap in np.flatnonzero(free < begins).tolist():
+        between = scan(data, int(free[gap]), int(begins[gap]), None)
+        if len(between.rows.size) or between.lost or between.cut:
+            return None
+        content.schemas += between.schemas
+        content.channels += between.channels
+    return content
+
+
+def scan(data: bytes, begin: int, end: int, fits: Fits | None, *, loose: bool = False) -> ChunkContent:
+    """Record after record. fits: what a message must be like to go on with after damage; None: do not go on.
+
+    loose: end at records that do not belong into a chunk.
+    """
+    found, blocks = list[tuple[int, int, int, int]](), list[NDArray[np.uint64]]()
+    content = ChunkContent(_rows(blocks))
+    head, message = records.HEAD.unpack_from, records.MESSAGE_HEAD.unpack_from
+    at = begin
+    while end - at >= 9:
+        opcode, length = head(data, at)
+        stop = at + 9 + length
+        if opcode == records.MESSAGE and length >= 22 and stop <= end:
+            _, _, channel, _, stamp_ns, _ = message(data, at)
+            found.append((channel, at + MESSAGE_OVERHEAD, length - 22, stamp_ns))
+            at = stop
+            if len(found) >= _ROWS_AT_ONCE:
+                blocks.append(np.array(found, dtype=np.uint64))
+                found.clear()
+        elif opcode and stop <= end and (opcode in _IN_CHUNKS or not loose) and _readable(opcode, length):
+            try:
+                if opcode == records.SCHEMA:
+                    content.schemas.append(SchemaRecord.parse(data[at + 9 : stop]))
+                elif opcode == records.CHANNEL:
+                    content.channels.append(ChannelRecord.parse(data[at + 9 : stop]))
+            except MalformedError:
+                content.lost.append((at, stop - at))
+            at = stop
+        else:
+            following = None if fits is None else _next_message(data, at + 1, end, fits)
+            if following is None:
+                break
+            content.lost.append((at, following - at))
+            at = following
+    content.cut = end - at
+    if found:
+        blocks.append(np.array(found, dtype=np.uint64))
+    content.rows = _rows(blocks)
+    return content
+
+
+def _readable(opcode: int, length: int) -> bool:
+    return opcode != records.MESSAGE or length >= 22
+
+
+def _rows(blocks: list[NDArray[np.uint64]]) -> MessageRows:
+    table = np.concatenate(blocks) if blocks else np.zeros((0, 4), dtype=np.uint64)
+    return MessageRows(
+        table[:, 0].astype(np.uint16), table[:, 1].astype(np.int64), table[:, 2].astype(np.int64), stamps(table[:, 3])
+    )
+
+
+def _next_message(data: bytes, begin: int, end: int, fits: Fits) -> int | None:
+    """Where the next message begins that is followed by another record, or by the end."""
+    block = 1 << 20
+    while begin <= end - MESSAGE_OVERHEAD:
+        upto = min(begin + block, end - MESSAGE_OVERHEAD + 1)
+        heads = np.ndarray((upto - begin,), dtype=_HEAD, buffer=data, offset=begin, strides=(1,))
+        for at in (np.flatnonzero(heads["opcode"] == records.MESSAGE) + begin).tolist():
+            _, length, channel, _, stamp_ns, _ = records.MESSAGE_HEAD.unpack_from(data, at)
+            stop = at + 9 + length
+            if length >= 22 and stop <= end and fits(channel, stamp_ns) and _begins(data, stop, end):
+                return int(at)
+        begin = upto
+    return None
+
+
+def _begins(data: bytes, at: int, end: int) -> bool:
+    if at == end:
+        return True
+    if end - at < 9:
+        return False
+    opcode, length = records.HEAD.unpack_from(data, at)
+    return opcode in (records.SCHEMA, records.CHANNEL, records.MESSAGE) and at + 9 + length <= end
+
 
 _KEPT_BYTES = 48 << 20
 _KEPT_ROWS = 4_000_000
@@ -24,7 +238,7 @@ _FEW_BYTES = 4096
 class Chunks:
     """Reads chunks of `index`; what it finds damaged goes to `tally`, once."""
 
-    def __init__(self, source: Source, index: Index, tally: Tally) -> None:
+    def __init__(self, source: FileReader, index: RecordingIndex, tally: RecordingLosses) -> None:
         self._source = source
         self._index = index
         self._tally = tally
@@ -57,11 +271,11 @@ class Chunks:
         self._keep(chunk, data)
         return data
 
-    def content(self, chunk: Chunk, offsets: NDArray[np.int64] | None) -> Content:
+    def content(self, chunk: Chunk, offsets: NDArray[np.int64] | None) -> ChunkContent:
         """Everything in a chunk, looked for with the help of `offsets`, where its message indexes say messages are."""
         data = self.unpacked(chunk)
         if offsets is not None and self._sound.get(chunk.place, True):
-            found = content.by_index(data, offsets)
+            found = by_index(data, offsets)
             if found is not None:
                 return found
         found = self._scanned(chunk, data)
@@ -71,7 +285,7 @@ class Chunks:
         chunk.index_places = b""
         return found
 
-    def rows(self, chunk: Chunk, channel: int) -> Rows | None:
+    def rows(self, chunk: Chunk, channel: int) -> MessageRows | None:
         """The messages of one channel in a chunk, positions in `unpacked`; None when it certainly has none."""
         if chunk.refused or (chunk.holds is not None and channel not in chunk.holds):
             return None
@@ -82,14 +296,14 @@ class Chunks:
             offsets = self._offsets(chunk, channel, places)
             data = self.unpacked(chunk)
             if offsets is not None and self._sound.get(chunk.place, True):
-                rows, whole = content.at_offsets(data, offsets)
+                rows, whole = at_offsets(data, offsets)
                 if whole.all() and (rows.channel == channel).all():
                     return rows
                 self._tally.note(chunk.place, 0, "a message index names places where no such message is")
         rows = self.content(chunk, None).rows if chunk.rows is None else chunk.rows
         return rows.of(channel)
 
-    def lone_payloads(self, chunk: Chunk, channel: int) -> tuple[Rows, list[bytes]] | None:
+    def lone_payloads(self, chunk: Chunk, channel: int) -> tuple[MessageRows, list[bytes]] | None:
         """Messages of a channel read one by one, when that saves reading most of a chunk; None otherwise."""
         if chunk.compression or chunk.loose or chunk.rows is not None or chunk.place in self._kept or chunk.headless:
             return None
@@ -101,31 +315,31 @@ class Chunks:
         for offset in offsets.tolist():
             room = chunk.data_size - offset
             record = self._source.read(chunk.data_place + offset, min(_FEW_BYTES, room)) if 0 <= offset < room else b""
-            if len(record) < content.MESSAGE_OVERHEAD:
+            if len(record) < MESSAGE_OVERHEAD:
                 return None
             opcode, length, number, _, stamp_ns, _ = records.MESSAGE_HEAD.unpack_from(record)
             if opcode != records.MESSAGE or number != channel or not 22 <= length <= room - 9:
                 return None
             if 9 + length > len(record):
                 record += self._source.read(chunk.data_place + offset + len(record), 9 + length - len(record))
-            payload = record[content.MESSAGE_OVERHEAD : 9 + length]
+            payload = record[MESSAGE_OVERHEAD : 9 + length]
             sizes.append(len(payload))
             stamps.append(min(stamp_ns, 2**63 - 1))
             payloads.append(payload)
-        rows = Rows(
+        rows = MessageRows(
             np.full(len(sizes), channel, dtype=np.uint16),
-            offsets + content.MESSAGE_OVERHEAD,
+            offsets + MESSAGE_OVERHEAD,
             np.array(sizes, dtype=np.int64),
             np.array(stamps, dtype=np.int64),
         )
         return rows, payloads
 
-    def _scanned(self, chunk: Chunk, data: bytes) -> Content:
+    def _scanned(self, chunk: Chunk, data: bytes) -> ChunkContent:
         if chunk.loose:
             known = self._index.channels
-            found = content.scan(data, 0, len(data), lambda channel, _: channel in known)
+            found = scan(data, 0, len(data), lambda channel, _: channel in known)
         else:
-            found = content.scan(data, 0, len(data), lambda _, stamp_ns: chunk.start_ns <= stamp_ns <= chunk.end_ns)
+            found = scan(data, 0, len(data), lambda _, stamp_ns: chunk.start_ns <= stamp_ns <= chunk.end_ns)
         if chunk.place not in self._scanned_places:
             self._scanned_places.add(chunk.place)
             for offset, lost in found.lost:
@@ -145,7 +359,7 @@ class Chunks:
 
     def _checksum_holds(self, chunk: Chunk, before: bytes, data: bytes) -> bool:
         try:
-            crc = records.chunk_head(before, chunk.data_place - chunk.place - 9 + chunk.data_size).crc
+            crc = ChunkHead.parse(before, chunk.data_place - chunk.place - 9 + chunk.data_size).crc
         except MalformedError:
             return False
         return crc == 0 or chunk.place in self._sound or zlib.crc32(data) == crc
@@ -174,4 +388,82 @@ def message_index(record: bytes, channel: int) -> NDArray[np.int64] | None:
     ):
         return None
     pairs = np.frombuffer(record, dtype="<u8", offset=15, count=size // 8).reshape(-1, 2)
-    return np.unique(content.stamps(pairs[:, 1]))
+    return np.unique(stamps(pairs[:, 1]))
+
+
+BATCH_BYTES = 16 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class PayloadBatch:
+    """Payload i is data[start[i] : start[i] + size[i]]. place: of its record in the file, were nothing packed."""
+
+    data: bytes
+    start: NDArray[np.int64]
+    size: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+    place: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def payload(self, row: int) -> bytes:
+        begin = int(self.start[row])
+        return self.data[begin : begin + int(self.size[row])]
+
+    def rows(self, kept: NDArray[np.bool_]) -> PayloadBatch:
+        """Some of them, the payloads where they are."""
+        return PayloadBatch(self.data, self.start[kept], self.size[kept], self.stamp_ns[kept], self.place[kept])
+
+
+def batches(chunks: Chunks, where: Sequence[Chunk], channels: Sequence[int]) -> Iterator[PayloadBatch]:
+    """All messages of the channels in the order of the file; a batch ends behind BATCH_BYTES, at the end of a chunk."""
+    payloads, sizes, stamps, places = list[bytes | memoryview](), list[_I64](), list[_I64](), list[_I64]()
+    held = 0
+    for chunk in where:
+        for size, stamp_ns, place, data in _of_chunk(chunks, chunk, channels):
+            payloads.extend(data)
+            sizes.append(size)
+            stamps.append(stamp_ns)
+            places.append(place)
+            held += int(size.sum())
+        if held >= BATCH_BYTES:
+            yield _batch(payloads, sizes, stamps, places)
+            payloads, sizes, stamps, places, held = [], [], [], [], 0
+    if sizes:
+        yield _batch(payloads, sizes, stamps, places)
+
+
+_I64 = NDArray[np.int64]
+
+
+def _of_chunk(
+    chunks: Chunks, chunk: Chunk, channels: Sequence[int]
+) -> Iterator[tuple[_I64, _I64, _I64, Sequence[bytes | memoryview]]]:
+    if len(channels) == 1 and (alone := chunks.lone_payloads(chunk, channels[0])) is not None:
+        rows, lone = alone
+        yield rows.size, rows.stamp_ns, chunk.unpacked_from + rows.offset - MESSAGE_OVERHEAD, lone
+        return
+    each = (chunks.rows(chunk, channel) for channel in channels)
+    found = [some for some in each if some is not None and len(some.size)]
+    if not found:
+        return
+    offset, size, stamp_ns = (
+        np.concatenate([getattr(some, name) for some in found]) for name in ("offset", "size", "stamp_ns")
+    )
+    if len(found) > 1:
+        order = np.argsort(offset, kind="stable")
+        offset, size, stamp_ns = offset[order], size[order], stamp_ns[order]
+    view = memoryview(chunks.unpacked(chunk))
+    ends = (offset + size).tolist()
+    data = [view[begin:end] for begin, end in zip(offset.tolist(), ends, strict=True)]
+    yield size, stamp_ns, chunk.unpacked_from + offset - MESSAGE_OVERHEAD, data
+
+
+def _batch(
+    payloads: Sequence[bytes | memoryview], sizes: list[_I64], stamps: list[_I64], places: list[_I64]
+) -> PayloadBatch:
+    size = np.concatenate(sizes)
+    return PayloadBatch(
+        b"".join(payloads), np.cumsum(size) - size, size, np.concatenate(stamps), np.concatenate(places)
+    )

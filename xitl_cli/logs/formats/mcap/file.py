@@ -7,16 +7,12 @@ from functools import partial
 from pathlib import Path
 
 from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.chunks import Chunks
-from xitl_cli.logs.formats.mcap.decoded import Decoder, UndecodableError
-from xitl_cli.logs.formats.mcap.gather import batches
-from xitl_cli.logs.formats.mcap.index import Index, Tally
-from xitl_cli.logs.formats.mcap.records import Channel, Schema
-from xitl_cli.logs.formats.mcap.source import Source
-from xitl_cli.logs.formats.mcap.summary import closed, from_summary
-from xitl_cli.logs.formats.mcap.topic import Room, TopicTable
-from xitl_cli.logs.formats.mcap.units import unit_of
+from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
+from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, closed, from_summary
+from xitl_cli.logs.formats.mcap.records import ChannelRecord, SchemaRecord
+from xitl_cli.logs.formats.mcap.table import Decoder, Room, TopicTable, UndecodableError
 from xitl_cli.logs.formats.mcap.walk import Walk, between
 from xitl_cli.logs.log import Base, Format, Health
 from xitl_cli.logs.table import Table
@@ -43,7 +39,7 @@ class McapLog:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._source = Source(path)
+        self._source = FileReader(path)
         try:
             if self._source.read(0, len(records.MAGIC)) != records.MAGIC:
                 raise LogError(f"{path}: is no MCAP file; give a recording that begins with the letters MCAP")
@@ -53,7 +49,7 @@ class McapLog:
             raise
 
     def _open(self) -> None:
-        self._tally = Tally()
+        self._tally = RecordingLosses()
         index = from_summary(self._source, self._tally)
         if index is not None:
             self._take(index)
@@ -62,7 +58,7 @@ class McapLog:
                 walk.over(begin, end)
             index.settle(self._source.size, self._tally)
         else:
-            index = Index(closed=closed(self._source))
+            index = RecordingIndex(closed=closed(self._source))
             self._take(index)
             walk = Walk(self._source, index, self._tally, self._chunks, counting=True)
             walk.over(len(records.MAGIC), self._source.size)
@@ -70,7 +66,7 @@ class McapLog:
         self._frames: dict[str, dict[str, Table]] = {}
         self._frames_left: dict[str, int] = {}
 
-    def _take(self, index: Index) -> None:
+    def _take(self, index: RecordingIndex) -> None:
         self._index = index
         self._chunks = Chunks(self._source, index, self._tally)
 
@@ -179,7 +175,7 @@ class McapLog:
 
     def _topics(self) -> dict[str, TopicTable]:
         """A table for every topic and schema that has messages."""
-        groups: dict[str, list[list[Channel]]] = {}
+        groups: dict[str, list[list[ChannelRecord]]] = {}
         for channel in self._index.channels.values():
             if self._index.counts.get(channel.id):
                 alike = groups.setdefault(channel.topic, [])
@@ -196,13 +192,13 @@ class McapLog:
                 tables[name] = self._table(name, channels, room)
         return dict(sorted(tables.items()))
 
-    def _same(self, one: Channel, other: Channel) -> bool:
+    def _same(self, one: ChannelRecord, other: ChannelRecord) -> bool:
         first, second = (self._index.schemas.get(channel.schema_id) for channel in (one, other))
         if one.encoding != other.encoding or first is None or second is None:
             return one.encoding == other.encoding and first is second
         return (first.name, first.encoding, first.data) == (second.name, second.encoding, second.data)
 
-    def _table(self, name: str, channels: list[Channel], room: Room) -> TopicTable:
+    def _table(self, name: str, channels: list[ChannelRecord], room: Room) -> TopicTable:
         channel, numbers = channels[0], [channel.id for channel in channels]
         schema = self._index.schemas.get(channel.schema_id)
         count = sum(self._index.counts[number] for number in numbers)
@@ -254,10 +250,10 @@ class Tables(Mapping[str, Table]):
         return len(self.topics)
 
 
-def _decoder(channel: Channel, schema: Schema | None) -> Decoder:
+def _decoder(channel: ChannelRecord, schema: SchemaRecord | None) -> Decoder:
     """Raises UndecodableError."""
     if channel.encoding == "json":
-        from xitl_cli.logs.formats.mcap.jsons import JsonDecoder
+        from xitl_cli.logs.formats.mcap.decoders import JsonDecoder
 
         return JsonDecoder()
     kind = channel.encoding, schema.encoding if schema is not None else ""
@@ -266,7 +262,32 @@ def _decoder(channel: Channel, schema: Schema | None) -> Decoder:
 
         return CdrDecoder(schema.name, schema.data)
     if schema is not None and kind == ("protobuf", "protobuf"):
-        from xitl_cli.logs.formats.mcap.protobuf import ProtobufDecoder
+        from xitl_cli.logs.formats.mcap.decoders import ProtobufDecoder
 
         return ProtobufDecoder(schema.name, schema.data)
     raise UndecodableError(f"its encoding is {kind[0] or 'not given'} with a schema {kind[1] or 'that is not given'}")
+
+
+_OURS = "xitl_msgs/"
+_BY_SUFFIX = {
+    "m": "m",
+    "s": "s",
+    "us": "us",
+    "ns": "ns",
+    "hz": "Hz",
+    "mps": "m/s",
+    "mps2": "m/s/s",
+    "radps": "rad/s",
+    "deg": "deg",
+    "ppm": "ppm",
+    "percent": "%",
+    "c": "degC",
+    "mib": "MiB",
+}
+
+
+def unit_of(schema: str) -> Callable[[str], str]:
+    """The unit of a column of messages of this type, "" when its name has none."""
+    if not schema.startswith(_OURS):
+        return lambda _: ""
+    return lambda column: _BY_SUFFIX.get(column.rpartition("_")[2], "") if "_" in column else ""

@@ -1,13 +1,27 @@
-"""What is where in a recording, and what was found damaged."""
+"""The index of a recording: what is where, from the summary at the file's end, and what was found damaged."""
 
 from __future__ import annotations
 
 import struct
+import zlib
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from xitl_cli.logs.formats.mcap.content import Rows
-from xitl_cli.logs.formats.mcap.records import Attachment, Channel, Schema
+from xitl_cli.logs.formats.file_bytes import FileReader
+from xitl_cli.logs.formats.mcap import records
+from xitl_cli.logs.formats.mcap.records import (
+    AttachmentRecord,
+    ChannelRecord,
+    ChunkIndexRecord,
+    MalformedError,
+    SchemaRecord,
+    StatisticsRecord,
+)
 from xitl_cli.logs.log import Losses
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.formats.mcap.chunks import MessageRows
+
 
 MOST_CHUNKS = 1_000_000
 MOST_SCHEMA_BYTES = 64 << 20
@@ -35,7 +49,7 @@ class Chunk:
     end_ns: int
     unpacked_from: int = 0
     index_places: bytes = b""
-    rows: Rows | None = None
+    rows: MessageRows | None = None
     holds: frozenset[int] | None = None
     loose: bool = False
     cut: bool = False
@@ -48,31 +62,31 @@ class Chunk:
 
 
 @dataclass(slots=True)
-class Tally(Losses):
+class RecordingLosses(Losses):
     """What is wrong with the file, counted while it is read."""
 
     redefined: int = 0
 
 
 @dataclass(slots=True)
-class Index:
+class RecordingIndex:
     """counts: messages by channel. closed: the writer has finished the file."""
 
     profile: str = ""
     library: str = ""
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, SchemaRecord] = field(default_factory=dict)
+    channels: dict[int, ChannelRecord] = field(default_factory=dict)
     chunks: list[Chunk] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     span_ns: tuple[int, int] | None = None
-    attachments: list[Attachment] = field(default_factory=list)
+    attachments: list[AttachmentRecord] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     closed: bool = False
     schema_bytes: int = 0
     unpacked_bytes: int = 0
     unpacked_to: int = 0
 
-    def add_schema(self, schema: Schema, tally: Tally) -> None:
+    def add_schema(self, schema: SchemaRecord, tally: RecordingLosses) -> None:
         known = self.schemas.get(schema.id)
         if known is not None:
             tally.redefined += known != schema
@@ -80,23 +94,23 @@ class Index:
             self.schema_bytes += len(schema.data)
             self.schemas[schema.id] = schema
 
-    def add_channel(self, channel: Channel, tally: Tally) -> None:
+    def add_channel(self, channel: ChannelRecord, tally: RecordingLosses) -> None:
         """The first of an id holds: messages before a second one were written for it."""
         known = self.channels.setdefault(channel.id, channel)
         tally.redefined += known != channel
 
-    def settle(self, size_bytes: int, tally: Tally) -> None:
+    def settle(self, size_bytes: int, tally: RecordingLosses) -> None:
         """Order the chunks, give each its position in the unpacked file, refuse those that would unpack to too much."""
         self.chunks.sort(key=lambda chunk: chunk.place)
         self.unpacked_bytes = self.unpacked_to = 0
         for chunk in self.chunks:
             self._settle(chunk, size_bytes, tally)
 
-    def settle_last(self, size_bytes: int, tally: Tally) -> None:
+    def settle_last(self, size_bytes: int, tally: RecordingLosses) -> None:
         """The same for a chunk just added at the end."""
         self._settle(self.chunks[-1], size_bytes, tally)
 
-    def _settle(self, chunk: Chunk, size_bytes: int, tally: Tally) -> None:
+    def _settle(self, chunk: Chunk, size_bytes: int, tally: RecordingLosses) -> None:
         most = LARGEST_CHUNK + _EXPANSION * size_bytes - self.unpacked_bytes
         if chunk.refused or chunk.unpacked_size > min(most, LARGEST_CHUNK):
             if not chunk.refused:
@@ -106,3 +120,134 @@ class Index:
         self.unpacked_bytes += chunk.unpacked_size
         chunk.unpacked_from = max(chunk.data_place, self.unpacked_to)
         self.unpacked_to = chunk.unpacked_from + chunk.unpacked_size
+
+
+_FOOTER_SIZE = 9 + 20
+_LARGEST = 1 << 30
+
+
+def closed(source: FileReader) -> bool:
+    """Whether the file ends as a finished one does."""
+    return _footer(source) is not None
+
+
+def from_summary(source: FileReader, tally: RecordingLosses) -> RecordingIndex | None:
+    """The index, None when there is none that holds. Chunks are not settled, what lies between them is not read."""
+    found = _footer(source)
+    if found is None:
+        return None
+    start, crc, end = found
+    if not len(records.MAGIC) < start < end or end - start > _LARGEST:
+        return None
+    data = source.read(start, end - start)
+    if crc and zlib.crc32(source.read(end, 9 + 16), zlib.crc32(data)) != crc:
+        tally.note(start, 0, "the checksum of the summary does not match")
+        return None
+    index, entries, statistics = RecordingIndex(closed=True), list[ChunkIndexRecord](), list[StatisticsRecord]()
+    try:
+        _read(data, index, entries, statistics, source, tally)
+    except MalformedError:
+        return None
+    if not statistics or not _agree(index, entries, statistics[-1]):
+        return None
+    index.counts = {channel: count for channel, count in statistics[-1].counts.items() if count}
+    if statistics[-1].messages:
+        index.span_ns = statistics[-1].start_ns, statistics[-1].end_ns
+    return index if _place(index, entries, source, start, bool(crc), tally) else None
+
+
+def _footer(source: FileReader) -> tuple[int, int, int] | None:
+    """Begin of the summary, its checksum, and where it ends."""
+    place = source.size - len(records.MAGIC) - _FOOTER_SIZE
+    tail = source.read(place, _FOOTER_SIZE + len(records.MAGIC))
+    if place <= 0 or len(tail) != _FOOTER_SIZE + len(records.MAGIC) or not tail.endswith(records.MAGIC):
+        return None
+    if records.HEAD.unpack_from(tail) != (records.FOOTER, 20):
+        return None
+    start, crc = records.parse_footer(tail[9:])
+    return start, crc, place
+
+
+def _read(
+    data: bytes,
+    index: RecordingIndex,
+    entries: list[ChunkIndexRecord],
+    statistics: list[StatisticsRecord],
+    source: FileReader,
+    tally: RecordingLosses,
+) -> None:
+    at = 0
+    while at < len(data):
+        if len(data) - at < 9:
+            raise MalformedError
+        opcode, length = records.HEAD.unpack_from(data, at)
+        body = data[at + 9 : at + 9 + length]
+        if len(body) != length:
+            raise MalformedError
+        at += 9 + length
+        if opcode == records.SCHEMA:
+            index.add_schema(SchemaRecord.parse(body), tally)
+        elif opcode == records.CHANNEL:
+            index.add_channel(ChannelRecord.parse(body), tally)
+        elif opcode == records.CHUNK_INDEX:
+            entries.append(ChunkIndexRecord.parse(body))
+        elif opcode == records.STATISTICS:
+            statistics.append(StatisticsRecord.parse(body))
+
+
+def _agree(index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: StatisticsRecord) -> bool:
+    """Whether the parts of the summary tell the same story."""
+    counts = statistics.counts
+    return (
+        len(entries) == statistics.chunks
+        and len(entries) <= MOST_CHUNKS
+        and sum(counts.values()) == statistics.messages
+        and all(channel in index.channels for channel, count in counts.items() if count)
+        and all(channel.schema_id in (0, *index.schemas) for channel in index.channels.values())
+        and statistics.start_ns <= statistics.end_ns < 2**63
+    )
+
+
+def _place(
+    index: RecordingIndex,
+    entries: list[ChunkIndexRecord],
+    source: FileReader,
+    end: int,
+    sure: bool,
+    tally: RecordingLosses,
+) -> bool:
+    """Turn chunk indexes to chunks; False when they are not where the summary says. sure: it has a checksum."""
+    entries.sort(key=lambda entry: entry.place)
+    free, wrong = len(records.MAGIC), list[ChunkIndexRecord]()
+    for entry in entries:
+        data_place = entry.place + 9 + records.CHUNK_FIXED + len(entry.compression)
+        if (
+            entry.place < free
+            or data_place + entry.data_size != entry.place + entry.length
+            or entry.place + entry.length + entry.index_length > end
+            or entry.start_ns > entry.end_ns
+        ):
+            return False
+        free = entry.place + entry.length + entry.index_length
+        head = source.read(entry.place, 9)
+        if len(head) != 9 or records.HEAD.unpack(head) != (records.CHUNK, entry.length - 9):
+            wrong.append(entry)
+        index.chunks.append(
+            Chunk(
+                place=entry.place,
+                size=entry.length + entry.index_length,
+                data_place=data_place,
+                data_size=entry.data_size,
+                unpacked_size=entry.unpacked_size,
+                compression=entry.compression,
+                start_ns=entry.start_ns,
+                end_ns=entry.end_ns,
+                index_places=entry.index_places,
+                headless=bool(wrong) and wrong[-1] is entry,
+            )
+        )
+    if wrong and (not sure or 2 * len(wrong) > len(entries)):
+        return False
+    for entry in wrong:
+        tally.note(entry.place, 0, "a chunk does not begin where the summary says it does")
+    return True

@@ -22,20 +22,53 @@ class MalformedError(ValueError):
     """These bytes are no such record."""
 
 
+class Cursor:
+    """Takes fields off the begin of bytes. Raises MalformedError when there are too few."""
+
+    def __init__(self, data: bytes, at: int = 0) -> None:
+        self.data = data
+        self.at = at
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.read(size), "little")
+
+    def text(self) -> str:
+        return self.read(self.number(4)).decode("utf-8", "replace")
+
+    def read(self, size: int) -> bytes:
+        end = self.at + size
+        if end > len(self.data):
+            raise MalformedError
+        taken = self.data[self.at : end]
+        self.at = end
+        return taken
+
+
 @dataclass(frozen=True, slots=True)
-class Schema:
+class SchemaRecord:
     id: int
     name: str
     encoding: str
     data: bytes
 
+    @classmethod
+    def parse(cls, body: bytes) -> SchemaRecord:
+        cursor = Cursor(body)
+        return cls(cursor.number(2), cursor.text(), cursor.text(), cursor.read(cursor.number(4)))
+
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class ChannelRecord:
     id: int
     schema_id: int
     topic: str
     encoding: str
+
+    @classmethod
+    def parse(cls, body: bytes) -> ChannelRecord:
+        cursor = Cursor(body)
+        number, schema_id = cursor.number(2), cursor.number(2)
+        return cls(number, schema_id, cursor.text(), cursor.text())
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +83,24 @@ class ChunkHead:
     data_at: int
     data_size: int
 
+    @classmethod
+    def parse(cls, record: bytes, length: int) -> ChunkHead:
+        """Of the begin of a chunk's record, its own nine bytes included; `length` as these say."""
+        if len(record) < 9 + CHUNK_FIXED:
+            raise MalformedError
+        start_ns, end_ns, unpacked_size, crc, name_size = _CHUNK_HEAD.unpack_from(record, 9)
+        if name_size > 32:
+            raise MalformedError
+        cursor = Cursor(record, 9 + _CHUNK_HEAD.size)
+        compression = cursor.read(name_size).decode("utf-8", "replace")
+        data_size = cursor.number(8)
+        if CHUNK_FIXED + name_size + data_size > length:
+            raise MalformedError
+        return cls(start_ns, end_ns, unpacked_size, crc, compression, cursor.at, data_size)
+
 
 @dataclass(frozen=True, slots=True)
-class ChunkIndex:
+class ChunkIndexRecord:
     """index_places: packed pairs of channel (u16) and place (u64)."""
 
     start_ns: int
@@ -65,54 +113,65 @@ class ChunkIndex:
     data_size: int
     unpacked_size: int
 
+    @classmethod
+    def parse(cls, body: bytes) -> ChunkIndexRecord:
+        cursor = Cursor(body)
+        start_ns, end_ns, place, length = (cursor.number(8) for _ in range(4))
+        places = cursor.read(cursor.number(4))
+        if len(places) % 10:
+            raise MalformedError
+        index_length = cursor.number(8)
+        compression = cursor.text()
+        return cls(
+            start_ns, end_ns, place, length, places, index_length, compression, cursor.number(8), cursor.number(8)
+        )
+
 
 @dataclass(frozen=True, slots=True)
-class Statistics:
+class StatisticsRecord:
     messages: int
     chunks: int
     start_ns: int
     end_ns: int
     counts: dict[int, int]
 
+    @classmethod
+    def parse(cls, body: bytes) -> StatisticsRecord:
+        if len(body) < 46:
+            raise MalformedError
+        messages, _, _, _, _, chunks, start_ns, end_ns, size = struct.unpack_from("<QHIIIIQQI", body)
+        counts = Cursor(body, 46).read(size)
+        if size % 10:
+            raise MalformedError
+        return cls(messages, chunks, start_ns, end_ns, dict(struct.iter_unpack("<HQ", counts)))
+
 
 @dataclass(frozen=True, slots=True)
-class Attachment:
+class AttachmentRecord:
     """Where the `size` bytes named `name` are."""
 
     name: str
     place: int
     size: int
 
-
-class Cursor:
-    """Takes fields off the begin of bytes. Raises MalformedError when there are too few."""
-
-    def __init__(self, data: bytes, at: int = 0) -> None:
-        self.data = data
-        self.at = at
-
-    def number(self, size: int) -> int:
-        return int.from_bytes(self.take(size), "little")
-
-    def text(self) -> str:
-        return self.take(self.number(4)).decode("utf-8", "replace")
-
-    def take(self, size: int) -> bytes:
-        end = self.at + size
-        if end > len(self.data):
+    @classmethod
+    def parse(cls, begin: bytes, place: int, length: int) -> AttachmentRecord:
+        """Of the begin of an attachment's body; `place` of the body."""
+        cursor = Cursor(begin, 16)
+        name, _ = cursor.text(), cursor.text()
+        size = cursor.number(8)
+        if cursor.at + size + 4 > length:
             raise MalformedError
-        taken = self.data[self.at : end]
-        self.at = end
-        return taken
+        return cls(name, place + cursor.at, size)
 
 
-def header(body: bytes) -> tuple[str, str]:
+def parse_header(body: bytes) -> tuple[str, str]:
     """Profile and library."""
     cursor = Cursor(body)
     return cursor.text(), cursor.text()
 
 
-def footer(body: bytes) -> tuple[int, int]:
+def parse_footer(body: bytes) -> tuple[int, int]:
     """Begin of the summary section (0: none), and its checksum (0: none)."""
     if len(body) < 20:
         raise MalformedError
@@ -120,66 +179,7 @@ def footer(body: bytes) -> tuple[int, int]:
     return start, crc
 
 
-def schema(body: bytes) -> Schema:
-    cursor = Cursor(body)
-    return Schema(cursor.number(2), cursor.text(), cursor.text(), cursor.take(cursor.number(4)))
-
-
-def channel(body: bytes) -> Channel:
-    cursor = Cursor(body)
-    number, schema_id = cursor.number(2), cursor.number(2)
-    return Channel(number, schema_id, cursor.text(), cursor.text())
-
-
-def chunk_head(record: bytes, length: int) -> ChunkHead:
-    """Of the begin of a chunk's record, its own nine bytes included; `length` as these say."""
-    if len(record) < 9 + CHUNK_FIXED:
-        raise MalformedError
-    start_ns, end_ns, unpacked_size, crc, name_size = _CHUNK_HEAD.unpack_from(record, 9)
-    if name_size > 32:
-        raise MalformedError
-    cursor = Cursor(record, 9 + _CHUNK_HEAD.size)
-    compression = cursor.take(name_size).decode("utf-8", "replace")
-    data_size = cursor.number(8)
-    if CHUNK_FIXED + name_size + data_size > length:
-        raise MalformedError
-    return ChunkHead(start_ns, end_ns, unpacked_size, crc, compression, cursor.at, data_size)
-
-
-def chunk_index(body: bytes) -> ChunkIndex:
-    cursor = Cursor(body)
-    start_ns, end_ns, place, length = (cursor.number(8) for _ in range(4))
-    places = cursor.take(cursor.number(4))
-    if len(places) % 10:
-        raise MalformedError
-    index_length = cursor.number(8)
-    compression = cursor.text()
-    return ChunkIndex(
-        start_ns, end_ns, place, length, places, index_length, compression, cursor.number(8), cursor.number(8)
-    )
-
-
-def statistics(body: bytes) -> Statistics:
-    if len(body) < 46:
-        raise MalformedError
-    messages, _, _, _, _, chunks, start_ns, end_ns, size = struct.unpack_from("<QHIIIIQQI", body)
-    counts = Cursor(body, 46).take(size)
-    if size % 10:
-        raise MalformedError
-    return Statistics(messages, chunks, start_ns, end_ns, dict(struct.iter_unpack("<HQ", counts)))
-
-
-def attachment(begin: bytes, place: int, length: int) -> Attachment:
-    """Of the begin of an attachment's body; `place` of the body."""
-    cursor = Cursor(begin, 16)
-    name, _ = cursor.text(), cursor.text()
-    size = cursor.number(8)
-    if cursor.at + size + 4 > length:
-        raise MalformedError
-    return Attachment(name, place + cursor.at, size)
-
-
-def metadata(body: bytes) -> tuple[str, dict[str, str]]:
+def parse_metadata(body: bytes) -> tuple[str, dict[str, str]]:
     cursor = Cursor(body)
     name = cursor.text()
     end = cursor.number(4) + cursor.at

@@ -1,4 +1,7 @@
-"""The index, made from the records: of a file that has none that holds, and of what lies between indexed chunks."""
+"""The index made from the records: of a file without a summary that holds, and of what lies between indexed chunks.
+
+Records that cannot be trusted are judged by their opcode, length and content; after damage the next one is looked for.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,102 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.mcap import content, records
-from xitl_cli.logs.formats.mcap.chunks import Chunks, message_index
-from xitl_cli.logs.formats.mcap.content import Rows
-from xitl_cli.logs.formats.mcap.index import MOST_CHUNKS, Chunk, Index, Tally
-from xitl_cli.logs.formats.mcap.plausible import chunk_at, may_be, next_record
-from xitl_cli.logs.formats.mcap.records import ChunkHead, MalformedError
-from xitl_cli.logs.formats.mcap.source import Source
+from xitl_cli.logs.formats.file_bytes import FileReader
+from xitl_cli.logs.formats.mcap import records
+from xitl_cli.logs.formats.mcap.chunks import Chunks, MessageRows, message_index, scan
+from xitl_cli.logs.formats.mcap.index import LARGEST_CHUNK, MOST_CHUNKS, Chunk, RecordingIndex, RecordingLosses
+from xitl_cli.logs.formats.mcap.records import AttachmentRecord, ChannelRecord, ChunkHead, MalformedError, SchemaRecord
+
+_SHORTEST = {
+    records.HEADER: 8,
+    records.FOOTER: 20,
+    records.SCHEMA: 14,
+    records.CHANNEL: 16,
+    records.MESSAGE: 22,
+    records.CHUNK: records.CHUNK_FIXED,
+    records.MESSAGE_INDEX: 6,
+    records.CHUNK_INDEX: 60,
+    records.ATTACHMENT: 36,
+    records.ATTACHMENT_INDEX: 48,
+    records.STATISTICS: 46,
+    records.METADATA: 8,
+    records.METADATA_INDEX: 20,
+    records.SUMMARY_OFFSET: 17,
+    records.DATA_END: 4,
+}
+_EXACT = (records.FOOTER, records.SUMMARY_OFFSET, records.DATA_END)
+_PRIVATE = 0x80
+_CHAIN = 3
+_RECORD = np.dtype([("opcode", "u1"), ("length", "<u8")])
+
+
+def chunk_at(source: FileReader, place: int) -> ChunkHead | None:
+    """The chunk that begins at `place`, judged by its fields alone and not by its record's own opcode and length."""
+    try:
+        head = ChunkHead.parse(source.peek(place, 9 + records.CHUNK_FIXED + 32), 1 << 62)
+    except MalformedError:
+        return None
+    known = head.compression in ("", "lz4", "zstd")
+    if not known or head.start_ns > head.end_ns or head.unpacked_size > LARGEST_CHUNK:
+        return None
+    if head.compression == "" and head.data_size != head.unpacked_size:
+        return None
+    return head if head.data_size else None
+
+
+def may_be(source: FileReader, place: int, opcode: int, length: int, end: int) -> bool:
+    """Whether a record of this opcode and length can be at `place`, all of it before `end`."""
+    if place + 9 + length > end or length < _SHORTEST.get(opcode, 0):
+        return False
+    if opcode in _EXACT:
+        return length == _SHORTEST[opcode]
+    if opcode == records.CHUNK:
+        try:
+            head = ChunkHead.parse(source.peek(place, 9 + records.CHUNK_FIXED + 32), length)
+        except MalformedError:
+            return False
+        return head.data_at + head.data_size == 9 + length
+    if opcode == records.MESSAGE_INDEX:
+        size = int.from_bytes(source.peek(place + 11, 4), "little")
+        return size % 16 == 0 and length == 6 + size
+    return opcode in _SHORTEST or opcode >= _PRIVATE
+
+
+def next_record(source: FileReader, begin: int, end: int) -> int | None:
+    """The first place at which a few records follow each other; of a chunk the one is enough."""
+    while begin < end - 9:
+        data = source.read(begin, min(_BLOCK + 8, end - begin))
+        count = len(data) - 8
+        if count <= 0:
+            return None
+        heads = np.ndarray((count,), dtype=_RECORD, buffer=data, strides=(1,))
+        room = (end - 9 - begin - np.arange(count)).clip(0).astype(np.uint64)
+        likely = (heads["opcode"] >= records.SCHEMA) & (heads["opcode"] <= records.DATA_END)
+        likely &= (heads["length"] >= 4) & (heads["length"] <= room)
+        for at in (np.flatnonzero(likely) + begin).tolist():
+            if _chain(source, at, end):
+                return int(at)
+        begin += count
+    return None
+
+
+def _chain(source: FileReader, place: int, end: int) -> bool:
+    for _ in range(_CHAIN):
+        if place == end:
+            return True
+        head = source.peek(place, 9)
+        if len(head) < 9:
+            return False
+        opcode, length = records.HEAD.unpack(head)
+        if opcode >= _PRIVATE or not may_be(source, place, opcode, length, end):
+            return False
+        if opcode == records.CHUNK and chunk_at(source, place) is not None:
+            return True
+        if opcode == records.FOOTER:
+            return True
+        place += 9 + length
+    return True
+
 
 _BLOCK = 4 << 20
 _LARGEST_RECORD = 1 << 28
@@ -27,7 +119,9 @@ class Walk:
     counting: add what chunks hold to the index's counts and span; not so where a summary has counted them.
     """
 
-    def __init__(self, source: Source, index: Index, tally: Tally, chunks: Chunks, counting: bool) -> None:
+    def __init__(
+        self, source: FileReader, index: RecordingIndex, tally: RecordingLosses, chunks: Chunks, counting: bool
+    ) -> None:
         self._source = source
         self._index = index
         self._tally = tally
@@ -66,17 +160,17 @@ class Walk:
             return stop
         self._finish_chunk()
         if opcode == records.CHUNK:
-            head = records.chunk_head(self._source.peek(at, 9 + records.CHUNK_FIXED + 32), length)
+            head = ChunkHead.parse(self._source.peek(at, 9 + records.CHUNK_FIXED + 32), length)
             self._add_chunk(at, stop - at, head, head.data_size)
         elif opcode in _IN_CHUNKS:
             return self._loose(at, length, end)
         elif opcode == records.HEADER:
-            self._index.profile, self._index.library = records.header(self._body(at, length))
+            self._index.profile, self._index.library = records.parse_header(self._body(at, length))
         elif opcode == records.ATTACHMENT:
             begin = self._source.peek(at + 9, min(length, 4096))
-            self._index.attachments.append(records.attachment(begin, at + 9, length))
+            self._index.attachments.append(AttachmentRecord.parse(begin, at + 9, length))
         elif opcode == records.METADATA and len(self._index.metadata) < 1000:
-            name, values = records.metadata(self._body(at, length))
+            name, values = records.parse_metadata(self._body(at, length))
             self._index.metadata.setdefault(name, values)
         elif opcode == records.FOOTER and self._source.peek(stop, len(records.MAGIC) + 1) == records.MAGIC:
             return end
@@ -163,7 +257,7 @@ class Walk:
     def _loose(self, at: int, length: int, end: int) -> int:
         """Records that stand outside of chunks, as many in a row as there are: themselves a chunk, not packed."""
         data = self._source.read(at, max(min(_BLOCK, end - at), 9 + length))
-        found = content.scan(data, 0, len(data), None, loose=True)
+        found = scan(data, 0, len(data), None, loose=True)
         size = len(data) - found.cut
         self._describe(found.schemas, found.channels)
         if len(found.rows.size) and len(self._index.chunks) < MOST_CHUNKS:
@@ -175,13 +269,13 @@ class Walk:
             self._tally.note(at + offset, lost, "a record does not hold what it should")
         return at + size
 
-    def _describe(self, schemas: list[records.Schema], channels: list[records.Channel]) -> None:
+    def _describe(self, schemas: list[SchemaRecord], channels: list[ChannelRecord]) -> None:
         for schema in schemas:
             self._index.add_schema(schema, self._tally)
         for channel in channels:
             self._index.add_channel(channel, self._tally)
 
-    def _count(self, chunk: Chunk, rows: Rows) -> None:
+    def _count(self, chunk: Chunk, rows: MessageRows) -> None:
         numbers, counts = np.unique(rows.channel, return_counts=True)
         chunk.holds = frozenset(numbers.tolist())
         known = np.isin(rows.channel, list(self._index.channels))

@@ -1,18 +1,284 @@
-"""A telemetry log (.tlog) as MAVProxy, Mission Planner and QGroundControl write it."""
+"""A telemetry log (.tlog) as MAVProxy, Mission Planner and QGroundControl write it.
+
+Its records are 8 bytes (µs since 1970, big-endian) and a MAVLink frame. A record says only by its frame's length where
+the next one is. So the log is taken in blocks: every byte that could begin a frame is looked at together, the records
+are chained from one to the next, and their checksums are worked out together. Where a block is damaged, every possible
+frame of it is checked, and the walk goes on at the next that checks out and is followed by another or has a stamp near
+the last. Time and memory stay in proportion to the log's size.
+"""
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.file_bytes import FileBytes
-from xitl_cli.logs.formats.tlog.frames import tables_of
-from xitl_cli.logs.formats.tlog.index import Index, index
-from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.formats.file_bytes import FileBytes
+from xitl_cli.logs.formats.tlog.frames import (
+    LONGEST_FRAME,
+    MAGIC_1,
+    MAGIC_2,
+    SIGNED,
+    UNKNOWN,
+    FrameHeaders,
+    intact,
+    parse_headers,
+    tables_of,
+)
+from xitl_cli.logs.log import Base, Format, Health, Losses
 from xitl_cli.logs.table import Table, steps_back
+
+BLOCK_BYTES = 1 << 20
+STAMP_BYTES = 8
+_NEAR_US = 3 * 86_400 * 1_000_000
+_UNKNOWN_IN_A_ROW = 4
+_DOUBLINGS = 5
+_LEAVES, _BREAKS = -2, -1
+
+
+@dataclass(frozen=True, slots=True)
+class FrameIndex:
+    """(N,) frames that check out, in the order of the file.
+
+    start: of the frame. stamp_us: as stored, 0 where `stamped` is false since the damage before has taken the stamp.
+    unknown: frames that are whole by their length, of messages that no dialect has, by number.
+    """
+
+    start: NDArray[np.int64]
+    kind: NDArray[np.int16]
+    stamp_us: NDArray[np.uint64]
+    stamped: NDArray[np.bool_]
+    signed: int
+    unknown: dict[int, int]
+    losses: Losses
+
+
+def index_frames(data: NDArray[np.uint8]) -> FrameIndex:
+    """Never raises, whatever `data` is."""
+    walk = _Walk(data)
+    for low in range(0, len(data), BLOCK_BYTES):
+        walk.block(low, min(low + BLOCK_BYTES, len(data)))
+    return walk.result()
+
+
+@dataclass
+class _Block:
+    """Everything between `low` and `high` that could begin a frame. following: the one that would be next of each."""
+
+    low: int
+    high: int
+    frames: FrameHeaders
+    place_of: NDArray[np.int32]
+    following: NDArray[np.int32]
+
+    def at(self, start: int) -> int:
+        """Which one begins at `start`, or _BREAKS, or _LEAVES behind the block."""
+        if start >= self.high:
+            return _LEAVES
+        return int(self.place_of[start - self.low]) if start >= self.low else _BREAKS
+
+
+@dataclass
+class _Walk:
+    """expected: where the next record should begin. gap: where what cannot be read began, None while all is well."""
+
+    data: NDArray[np.uint8]
+    expected: int = 0
+    gap: int | None = None
+    stamp_us: int | None = None
+    starts: list[NDArray[np.int64]] = field(default_factory=list)
+    kinds: list[NDArray[np.int16]] = field(default_factory=list)
+    stampless: list[int] = field(default_factory=list)
+    unknown: dict[int, int] = field(default_factory=dict)
+    signed: int = 0
+    losses: Losses = field(default_factory=Losses)
+
+    def block(self, low: int, high: int) -> None:
+        block = _block(self.data, low, high)
+        if not len(block.frames.start):
+            self._nothing_before(high)
+            return
+        if self.gap is None and self._chained(block):
+            return
+        self._searched(block)
+
+    def result(self) -> FrameIndex:
+        start = np.concatenate([*self.starts, np.zeros(0, np.int64)])
+        kind = np.concatenate([*self.kinds, np.zeros(0, np.int16)])
+        self._tail()
+        stamped = ~np.isin(start, np.array(self.stampless, dtype=np.int64))
+        stamp_us = np.zeros(len(start), dtype=np.uint64)
+        stamp_us[stamped] = self._stamps(start[stamped])
+        return FrameIndex(
+            start,
+            kind,
+            stamp_us,
+            stamped,
+            self.signed,
+            dict(sorted(self.unknown.items())),
+            self.losses,
+        )
+
+    def _stamps(self, start: NDArray[np.int64]) -> NDArray[np.uint64]:
+        if not len(start):
+            return np.zeros(0, dtype=np.uint64)
+        anywhere: NDArray[np.uint64] = np.ndarray((len(self.data) - STAMP_BYTES + 1,), ">u8", self.data, strides=(1,))
+        return anywhere[start - STAMP_BYTES].astype(np.uint64)
+
+    def _chained(self, block: _Block) -> bool:
+        """Take the block's frames, one after the other; false, with nothing taken, when any of them is in doubt."""
+        taken = _chain(block.following, block.at(self.expected + STAMP_BYTES))
+        if taken is None:
+            return False
+        frames = block.frames.select(taken)
+        unknown = frames.readable & (frames.kind == UNKNOWN)
+        if not bool(np.all(unknown | intact(self.data, frames))):
+            return False
+        self._take(frames, unknown)
+        return True
+
+    def _searched(self, block: _Block) -> None:
+        good = intact(self.data, block.frames)
+        unknown = block.frames.readable & (block.frames.kind == UNKNOWN)
+        after = block.following
+        followed = (after == _LEAVES) | ((after >= 0) & good[after])
+        for _ in range(_UNKNOWN_IN_A_ROW):
+            followed |= (after >= 0) & unknown[after] & followed[after]
+        readable = block.frames.readable.tolist()
+        sure = np.flatnonzero(good & (followed | self._near(block)))
+        sure_starts = block.frames.start[sure].tolist()
+        is_good, is_unknown, is_followed = good.tolist(), unknown.tolist(), followed.tolist()
+        starts, sizes, following = block.frames.start.tolist(), block.frames.size.tolist(), after.tolist()
+        taken: list[int] = []
+        while True:
+            one = block.at(self.expected + STAMP_BYTES)
+            if one == _LEAVES:
+                break
+            if self.gap is not None or one == _BREAKS or not (is_good[one] or (is_followed[one] and readable[one])):
+                one = self._resumed(block, sure, sure_starts)
+                if one == _LEAVES:
+                    break
+            elif not (is_good[one] or is_unknown[one]):
+                self.losses.note(self.expected, STAMP_BYTES + sizes[one], "the checksum of its frame is wrong")
+                self.expected = starts[one] + sizes[one]
+                continue
+            taken.append(one)
+            self.expected = starts[one] + sizes[one]
+            if following[one] == _LEAVES:
+                break
+        frames = block.frames.select(np.array(taken, dtype=np.intp))
+        self._take(frames, unknown[np.array(taken, dtype=np.intp)])
+
+    def _resumed(self, block: _Block, sure: NDArray[np.intp], sure_starts: list[int]) -> int:
+        """The next frame that can be trusted, with the gap before it noted; _LEAVES when the block has none."""
+        gap = self.expected if self.gap is None else self.gap
+        found = bisect_left(sure_starts, max(self.expected, block.low))
+        if found == len(sure_starts):
+            self.gap = gap
+            self.expected = max(self.expected, block.high)
+            return _LEAVES
+        start = sure_starts[found]
+        if start - STAMP_BYTES < gap:
+            self.stampless.append(start)
+            self.losses.note(gap, start - gap, "its time stamp is cut short")
+        else:
+            self.losses.note(gap, start - STAMP_BYTES - gap, "no frame that checks out begins here")
+        self.gap = None
+        return int(sure[found])
+
+    def _near(self, block: _Block) -> NDArray[np.bool_]:
+        """Whether what would be the stamp before each frame is within days of the last good one."""
+        if self.stamp_us is None:
+            return np.zeros(len(block.frames.start), dtype=np.bool_)
+        near = block.frames.start >= STAMP_BYTES
+        stamps = self._stamps(block.frames.start[near])
+        earliest, latest = max(self.stamp_us - _NEAR_US, 0), self.stamp_us + _NEAR_US
+        near[near] = (stamps >= np.uint64(earliest)) & (stamps <= np.uint64(latest))
+        return near
+
+    def _take(self, frames: FrameHeaders, unknown: NDArray[np.bool_]) -> None:
+        if not len(frames.start):
+            return
+        for number in frames.number[unknown].tolist():
+            self.unknown[number] = self.unknown.get(number, 0) + 1
+        known = np.flatnonzero(~unknown)
+        self.starts.append(frames.start[known])
+        self.kinds.append(frames.kind[known])
+        self.signed += int(frames.signed.sum())
+        self.expected = int(frames.start[-1] + frames.size[-1])
+        if len(known) and int(frames.start[known[-1]]) >= STAMP_BYTES:
+            stamp_us = int(self._stamps(frames.start[known[-1:]])[0])
+            self.stamp_us = min(stamp_us, 2**62)
+
+    def _nothing_before(self, high: int) -> None:
+        if self.expected + STAMP_BYTES < high:
+            self.gap = self.expected if self.gap is None else self.gap
+            self.expected = high
+
+    def _tail(self) -> None:
+        """Count a last record that was cut off; what else is left over is damage."""
+        begin = self.expected if self.gap is None else self.gap
+        left = len(self.data) - begin
+        if left <= 0:
+            return
+        if left < STAMP_BYTES + LONGEST_FRAME and _could_go_on(self.data[begin:]):
+            self.losses.truncated_bytes = left
+        else:
+            self.losses.note(begin, left, "no frame that checks out begins here")
+
+
+def _chain(following: NDArray[np.int32], first: int) -> NDArray[np.intp] | None:
+    """`first` and all that follow, until they leave the block; None when the chain breaks off.
+
+    Walked in strides of 2^_DOUBLINGS, which are then filled in.
+    """
+    count = len(following)
+    leaves, breaks = count, count + 1
+    step = np.concatenate([following, np.array([leaves, breaks], dtype=np.int32)]).astype(np.intp)
+    step[step == _LEAVES], step[step == _BREAKS] = leaves, breaks
+    steps = [step]
+    for _ in range(_DOUBLINGS):
+        steps.append(steps[-1][steps[-1]])
+    stride = steps.pop().tolist()
+    one = {_LEAVES: leaves, _BREAKS: breaks}.get(first, first)
+    strides = []
+    while one < count:
+        strides.append(one)
+        one = stride[one]
+    if one == breaks:
+        return None
+    chain = np.array(strides, dtype=np.intp)
+    for step in reversed(steps):
+        chain = np.stack([chain, step[chain]], axis=1).ravel()
+    return chain[chain < count]
+
+
+def _could_go_on(tail: NDArray[np.uint8]) -> bool:
+    """Whether this is the beginning of a record."""
+    if len(tail) <= STAMP_BYTES + 2:
+        return len(tail) <= STAMP_BYTES or int(tail[STAMP_BYTES]) in (MAGIC_1, MAGIC_2)
+    frames = parse_headers(tail, np.array([STAMP_BYTES]))
+    return int(tail[STAMP_BYTES]) in (MAGIC_1, MAGIC_2) and int(frames.size[0]) > len(tail) - STAMP_BYTES
+
+
+def _block(data: NDArray[np.uint8], low: int, high: int) -> _Block:
+    could = np.flatnonzero((data[low:high] - np.uint8(MAGIC_2)) < np.uint8(2)) + low
+    third = data[np.minimum(could + 2, len(data) - 1)]
+    could = could[(data[could] == MAGIC_1) | (third <= SIGNED)]  # in MAVLink 2 they are flags
+    frames = parse_headers(data, could)
+    place_of = np.full(high - low, _BREAKS, dtype=np.int32)
+    place_of[could - low] = np.arange(len(could), dtype=np.int32)
+    after = could + frames.size + STAMP_BYTES
+    inside = after < high
+    following = np.full(len(could), _LEAVES, dtype=np.int32)
+    following[inside] = place_of[after[inside] - low]
+    following[~frames.readable] = _BREAKS
+    return _Block(low, high, frames, place_of, following)
+
 
 _FIRST_YEAR_US, _LAST_YEAR_US = 978_307_200_000_000, 4_102_444_800_000_000  # 2001 and 2100
 _LISTED_UNKNOWN = 3
@@ -33,7 +299,7 @@ class TelemetryLog:
         self.path = path
         self._bytes = FileBytes(path)
         data = self._bytes.data
-        found = index(data)
+        found = index_frames(data)
         stamp_us, replaced = _trusted(found)
         stamp_ns = stamp_us * 1000
         self.base: Base = "utc" if _plausible(stamp_us) else "unknown"
@@ -60,7 +326,7 @@ class TelemetryLog:
         self.close()
 
 
-def _trusted(found: Index) -> tuple[NDArray[np.int64], int]:
+def _trusted(found: FrameIndex) -> tuple[NDArray[np.int64], int]:
     """(N,) µs, and how many of them had to be replaced."""
     doubted = ~found.stamped | (found.stamp_us > _LARGEST_US)
     stamps = np.where(doubted, 0, found.stamp_us).astype(np.int64)

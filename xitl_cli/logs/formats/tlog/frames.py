@@ -1,17 +1,227 @@
-"""MAVLink frames, already apart from each other, as one table a message."""
+"""MAVLink frames, many at once: their headers and checksums, and one table a message."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.tlog.dialects import definitions
-from xitl_cli.logs.formats.tlog.frame_table import FrameTable
-from xitl_cli.logs.formats.tlog.headers import MAGIC_1, MAGIC_2, UNKNOWN, Headers, headers, numbers, whole
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.formats.tlog.dialects import MessageDefinition, MessageField, definitions
+from xitl_cli.logs.table import ALL, Column, Rows, Table
+
+_POLYNOMIAL = 0x8408
+
+
+def checksums(
+    data: NDArray[np.uint8], start: NDArray[np.int64], length: NDArray[np.int64], extra: NDArray[np.uint8]
+) -> NDArray[np.uint16]:
+    """(N,) of `length` bytes of `data` from `start`, each followed by its byte `extra`.
+
+    The work is done two bytes at a time over all frames, the longest first, so that those still going on are the front
+    of an array. Every frame must lie in `data`.
+    """
+    order = np.argsort(-length, kind="stable")
+    place, words, last = start[order], length[order] >> 1, (length[order] & 1).astype(np.bool_)
+    table, one_byte = _tables()
+    crc = np.full(len(order), 0xFFFF, dtype=np.uint16)
+    if len(data) >= 2:
+        pairs: NDArray[np.uint16] = np.ndarray((len(data) - 1,), "<u2", data, strides=(1,))  # at any byte, odd ones too
+        going_on = len(order) - np.searchsorted(words[::-1], np.arange(int(words.max(initial=0))), side="right")
+        for step, count in enumerate(going_on.tolist()):
+            crc[:count] = table[crc[:count] ^ pairs[place[:count] + 2 * step]]
+    crc[last] = _byte(one_byte, crc[last], data[(place + 2 * words)[last]])
+    crc = _byte(one_byte, crc, extra[order])
+    result: NDArray[np.uint16] = np.empty_like(crc)
+    result[order] = crc
+    return result
+
+
+def _byte(table: NDArray[np.uint16], crc: NDArray[np.uint16], byte: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    after: NDArray[np.uint16] = (crc >> np.uint16(8)) ^ table[(crc ^ byte) & np.uint16(0xFF)]
+    return after
+
+
+@cache
+def _tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
+    """What two bytes (65536 entries) and what one byte (256) make of a checksum."""
+    one = np.arange(256, dtype=np.uint16)
+    for _ in range(8):
+        one = np.where(one & 1, (one >> 1) ^ _POLYNOMIAL, one >> 1).astype(np.uint16)
+    every = np.arange(65536, dtype=np.uint16)
+    first = (every >> np.uint16(8)) ^ one[every & 0xFF]
+    return (first >> np.uint16(8)) ^ one[first & 0xFF], one
+
+
+MAGIC_1, MAGIC_2 = 0xFE, 0xFD
+LONGEST_FRAME = 10 + 255 + 2 + 13
+SIGNED = 0x01
+
+UNKNOWN = -1
+"""In place of a message number that no dialect has."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameHeaders:
+    """(N,) each, of the frames that begin at `start`. size: of the whole frame. kind: place of the message number among
+    the known ones, or UNKNOWN. readable: it lies within the data and asks for nothing that is not known."""
+
+    start: NDArray[np.int64]
+    payload: NDArray[np.int64]
+    length: NDArray[np.int64]
+    size: NDArray[np.int64]
+    number: NDArray[np.int64]
+    kind: NDArray[np.int16]
+    signed: NDArray[np.bool_]
+    readable: NDArray[np.bool_]
+
+    def select(self, rows: NDArray[np.intp]) -> FrameHeaders:
+        return FrameHeaders(*(getattr(self, name)[rows] for name in FrameHeaders.__slots__))
+
+
+def parse_headers(data: NDArray[np.uint8], start: NDArray[np.int64]) -> FrameHeaders:
+    """Every `start` is where a byte MAGIC_1 or MAGIC_2 is."""
+    last = len(data) - 1
+
+    def at(offset: int) -> NDArray[np.int64]:
+        return data[np.minimum(start + offset, last)].astype(np.int64)
+
+    second = data[start] == MAGIC_2
+    length, flags = at(1), np.where(second, at(2), 0)
+    signed = (flags & SIGNED) != 0
+    head = np.where(second, 10, 6)
+    size = head + length + 2 + np.where(signed, 13, 0)
+    number = np.where(second, at(7) | at(8) << 8 | at(9) << 16, at(5))
+    kinds = _kind_by_number()
+    kind = np.where(number < len(kinds), kinds[np.minimum(number, len(kinds) - 1)], np.int16(UNKNOWN))
+    readable = (start + size <= len(data)) & ((flags & ~SIGNED) == 0)
+    readable &= second | (kind == UNKNOWN) | (length <= _size_by_kind()[kind])  # MAVLink 1 has no extension fields
+    return FrameHeaders(start, start + head, length, size, number, kind.astype(np.int16), signed, readable)
+
+
+def intact(data: NDArray[np.uint8], frames: FrameHeaders) -> NDArray[np.bool_]:
+    """(N,) whether the message is known and the checksum is right."""
+    result: NDArray[np.bool_] = frames.readable & (frames.kind != UNKNOWN)
+    known = np.flatnonzero(result)
+    ends = frames.payload[known] + frames.length[known]
+    first = frames.start[known] + 1
+    extra = _extra_by_kind()[frames.kind[known]]
+    told = data[ends].astype(np.uint16) | data[ends + 1].astype(np.uint16) << np.uint16(8)
+    result[known] = checksums(data, first, ends - first, extra) == told
+    return result
+
+
+@cache
+def numbers() -> tuple[int, ...]:
+    """Message number by kind."""
+    return tuple(sorted(definitions()))
+
+
+@cache
+def _kind_by_number() -> NDArray[np.int16]:
+    known = numbers()
+    kinds = np.full(known[-1] + 2, UNKNOWN, dtype=np.int16)
+    kinds[list(known)] = np.arange(len(known))
+    return kinds
+
+
+@cache
+def _size_by_kind() -> NDArray[np.int64]:
+    return np.array([definitions()[number].size for number in numbers()], dtype=np.int64)
+
+
+@cache
+def _extra_by_kind() -> NDArray[np.uint8]:
+    return np.array([definitions()[number].crc_extra for number in numbers()], dtype=np.uint8)
+
+
+_FROM_HEADER = {"_sysid": (5, 3), "_compid": (6, 4), "_seq": (4, 2)}
+"""Where the byte is in a frame of MAVLink 2 and 1."""
+
+
+class FrameTable:
+    """Frames of one message, each beginning at `start` of `data`; fields, then `_sysid`, `_compid` and `_seq`.
+
+    Bytes that a frame does not carry are 0: MAVLink 2 cuts them off, and fields may be newer than the sender.
+    A value that stands for "not known" is NaN unless `raw`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        definition: MessageDefinition,
+        data: NDArray[np.uint8],
+        start: NDArray[np.int64],
+        stamp_ns: NDArray[np.int64],
+        place: NDArray[np.int64],
+    ) -> None:
+        self.name = name
+        self.instance = definition.instance
+        self.stamp_ns, self.place = stamp_ns, place
+        self.stamp_ns.flags.writeable = self.place.flags.writeable = False
+        self._definition, self._data, self._start = definition, data, start
+        self.columns: Mapping[str, Column] = {
+            **{name: field.column for name, field in definition.fields.items()},
+            **{name: Column(name) for name in _FROM_HEADER},
+        }
+
+    def __len__(self) -> int:
+        return len(self._start)
+
+    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
+        start = self._start[rows]
+        second = self._data[start] == MAGIC_2
+        if column in _FROM_HEADER:
+            in_second, in_first = _FROM_HEADER[column]
+            return self._data[start + np.where(second, in_second, in_first)]
+        field = self._definition.fields[column]
+        payload = start + np.where(second, 10, 6)
+        stored = self._stored(field, payload, self._data[start + 1].astype(np.int64))
+        if field.text:
+            return _text(stored)
+        return stored if raw else _scaled(field, stored)
+
+    def _stored(self, field: MessageField, payload: NDArray[np.int64], length: NDArray[np.int64]) -> NDArray[Any]:
+        count, item = max(field.count, 1), field.dtype.itemsize
+        result = np.zeros((len(payload), count), field.dtype)
+        carried = length >= field.end
+        if carried.any():
+            at_any_byte: NDArray[Any] = np.ndarray((len(self._data) - item + 1,), field.dtype, self._data, strides=(1,))
+            begin = payload + field.offset
+            steps = np.arange(count) * item
+            if carried.all():
+                result[:] = at_any_byte[begin[:, None] + steps]
+            else:
+                result[carried] = at_any_byte[begin[carried, None] + steps]
+        cut = np.flatnonzero(~carried & (length > field.offset))
+        if len(cut):
+            offsets = field.offset + np.arange(count * item)
+            inside = offsets < length[cut, None]
+            found = self._data[np.where(inside, payload[cut, None] + offsets, 0)] * inside
+            result[cut] = np.ascontiguousarray(found, dtype=np.uint8).view(field.dtype)
+        return result if field.count else result[:, 0]
+
+
+def _text(characters: NDArray[np.uint8]) -> NDArray[np.str_]:
+    """Up to the first NUL."""
+    if not characters.size:
+        return np.zeros(len(characters), dtype="U1")
+    texts = np.ascontiguousarray(characters).view(f"S{characters.shape[1]}")[:, 0]
+    shown = [text.split(b"\0", 1)[0].decode("ascii", errors="replace") for text in texts.tolist()]
+    return np.array(shown, dtype=np.str_)
+
+
+def _scaled(field: MessageField, stored: NDArray[Any]) -> NDArray[Any]:
+    values = stored
+    if field.scale is not None:
+        number = field.scale.number
+        values = stored / number if field.scale.how == "over" else stored * number
+    if field.unknown is not None:
+        values = np.where(stored == field.unknown, np.nan, values)
+    return values
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +247,14 @@ def frame_tables(
     begin = np.cumsum(lengths) - lengths
     there = np.flatnonzero(lengths)
     framed = there[np.isin(data[begin[there]], (MAGIC_1, MAGIC_2))] if len(data) else there
-    found = headers(data, begin[framed]) if len(framed) else None
+    found = parse_headers(data, begin[framed]) if len(framed) else None
     if found is None:
         return {}, FrameCounts(len(frames), 0, len(frames), 0)
     complete = found.readable & (found.size == lengths[framed])
     unknown = complete & (found.kind == UNKNOWN)
-    good = np.flatnonzero(whole(data, found) & complete)
+    good = np.flatnonzero(intact(data, found) & complete)
     rows = framed[good]
-    decoded = found.of(good)
+    decoded = found.select(good)
     tables = tables_of(prefix, data, decoded.start, decoded.kind, stamp_ns[rows], place[rows])
     counts = FrameCounts(
         frames=len(frames),
@@ -77,7 +287,7 @@ def tables_of(
     return dict(sorted(tables.items()))
 
 
-def unknown_numbers(frames: Headers, unknown: NDArray[np.bool_]) -> dict[int, int]:
+def unknown_numbers(frames: FrameHeaders, unknown: NDArray[np.bool_]) -> dict[int, int]:
     """How many of each message number no dialect has."""
     found, count = np.unique(frames.number[unknown], return_counts=True)
     return dict(zip(found.tolist(), count.tolist(), strict=True))

@@ -1,21 +1,94 @@
-"""From heads to records: each record ends where the next begins. What does not is damage, and is found again behind it.
+"""The records of a DataFlash log: from heads (A3 95) to a chain in which each record ends where the next begins.
 
 A record in line begins where the last one ended; it is believed. Elsewhere a head is believed when its record ends at
 another head, or at the end of the file. What lies between and still makes sense is kept and counted as suspect: its
-length fits, and its time lies between that of its neighbours.
+length fits, and its time lies between that of its neighbours. The rest is damage, and is skipped.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.dataflash.formats import FMT_ID, FMT_LENGTH, HEAD_BYTES, plausible_fmt
-from xitl_cli.logs.formats.dataflash.heads import Bytes, Heads, Places, u64_at
+from xitl_cli.logs.formats.dataflash.definitions import FMT_ID, FMT_LENGTH, HEAD_BYTES, plausible_fmt
 from xitl_cli.logs.log import Losses
+
+Bytes = NDArray[np.uint8]
+Places = NDArray[np.int64]
+Forget = Callable[[int, int], None]
+"""Told from where to where the bytes of a log were read and are not needed at once."""
+
+_BLOCK = 512 << 10
+"""Bytes compared at a time: what is made of them stays in the processor's cache."""
+_ONE = np.uint64(1)
+
+
+@dataclass(frozen=True, slots=True)
+class Heads:
+    """place: (H,) rising. type_id: (H,) the byte behind A3 95."""
+
+    place: Places
+    type_id: Bytes
+
+    def are_at(self, places: Places, end: int) -> NDArray[np.bool_]:
+        """Whether a head is at each of these places, or the log's end."""
+        if not len(self.place):
+            return np.asarray(places == end)
+        at = np.minimum(np.searchsorted(self.place, places), len(self.place) - 1)
+        return np.asarray((self.place[at] == places) | (places == end))
+
+
+def find_heads(data: Bytes, forget: Forget) -> Heads:
+    """All of them, also those that stand in a payload by chance.
+
+    One thread: a second one waits for the interpreter as often as it saves time.
+    """
+    last = max(len(data) - 2, 0)
+    first, second = np.empty(_BLOCK, np.bool_), np.empty(_BLOCK, np.bool_)
+    places, type_ids = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
+    for at in range(0, last, _BLOCK):
+        count = min(_BLOCK, last - at)
+        a, b = first[:count], second[:count]
+        np.equal(data[at : at + count], 0xA3, out=a)
+        np.equal(data[at + 1 : at + 1 + count], 0x95, out=b)
+        np.logical_and(a, b, out=a)
+        first[count:] = False
+        place = _true(first)
+        place += at
+        places.append(place)
+        type_ids.append(data[place + 2])
+        forget(at, at + _BLOCK)
+    return Heads(np.concatenate(places), np.concatenate(type_ids))
+
+
+def _true(mask: NDArray[np.bool_]) -> Places:
+    """Where a mask of few is true, eight at a time: its length is a multiple of 8."""
+    eights = mask.view("<u8")
+    groups = np.flatnonzero(eights != 0)
+    bits = eights[groups]
+    below = bits - _ONE
+    rest = bits & below
+    found = [(groups << 3) + (np.bitwise_count(below & ~bits) >> 3)]
+    while rest.any():
+        several = np.flatnonzero(rest)
+        groups, bits = groups[several], rest[several]
+        below = bits - _ONE
+        rest = bits & below
+        found.append((groups << 3) + (np.bitwise_count(below & ~bits) >> 3))
+    return np.asarray(found[0], np.int64) if len(found) == 1 else np.sort(np.concatenate(found))
+
+
+def u64_at(data: Bytes, places: Places) -> NDArray[np.uint64]:
+    """Little-endian numbers of 8 bytes that begin at these places."""
+    if not len(places):
+        return np.empty(0, np.uint64)
+    every = np.lib.stride_tricks.as_strided(data[: len(data) // 8 * 8].view("<u8"), (len(data) - 7,), (1,))
+    return every[places]
+
 
 _MOST_UNKNOWN = 100_000
 _STEP = 1 << 16
@@ -29,7 +102,7 @@ _NEAR_US = 5_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Types:
+class RecordTypes:
     """What is known of record types. length: (256,), 0: not described. timed: (256,) whether a record begins with its
     time in microseconds. changes: where in the file lengths change, as (place, type number, length), by place."""
 
@@ -55,7 +128,7 @@ class Types:
 
 
 @dataclass(slots=True)
-class Found:
+class FoundRecords:
     """place, type_id: (R,) of the records, rising.
 
     unknown: heads in line of types that are not described, at most 100 000. repaired_fmt: places of FMT records of
@@ -69,13 +142,13 @@ class Found:
     repaired_fmt: list[int] = field(default_factory=list)
 
 
-def chain(data: Bytes, heads: Heads, types: Types) -> Found:
+def chain(data: Bytes, heads: Heads, types: RecordTypes) -> FoundRecords:
     """The records of a log; takes time in proportion to its size, whatever it holds."""
-    return _Chaining(data, heads, types).run()
+    return _RecordChain(data, heads, types).run()
 
 
-class _Chaining:
-    def __init__(self, data: Bytes, heads: Heads, types: Types) -> None:
+class _RecordChain:
+    def __init__(self, data: Bytes, heads: Heads, types: RecordTypes) -> None:
         self._data, self._size, self._types = data, len(data), types
         self._place, self._type_id = heads.place, heads.type_id
         self._count = len(heads.place)
@@ -83,7 +156,7 @@ class _Chaining:
         self._linked, self._sound = self._relations()
         self._spans: list[tuple[int, int]] = []
         self._repaired: list[tuple[int, int]] = []
-        self._found = Found(heads.place, heads.type_id)
+        self._found = FoundRecords(heads.place, heads.type_id)
 
     def _relations(self) -> tuple[bytes, bytes]:
         """A byte a head: whether its record ends at the very next head, and whether at any; the file's end is one."""
@@ -103,7 +176,7 @@ class _Chaining:
             sound[at:until] = here
         return linked.tobytes(), sound.tobytes()
 
-    def run(self) -> Found:
+    def run(self) -> FoundRecords:
         count, sound = self._count, self._sound
         now = self._resume(0, 0) if not count or self._place[0] > 0 else 0
         while now < count:
@@ -129,7 +202,7 @@ class _Chaining:
                 now = inner
         return self._gather()
 
-    def _gather(self) -> Found:
+    def _gather(self) -> FoundRecords:
         found = self._found
         if self._spans != [(0, self._count)]:
             found.place, found.type_id = (

@@ -1,18 +1,92 @@
-"""Protobuf payloads, as Foxglove's tools write them: the schema is a FileDescriptorSet."""
+"""Payloads that are decoded message by message: JSON, and Protobuf as Foxglove's tools write it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from xitl_cli.logs.formats.mcap.decoded import MOST_ELEMENTS, MOST_LEAVES, Leaf, Part, UndecodableError
-from xitl_cli.logs.formats.mcap.gather import Batch
-from xitl_cli.logs.formats.mcap.lists import ArrayList, NumberList, ObjectList
+from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.formats.mcap.table import (
+    MOST_ELEMENTS,
+    MOST_LEAVES,
+    ArrayList,
+    DecodedBatch,
+    Leaf,
+    NumberList,
+    ObjectList,
+    UndecodableError,
+)
+
+DEEPEST = 8
+
+
+class JsonDecoder:
+    """Keys inside of keys are named "pose.position.x", of what is no object "value".
+
+    Numbers, NaN where a message has none (null too); true and false are 1 and 0; texts, empty where a message has none.
+    A key that is a number here and a text there is a text. Arrays as CdrDecoder has them, for any element that some row
+    has. Keys behind the first 2000 of a topic, and those nested deeper than 8, are left out.
+    """
+
+    open_ended = True
+
+    def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
+        good = np.ones(len(batch), dtype=np.bool_)
+        columns: dict[str, dict[int, Any]] = {}
+        for row in range(len(batch)):
+            try:
+                value = json.loads(batch.payload(row))
+            except (ValueError, RecursionError):
+                good[row] = False
+                continue
+            for name, found in _flat(value, "", 0):
+                if wanted is not None and name != wanted:
+                    continue
+                column = columns.get(name)
+                if column is None:
+                    if len(columns) >= MOST_LEAVES:
+                        break
+                    column = columns[name] = {}
+                column[row] = found
+        return DecodedBatch(good, {name: _leaf(column, len(batch)) for name, column in columns.items()})
+
+
+def _flat(value: Any, name: str, depth: int) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, dict):
+        if depth < DEEPEST:
+            for key, inner in value.items():
+                yield from _flat(inner, f"{name}.{key}" if name else key, depth + 1)
+    elif isinstance(value, list):
+        if all(inner is None or isinstance(inner, int | float) for inner in value):
+            yield name or "value", value
+            return
+        yield f"{name or 'value'}.length", len(value)
+        if depth < DEEPEST:
+            for number, inner in enumerate(value[:MOST_ELEMENTS]):
+                yield from _flat(inner, f"{name or 'value'}[{number}]", depth + 1)
+    elif value is not None:
+        yield name or "value", value
+
+
+def _leaf(column: dict[int, Any], rows: int) -> Leaf:
+    values = [column.get(row) for row in range(rows)]
+    if any(isinstance(value, str) for value in column.values()):
+        return ObjectList(["" if value is None else _text(value) for value in values], "text")
+    if all(isinstance(value, list) for value in column.values()):
+        return ArrayList([value or () for value in values])
+    if any(isinstance(value, list) for value in column.values()):
+        return ObjectList(["" if value is None else _text(value) for value in values], "text")
+    return NumberList([int(value) if isinstance(value, bool) else value for value in values])
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
 
 _INSTANTS = ("google.protobuf.Timestamp", "google.protobuf.Duration")
-_DEEPEST = 8
 _MOST_SCHEMA = 4 << 20
 _LATEST_S = 2**63 // 1_000_000_000 - 1
 
@@ -45,7 +119,7 @@ class ProtobufDecoder:
         except Exception as error:  # TypeError, KeyError, DecodeError … by implementation of protobuf
             raise UndecodableError("its definition cannot be read") from error
 
-    def decode(self, batch: Batch, wanted: str | None) -> Part:
+    def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
         good = np.ones(len(batch), dtype=np.bool_)
         messages: list[Any] = []
         empty = self._type()
@@ -56,11 +130,11 @@ class ProtobufDecoder:
                 good[row] = False
                 messages.append(empty)
         if not good.any():
-            return Part(good, {})
+            return DecodedBatch(good, {})
         if not good.all():
             first = messages[int(np.argmax(good))]
             messages = [message if kept else first for message, kept in zip(messages, good.tolist(), strict=True)]
-        return Part(good, _Flat(wanted).of(messages, self._type.DESCRIPTOR))
+        return DecodedBatch(good, _Flat(wanted).of(messages, self._type.DESCRIPTOR))
 
 
 class _Flat:
@@ -93,7 +167,7 @@ class _Flat:
     def _inner(self, messages: Sequence[Any], descriptor: Any, name: str, depth: int) -> None:
         if descriptor.full_name in _INSTANTS:
             self._leaves[name] = NumberList([_instant_ns(message) for message in messages], "ns", np.dtype(np.int64))
-        elif depth < _DEEPEST:
+        elif depth < DEEPEST:
             self._message(messages, descriptor, f"{name}.", depth + 1)
 
     def _scalar(self, messages: Sequence[Any], field: Any) -> Leaf:

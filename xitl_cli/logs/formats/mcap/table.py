@@ -1,0 +1,456 @@
+"""The table of one topic: what decoders give of each batch of payloads, put together to columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import repeat
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
+from xitl_cli.logs.table import ALL, Column, Kind, Rows, steps_back
+
+MOST_ELEMENTS = 32
+"""Elements of an array of messages or texts that get columns of their own."""
+
+MOST_NUMBERS = 4096
+"""Numbers of an array; longer ones are given as bytes, as stored. So are some very long ones of differing lengths
+which padded would not fit into memory."""
+
+MOST_LEAVES = 2000
+_MOST_PADDED_BYTES = 1 << 30
+_MOST_TEXT_BYTES = 64 << 20
+
+RowNumbers = NDArray[np.intp]
+
+
+class UndecodableError(Exception):
+    """A topic cannot be read at all; the reason in words that end a sentence."""
+
+
+class Leaf:
+    """One field of all messages of a batch. lengths: the shortest and longest of an array; None: a single value."""
+
+    kind: Kind = "number"
+    unit: str = ""
+    dtype: np.dtype[Any]
+    lengths: tuple[int, int] | None = None
+
+    def take(self, rows: RowNumbers) -> list[Any] | NDArray[Any]:
+        """(n,) single values, in an array when they are numbers."""
+        raise NotImplementedError
+
+    def arrays(self, rows: RowNumbers, width: int) -> NDArray[Any]:
+        """(n, width) numbers, padded with NaN when an array of this batch is shorter."""
+        raise NotImplementedError
+
+    def packed(self, rows: RowNumbers) -> list[bytes]:
+        """The numbers of each array as bytes, as stored."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedBatch:
+    """One decoded batch. good: (n,) the rows that could be decoded; leaves by the name of their column."""
+
+    good: NDArray[np.bool_]
+    leaves: Mapping[str, Leaf]
+
+
+class Decoder(Protocol):
+    """open_ended: fields may be there in some messages only; the others have NaN or empty text there."""
+
+    open_ended: bool
+
+    def decode(self, batch: PayloadBatch, wanted: str | None) -> DecodedBatch:
+        """`wanted`: the one column that is needed, None: all. Raises UndecodableError."""
+        ...
+
+
+@dataclass(slots=True)
+class Shape:
+    """What is known of a column from the leaves seen so far. seen: in how many batches."""
+
+    kind: Kind
+    unit: str
+    dtype: np.dtype[Any]
+    lengths: tuple[int, int] | None
+    seen: int = 1
+
+    def join(self, leaf: Leaf) -> None:
+        self.seen += 1
+        if leaf.kind != self.kind or (leaf.lengths is None) != (self.lengths is None):
+            self.kind, self.lengths = "text", None
+            return
+        if self.kind == "number":
+            self.dtype = np.promote_types(self.dtype, leaf.dtype)
+        if self.lengths is not None and leaf.lengths is not None:
+            self.lengths = min(self.lengths[0], leaf.lengths[0]), max(self.lengths[1], leaf.lengths[1])
+
+
+class Shapes:
+    """The columns of a topic, put together batch by batch."""
+
+    def __init__(self, open_ended: bool) -> None:
+        self._open_ended = open_ended
+        self._shapes: dict[str, Shape] = {}
+        self._batches = 0
+
+    def add(self, leaves: Mapping[str, Leaf]) -> None:
+        self._batches += 1
+        for name, leaf in leaves.items():
+            known = self._shapes.get(name)
+            if known is not None:
+                known.join(leaf)
+            elif (self._open_ended or self._batches == 1) and len(self._shapes) < MOST_LEAVES:
+                self._shapes[name] = Shape(leaf.kind, leaf.unit, leaf.dtype, leaf.lengths)
+
+    def columns(self, rows: int) -> dict[str, Column]:
+        """What every batch has, or any of them where messages are open-ended. rows: of the whole table.
+
+        An array that is empty in all of them is no column.
+        """
+        return {
+            name: _column(name, shape, rows)
+            for name, shape in self._shapes.items()
+            if (self._open_ended or shape.seen == self._batches) and shape.lengths != (0, 0)
+        }
+
+    def values(self, column: Column, parts: Iterable[tuple[Mapping[str, Leaf], RowNumbers]]) -> NDArray[Any]:
+        """One column of all parts, each with the rows wanted of it."""
+        shape = self._shapes[column.name]
+        if column.kind == "number":
+            return _numbers(column, shape, parts)
+        values: list[Any] = []
+        for leaves, rows in parts:
+            values += _objects(column, shape, leaves.get(column.name), rows)
+        return texts(values) if column.kind == "text" else objects(values)
+
+
+def texts(values: Sequence[str]) -> NDArray[Any]:
+    """Text of fixed width; of any width when one very long text would make all as wide."""
+    widest = max((len(value) for value in values), default=0)
+    if 4 * widest * len(values) > _MOST_TEXT_BYTES:
+        return objects(values)
+    return np.array(values, dtype=np.str_) if values else np.zeros(0, dtype="U1")
+
+
+def objects(values: Sequence[Any]) -> NDArray[Any]:
+    array = np.empty(len(values), dtype=object)
+    array[:] = values
+    return array
+
+
+def _column(name: str, shape: Shape, rows: int) -> Column:
+    if shape.lengths is None or shape.kind != "number":
+        return Column(name, shape.unit, shape.unit, shape.kind)
+    shortest, longest = shape.lengths
+    if longest > MOST_NUMBERS or (shortest < longest and 8 * longest * rows > _MOST_PADDED_BYTES):
+        return Column(name, kind="bytes")
+    return Column(name, shape.unit, shape.unit, shape=(longest if shortest == longest else -1,))
+
+
+def _numbers(column: Column, shape: Shape, parts: Iterable[tuple[Mapping[str, Leaf], RowNumbers]]) -> NDArray[Any]:
+    blocks: list[NDArray[Any]] = []
+    width = () if shape.lengths is None else (shape.lengths[1],)
+    for leaves, rows in parts:
+        leaf = leaves.get(column.name)
+        if leaf is None:
+            blocks.append(np.full((len(rows), *width), np.nan))
+        elif width:
+            blocks.append(leaf.arrays(rows, width[0]))
+        else:
+            blocks.append(np.asarray(leaf.take(rows)))
+    if blocks:
+        return np.concatenate(blocks)
+    return np.zeros((0, *width), dtype=np.float64 if column.shape == (-1,) else shape.dtype)
+
+
+def _objects(column: Column, shape: Shape, leaf: Leaf | None, rows: RowNumbers) -> Sequence[Any]:
+    if leaf is None:
+        return [b"" if column.kind == "bytes" else ""] * len(rows)
+    if column.kind == "bytes":
+        return leaf.packed(rows) if shape.kind == "number" else list(leaf.take(rows))
+    if leaf.lengths is not None:
+        return [str(value) for value in leaf.arrays(rows, leaf.lengths[1]).tolist()]
+    return list(leaf.take(rows)) if leaf.kind == "text" else [str(value) for value in leaf.take(rows)]
+
+
+_LARGEST = 2**63
+
+
+class NumberList(Leaf):
+    """One number a message; whole numbers stay whole as long as none is missing (None)."""
+
+    def __init__(self, values: Sequence[Any], unit: str = "", dtype: np.dtype[Any] | None = None) -> None:
+        self.unit = unit
+        self._values = numbers(values, dtype)
+        self.dtype = self._values.dtype
+
+    def take(self, rows: RowNumbers) -> NDArray[Any]:
+        return self._values[rows]
+
+
+class ArrayList(Leaf):
+    """Numbers in an array a message."""
+
+    def __init__(self, values: Sequence[Sequence[Any]], dtype: np.dtype[Any] | None = None) -> None:
+        self._values = [numbers(value, dtype) for value in values]
+        counts = [len(value) for value in values]
+        self.lengths = (min(counts, default=0), max(counts, default=0))
+        self.dtype = dtype or np.result_type(np.int64, *{value.dtype for value in self._values if len(value)})
+
+    def take(self, rows: RowNumbers) -> list[Any]:
+        return [self._values[row].tolist() for row in rows.tolist()]
+
+    def arrays(self, rows: RowNumbers, width: int) -> NDArray[Any]:
+        if self.lengths == (width, width):
+            stacked = [self._values[row] for row in rows.tolist()]
+            return np.array(stacked, dtype=self.dtype).reshape(len(rows), width)
+        padded = np.full((len(rows), width), np.nan)
+        for number, row in enumerate(rows.tolist()):
+            padded[number, : len(self._values[row])] = self._values[row]
+        return padded
+
+    def packed(self, rows: RowNumbers) -> list[bytes]:
+        return [self._values[row].astype(self.dtype).tobytes() for row in rows.tolist()]
+
+
+class ObjectList(Leaf):
+    """Texts or bytes."""
+
+    def __init__(self, values: Sequence[Any], kind: Kind) -> None:
+        self.kind = kind
+        self.dtype = np.dtype(np.str_ if kind == "text" else object)
+        self._values = values
+
+    def take(self, rows: RowNumbers) -> list[Any]:
+        return [self._values[row] for row in rows.tolist()]
+
+
+def numbers(values: Sequence[Any], dtype: np.dtype[Any] | None) -> NDArray[Any]:
+    """None becomes NaN; whole numbers that 64 bits cannot hold become the nearest that a float can."""
+    if dtype is not None and None not in values:
+        return np.array(values, dtype=dtype)
+    if dtype is None and all(isinstance(value, int) and -_LARGEST <= value < _LARGEST for value in values):
+        return np.array(values, dtype=np.int64)
+    return np.array([_as_float(value) for value in values], dtype=np.float64)
+
+
+def _as_float(value: Any) -> float:
+    if value is None:
+        return float("nan")
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf") if value > 0 else float("-inf")
+
+
+_KEPT_BYTES = 64 << 20
+_PLAIN_BYTES = 96 << 20
+
+
+class Room:
+    """How many bytes of payloads all topics together may keep in memory."""
+
+    def __init__(self, size: int = 192 << 20) -> None:
+        self._left = size
+
+    def take(self, size: int) -> bool:
+        """Whether there was room, which is now less."""
+        if size > min(self._left, _KEPT_BYTES):
+            return False
+        self._left -= size
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class Surveyed:
+    """What one pass over a topic's messages told.
+
+    good: of each batch, the rows that could be decoded. kept: the decoded batches when they are small enough.
+    """
+
+    stamp_ns: NDArray[np.int64]
+    place: NDArray[np.int64]
+    columns: Mapping[str, Column]
+    shapes: Shapes
+    good: tuple[NDArray[np.bool_], ...]
+    kept: tuple[DecodedBatch, ...] | None
+    undecoded: int
+    why: str
+    back_in_time: int
+
+
+class TopicTable:
+    """Messages of one topic in the order of the file. Stamps are log times.
+
+    distrust: told when there are not `count` messages; whether to look again, without the message indexes.
+
+    Its length is that of the file's index until its stamps, places, columns or values are asked for: then all its
+    messages are read once, those that cannot be decoded are left out and counted in `Health.undecoded`.
+    place: of the message in the file, were nothing packed.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        count: int,
+        batches: Callable[[], Iterator[PayloadBatch]],
+        decoder: Callable[[], Decoder],
+        unit: Callable[[str], str],
+        room: Room,
+        distrust: Callable[[str], bool],
+    ) -> None:
+        self._name = name
+        self._count = count
+        self._batches = batches
+        self._make_decoder = decoder
+        self._unit = unit
+        self._room = room
+        self._distrust = distrust
+        self._decoder: Decoder | None = None
+        self._seen: Surveyed | None = None
+        self._why = ""
+        self._plains: dict[str, NDArray[Any]] | None = None
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def columns(self) -> Mapping[str, Column]:
+        return self.survey().columns
+
+    @property
+    def instance(self) -> str | None:
+        return None
+
+    def __len__(self) -> int:
+        return self._count if self._seen is None else len(self._seen.stamp_ns)
+
+    @property
+    def stamp_ns(self) -> NDArray[np.int64]:
+        return self.survey().stamp_ns
+
+    @property
+    def place(self) -> NDArray[np.int64]:
+        return self.survey().place
+
+    @property
+    def surveyed(self) -> Surveyed | None:
+        """What is known once the messages were read."""
+        return self._seen
+
+    def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
+        """See Table; raw makes no difference."""
+        seen = self.survey()
+        described = seen.columns[column]
+        wanted = np.arange(len(seen.stamp_ns), dtype=np.intp)[rows]
+        order = None
+        if len(wanted) > 1 and not (np.diff(wanted) > 0).all():
+            wanted, order = np.unique(wanted, return_inverse=True)
+        values = self._plain(seen, column)
+        if values is not None:
+            return values[wanted if order is None else wanted[order]]
+        values = seen.shapes.values(described, self._parts(seen, column, wanted))
+        return values if order is None else values[order]
+
+    def _plain(self, seen: Surveyed, column: str) -> NDArray[Any] | None:
+        """A column of one number a row, of messages that are not kept: all such columns are read at once, and kept."""
+        if seen.kept is not None:
+            return None
+        if self._plains is None:
+            names = [name for name, one in seen.columns.items() if one.kind == "number" and one.shape == ()]
+            names = names[: _PLAIN_BYTES // (8 * max(len(seen.stamp_ns), 1))]
+            blocks: dict[str, list[NDArray[Any]]] = {name: [] for name in names}
+            every = np.arange(len(seen.stamp_ns), dtype=np.intp)
+            if column in names:
+                for leaves, rows in self._parts(seen, None, every):
+                    for name, block in blocks.items():
+                        block.append(seen.shapes.values(seen.columns[name], [(leaves, rows)]))
+                self._plains = {name: np.concatenate(block) for name, block in blocks.items()}
+        return None if self._plains is None else self._plains.get(column)
+
+    def survey(self) -> Surveyed:
+        """Read all messages once."""
+        if self._seen is None:
+            why = self.why_undecodable()
+            try:
+                self._seen = self._survey(self._decoder, why)
+            except UndecodableError as reason:
+                self._decoder = None
+                self._seen = self._survey(None, str(reason))
+        return self._seen
+
+    def why_undecodable(self) -> str:
+        """Why none of its messages can be decoded, "" when they can, as far as the schema tells."""
+        if self._decoder is None and not self._why:
+            try:
+                self._decoder = self._make_decoder()
+            except UndecodableError as reason:
+                self._why = str(reason)
+        return self._why
+
+    def _survey(self, decoder: Decoder | None, why: str) -> Surveyed:
+        shapes = Shapes(decoder is not None and decoder.open_ended)
+        stamps, places = list[NDArray[np.int64]](), list[NDArray[np.int64]]()
+        goods, parts, held = list[NDArray[np.bool_]](), list[DecodedBatch](), 0
+        for batch in self._batches():
+            good = np.ones(len(batch), dtype=np.bool_)
+            if decoder is not None:
+                part = decoder.decode(batch, None)
+                good = part.good
+                if good.any():
+                    shapes.add(part.leaves)
+                held += len(batch.data)
+                parts = [*parts, part] if held <= _KEPT_BYTES else []
+            goods.append(good)
+            stamps.append(batch.stamp_ns)
+            places.append(batch.place)
+        good = _joined(goods, np.bool_)
+        if len(good) != self._count and self._distrust(f"{self._name} has {len(good)} messages, not {self._count}"):
+            self._count = len(good)
+            return self._survey(decoder, why)
+        stamp_ns, place = _joined(stamps, np.int64)[good], _joined(places, np.int64)[good]
+        stamp_ns.flags.writeable = place.flags.writeable = False
+        columns = {
+            name: replace(column, unit=unit, raw_unit=unit) if (unit := column.unit or self._unit(name)) else column
+            for name, column in shapes.columns(len(stamp_ns)).items()
+        }
+        return Surveyed(
+            stamp_ns=stamp_ns,
+            place=place,
+            columns=columns,
+            shapes=shapes,
+            good=tuple(goods),
+            kept=tuple(parts) if decoder is not None and self._room.take(held) else None,
+            undecoded=int((~good).sum()) if decoder is not None else len(good),
+            why=why or "its messages are shorter than their definition says",
+            back_in_time=steps_back(stamp_ns),
+        )
+
+    def _parts(
+        self, seen: Surveyed, column: str | None, wanted: NDArray[np.intp]
+    ) -> Iterator[tuple[Mapping[str, Leaf], RowNumbers]]:
+        """The batches that have wanted rows, which increase, and these rows in each."""
+        assert self._decoder is not None
+        first = 0
+        batches: Iterator[Any] = repeat(None) if seen.kept is not None else self._batches()
+        for number, (good, batch) in enumerate(zip(seen.good, batches, strict=False)):
+            rows = np.flatnonzero(good)
+            begin, end = np.searchsorted(wanted, (first, first + len(rows)))
+            chosen = rows[wanted[begin:end] - first]
+            first += len(rows)
+            if len(chosen):
+                part = seen.kept[number] if seen.kept is not None else self._decoder.decode(batch, column)
+                yield part.leaves, chosen
+            if end == len(wanted):
+                return
+
+
+def _joined(arrays: list[NDArray[Any]], dtype: type[Any]) -> NDArray[Any]:
+    return np.concatenate(arrays) if arrays else np.zeros(0, dtype=dtype)
