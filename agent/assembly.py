@@ -105,7 +105,7 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
     from agent.autopilot_role import AutopilotRole
     from agent.fcu.autopilot import Autopilot
     from agent.fcu.control.controller import load
-    from agent.fcu.mavlink.services import Services
+    from agent.fcu.mavlink.channel import MavlinkChannel
     from agent.fcu.parameters import Parameters
     from agent.ground.stations import GroundStations
     from agent.storage import Storage
@@ -124,11 +124,11 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
         ground = GroundStations(options.ground, SYSTEM_ID, AUTOPILOT_COMPONENT_ID, signing)
         opened.callback(ground.close)
 
-    def services() -> Services:
+    def channel() -> MavlinkChannel:
         own = Parameters({name: parameters[name] for name in parameters})
-        return Services(Autopilot(own, make_controller), SYSTEM_ID, AUTOPILOT_COMPONENT_ID)
+        return MavlinkChannel(Autopilot(own, make_controller), SYSTEM_ID, AUTOPILOT_COMPONENT_ID)
 
-    return AutopilotRole(services, send, ground, storage, _log_of(options, opened))
+    return AutopilotRole(channel, send, ground, storage, _log_of(options, opened))
 
 
 def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]], NullFlightLog] | None:

@@ -8,8 +8,8 @@ from typing import Callable
 from agent.fcu.autopilot import LOOP_HZ
 from agent.fcu.events import Event
 from agent.fcu.log.hooks import NullFlightLog
-from agent.fcu.mavlink.services import Services
-from agent.fcu.mavlink.vehicle import Mailbox
+from agent.fcu.mavlink.channel import MavlinkChannel
+from agent.fcu.mavlink.hub import Outbox
 from agent.fcu.samples import Actuators
 from agent.ground.stations import GroundStations
 from agent.role import Role, Traffic
@@ -24,7 +24,7 @@ MOTORS_ON_WIRE = 8
 
 
 class AutopilotRole(Role):
-    """Sensors in, actuators out at LOOP_HZ. `make_services` builds a fresh autopilot for every run.
+    """Sensors in, actuators out at LOOP_HZ. `make_channel` builds a fresh autopilot for every run.
 
     `send` hands messages to the host. `ground` serves ground stations beside the host, between runs too: there is no
     motion then, but parameters and plans can be set. `storage` keeps over a restart what they set. `make_log` gets this
@@ -37,13 +37,13 @@ class AutopilotRole(Role):
 
     def __init__(
         self,
-        make_services: Callable[[], Services],
+        make_channel: Callable[[], MavlinkChannel],
         send: Callable[[Message], bool],
         ground: GroundStations | None = None,
         storage: Storage | None = None,
         make_log: Callable[[Callable[[], int]], NullFlightLog] | None = None,
     ) -> None:
-        self._make_services = make_services
+        self._make_channel = make_channel
         self._send = send
         self._ground = ground
         self._storage = storage
@@ -51,33 +51,33 @@ class AutopilotRole(Role):
         self._log = None if make_log is None else make_log(lambda: self._clock.now_ns())
 
     @property
-    def services(self) -> Services:
-        """What the host is served, with the autopilot of the run."""
-        return self._services
+    def channel(self) -> MavlinkChannel:
+        """What serves the host, with the autopilot of the run."""
+        return self._channel
 
     # -- the life of a run
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
         self._clock = clock
         self._lockstep = lockstep
-        self._services = self._make_services()
-        self._vehicle = self._services.vehicle
-        self._autopilot = self._services.autopilot
+        self._channel = self._make_channel()
+        self._hub = self._channel.hub
+        self._autopilot = self._channel.autopilot
         self._control_and_allocate = self._autopilot.control
-        self._log_mailbox: Mailbox | None = None
+        self._log_outbox: Outbox | None = None
         self._imu_stamp_us = self._imu_received_us = 0
         self._actuators = Actuators()
         self._count = 0
         self._controlled_ns = 0
         self._missed_before = self._stations_missed()
         if self._storage is not None:
-            self._vehicle.keeper = self._storage
+            self._hub.storage = self._storage
             self._storage.apply(self._autopilot)
         if self._log is not None:
-            self._vehicle.log = self._log
-            self._log_mailbox = self._vehicle.mailbox()
+            self._hub.log = self._log
+            self._log_outbox = self._hub.open_outbox()
         if self._ground is not None:
-            self._ground.attach(self._vehicle)
+            self._ground.attach(self._hub)
 
     def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         if self._log is not None:
@@ -89,7 +89,7 @@ class AutopilotRole(Role):
     def end(self, now_ns: int) -> Sequence[Message]:
         """The host takes the world away: nothing is steered any more."""
         self._autopilot.disarm()
-        self._actuators = self._vehicle.actuators = Actuators()
+        self._actuators = self._hub.actuators = Actuators()
         if self._log is not None:
             self._log.arm(now_ns, False)
             self._log_events(self._log, now_ns)
@@ -101,7 +101,7 @@ class AutopilotRole(Role):
     def take(self, message: Message, now_ns: int) -> Sequence[Message]:
         if isinstance(message, dialect.MAVLink_xitl_imu_message):
             self._imu_stamp_us, self._imu_received_us = message.time_usec, now_ns // 1000
-        return self._services.handle(message, now_ns)
+        return self._channel.handle(message, now_ns)
 
     def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
         self._count = tick
@@ -110,7 +110,7 @@ class AutopilotRole(Role):
     # -- tasks
 
     def _control(self, now_ns: int) -> None:
-        self._actuators = self._vehicle.actuators = self._control_and_allocate(now_ns)
+        self._actuators = self._hub.actuators = self._control_and_allocate(now_ns)
         if not self._lockstep:
             self._count += 1
             self._send(self._actuators_message(self._clock.now_ns()))
@@ -122,7 +122,7 @@ class AutopilotRole(Role):
         self._log_events(self._log, now_ns)
 
     def telemetry(self, now_ns: int) -> Sequence[Message]:
-        return self._services.telemetry(now_ns)
+        return self._channel.poll(now_ns)
 
     def _serve_ground(self, now_ns: int) -> None:
         if self._storage is not None:
@@ -147,11 +147,11 @@ class AutopilotRole(Role):
         self._autopilot.say(Event(severity, text))
 
     def _log_events(self, log: NullFlightLog, now_ns: int) -> None:
-        mailbox = self._log_mailbox
-        if mailbox is not None:
-            self._vehicle.collect(now_ns)
-            while mailbox.events:
-                event = mailbox.events.popleft()
+        outbox = self._log_outbox
+        if outbox is not None:
+            self._hub.distribute(now_ns)
+            while outbox.events:
+                event = outbox.events.popleft()
                 log.event(now_ns, event.severity, event.text)
 
     def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
@@ -168,7 +168,7 @@ class AutopilotRole(Role):
         return Traffic(
             autopilot.estimates_used,
             autopilot.efforts,
-            self._services.refused,
+            self._channel.refused,
             0 if self._log is None else self._log.dropped,
             self._stations_missed() - self._missed_before,
             autopilot.events.lost,
@@ -194,5 +194,5 @@ class AutopilotRole(Role):
         if self._ground is not None:
             self._ground.receive(now)
             self._ground.keep_alive(now())
-        if self._vehicle.reboot_asked:
-            self._vehicle.reboot()
+        if self._hub.reboot_asked:
+            self._hub.reboot()

@@ -9,7 +9,7 @@ from typing import Callable
 
 from agent.bridges.injector import Injection, Injector
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.mavlink.texts import Texts
+from agent.mavlink.commands import StatusTextSender
 from agent.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
@@ -155,7 +155,7 @@ class BridgeRole(Role):
         self._vehicle = vehicle
         self._injectors = tuple(injectors)
         self._outputs = outputs
-        self._texts = Texts()
+        self._texts = StatusTextSender()
         self._running = False
         self._lockstep = False
         vehicle.add_tap(self._on_vehicle)

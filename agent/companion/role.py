@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Callable
 
 from agent.companion.settings import Settings
-from agent.fcu.mavlink.texts import Texts
+from agent.mavlink.commands import StatusTextSender
 from agent.role import Role, Traffic
 from agent.timing.clock import Clock
 from agent.timing.tasks import Executor
@@ -45,7 +45,7 @@ class CompanionRole(Role):
     telemetry_hz = WATCH_HZ
 
     def __init__(self) -> None:
-        self._texts = Texts()
+        self._texts = StatusTextSender()
         self._settings = Settings()
 
     def reset(self, clock: Clock, lockstep: bool) -> None:

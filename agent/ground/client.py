@@ -1,4 +1,4 @@
-"""One ground station: its link, its services, and what it may cost."""
+"""One ground station: its link, its channel, and what it may cost."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from agent.fcu.autopilot import WARNING, Event
-from agent.fcu.mavlink.services import Services
-from agent.fcu.mavlink.vehicle import Vehicle
+from agent.fcu.mavlink.channel import MavlinkChannel
+from agent.fcu.mavlink.hub import MavlinkHub
 from agent.wire import dialect as mav
 from agent.wire.codec import MessageRefusedError
 from agent.wire.link import Link
@@ -29,7 +29,7 @@ class Client:
         self.name = name
         self.skipped = 0
         self.unpackable = 0
-        self._services: Services | None = None
+        self._channel: MavlinkChannel | None = None
         self._stuck_ns: int | None = None
         self._said_signature = False
 
@@ -38,44 +38,42 @@ class Client:
         """Carries its bytes."""
         return self.link.transport
 
-    def attach(self, vehicle: Vehicle) -> None:
+    def attach(self, hub: MavlinkHub) -> None:
         """Serve this vehicle from now on, at the rates the station has asked for."""
-        old = self._services
-        self._services = Services(
-            vehicle.autopilot, self.link.system_id, self.link.component_id, vehicle=vehicle, ground=True
-        )
+        old = self._channel
+        self._channel = MavlinkChannel(hub.autopilot, self.link.system_id, self.link.component_id, hub=hub, ground=True)
         if old is not None:
-            self._services.stream.resume(old.stream.periods_ns)
+            self._channel.streams.resume(old.streams.periods_ns)
             old.close()
 
     def receive(self, clock: Callable[[], int]) -> None:
         """Handle what has arrived, as much of it as one cycle can bear."""
-        services = self._services
-        if services is None:
+        channel = self._channel
+        if channel is None:
             return
         for message in self.link.receive(0.0):
-            replies = services.handle(message, clock())
+            replies = channel.handle(message, clock())
             if replies:
                 self._send(replies)
         if self.link.refused_signature and not self._said_signature:
             self._said_signature = True
-            services.autopilot.say(Event(WARNING, f"Frames from {self.name} refused: not signed with our key"))
+            channel.autopilot.say(Event(WARNING, f"Frames from {self.name} refused: not signed with our key"))
 
     def telemetry(self, now_ns: int) -> None:
         """Send what is due."""
-        if self._services is None:
+        if self._channel is None:
             return
         if self._is_stuck():
             self.skipped += 1
             return
-        messages = self._services.telemetry(now_ns)
+        messages = self._channel.poll(now_ns)
         if messages:
             self._send(messages)
 
     def heartbeat(self, now_ns: int) -> None:
         """Send that alone."""
-        if self._services is not None:
-            beat = self._services.stream.one(mav.MAVLINK_MSG_ID_HEARTBEAT, now_ns)
+        if self._channel is not None:
+            beat = self._channel.streams.message(mav.MAVLINK_MSG_ID_HEARTBEAT, now_ns)
             self._send([beat])
 
     def is_gone(self, monotonic_ns: int) -> bool:
@@ -93,9 +91,9 @@ class Client:
 
     def close(self) -> None:
         """End the connection."""
-        if self._services is not None:
-            self._services.close()
-            self._services = None
+        if self._channel is not None:
+            self._channel.close()
+            self._channel = None
         self.transport.close()
 
     def _is_stuck(self) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from agent.fcu.mavlink.vehicle import Vehicle
+from agent.fcu.mavlink.hub import MavlinkHub
 from agent.ground.client import Client
 from agent.wire.link import Link
 from agent.wire.signing import Signing
@@ -55,7 +55,7 @@ class GroundStations:
         self._signing = signing
         self._clients: list[Client] = []
         self._listeners: list[TcpListener] = []
-        self._vehicle: Vehicle | None = None
+        self._hub: MavlinkHub | None = None
         self._made = 0
         self._turned_away = self._dropped = self._sent = self._unsent = self._skipped = self._refused = 0
         self._unpackable = 0
@@ -85,8 +85,8 @@ class GroundStations:
         client = Client(Link(transport, *self._ids, signing=self._signing, link_id=self._made), name)
         self._made += 1
         self._clients.append(client)
-        if self._vehicle is not None:
-            client.attach(self._vehicle)
+        if self._hub is not None:
+            client.attach(self._hub)
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -117,11 +117,11 @@ class GroundStations:
         found += [listener.fileno() for listener in self._listeners]
         return [descriptor for descriptor in found if descriptor is not None]
 
-    def attach(self, vehicle: Vehicle) -> None:
+    def attach(self, hub: MavlinkHub) -> None:
         """Serve this vehicle from now on."""
-        self._vehicle = vehicle
+        self._hub = hub
         for client in self._clients:
-            client.attach(vehicle)
+            client.attach(hub)
 
     def receive(self, clock: Callable[[], int]) -> None:
         """Take in who calls and handle what has arrived; `clock` is the vehicle's."""

@@ -1,11 +1,192 @@
-"""The MAVLink parameter protocol (mavlink.io/en/services/parameter.html)."""
+"""The MAVLink parameter protocol (mavlink.io/en/services/parameter.html): client, server, PX4's whole numbers."""
 
 from __future__ import annotations
 
 import struct
-from typing import Any
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Callable
 
+from agent.mavlink.exchange import Messages, Request, Target, Timer, text_of
+from agent.wire import dialect as mav
+
+PER_POLL = 10
+QUIET_S = 1.0
+ROUNDS = 6
+BATCH = 20
 _WHOLE = {1: "<Bxxx", 2: "<bxxx", 3: "<Hxx", 4: "<hxx", 5: "<I", 6: "<i"}  # by MAV_PARAM_TYPE
+
+
+class ParameterClient:
+    """Reads and sets parameters of `target`, each by an exchange of its own.
+
+    bytewise: whether whole numbers lie in the four bytes of the field as such (PX4's way, MAV_PROTOCOL_CAPABILITY
+    PARAM_ENCODE_BYTEWISE). tries, answer_s: how often a request is sent and how long each waits; new_timer: the clocks
+    for that. typed: whether a parameter is set with the type that it was told with, as it has to be bytewise; else as a
+    REAL32, which ArduPilot takes for every type.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        bytewise: bool = False,
+        typed: bool = False,
+        tries: int = 4,
+        answer_s: float = 1.0,
+        new_timer: Callable[[], Timer] = Timer,
+    ) -> None:
+        self._target = target
+        self._bytewise = bytewise
+        self._typed = typed or bytewise
+        self._tries = tries
+        self._answer_s = answer_s
+        self._new_timer = new_timer
+        self._types: dict[str, int] = {}
+
+    def read(self, name: str) -> Request:
+        """Ask for one by its name; the answer is a PARAM_VALUE."""
+        message = mav.MAVLink_param_request_read_message(*self._target, name.encode("ascii", "replace"), -1)
+        return self._request(message, name)
+
+    def set(self, name: str, value: float) -> Request:
+        """Set one; the answer is the PARAM_VALUE in force, which may be another value.
+
+        Raises ValueError for a value that a whole-number parameter of PX4 does not hold.
+        """
+        param_type = self._types.get(name, mav.MAV_PARAM_TYPE_REAL32)
+        field = bytewise_field(value, param_type) if self._bytewise else value
+        message = mav.MAVLink_param_set_message(*self._target, name.encode("ascii", "replace"), field, param_type)
+        return self._request(message, name)
+
+    def read_all(self) -> ParameterList:
+        """Ask for all."""
+        return ParameterList(self._target, self.value)
+
+    def value(self, answer: Any) -> float:
+        """Value of a PARAM_VALUE."""
+        if self._typed:
+            self._types[text_of(answer.param_id)] = answer.param_type
+        return bytewise_value(answer) if self._bytewise else float(answer.param_value)
+
+    def _request(self, message: Any, name: str) -> Request:
+        def is_answer(answer: Any) -> bool:
+            return bool(answer.get_msgId() == mav.MAVLINK_MSG_ID_PARAM_VALUE and text_of(answer.param_id) == name)
+
+        return Request(lambda attempt: message, is_answer, self._tries, self._answer_s, self._new_timer())
+
+
+class ParameterList:
+    """An exchange for all parameters: the list, then what got lost, BATCH at a time, until ROUNDS in a row bring none.
+
+    count: how many there are, None while nothing came.
+    """
+
+    def __init__(self, target: Target, value: Callable[[Any], float]) -> None:
+        self.done = False
+        self.count: int | None = None
+        self._target = target
+        self._value = value
+        self._found: dict[int, tuple[str, float]] = {}
+        self._wanted: list[int] = []
+        self._found_before = 0
+        self._fruitless = 0
+        self._timer = Timer()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """What has come, by name in the vehicle's order."""
+        return {name: value for _, (name, value) in sorted(self._found.items())}
+
+    @property
+    def complete(self) -> bool:
+        """Whether all have come."""
+        return self.count is not None and len(self._found) == self.count
+
+    def poll(self, now_ns: int) -> Messages:
+        if self._timer.started:
+            ended = self.complete or (self._wanted and all(index in self._found for index in self._wanted))
+            if not ended and not self._timer.is_over(now_ns, QUIET_S):
+                return []
+            self._fruitless = 0 if len(self._found) > self._found_before else self._fruitless + 1
+        self.done = self.complete or self._fruitless == ROUNDS
+        if self.done:
+            return []
+        self._timer.start(now_ns)
+        self._found_before = len(self._found)
+        if self.count is None:
+            return [mav.MAVLink_param_request_list_message(*self._target)]
+        self._wanted = [index for index in range(self.count) if index not in self._found][:BATCH]
+        return [mav.MAVLink_param_request_read_message(*self._target, b"", index) for index in self._wanted]
+
+    def handle(self, message: Any, now_ns: int) -> Messages:
+        if message.get_msgId() == mav.MAVLINK_MSG_ID_PARAM_VALUE:
+            self._timer.start(now_ns)
+            if message.param_index < message.param_count:
+                self.count = message.param_count
+                self._found[message.param_index] = (text_of(message.param_id), self._value(message))
+        return []
+
+
+class ParameterServer:
+    """Serves the parameters `names`, in their order. A list goes out `per_poll` values a call of `poll`.
+
+    value: of a parameter by its name. set_value: sets it, or raises ValueError. refused: what is sent, beside the old
+    value, when that was raised, for its words.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        value: Callable[[str], float],
+        set_value: Callable[[str, float], object],
+        refused: Callable[[str], Messages],
+        per_poll: int = PER_POLL,
+    ) -> None:
+        self._names = names
+        self._index = {name: index for index, name in enumerate(names)}
+        self._value = value
+        self._set_value = set_value
+        self._refused = refused
+        self._per_poll = per_poll
+        self._queue: deque[int] = deque()
+        self.handlers: dict[int, Callable[[Any, int], Messages]] = {
+            mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_request_list,
+            mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_request_read,
+            mav.MAVLINK_MSG_ID_PARAM_SET: self._on_set,
+        }
+
+    def poll(self) -> Messages:
+        """The next values of a list."""
+        return [self._message(self._queue.popleft()) for _ in range(min(self._per_poll, len(self._queue)))]
+
+    def value_message(self, name: str) -> Any:
+        """PARAM_VALUE of one. Raises KeyError for a name that is none."""
+        return self._message(self._index[name])
+
+    def _on_request_list(self, message: Any, now_ns: int) -> Messages:
+        """Start again from the first."""
+        self._queue = deque(range(len(self._names)))
+        return []
+
+    def _on_request_read(self, message: Any, now_ns: int) -> Messages:
+        """By index, or by name when that is negative. What does not exist is not answered, as the protocol has it."""
+        index = message.param_index if message.param_index >= 0 else self._index.get(message.param_id, -1)
+        return [self._message(index)] if 0 <= index < len(self._names) else []
+
+    def _on_set(self, message: Any, now_ns: int) -> Messages:
+        """Answered by the value in force; when refused, by why and the old one."""
+        replies: Messages = []
+        try:
+            self._set_value(message.param_id, message.param_value)
+        except ValueError as error:
+            replies += self._refused(str(error))
+        index = self._index.get(message.param_id)
+        return replies if index is None else [*replies, self._message(index)]
+
+    def _message(self, index: int) -> Any:
+        name = self._names[index]
+        value, kind = self._value(name), mav.MAV_PARAM_TYPE_REAL32
+        return mav.MAVLink_param_value_message(name.encode("ascii"), value, kind, len(self._names), index)
 
 
 def bytewise_value(message: Any) -> float:

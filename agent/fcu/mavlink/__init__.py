@@ -1,1 +1,1 @@
-"""The autopilot toward those who talk to it: one vehicle, services and telemetry for each of them."""
+"""MAVLink of the embedded autopilot: a hub that all stations share, a channel for each, streams, commands, plans."""

@@ -1,16 +1,15 @@
-"""Telemetry: what the autopilot says on its own, each message at its rate."""
+"""Telemetry: what the autopilot sends unasked, each message at its rate."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from agent.fcu.mavlink.hub import MavlinkHub, Outbox
 from agent.fcu.mavlink.reports import REPORTS
-from agent.fcu.mavlink.texts import Texts
-from agent.fcu.mavlink.vehicle import Mailbox, Vehicle
+from agent.mavlink.commands import StatusTextSender
+from agent.mavlink.exchange import Messages
 from agent.wire import dialect as mav
-
-Messages = list[Any]
 
 RATES_HZ: Mapping[int, float] = {
     mav.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
@@ -58,7 +57,7 @@ _EARLY_NS = 5_000_000  # a cycle that comes so much sooner than the last, late o
 _SLOWEST_NS = 60_000_000_000
 
 
-class Telemetry:
+class TelemetryStreams:
     """Builds the messages that are due. A message with nothing to say yet is left out.
 
     announces_changes: whether home and origin are sent once whenever they are set.
@@ -66,14 +65,14 @@ class Telemetry:
 
     def __init__(
         self,
-        vehicle: Vehicle,
-        mailbox: Mailbox,
-        texts: Texts,
+        hub: MavlinkHub,
+        outbox: Outbox,
+        texts: StatusTextSender,
         rates_hz: Mapping[int, float] = RATES_HZ,
         announces_changes: bool = False,
     ) -> None:
-        self._vehicle = vehicle
-        self._mailbox = mailbox
+        self._hub = hub
+        self._outbox = outbox
         self._texts = texts
         self._announces_changes = announces_changes
         self._home: Any = None
@@ -94,7 +93,7 @@ class Telemetry:
         """Go on at the rates that a station asked an earlier one for."""
         self._periods_ns = dict(periods_ns)
 
-    def knows(self, message_id: int) -> bool:
+    def offers(self, message_id: int) -> bool:
         """Whether there is such a message to ask for."""
         return message_id in REPORTS
 
@@ -128,9 +127,9 @@ class Telemetry:
             self.set_interval(message_id, round(1e6 / m.req_message_rate) if runs else -1)
         return []
 
-    def due(self, now_ns: int) -> Messages:
+    def poll(self, now_ns: int) -> Messages:
         """What is due at `now_ns`, and every event since the last call."""
-        vehicle, mailbox = self._vehicle, self._mailbox
+        hub, outbox = self._hub, self._outbox
         messages: Messages = []
         for message_id, period_ns in self._periods_ns.items():
             due_ns = self._due_ns.get(message_id, now_ns)
@@ -139,31 +138,31 @@ class Telemetry:
             # On the grid of its period, unless the clock was set or a whole period was slept through.
             on_grid = due_ns - _EARLY_NS <= now_ns < due_ns + period_ns
             self._due_ns[message_id] = (due_ns if on_grid else now_ns) + period_ns
-            message = REPORTS[message_id](vehicle, now_ns)
+            message = REPORTS[message_id](hub, now_ns)
             if message is not None:
                 messages.append(message)
         if self._announces_changes:
             messages.extend(self._changes(now_ns))
-        vehicle.collect(now_ns)
-        while mailbox.reached:
-            messages.append(mav.MAVLink_mission_item_reached_message(mailbox.reached.popleft()))
-        while mailbox.events:
-            event = mailbox.events.popleft()
+        hub.distribute(now_ns)
+        while outbox.reached:
+            messages.append(mav.MAVLink_mission_item_reached_message(outbox.reached.popleft()))
+        while outbox.events:
+            event = outbox.events.popleft()
             messages.extend(self._texts.messages(event.severity, event.text))
         return messages
 
-    def one(self, message_id: int, now_ns: int) -> Any | None:
+    def message(self, message_id: int, now_ns: int) -> Any | None:
         """One message now, None when it is not known or has nothing to say."""
         report = REPORTS.get(message_id)
-        return None if report is None else report(self._vehicle, now_ns)
+        return None if report is None else report(self._hub, now_ns)
 
     def _changes(self, now_ns: int) -> Messages:
         found: Messages = []
-        autopilot = self._vehicle.autopilot
+        autopilot = self._hub.autopilot
         if autopilot.estimator.frame is not self._frame:
             self._frame = autopilot.estimator.frame
-            found.append(self.one(mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, now_ns))
+            found.append(self.message(mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, now_ns))
         if autopilot.home != self._home:
             self._home = autopilot.home
-            found.append(self.one(mav.MAVLINK_MSG_ID_HOME_POSITION, now_ns))
+            found.append(self.message(mav.MAVLINK_MSG_ID_HOME_POSITION, now_ns))
         return [message for message in found if message is not None]

@@ -8,7 +8,7 @@ from agent.autopilot_role import AutopilotRole
 from agent.faults import Faults
 from agent.fcu.autopilot import Autopilot
 from agent.fcu.log.hooks import NullFlightLog
-from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.parameters import Parameters
 from agent.machine import Machine
 from agent.node import AgentNode
@@ -46,7 +46,7 @@ class Host:
         own = Link(faults.wrap(there), 1, 1)
         if role is None:
             role = AutopilotRole(
-                lambda: Services(Autopilot(Parameters())),
+                lambda: MavlinkChannel(Autopilot(Parameters())),
                 own.send,
                 make_log=None if log is None else lambda now_ns: log,
             )
@@ -57,7 +57,7 @@ class Host:
     @property
     def autopilot(self) -> Autopilot:
         assert isinstance(self.role, AutopilotRole)
-        return self.role.services.autopilot
+        return self.role.channel.autopilot
 
     def send(self, *messages: Any) -> list[Any]:
         """Send, let the node work once, and return what it says."""

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from agent.autopilot_role import AutopilotRole
 from agent.fcu.autopilot import Autopilot
 from agent.fcu.log.hooks import NullFlightLog
-from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.ground.stations import MOST_CLIENTS, GroundStations
 from agent.node import AgentNode
 from agent.storage import Storage
@@ -39,7 +39,7 @@ class Bench:
         self.storage = None if storage is None else Storage(storage)
         link = Link(there, 1, 1)
         self.role = AutopilotRole(
-            lambda: Services(Autopilot()),
+            lambda: MavlinkChannel(Autopilot()),
             link.send,
             ground=self.ground,
             storage=self.storage,
@@ -239,7 +239,7 @@ def test_bytes_of_any_kind_from_a_station_raise_nothing(chunks: list[bytes]) -> 
         bench.node.poll()
         bench.station.receive()
     bench.node.poll()
-    assert math.isfinite(bench.role.services.autopilot.estimate.yaw_rad)
+    assert math.isfinite(bench.role.channel.autopilot.estimate.yaw_rad)
 
 
 _kept: list[Bench] = []

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.wire import dialect as mav
 
 SECOND = 1_000_000_000
@@ -50,8 +50,8 @@ def texts(messages: list[Any]) -> str:
     return "".join(m.text for m in messages if m.get_msgId() == mav.MAVLINK_MSG_ID_STATUSTEXT)
 
 
-def uploaded(number: int = 4) -> Services:
-    services = Services(Autopilot())
+def uploaded(number: int = 4) -> MavlinkChannel:
+    services = MavlinkChannel(Autopilot())
     services.handle(count(number), 0)
     for seq in range(number):
         services.handle(item(seq), 0)
@@ -60,7 +60,7 @@ def uploaded(number: int = 4) -> Services:
 
 
 def test_upload_and_download_give_back_the_same() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     replies = services.handle(count(4), 0)
     assert requests(replies) == [0]
     assert (replies[0].target_system, replies[0].target_component) == (255, 190)
@@ -80,7 +80,7 @@ def test_upload_and_download_give_back_the_same() -> None:
 
 
 def test_items_out_of_order_are_asked_again_and_duplicates_ignored() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     services.handle(count(3), 0)
     assert requests(services.handle(item(2), 0)) == [0]
     assert requests(services.handle(item(0), 0)) == [1]
@@ -96,7 +96,7 @@ def test_items_out_of_order_are_asked_again_and_duplicates_ignored() -> None:
 def test_upload_over_a_link_that_loses_a_third(seed: int) -> None:
     """A station that only answers requests gets its mission across; the autopilot asks again."""
     rng = random.Random(seed)
-    services = Services(Autopilot(), rates_hz={})
+    services = MavlinkChannel(Autopilot(), rates_hz={})
     replies = services.handle(count(4), 0)
     done: list[int] = []
     now = 0
@@ -104,7 +104,7 @@ def test_upload_over_a_link_that_loses_a_third(seed: int) -> None:
         now += SECOND // 10
         wanted = [seq for seq in requests(replies) if rng.random() > 0.2]
         done = acks(replies)
-        replies = services.telemetry(now)
+        replies = services.poll(now)
         for seq in wanted:
             if rng.random() > 0.2:
                 replies += services.handle(item(seq), now)
@@ -119,7 +119,7 @@ def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> N
     services.handle(item(0), 0)
     said: list[Any] = []
     for tick in range(1, 500):
-        said += services.telemetry(tick * SECOND // 50)
+        said += services.poll(tick * SECOND // 50)
     assert requests(said) == [1] * 5
     assert acks(said) == [mav.MAV_MISSION_OPERATION_CANCELLED]
     assert "Mission upload given up: item 1 did not come" in texts(said)
@@ -142,12 +142,12 @@ def test_a_bad_item_ends_the_upload(bad: Any, result: int, words: str) -> None:
     services.handle(count(2), 0)
     services.handle(item(0), 0)
     assert acks(services.handle(bad, 0)) == [result]
-    assert words in texts(services.telemetry(0))
+    assert words in texts(services.poll(0))
     assert services.autopilot.mission == old
 
 
 def test_home_may_be_anything() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     services.handle(count(2), 0)
     assert requests(services.handle(item(0, command=999, frame=77, z=math.nan), 0)) == [1]
     assert acks(services.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
@@ -157,7 +157,7 @@ def test_home_may_be_anything() -> None:
 def test_clear_empty_too_large_and_other_plans() -> None:
     services = uploaded(3)
     assert acks(services.handle(count(4000), 0)) == [mav.MAV_MISSION_NO_SPACE]
-    assert "Mission of 4000 items refused: at most 724 fit" in texts(services.telemetry(0))
+    assert "Mission of 4000 items refused: at most 724 fit" in texts(services.poll(0))
     assert acks(services.handle(count(3, mission_type=7), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
     assert acks(services.handle(count(3, mission_type=2), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
     assert acks(services.handle(count(0, mission_type=2), 0)) == [mav.MAV_MISSION_ACCEPTED]
@@ -172,7 +172,7 @@ def test_clear_empty_too_large_and_other_plans() -> None:
 
 
 def test_another_station_does_not_disturb_a_transfer() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     services.handle(count(2), 0)
     services.handle(item(0), 0)
     assert acks(services.handle(sent(count(5), 254), 0)) == [mav.MAV_MISSION_ERROR]
@@ -190,7 +190,7 @@ def request(seq: int, kind: int = 0) -> Any:
 
 
 def test_the_float_form_comes_and_goes_in_degrees() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     services.handle(count(2), 0)
     services.handle(float_item(0, -8.8, -63.95), 0)
     assert acks(services.handle(float_item(1, -8.79, -63.94), 0)) == [mav.MAV_MISSION_ACCEPTED]
@@ -207,7 +207,7 @@ def test_a_float_item_that_is_nowhere_is_refused(bad: float) -> None:
     services.handle(count(2), 0)
     services.handle(float_item(0, bad, bad), 0)
     assert acks(services.handle(float_item(1, bad, 0.0), 0)) == [mav.MAV_MISSION_INVALID]
-    assert "Mission item 1 refused: position " in texts(services.telemetry(0))
+    assert "Mission item 1 refused: position " in texts(services.poll(0))
     assert services.autopilot.mission == old
 
 
@@ -234,7 +234,7 @@ def test_a_part_is_replaced_and_the_mission_goes_on_where_it_was() -> None:
 def test_a_part_that_is_not_there_is_refused(first: int, last: int) -> None:
     services = uploaded(4)
     assert acks(services.handle(partial(first, last), 0)) == [mav.MAV_MISSION_INVALID_SEQUENCE]
-    assert f"Mission items {first} to {last} refused: there are 4" in texts(services.telemetry(0))
+    assert f"Mission items {first} to {last} refused: there are 4" in texts(services.poll(0))
 
 
 def test_set_current_is_answered_and_refused_in_words() -> None:
@@ -243,7 +243,7 @@ def test_set_current_is_answered_and_refused_in_words() -> None:
     assert (reply.get_type(), reply.seq) == ("MISSION_CURRENT", 2)
     (reply,) = services.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 9)), 0)
     assert reply.seq == 2
-    assert "mission item 9 is not there" in texts(services.telemetry(0))
+    assert "mission item 9 is not there" in texts(services.poll(0))
 
 
 def test_a_station_may_end_its_upload() -> None:
@@ -251,7 +251,7 @@ def test_a_station_may_end_its_upload() -> None:
     services.handle(count(2), 0)
     services.handle(sent(mav.MAVLink_mission_ack_message(1, 1, mav.MAV_MISSION_OPERATION_CANCELLED)), 0)
     assert acks(services.handle(item(0), 0)) == [mav.MAV_MISSION_ERROR]
-    assert "Mission item 0 refused: no upload is under way" in texts(services.telemetry(0))
+    assert "Mission item 0 refused: no upload is under way" in texts(services.poll(0))
     assert len(services.autopilot.mission.items) == 3
 
 
@@ -294,10 +294,10 @@ def test_a_fence_goes_up_beside_the_mission_and_comes_down() -> None:
     ],
 )
 def test_a_fence_that_is_none_is_refused(bad: Any, result: int) -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     services.handle(count(1, mission_type=1), 0)
     assert acks(services.handle(bad, 0)) == [result]
-    assert "fence" in texts(services.telemetry(0)).lower()
+    assert "fence" in texts(services.poll(0)).lower()
     assert not services.autopilot.fence.items
 
 
@@ -334,16 +334,16 @@ def test_any_order_and_any_loss_leave_a_valid_state(data: st.DataObject) -> None
     for one in data.draw(st.lists(step, max_size=40)):
         if isinstance(one, int):
             now += one
-            services.telemetry(now)
+            services.poll(now)
         else:
             for reply in services.handle(one, now):
                 assert reply.get_type() in ANSWERS
         items = services.autopilot.mission.items
         assert len(items) != 1
         assert 0 <= services.autopilot.pilot.current < max(len(items), 1)
-    late = [m for tick in range(300) for m in services.telemetry(now + tick * SECOND // 50)]
+    late = [m for tick in range(300) for m in services.poll(now + tick * SECOND // 50)]
     assert len(requests(late)) <= 6
-    assert requests(services.telemetry(now + 20 * SECOND)) == []
+    assert requests(services.poll(now + 20 * SECOND)) == []
 
 
 ANSWERS = ("MISSION_ACK", "MISSION_REQUEST_INT", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_COUNT", "MISSION_CURRENT")

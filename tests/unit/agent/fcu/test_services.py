@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from agent.fcu import modes
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.mavlink.services import Services
+from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import TABLE, Parameters
 from agent.wire import dialect as mav
@@ -37,12 +37,12 @@ def named(messages: list[Any], name: str) -> list[Any]:
     return [message for message in messages if message.get_type() == name]
 
 
-def sailing() -> tuple[Services, Boat]:
+def sailing() -> tuple[MavlinkChannel, Boat]:
     """Armed and under way in AUTO."""
     boat, sensors = Boat(), Sensors(1, Noise())
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD}))
     autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(LAT_DEG + 0.001, LON_DEG)]))
-    services = Services(autopilot)
+    services = MavlinkChannel(autopilot)
     sail(boat, sensors, autopilot, 12.0, lambda _: False)
     services.handle(command(mav.MAV_CMD_MISSION_START), boat.time_ns)
     services.handle(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), boat.time_ns)
@@ -54,7 +54,7 @@ def sailing() -> tuple[Services, Boat]:
 def test_samples_arrive_in_si_units() -> None:
     """A second autopilot fed through messages ends where one fed directly does."""
     boat, sensors = Boat(), Sensors(1, Noise())
-    direct, services = Autopilot(), Services(Autopilot())
+    direct, services = Autopilot(), MavlinkChannel(Autopilot())
     for _ in range(1200):
         imu = sensors.imu(boat)
         direct.on_imu(imu)
@@ -86,16 +86,16 @@ def test_samples_arrive_in_si_units() -> None:
 
 
 def test_all_parameters_are_listed_in_under_two_seconds() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     assert services.handle(sent(mav.MAVLink_param_request_list_message(1, 1)), 0) == []
-    values = named([m for tick in range(100) for m in services.telemetry(tick * TICK)], "PARAM_VALUE")
+    values = named([m for tick in range(100) for m in services.poll(tick * TICK)], "PARAM_VALUE")
     assert [value.param_index for value in values] == list(range(len(TABLE)))
     assert {value.param_count for value in values} == {len(TABLE)}
     assert {value.param_id: value.param_value for value in values} == {row.name: row.default for row in TABLE}
 
 
 def test_parameters_are_read_and_set() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
 
     def read(name: bytes, index: int) -> list[Any]:
         return services.handle(sent(mav.MAVLink_param_request_read_message(1, 1, name, index)), 0)
@@ -122,7 +122,7 @@ def test_a_parameter_set_in_flight_takes_effect() -> None:
 
 
 def test_commands_are_answered() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
 
     def result(message: Any) -> int:
         ack = services.handle(message, 0)[0]
@@ -149,7 +149,7 @@ def test_commands_are_answered() -> None:
 
 @pytest.mark.parametrize(("system", "component", "answered"), [(1, 1, 1), (0, 0, 1), (1, 0, 1), (2, 1, 0), (1, 2, 0)])
 def test_only_what_is_addressed_here_is_answered(system: int, component: int, answered: int) -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     message = sent(mav.MAVLink_mission_request_list_message(system, component))
     assert len(services.handle(message, 0)) == answered
 
@@ -161,7 +161,7 @@ def test_telemetry_under_way() -> None:
     sensors = Sensors(3, Noise())
 
     def collect(_: object) -> bool:
-        messages.extend(services.telemetry(boat.time_ns))
+        messages.extend(services.poll(boat.time_ns))
         return False
 
     sail(boat, sensors, services.autopilot, 2.0, collect)
@@ -196,7 +196,7 @@ def test_reached_waypoints_and_texts_are_said_once() -> None:
     services, boat = sailing()
     messages: list[Any] = []
     sensors = Sensors(3, Noise())
-    sail(boat, sensors, services.autopilot, 60.0, lambda _: bool(messages.extend(services.telemetry(boat.time_ns))))
+    sail(boat, sensors, services.autopilot, 60.0, lambda _: bool(messages.extend(services.poll(boat.time_ns))))
     assert [message.seq for message in named(messages, "MISSION_ITEM_REACHED")] == [1]
     said = [message.text for message in named(messages, "STATUSTEXT")]
     assert said.count("Mission complete: HOLD") == 1
@@ -205,23 +205,23 @@ def test_reached_waypoints_and_texts_are_said_once() -> None:
 
 
 def test_not_ready_shows_in_the_status() -> None:
-    services = Services(Autopilot())
-    status = named(services.telemetry(0), "SYS_STATUS")[0]
+    services = MavlinkChannel(Autopilot())
+    status = named(services.poll(0), "SYS_STATUS")[0]
     missing = status.onboard_control_sensors_present & ~status.onboard_control_sensors_health
     assert missing & mav.MAV_SYS_STATUS_PREARM_CHECK
     assert missing & mav.MAV_SYS_STATUS_AHRS
 
 
 def test_a_clock_that_jumps_does_not_stop_telemetry_nor_flood() -> None:
-    services = Services(Autopilot())
+    services = MavlinkChannel(Autopilot())
     for start in (10**15, 0, 10**12):
-        beats = named([m for tick in range(100) for m in services.telemetry(start + tick * TICK)], "HEARTBEAT")
+        beats = named([m for tick in range(100) for m in services.poll(start + tick * TICK)], "HEARTBEAT")
         assert 2 <= len(beats) <= 3
 
 
 def test_wrong_rates_are_refused() -> None:
     with pytest.raises(ValueError, match="telemetry: message 0 at 0 Hz"):
-        Services(Autopilot(), rates_hz={0: 0.0})
+        MavlinkChannel(Autopilot(), rates_hz={0: 0.0})
 
 
 INTEGER_BITS = {"int8_t": 8, "int16_t": 16, "int32_t": 32, "int64_t": 64}
@@ -285,8 +285,8 @@ HANDLED = [
 def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], imu_runs: bool) -> None:
     """A host and a ground station send anything to one vehicle."""
     boat, sensors = Boat(), Sensors(1, Noise())
-    services = Services(Autopilot())
-    station = Services(services.autopilot, vehicle=services.vehicle, ground=True)
+    services = MavlinkChannel(Autopilot())
+    station = MavlinkChannel(services.autopilot, hub=services.hub, ground=True)
     station.handle(sent(mav.MAVLink_request_data_stream_message(1, 1, 0, 50, 1)), 0)
     packer = mav.MAVLink(io.BytesIO(), 1, 1)
     if imu_runs:
@@ -297,14 +297,14 @@ def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], i
     for message in messages:
         now += TICK
         replies = services.handle(message, now) + station.handle(message, now)
-        for reply in replies + services.telemetry(now) + station.telemetry(now):
+        for reply in replies + services.poll(now) + station.poll(now):
             assert len(reply.pack(packer)) >= 12
-        if services.vehicle.reboot_asked:
-            services.vehicle.reboot()
+        if services.hub.reboot_asked:
+            services.hub.reboot()
         services.autopilot.on_imu(sensors.imu(boat))
         boat.step((0.0, 0.0))
         actuators = services.autopilot.control(now)
-        services.vehicle.actuators = actuators
+        services.hub.actuators = actuators
         assert all(abs(value) <= 1.0 for value in actuators.command)
         assert services.autopilot.mode in modes.NAMES
     estimate = services.autopilot.estimate

@@ -12,10 +12,10 @@ from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, Boat, Noise, Sensors, sail
 from agent.fcu import modes
 from agent.fcu.autopilot import Autopilot
 from agent.fcu.control import guided
+from agent.fcu.mavlink.channel import MavlinkChannel
+from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.reports import REPORTS
-from agent.fcu.mavlink.services import Services
 from agent.fcu.mavlink.telemetry import STREAMS
-from agent.fcu.mavlink.vehicle import Vehicle
 from agent.fcu.mission import mission, waypoint
 from agent.fcu.parameters import TABLE, Parameters
 from agent.wire import dialect as mav
@@ -39,28 +39,28 @@ def whole(number: int, x: int = 0, y: int = 0, z: float = 0.0, frame: int = 6, p
     return sent(mav.MAVLink_command_int_message(1, 1, frame, number, 0, 0, p1, p2, 0.0, 0.0, x, y, z))
 
 
-def ready() -> Services:
+def ready() -> MavlinkChannel:
     """A station of a vehicle that knows where it is, disarmed in HOLD."""
     boat, sensors = Boat(), Sensors(1, Noise())
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD}))
-    vehicle = Vehicle(autopilot)
-    services = Services(autopilot, vehicle=vehicle, ground=True)
+    vehicle = MavlinkHub(autopilot)
+    services = MavlinkChannel(autopilot, hub=vehicle, ground=True)
     vehicle.on_gnss(sensors.gnss(boat))
     vehicle.on_magnetometer(sensors.magnetometer(boat))
     vehicle.on_barometer(sensors.barometer(boat))
     vehicle.on_imu(sensors.imu(boat))
     sail(boat, sensors, autopilot, 14.0, lambda _: False)
-    services.telemetry(boat.time_ns)
+    services.poll(boat.time_ns)
     return services
 
 
 @pytest.fixture(scope="module")
-def _ready() -> Services:
+def _ready() -> MavlinkChannel:
     return ready()
 
 
 @pytest.fixture
-def station(_ready: Services) -> Services:
+def station(_ready: MavlinkChannel) -> MavlinkChannel:
     """The same one for every test; put back to HOLD, disarmed, without texts."""
     _ready.autopilot.disarm()
     _ready.autopilot.set_mode(modes.HOLD)
@@ -71,13 +71,13 @@ def station(_ready: Services) -> Services:
 _now = [100 * SECOND]
 
 
-def texts(services: Services) -> str:
+def texts(services: MavlinkChannel) -> str:
     _now[0] += 2 * SECOND
-    said = [m for m in services.telemetry(_now[0]) if m.get_type() == "STATUSTEXT"]
+    said = [m for m in services.poll(_now[0]) if m.get_type() == "STATUSTEXT"]
     return "".join(m.text if m.chunk_seq else f" | {m.text}" for m in said)[3:]
 
 
-def result(services: Services, message: Any) -> int:
+def result(services: MavlinkChannel, message: Any) -> int:
     ack = services.handle(message, _now[0])[0]
     assert ack.get_type() == "COMMAND_ACK"
     assert (ack.command, ack.target_system, ack.target_component) == (message.command, 255, 190)
@@ -87,8 +87,8 @@ def result(services: Services, message: Any) -> int:
 # -- commands
 
 
-def test_arming_by_force(station: Services) -> None:
-    bare = Services(Autopilot())
+def test_arming_by_force(station: MavlinkChannel) -> None:
+    bare = MavlinkChannel(Autopilot())
     assert result(bare, long(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)) == FAILED
     assert "PreArm: " in texts(bare)
     assert result(bare, long(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 21195.0)) == FAILED
@@ -98,7 +98,7 @@ def test_arming_by_force(station: Services) -> None:
     assert result(station, long(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)) == ACCEPTED
 
 
-def test_modes_by_command_and_by_message(station: Services) -> None:
+def test_modes_by_command_and_by_message(station: MavlinkChannel) -> None:
     assert result(station, long(mav.MAV_CMD_NAV_LOITER_UNLIM)) == ACCEPTED
     assert station.autopilot.mode == modes.LOITER
     assert result(station, long(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)) == ACCEPTED
@@ -116,7 +116,7 @@ def test_modes_by_command_and_by_message(station: Services) -> None:
     assert station.handle(sent(mav.MAVLink_set_mode_message(2, 1, modes.HOLD)), 0) == []
 
 
-def test_reposition_changes_the_mode_when_it_may(station: Services) -> None:
+def test_reposition_changes_the_mode_when_it_may(station: MavlinkChannel) -> None:
     lat, lon = round((LAT_DEG + 0.001) * 1e7), round(LON_DEG * 1e7)
     place = {"x": lat, "y": lon}
     assert result(station, whole(mav.MAV_CMD_DO_REPOSITION, **place)) == DENIED
@@ -125,7 +125,7 @@ def test_reposition_changes_the_mode_when_it_may(station: Services) -> None:
     target = station.autopilot.guided_target
     assert target is not None
     assert (station.autopilot.mode, target.kind, target.lat_deg) == (modes.GUIDED, guided.POSITION, lat / 1e7)
-    message = station.stream.one(mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 0)
+    message = station.streams.message(mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 0)
     assert message is not None
     assert (message.lat_int, message.lon_int) == (lat, lon)
     assert result(station, long(mav.MAV_CMD_DO_REPOSITION, 0, 1.0, 0, 0, LAT_DEG, LON_DEG)) == ACCEPTED
@@ -146,24 +146,24 @@ def test_reposition_changes_the_mode_when_it_may(station: Services) -> None:
         (long(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, math.nan, -1.0), "speed nan m/s"),
     ],
 )
-def test_bad_commands_are_denied_in_words(station: Services, message: Any, words: str) -> None:
+def test_bad_commands_are_denied_in_words(station: MavlinkChannel, message: Any, words: str) -> None:
     assert result(station, message) == DENIED
     assert words in texts(station)
 
 
-def test_home(station: Services) -> None:
+def test_home(station: MavlinkChannel) -> None:
     assert result(station, long(mav.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, LAT_DEG, LON_DEG, 51.0)) == ACCEPTED
     ack, message = station.handle(long(mav.MAV_CMD_GET_HOME_POSITION), 0)
     assert (ack.result, message.get_type()) == (ACCEPTED, "HOME_POSITION")
     assert (message.latitude, message.longitude, message.altitude) == (-88000000, -639500000, 51000)
-    assert [m.altitude for m in station.telemetry(_now[0]) if m.get_type() == "HOME_POSITION"] == [51000]
-    assert [m for m in station.telemetry(_now[0] + TICK) if m.get_type() == "HOME_POSITION"] == []
+    assert [m.altitude for m in station.poll(_now[0]) if m.get_type() == "HOME_POSITION"] == [51000]
+    assert [m for m in station.poll(_now[0] + TICK) if m.get_type() == "HOME_POSITION"] == []
     assert result(station, long(mav.MAV_CMD_DO_SET_HOME, 1.0)) == ACCEPTED
-    assert result(Services(Autopilot()), long(mav.MAV_CMD_GET_HOME_POSITION)) == FAILED
-    assert result(Services(Autopilot()), long(mav.MAV_CMD_DO_SET_HOME, 1.0)) == FAILED
+    assert result(MavlinkChannel(Autopilot()), long(mav.MAV_CMD_GET_HOME_POSITION)) == FAILED
+    assert result(MavlinkChannel(Autopilot()), long(mav.MAV_CMD_DO_SET_HOME, 1.0)) == FAILED
 
 
-def test_mission_start_and_current(station: Services) -> None:
+def test_mission_start_and_current(station: MavlinkChannel) -> None:
     station.autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG)] + [waypoint(LAT_DEG + 0.001, LON_DEG)] * 3))
     assert result(station, long(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 2.0)) == ACCEPTED
     assert station.autopilot.pilot.current == 2
@@ -171,27 +171,27 @@ def test_mission_start_and_current(station: Services) -> None:
     assert station.autopilot.mode == modes.AUTO
 
 
-def test_fence_on_and_off(station: Services) -> None:
+def test_fence_on_and_off(station: MavlinkChannel) -> None:
     assert result(station, long(mav.MAV_CMD_DO_FENCE_ENABLE, 1.0)) == ACCEPTED
     assert station.autopilot.fence.enabled
-    status = station.stream.one(mav.MAVLINK_MSG_ID_FENCE_STATUS, 0)
+    status = station.streams.message(mav.MAVLINK_MSG_ID_FENCE_STATUS, 0)
     assert status is not None
     assert status.breach_status == 0
     assert result(station, long(mav.MAV_CMD_DO_FENCE_ENABLE, 0.0)) == ACCEPTED
-    assert station.stream.one(mav.MAVLINK_MSG_ID_FENCE_STATUS, 0) is None
+    assert station.streams.message(mav.MAVLINK_MSG_ID_FENCE_STATUS, 0) is None
     assert result(station, long(mav.MAV_CMD_DO_FENCE_ENABLE, math.nan)) == DENIED
 
 
-def test_reboot_only_when_disarmed(station: Services) -> None:
+def test_reboot_only_when_disarmed(station: MavlinkChannel) -> None:
     station.autopilot.arm(force=True)
     assert result(station, long(mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)) == DENIED
     assert "Reboot refused: armed" in texts(station)
     station.autopilot.disarm()
-    assert not station.vehicle.reboot_asked
+    assert not station.hub.reboot_asked
     assert result(station, long(mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 2.0)) == DENIED
-    other = Services(Autopilot())
+    other = MavlinkChannel(Autopilot())
     assert result(other, long(mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0)) == ACCEPTED
-    assert other.vehicle.reboot_asked
+    assert other.hub.reboot_asked
 
 
 class Kept:
@@ -214,10 +214,10 @@ class Kept:
 
 
 def test_what_a_ground_station_sets_is_kept_and_what_the_host_sets_is_not() -> None:
-    vehicle = Vehicle(Autopilot())
-    vehicle.keeper = kept = Kept()
-    ground = Services(vehicle.autopilot, vehicle=vehicle, ground=True)
-    host = Services(vehicle.autopilot, vehicle=vehicle)
+    vehicle = MavlinkHub(Autopilot())
+    vehicle.storage = kept = Kept()
+    ground = MavlinkChannel(vehicle.autopilot, hub=vehicle, ground=True)
+    host = MavlinkChannel(vehicle.autopilot, hub=vehicle)
     for services in (ground, host):
         services.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 2.0, 9)), 0)
         services.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", math.nan, 9)), 0)
@@ -228,14 +228,14 @@ def test_what_a_ground_station_sets_is_kept_and_what_the_host_sets_is_not() -> N
     assert kept.told == [("WP_SPEED", 2.0), 0, "all", "none"]
     vehicle.autopilot.arm(force=True)
     assert result(ground, long(mav.MAV_CMD_PREFLIGHT_STORAGE, 1.0)) == REJECTED
-    assert result(Services(Autopilot(), ground=True), long(mav.MAV_CMD_PREFLIGHT_STORAGE, 1.0)) == FAILED
+    assert result(MavlinkChannel(Autopilot(), ground=True), long(mav.MAV_CMD_PREFLIGHT_STORAGE, 1.0)) == FAILED
 
 
 # -- messages on demand
 
 
 def test_intervals_are_set_told_and_kept_to() -> None:
-    services = Services(Autopilot(), rates_hz={})
+    services = MavlinkChannel(Autopilot(), rates_hz={})
     attitude = float(mav.MAVLINK_MSG_ID_ATTITUDE)
 
     def interval() -> int:
@@ -245,7 +245,7 @@ def test_intervals_are_set_told_and_kept_to() -> None:
 
     def count() -> int:
         _now[0] += SECOND
-        return sum(len(services.telemetry(_now[0] + tick * TICK)) for tick in range(50))
+        return sum(len(services.poll(_now[0] + tick * TICK)) for tick in range(50))
 
     assert (interval(), count()) == (-1, 0)
     assert result(services, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, 100_000.0)) == ACCEPTED
@@ -261,10 +261,10 @@ def test_intervals_are_set_told_and_kept_to() -> None:
 
 
 def test_stream_groups_are_ardupilots() -> None:
-    services = Services(Autopilot(), ground=True)
+    services = MavlinkChannel(Autopilot(), ground=True)
 
     def periods(stream: int) -> set[int | None]:
-        return {services.stream.periods_ns.get(message_id) for message_id in STREAMS[stream]}
+        return {services.streams.periods_ns.get(message_id) for message_id in STREAMS[stream]}
 
     def ask(stream: int, rate_hz: int, start: int) -> None:
         assert services.handle(sent(mav.MAVLink_request_data_stream_message(1, 1, stream, rate_hz, start)), 0) == []
@@ -278,10 +278,10 @@ def test_stream_groups_are_ardupilots() -> None:
     ask(mav.MAV_DATA_STREAM_POSITION, 4, 0)
     assert periods(mav.MAV_DATA_STREAM_POSITION) == {None}
     ask(mav.MAV_DATA_STREAM_ALL, 0, 1)
-    assert set(services.stream.periods_ns) == {mav.MAVLINK_MSG_ID_HEARTBEAT}
+    assert set(services.streams.periods_ns) == {mav.MAVLINK_MSG_ID_HEARTBEAT}
 
 
-def test_version_and_capabilities(station: Services) -> None:
+def test_version_and_capabilities(station: MavlinkChannel) -> None:
     ack, message = station.handle(long(mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES, 1.0), 0)
     assert (ack.result, message.get_type()) == (ACCEPTED, "AUTOPILOT_VERSION")
     assert message.flight_sw_version >> 24 == 4
@@ -289,15 +289,15 @@ def test_version_and_capabilities(station: Services) -> None:
         assert message.capabilities & bit
 
 
-def test_every_report_packs_before_and_after_there_is_something_to_say(station: Services) -> None:
+def test_every_report_packs_before_and_after_there_is_something_to_say(station: MavlinkChannel) -> None:
     packer = mav.MAVLink(io.BytesIO(), 1, 1)
-    for services in (Services(Autopilot()), station):
+    for services in (MavlinkChannel(Autopilot()), station):
         for message_id, report in REPORTS.items():
-            message = report(services.vehicle, 10**10)
+            message = report(services.hub, 10**10)
             if message is not None:
                 assert message.get_msgId() == message_id
                 assert len(message.pack(packer)) >= 12
-    silent = {m for m, report in REPORTS.items() if report(station.vehicle, 0) is None}
+    silent = {m for m, report in REPORTS.items() if report(station.hub, 0) is None}
     names = {mav.mavlink_map[message_id].msgname for message_id in silent}
     assert names <= {
         *("FENCE_STATUS", "NAV_CONTROLLER_OUTPUT", "RC_CHANNELS"),
@@ -305,22 +305,22 @@ def test_every_report_packs_before_and_after_there_is_something_to_say(station: 
     }
 
 
-def test_reports_say_what_the_samples_said(station: Services) -> None:
-    fix = station.vehicle.gnss
+def test_reports_say_what_the_samples_said(station: MavlinkChannel) -> None:
+    fix = station.hub.gnss
     assert fix is not None
-    message = station.stream.one(mav.MAVLINK_MSG_ID_GPS_RAW_INT, 0)
+    message = station.streams.message(mav.MAVLINK_MSG_ID_GPS_RAW_INT, 0)
     assert message is not None
     assert (message.fix_type, message.satellites_visible) == (fix.fix_type, fix.satellites)
     assert message.lat == pytest.approx(fix.lat_deg * 1e7, abs=1)
     assert message.h_acc == pytest.approx(fix.horizontal_accuracy_m * 1e3, abs=1)
-    raw = station.stream.one(mav.MAVLINK_MSG_ID_RAW_IMU, 0)
+    raw = station.streams.message(mav.MAVLINK_MSG_ID_RAW_IMU, 0)
     assert raw is not None
     assert raw.zacc == pytest.approx(-1000, abs=150)
-    status = station.stream.one(mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 0)
+    status = station.streams.message(mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 0)
     assert status is not None
     assert status.flags == 831
     assert 0.0 <= status.pos_horiz_variance < 1.0
-    servos = station.stream.one(mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 0)
+    servos = station.streams.message(mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 0)
     assert servos is not None
     assert (servos.servo1_raw, servos.servo2_raw, servos.servo3_raw) == (1500, 0, 1500)
 
@@ -343,13 +343,13 @@ def world(mask: int, lat: int = 0, lon: int = 0, frame: int = 6, **fields: float
 POSITION, VELOCITY, VELOCITY_YAW, VELOCITY_RATE, YAW, RATE = 0x0DF8, 0x0DC7, 0x09C7, 0x05C7, 0x09FF, 0x05FF
 
 
-def in_guided(station: Services) -> Autopilot:
+def in_guided(station: MavlinkChannel) -> Autopilot:
     station.autopilot.set_mode(modes.GUIDED)
     texts(station)
     return station.autopilot
 
 
-def test_a_local_position_in_every_frame(station: Services) -> None:
+def test_a_local_position_in_every_frame(station: MavlinkChannel) -> None:
     autopilot = in_guided(station)
     frame, estimate = autopilot.estimator.frame, autopilot.estimate
     assert frame is not None
@@ -365,12 +365,12 @@ def test_a_local_position_in_every_frame(station: Services) -> None:
         assert target is not None
         assert target.kind == guided.POSITION
         assert frame.to_local(target.lat_deg, target.lon_deg) == pytest.approx(wanted, abs=1e-3)
-    message = station.stream.one(mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, 0)
+    message = station.streams.message(mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, 0)
     assert message is not None
     assert (message.x, message.y) == pytest.approx(wanted, abs=1e-3)
 
 
-def test_velocity_heading_and_turn_rate(station: Services) -> None:
+def test_velocity_heading_and_turn_rate(station: MavlinkChannel) -> None:
     autopilot = in_guided(station)
     station.handle(local(VELOCITY, vx=1.0, vy=2.0), 0)
     target = autopilot.guided_target
@@ -413,7 +413,7 @@ def test_velocity_heading_and_turn_rate(station: Services) -> None:
         (world(VELOCITY, vx=1000.0), "velocity 1000, 0 m/s"),
     ],
 )
-def test_bad_targets_are_refused_in_words(station: Services, message: Any, words: str) -> None:
+def test_bad_targets_are_refused_in_words(station: MavlinkChannel, message: Any, words: str) -> None:
     autopilot = in_guided(station)
     autopilot.go_to(LAT_DEG, LON_DEG)
     old = autopilot.guided_target
@@ -422,26 +422,26 @@ def test_bad_targets_are_refused_in_words(station: Services, message: Any, words
     assert autopilot.guided_target == old
 
 
-def test_targets_outside_guided_are_ignored_and_said_once_a_second(station: Services) -> None:
+def test_targets_outside_guided_are_ignored_and_said_once_a_second(station: MavlinkChannel) -> None:
     said = []
     for tick in range(100):
         station.handle(local(POSITION, x=1.0), 0)
-        said += [m for m in station.telemetry(_now[0] + tick * TICK) if m.get_type() == "STATUSTEXT"]
+        said += [m for m in station.poll(_now[0] + tick * TICK) if m.get_type() == "STATUSTEXT"]
     assert [m.text for m in said] == ["Local target ignored: not in GUIDED"] * 2
     assert station.autopilot.guided_target is None
 
 
-def test_sticks_reach_the_channels(station: Services) -> None:
+def test_sticks_reach_the_channels(station: MavlinkChannel) -> None:
     station.autopilot.set_mode(modes.MANUAL)
     now = _now[0] = _now[0] + SECOND
     station.autopilot.control(now)
     widths = [1600, 65535, 1700, *[65535] * 5, *[0] * 10]
     assert station.handle(sent(mav.MAVLink_rc_channels_override_message(1, 1, *widths)), now) == []
-    message = station.stream.one(mav.MAVLINK_MSG_ID_RC_CHANNELS, now)
+    message = station.streams.message(mav.MAVLINK_MSG_ID_RC_CHANNELS, now)
     assert message is not None
     assert (message.chan1_raw, message.chan2_raw, message.chan3_raw) == (1600, 65535, 1700)
     station.handle(sent(mav.MAVLink_manual_control_message(1, 0, 500, 250, 0, 0)), now)
-    assert station.stream.one(mav.MAVLINK_MSG_ID_RC_CHANNELS, now).chan1_raw != 1600  # type: ignore[union-attr]
+    assert station.streams.message(mav.MAVLINK_MSG_ID_RC_CHANNELS, now).chan1_raw != 1600  # type: ignore[union-attr]
     station.handle(sent(mav.MAVLink_rc_channels_override_message(1, 1, 100, *[65535] * 17)), now)
     assert "100" in texts(station)
     station.handle(sent(mav.MAVLink_manual_control_message(1, 0, 2000, 0, 0, 0)), now)
@@ -453,7 +453,7 @@ def test_sticks_reach_the_channels(station: Services) -> None:
 # -- who is there, and when
 
 
-def test_heartbeats_of_ground_stations_are_noted(station: Services, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_heartbeats_of_ground_stations_are_noted(station: MavlinkChannel, monkeypatch: pytest.MonkeyPatch) -> None:
     heard: list[tuple[int, int]] = []
     monkeypatch.setattr(station.autopilot, "heard_ground_station", lambda system, now: heard.append((system, now)))
     station.handle(sent(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), 254), 7)
@@ -461,31 +461,31 @@ def test_heartbeats_of_ground_stations_are_noted(station: Services, monkeypatch:
     assert heard == [(254, 7)]
 
 
-def test_time_and_ping_are_answered(station: Services) -> None:
+def test_time_and_ping_are_answered(station: MavlinkChannel) -> None:
     (reply,) = station.handle(sent(mav.MAVLink_timesync_message(0, 1234)), 5678)
     assert (reply.tc1, reply.ts1) == (5678, 1234)
     assert station.handle(sent(mav.MAVLink_timesync_message(9, 1234)), 5678) == []
     (reply,) = station.handle(sent(mav.MAVLink_ping_message(11, 3, 0, 0)), 0)
     assert (reply.time_usec, reply.seq, reply.target_system, reply.target_component) == (11, 3, 255, 190)
     assert station.handle(sent(mav.MAVLink_ping_message(11, 3, 1, 1)), 0) == []
-    clock = station.stream.one(mav.MAVLINK_MSG_ID_SYSTEM_TIME, 5 * SECOND)
+    clock = station.streams.message(mav.MAVLINK_MSG_ID_SYSTEM_TIME, 5 * SECOND)
     assert clock is not None
     assert (clock.time_unix_usec, clock.time_boot_ms) == (0, 5000)
 
 
-def test_no_key_is_taken_over_the_air(station: Services) -> None:
+def test_no_key_is_taken_over_the_air(station: MavlinkChannel) -> None:
     assert station.handle(sent(mav.MAVLink_setup_signing_message(1, 1, [0] * 32, 0)), 0) == []
     assert "SETUP_SIGNING refused" in texts(station)
 
 
-def test_a_ground_station_brings_no_samples(station: Services) -> None:
+def test_a_ground_station_brings_no_samples(station: MavlinkChannel) -> None:
     before = station.autopilot.estimator.stamp_ns
     message = mav.MAVLink_xitl_imu_message(before // 1000 + 5000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), 20.0)
     station.handle(message, 0)
     assert station.autopilot.estimator.stamp_ns == before
 
 
-def test_a_list_asked_for_by_many_names_all(station: Services) -> None:
+def test_a_list_asked_for_by_many_names_all(station: MavlinkChannel) -> None:
     station.handle(sent(mav.MAVLink_param_request_list_message(0, 0)), 0)
-    values = [m for _ in range(20) for m in station.telemetry(_now[0]) if m.get_type() == "PARAM_VALUE"]
+    values = [m for _ in range(20) for m in station.poll(_now[0]) if m.get_type() == "PARAM_VALUE"]
     assert [value.param_index for value in values] == list(range(len(TABLE)))

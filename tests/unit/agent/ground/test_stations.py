@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from agent.fcu.autopilot import INFO, Autopilot, Event
-from agent.fcu.mavlink.services import Services
-from agent.fcu.mavlink.vehicle import Vehicle
+from agent.fcu.mavlink.channel import MavlinkChannel
+from agent.fcu.mavlink.hub import MavlinkHub
 from agent.ground import client as client_module
 from agent.ground.stations import MOST_CLIENTS, GroundStations
 from agent.wire import dialect as mav
@@ -28,8 +28,8 @@ class World:
 
     def __init__(self, *urls: str, signing: Signing | None = None) -> None:
         self.stations = GroundStations(urls or ("tcp://127.0.0.1:0",), 1, 1, signing)
-        self.vehicle = Vehicle(Autopilot())
-        self.host = Services(self.vehicle.autopilot, vehicle=self.vehicle)
+        self.vehicle = MavlinkHub(Autopilot())
+        self.host = MavlinkChannel(self.vehicle.autopilot, hub=self.vehicle)
         self.stations.attach(self.vehicle)
         self.now_ns = 0
         self.callers: list[Transport] = []
@@ -91,7 +91,7 @@ def test_events_reach_everybody_once_the_host_too(world: World) -> None:
     world.vehicle.autopilot.say(Event(INFO, "hear, hear"))
     for link in links:
         assert world.until(link, of("STATUSTEXT")).text == "hear, hear"
-    texts = [m.text for m in world.host.telemetry(world.now_ns) if m.get_type() == "STATUSTEXT"]
+    texts = [m.text for m in world.host.poll(world.now_ns) if m.get_type() == "STATUSTEXT"]
     assert texts == ["hear, hear"]
     world.run(5)
     assert not [m for link in links for m in link.receive(0.01) if m.get_type() == "STATUSTEXT"]
@@ -101,14 +101,14 @@ def test_a_change_is_told_to_the_others_and_not_to_the_host(world: World) -> Non
     first, second = world.call(255), world.call(254)
     first.send(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 2.0, 9))
     assert world.until(second, of("PARAM_VALUE")).param_value == 2.0
-    assert not [m for m in world.host.telemetry(world.now_ns) if m.get_type() == "PARAM_VALUE"]
+    assert not [m for m in world.host.poll(world.now_ns) if m.get_type() == "PARAM_VALUE"]
 
 
 def test_rates_outlive_a_new_run(world: World) -> None:
     link = world.call()
     link.send(mav.MAVLink_command_long_message(1, 1, 511, 0, 30.0, 20000.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     world.until(link, of("COMMAND_ACK"))
-    world.stations.attach(Vehicle(Autopilot()))
+    world.stations.attach(MavlinkHub(Autopilot()))
     world.run(2)
     link.receive(0.05)
     seen = 0

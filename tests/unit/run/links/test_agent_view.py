@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agent.fcu.mavlink.texts import Texts
+from agent.mavlink.commands import StatusTextSender
 from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.geodesy import LocalFrame
@@ -18,7 +18,7 @@ def test_a_sentence_arrives_whole_whatever_its_length(length: int) -> None:
     said: list[tuple[int, str]] = []
     view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *words: said.append(words), lambda *_: None)
     sentence = "".join(np.random.default_rng(length).choice(list("abcdef"), length))
-    texts, packer = Texts(), Packer(1, 1)
+    texts, packer = StatusTextSender(), Packer(1, 1)
     for text in (sentence, "and the next"):
         for message in texts.messages(4, text):
             view.take(decode(packer.pack(message)))

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from agent.fcu.mavlink.texts import Texts
+from agent.mavlink.commands import StatusTextSender
 from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
@@ -58,7 +58,7 @@ class Case:
         self.attended.take(message)
 
     def say(self, severity: int, text: str) -> None:
-        for message in Texts().messages(severity, text):
+        for message in StatusTextSender().messages(severity, text):
             self.hear(message)
 
     def status(self, **counts: int) -> None:

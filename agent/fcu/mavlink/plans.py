@@ -1,12 +1,12 @@
-"""The plans a station transfers: the mission and the fence, between MAVLink's items and the autopilot's own."""
+"""The plans that stations transfer, mission and fence, between MAVLink's items and the autopilot's own."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Callable
 
+from agent.fcu.autopilot import Autopilot
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, FenceItem
 from agent.fcu.fence import MOST_ITEMS as MOST_FENCE_ITEMS
-from agent.fcu.mavlink.vehicle import Vehicle
 from agent.fcu.mission import (
     MOST_ITEMS,
     PLACES,
@@ -19,67 +19,25 @@ from agent.fcu.mission import (
     mission,
     mission_item,
 )
+from agent.mavlink.missions import PlanItem, RefusedItem
 from agent.wire import dialect as mav
 
 _FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)
 _FRAMES = {0: 0, 3: 3, 5: 0, 6: 3}  # the _INT frames mean the same
 
 
-class WireItem(NamedTuple):
-    """MISSION_ITEM and MISSION_ITEM_INT in one form; any values are possible."""
-
-    seq: int
-    frame: int
-    command: int
-    parameters: tuple[float, float, float, float]
-    lat_deg: float
-    lon_deg: float
-    alt_m: float
-
-
-def wire_item(m: Any) -> WireItem:
-    """From either message."""
-    scale = 1e7 if m.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT else 1.0
-    return WireItem(m.seq, m.frame, m.command, (m.param1, m.param2, m.param3, m.param4), m.x / scale, m.y / scale, m.z)
-
-
-class Refused(NamedTuple):
-    """Why an item is not taken: a MAV_MISSION_RESULT and words."""
-
-    result: int
-    problem: str
-
-
-class Plan(Protocol):
-    """One kind of plan. Items are whatever `read` makes of them."""
-
-    name: str
-    most: int
-
-    def items(self) -> list[Any]:
-        """What is in force."""
-
-    def read(self, item: WireItem) -> Any:
-        """An item that came, or Refused."""
-
-    def write(self, seq: int) -> WireItem:
-        """An item that is in force."""
-
-    def current(self) -> int:
-        """The item under way, -1 for none."""
-
-    def store(self, items: list[Any]) -> str:
-        """Put a whole plan in force, or say why not."""
-
-
 class MissionPlan:
-    """Item 0 is home: whatever comes for it is taken, and the real home is given back."""
+    """Item 0 is home: whatever comes for it is taken, and the real home is given back.
+
+    stored: called after a change.
+    """
 
     name = "Mission"
     most = MOST_ITEMS
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._autopilot = vehicle.autopilot
+    def __init__(self, autopilot: Autopilot, stored: Callable[[], object]) -> None:
+        self._autopilot = autopilot
+        self._stored = stored
 
     def items(self) -> list[MissionItem]:
         return list(self._autopilot.mission.items)
@@ -87,7 +45,7 @@ class MissionPlan:
     def current(self) -> int:
         return self._autopilot.pilot.current
 
-    def read(self, item: WireItem) -> MissionItem | Refused:
+    def read(self, item: PlanItem) -> MissionItem | RefusedItem:
         if item.seq == 0:
             alt_m = item.alt_m if abs(item.alt_m) < 1e5 else 0.0
             if not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):
@@ -95,7 +53,7 @@ class MissionPlan:
             return MissionItem(WAYPOINT, item.lat_deg, item.lon_deg, alt_m, frame=_FRAMES.get(item.frame, 3))
         if item.command in PLACES and item.frame not in _FRAMES:
             problem = f"frame {item.frame} is not supported; use 0, 3, 5 or 6"
-            return Refused(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
+            return RefusedItem(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
         made = mission_item(
             item.command, item.parameters, item.lat_deg, item.lon_deg, item.alt_m, _FRAMES.get(item.frame, 3)
         )
@@ -103,31 +61,37 @@ class MissionPlan:
         if not problem:
             return made
         known = item.command in SUPPORTED
-        return Refused(int(mav.MAV_MISSION_INVALID if known else mav.MAV_MISSION_UNSUPPORTED), problem)
+        return RefusedItem(int(mav.MAV_MISSION_INVALID if known else mav.MAV_MISSION_UNSUPPORTED), problem)
 
-    def write(self, seq: int) -> WireItem:
+    def write(self, seq: int) -> PlanItem:
         item = self._autopilot.mission.items[seq]
         home = self._autopilot.home
         if seq == 0 and home is not None:
             item = MissionItem(WAYPOINT, home.lat_deg, home.lon_deg, home.alt_m, frame=0)
-        return WireItem(seq, item.frame, item.command, item_parameters(item), item.lat_deg, item.lon_deg, item.alt_m)
+        return PlanItem(seq, item.frame, item.command, item_parameters(item), item.lat_deg, item.lon_deg, item.alt_m)
 
-    def store(self, items: list[MissionItem]) -> str:
+    def store(self, items: list[MissionItem], in_part: bool) -> str:
+        """One that was changed in part goes on where the vessel is."""
+        current = self.current()
         try:
             self._autopilot.set_mission(mission(items))
         except MissionError as error:
             return str(error)
+        if in_part and current > 0:
+            self._autopilot.set_current(current)
+        self._stored()
         return ""
 
 
 class FencePlan:
-    """Circles and polygons; there is no home among them."""
+    """Circles and polygons; there is no home among them. stored: called after a change."""
 
     name = "Fence"
     most = MOST_FENCE_ITEMS
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._autopilot = vehicle.autopilot
+    def __init__(self, autopilot: Autopilot, stored: Callable[[], object]) -> None:
+        self._autopilot = autopilot
+        self._stored = stored
 
     def items(self) -> list[FenceItem]:
         return list(self._autopilot.fence.items)
@@ -135,26 +99,31 @@ class FencePlan:
     def current(self) -> int:
         return -1
 
-    def read(self, item: WireItem) -> FenceItem | Refused:
+    def read(self, item: PlanItem) -> FenceItem | RefusedItem:
         if item.command not in _FENCE_COMMANDS:
             known = ", ".join(str(command) for command in _FENCE_COMMANDS)
-            return Refused(int(mav.MAV_MISSION_UNSUPPORTED), f"command {item.command} is not supported; use {known}")
+            return RefusedItem(
+                int(mav.MAV_MISSION_UNSUPPORTED), f"command {item.command} is not supported; use {known}"
+            )
         if item.frame not in _FRAMES:
             problem = f"frame {item.frame} is not supported; use 0, 3, 5 or 6"
-            return Refused(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
+            return RefusedItem(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
         if not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):
             problem = f"position {item.lat_deg:g}, {item.lon_deg:g} is not on Earth; use degrees"
-            return Refused(int(mav.MAV_MISSION_INVALID), problem)
+            return RefusedItem(int(mav.MAV_MISSION_INVALID), problem)
         first = item.parameters[0]
         if item.command in (CIRCLE_IN, CIRCLE_OUT):
             return FenceItem(item.command, item.lat_deg, item.lon_deg, radius_m=first)
         corners = int(first) if 0.0 <= first <= 1e4 and first == int(first) else 0
         return FenceItem(item.command, item.lat_deg, item.lon_deg, vertex_count=corners)
 
-    def write(self, seq: int) -> WireItem:
+    def write(self, seq: int) -> PlanItem:
         item = self.items()[seq]
         first = float(item.vertex_count) if item.vertex_count else item.radius_m
-        return WireItem(seq, 0, item.command, (first, 0.0, 0.0, 0.0), item.lat_deg, item.lon_deg, 0.0)
+        return PlanItem(seq, 0, item.command, (first, 0.0, 0.0, 0.0), item.lat_deg, item.lon_deg, 0.0)
 
-    def store(self, items: list[FenceItem]) -> str:
-        return self._autopilot.set_fence(items)
+    def store(self, items: list[FenceItem], in_part: bool) -> str:
+        problem = self._autopilot.set_fence(items)
+        if not problem:
+            self._stored()
+        return problem

@@ -1,4 +1,4 @@
-"""The MAVLink side of the autopilot: sensor samples in; parameters, plans, commands and telemetry in and out."""
+"""MAVLink with one station: what comes is handled, what is due is sent. The host is such a station too."""
 
 from __future__ import annotations
 
@@ -6,25 +6,27 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agent.fcu.autopilot import Autopilot
-from agent.fcu.mavlink.commands import Commands
-from agent.fcu.mavlink.mission_transfer import MissionTransfer
-from agent.fcu.mavlink.parameters import ParameterService
-from agent.fcu.mavlink.targets import Targets
-from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, Telemetry
-from agent.fcu.mavlink.texts import Texts
-from agent.fcu.mavlink.vehicle import Vehicle
+from agent.fcu.mavlink.commands import CommandHandlers, SetpointHandlers
+from agent.fcu.mavlink.hub import MavlinkHub
+from agent.fcu.mavlink.plans import FencePlan, MissionPlan
+from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, TelemetryStreams
+from agent.fcu.parameters import TABLE
 from agent.fcu.samples import BarometerSample, GnssSample, ImuSample, MagnetometerSample
+from agent.mavlink.commands import CommandServer, StatusTextSender
+from agent.mavlink.exchange import Messages
+from agent.mavlink.missions import FENCE, MISSION, MissionServer, Plan
+from agent.mavlink.parameters import ParameterServer
 from agent.wire import dialect as mav
 
-Messages = list[Any]
+_NAMES = tuple(row.name for row in TABLE)
 
 
-class Services:
-    """What one station is served: `handle` what arrives, and send what that and, once a cycle, `telemetry` return.
+class MavlinkChannel:
+    """Serves one station: `handle` what arrives, and send what that and, once a cycle, `poll` return.
 
-    Several stations are served by as many of these on one `vehicle`. The host is the one that brings the sensors'
-    samples; a ground station (`ground=True`) brings none, is told of changes that it did not make, and what it sets
-    outlives a restart.
+    Several stations are served by as many channels on one `hub`. The host is the one that brings the sensors' samples;
+    a ground station (`ground=True`) brings none, is told of changes that it did not make, and what it sets outlives a
+    restart.
 
     Field values never raise: a sample that cannot be true is counted in `refused`, a request that cannot be met is
     answered by its protocol and a STATUSTEXT. Messages for another system or component are ignored.
@@ -36,22 +38,32 @@ class Services:
         system_id: int = 1,
         component_id: int = 1,
         rates_hz: Mapping[int, float] | None = None,
-        vehicle: Vehicle | None = None,
+        hub: MavlinkHub | None = None,
         ground: bool = False,
     ) -> None:
         self.autopilot = autopilot
-        self.vehicle = Vehicle(autopilot) if vehicle is None else vehicle
+        self.hub = MavlinkHub(autopilot) if hub is None else hub
         self._systems = (0, system_id)
         self._components = (0, component_id)
-        self._mailbox = self.vehicle.mailbox()
-        texts = Texts()
+        self._ground = ground
+        self._outbox = self.hub.open_outbox()
+        texts = StatusTextSender()
         if rates_hz is None:
             rates_hz = STATION_RATES_HZ if ground else RATES_HZ
-        self.stream = Telemetry(self.vehicle, self._mailbox, texts, rates_hz, announces_changes=ground)
-        self._missions = MissionTransfer(self.vehicle, keeps=ground)
-        self._parameters = ParameterService(self.vehicle, texts, self._mailbox, keeps=ground, announces_changes=ground)
-        commands = Commands(self.vehicle, self.stream, keeps=ground)
-        targets = Targets(self.vehicle, system_id)
+        self.streams = TelemetryStreams(self.hub, self._outbox, texts, rates_hz, announces_changes=ground)
+        self._parameters = ParameterServer(
+            _NAMES,
+            autopilot.parameters.__getitem__,
+            self._set_parameter,
+            lambda problem: texts.messages(mav.MAV_SEVERITY_WARNING, problem),
+        )
+        plans: dict[int, Plan] = {
+            MISSION: MissionPlan(autopilot, self._plan_stored),
+            FENCE: FencePlan(autopilot, self._plan_stored),
+        }
+        self._missions = MissionServer(plans, self.hub.warn, self._set_current)
+        commands = CommandHandlers(self.hub, self.streams, stores=ground)
+        setpoints = SetpointHandlers(self.hub, system_id)
         self._samples: dict[int, Callable[[Any], bool]] = (
             {}
             if ground
@@ -63,16 +75,11 @@ class Services:
             }
         )
         self._requests: dict[int, Callable[[Any, int], Messages]] = {
-            mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._parameters.on_list,
-            mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._parameters.on_read,
-            mav.MAVLINK_MSG_ID_PARAM_SET: self._parameters.on_set,
+            **self._parameters.handlers,
             **self._missions.handlers,
-            mav.MAVLINK_MSG_ID_COMMAND_LONG: commands.on_long,
-            mav.MAVLINK_MSG_ID_COMMAND_INT: commands.on_int,
-            mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self.stream.on_request_data_stream,
-            mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: targets.on_local,
-            mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: targets.on_global,
-            mav.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: targets.on_override,
+            **CommandServer(commands.table).handlers,
+            **setpoints.handlers,
+            mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self.streams.on_request_data_stream,
             mav.MAVLINK_MSG_ID_SETUP_SIGNING: self._on_setup_signing,
         }
         self._system_requests: dict[int, Callable[[Any, int], Messages]] = {
@@ -82,7 +89,7 @@ class Services:
             mav.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             mav.MAVLINK_MSG_ID_PING: self._on_ping,
             mav.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
-            mav.MAVLINK_MSG_ID_MANUAL_CONTROL: targets.on_manual,
+            mav.MAVLINK_MSG_ID_MANUAL_CONTROL: setpoints.on_manual,
         }
 
     @property
@@ -91,7 +98,7 @@ class Services:
         return sum(self.autopilot.estimator.refused.values())
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """Take one message; returns the replies, most often none."""
+        """Handle one message; returns the replies, most often none."""
         message_id = message.get_msgId()
         on_sample = self._samples.get(message_id)
         if on_sample is not None:
@@ -108,24 +115,47 @@ class Services:
         on_message = self._unaddressed.get(message_id)
         return [] if on_message is None else on_message(message, now_ns)
 
-    def telemetry(self, now_ns: int) -> Messages:
-        """All that is due: telemetry, events, queued parameters, repeated mission requests."""
-        messages = self.stream.due(now_ns)
+    def poll(self, now_ns: int) -> Messages:
+        """All that is due: telemetry, events, repeated mission requests, values of parameters."""
+        messages = self.streams.poll(now_ns)
         messages.extend(self._missions.poll(now_ns))
         messages.extend(self._parameters.poll())
+        changed = self._outbox.parameters
+        if changed and self._ground:
+            messages.extend(map(self._parameters.value_message, changed))
+        changed.clear()
         return messages
 
     def close(self) -> None:
         """The station has left."""
-        self.vehicle.remove(self._mailbox)
+        self.hub.close_outbox(self._outbox)
+
+    # -- parameters and plans
+
+    def _set_parameter(self, name: str, value: float) -> None:
+        """Raises ParameterError."""
+        kept = self.autopilot.parameters.set(name, value)
+        self.hub.parameter_changed(name, self._outbox)
+        if self._ground and self.hub.storage is not None:
+            self.hub.storage.keep_parameter(name, kept)
+
+    def _plan_stored(self) -> None:
+        if self._ground and self.hub.storage is not None:
+            self.hub.storage.keep_plan(self.autopilot)
+
+    def _set_current(self, seq: int, now_ns: int) -> Messages:
+        """MISSION_CURRENT says where it goes on, and a sentence why it does not."""
+        self.autopilot.set_current(seq)
+        message = self.streams.message(mav.MAVLINK_MSG_ID_MISSION_CURRENT, now_ns)
+        return [] if message is None else [message]
 
     # -- samples
 
     def _on_imu(self, m: Any) -> bool:
-        return self.vehicle.on_imu(ImuSample(m.time_usec * 1000, m.gyro, m.accel, m.temperature))
+        return self.hub.on_imu(ImuSample(m.time_usec * 1000, m.gyro, m.accel, m.temperature))
 
     def _on_gnss(self, m: Any) -> bool:
-        return self.vehicle.on_gnss(
+        return self.hub.on_gnss(
             GnssSample(
                 m.time_usec * 1000,
                 m.lat / 1e7,
@@ -141,10 +171,10 @@ class Services:
         )
 
     def _on_magnetometer(self, m: Any) -> bool:
-        return self.vehicle.on_magnetometer(MagnetometerSample(m.time_usec * 1000, m.field))
+        return self.hub.on_magnetometer(MagnetometerSample(m.time_usec * 1000, m.field))
 
     def _on_barometer(self, m: Any) -> bool:
-        return self.vehicle.on_barometer(BarometerSample(m.time_usec * 1000, m.pressure, m.temperature))
+        return self.hub.on_barometer(BarometerSample(m.time_usec * 1000, m.pressure, m.temperature))
 
     # -- who is there
 
@@ -164,5 +194,5 @@ class Services:
 
     def _on_setup_signing(self, m: Any, now_ns: int) -> Messages:
         """A key that comes over the link it is to guard guards nothing."""
-        self.vehicle.warn("SETUP_SIGNING refused: the key is the agent's --signing-key FILE")
+        self.hub.warn("SETUP_SIGNING refused: the key is the agent's --signing-key FILE")
         return []

@@ -1,4 +1,4 @@
-"""What all stations that talk to one autopilot share: the newest samples, what it says, and what is kept."""
+"""What all MAVLink channels of one autopilot share: the newest samples, events for every station, what is stored."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class SampleLog(Protocol):
     def barometer(self, sample: BarometerSample) -> None: ...
 
 
-class Keeper(Protocol):
-    """Keeps what ground stations set over a restart."""
+class SettingsStorage(Protocol):
+    """Keeps over a restart what ground stations set."""
 
     def keep_parameter(self, name: str, value: float) -> None:
         """One parameter that was set."""
@@ -41,8 +41,8 @@ class Keeper(Protocol):
         """Back to the defaults what was kept."""
 
 
-class Mailbox:
-    """What one station has not been told yet; the oldest is lost when it does not ask."""
+class Outbox:
+    """Events that one station has not been sent yet; the oldest are lost when it does not ask."""
 
     def __init__(self) -> None:
         self.events: deque[Event] = deque(maxlen=_MOST_WAITING)
@@ -50,16 +50,16 @@ class Mailbox:
         self.parameters: deque[str] = deque(maxlen=_MOST_WAITING)
 
 
-class Vehicle:
-    """One autopilot and its surroundings. What it says is taken from it once and handed to every mailbox.
+class MavlinkHub:
+    """One autopilot, its newest samples, and its events, each handed to the outbox of every station.
 
-    keeper, log: where settings and samples are kept, if anywhere. reboot_asked: a station asked for a restart, see
+    storage, log: where settings and samples are kept, if anywhere. reboot_asked: a station asked for a restart, see
     `reboot`.
     """
 
     def __init__(self, autopilot: Autopilot) -> None:
         self.autopilot = autopilot
-        self.keeper: Keeper | None = None
+        self.storage: SettingsStorage | None = None
         self.log: SampleLog | None = None
         self.actuators = Actuators()
         self.imu: ImuSample | None = None
@@ -67,8 +67,8 @@ class Vehicle:
         self.magnetometer: MagnetometerSample | None = None
         self.barometer: BarometerSample | None = None
         self.reboot_asked = False
-        self._mailboxes: list[Mailbox] = []
-        self._said_ns: dict[str, int] = {}
+        self._outboxes: list[Outbox] = []
+        self._warned_ns: dict[str, int] = {}
 
     # -- samples
 
@@ -112,21 +112,21 @@ class Vehicle:
         self.actuators = Actuators()
         self.autopilot.reset()
 
-    # -- what is said
+    # -- events
 
-    def mailbox(self) -> Mailbox:
-        """A new one."""
-        made = Mailbox()
-        self._mailboxes.append(made)
-        return made
+    def open_outbox(self) -> Outbox:
+        """An outbox for another station."""
+        outbox = Outbox()
+        self._outboxes.append(outbox)
+        return outbox
 
-    def remove(self, mailbox: Mailbox) -> None:
+    def close_outbox(self, outbox: Outbox) -> None:
         """Its station has left."""
-        if mailbox in self._mailboxes:
-            self._mailboxes.remove(mailbox)
+        if outbox in self._outboxes:
+            self._outboxes.remove(outbox)
 
-    def collect(self, now_ns: int) -> None:
-        """Hand out what the autopilot said since the last call; the same warning at most once a second.
+    def distribute(self, now_ns: int) -> None:
+        """Hand the autopilot's events since the last call to every outbox; the same warning at most once a second.
 
         A station that sends something wrong sends it fifty times a second.
         """
@@ -134,24 +134,24 @@ class Vehicle:
         if not reached and not events:
             return
         events = [event for event in events if event.severity != WARNING or self._is_news(event.text, now_ns)]
-        for mailbox in self._mailboxes:
-            mailbox.reached.extend(reached)
-            mailbox.events.extend(events)
+        for outbox in self._outboxes:
+            outbox.reached.extend(reached)
+            outbox.events.extend(events)
 
     def _is_news(self, text: str, now_ns: int) -> bool:
-        said_ns = self._said_ns.pop(text, None)
-        is_news = said_ns is None or not 0 <= now_ns - said_ns < _SAME_AGAIN_NS
-        if len(self._said_ns) >= _TEXTS_KEPT:
-            del self._said_ns[next(iter(self._said_ns))]
-        self._said_ns[text] = now_ns if is_news or said_ns is None else said_ns
+        warned_ns = self._warned_ns.pop(text, None)
+        is_news = warned_ns is None or not 0 <= now_ns - warned_ns < _SAME_AGAIN_NS
+        if len(self._warned_ns) >= _TEXTS_KEPT:
+            del self._warned_ns[next(iter(self._warned_ns))]
+        self._warned_ns[text] = now_ns if is_news or warned_ns is None else warned_ns
         return is_news
 
     def warn(self, text: str) -> None:
-        """Say what was wrong with a message."""
+        """An event: what was wrong with a message."""
         self.autopilot.say(Event(WARNING, text))
 
-    def parameter_changed(self, name: str, by: Mailbox | None = None) -> None:
+    def parameter_changed(self, name: str, by: Outbox | None = None) -> None:
         """Tell the stations other than the one that has its answer already."""
-        for mailbox in self._mailboxes:
-            if mailbox is not by and name not in mailbox.parameters:
-                mailbox.parameters.append(name)
+        for outbox in self._outboxes:
+            if outbox is not by and name not in outbox.parameters:
+                outbox.parameters.append(name)

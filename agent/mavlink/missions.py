@@ -1,0 +1,402 @@
+"""The MAVLink mission protocol (mavlink.io/en/services/mission.html) for missions and fences: client and server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Callable, NamedTuple, Protocol
+
+from agent.mavlink.exchange import Messages, Target, Timer
+from agent.wire import dialect as mav
+
+REPEAT_NS = 500_000_000
+RETRIES = 5
+MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
+
+
+class PlanItem(NamedTuple):
+    """MISSION_ITEM and MISSION_ITEM_INT in one form; any values are possible. `frame` is a MAV_FRAME."""
+
+    seq: int
+    frame: int
+    command: int
+    parameters: tuple[float, float, float, float]
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
+def plan_item(m: Any) -> PlanItem:
+    """From either message."""
+    scale = 1e7 if m.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT else 1.0
+    return PlanItem(m.seq, m.frame, m.command, (m.param1, m.param2, m.param3, m.param4), m.x / scale, m.y / scale, m.z)
+
+
+def item_message(target: Target, item: PlanItem, current: bool, mission_type: int = MISSION, whole: bool = True) -> Any:
+    """MISSION_ITEM_INT of an item, or MISSION_ITEM when not `whole`."""
+    head = (*target, item.seq, item.frame, item.command, int(current), 1, *item.parameters)
+    if not whole:
+        return mav.MAVLink_mission_item_message(*head, item.lat_deg, item.lon_deg, item.alt_m, mission_type)
+    lat, lon = round(item.lat_deg * 1e7), round(item.lon_deg * 1e7)
+    return mav.MAVLink_mission_item_int_message(*head, lat, lon, item.alt_m, mission_type)
+
+
+def waypoint_items(places: Iterable[tuple[float, float, float]]) -> list[PlanItem]:
+    """A mission of waypoints at latitudes and longitudes in degrees, altitudes in metres; the first is home."""
+    return [
+        PlanItem(seq, mav.MAV_FRAME_GLOBAL, mav.MAV_CMD_NAV_WAYPOINT, (0.0, 0.0, 0.0, 0.0), *place)
+        for seq, place in enumerate(places)
+    ]
+
+
+def result_name(result: int) -> str:
+    """`MAV_MISSION_NO_SPACE`; the number of an unknown one."""
+    entry = mav.enums["MAV_MISSION_RESULT"].get(result)
+    return str(entry.name) if entry else str(result)
+
+
+# -- client
+
+
+class MissionUpload:
+    """An exchange that hands over a plan; an empty one is done at once and sends nothing.
+
+    It is announced, and again when nothing was asked for since `repeat_s`, for `give_up_s` at most. A refusal counts
+    once the upload has lasted `refused_s`: an autopilot that has just been started may have no room yet. accepted:
+    whether it was taken; result: the latest MAV_MISSION_RESULT, None while there is none.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        items: Sequence[PlanItem],
+        mission_type: int = MISSION,
+        repeat_s: float = 1.0,
+        give_up_s: float = 20.0,
+        refused_s: float = 0.0,
+        new_timer: Callable[[], Timer] = Timer,
+    ) -> None:
+        self.done = not items
+        self.result: int | None = None
+        self._target = target
+        self._items = items
+        self._mission_type = mission_type
+        self._repeat_s = repeat_s
+        self._give_up_s = give_up_s
+        self._refused_s = refused_s
+        self._whole = new_timer()
+        self._next = new_timer()
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the other end has the whole plan."""
+        return self.result == int(mav.MAV_MISSION_ACCEPTED)
+
+    def poll(self, now_ns: int) -> Messages:
+        if self.done:
+            return []
+        if not self._whole.started:
+            self._whole.start(now_ns)
+        elif (self.result is not None and self._whole.is_over(now_ns, self._refused_s)) or self._whole.is_over(
+            now_ns, self._give_up_s
+        ):
+            self.done = True
+            return []
+        elif not self._next.is_over(now_ns, self._repeat_s):
+            return []
+        self._next.start(now_ns)
+        return [mav.MAVLink_mission_count_message(*self._target, len(self._items), self._mission_type)]
+
+    def handle(self, message: Any, now_ns: int) -> Messages:
+        if self.done or not self._whole.started or getattr(message, "mission_type", MISSION) != self._mission_type:
+            return []
+        number = message.get_msgId()
+        if number in (mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT, mav.MAVLINK_MSG_ID_MISSION_REQUEST):
+            self._next.start(now_ns)
+            if message.seq < len(self._items):
+                item = self._items[message.seq]
+                return [item_message(self._target, item, item.seq == 1, self._mission_type)]
+        elif number == mav.MAVLINK_MSG_ID_MISSION_ACK:
+            self.result = int(message.type)
+            self.done = self.accepted
+        return []
+
+
+class MissionDownload:
+    """An exchange that brings a plan: asks for what comes next, and again every REPEAT_NS, for as long as it is polled.
+
+    items: MISSION_ITEM_INT messages, the whole plan once `done`; of a plan longer than `most` the first ones. asked_ns:
+    when it asked last; tries: how often in vain since something last came.
+    """
+
+    def __init__(self, target: Target, mission_type: int = MISSION, most: int = 65535) -> None:
+        self.items: list[Any] = []
+        self.done = False
+        self.asked_ns: int | None = None
+        self.tries = 0
+        self._target = target
+        self._mission_type = mission_type
+        self._most = most
+        self._count: int | None = None
+        self._answered = False
+
+    def poll(self, now_ns: int) -> Messages:
+        waits = self.asked_ns is not None and 0 <= now_ns - self.asked_ns < REPEAT_NS
+        if self.done or (waits and not self._answered):
+            return []
+        self.asked_ns = now_ns
+        self.tries += not self._answered
+        self._answered = False
+        if self._count is None:
+            return [mav.MAVLink_mission_request_list_message(*self._target, self._mission_type)]
+        return [mav.MAVLink_mission_request_int_message(*self._target, len(self.items), self._mission_type)]
+
+    def handle(self, message: Any, now_ns: int) -> Messages:
+        asked = self.asked_ns is not None and not self.done
+        if not asked or getattr(message, "mission_type", MISSION) != self._mission_type:
+            return []
+        number = message.get_msgId()
+        if number == mav.MAVLINK_MSG_ID_MISSION_COUNT and self._count is None:
+            self._count = min(int(message.count), self._most)
+        elif number == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT and self._count and message.seq == len(self.items):
+            self.items.append(message)
+        else:
+            return []
+        self._answered = True
+        self.tries = 0
+        self.done = len(self.items) == self._count
+        if not self.done:
+            return []
+        return [mav.MAVLink_mission_ack_message(*self._target, mav.MAV_MISSION_ACCEPTED, self._mission_type)]
+
+
+# -- server
+
+
+class RefusedItem(NamedTuple):
+    """Why an item is not taken: a MAV_MISSION_RESULT and a sentence."""
+
+    result: int
+    problem: str
+
+
+class Plan(Protocol):
+    """One type of plan as the vehicle keeps it. Items are whatever `read` makes of them."""
+
+    name: str
+    most: int
+
+    def items(self) -> list[Any]:
+        """What is in force."""
+
+    def current(self) -> int:
+        """The item under way, -1 for none."""
+
+    def read(self, item: PlanItem) -> Any:
+        """An item that came, or RefusedItem."""
+
+    def write(self, seq: int) -> PlanItem:
+        """An item that is in force."""
+
+    def store(self, items: list[Any], in_part: bool) -> str:
+        """Put a whole plan in force, or say why not. in_part: its beginning is as it was."""
+
+
+class _IncomingPlan:
+    """An upload under way from one sender: the items from `first` on, `before` and `after` stay as they are."""
+
+    def __init__(self, sender: Target, mission_type: int, first: int, count: int, now_ns: int) -> None:
+        self.sender = sender
+        self.mission_type = mission_type
+        self.first = first
+        self.count = count
+        self.items: list[Any] = []
+        self.before: list[Any] = []
+        self.after: list[Any] = []
+        self.asked_ns = now_ns
+        self.retries = 0
+
+    @property
+    def expected(self) -> int:
+        """Sequence number of the next item."""
+        return self.first + len(self.items)
+
+    def request(self) -> Any:
+        """Asks for it."""
+        return mav.MAVLink_mission_request_int_message(*self.sender, self.expected, self.mission_type)
+
+
+class MissionServer:
+    """Serves `plans` by their MAV_MISSION_TYPE to one station: upload whole or in part, download, clear, set current.
+
+    A new plan replaces the old one only when its last item has arrived and the whole is accepted; an item that does not
+    come is asked for again. There is no rally point: such a plan is always empty. warn: hears why something is refused.
+    set_current: goes on from an item of the mission and returns what that is answered by.
+    """
+
+    def __init__(
+        self,
+        plans: Mapping[int, Plan],
+        warn: Callable[[str], object],
+        set_current: Callable[[int, int], Messages],
+    ) -> None:
+        self._plans = plans
+        self._warn = warn
+        self._set_current = set_current
+        self._upload: _IncomingPlan | None = None
+        self._finished: tuple[Target, int, int] | None = None  # sender, type and last item of the last upload
+        self.handlers: dict[int, Callable[[Any, int], Messages]] = {
+            mav.MAVLINK_MSG_ID_MISSION_COUNT: self._on_count,
+            mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: self._on_write_partial,
+            mav.MAVLINK_MSG_ID_MISSION_ITEM: self._on_item,
+            mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: self._on_item,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_request_list,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST: self._on_request,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: self._on_request,
+            mav.MAVLINK_MSG_ID_MISSION_REQUEST_PARTIAL_LIST: self._on_request_partial,
+            mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: self._on_clear,
+            mav.MAVLINK_MSG_ID_MISSION_SET_CURRENT: self._on_set_current,
+            mav.MAVLINK_MSG_ID_MISSION_ACK: self._on_ack,
+        }
+
+    def poll(self, now_ns: int) -> Messages:
+        """Ask again for an item that does not come; give up after RETRIES."""
+        upload = self._upload
+        if upload is None or 0 <= now_ns - upload.asked_ns < REPEAT_NS:
+            return []
+        if upload.retries >= RETRIES:
+            self._upload = None
+            name = self._plans[upload.mission_type].name
+            self._warn(f"{name} upload given up: item {upload.expected} did not come")
+            return [_ack(upload.sender, mav.MAV_MISSION_OPERATION_CANCELLED, upload.mission_type)]
+        upload.retries += 1
+        upload.asked_ns = now_ns
+        return [upload.request()]
+
+    # -- upload
+
+    def _on_count(self, message: Any, now_ns: int) -> Messages:
+        """Start of an upload; one from the same sender starts again."""
+        sender, mission_type = _sender(message), message.mission_type
+        plan = self._plans.get(mission_type)
+        if plan is None:
+            empty = mission_type == RALLY and message.count == 0
+            return [_ack(sender, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+        if self._upload is not None and self._upload.sender != sender:
+            return [_ack(sender, mav.MAV_MISSION_ERROR, mission_type)]
+        if message.count > plan.most:
+            self._warn(f"{plan.name} of {message.count} items refused: at most {plan.most} fit")
+            return [_ack(sender, mav.MAV_MISSION_NO_SPACE, mission_type)]
+        if message.count == 0:
+            self._upload = None
+            return [_ack(sender, self._store(mission_type, []), mission_type)]
+        self._upload = _IncomingPlan(sender, mission_type, 0, message.count, now_ns)
+        return [self._upload.request()]
+
+    def _on_write_partial(self, message: Any, now_ns: int) -> Messages:
+        """Items start_index to end_index of the plan in force are replaced."""
+        sender, mission_type = _sender(message), message.mission_type
+        plan = self._plans.get(mission_type)
+        if plan is None:
+            return [_ack(sender, mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+        if self._upload is not None and self._upload.sender != sender:
+            return [_ack(sender, mav.MAV_MISSION_ERROR, mission_type)]
+        items, first, last = plan.items(), message.start_index, message.end_index
+        if not 0 <= first <= last < len(items):
+            self._warn(f"{plan.name} items {first} to {last} refused: there are {len(items)}")
+            return [_ack(sender, mav.MAV_MISSION_INVALID_SEQUENCE, mission_type)]
+        self._upload = upload = _IncomingPlan(sender, mission_type, first, last - first + 1, now_ns)
+        upload.before, upload.after = items[:first], items[last + 1 :]
+        return [upload.request()]
+
+    def _on_item(self, message: Any, now_ns: int) -> Messages:
+        """One item. The one before is a duplicate and ignored; any other but the expected makes it be asked again."""
+        sender, mission_type = _sender(message), message.mission_type
+        upload, plan = self._upload, self._plans.get(mission_type)
+        if plan is None:
+            return [_ack(sender, mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+        if upload is None:
+            repeated = self._finished == (sender, mission_type, message.seq)  # the acknowledgement was lost
+            if not repeated:
+                self._warn(f"{plan.name} item {message.seq} refused: no upload is under way")
+            return [_ack(sender, mav.MAV_MISSION_ACCEPTED if repeated else mav.MAV_MISSION_ERROR, mission_type)]
+        if upload.sender != sender or upload.mission_type != mission_type:
+            return [_ack(sender, mav.MAV_MISSION_ERROR, mission_type)]
+        if message.seq == upload.expected - 1 and upload.items:
+            return []
+        upload.asked_ns = now_ns
+        upload.retries = 0
+        if message.seq != upload.expected:
+            self._warn(f"{plan.name} item {message.seq} out of order: {upload.expected} is next")
+            return [upload.request()]
+        item = plan.read(plan_item(message))
+        if isinstance(item, RefusedItem):
+            self._upload = None
+            self._warn(f"{plan.name} item {message.seq} refused: {item.problem}")
+            return [_ack(sender, item.result, mission_type)]
+        upload.items.append(item)
+        if len(upload.items) < upload.count:
+            return [upload.request()]
+        self._upload = None
+        result = self._store(mission_type, [*upload.before, *upload.items, *upload.after], in_part=upload.first > 0)
+        self._finished = (sender, mission_type, message.seq) if result == mav.MAV_MISSION_ACCEPTED else None
+        return [_ack(sender, result, mission_type)]
+
+    def _store(self, mission_type: int, items: list[Any], in_part: bool = False) -> int:
+        plan = self._plans[mission_type]
+        problem = plan.store(items, in_part)
+        if problem:
+            self._warn(f"{plan.name} refused: {problem}")
+        return int(mav.MAV_MISSION_INVALID if problem else mav.MAV_MISSION_ACCEPTED)
+
+    def _on_ack(self, message: Any, now_ns: int) -> Messages:
+        """A sender ends its upload, or has all that it asked for."""
+        upload = self._upload
+        ends = upload is not None and (upload.sender, upload.mission_type) == (_sender(message), message.mission_type)
+        if ends and message.type != mav.MAV_MISSION_ACCEPTED:
+            self._upload = None
+        return []
+
+    # -- download
+
+    def _on_request_list(self, message: Any, now_ns: int) -> Messages:
+        plan = self._plans.get(message.mission_type)
+        count = 0 if plan is None else len(plan.items())
+        return [mav.MAVLink_mission_count_message(*_sender(message), count, message.mission_type)]
+
+    def _on_request(self, message: Any, now_ns: int) -> Messages:
+        """One item, in the form it was asked for; item 0 of a mission is home."""
+        sender, mission_type = _sender(message), message.mission_type
+        plan = self._plans.get(mission_type)
+        if plan is None or message.seq >= len(plan.items()):
+            return [_ack(sender, mav.MAV_MISSION_INVALID_SEQUENCE, mission_type)]
+        item = plan.write(message.seq)
+        whole = message.get_msgId() != mav.MAVLINK_MSG_ID_MISSION_REQUEST
+        return [item_message(sender, item, item.seq == plan.current(), mission_type, whole)]
+
+    def _on_request_partial(self, message: Any, now_ns: int) -> Messages:
+        """ArduPilot does not do this either: a station asks for the items one by one."""
+        return [_ack(_sender(message), mav.MAV_MISSION_UNSUPPORTED, message.mission_type)]
+
+    # -- the rest
+
+    def _on_clear(self, message: Any, now_ns: int) -> Messages:
+        """Delete a plan, or all."""
+        sender, mission_type = _sender(message), message.mission_type
+        if mission_type == RALLY:
+            return [_ack(sender, mav.MAV_MISSION_ACCEPTED, mission_type)]
+        if mission_type != ALL and mission_type not in self._plans:
+            return [_ack(sender, mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+        self._upload = None
+        results = [self._store(one, []) for one in self._plans if mission_type in (one, ALL)]
+        return [_ack(sender, max(results), mission_type)]
+
+    def _on_set_current(self, message: Any, now_ns: int) -> Messages:
+        return self._set_current(message.seq, now_ns)
+
+
+def _sender(message: Any) -> Target:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def _ack(target: Target, result: int, mission_type: int) -> Any:
+    return mav.MAVLink_mission_ack_message(*target, result, mission_type)
