@@ -43,7 +43,8 @@ def analyze(
     analysed).
     """
     from xitl_cli.logs.report import html
-    from xitl_cli.logs.report.build import build, sections_named
+    from xitl_cli.logs.report.build import build_report as build
+    from xitl_cli.logs.report.build import sections_named
     from xitl_cli.logs.report.json import document
 
     wanted = sections_named(sections or ())

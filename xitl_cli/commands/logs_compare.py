@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.log import Log
-    from xitl_cli.logs.report.page import Card, Page
+    from xitl_cli.logs.report.page import FileCard as Card
+    from xitl_cli.logs.report.page import Page
     from xitl_cli.logs.sections import Finding
 
 
@@ -120,8 +121,8 @@ def compare(
 
 
 def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
+    from xitl_cli.logs.clocks.time_line import TimeLine
     from xitl_cli.logs.report.json import section_document
-    from xitl_cli.logs.timeline.line import TimeLine
 
     line = TimeLine(found.zero_ns)
     return {
@@ -138,9 +139,10 @@ def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
 
 
 def _page(a: Log, b: Log, found: Comparison) -> Page:
+    from xitl_cli.logs.clocks.time_line import TimeLine
     from xitl_cli.logs.report.build import short_names
-    from xitl_cli.logs.report.page import Page, PageMark, Part
-    from xitl_cli.logs.timeline.line import TimeLine
+    from xitl_cli.logs.report.page import Page, PageMark
+    from xitl_cli.logs.report.page import PagePart as Part
 
     line = TimeLine(found.zero_ns)
     names = [a.path.name] * 2 if a.path == b.path else short_names([a.path, b.path])
@@ -162,8 +164,9 @@ def _page(a: Log, b: Log, found: Comparison) -> Page:
 
 
 def _card(name: str, log: Log) -> Card:
-    from xitl_cli.logs.report.page import Card
-    from xitl_cli.logs.report.words import FORMATS, damage_sentences
+    from xitl_cli.logs.report.page import FileCard as Card
+    from xitl_cli.logs.report.wording import FORMAT_NAMES as FORMATS
+    from xitl_cli.logs.report.wording import damage_sentences
     from xitl_cli.logs.text import duration_text
 
     facts = [("file", str(log.path)), ("format", FORMATS[log.format])]

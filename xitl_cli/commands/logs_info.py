@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from xitl_cli.logs.report.words import FORMATS, damage_sentences, plural
+from xitl_cli.logs.report.wording import FORMAT_NAMES, damage_sentences, plural
 from xitl_cli.logs.summary import MessageSummary, Summary
 from xitl_cli.logs.table import Column
 from xitl_cli.logs.text import duration_text, printable
@@ -38,7 +38,7 @@ def summary_lines(summary: Summary, *, every_field: bool = False) -> Iterator[st
 
 def _told(summary: Summary) -> Iterator[tuple[str, str]]:
     health = summary.health
-    yield "format", f"{FORMATS[summary.format]}, {_size(health.size_bytes)}, {plural(health.records, 'record')}"
+    yield "format", f"{FORMAT_NAMES[summary.format]}, {_size(health.size_bytes)}, {plural(health.records, 'record')}"
     if summary.span_s is None:
         yield "time", "no row has a time stamp"
     else:

@@ -1,6 +1,6 @@
 """What vehicles and runs left behind: DataFlash logs, telemetry logs and MCAP recordings as one kind of table.
 
-opening → Log (formats/) → signals/ → analyses/, timeline/, compare/ → report/, export/
+opening → Log (formats/) → signals/, clocks/ → analyses/, compare/ → report/, export/
 """
 
 from xitl_cli.logs.errors import LogError

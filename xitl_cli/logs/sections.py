@@ -10,6 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_GRID_ROWS = 500
+
 Value = str | int | float | bool | None
 """None: not known. Never NaN."""
 
@@ -127,3 +129,17 @@ class Section:
 def by_severity(sections: Sequence[Section]) -> list[Finding]:
     """All findings, the worst first, otherwise in the order of the sections."""
     return sorted((finding for section in sections for finding in section.findings), key=lambda f: -f.severity)
+
+
+def rounded(value: float | np.floating | None, digits: int = 3) -> float | None:
+    """Rounded, None for what is no number: for facts and tables."""
+    if value is None or not np.isfinite(value):
+        return None
+    return round(float(value), digits)
+
+
+def make_grid(key: str, title: str, columns: tuple[str, ...], rows: Sequence[tuple[Value, ...]]) -> Grid:
+    """A table of at most 500 rows, which says so in its title when there were more."""
+    if len(rows) > MOST_GRID_ROWS:
+        title = f"{title} (the first {MOST_GRID_ROWS} of {len(rows)})"
+    return Grid(key, title, columns, tuple(rows[:MOST_GRID_ROWS]))

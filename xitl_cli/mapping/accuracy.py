@@ -17,9 +17,9 @@ from xitl_cli.logs.compare.trajectories import (
     Similarity,
     Trajectory,
     absolute_errors_m,
+    error_statistics,
     frame_pairs,
     relative_errors,
-    statistics,
     umeyama,
 )
 from xitl_cli.mapping.clouds import at
@@ -96,7 +96,7 @@ def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict
     around = points_ned_m[inside.all(axis=1)]
     off_m = boom.distance_m(around) if len(around) else np.empty(0)
     near = np.abs(off_m) <= NEAR_M
-    found = statistics(np.abs(off_m[near]))
+    found = error_statistics(np.abs(off_m[near]))
     passed = _passed(track_ned_m, boom)
     seen = _floats_seen(around[near], boom)
     return {
@@ -111,7 +111,7 @@ def apart(one: Trajectory, other: Trajectory) -> dict[str, Any]:
     # the wire tells instants in whole microseconds
     common, here, there = np.intersect1d(one.stamp_ns // 1000, other.stamp_ns // 1000, return_indices=True)
     off_m = np.linalg.norm(one.pos_m[here] - other.pos_m[there], axis=1)
-    found = statistics(off_m)
+    found = error_statistics(off_m)
     return {
         "poses": len(common),
         "rms_m": None if found is None else round(found.rms, 4),
@@ -120,10 +120,10 @@ def apart(one: Trajectory, other: Trajectory) -> dict[str, Any]:
 
 
 def _errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
-    absolute = statistics(absolute_errors_m(reference, other))
+    absolute = error_statistics(absolute_errors_m(reference, other))
     period_s = float(np.median(np.diff(reference.stamp_ns))) * 1e-9
     pairs = frame_pairs(len(reference.stamp_ns), max(round(RPE_S / period_s), 1))
-    relative = statistics(relative_errors(reference, other, pairs)[0]) if len(pairs) else None
+    relative = error_statistics(relative_errors(reference, other, pairs)[0]) if len(pairs) else None
     path_m = float(np.linalg.norm(np.diff(reference.pos_m, axis=0), axis=1).sum())
     return {
         "path_m": round(path_m, 3),

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.log import Damage, Health
-from xitl_cli.logs.report.model import FileReport, Overview, Refusal, Report, Track, Waypoint
+from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
-from xitl_cli.logs.timeline.line import TimeLine
 
 HOSTILE = '</script><script>document.title="taken"</script><img src=x onerror="document.title=1">\x1b[31m'
 SECONDS = 60.0
@@ -84,8 +84,8 @@ def sample_overview() -> Overview:
     speed = Trace("speed (GPS.Spd)", AT_NS, 2.0 + np.sin(AT_S))
     return Overview(
         (Plot("overview.speed", "Speed over ground", "speed (m/s)", (speed,)),),
-        (Track("estimate", AT_S[thin], east_m, north_m, np.full(len(east_m), 2.0)),),
-        (Waypoint("1", 0.0, 20.0), Waypoint("2", 20.0, 0.0)),
+        (MapTrack("estimate", AT_S[thin], east_m, north_m, np.full(len(east_m), 2.0)),),
+        (MapWaypoint("1", 0.0, 20.0), MapWaypoint("2", 20.0, 0.0)),
         (Mark(0, "MANUAL", 10_000_000_000), Mark(10_000_000_000, HOSTILE, 60_000_000_000)),
         (Mark(5_000_000_000, "armed", 55_000_000_000),),
         (43.1, 5.9, 12.0),
@@ -106,5 +106,5 @@ def sample_report(health: Health = DAMAGED) -> Report:
         f"Rover {HOSTILE}",
     )
     return Report(
-        (file,), (Refusal(Path("x.ulg"), "x.ulg: looks like a PX4 log; convert it first"),), sample_overview()
+        (file,), (RefusedFile(Path("x.ulg"), "x.ulg: looks like a PX4 log; convert it first"),), sample_overview()
     )

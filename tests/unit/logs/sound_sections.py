@@ -12,7 +12,7 @@ from xitl_cli.logs.sections import Section, Severity
 
 def sound_sections(log: Log, names: Iterable[str] = catalogue.NAMES) -> list[Section]:
     """Of these analyses, each looked at."""
-    found = [section for name in names if (section := catalogue.analysis(name)(log)) is not None]
+    found = [section for name in names if (section := catalogue.load_analysis(name)(log)) is not None]
     for section in found:
         _assert_sound(section)
     return found

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.arming import analyse, refused
+from xitl_cli.logs.analyses.arming import analyse, arm_refusals
 from xitl_cli.logs.sections import Section, Severity
 
 S = 1_000_000_000
@@ -75,7 +75,7 @@ def test_reasons_are_grouped() -> None:
     log = MadeLog(
         said((1, "PreArm: GPS 1: Bad fix"), (2, "Arm: Mode not armable"), (31, "PreArm: GPS 1: Bad fix")), end(40)
     )
-    bad, mode = refused(log)
+    bad, mode = arm_refusals(log)
     assert (bad.reason, bad.attempt, bad.count, bad.first_ns, bad.last_ns) == (
         "GPS 1: Bad fix",
         False,

@@ -10,12 +10,11 @@ import pytest
 from made_log import MadeLog, MadeTable
 from made_vessel import vessel
 
-from xitl_cli.logs.compare import overlay as overlaid
-from xitl_cli.logs.compare.channels import channel_section
+from xitl_cli.logs.compare import comparison
 from xitl_cli.logs.compare.comparison import compare
-from xitl_cli.logs.compare.pairing import pair
-from xitl_cli.logs.compare.path import off_path_m, thinned
-from xitl_cli.logs.compare.states import event_section
+from xitl_cli.logs.compare.pairing import event_section, pair_logs
+from xitl_cli.logs.compare.profiles import channel_section
+from xitl_cli.logs.compare.trajectory_section import off_path_m, thinned_path
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Fact, Plot, Section, Trace
 
@@ -43,8 +42,8 @@ def test_facts_and_plots_of_both_stand_side_by_side(monkeypatch: pytest.MonkeyPa
     }
     missed = Plot("misses", "Misses", "ms", (Trace("misses", np.array([0]), np.array([4.0]), "points"),))
     sections["b.bin"] = replace(sections["b.bin"], plots=(*sections["b.bin"].plots, missed))
-    monkeypatch.setattr(overlaid, "analysis", analysis(sections))
-    found = overlaid.overlay("scheduler", a, b, pair(a, b, shift_s=2.0))
+    monkeypatch.setattr(comparison, "load_analysis", analysis(sections))
+    found = comparison.overlay("scheduler", a, b, pair_logs(a, b, shift_s=2.0))
     assert found is not None
     assert {grid.key: grid.rows for grid in found.grids} == {
         "scheduler.both": (("Longest", "us", 20.0, 25.5, 5.5),),
@@ -61,12 +60,12 @@ def test_facts_and_plots_of_both_stand_side_by_side(monkeypatch: pytest.MonkeyPa
 
 def test_what_can_be_judged_of_one_alone_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     a, b = vessel("a"), vessel("b")
-    monkeypatch.setattr(overlaid, "analysis", analysis({"a.bin": None, "b.bin": loops(1.0, "blue")}))
-    found = overlaid.overlay("scheduler", a, b, pair(a, b, shift_s=0.0))
+    monkeypatch.setattr(comparison, "load_analysis", analysis({"a.bin": None, "b.bin": loops(1.0, "blue")}))
+    found = comparison.overlay("scheduler", a, b, pair_logs(a, b, shift_s=0.0))
     assert found is not None
     assert found.lacks == ("Scheduler can be judged of B alone.",)
-    monkeypatch.setattr(overlaid, "analysis", analysis({"a.bin": None, "b.bin": None}))
-    assert overlaid.overlay("scheduler", a, b, pair(a, b, shift_s=0.0)) is None
+    monkeypatch.setattr(comparison, "load_analysis", analysis({"a.bin": None, "b.bin": None}))
+    assert comparison.overlay("scheduler", a, b, pair_logs(a, b, shift_s=0.0)) is None
 
 
 def rc_out(**channels: list[float]) -> MadeTable:
@@ -79,7 +78,7 @@ def test_channels_that_nothing_moves_are_one_line() -> None:
     still = {f"C{channel}": [1500.0] for channel in (2, 3, 4, 6)}
     a = vessel("a", further=(rc_out(C1=[1500.0, 1600.0], C5=[1500.0], C9=[1100.0], **still),))
     b = vessel("b", further=(rc_out(C1=[1500.0, 1620.0], C5=[1510.0], C8=[1100.0], **still),))
-    found = channel_section(a, b, pair(a, b, shift_s=0.0))
+    found = channel_section(a, b, pair_logs(a, b, shift_s=0.0))
     assert found is not None
     assert [fact.value for fact in found.facts] == ["2 to 4, 6"]
     rows = {str(row[0]): row for row in found.grids[0].rows}
@@ -96,7 +95,7 @@ def test_the_nth_event_of_a_kind_is_beside_the_nth() -> None:
 
     a = vessel("a", armed_s=2.0, further=(said((10.0, "Reached waypoint #1"), (20.0, "Reached waypoint #1")),))
     b = vessel("b", armed_s=2.5, further=(said((11.0, "Reached waypoint 1"), (30.0, "Mission Complete")),))
-    laid = pair(a, b, "armed")
+    laid = pair_logs(a, b, "armed")
     found = event_section(a, b, laid, 0 if laid.zero_ns is None else laid.zero_ns)
     assert found is not None
     assert found.grids[0].rows == (
@@ -121,7 +120,7 @@ def test_a_mode_that_heartbeats_tell_began_when_it_was_said() -> None:
     )
     texts = MadeTable("STATUSTEXT", [12_200_000_000], {"text": ["Mode AUTO"]})
     log = MadeLog(beats, texts, kind="tlog", base="utc", path="/made/a.tlog")
-    assert pair(log, vessel("b", armed_s=3.0, auto_s=6.0), "mission").zero_ns == 12_200_000_000
+    assert pair_logs(log, vessel("b", armed_s=3.0, auto_s=6.0), "mission").zero_ns == 12_200_000_000
 
 
 def test_the_distance_from_a_path_is_that_from_its_line() -> None:
@@ -134,11 +133,11 @@ def test_the_distance_from_a_path_is_that_from_its_line() -> None:
 def test_a_vessel_at_rest_adds_no_points_to_a_path() -> None:
     away = np.stack([np.arange(101.0), np.zeros(101)], axis=1)
     path = np.concatenate([np.zeros((1000, 2)), away, np.repeat(away[-1:], 1000, axis=0)])
-    found = thinned(path)
+    found = thinned_path(path)
     assert len(found) <= 102
     assert found[0].tolist() == [0.0, 0.0]
     assert found[-1].tolist() == [100.0, 0.0]
-    assert len(thinned(np.zeros((50, 2)))) == 1
+    assert len(thinned_path(np.zeros((50, 2)))) == 1
 
 
 def test_heights_far_apart_are_a_notice() -> None:

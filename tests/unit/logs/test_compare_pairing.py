@@ -10,7 +10,7 @@ from made_log import MadeLog, MadeTable
 from made_vessel import Array, vessel
 
 from xitl_cli.logs.compare.comparison import compare
-from xitl_cli.logs.compare.pairing import Start, pair
+from xitl_cli.logs.compare.pairing import StartEvent, pair_logs
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.sections import Severity
 
@@ -29,16 +29,16 @@ def at_s(log: MadeLog, stamp_ns: int) -> float:
     return (stamp_ns - log.span_ns[0]) * 1e-9
 
 
-def laid_s(a: MadeLog, b: MadeLog, start: Start, b_s: float) -> float:
+def laid_s(a: MadeLog, b: MadeLog, start: StartEvent, b_s: float) -> float:
     """Where a second of B comes to lie, in seconds of A."""
     assert b.span_ns is not None
-    return at_s(a, pair(a, b, start).instant(b.span_ns[0] + round(b_s * 1e9)))
+    return at_s(a, pair_logs(a, b, start).instant(b.span_ns[0] + round(b_s * 1e9)))
 
 
 def test_missions_begin_together() -> None:
     a = vessel("a", armed_s=4.0, auto_s=6.0, **leaves(7.0))  # type: ignore[arg-type]
     b = vessel("b", armed_s=30.0, auto_s=20.0, boot_s=900.0, **leaves(31.0))  # type: ignore[arg-type]
-    found = pair(a, b)
+    found = pair_logs(a, b)
     assert found.method == "mission"
     assert laid_s(a, b, "auto", 30.0) == pytest.approx(6.0)  # b was armed in AUTO: that began it
     assert laid_s(a, b, "armed", 30.0) == pytest.approx(4.0)
@@ -47,13 +47,13 @@ def test_missions_begin_together() -> None:
 
 def test_without_a_mission_arming_lays_them() -> None:
     a, b = vessel("a", armed_s=4.0), vessel("b", armed_s=9.0, boot_s=100.0)
-    assert pair(a, b).method == "armed"
+    assert pair_logs(a, b).method == "armed"
     assert laid_s(a, b, "auto", 9.0) == pytest.approx(4.0)
 
 
 def test_without_arming_motion_lays_them() -> None:
     a, b = vessel("a", **leaves(10.0)), vessel("b", boot_s=50.0, **leaves(25.0))  # type: ignore[arg-type]
-    assert pair(a, b).method == "motion"
+    assert pair_logs(a, b).method == "motion"
     assert laid_s(a, b, "auto", 25.0) == pytest.approx(10.0)
 
 
@@ -79,14 +79,14 @@ def test_a_shared_signal_lays_them() -> None:
 
 def test_a_shift_that_is_asked_for() -> None:
     a, b = vessel("a", armed_s=4.0), vessel("b", armed_s=9.0, boot_s=100.0)
-    found = pair(a, b, shift_s=2.5)
+    found = pair_logs(a, b, shift_s=2.5)
     assert b.span_ns is not None
     assert at_s(a, found.instant(b.span_ns[0])) == pytest.approx(2.5)
 
 
 def test_one_file_lies_on_itself() -> None:
     one = vessel("one")
-    found = pair(one, one)
+    found = pair_logs(one, one)
     assert found.method == "same file"
     assert found.instant(123) == 123
 
@@ -95,9 +95,9 @@ def test_one_file_lies_on_itself() -> None:
     ("start", "words"),
     [("mission", "A does not show when it navigated"), ("armed", "A does not show when it armed"), ("motion", "moved")],
 )
-def test_what_is_not_in_both_is_said(start: Start, words: str) -> None:
+def test_what_is_not_in_both_is_said(start: StartEvent, words: str) -> None:
     with pytest.raises(LogError, match=re.escape(words)) as raised:
-        pair(vessel("a"), vessel("b"), start)
+        pair_logs(vessel("a"), vessel("b"), start)
     assert "--shift SECONDS" in str(raised.value)
     assert "\n" not in str(raised.value)
 
@@ -106,12 +106,12 @@ def test_two_logs_with_nothing_in_common() -> None:
     a = vessel("a")
     b = MadeLog(MadeTable("BARO", [1, 2, 3], {"Alt": [0.0, 0.1, 0.2]}), path="/made/b.bin")
     with pytest.raises(LogError, match="no common time"):
-        pair(a, b)
+        pair_logs(a, b)
 
 
 def test_an_empty_log() -> None:
     with pytest.raises(LogError, match=r"empty\.bin: holds nothing with a time"):
-        pair(vessel("a"), MadeLog(path="/made/empty.bin"))
+        pair_logs(vessel("a"), MadeLog(path="/made/empty.bin"))
 
 
 def test_spans_that_do_not_meet() -> None:
@@ -191,4 +191,4 @@ def test_another_kind_of_vehicle_is_compared_too() -> None:
         log.tables["ARM"] = MadeTable("ARM", [6_000_000_000], {"ArmState": [1]})
         return log
 
-    assert pair(copter("a", 5 * 10**9), copter("b", 5 * 10**9)).method == "mission"
+    assert pair_logs(copter("a", 5 * 10**9), copter("b", 5 * 10**9)).method == "mission"

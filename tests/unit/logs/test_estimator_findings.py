@@ -7,7 +7,7 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.analyses.estimator import analyse
-from xitl_cli.logs.analyses.estimator.cores import cores
+from xitl_cli.logs.analyses.estimator_cores import estimator_cores
 from xitl_cli.logs.sections import Section, Severity
 
 S = 1_000_000_000
@@ -105,7 +105,7 @@ def test_cores_of_old_versions_have_messages_of_their_own() -> None:
     log = MadeLog(
         MadeTable("NKF1", AT, plain), MadeTable("NKF6", AT, plain), MadeTable("NKF4", AT, {"SV": np.zeros(N)})
     )
-    found = cores(log)
+    found = estimator_cores(log)
     assert [core.number for core in found] == [0, 1]
     assert found[0].filter == "EKF2"
     assert found[1].solution is not None

@@ -43,7 +43,7 @@ def test_it_goes_the_short_way_over_the_date_line() -> None:
 
 
 @pytest.mark.parametrize("of", ["estimate", "truth"])
-def test_a_simulated_way_is_as_long_as_in_its_world(of: signals.Of) -> None:
+def test_a_simulated_way_is_as_long_as_in_its_world(of: signals.SignalSource) -> None:
     found = signals.position_ned(log_of(simulated=True), of)
     assert found is not None
     assert found.path.values[-1, 0] == pytest.approx(100.0, abs=1e-3)

@@ -7,7 +7,7 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from tests.recorded import CALM, GUST
-from xitl_cli.logs.timeline.alignment import align
+from xitl_cli.logs.clocks.alignment import align_logs
 
 
 def turn_rate_degps(t_s: np.ndarray) -> np.ndarray:
@@ -38,7 +38,7 @@ def test_a_shifted_and_skewed_copy_is_found_within_the_stated_error(
 ) -> None:
     reference = motion(0.0, 900.0, 50.0, 1, 100.0)
     other = motion(begin_s, begin_s + 500.0, rate_hz, 2, zero_s, skew_ppm)
-    own, placed = align([reference, other])
+    own, placed = align_logs([reference, other])
     assert own.reference
     assert own.on_reference(np.array([7])).tolist() == [7]
     assert placed.method == "correlation"
@@ -57,7 +57,7 @@ def test_another_motion_is_not_aligned_and_says_why() -> None:
     t_s = np.arange(0.0, 400.0, 0.02)
     noise = np.convolve(rng.normal(0.0, 1.0, len(t_s)), np.ones(100) / 10.0, "same")
     other = MadeLog(MadeTable("IMU", np.round(t_s * 1e9), {"GyrZ": np.deg2rad(noise)}))
-    _, placed = align([motion(0.0, 400.0, 50.0, 1, 0.0), other])
+    _, placed = align_logs([motion(0.0, 400.0, 50.0, 1, 0.0), other])
     assert placed.method == "not aligned"
     assert not placed.aligned
     assert "chance" in placed.sentence or "more than one place" in placed.sentence
@@ -68,15 +68,17 @@ def test_the_same_turn_over_and_over_fits_in_more_than_one_place() -> None:
     rate = np.deg2rad(10.0 * np.sin(2 * np.pi * t_s / 20.0))
     whole = MadeLog(MadeTable("IMU", np.round(t_s * 1e9), {"GyrZ": rate}))
     part = MadeLog(MadeTable("IMU", np.round(t_s[:4000] * 1e9), {"GyrZ": rate[:4000]}))
-    _, placed = align([whole, part])
+    _, placed = align_logs([whole, part])
     assert placed.method == "not aligned"
     assert "more than one place" in placed.sentence
 
 
 def test_nothing_in_common_is_a_sentence() -> None:
-    _, placed = align([motion(0.0, 60.0, 50.0, 1, 0.0), MadeLog(MadeTable("MSG", [1, 2], {"Message": ["a", "b"]}))])
+    _, placed = align_logs(
+        [motion(0.0, 60.0, 50.0, 1, 0.0), MadeLog(MadeTable("MSG", [1, 2], {"Message": ["a", "b"]}))]
+    )
     assert "no signal" in placed.sentence
-    assert align([]) == []
+    assert align_logs([]) == []
 
 
 def _clocks(node_ahead_s: float, skew_ppm: float, leap_s: float, at_s: float) -> tuple[MadeTable, MadeLog]:
@@ -121,7 +123,7 @@ def test_clock_records_place_a_log_through_a_step_and_a_drift() -> None:
     )
     estimate = MadeTable("/link/agent/rx:ATTITUDE", np.round(t_s * 1e9), {"yawspeed": np.deg2rad(turn_rate_degps(t_s))})
     host = MadeLog(clocks, truth, estimate, kind="mcap", base="simulation", path="run.mcap")
-    placed, reference = align([log, host])
+    placed, reference = align_logs([log, host])
     assert reference.reference
     assert placed.method == "clock records"
     assert placed.error_s is not None
@@ -137,6 +139,6 @@ def test_logs_of_two_runs_are_told_apart_by_utc() -> None:
     from xitl_cli.logs.opening import open_log
 
     with open_log(CALM) as one, open_log(GUST) as other:
-        _, placed = align([one, other])
+        _, placed = align_logs([one, other])
     assert placed.method == "UTC"
     assert "do not overlap" in placed.sentence

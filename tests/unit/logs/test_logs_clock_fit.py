@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from xitl_cli.logs.timeline import one_way, robust
-from xitl_cli.logs.timeline.clock_fit import relate
-from xitl_cli.logs.timeline.readings import Readings
+from xitl_cli.logs.clocks.fit import fit_relation, lower_line, robust_line
+from xitl_cli.logs.clocks.readings import ClockReadings
 
 UTC_NS = 1_790_000_000_000_000_000  # stamps of this size do not fit a float
 SKEW_PPM, OFFSET_S, STEP_S = 80.0, 3.0, 0.5
@@ -23,7 +22,7 @@ def readings(
     bend_ppm: float = 0.0,
     burst: bool = False,
     samples: int = 3000,
-) -> Readings:
+) -> ClockReadings:
     """At 10 Hz: delays of 2 ms and an exponential of 5 ms (`late`), both ways (`exchange`), or normal errors."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(samples) * 0.1 + rng.uniform(0.0, 0.01, samples)
@@ -35,21 +34,21 @@ def readings(
         return first_ns + np.round((true_s + extra_s) * 1e9).astype(np.int64)
 
     if kind == "together":
-        return Readings("k", "a", "b", first_ns, first_ns, after(rng.normal(0.0, JITTER_S, samples)), "M", "F")
+        return ClockReadings("k", "a", "b", first_ns, first_ns, after(rng.normal(0.0, JITTER_S, samples)), "M", "F")
     there_s = FLOOR_S + rng.exponential(JITTER_S, samples)
     if burst:
         there_s[(t_s > 150.0) & (t_s < 155.0)] += 0.8
     if kind == "late":
-        return Readings("k", "a", "b", first_ns, first_ns, after(there_s), "M", "F", late=True)
+        return ClockReadings("k", "a", "b", first_ns, first_ns, after(there_s), "M", "F", late=True)
     back_s = FLOOR_S + rng.exponential(JITTER_S, samples)
     floor_ns = after(-back_s) - first_ns
-    return Readings("k", "a", "b", first_ns, first_ns, after(there_s), "M", "F", late=True, floor_ns=floor_ns)
+    return ClockReadings("k", "a", "b", first_ns, first_ns, after(there_s), "M", "F", late=True, floor_ns=floor_ns)
 
 
 @pytest.mark.parametrize("kind", ["late", "exchange", "together"])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_step_is_found_and_each_side_has_the_skew(kind: str, seed: int) -> None:
-    relation = relate(readings(kind, seed))
+    relation = fit_relation(readings(kind, seed))
     assert relation is not None
     (step,) = relation.steps
     assert step.first_ns - UTC_NS == pytest.approx(100e9, abs=0.3e9)  # three samples
@@ -68,7 +67,7 @@ def test_a_step_is_found_and_each_side_has_the_skew(kind: str, seed: int) -> Non
 
 @pytest.mark.parametrize("kind", ["late", "exchange", "together"])
 def test_an_even_clock_has_neither_step_nor_drift(kind: str) -> None:
-    relation = relate(readings(kind, 3, skew_ppm=0.0, step_s=0.0))
+    relation = fit_relation(readings(kind, 3, skew_ppm=0.0, step_s=0.0))
     assert relation is not None
     assert relation.steps == ()
     (piece,) = relation.pieces
@@ -78,7 +77,7 @@ def test_an_even_clock_has_neither_step_nor_drift(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["late", "exchange"])
 def test_a_burst_of_delays_is_no_step_of_the_clock(kind: str) -> None:
-    relation = relate(readings(kind, 4, step_s=0.0, burst=True))
+    relation = fit_relation(readings(kind, 4, step_s=0.0, burst=True))
     assert relation is not None
     assert [step for step in relation.steps if step.size_s] == []
     assert relation.longest.slope_ppm == pytest.approx(SKEW_PPM, abs=1.0)
@@ -92,14 +91,14 @@ def test_a_queue_that_fills_at_once_and_drains_slowly_is_no_step() -> None:
     )
     first_ns = np.round(t_s * 1e9).astype(np.int64)
     second_ns = first_ns + np.round(delay_s * 1e9).astype(np.int64)
-    relation = relate(Readings("k", "a", "b", first_ns, first_ns, second_ns, "M", "F", late=True))
+    relation = fit_relation(ClockReadings("k", "a", "b", first_ns, first_ns, second_ns, "M", "F", late=True))
     assert relation is not None
     assert [step for step in relation.steps if step.size_s] == []
 
 
 @pytest.mark.parametrize("kind", ["late", "exchange"])
 def test_a_change_of_rate_bends_the_line(kind: str) -> None:
-    relation = relate(readings(kind, 5, step_s=0.0, bend_ppm=80.0))
+    relation = fit_relation(readings(kind, 5, step_s=0.0, bend_ppm=80.0))
     assert relation is not None
     (bend,) = relation.steps
     assert bend.size_s == 0.0
@@ -110,7 +109,7 @@ def test_a_change_of_rate_bends_the_line(kind: str) -> None:
 
 
 def test_there_and_back_again() -> None:
-    relation = relate(readings("late", 6))
+    relation = fit_relation(readings("late", 6))
     assert relation is not None
     first_ns = UTC_NS + np.array([0, 50, 99, 101, 200, 299], dtype=np.int64) * 1_000_000_000
     again_ns = relation.to_first(relation.to_second(first_ns))
@@ -119,15 +118,15 @@ def test_there_and_back_again() -> None:
 
 @pytest.mark.parametrize("samples", [0, 1, 2, 3, 5, 30])
 def test_few_readings_are_no_error(samples: int) -> None:
-    relation = relate(readings("late", 7, samples=samples))
+    relation = fit_relation(readings("late", 7, samples=samples))
     assert (relation is None) == (samples < 3)
 
 
 def test_a_clock_that_goes_back_or_stands_still_is_no_error() -> None:
     still = np.full(50, 7, dtype=np.int64)
     back = np.concatenate((np.arange(30), np.arange(30))) * 1_000_000_000
-    assert relate(Readings("k", "a", "b", still, still, still, "M", "F")) is None
-    relation = relate(Readings("k", "a", "b", back, back, back + 5, "M", "F"))
+    assert fit_relation(ClockReadings("k", "a", "b", still, still, still, "M", "F")) is None
+    relation = fit_relation(ClockReadings("k", "a", "b", back, back, back + 5, "M", "F"))
     assert relation is not None
     assert len(relation.readings) == 30
 
@@ -136,7 +135,7 @@ def test_the_line_below_touches_and_never_crosses() -> None:
     rng = np.random.default_rng(8)
     x = np.sort(rng.uniform(0.0, 100.0, 500))
     y = 3.0 + 0.01 * x + rng.exponential(1.0, 500)
-    slope, value = one_way.lower_line(x, y)
+    slope, value = lower_line(x, y)
     above = y - value - slope * x
     assert above.min() == pytest.approx(0.0, abs=1e-12)
     # Of all lines below every point it has the least sum of distances: any other slope, moved up till it touches, more.
@@ -150,7 +149,7 @@ def test_outliers_do_not_turn_the_robust_line() -> None:
     x = np.arange(400.0)
     y = 2.0 + 0.5 * x + rng.normal(0.0, 0.1, 400)
     y[::10] += 50.0
-    slope, value = robust.line(x, y)
+    slope, value = robust_line(x, y)
     assert slope == pytest.approx(0.5, abs=1e-3)  # sigma of the slope: 0.1 / (sqrt(400) 115) = 4e-5, outliers pull some
     assert value == pytest.approx(2.0, abs=0.1)
 
@@ -162,7 +161,9 @@ def test_a_clock_that_was_held_up_in_stages_has_a_step_and_no_drift() -> None:
     offset_s += np.interp(first_s, [0.0, 36.15, 36.2, 36.75, 36.8, 150.0], [0.0, 0.0, 0.25, 0.3, 0.6, 0.6])
     first_ns = np.round(first_s * 1e9).astype(np.int64)
     second_ns = np.round((first_s + offset_s) * 1e9).astype(np.int64)
-    relation = relate(Readings("k", "simulation", "host", first_ns, first_ns, second_ns, "M", "f", late=True))
+    relation = fit_relation(
+        ClockReadings("k", "simulation", "host", first_ns, first_ns, second_ns, "M", "f", late=True)
+    )
     assert relation is not None
     (step,) = relation.steps
     assert step.at_ns * 1e-9 == pytest.approx(36.5, abs=0.5)

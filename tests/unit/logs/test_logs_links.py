@@ -11,10 +11,10 @@ from made_log import MadeLog, MadeTable
 from recorded_run import recorded_run
 
 from xitl_cli.logs.analyses import faults, links, scheduler, time_bases
-from xitl_cli.logs.analyses.links.sequences import missing
+from xitl_cli.logs.analyses.link_sequences import missing_frames
+from xitl_cli.logs.clocks.alignment import align_logs
 from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.sections import Section, Severity
-from xitl_cli.logs.timeline.alignment import align
 
 SECOND = 1_000_000_000
 FAULTS = """\
@@ -28,17 +28,17 @@ faults:
 
 def test_numbers_that_are_missing_late_or_come_twice() -> None:
     sent = np.arange(2000)
-    lost, late, repeated = missing(sent % 256)
+    lost, late, repeated = missing_frames(sent % 256)
     assert (int(lost.sum()), late, repeated) == (0, 0, 0)
     kept = np.delete(sent, [5, 6, 255, 256, 900])
-    lost, late, repeated = missing(kept % 256)
+    lost, late, repeated = missing_frames(kept % 256)
     assert (int(lost.sum()), late, repeated) == (5, 0, 0)
     assert np.flatnonzero(lost).tolist() == [5, 253, 896]
     swapped = sent.copy()
     swapped[[300, 301]] = swapped[[301, 300]]
-    assert [int(np.sum(each)) for each in missing(swapped % 256)] == [0, 1, 0]
-    assert [int(np.sum(each)) for each in missing(np.insert(sent, 70, 69) % 256)] == [0, 0, 1]
-    assert len(missing(np.empty(0, dtype=np.int64))[0]) == 0
+    assert [int(np.sum(each)) for each in missing_frames(swapped % 256)] == [0, 1, 0]
+    assert [int(np.sum(each)) for each in missing_frames(np.insert(sent, 70, 69) % 256)] == [0, 0, 1]
+    assert len(missing_frames(np.empty(0, dtype=np.int64))[0]) == 0
 
 
 def _telemetry(rows: np.ndarray) -> MadeLog:
@@ -100,7 +100,7 @@ def test_what_was_injected_is_what_is_found(run: Path) -> None:
         counted = _section(links.analyse(host))
         bases = _section(time_bases.analyse(host))
         late = _section(scheduler.analyse(host))
-        _, placed = align([host, own])
+        _, placed = align_logs([host, own])
         own_bases = _section(time_bases.analyse(own))
     assert [row[0] for row in injected.grids[0].rows] == ["cut", "jump"]
     assert injected.worst == Severity.NOTICE
@@ -140,6 +140,6 @@ def test_a_run_in_lockstep_has_nothing_to_find() -> None:
                 section = analysis.analyse(log)
                 assert section is None or section.worst <= Severity.NOTICE
         assert faults.analyse(host) is None
-        _, placed = align([host, own])
+        _, placed = align_logs([host, own])
     assert placed.method == "same clock"
     assert placed.on_reference(np.array([123])).tolist() == [123]

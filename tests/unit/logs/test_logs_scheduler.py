@@ -8,8 +8,8 @@ from made_log import MadeLog, MadeTable
 
 from tests.recorded import LINUX
 from xitl_cli.logs.analyses.scheduler import analyse
-from xitl_cli.logs.running.loops import loops, simulated
 from xitl_cli.logs.sections import Severity
+from xitl_cli.logs.signals.deadlines import loop_windows, simulated_clock_reason
 
 SECOND = 1_000_000_000
 STAMPS = np.arange(1, 7) * 10 * SECOND
@@ -38,7 +38,7 @@ def attitude(pause_from_s: float, pause_s: float) -> MadeTable:
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_one_meaning_whatever_the_version_calls_it(version: str) -> None:
-    found = loops(MadeLog(performance(version)))
+    found = loop_windows(MadeLog(performance(version)))
     assert found is not None
     assert found.loops.tolist() == [500.0] * 6
     assert found.load_percent.max() == pytest.approx(40.0)
@@ -75,8 +75,8 @@ def test_in_a_simulator_it_is_no_evidence() -> None:
     (finding,) = section.findings
     assert (finding.key, finding.severity) == ("scheduler.simulated_clock", Severity.NOTICE)
     lockstep = MadeTable("MSG", [1], {"Message": ["Lockstep: loop times are the clock's own; no CPU load"]})
-    assert "lockstep" in simulated(MadeLog(performance("4.7"), lockstep))
-    assert simulated(MadeLog(performance("4.7"))) == ""
+    assert "lockstep" in simulated_clock_reason(MadeLog(performance("4.7"), lockstep))
+    assert simulated_clock_reason(MadeLog(performance("4.7"))) == ""
 
 
 def test_every_missed_deadline_has_its_delay_and_company() -> None:

@@ -7,8 +7,8 @@ import pytest
 from made_log import MadeLog, MadeTable
 from sound_sections import sound_sections
 
+from xitl_cli.logs.clocks.alignment import align_logs
 from xitl_cli.logs.log import Base, Format
-from xitl_cli.logs.timeline.alignment import align
 
 ANALYSES = ("scheduler", "tasks", "time_bases", "links", "faults")
 TABLES: dict[Format, dict[str, tuple[str, ...]]] = {
@@ -84,9 +84,9 @@ def test_nonsense_is_no_error(kind: Format) -> None:
         rng = np.random.default_rng(seed)
         log = _nonsense(rng, kind)
         sound_sections(log, ANALYSES)
-        assert len(align([log, _nonsense(rng, "dataflash"), _nonsense(rng, "mcap")])) == 3
+        assert len(align_logs([log, _nonsense(rng, "dataflash"), _nonsense(rng, "mcap")])) == 3
 
 
 def test_empty_logs_are_aligned() -> None:
     for kind in TABLES:
-        assert len(align([MadeLog(kind=kind), MadeLog(kind=kind)])) == 2
+        assert len(align_logs([MadeLog(kind=kind), MadeLog(kind=kind)])) == 2

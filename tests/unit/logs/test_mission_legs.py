@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.missions import analyse
-from xitl_cli.logs.analyses.missions.items import versions
+from xitl_cli.logs.analyses.missions import analyse, mission_versions
 from xitl_cli.logs.sections import Section, Severity
 
 S = 1_000_000_000
@@ -158,7 +157,7 @@ def test_why_a_mission_was_not_completed(extra: tuple[MadeTable, ...], why: str)
 def test_a_mission_loaded_again_is_one_version_and_a_changed_one_is_two() -> None:
     other = [SQUARE[0], SQUARE[1], (100.0, 80.0)]
     log = MadeLog(loaded(commands(1, SQUARE), commands(5, SQUARE), commands(30, other)))
-    assert [version.at_ns for version in versions(log)] == [1 * S, 30 * S]
+    assert [version.at_ns for version in mission_versions(log)] == [1 * S, 30 * S]
 
 
 def test_a_mission_that_was_changed_under_way() -> None:

@@ -8,7 +8,7 @@ from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.analyses.radio import analyse
 from xitl_cli.logs.sections import Section, Severity
-from xitl_cli.logs.words.outputs import function_name
+from xitl_cli.logs.tables.commands import servo_function_name
 
 S = 1_000_000_000
 ROWS = 1000
@@ -48,7 +48,7 @@ def test_outputs_have_the_names_of_their_functions():
     # 1550 to 1650 of 1500 and 2000: a tenth to three tenths of the way.
     assert grid.rows[0][1] == pytest.approx(10.0, abs=0.1)
     assert grid.rows[0][3] == pytest.approx(30.0, abs=0.1)
-    assert [function_name(number) for number in (33, 40, 70, 94, 250)] == [
+    assert [servo_function_name(number) for number in (33, 40, 70, 94, 250)] == [
         "motor 1", "motor 8", "throttle", "script 1", "function 250",
     ]  # fmt: skip
 

@@ -75,7 +75,7 @@ def test_an_analysis_that_breaks_is_told_and_the_others_go_on(monkeypatch: pytes
     def broken(log: Log) -> Section | None:
         raise ZeroDivisionError("no rows")
 
-    monkeypatch.setattr(catalogue, "analysis", lambda name: broken if name == "power" else known(name))
+    monkeypatch.setattr(catalogue, "load_analysis", lambda name: broken if name == "power" else known(name))
     code, text = run("analyze", CALM, "--section", "power", "--section", "modes")
     assert code == 1
     assert "the analysis of power failed at" in text

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from report_samples import AT_NS, HOSTILE, sample_report
 
+from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Health
 from xitl_cli.logs.report import html
-from xitl_cli.logs.report.page import page_of
-from xitl_cli.logs.report.payload import json_text, plot_payload
+from xitl_cli.logs.report.page import report_page
+from xitl_cli.logs.report.plots import json_text, plot_payload
 from xitl_cli.logs.sections import Plot, Trace
-from xitl_cli.logs.timeline.line import TimeLine
 
 
 class Read(HTMLParser):
@@ -53,7 +53,7 @@ class Read(HTMLParser):
 
 @pytest.fixture(scope="module")
 def text() -> str:
-    return html.html(page_of(sample_report()))
+    return html.html(report_page(sample_report()))
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +127,7 @@ def test_damage_and_refused_files_are_told(text: str) -> None:
 
 
 def test_a_whole_log_says_so() -> None:
-    assert "<strong>Whole</strong>: every record was read." in html.html(page_of(sample_report(Health(1000, 90))))
+    assert "<strong>Whole</strong>: every record was read." in html.html(report_page(sample_report(Health(1000, 90))))
 
 
 def test_an_earlier_page_is_replaced_and_no_scrap_is_left(tmp_path: Path) -> None:

@@ -10,14 +10,13 @@ import pytest
 from report_samples import sample_report
 from rich.console import Console
 
+from xitl_cli.logs.clocks.time_line import Stretch, TimeLine
 from xitl_cli.logs.report import terminal
-from xitl_cli.logs.report.columns import grid_lines
-from xitl_cli.logs.report.instants import evidence_text
 from xitl_cli.logs.report.json import document, plain
+from xitl_cli.logs.report.terminal import grid_lines
+from xitl_cli.logs.report.wording import evidence_text
 from xitl_cli.logs.sections import Evidence, Grid
 from xitl_cli.logs.text import clock_text, duration_text, seconds_of
-from xitl_cli.logs.timeline.line import TimeLine
-from xitl_cli.logs.timeline.placement import Stretch
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from xitl_cli.logs.report.thinning import MOST_POINTS, thin
+from xitl_cli.logs.report.plots import MOST_POINTS, thin
 from xitl_cli.logs.sections import Trace
 
 

@@ -237,7 +237,7 @@ def test_telemetry_in_milligravities_is_read_in_si():
     columns = {name: np.zeros(rows) for name in ("xgyro", "ygyro", "zgyro", "xacc", "yacc")}
     columns["xgyro"] = np.where(np.arange(rows) % 2, 100.0, -100.0)
     columns["zacc"] = np.full(rows, -1000.0)
-    from xitl_cli.logs.sensing.inertial import units
+    from xitl_cli.logs.signals.sensors import inertial_units as units
 
     unit = units(MadeLog(MadeTable("RAW_IMU", stamps(50.0, 4.0), columns), kind="tlog"))[0]
     assert unit.accel_mps2 is not None

@@ -12,7 +12,7 @@ from recorded_run import recorded_run
 from tests.recorded import GUST, MISSION_TLOG
 from xitl_cli.logs import signals
 from xitl_cli.logs.opening import open_log
-from xitl_cli.logs.signals.series import series
+from xitl_cli.logs.signals.series import make_series
 
 
 def of_type(name: str) -> list[object]:
@@ -113,16 +113,16 @@ def test_a_recording_of_ours_tells_estimate_and_truth() -> None:
 def test_a_series_keeps_only_what_can_be_compared() -> None:
     stamps = np.array([0, 10, 5, 20, 30, 30], dtype=np.int64)
     values = np.array([1.0, 2.0, 99.0, np.nan, 4.0, 99.0])
-    found = series(stamps, values, "m", "T.x")
+    found = make_series(stamps, values, "m", "T.x")
     assert found is not None
     assert found.stamp_ns.tolist() == [0, 10, 30]
     assert found.values.tolist() == [1.0, 2.0, 4.0]
     assert found.dropped == 3
-    assert series(stamps[:0], values[:0], "m", "T.x") is None
-    assert series(stamps[3:4], values[3:4], "m", "T.x") is None
+    assert make_series(stamps[:0], values[:0], "m", "T.x") is None
+    assert make_series(stamps[3:4], values[3:4], "m", "T.x") is None
 
 
 def test_an_angle_goes_the_short_way_round() -> None:
-    found = series(np.array([0, 10], dtype=np.int64), np.array([350.0, 10.0]), "deg", "T.x", turns=True)
+    found = make_series(np.array([0, 10], dtype=np.int64), np.array([350.0, 10.0]), "deg", "T.x", turns=True)
     assert found is not None
     assert found.at(np.array([-1, 5, 10], dtype=np.int64)) == pytest.approx([np.nan, 0.0, 10.0], nan_ok=True)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xitl_cli.logs.gaps import regularity
-from xitl_cli.logs.sensing.pauses import covered
+from xitl_cli.logs.signals.spans import covered_share
 
 MS = 1_000_000
 
@@ -66,8 +66,8 @@ def test_any_stamps_are_counted(stamps):
 def test_a_gap_is_excused_by_one_pause_of_the_log_not_by_many_slow_steps() -> None:
     gap = np.array([0]), np.array([1_000_000_000])
     slow = np.array([[at, at + 21_000_000] for at in range(0, 1_000_000_000, 22_000_000)])
-    assert covered(*gap, slow)[0] == pytest.approx(0.021)
-    assert covered(*gap, np.array([[100_000_000, 900_000_000]]))[0] == pytest.approx(0.8)
-    assert covered(*gap, np.array([[-500_000_000, 2_000_000_000]]))[0] == 1.0
-    assert covered(*gap, np.array([[1_000_000_000, 2_000_000_000]]))[0] == 0.0
-    assert covered(*gap, np.empty((0, 2), dtype=np.int64))[0] == 0.0
+    assert covered_share(*gap, slow)[0] == pytest.approx(0.021)
+    assert covered_share(*gap, np.array([[100_000_000, 900_000_000]]))[0] == pytest.approx(0.8)
+    assert covered_share(*gap, np.array([[-500_000_000, 2_000_000_000]]))[0] == 1.0
+    assert covered_share(*gap, np.array([[1_000_000_000, 2_000_000_000]]))[0] == 0.0
+    assert covered_share(*gap, np.empty((0, 2), dtype=np.int64))[0] == 0.0

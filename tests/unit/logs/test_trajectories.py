@@ -14,11 +14,11 @@ from sim_core.frames import euler_to_quat
 from xitl_cli.logs.compare.trajectories import (
     Trajectory,
     absolute_errors_m,
-    aligned,
+    align_trajectory,
+    error_statistics,
     frame_pairs,
     path_pairs,
     relative_errors,
-    statistics,
     tum_text,
     umeyama,
 )
@@ -54,7 +54,7 @@ def of_evo(trajectory: Trajectory) -> PoseTrajectory3D:
 
 
 def same(errors: np.ndarray, metric: object) -> None:
-    found, theirs = statistics(errors), metric.get_all_statistics()  # type: ignore[attr-defined]
+    found, theirs = error_statistics(errors), metric.get_all_statistics()  # type: ignore[attr-defined]
     assert found is not None
     assert found.count == len(metric.error)  # type: ignore[attr-defined]
     for ours, name in NAMES.items():
@@ -74,7 +74,7 @@ def test_absolute_errors_are_those_of_evo(how: str, seed: int) -> None:
         theirs.align(theirs_reference, correct_scale=how == "sim3")
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((theirs_reference, theirs))
-    moved, _ = aligned(reference, other, how)  # type: ignore[arg-type]
+    moved, _ = align_trajectory(reference, other, how)  # type: ignore[arg-type]
     same(absolute_errors_m(reference, moved), ape)
 
 
@@ -109,10 +109,10 @@ def test_a_shifted_circle_is_off_by_its_shift() -> None:
     level = np.tile([1.0, 0.0, 0.0, 0.0], (200, 1))
     stamps = np.arange(200, dtype=np.int64)
     reference, other = Trajectory(stamps, circle, level), Trajectory(stamps, circle + np.array([3.0, 4.0, 0.0]), level)
-    found = statistics(absolute_errors_m(reference, other))
+    found = error_statistics(absolute_errors_m(reference, other))
     assert found is not None
     assert (found.rms, found.most, found.least) == pytest.approx((5.0, 5.0, 5.0))
-    moved, moving = aligned(reference, other, "se3")
+    moved, moving = align_trajectory(reference, other, "se3")
     assert moving is not None
     assert moving.translation == pytest.approx([-3.0, -4.0, 0.0], abs=1e-9)
     assert absolute_errors_m(reference, moved) == pytest.approx(np.zeros(200), abs=1e-9)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses.vibration import analyse
+from xitl_cli.logs.analyses.vibration import analyse, read_batches, welch_spectrum
 from xitl_cli.logs.sections import Severity
-from xitl_cli.logs.sensing.spectrum import batches, spectrum
 
 S = 1_000_000_000
 ROWS = 600
@@ -62,13 +61,13 @@ def test_a_spectrum_integrates_to_the_variance_and_finds_a_line():
     rate_hz, amplitude = 1000.0, 2.0
     at_s = np.arange(20_000) / rate_hz
     values = np.random.default_rng(0).standard_normal((len(at_s), 3))
-    flat = spectrum([values], rate_hz, 1024)
+    flat = welch_spectrum([values], rate_hz, 1024)
     assert flat is not None
     variance = (flat.density**2).sum(axis=0) * rate_hz / 1024
     np.testing.assert_allclose(variance, 1.0, rtol=0.05)  # 38 independent spectra of 512 lines: 0.7 %, and the window
     assert flat.peak(5.0) is None
     values[:, 1] += amplitude * np.sin(2.0 * np.pi * 187.5 * at_s)
-    lined = spectrum([values], rate_hz, 1024)
+    lined = welch_spectrum([values], rate_hz, 1024)
     assert lined is not None
     peak = lined.peak(5.0)
     assert peak is not None
@@ -106,7 +105,7 @@ def batch_tables(
 
 def test_batches_are_put_together_and_show_their_line():
     heads, rows = batch_tables(6, 120.0)
-    every = batches(MadeLog(heads, rows))
+    every = read_batches(MadeLog(heads, rows))
     assert (len(every.whole), every.broken) == (6, 0)
     assert every.whole[0].samples.shape == (1024, 3)
     section = analyse(MadeLog(vibe(), heads, rows))
@@ -121,7 +120,7 @@ def test_a_batch_with_a_row_lost_is_left_out_and_counted():
     keep[40] = False
     columns = {name: rows.values(name)[keep] for name in rows.columns}
     cut = MadeTable("ISBD", rows.stamp_ns[keep], columns, place=rows.place[keep])
-    every = batches(MadeLog(heads, cut))
+    every = read_batches(MadeLog(heads, cut))
     assert (len(every.whole), every.broken) == (3, 1)
 
 

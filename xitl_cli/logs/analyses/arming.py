@@ -1,4 +1,4 @@
-"""When it was armed, by whom, and what stood in the way before."""
+"""Arming: when, by whom, and what was refused before."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs import signals
-from xitl_cli.logs.analyses.instants import Instants, grid, number
+from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, make_grid, rounded
+from xitl_cli.logs.signals.states import autopilot_messages
 from xitl_cli.logs.table import Table
-from xitl_cli.logs.words.arming import FAILSAFE_METHODS, checks_left_out, method_name
-from xitl_cli.logs.words.heard import heard
+from xitl_cli.logs.tables.events import FAILSAFE_ARMING_METHODS, arming_method_name, checks_left_out
 
 _REFUSED = re.compile(r"^\s*(PreArm|Arm)\s*:\s*(.+?)\s*$", re.I)
 _PREARM_CHECK = 1 << 28  # MAV_SYS_STATUS_PREARM_CHECK
@@ -22,7 +22,7 @@ _MOST_FINDINGS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Switch:
+class ArmSwitch:
     """One row of ARM: method, forced None where the version does not log them; checks: bits that were enabled."""
 
     at_ns: int
@@ -33,7 +33,7 @@ class Switch:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class ArmRefusal:
     """The same reason given `count` times; attempt: at an attempt to arm, not before one."""
 
     reason: str
@@ -47,8 +47,8 @@ class Refusal:
 def analyse(log: Log) -> Section | None:
     if log.span_ns is None or (log.format == "mcap" and not _tells(log)):
         return None
-    instants = Instants(log)
-    spans, rows, refusals = signals.armed(log), switches(log), refused(log)
+    instants = LogClock(log)
+    spans, rows, refusals = signals.armed(log), arm_switches(log), arm_refusals(log)
     grids = [_intervals(spans, rows, instants)] if spans else []
     if refusals:
         grids.append(_refusals(refusals, instants))
@@ -58,14 +58,14 @@ def analyse(log: Log) -> Section | None:
     return Section("arming", "Arming", facts, tuple(findings), tuple(grids), lacks=lacks)
 
 
-def switches(log: Log) -> list[Switch]:
+def arm_switches(log: Log) -> list[ArmSwitch]:
     """Rows of ARM in the order of time."""
     table = log.tables.get("ARM")
     if table is None or "ArmState" not in table.columns:
         return []
     states = np.asarray(table.values("ArmState", raw=True))
     found = [
-        Switch(
+        ArmSwitch(
             at_ns,
             bool(state),
             _whole(table, "Method", row),
@@ -77,9 +77,9 @@ def switches(log: Log) -> list[Switch]:
     return sorted(found, key=lambda each: each.at_ns)
 
 
-def refused(log: Log) -> list[Refusal]:
+def arm_refusals(log: Log) -> list[ArmRefusal]:
     """Reasons not to arm, in the order they were first given."""
-    found: dict[tuple[str, bool], Refusal] = {}
+    found: dict[tuple[str, bool], ArmRefusal] = {}
     for text in signals.texts(log):
         match = _REFUSED.match(text.text)
         if match is None:
@@ -87,7 +87,7 @@ def refused(log: Log) -> list[Refusal]:
         key = (match.group(2), match.group(1).lower() == "arm")
         before = found.get(key)
         first_ns, count = (text.at_ns, 0) if before is None else (before.first_ns, before.count)
-        found[key] = Refusal(*key, count + 1, first_ns, text.at_ns, text.source)
+        found[key] = ArmRefusal(*key, count + 1, first_ns, text.at_ns, text.source)
     return list(found.values())
 
 
@@ -100,10 +100,10 @@ def _tells(log: Log) -> bool:
     return any(name in log.tables for name in names) or bool(signals.armed(log))
 
 
-def _facts(log: Log, spans: list[signals.Span], refusals: list[Refusal], instants: Instants) -> list[Fact]:
+def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], instants: LogClock) -> list[Fact]:
     facts = [
         Fact("times_armed", "Times armed", len(spans)),
-        Fact("armed_s", "Armed", number(sum(span.until_ns - span.from_ns for span in spans) * 1e-9, 1), "s"),
+        Fact("armed_s", "Armed", rounded(sum(span.until_ns - span.from_ns for span in spans) * 1e-9, 1), "s"),
         Fact("refusals", "Reasons not to arm", len(refusals)),
     ]
     if not spans:
@@ -112,17 +112,17 @@ def _facts(log: Log, spans: list[signals.Span], refusals: list[Refusal], instant
     facts.append(Fact("first_armed_s", "First armed at", instants.second(first_ns), "s"))
     if (ready_ns := _ready_ns(log)) is not None and ready_ns <= first_ns:
         facts.append(
-            Fact("ready_to_arm_s", "From checks passed to armed", number((first_ns - ready_ns) * 1e-9, 1), "s")
+            Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
         )
     if (origin_ns := _origin_ns(log, instants)) is not None and origin_ns <= first_ns:
-        waited_s = number((first_ns - origin_ns) * 1e-9, 1)
+        waited_s = rounded((first_ns - origin_ns) * 1e-9, 1)
         facts.append(Fact("origin_to_arm_s", "From estimator origin to armed", waited_s, "s"))
     return facts
 
 
 def _ready_ns(log: Log) -> int | None:
     """When the pre-arm checks passed for the first time, as telemetry says."""
-    table = heard(log, "SYS_STATUS")
+    table = autopilot_messages(log, "SYS_STATUS")
     names = ("onboard_control_sensors_present", "onboard_control_sensors_health")
     if table is None or not set(names) <= set(table.columns):
         return None
@@ -131,7 +131,7 @@ def _ready_ns(log: Log) -> int | None:
     return int(table.stamp_ns[good[0]]) if len(good) else None
 
 
-def _origin_ns(log: Log, instants: Instants) -> int | None:
+def _origin_ns(log: Log, instants: LogClock) -> int | None:
     """When it was first said to be set; a row at the very start of a log repeats what was before."""
     said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
     table = log.tables.get("ORGN")
@@ -141,16 +141,16 @@ def _origin_ns(log: Log, instants: Instants) -> int | None:
     return min(said, default=None)
 
 
-def _intervals(spans: list[signals.Span], rows: list[Switch], instants: Instants) -> Grid:
+def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], instants: LogClock) -> Grid:
     def by(at_ns: int, armed: bool) -> str:
         row = _row_at(rows, at_ns, armed)
         if row is None:
             return "armed when the log ends" if not armed and at_ns >= instants.end_ns else ""
         if row.method is None:
             return ""
-        return method_name(row.method) + (", forced" if row.forced else "")
+        return arming_method_name(row.method) + (", forced" if row.forced else "")
 
-    return grid(
+    return make_grid(
         "armed",
         "Armed",
         ("from (s)", "until (s)", "duration (s)", "armed by", "disarmed by"),
@@ -158,7 +158,7 @@ def _intervals(spans: list[signals.Span], rows: list[Switch], instants: Instants
             (
                 instants.second(span.from_ns),
                 instants.second(span.until_ns),
-                number((span.until_ns - span.from_ns) * 1e-9, 1),
+                rounded((span.until_ns - span.from_ns) * 1e-9, 1),
                 by(span.from_ns, True),
                 by(span.until_ns, False),
             )
@@ -167,13 +167,13 @@ def _intervals(spans: list[signals.Span], rows: list[Switch], instants: Instants
     )
 
 
-def _row_at(rows: list[Switch], at_ns: int, armed: bool) -> Switch | None:
+def _row_at(rows: list[ArmSwitch], at_ns: int, armed: bool) -> ArmSwitch | None:
     near = [row for row in rows if row.armed == armed and abs(row.at_ns - at_ns) <= _AGREES_NS]
     return min(near, key=lambda row: abs(row.at_ns - at_ns), default=None)
 
 
-def _refusals(refusals: list[Refusal], instants: Instants) -> Grid:
-    return grid(
+def _refusals(refusals: list[ArmRefusal], instants: LogClock) -> Grid:
+    return make_grid(
         "refusals",
         "Reasons not to arm",
         ("reason", "when", "times", "first (s)", "last (s)"),
@@ -190,7 +190,7 @@ def _refusals(refusals: list[Refusal], instants: Instants) -> Grid:
     )
 
 
-def _never(log: Log, spans: list[signals.Span], refusals: list[Refusal], instants: Instants) -> list[Finding]:
+def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], instants: LogClock) -> list[Finding]:
     attempts = [each for each in refusals if each.attempt]
     if not spans and not _tells(log):
         return []
@@ -224,12 +224,12 @@ def _never(log: Log, spans: list[signals.Span], refusals: list[Refusal], instant
     ]
 
 
-def _evidence(refusal: Refusal) -> Evidence:
+def _evidence(refusal: ArmRefusal) -> Evidence:
     message, _, field = refusal.source.partition(".")
     return Evidence(message, field, refusal.first_ns, refusal.last_ns, f"{refusal.reason} ({refusal.count})")
 
 
-def _how(rows: list[Switch], spans: list[signals.Span], instants: Instants) -> list[Finding]:
+def _how(rows: list[ArmSwitch], spans: list[signals.StateSpan], instants: LogClock) -> list[Finding]:
     findings = []
     unchecked = [row for row in rows if row.armed and row.checks == 0]
     partly = [row for row in rows if row.armed and row.checks and checks_left_out(row.checks)]
@@ -267,12 +267,13 @@ def _how(rows: list[Switch], spans: list[signals.Span], instants: Instants) -> l
                 "Arm without force; the reasons refused are in the table.",
             )
         )
-    for row in [row for row in rows if not row.armed and row.method in FAILSAFE_METHODS][:_MOST_FINDINGS]:
+    for row in [row for row in rows if not row.armed and row.method in FAILSAFE_ARMING_METHODS][:_MOST_FINDINGS]:
         findings.append(
             Finding(
                 "arming.disarmed_by_failsafe",
                 Severity.CRITICAL,
-                f"At {instants.text(row.at_ns)} the autopilot disarmed by itself: {method_name(row.method or 0)}",
+                f"At {instants.text(row.at_ns)} the autopilot disarmed by itself: "
+                f"{arming_method_name(row.method or 0)}",
                 (Evidence("ARM", "Method", row.at_ns, value=str(row.method)),),
                 "The main loop stood still: see the scheduler section."
                 if row.method == 6

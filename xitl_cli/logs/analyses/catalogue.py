@@ -1,9 +1,12 @@
-"""Every analysis of one log, in the order of the report."""
+"""Every analysis of one log, in the order of the report; one that breaks costs only its own section."""
 
 from __future__ import annotations
 
 import importlib
+import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Section
@@ -32,9 +35,35 @@ NAMES = (
 """Modules of this package, each with a function `analyse`."""
 
 
-def analysis(name: str) -> Analysis:
+def load_analysis(name: str) -> Analysis:
     return importlib.import_module(f"xitl_cli.logs.analyses.{name}").analyse  # type: ignore[no-any-return]
 
 
 def sections(log: Log) -> list[Section]:
-    return [found for name in NAMES if (found := analysis(name)(log)) is not None]
+    return [found for name in NAMES if (found := load_analysis(name)(log)) is not None]
+
+
+_PACKAGE = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisFailure:
+    """An analysis that broke: a fault of this program, not of the log. place: file and line of the program."""
+
+    analysis: str
+    error: str
+    place: str
+
+    @property
+    def sentence(self) -> str:
+        return f"the analysis of {self.analysis} failed at {self.place} ({self.error}); please report it with this log"
+
+
+def analysis_failure(analysis: str, error: Exception) -> AnalysisFailure:
+    """With the last place of this program that the error went through."""
+    frames = traceback.extract_tb(error.__traceback__)
+    ours = [frame for frame in frames if Path(frame.filename).is_relative_to(_PACKAGE)]
+    last = (ours or frames)[-1]
+    path = Path(last.filename)
+    place = path.relative_to(_PACKAGE.parent) if path.is_relative_to(_PACKAGE) else path
+    return AnalysisFailure(analysis, f"{type(error).__name__}: {error}", f"{place}:{last.lineno}")

@@ -1,4 +1,4 @@
-"""Faults that were injected on purpose, takeovers, and what of them is to be seen elsewhere."""
+"""Faults injected on purpose, takeovers, and where their effects are to be seen."""
 
 from __future__ import annotations
 
@@ -9,12 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from xitl_cli.logs.analyses.instants import Instants, grid, number
+from xitl_cli.logs.clocks.fit import clock_relations
+from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.running.deadlines import missed
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.sections import (
+    Evidence,
+    Fact,
+    Finding,
+    Grid,
+    Mark,
+    Plot,
+    Section,
+    Severity,
+    Trace,
+    Value,
+    make_grid,
+    rounded,
+)
+from xitl_cli.logs.signals.deadlines import missed_deadlines
 from xitl_cli.logs.table import Table
-from xitl_cli.logs.timeline.relations import relations
 
 MOST_PROFILE = 1 << 20
 AFTER_NS = 1_000_000_000
@@ -85,18 +98,18 @@ def analyse(log: Log) -> Section | None:
     handed = takeovers is not None and {"from_node", "to_node", "silent_s", "step"} <= set(takeovers.columns)
     if not faults and not handed:
         return None
-    instants = Instants(log)
+    instants = LogClock(log)
     findings = [_finding(fault, instants) for fault in faults]
     grids = [_grid(log, faults, instants)] if faults else []
     if takeovers is not None and handed:
         findings += _takeovers(takeovers, instants)
         grids.append(
-            grid(
+            make_grid(
                 "takeovers",
                 "Takeovers",
                 ("at (s)", "from", "to", "silent for (s)", "largest step of a motor command"),
                 [
-                    (instants.second(at_ns), str(one), str(other), number(silent_s), number(step))
+                    (instants.second(at_ns), str(one), str(other), rounded(silent_s), rounded(step))
                     for at_ns, one, other, silent_s, step in _rows(takeovers)
                 ],
             )
@@ -168,7 +181,7 @@ def _does_something(value: object) -> bool:
     return bool(value)
 
 
-def _finding(fault: FaultSpan, instants: Instants) -> Finding:
+def _finding(fault: FaultSpan, instants: LogClock) -> Finding:
     end = "to the end" if fault.until_ns is None else f"to {instants.text(fault.until_ns)}"
     seen = f"; to be seen: {fault.expected}" if fault.expected else ""
     return Finding(
@@ -180,7 +193,7 @@ def _finding(fault: FaultSpan, instants: Instants) -> Finding:
     )
 
 
-def _takeovers(table: Table, instants: Instants) -> list[Finding]:
+def _takeovers(table: Table, instants: LogClock) -> list[Finding]:
     findings = []
     for at_ns, one, other, silent_s, step in _rows(table)[:20]:
         silent = f", which had been silent for {silent_s:.2f} s" if math.isfinite(silent_s) else ""
@@ -210,11 +223,14 @@ def _rows(table: Table) -> list[tuple[int, str, str, float, float]]:
     )
 
 
-def _grid(log: Log, faults: Sequence[FaultSpan], instants: Instants) -> Grid:
+def _grid(log: Log, faults: Sequence[FaultSpan], instants: LogClock) -> Grid:
     steps = [
-        step for relation in relations(log) if relation.readings.key.startswith("clocks.") for step in relation.steps
+        step
+        for relation in clock_relations(log)
+        if relation.readings.key.startswith("clocks.")
+        for step in relation.steps
     ]
-    misses = missed(log)
+    misses = missed_deadlines(log)
     rows: list[tuple[Value, ...]] = []
     for fault in faults:
         end_ns = fault.until_ns if fault.until_ns is not None else instants.end_ns
@@ -238,7 +254,7 @@ def _grid(log: Log, faults: Sequence[FaultSpan], instants: Instants) -> Grid:
     columns = (
         "fault", "from (s)", "until (s)", "what", "to be seen", "frames lost then", "deadlines missed", "clock steps",
     )  # fmt: skip
-    return grid("faults", "Faults on purpose, and what came with them", columns, rows)
+    return make_grid("faults", "Faults on purpose, and what came with them", columns, rows)
 
 
 def _missing(log: Log, from_ns: int, until_ns: int) -> int | None:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs import signals
-from xitl_cli.logs.analyses.instants import Instants, grid, inside, number
+from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid, rounded
+from xitl_cli.logs.signals.spans import inside
+from xitl_cli.logs.signals.states import vehicle_kind
 from xitl_cli.logs.table import Table, first_of
-from xitl_cli.logs.words.errors import error_name, is_failsafe
-from xitl_cli.logs.words.kinds import kind_of
-from xitl_cli.logs.words.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
+from xitl_cli.logs.tables.events import error_name, is_failsafe_error
+from xitl_cli.logs.tables.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
 
 _SAME_CAUSE_NS = 1_000_000_000
 _MOST_MARKS = 200
@@ -47,13 +48,13 @@ def analyse(log: Log) -> Section | None:
         if log.format == "mcap":
             return None
         return Section("modes", "Modes", lacks=("The log has no MODE and no HEARTBEAT, so modes are not known.",))
-    instants = Instants(log)
+    instants = LogClock(log)
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     rows = [
         (
             instants.second(span.from_ns),
             instants.second(span.until_ns),
-            number((span.until_ns - span.from_ns) * 1e-9),
+            rounded((span.until_ns - span.from_ns) * 1e-9),
             span.name,
             span.cause,
         )
@@ -65,11 +66,11 @@ def analyse(log: Log) -> Section | None:
     facts = (
         Fact("mode_changes", "Mode changes", len(spans) - 1),
         *(
-            Fact(f"in_{name.lower().replace(' ', '_')}_s", f"In {name}", number(total_s, 1), "s")
+            Fact(f"in_{name.lower().replace(' ', '_')}_s", f"In {name}", rounded(total_s, 1), "s")
             for name, total_s in sorted(in_mode.items(), key=lambda item: -item[1])[:12]
         ),
     )
-    table = grid("modes", "Modes", ("from (s)", "until (s)", "duration (s)", "mode", "why"), rows)
+    table = make_grid("modes", "Modes", ("from (s)", "until (s)", "duration (s)", "mode", "why"), rows)
     findings = _failsafes(spans, armed, instants)
     lacks: tuple[str, ...] = ()
     if all(span.reason is None for span in spans):
@@ -90,7 +91,7 @@ def mode_spans(log: Log) -> list[ModeSpan]:
 
 
 def _from_rows(log: Log, table: Table, column: str) -> list[ModeSpan]:
-    kind = kind_of(log)
+    kind = vehicle_kind(log)
     order = np.argsort(table.stamp_ns, kind="stable")
     stamps = table.stamp_ns[order].tolist()
     numbers = np.asarray(table.values(column, raw=True))[order].astype(np.int64).tolist()
@@ -122,11 +123,11 @@ def _failsafe_at(log: Log, at_ns: int) -> str:
     pairs = zip(
         table.values("Subsys", near, raw=True).tolist(), table.values("ECode", near, raw=True).tolist(), strict=True
     )
-    names = (error_name(subsystem, code) for subsystem, code in pairs if code and is_failsafe(subsystem))
+    names = (error_name(subsystem, code) for subsystem, code in pairs if code and is_failsafe_error(subsystem))
     return next(names, "").removesuffix(": occurred")
 
 
-def _failsafes(spans: list[ModeSpan], armed: list[tuple[int, int]], instants: Instants) -> list[Finding]:
+def _failsafes(spans: list[ModeSpan], armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
     found = []
     for before, span in zip([None, *spans[:-1]], spans, strict=True):
         if not span.failsafe:

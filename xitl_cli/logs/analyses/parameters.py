@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs import signals
-from xitl_cli.logs.analyses.instants import Instants, grid, inside
-from xitl_cli.logs.analyses.parameter_rows import ParameterRow, parameter_rows
+from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid
+from xitl_cli.logs.signals.spans import inside
+from xitl_cli.logs.signals.states import ParameterRow, parameter_rows
 
 # Written by the autopilot itself, run after run.
 _BY_ITSELF = re.compile(
@@ -24,7 +25,7 @@ _MOST_EVIDENCE = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ParameterChange:
     at_ns: int
     name: str
     before: float
@@ -41,8 +42,8 @@ def analyse(log: Log) -> Section | None:
             return None
         lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are not known."
         return Section("parameters", "Parameters", lacks=(lack,))
-    instants = Instants(log)
-    found = changes(log, rows)
+    instants = LogClock(log)
+    found = parameter_changes(log, rows)
     last = {row.name: row for row in rows}
     defaults = {row.name: row.default for row in rows if row.default is not None}
     differ = [
@@ -60,7 +61,7 @@ def analyse(log: Log) -> Section | None:
     grids = []
     if told:
         grids.append(
-            grid(
+            make_grid(
                 "parameter_changes",
                 "Changed during the log",
                 ("at (s)", "parameter", "from", "to", "while"),
@@ -78,7 +79,9 @@ def analyse(log: Log) -> Section | None:
         )
     if differ:
         listed = [(row.name, _shown(row.value), _shown(defaults[row.name])) for row in sorted(differ, key=_name)]
-        grids.append(grid("not_default", "Set to other than their default", ("parameter", "value", "default"), listed))
+        grids.append(
+            make_grid("not_default", "Set to other than their default", ("parameter", "value", "default"), listed)
+        )
     lacks = () if defaults else ("Defaults of parameters are not in this log, so which were set is not known.",)
     shown = tuple(fact for fact in facts if fact.value is not None)
     return Section(
@@ -86,7 +89,7 @@ def analyse(log: Log) -> Section | None:
     )
 
 
-def changes(log: Log, rows: list[ParameterRow]) -> list[Change]:
+def parameter_changes(log: Log, rows: list[ParameterRow]) -> list[ParameterChange]:
     """Rows that give a parameter another value than the one before, in the log's order."""
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     on = inside(np.array([row.at_ns for row in rows], dtype=np.int64), armed)
@@ -97,11 +100,13 @@ def changes(log: Log, rows: list[ParameterRow]) -> list[Change]:
         known[row.name] = row.value
         if before is not None and not _same(before, row.value):
             by_itself = _BY_ITSELF.match(row.name) is not None
-            found.append(Change(row.at_ns, row.name, before, row.value, armed_then, by_itself, row.source))
+            found.append(ParameterChange(row.at_ns, row.name, before, row.value, armed_then, by_itself, row.source))
     return found
 
 
-def _findings(log: Log, found: list[Change], last: dict[str, ParameterRow], instants: Instants) -> list[Finding]:
+def _findings(
+    log: Log, found: list[ParameterChange], last: dict[str, ParameterRow], instants: LogClock
+) -> list[Finding]:
     findings = []
     while_armed = [each for each in found if each.armed and not each.by_itself]
     if while_armed:

@@ -1,14 +1,13 @@
-"""What each task took: @SYS/tasks.txt of ArduPilot, TASK rows and /tasks of ours."""
+"""Processor time of each task: @SYS/tasks.txt of ArduPilot, TASK rows and /tasks of ours."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from xitl_cli.logs.analyses.instants import Instants, grid, number
+from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.running.deadlines import TaskTotal, still, totals
-from xitl_cli.logs.running.loops import simulated
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, Value
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, Value, make_grid, rounded
+from xitl_cli.logs.signals.deadlines import TaskTotal, clock_stood_still, simulated_clock_reason, task_totals
 from xitl_cli.logs.tasks_file import MOST_BYTES, MOST_OVERRUNS, MOST_US, PATH, TaskTime, counted, parse
 
 FILE_NAME = "tasks.txt"
@@ -21,15 +20,15 @@ _FETCH = (
 
 def analyse(log: Log) -> Section | None:
     """None where there are neither tasks nor a scheduler."""
-    own = totals(log)
-    if still(own):  # nothing was measured, which the scheduler section says
+    own = task_totals(log)
+    if clock_stood_still(own):  # nothing was measured, which the scheduler section says
         own = []
     found = task_file(log)
     if not own and found is None:
         if log.format != "dataflash":
             return None
         return Section("tasks", "Tasks", lacks=(_FETCH,))
-    instants = Instants(log)
+    instants = LogClock(log)
     facts: list[Fact] = []
     findings: list[Finding] = []
     grids: list[Grid] = []
@@ -44,7 +43,7 @@ def analyse(log: Log) -> Section | None:
             findings += _file_findings(times, source)
             grids.append(_file_grid(times, source))
         else:
-            why = simulated(log) or "nothing was counted yet"
+            why = simulated_clock_reason(log) or "nothing was counted yet"
             lacks.append(f"{source} lists {len(times)} tasks without any time: {why}.")
     return Section("tasks", "Tasks", tuple(facts), tuple(findings), tuple(grids), (), tuple(lacks))
 
@@ -100,20 +99,20 @@ def _own_facts(own: list[TaskTotal]) -> list[Fact]:
 
 
 def _ms(seconds: float | None) -> float | None:
-    return None if seconds is None else number(1e3 * seconds)
+    return None if seconds is None else rounded(1e3 * seconds)
 
 
-def _own_grid(own: list[TaskTotal], instants: Instants) -> Grid:
+def _own_grid(own: list[TaskTotal], instants: LogClock) -> Grid:
     def second(at_ns: int | None) -> float | None:
         return None if at_ns is None else instants.second(at_ns)
 
     def busy(task: TaskTotal) -> float | None:
-        return None if task.run_mean_s is None else number(100.0 * task.run_mean_s * task.rate_hz, 2)
+        return None if task.run_mean_s is None else rounded(100.0 * task.run_mean_s * task.rate_hz, 2)
 
     rows: list[tuple[Value, ...]] = [
         (
             task.name,
-            number(task.rate_hz, 1),
+            rounded(task.rate_hz, 1),
             task.cycles,
             task.missed,
             task.skipped,
@@ -131,7 +130,7 @@ def _own_grid(own: list[TaskTotal], instants: Instants) -> Grid:
         "task", "rate (Hz)", "cycles", "missed", "skipped", "start late, mean (ms)", "most (ms)", "at (s)",
         "run, mean (ms)", "longest (ms)", "at (s) ", "of a processor (%)",
     )  # fmt: skip
-    return grid("tasks", "Tasks, those that take most time first", columns, rows)
+    return make_grid("tasks", "Tasks, those that take most time first", columns, rows)
 
 
 def _file_facts(times: list[TaskTime]) -> list[Fact]:
@@ -179,4 +178,6 @@ def _file_grid(times: list[TaskTime], source: str) -> Grid:
         if task.most_us or task.overruns or task.share_percent
     ]
     columns = ("task", "every loop", "of all tasks (%)", "mean (us)", "longest (us)", "shortest (us)", "overruns")
-    return grid("task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({PATH})", columns, rows)
+    return make_grid(
+        "task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({PATH})", columns, rows
+    )

@@ -1,4 +1,4 @@
-"""What made the log: vehicle, firmware, board, when, for how long, and whether all of it is there."""
+"""What made the log: vehicle, firmware, board, when, for how long, and whether it is complete."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from xitl_cli.logs.analyses.instants import Instants, number
-from xitl_cli.logs.analyses.parameter_rows import last_values
+from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.times import zero_ns
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value, rounded
+from xitl_cli.logs.signals.states import (
+    autopilot_heartbeats,
+    autopilot_messages,
+    firmware_text,
+    last_parameters,
+    vehicle_kind,
+)
 from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.tables.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name
 from xitl_cli.logs.text import length_text
-from xitl_cli.logs.words.heard import autopilot_heartbeats, heard
-from xitl_cli.logs.words.kinds import firmware_text, kind_of
-from xitl_cli.logs.words.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name
 
 _GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
 _LEAP_S = 18  # GPS is ahead of UTC by so much since 2017
@@ -31,7 +35,7 @@ def analyse(log: Log) -> Section | None:
     if log.span_ns is None:
         return None
     facts = facts_of(log)
-    findings = [*_simulated(log, last_values(log)), *_reboots(log), *_losses(log)]
+    findings = [*_simulated(log, last_parameters(log)), *_reboots(log), *_losses(log)]
     lacks = []
     if not {"firmware", "firmware_version", "firmware_commit", "firmware_release", "board"} & {f.key for f in facts}:
         lacks.append("Which firmware this was is not logged: no VER, no firmware name in MSG, no AUTOPILOT_VERSION.")
@@ -43,11 +47,11 @@ def facts_of(log: Log) -> tuple[Fact, ...]:
     if log.span_ns is None:
         return ()
     every = (
-        Fact("vehicle", "Vehicle", None if (kind := kind_of(log)) == "unknown" else kind),
+        Fact("vehicle", "Vehicle", None if (kind := vehicle_kind(log)) == "unknown" else kind),
         Fact("vehicle_type", "Type", _mav_type(log)),
         *_firmware(log),
-        *_times(log, Instants(log)),
-        *_logging(last_values(log)),
+        *_times(log, LogClock(log)),
+        *_logging(last_parameters(log)),
     )
     return tuple(fact for fact in every if fact.value is not None)
 
@@ -55,7 +59,7 @@ def facts_of(log: Log) -> tuple[Fact, ...]:
 def _firmware(log: Log) -> list[Fact]:
     text = firmware_text(log)
     version = log.tables.get("VER")
-    said = heard(log, "AUTOPILOT_VERSION")
+    said = autopilot_messages(log, "AUTOPILOT_VERSION")
     name: Value = text
     number_text: Value = None
     commit: Value = None
@@ -101,13 +105,13 @@ def _mav_type(log: Log) -> str | None:
     return None if beats is None else MAV_TYPES.get(int(beats.values("type", raw=True)[0]))
 
 
-def _times(log: Log, instants: Instants) -> list[Fact]:
+def _times(log: Log, instants: LogClock) -> list[Fact]:
     length_s = (instants.end_ns - instants.start_ns) * 1e-9
-    facts = [Fact("duration_s", "Duration", number(length_s, 1), "s")]
+    facts = [Fact("duration_s", "Duration", rounded(length_s, 1), "s")]
     if log.base == "boot" and not zero_ns(log):
         facts += [
-            Fact("uptime_start_s", "Uptime at the start", number(instants.start_ns * 1e-9, 1), "s"),
-            Fact("uptime_end_s", "Uptime at the end", number(instants.end_ns * 1e-9, 1), "s"),
+            Fact("uptime_start_s", "Uptime at the start", rounded(instants.start_ns * 1e-9, 1), "s"),
+            Fact("uptime_end_s", "Uptime at the end", rounded(instants.end_ns * 1e-9, 1), "s"),
         ]
     start, source = _utc_at_start(log, instants)
     if start is not None:
@@ -120,7 +124,7 @@ def _times(log: Log, instants: Instants) -> list[Fact]:
     return facts
 
 
-def _utc_at_start(log: Log, instants: Instants) -> tuple[datetime.datetime | None, str]:
+def _utc_at_start(log: Log, instants: LogClock) -> tuple[datetime.datetime | None, str]:
     if log.base == "utc":
         try:
             epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)

@@ -10,16 +10,134 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.analyses.instants import Instants
+from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.sensing.columns import labelled, numbers, stacked, stamps, tables_of, told
-from xitl_cli.logs.sensing.inertial import Inertial, units
-from xitl_cli.logs.sensing.rest import Rest, rest
-from xitl_cli.logs.sensing.settings import armed_rows, simulated
-from xitl_cli.logs.sensing.spectrum import Batch, Spectrum, batches, spectrum
+from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, find_rest, inertial_units
+from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, stacked, tables_of
+from xitl_cli.logs.signals.states import armed_rows, sensors_simulated
 from xitl_cli.logs.table import Table, by_instance
+
+_SORTS = {0: "accel", 1: "gyro"}
+_PER_ROW = 32
+_MOST_BATCHES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBatch:
+    """One batch of ISBH and its ISBD: samples (n, 3) in m/s^2 or rad/s at `rate_hz`, logged from `stamp_ns` on."""
+
+    sort: str
+    instance: int
+    rate_hz: float
+    stamp_ns: int
+    samples: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBatches:
+    """whole: batches with all their samples. broken: headers whose samples are not all there."""
+
+    whole: tuple[SampleBatch, ...]
+    broken: int
+
+
+def read_batches(log: Log) -> SampleBatches:
+    """ISBH and ISBD; at most 400 batches, spread evenly over the log when there are more."""
+    heads, rows = log.tables.get("ISBH"), log.tables.get("ISBD")
+    wanted = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate")
+    if heads is None or rows is None or any(name not in heads.columns for name in wanted):
+        return SampleBatches((), 0)
+    if any(name not in rows.columns for name in ("N", "seqno", "x", "y", "z")):
+        return SampleBatches((), 0)
+    head = {name: numbers(heads, name, raw=True) for name in wanted}
+    number, seqno = numbers(rows, "N", raw=True), numbers(rows, "seqno", raw=True)
+    if number is None or seqno is None or any(values is None for values in head.values()):
+        return SampleBatches((), 0)
+    # Numbers go round after 65536: rows of a header are those after it in the file and before the next of its number.
+    places, head_places = rows.place, heads.place
+    found: list[SampleBatch] = []
+    broken = 0
+    chosen = np.unique(np.linspace(0, len(heads) - 1, min(len(heads), _MOST_BATCHES)).astype(np.intp))
+    limits = np.concatenate((np.searchsorted(places, head_places), [len(places)]))
+    for place in chosen:
+        row = {name: float(values[place]) for name, values in head.items() if values is not None}
+        count, rate_hz, factor = row["smp_cnt"], row["smp_rate"], row["mul"]
+        if not (0 < count <= 1 << 16 and 0.0 < rate_hz < 1e6 and factor > 0.0 and row["type"] in _SORTS):
+            broken += 1
+            continue
+        blocks = int(np.ceil(count / _PER_ROW))
+        # The rows of a batch follow their header closely, with at most another batch's between them.
+        window = slice(int(limits[place]), int(min(limits[place] + 4 * blocks + 8, len(places))))
+        mine = np.flatnonzero(number[window] == row["N"])[:blocks] + window.start
+        if len(mine) != blocks or not (seqno[mine] == np.arange(blocks)).all():
+            broken += place != len(heads) - 1  # the last one may be under way where the log ends
+            continue
+        axes = [
+            np.asarray(rows.values(axis, mine, raw=True), dtype=np.float64).reshape(-1)[: int(count)] for axis in "xyz"
+        ]
+        found.append(
+            SampleBatch(
+                _SORTS[int(row["type"])],
+                int(row["instance"]),
+                rate_hz,
+                int(heads.stamp_ns[place]),
+                np.stack(axes, axis=1) / factor,
+            )
+        )
+    return SampleBatches(tuple(found), broken)
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrum:
+    """frequency_hz (M,), density (M, 3): amplitude spectral density of each axis, unit/sqrt(Hz). averaged: spectra."""
+
+    frequency_hz: NDArray[np.float64]
+    density: NDArray[np.float64]
+    averaged: int
+
+    def peak(self, from_hz: float, prominence: float = 5.0) -> tuple[float, float] | None:
+        """Frequency and density of the highest line above `from_hz`, all axes together.
+
+        None unless it stands out of the median density by the factor `prominence`.
+        """
+        total = np.sqrt((self.density**2).sum(axis=1))
+        above = self.frequency_hz >= from_hz
+        if np.count_nonzero(above) < 8:
+            return None
+        frequencies, levels = self.frequency_hz[above], total[above]
+        place = int(np.argmax(levels))
+        if levels[place] < prominence * float(np.median(levels)):
+            return None
+        return float(frequencies[place]), float(levels[place])
+
+
+def welch_spectrum(records: list[NDArray[np.float64]], rate_hz: float, length: int) -> Spectrum | None:
+    """Welch's average of Hann-windowed periodograms (n, 3), half overlapping, each with its mean taken off.
+
+    Scaled so that the square of the density integrates to the variance over 0 to rate/2.
+    """
+    window = np.hanning(length + 1)[:-1]  # periodic
+    scale = 2.0 / (rate_hz * float(window @ window))
+    total: NDArray[np.float64] = np.zeros((length // 2 + 1, 3))
+    averaged = 0
+    for record in records:
+        for begin in range(0, len(record) - length + 1, max(1, length // 2)):
+            part = record[begin : begin + length]
+            if not np.isfinite(part).all():
+                continue
+            total += np.abs(np.fft.rfft((part - part.mean(axis=0)) * window[:, None], axis=0)) ** 2
+            averaged += 1
+    if not averaged:
+        return None
+    power: NDArray[np.float64] = total / averaged * scale
+    power[0] /= 2.0
+    if length % 2 == 0:
+        power[-1] /= 2.0
+    frequency_hz = np.arange(len(power), dtype=np.float64) * (rate_hz / length)
+    return Spectrum(frequency_hz, np.sqrt(power).astype(np.float64), averaged)
+
 
 NOTICE_MPS2, WARNING_MPS2 = 30.0, 60.0
 _SHARE = 0.01  # of the time over a limit; less is a knock
@@ -31,7 +149,7 @@ _SIMULATED = "The sensors are simulated: no motor shakes them, so that levels an
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class VibrationLevels:
     """One instance of VIBE: level (N, 3) in m/s^2, clipped: (N,) count so far, None when not logged."""
 
     name: str
@@ -45,8 +163,8 @@ class Level:
 
 def analyse(log: Log) -> Section | None:
     """None where a log has neither levels nor an inertial unit."""
-    instants = Instants(log)
-    levels, inertial = _levels(log), units(log)
+    instants = LogClock(log)
+    levels, inertial = _levels(log), inertial_units(log)
     if not levels and not inertial:
         return None
     armed = {each.name: armed_rows(log, each.stamp_ns) for each in levels}
@@ -55,9 +173,9 @@ def analyse(log: Log) -> Section | None:
         for each in levels
         for finding in (*_high(each, armed[each.name], instants), *_clips(each, armed[each.name], instants))
     ]
-    model = simulated(log)
+    model = sensors_simulated(log)
     spectra = _spectra(log, inertial)
-    still = rest(log, inertial)
+    still = find_rest(log, inertial)
     lacks = (
         []
         if levels or log.format == "mcap"
@@ -81,7 +199,7 @@ def analyse(log: Log) -> Section | None:
     )
 
 
-def _levels(log: Log) -> list[Level]:
+def _levels(log: Log) -> list[VibrationLevels]:
     found = []
     for table in tables_of(log, ("VIBE", "VIBRATION")):
         for number, each in by_instance(table).items():
@@ -90,8 +208,8 @@ def _levels(log: Log) -> list[Level]:
                 if level is None or not len(each):
                     continue
                 clipped, field = _clipped(each)
-                name = labelled(table, number)
-                found.append(Level(name, table.name, stamps(each), level, axes[0], clipped, field))
+                name = instance_label(table, number)
+                found.append(VibrationLevels(name, table.name, bounded_stamps(each), level, axes[0], clipped, field))
     return found
 
 
@@ -104,7 +222,7 @@ def _clipped(table: Table) -> tuple[NDArray[np.float64] | None, str]:
     return None, ""
 
 
-def _high(each: Level, armed: NDArray[np.bool_] | None, instants: Instants) -> list[Finding]:
+def _high(each: VibrationLevels, armed: NDArray[np.bool_] | None, instants: LogClock) -> list[Finding]:
     """Levels over a limit for more than a hundredth of the armed time."""
     rows = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None or not armed.any() else armed
     findings = []
@@ -134,7 +252,7 @@ def _high(each: Level, armed: NDArray[np.bool_] | None, instants: Instants) -> l
     return findings
 
 
-def _clips(each: Level, armed: NDArray[np.bool_] | None, instants: Instants) -> list[Finding]:
+def _clips(each: VibrationLevels, armed: NDArray[np.bool_] | None, instants: LogClock) -> list[Finding]:
     """Increments of the counter while armed."""
     if each.clipped is None or len(each.clipped) < 2:
         return []
@@ -159,13 +277,13 @@ def _clips(each: Level, armed: NDArray[np.bool_] | None, instants: Instants) -> 
     ]
 
 
-def _facts(levels: list[Level]) -> tuple[Fact, ...]:
+def _facts(levels: list[VibrationLevels]) -> tuple[Fact, ...]:
     known = [np.nanmax(each.level_mps2) for each in levels if np.isfinite(each.level_mps2).any()]
-    largest = told(float(max(known)), 3) if known else None
+    largest = significant(float(max(known)), 3) if known else None
     return (Fact("largest_vibration_mps2", "Largest vibration level", largest, "m/s²"),) if levels else ()
 
 
-def _grid(levels: list[Level], armed: dict[str, NDArray[np.bool_] | None]) -> Grid:
+def _grid(levels: list[VibrationLevels], armed: dict[str, NDArray[np.bool_] | None]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for each in levels:
         on = armed[each.name]
@@ -175,12 +293,18 @@ def _grid(levels: list[Level], armed: dict[str, NDArray[np.bool_] | None]) -> Gr
             if len(level):
                 middle, high = np.percentile(level, (50.0, 99.0))
                 rows.append(
-                    (each.name, letter, told(float(middle), 3), told(float(high), 3), told(float(level.max()), 3))
+                    (
+                        each.name,
+                        letter,
+                        significant(float(middle), 3),
+                        significant(float(high), 3),
+                        significant(float(level.max()), 3),
+                    )
                 )
     return Grid("vibration", "Levels while armed, m/s²", ("instance", "axis", "median", "99 %", "largest"), tuple(rows))
 
 
-def _level_plots(levels: list[Level]) -> tuple[Plot, ...]:
+def _level_plots(levels: list[VibrationLevels]) -> tuple[Plot, ...]:
     traces = [
         Trace(f"{each.name} {letter}", each.stamp_ns, each.level_mps2[:, axis])
         for each in levels[:3]
@@ -196,22 +320,22 @@ class _Found:
     name: str
     sort: str
     rate_hz: float
-    batches: tuple[Batch, ...]
+    batches: tuple[SampleBatch, ...]
     broken: int
     spectrum: Spectrum
 
 
-def _spectra(log: Log, inertial: list[Inertial]) -> list[_Found]:
+def _spectra(log: Log, inertial: list[InertialUnit]) -> list[_Found]:
     """Of the batches by instance and kind; without batches of the fastest inertial unit, if it is fast enough."""
-    every = batches(log)
-    groups: dict[tuple[int, str], list[Batch]] = {}
+    every = read_batches(log)
+    groups: dict[tuple[int, str], list[SampleBatch]] = {}
     for batch in every.whole:
         groups.setdefault((batch.instance, batch.sort), []).append(batch)
     found = []
     for (instance, sort), group in sorted(groups.items()):
         rate_hz = float(np.median([batch.rate_hz for batch in group]))
         length = min(_LENGTH, min(len(batch.samples) for batch in group))
-        computed = spectrum([batch.samples for batch in group], rate_hz, length) if length >= 64 else None
+        computed = welch_spectrum([batch.samples for batch in group], rate_hz, length) if length >= 64 else None
         if computed is not None:
             found.append(_Found(f"batch {sort}[{instance}]", sort, rate_hz, tuple(group), every.broken, computed))
     if found:
@@ -225,12 +349,12 @@ def _spectra(log: Log, inertial: list[Inertial]) -> list[_Found]:
     return found
 
 
-def _rate(unit: Inertial) -> float | None:
+def _rate(unit: InertialUnit) -> float | None:
     regular = regularity(unit.sample_ns)
     return None if regular is None or not 0.0 < regular.rate_hz < 1e5 else regular.rate_hz
 
 
-def _of_record(unit: Inertial, values: NDArray[np.float64]) -> Spectrum | None:
+def _of_record(unit: InertialUnit, values: NDArray[np.float64]) -> Spectrum | None:
     """Of the parts without a long gap; at most 400 spectra, from all over the record."""
     rate_hz = _rate(unit)
     if rate_hz is None:
@@ -242,10 +366,10 @@ def _of_record(unit: Inertial, values: NDArray[np.float64]) -> Spectrum | None:
     if not pieces:
         return None
     chosen = np.unique(np.linspace(0, len(pieces) - 1, min(len(pieces), 400)).astype(np.intp))
-    return spectrum([pieces[place] for place in chosen], rate_hz, _LENGTH)
+    return welch_spectrum([pieces[place] for place in chosen], rate_hz, _LENGTH)
 
 
-def _spectrum_grid(spectra: list[_Found], still: Rest) -> Grid:
+def _spectrum_grid(spectra: list[_Found], still: RestPeriods) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for each in spectra:
         peak = each.spectrum.peak(_FROM_HZ)
@@ -253,17 +377,17 @@ def _spectrum_grid(spectra: list[_Found], still: Rest) -> Grid:
         if each.batches and still.stretches:
             inside = still.rows(np.array([batch.stamp_ns for batch in each.batches], dtype=np.int64))
             calm = [batch.samples for batch, calm in zip(each.batches, inside, strict=True) if calm]
-            quiet = spectrum(calm, each.rate_hz, min(_LENGTH, min(map(len, calm)))) if calm else None
+            quiet = welch_spectrum(calm, each.rate_hz, min(_LENGTH, min(map(len, calm)))) if calm else None
             if quiet is not None and (line := quiet.peak(_FROM_HZ)) is not None:
-                at_rest = told(line[0], 3)
+                at_rest = significant(line[0], 3)
         rows.append(
             (
                 each.name,
-                told(each.rate_hz),
+                significant(each.rate_hz),
                 len(each.batches) or None,
                 each.spectrum.averaged,
-                None if peak is None else told(peak[0], 3),
-                None if peak is None else told(peak[1], 3),
+                None if peak is None else significant(peak[0], 3),
+                None if peak is None else significant(peak[1], 3),
                 at_rest,
             )
         )

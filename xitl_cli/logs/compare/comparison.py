@@ -4,20 +4,109 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from xitl_cli.logs import signals
-from xitl_cli.logs.compare.channels import channel_section
-from xitl_cli.logs.compare.common_time import Pairing
-from xitl_cli.logs.compare.motion import motion_section
-from xitl_cli.logs.compare.overlay import overlay
-from xitl_cli.logs.compare.pairing import Start, pair, within, zero_ns
-from xitl_cli.logs.compare.position import poses
-from xitl_cli.logs.compare.states import event_section, modes
+from xitl_cli.logs.analyses.catalogue import analysis_failure, load_analysis
+from xitl_cli.logs.compare.pairing import Pairing, StartEvent, event_section, limited, pair_logs, precise_modes, zero_ns
+from xitl_cli.logs.compare.profiles import channel_section, motion_section
 from xitl_cli.logs.compare.trajectories import Alignment, Trajectory
-from xitl_cli.logs.compare.trajectory_section import moved_poses, trajectory_section
-from xitl_cli.logs.compare.truth import stray_truth
+from xitl_cli.logs.compare.trajectory_section import common_poses, moved_poses, trajectory_section
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Section
-from xitl_cli.logs.signals import Of, Span
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.signals import SignalSource, StateSpan
+
+
+def stray_truth_finding(name: str, log: Log) -> Finding | None:
+    """With sensors from elsewhere, ArduPilot's own simulated vehicle (SIM) is another one, and no truth."""
+    apart_m = signals.stray_truth_m(log)
+    if apart_m is None:
+        return None
+    return Finding(
+        "trajectory.stray_truth",
+        Severity.WARNING,
+        f"SIM of {name} is not about this vessel: it came to be {apart_m:.0f} m from the receiver",
+        (Evidence("SIM", "Lat, Lng"),),
+        "Take the truth from the recording of whoever simulated the vessel (/truth of an MCAP file).",
+    )
+
+
+_Row = tuple[str, str, Value, Value]
+
+
+def overlay(name: str, a: Log, b: Log, pairing: Pairing) -> Section | None:
+    """None where the analysis has nothing to say about either. Facts of one alone come after those of both."""
+    try:
+        in_a, in_b = load_analysis(name)(a), load_analysis(name)(b)
+    except Exception as error:  # noqa: BLE001  the rest of the comparison is worth having
+        return Section(name, name, lacks=(analysis_failure(name, error).sentence,))
+    if in_a is None or in_b is None:
+        said = in_a or in_b
+        if said is None:
+            return None
+        return Section(name, said.title, lacks=(f"{said.title} can be judged of {'A' if in_a else 'B'} alone.",))
+    words, rows = _rows(in_a.facts, in_b.facts)
+    both = tuple((*row, _less(row[2], row[3])) for row in rows if row[2] is not None and row[3] is not None)
+    alone = tuple(row for row in rows if (row[2] is None) != (row[3] is None))
+    grids = []
+    if both:
+        grids.append(Grid(f"{name}.both", f"{in_a.title} of both", ("fact", "unit", "A", "B", "B less A"), both))
+    if alone:
+        grids.append(Grid(f"{name}.alone", f"{in_a.title}, told by one alone", ("fact", "unit", "A", "B"), alone))
+    plots = _plots(in_a.plots, in_b.plots, pairing)
+    lacks = tuple(f"A: {each}" for each in in_a.lacks) + tuple(f"B: {each}" for each in in_b.lacks)
+    return Section(name, in_a.title, words, grids=tuple(grids), plots=plots, lacks=lacks)
+
+
+def _rows(a: tuple[Fact, ...], b: tuple[Fact, ...]) -> tuple[tuple[Fact, ...], list[_Row]]:
+    """Facts in words, of both in one, and rows of the others: label, unit, A, B."""
+    facts_b = {fact.key: fact for fact in b}
+    words: list[Fact] = []
+    rows: list[_Row] = []
+    for fact, in_a, in_b in (
+        *((each, each.value, facts_b[each.key].value if each.key in facts_b else None) for each in a),
+        *((each, None, each.value) for each in b if each.key not in {one.key for one in a}),
+    ):
+        if isinstance(in_a, str) or isinstance(in_b, str):
+            told = "; ".join(f"{log}: {value}" for log, value in (("A", in_a), ("B", in_b)) if value is not None)
+            words.append(Fact(fact.key, fact.label, told))
+        else:
+            rows.append((fact.label, fact.unit, in_a, in_b))
+    return tuple(words), rows
+
+
+def _less(a: Value, b: Value) -> float | int | None:
+    numbers = not isinstance(a, bool) and not isinstance(b, bool)
+    if numbers and isinstance(a, int | float) and isinstance(b, int | float):
+        return b - a if isinstance(a, int) and isinstance(b, int) else float(f"{b - a:.6g}")
+    return None
+
+
+def _plots(a: tuple[Plot, ...], b: tuple[Plot, ...], pairing: Pairing) -> tuple[Plot, ...]:
+    """Of both in one; then those of one alone."""
+    of_b = {plot.key: plot for plot in b}
+    drawn = []
+    for plot in a:
+        lines, others = _named("A", plot), _named("B", of_b.pop(plot.key), pairing) if plot.key in of_b else ()
+        shared = {trace.name[1:] for trace in lines} & {trace.name[1:] for trace in others}
+        traces = (each for each in (*lines, *others) if not shared or each.name[1:] in shared)
+        drawn.append(replace(plot, traces=tuple(traces), marks=()))
+    alone = (replace(plot, traces=_named("B", plot, pairing), marks=()) for plot in b if plot.key in of_b)
+    return (*drawn, *alone)
+
+
+def _named(log: str, plot: Plot, pairing: Pairing | None = None) -> tuple[Trace, ...]:
+    """Its lines, on A's time."""
+    moved = pairing is not None and plot.kind == "time"
+    return tuple(
+        replace(
+            trace,
+            name=f"{log} · {trace.name}",
+            x=pairing.on_a(np.asarray(trace.x, dtype=np.int64)) if moved and pairing is not None else trace.x,
+        )
+        for trace in plot.traces
+    )
+
 
 _OVERLAID = ("scheduler", "time_bases")
 
@@ -35,7 +124,7 @@ class Comparison:
     zero_ns: int
     zero_s: float
     trajectories: tuple[Trajectory, Trajectory] | None
-    states: tuple[Span, ...]
+    states: tuple[StateSpan, ...]
 
     @property
     def zero_sentence(self) -> str:
@@ -47,10 +136,10 @@ def compare(
     b: Log,
     *,
     align: Alignment = "none",
-    start: Start = "auto",
+    start: StartEvent = "auto",
     shift_s: float | None = None,
-    of_a: Of = "estimate",
-    of_b: Of = "estimate",
+    of_a: SignalSource = "estimate",
+    of_b: SignalSource = "estimate",
     from_s: float | None = None,
     until_s: float | None = None,
     armed: bool = False,
@@ -60,9 +149,9 @@ def compare(
     Events, scheduler and time bases are those of the whole logs. Raises LogError when there is no way to lay one on
     the time of the other, or nothing is left of it.
     """
-    laid = pair(a, b, start, shift_s)
-    pairing = within(a, b, laid, from_s, until_s, armed)
-    both = poses(a, b, pairing, of_a, of_b)
+    laid = pair_logs(a, b, start, shift_s)
+    pairing = limited(a, b, laid, from_s, until_s, armed)
+    both = common_poses(a, b, pairing, of_a, of_b)
     zero = zero_ns(a, b, pairing)
     sections = [
         _doubted(
@@ -80,17 +169,17 @@ def compare(
         zero,
         0.0 if a.span_ns is None else (zero - a.span_ns[0]) * 1e-9,
         None if both is None else (both.a, moved_poses(both, align)[0]),
-        (*signals.armed(a), *modes(a)),
+        (*signals.armed(a), *precise_modes(a)),
     )
 
 
-def _doubted(section: Section, sides: tuple[tuple[str, Log, Of], ...]) -> Section:
+def _doubted(section: Section, sides: tuple[tuple[str, Log, SignalSource], ...]) -> Section:
     """With the doubts about what was taken for the truth."""
-    doubts = (stray_truth(name, log) for name, log, of in sides if of == "truth")
+    doubts = (stray_truth_finding(name, log) for name, log, of in sides if of == "truth")
     return replace(section, findings=(*section.findings, *(doubt for doubt in doubts if doubt is not None)))
 
 
-def _without_positions(a: Log, b: Log, of_a: Of, of_b: Of) -> Section:
+def _without_positions(a: Log, b: Log, of_a: SignalSource, of_b: SignalSource) -> Section:
     without = [name for name, log, of in (("A", a, of_a), ("B", b, of_b)) if signals.position_ned(log, of) is None]
     why = (
         f"{' and '.join(without)} {'hold' if len(without) > 1 else 'holds'} no position"

@@ -1,30 +1,283 @@
-"""Two logs on one time line: of the same run by their clocks, of different runs by what happened in both."""
+"""Two logs on one time line, and their samples at common instants.
+
+Logs of one run are paired by their clocks, logs of different runs by events that both show.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Literal
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from xitl_cli.logs import signals
-from xitl_cli.logs.compare.common_time import Instants, Pairing
-from xitl_cli.logs.compare.one_run import contradiction
-from xitl_cli.logs.compare.states import modes
+from xitl_cli.logs.clocks.time_line import LogPlacement
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.timeline.placement import Placement
-from xitl_cli.logs.words.modes import NAVIGATING
+from xitl_cli.logs.sections import Grid, Section
+from xitl_cli.logs.signals import Series, StateSpan
+from xitl_cli.logs.tables.modes import NAVIGATING
 
-Start = Literal["auto", "clocks", "mission", "armed", "motion", "correlation"]
+Array = NDArray[np.float64]
+Instants = NDArray[np.int64]
+
+_MOST_SAMPLES = 200_000
+_LONGEST_GAP_S = 2.0
+_USUAL_STEPS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Pairing:
+    """How stamps of B become stamps of A. sentence: for the user. error_s: how far it may be off, None if not known.
+
+    zero_ns: on A's time, what seconds count from, where an event gives it. from_ns, until_ns: on A's time, what of the
+    common time is compared; None: all of it.
+    """
+
+    on_a: Callable[[Instants], Instants]
+    method: str
+    sentence: str
+    error_s: float | None = None
+    zero_ns: int | None = None
+    from_ns: int | None = None
+    until_ns: int | None = None
+
+    def instant(self, stamp_ns: int) -> int:
+        """One stamp of B on A's time."""
+        return int(self.on_a(np.array([stamp_ns], dtype=np.int64))[0])
+
+    def moved(self, series: Series) -> Series:
+        """Of B, on A's time; samples that come out earlier than the one before are left out."""
+        stamps = self.on_a(series.stamp_ns)
+        newest = np.maximum.accumulate(stamps)
+        forward = np.concatenate(([True], stamps[1:] > newest[:-1]))
+        return Series(stamps[forward], series.values[forward], series.unit, series.source, series.turns)
+
+
+def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Instants, Array, Array] | None:
+    """Stamps (N,) of A within B's time, A's values there and B's on straight lines; at most 200 000 of them.
+
+    Stamps within a gap of B are left out: more than 2 s and more than 3 of its usual steps. None unless there are two.
+    """
+    other = pairing.moved(b)
+    inside = (a.stamp_ns >= other.stamp_ns[0]) & (a.stamp_ns <= other.stamp_ns[-1])
+    if pairing.from_ns is not None:
+        inside &= a.stamp_ns >= pairing.from_ns
+    if pairing.until_ns is not None:
+        inside &= a.stamp_ns <= pairing.until_ns
+    stamps, values = a.stamp_ns[inside], a.values[inside]
+    every = max(1, -(-len(stamps) // _MOST_SAMPLES))
+    stamps, values = stamps[::every], values[::every]
+    if len(stamps) < 2 or len(other.stamp_ns) < 2:
+        return None
+    steps_s = np.diff(other.stamp_ns) * 1e-9
+    after = np.clip(np.searchsorted(other.stamp_ns, stamps), 1, len(other.stamp_ns) - 1)
+    near = steps_s[after - 1] <= _gap_s(steps_s)
+    stamps, values = stamps[near], values[near]
+    return None if len(stamps) < 2 else (stamps, values, other.at(stamps))
+
+
+def time_integral(stamp_ns: Instants, values: Array) -> tuple[float, float]:
+    """Seconds covered and the integral over them, by trapezoids; gaps (as in `match`) left out."""
+    steps_s = np.diff(stamp_ns) * 1e-9
+    if not len(steps_s):
+        return 0.0, 0.0
+    joined = steps_s <= _gap_s(steps_s)
+    areas = 0.5 * (values[1:] + values[:-1]) * steps_s
+    return float(steps_s[joined].sum()), float(areas[joined].sum())
+
+
+def _gap_s(steps_s: Array) -> float:
+    """The longest step that is not a gap."""
+    return max(_LONGEST_GAP_S, _USUAL_STEPS * float(np.median(steps_s)))
+
+
+LONGEST_S = 10.0
+LEAST_ALIKE = 0.5
+_STEP_S = 0.025
+_MOST_STEPS = 20_000
+_LEAST_CHANGE = 1e-9
+
+
+def best_lag(
+    stamp_ns: NDArray[np.int64], a: Array, b: Array, *, turns: bool, longest_s: float = LONGEST_S
+) -> tuple[float | None, float | None]:
+    """The highest correlation coefficient within shifts of `longest_s`, and how much later (s) B is there.
+
+    Both are sampled at `stamp_ns`. Angles (deg) are correlated as directions, so that a turn more does not count. The
+    coefficient is None where one of them does not change; the lag also where nothing is alike (under 0.5) or the best
+    shift is the longest one.
+    """
+    seconds = (stamp_ns - stamp_ns[0]) * 1e-9
+    step_s = max(_STEP_S, float(seconds[-1]) / _MOST_STEPS)
+    grid = np.arange(0.0, float(seconds[-1]), step_s)
+    most = min(int(longest_s / step_s), len(grid) // 4)
+    if most < 1:
+        return None, None
+    in_a, in_b = _even(grid, seconds, a, turns), _even(grid, seconds, b, turns)
+    if min(float(np.abs(in_a - in_a[0]).max()), float(np.abs(in_b - in_b[0]).max())) < _LEAST_CHANGE:
+        return None, None
+    found = np.array([_correlation(in_a, in_b, shift) for shift in range(-most, most + 1)])
+    if not np.isfinite(found).any():
+        return None, None
+    best = int(np.nanargmax(found))
+    highest = float(found[best])
+    if highest < LEAST_ALIKE or not 0 < best < len(found) - 1:
+        return highest, None
+    left, top, right = found[best - 1 : best + 2]
+    bend = float(left - 2.0 * top + right)
+    between = 0.5 * float(left - right) / bend if np.isfinite(bend) and bend < 0.0 else 0.0
+    return highest, (best + between - most) * step_s
+
+
+def _even(grid: Array, seconds: Array, values: Array, turns: bool) -> NDArray[Any]:
+    if not turns:
+        return np.interp(grid, seconds, values)
+    angle = np.radians(values)
+    return np.interp(grid, seconds, np.cos(angle)) + 1j * np.interp(grid, seconds, np.sin(angle))
+
+
+def _correlation(a: NDArray[Any], b: NDArray[Any], shift: int) -> float:
+    """Of a(t) with b(t + shift)."""
+    first, second = (a[: len(a) - shift], b[shift:]) if shift >= 0 else (a[-shift:], b[:shift])
+    first, second = first - first.mean(), second - second.mean()
+    scale = float(np.sqrt(np.vdot(first, first).real * np.vdot(second, second).real))
+    return float(np.vdot(first, second).real) / scale if scale > 0.0 else np.nan
+
+
+_WITHIN_S = 1.0
+_FEWEST = 50
+_LEAST_ALIKE = 0.8
+_CHECKED_SIGNALS: tuple[tuple[str, Callable[[Log], Series | None], float], ...] = (
+    ("roll", signals.roll, 0.5),
+    ("pitch", signals.pitch, 0.5),
+    ("speed over ground", signals.ground_speed, 0.2),
+    ("yaw", signals.yaw, 2.0),
+)
+"""With the scatter from which on it is motion. Waves and gusts, which differ from run to run, come first."""
+
+
+def contradiction(a: Log, b: Log, pairing: Pairing) -> str | None:
+    """The end of a sentence, where a signal of both that moves is not the same one; else None."""
+    for name, of, moving in _CHECKED_SIGNALS:
+        in_a = of(a)
+        in_b = None if in_a is None else of(b)
+        matched = None if in_a is None or in_b is None else common_samples(in_a, in_b, pairing)
+        if matched is None or in_a is None or len(matched[0]) < _FEWEST:
+            continue
+        stamps, first, second = matched
+        if min(_scatter(first, in_a.turns), _scatter(second, in_a.turns)) < moving:
+            continue
+        alike, _ = best_lag(stamps, first, second, turns=in_a.turns, longest_s=_WITHIN_S)
+        if alike is not None and alike < _LEAST_ALIKE:
+            return f"{name} of both correlates {alike:.2f} there"
+    return None
+
+
+def _scatter(values: np.ndarray, turns: bool) -> float:
+    return float(np.std(np.unwrap(values, period=360.0) if turns else values))
+
+
+_REACHED = re.compile(r"reached waypoint #?(\d+)", re.IGNORECASE)
+_ENTERED = re.compile(r"mode (\w+)", re.IGNORECASE)
+_COMPLETE = re.compile(r"mission (is )?complete", re.IGNORECASE)
+_MOST_ROWS = 200
+_BEAT_NS = 2_500_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class PairedEvent:
+    """at_s: after the zero of the comparison, on A's time."""
+
+    what: str
+    at_s: float
+
+
+def precise_modes(log: Log) -> list[StateSpan]:
+    """As `signals.modes`; those that heartbeats tell, a second late, from when the autopilot said so."""
+    found = signals.modes(log)
+    if not any("HEARTBEAT" in mode.source for mode in found):
+        return found
+    said: dict[str, list[int]] = {}
+    for text in signals.texts(log):
+        if match := _ENTERED.fullmatch(text.text.strip()):
+            said.setdefault(match[1].upper(), []).append(text.at_ns)
+    begins = [
+        min((at for at in said.get(mode.text.upper(), ()) if 0 <= mode.from_ns - at <= _BEAT_NS), default=mode.from_ns)
+        for mode in found
+    ]
+    ends = [*begins[1:], found[-1].until_ns]
+    return [
+        replace(mode, from_ns=begin, until_ns=max(begin, end))
+        for mode, begin, end in zip(found, begins, ends, strict=True)
+    ]
+
+
+def paired_events(log: Log, seconds: Callable[[int], float]) -> list[PairedEvent]:
+    """Armed, disarmed, modes entered, waypoints reached, in the order of time."""
+    span = log.span_ns
+    found: list[PairedEvent] = []
+    for armed in signals.armed(log):
+        found.append(PairedEvent("armed", seconds(armed.from_ns)))
+        if span is not None and armed.until_ns < span[1]:
+            found.append(PairedEvent("disarmed", seconds(armed.until_ns)))
+    found += [PairedEvent(f"mode {mode.text}", seconds(mode.from_ns)) for mode in precise_modes(log)]
+    for text in signals.texts(log):
+        if match := _REACHED.search(text.text):
+            found.append(PairedEvent(f"waypoint {int(match[1])} reached", seconds(text.at_ns)))
+        elif _COMPLETE.search(text.text):
+            found.append(PairedEvent("mission complete", seconds(text.at_ns)))
+    return sorted(found, key=lambda each: each.at_s)
+
+
+def event_section(a: Log, b: Log, pairing: Pairing, zero_ns: int) -> Section | None:
+    """None where nothing happened in either."""
+    found = side_by_side(a, b, pairing, zero_ns)
+    return None if found is None else Section("events", "Events", grids=(found,))
+
+
+def side_by_side(a: Log, b: Log, pairing: Pairing, zero_ns: int) -> Grid | None:
+    """Each happening of either, the n-th of its kind in A beside the n-th in B, in the order of time."""
+    in_a = paired_events(a, lambda at_ns: (at_ns - zero_ns) * 1e-9)
+    in_b = paired_events(b, lambda at_ns: (pairing.instant(at_ns) - zero_ns) * 1e-9)
+    rows = []
+    for what, at_a, at_b in _paired(in_a, in_b):
+        later = None if at_a is None or at_b is None else round(at_b - at_a, 3)
+        rows.append((what, _rounded(at_a), _rounded(at_b), later))
+    if not rows:
+        return None
+    return Grid(
+        "compare.events", "Seconds after the zero", ("event", "A (s)", "B (s)", "B later (s)"), tuple(rows[:_MOST_ROWS])
+    )
+
+
+def _paired(a: Sequence[PairedEvent], b: Sequence[PairedEvent]) -> list[tuple[str, float | None, float | None]]:
+    waiting: dict[str, list[float]] = {}
+    for each in b:
+        waiting.setdefault(each.what, []).append(each.at_s)
+    rows: list[tuple[str, float | None, float | None]] = []
+    for each in a:
+        left = waiting.get(each.what, [])
+        rows.append((each.what, each.at_s, left.pop(0) if left else None))
+    rows += [(what, None, at_s) for what, left in waiting.items() for at_s in left]
+    return sorted(rows, key=lambda row: min(at for at in row[1:] if at is not None))
+
+
+def _rounded(at_s: float | None) -> float | None:
+    return None if at_s is None else round(at_s, 3)
+
+
+StartEvent = Literal["auto", "clocks", "mission", "armed", "motion", "correlation"]
 
 _SAME_RUN = ("same clock", "clock records", "telemetry")
 _MOVING_MPS = 0.3
 _MOVING_S = 1.0
 
 
-def pair(a: Log, b: Log, start: Start = "auto", shift_s: float | None = None) -> Pairing:
+def pair_logs(a: Log, b: Log, start: StartEvent = "auto", shift_s: float | None = None) -> Pairing:
     """shift_s: B's first row is so much later than A's; None: found by `start`.
 
     auto: by clocks when both may be of one run, else where both begin a mission, arm, or begin to move, else by
@@ -51,7 +304,7 @@ def pair(a: Log, b: Log, start: Start = "auto", shift_s: float | None = None) ->
     )
 
 
-def within(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: float | None, armed: bool) -> Pairing:
+def limited(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: float | None, armed: bool) -> Pairing:
     """Compares only from and until so many seconds after the zero (see `zero_ns`), and only while both were armed.
 
     Raises LogError when nothing is left.
@@ -82,7 +335,7 @@ def zero_ns(a: Log, b: Log, pairing: Pairing) -> int:
 
 
 def _by_clocks(a: Log, b: Log) -> Pairing | str:
-    from xitl_cli.logs.timeline.alignment import align
+    from xitl_cli.logs.clocks.alignment import align_logs as align
 
     moved = next(placement for placement in align([a, b]) if not placement.reference)
     if moved.method not in _SAME_RUN:
@@ -93,7 +346,7 @@ def _by_clocks(a: Log, b: Log) -> Pairing | str:
 
 
 def _by_correlation(a: Log, b: Log) -> Pairing | str:
-    from xitl_cli.logs.timeline.alignment import by_signal
+    from xitl_cli.logs.clocks.alignment import align_by_signal as by_signal
 
     moved = by_signal(a, b)
     if moved is None or not moved.aligned:
@@ -101,7 +354,7 @@ def _by_correlation(a: Log, b: Log) -> Pairing | str:
     return _placed(moved, b, "")
 
 
-def _placed(moved: Placement, b: Log, words: str) -> Pairing:
+def _placed(moved: LogPlacement, b: Log, words: str) -> Pairing:
     said = Pairing(moved.on_reference, moved.method, words + moved.sentence, moved.error_s)
     if moved.log is b:
         return said
@@ -136,7 +389,7 @@ def _by_event(name: str, words: str, when: Callable[[Log], int | None]) -> Calla
 def _mission_ns(log: Log) -> int | None:
     """The first navigating mode while armed: when it was entered, or armed in, whichever came later."""
     spans = signals.armed(log)
-    for mode in modes(log):
+    for mode in precise_modes(log):
         if mode.text.upper() not in NAVIGATING:
             continue
         for span in spans:

@@ -28,7 +28,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, slots=True)
-class Statistics:
+class ErrorStatistics:
     """Of errors, which are never below 0. sse: sum of their squares. count: of errors."""
 
     count: int
@@ -57,12 +57,12 @@ class Similarity:
         return Trajectory(trajectory.stamp_ns, pos_m, matrix_to_quat(turned))
 
 
-def statistics(errors: Array) -> Statistics | None:
+def error_statistics(errors: Array) -> ErrorStatistics | None:
     """None without errors."""
     if not len(errors):
         return None
     squares = float(np.sum(errors**2))
-    return Statistics(
+    return ErrorStatistics(
         len(errors),
         float(np.sqrt(squares / len(errors))),
         float(np.mean(errors)),
@@ -95,7 +95,7 @@ def umeyama(source: Array, target: Array, *, with_scale: bool = False) -> Simila
     return Similarity(rotation, to_mean - scale * rotation @ from_mean, scale)
 
 
-def aligned(reference: Trajectory, other: Trajectory, how: Alignment) -> tuple[Trajectory, Similarity | None]:
+def align_trajectory(reference: Trajectory, other: Trajectory, how: Alignment) -> tuple[Trajectory, Similarity | None]:
     """`other` moved onto `reference`, both with the same stamps; and by what, None where it was not moved.
 
     origin: so that the first poses are the same.

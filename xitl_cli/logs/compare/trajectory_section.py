@@ -1,28 +1,123 @@
-"""How far apart the two paths are: at the same instant, and whenever."""
+"""Distance of two paths: at the same instant, and regardless of time."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.compare.common_time import integral
-from xitl_cli.logs.compare.path import off_path_m, thinned
-from xitl_cli.logs.compare.position import Poses
+from sim_core.frames import euler_to_quat, ned_to_enu, quat_ned_frd_to_enu_flu
+from xitl_cli.logs import signals
+from xitl_cli.logs.compare.pairing import Pairing, common_samples, time_integral
 from xitl_cli.logs.compare.trajectories import (
     Alignment,
+    ErrorStatistics,
     Similarity,
-    Statistics,
     Trajectory,
     absolute_errors_m,
-    aligned,
+    align_trajectory,
+    error_statistics,
     frame_pairs,
     path_pairs,
     relative_errors,
-    statistics,
 )
+from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace
+from xitl_cli.logs.signals import SignalSource
 
 Array = NDArray[np.float64]
+
+_BLOCK = 250_000
+
+
+def off_path_m(points: Array, path: Array) -> Array:
+    """(N,) distance (m) of points (N, 2) from the line through path (M, 2), M at least 1."""
+    if len(path) == 1:
+        alone: Array = np.linalg.norm(points - path[0], axis=1)
+        return alone
+    begins, along = path[:-1], np.diff(path, axis=0)
+    lengths = np.maximum(np.sum(along**2, axis=1), 1e-12)
+    found = np.empty(len(points))
+    block = max(1, _BLOCK // len(begins))
+    for first in range(0, len(points), block):
+        east, north = (points[first : first + block, axis, None] - begins[:, axis] for axis in (0, 1))
+        share = np.clip((east * along[:, 0] + north * along[:, 1]) / lengths, 0.0, 1.0)
+        squared = (east - share * along[:, 0]) ** 2 + (north - share * along[:, 1]) ** 2
+        found[first : first + block] = np.sqrt(squared.min(axis=1))
+    return found
+
+
+def thinned_path(path: Array, least_m: float = 0.05, most: int = 2000) -> Array:
+    """Points at least so far from the one before, and no more than `most`: a vessel at rest adds none."""
+    steps = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
+    every_m = max(least_m, float(steps[-1]) / most)
+    chosen = np.searchsorted(steps, np.arange(0.0, steps[-1], every_m))
+    found: Array = path[np.unique(np.append(chosen, len(path) - 1))]
+    return found
+
+
+_MOST_POSES = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class PosePair:
+    """a, b: the same stamps, on A's time; east, north, up (m) about `origin`, attitude FLU in it. sources: of places.
+
+    common: whether both are about one place on the Earth; if not, each is about a zero of its own. attitudes: whether
+    both tell theirs; if not, all are level and heading east. way_a: (M, 2) east and north of A at all times.
+    """
+
+    a: Trajectory
+    b: Trajectory
+    origin: tuple[float, float, float] | None
+    common: bool
+    attitudes: bool
+    sources: tuple[str, str]
+    way_a: Array
+
+
+def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: SignalSource) -> PosePair | None:
+    """None where one does not tell its position, or they have no common time."""
+    in_a = signals.position_ned(a, of_a)
+    if in_a is None:
+        return None
+    in_b = signals.position_ned(b, of_b, in_a.origin)
+    if in_b is None:
+        return None
+    matched = common_samples(in_a.path, in_b.path, pairing)
+    if matched is None:
+        return None
+    stamps, ned_a, ned_b = matched
+    every = max(1, -(-len(stamps) // _MOST_POSES))
+    stamps, ned_a, ned_b = stamps[::every], ned_a[::every], ned_b[::every]
+    quat_a = _attitude(a, of_a, stamps, None)
+    quat_b = _attitude(b, of_b, stamps, pairing)
+    told = quat_a is not None and quat_b is not None
+    if quat_a is None or quat_b is None:
+        quat_a = quat_b = np.tile([1.0, 0.0, 0.0, 0.0], (len(stamps), 1))
+    return PosePair(
+        Trajectory(stamps, ned_to_enu(ned_a), quat_a),
+        Trajectory(stamps, ned_to_enu(ned_b), quat_b),
+        in_a.origin,
+        in_a.origin == in_b.origin,
+        told,
+        (in_a.path.source, in_b.path.source),
+        in_a.path.values[:, (1, 0)],
+    )
+
+
+def _attitude(log: Log, of: SignalSource, stamp_ns: NDArray[np.int64], pairing: Pairing | None) -> Array | None:
+    """(N, 4) FLU to ENU; where a sample is missing the nearest one."""
+    angles = []
+    for found in (signals.roll(log, of), signals.pitch(log, of), signals.yaw(log, of)):
+        if found is None:
+            return None
+        moved = found if pairing is None else pairing.moved(found)
+        held = np.clip(stamp_ns, moved.stamp_ns[0], moved.stamp_ns[-1])
+        angles.append(np.radians(moved.at(held)))
+    return quat_ned_frd_to_enu_flu(euler_to_quat(np.stack(angles, axis=1)))
+
 
 _FAR_M = 2000.0
 _STEP_M = 1.0
@@ -30,19 +125,19 @@ _HIGH_M = 2.0
 _HIGH_SHARE = 3.0
 
 
-def moved_poses(poses: Poses, how: Alignment) -> tuple[Trajectory, Similarity | None]:
+def moved_poses(poses: PosePair, how: Alignment) -> tuple[Trajectory, Similarity | None]:
     """B as it is compared: moved onto A as asked."""
-    return aligned(poses.a, poses.b, how)
+    return align_trajectory(poses.a, poses.b, how)
 
 
-def trajectory_section(poses: Poses, how: Alignment) -> Section:
+def trajectory_section(poses: PosePair, how: Alignment) -> Section:
     b, moving = moved_poses(poses, how)
     a = poses.a
     apart = b.pos_m - a.pos_m
     level_m = np.hypot(apart[:, 0], apart[:, 1])
-    covered_s, iae_x = integral(a.stamp_ns, np.abs(apart[:, 0]))
-    _, iae_y = integral(a.stamp_ns, np.abs(apart[:, 1]))
-    off_m = off_path_m(b.pos_m[:, :2], thinned(poses.way_a))
+    covered_s, iae_x = time_integral(a.stamp_ns, np.abs(apart[:, 0]))
+    _, iae_y = time_integral(a.stamp_ns, np.abs(apart[:, 1]))
+    off_m = off_path_m(b.pos_m[:, :2], thinned_path(poses.way_a))
     worst = int(np.argmax(level_m))
     facts = [
         Fact("common_time_s", "Common time", round(covered_s, 3), "s"),
@@ -70,7 +165,7 @@ def trajectory_section(poses: Poses, how: Alignment) -> Section:
 
 
 def _findings(
-    poses: Poses, how: Alignment, moving: Similarity | None, level_m: Array, up_m: Array, worst: int
+    poses: PosePair, how: Alignment, moving: Similarity | None, level_m: Array, up_m: Array, worst: int
 ) -> list[Finding]:
     at = Evidence(poses.sources[0], None, int(poses.a.stamp_ns[worst]), value=f"{level_m[worst]:.2f} m")
     rms = float(np.sqrt(np.mean(level_m**2)))
@@ -131,8 +226,8 @@ def _findings(
 def _errors_grid(a: Trajectory, b: Trajectory, attitudes: bool) -> Grid:
     level_m = np.hypot(*(b.pos_m - a.pos_m)[:, :2].T)
     rows = [
-        ("ATE, level (m)", *_cells(statistics(level_m))),
-        ("ATE, in space (m)", *_cells(statistics(absolute_errors_m(a, b)))),
+        ("ATE, level (m)", *_cells(error_statistics(level_m))),
+        ("ATE, in space (m)", *_cells(error_statistics(absolute_errors_m(a, b)))),
     ]
     for name, pairs in (
         ("RPE, pose to pose", frame_pairs(len(a.pos_m), 1)),
@@ -141,14 +236,14 @@ def _errors_grid(a: Trajectory, b: Trajectory, attitudes: bool) -> Grid:
         if not len(pairs):
             continue
         moved_m, turned_deg = relative_errors(a, b, pairs)
-        rows.append((f"{name} (m)", *_cells(statistics(moved_m))))
+        rows.append((f"{name} (m)", *_cells(error_statistics(moved_m))))
         if attitudes:
-            rows.append((f"{name} (deg)", *_cells(statistics(turned_deg))))
+            rows.append((f"{name} (deg)", *_cells(error_statistics(turned_deg))))
     names = ("error", "rmse", "max", "mean", "median", "std", "min", "sse", "count")
     return Grid("trajectory.errors", "Absolute and relative trajectory error", names, tuple(rows))
 
 
-def _cells(found: Statistics | None) -> tuple[float | int | None, ...]:
+def _cells(found: ErrorStatistics | None) -> tuple[float | int | None, ...]:
     if found is None:
         return (None,) * 8
     values = (found.rms, found.most, found.mean, found.median, found.std, found.least, found.sse)

@@ -18,7 +18,7 @@ from xitl_cli.logs.export.safe_file import make_directory, part_of, refuse_prese
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.merged import inside, rows_at_once
 from xitl_cli.logs.query.times import zero_in_words, zero_ns
-from xitl_cli.logs.report.words import plural
+from xitl_cli.logs.report.wording import plural
 from xitl_cli.logs.table import Table
 
 FORMATS = ("csv", "parquet", "mcap")

@@ -1,23 +1,221 @@
-"""Opens logs, lays them on one time line and runs every analysis on each."""
+"""Report of several logs: opened, laid on one time line, every analysis run on each, and the overview of all."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_core.geodesy import LocalFrame
+from xitl_cli.logs import signals
 from xitl_cli.logs.analyses import catalogue
-from xitl_cli.logs.analyses.failure import Failure, failure
+from xitl_cli.logs.analyses.catalogue import AnalysisFailure, analysis_failure
+from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query.names import match
 from xitl_cli.logs.query.times import zero_ns
-from xitl_cli.logs.report.model import FileReport, Overview, Refusal, Report
-from xitl_cli.logs.report.thinning import thin
-from xitl_cli.logs.report.words import vehicle_line
-from xitl_cli.logs.sections import Plot, Section
-from xitl_cli.logs.timeline.line import LaidLog, TimeLine
+from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
+from xitl_cli.logs.report.plots import thin
+from xitl_cli.logs.report.wording import vehicle_line
+from xitl_cli.logs.sections import Mark, Plot, Section, Trace
+from xitl_cli.logs.signals import Series, StateSpan
+
+_MOST_TRACK_POINTS = 3000
+_MOST_WAYPOINTS = 500
+_MOST_SPANS = 500
+_FARTHEST_M = 500e3
+_NAVIGATION = (16, 17, 18, 19, 21, 22, 31, 82)  # MAV_CMD_NAV_… that are places to go to
+
+Read = Callable[[Log], Series | None]
+Style = Literal["line", "steps"]
+
+
+@dataclass(frozen=True, slots=True)
+class ReportLog:
+    """A log of a report. label: "" for the only one."""
+
+    log: Log
+    time_line: TimeLine
+    label: str
+
+    def named(self, name: str) -> str:
+        return f"{name} · {self.label}" if self.label else name
+
+
+def build_overview(logs: Sequence[Log], files: Sequence[FileReport]) -> Overview:
+    several = len(logs) > 1
+    sources = [
+        ReportLog(log, file.time_line, file.name if several else "") for log, file in zip(logs, files, strict=True)
+    ]
+    tracks, waypoints, origin = _ways(sources)
+    plots = [
+        _over_time("overview.speed", "Speed over ground", "m/s", sources, _SPEEDS),
+        _over_time("overview.yaw", "Yaw", "deg", sources, _YAWS),
+        *_outputs(sources),
+    ]
+    modes, armed = state_marks(sources, signals.modes), state_marks(sources, signals.armed)
+    lacks = [
+        sentence
+        for there, sentence in (
+            (tracks, "no position was logged, so there is no map: POS, GPS or an odometry topic would give one"),
+            (modes, "no mode was logged: MODE messages or heartbeats would tell"),
+        )
+        if not there
+    ]
+    return Overview(
+        tuple(plot for plot in plots if plot is not None),
+        tuple(tracks),
+        tuple(waypoints),
+        modes,
+        armed,
+        origin,
+        tuple(lacks),
+    )
+
+
+_SPEEDS: tuple[tuple[str, Read], ...] = (
+    ("speed", signals.ground_speed),
+    ("true", lambda log: signals.ground_speed(log, "truth")),
+)
+_YAWS: tuple[tuple[str, Read], ...] = (
+    ("yaw", signals.yaw),
+    ("desired", signals.yaw_desired),
+    ("true", lambda log: signals.yaw(log, "truth")),
+)
+
+
+def _over_time(
+    key: str, title: str, unit: str, sources: Sequence[ReportLog], reads: tuple[tuple[str, Read], ...]
+) -> Plot | None:
+    traces = [
+        _trace(source, f"{name} ({found.source})", found)
+        for source in sources
+        for name, read in reads
+        if (found := read(source.log)) is not None
+    ]
+    return Plot(key, title, f"{title.split()[0].lower()} ({unit})", tuple(traces)) if traces else None
+
+
+def _outputs(sources: Sequence[ReportLog]) -> list[Plot]:
+    """One plot a unit: pulse widths, and commands from -1 to 1."""
+    by_unit: dict[str, list[Trace]] = {}
+    for source in sources:
+        for channel, found in signals.outputs(source.log).items():
+            by_unit.setdefault(found.unit, []).append(_trace(source, f"channel {channel}", found, "steps"))
+    return [
+        Plot(
+            "overview.outputs" + ("" if unit else ".command"),
+            "Outputs to motors and servos",
+            f"pulse ({unit})" if unit else "command",
+            tuple(traces),
+        )
+        for unit, traces in by_unit.items()
+    ]
+
+
+def _trace(source: ReportLog, name: str, found: Series, style: Style = "line") -> Trace:
+    at_ns = np.rint(source.time_line.seconds(found.stamp_ns) * 1e9).astype(np.int64)
+    values = found.values
+    if found.turns:
+        at_ns, values = _broken_turns(at_ns, values)
+    return thin(Trace(source.named(name), at_ns, values, style), over_time=True)
+
+
+def _broken_turns(
+    at_ns: NDArray[np.int64], degrees: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Without the stroke across the plot where 360 becomes 0."""
+    turns = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
+    return np.insert(at_ns, turns, at_ns[turns]), np.insert(degrees, turns, np.nan)
+
+
+def state_marks(sources: Sequence[ReportLog], read: Callable[[Log], list[StateSpan]]) -> tuple[Mark, ...]:
+    """Of the first file that tells, on the report's time line."""
+    for source in sources:
+        if found := read(source.log):
+            line = source.time_line
+            return tuple(
+                Mark(round(line.second(span.from_ns) * 1e9), span.text, round(line.second(span.until_ns) * 1e9))
+                for span in found[:_MOST_SPANS]
+            )
+    return ()
+
+
+def _ways(
+    sources: Sequence[ReportLog],
+) -> tuple[list[MapTrack], list[MapWaypoint], tuple[float, float, float] | None]:
+    """All about the origin of the first file that has one; files without a place on the Earth as they are."""
+    tracks: list[MapTrack] = []
+    origin: tuple[float, float, float] | None = None
+    for source in sources:
+        for name, of in (("estimate", "estimate"), ("truth", "truth")):
+            place = signals.position_ned(source.log, "truth" if of == "truth" else "estimate", origin)
+            if place is None:
+                continue
+            origin = origin or place.origin
+            speed = signals.ground_speed(source.log, "truth" if of == "truth" else "estimate")
+            if (track := _track(source, name, place.path, speed)) is not None:
+                tracks.append(track)
+    waypoints: list[MapWaypoint] = []
+    if origin is not None:
+        frame = LocalFrame(*origin)
+        waypoints = next((found for source in sources if (found := _waypoints(source.log, frame))), [])
+    return tracks, waypoints, origin
+
+
+def _track(source: ReportLog, name: str, path: Series, speed: Series | None) -> MapTrack | None:
+    north_m, east_m = path.values[:, 0], path.values[:, 1]
+    near = (np.abs(north_m) < _FARTHEST_M) & (np.abs(east_m) < _FARTHEST_M)
+    if not near.any():
+        return None
+    rows = np.flatnonzero(near)
+    rows = rows[:: max(1, -(-len(rows) // _MOST_TRACK_POINTS))]
+    stamps = path.stamp_ns[rows]
+    return MapTrack(
+        source.named(name),
+        source.time_line.seconds(stamps),
+        east_m[rows].astype(np.float64),
+        north_m[rows].astype(np.float64),
+        None if speed is None else speed.at(stamps),
+    )
+
+
+def _waypoints(log: Log, frame: LocalFrame) -> list[MapWaypoint]:
+    """Places of the mission, by number; the last version of each where it was sent or logged again."""
+    for table, number, command, latitude, longitude in (
+        ("CMD", "CNum", "CId", "Lat", "Lng"),
+        ("MISSION_ITEM_INT", "seq", "command", "x", "y"),
+        ("/link/agent/tx:MISSION_ITEM_INT", "seq", "command", "x", "y"),
+        ("/link/agent/rx:MISSION_ITEM_INT", "seq", "command", "x", "y"),
+    ):
+        found = log.tables.get(table)
+        names = (number, command, latitude, longitude)
+        if found is None or not all(name in found.columns for name in names):
+            continue
+        rows = np.stack([np.asarray(found.values(name), dtype=np.float64) for name in names], axis=1)
+        if np.nanmax(np.abs(rows[:, 2:]), initial=0.0) > 1000.0:
+            rows[:, 2:] *= 1e-7
+        with np.errstate(invalid="ignore"):
+            good = np.isfinite(rows).all(axis=1) & np.isin(rows[:, 1], _NAVIGATION) & (rows[:, 0] > 0)
+            good &= (np.abs(rows[:, 2]) <= 90.0) & (np.abs(rows[:, 3]) <= 180.0) & (rows[:, 2:] != 0.0).any(axis=1)
+        last = {int(row[0]): row for row in rows[good]}
+        if not last:
+            continue
+        places = np.array([last[each] for each in sorted(last)[:_MOST_WAYPOINTS]])
+        path = frame.ned(places[:, 2], places[:, 3], np.full(len(places), frame.altitude_m))
+        return [
+            MapWaypoint(str(int(row[0])), float(where[1]), float(where[0]))
+            for row, where in zip(places, path, strict=True)
+            if abs(where[0]) < _FARTHEST_M and abs(where[1]) < _FARTHEST_M
+        ]
+    return []
+
 
 OVERVIEW = "overview"
 VEHICLE = "vehicle"  # always asked: it heads every report
@@ -26,7 +224,7 @@ SECTIONS = (OVERVIEW, *catalogue.NAMES)
 Progress = Callable[[str], None]
 
 
-def build(paths: Sequence[Path], only: Collection[str] = (), told: Progress = lambda _: None) -> Report:
+def build_report(paths: Sequence[Path], only: Collection[str] = (), told: Progress = lambda _: None) -> Report:
     """Of every file that can be opened; the others become refusals.
 
     only: names of SECTIONS; none means all. told: hears what is being done. Raises LogError for a section that does
@@ -36,7 +234,7 @@ def build(paths: Sequence[Path], only: Collection[str] = (), told: Progress = la
     with ExitStack() as opened:
         logs, refusals = open_all(paths, opened)
         names = short_names([log.path for log in logs])
-        laid = [LaidLog(log, time_line) for log, time_line in zip(logs, lay(logs), strict=True)]
+        laid = [AlignedLog(log, time_line) for log, time_line in zip(logs, time_lines(logs), strict=True)]
         files = [_file(log, name, wanted, told) for log, name in zip(laid, names, strict=True)]
         overview = Overview()
         if OVERVIEW in wanted and files:
@@ -47,7 +245,7 @@ def build(paths: Sequence[Path], only: Collection[str] = (), told: Progress = la
         return Report(tuple(files), tuple(refusals), overview)
 
 
-def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[Refusal]]:
+def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[RefusedFile]]:
     """In their order; a file that was given twice is opened once."""
     from xitl_cli.logs.opening import open_log
 
@@ -57,15 +255,15 @@ def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[
         try:
             logs.append(opened.enter_context(open_log(path)))
         except LogError as error:
-            refusals.append(Refusal(path, str(error)))
+            refusals.append(RefusedFile(path, str(error)))
     return logs, refusals
 
 
-def lay(logs: Sequence[Log]) -> list[TimeLine]:
+def time_lines(logs: Sequence[Log]) -> list[TimeLine]:
     """The time line of each log. One that could not be aligned counts from its own beginning, and says so."""
     if len(logs) < 2:
         return [TimeLine(zero_ns=zero_ns(log)) for log in logs]
-    from xitl_cli.logs.timeline.alignment import align
+    from xitl_cli.logs.clocks.alignment import align_logs as align
 
     placements = align(logs)
     zero = next(zero_ns(place.log) for place in placements if place.reference)
@@ -103,18 +301,18 @@ def sections_named(only: Collection[str]) -> list[str]:
     return [name for name in SECTIONS if not named or name in named]
 
 
-def _file(log: LaidLog, name: str, wanted: Collection[str], told: Progress) -> FileReport:
+def _file(log: AlignedLog, name: str, wanted: Collection[str], told: Progress) -> FileReport:
     sections: list[Section] = []
-    failures: list[Failure] = []
+    failures: list[AnalysisFailure] = []
     vehicle = ""
     for analysis in catalogue.NAMES:
         if analysis not in wanted and analysis != VEHICLE:
             continue
         told(f"{name}: {analysis}")
         try:
-            found = catalogue.analysis(analysis)(log)
+            found = catalogue.load_analysis(analysis)(log)
         except Exception as error:  # noqa: BLE001  the user still gets what the others found, and this as a failure
-            failures.append(failure(analysis, error))
+            failures.append(analysis_failure(analysis, error))
             continue
         if found is None:
             continue
@@ -138,12 +336,10 @@ def _file(log: LaidLog, name: str, wanted: Collection[str], told: Progress) -> F
 
 
 def _with_overview(files: list[FileReport], logs: Sequence[Log]) -> tuple[list[FileReport], Overview]:
-    from xitl_cli.logs.report.overview import overview
-
     try:
-        return files, overview(logs, files)
+        return files, build_overview(logs, files)
     except Exception as error:  # noqa: BLE001  as above
-        failed = replace(files[0], failures=(*files[0].failures, failure(OVERVIEW, error)))
+        failed = replace(files[0], failures=(*files[0].failures, analysis_failure(OVERVIEW, error)))
         return [failed, *files[1:]], Overview()
 
 

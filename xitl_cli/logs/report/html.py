@@ -1,4 +1,4 @@
-"""One HTML file that holds all it needs: it opens from disk, and asks no network for anything."""
+"""A page as one HTML file that needs no network. Whatever comes from a log goes through `escape`."""
 
 from __future__ import annotations
 
@@ -8,19 +8,166 @@ import importlib.util
 import itertools
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
 
+from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.report import markup
 from xitl_cli.logs.report.model import Overview, Report
-from xitl_cli.logs.report.page import Page, Part, page_of
-from xitl_cli.logs.report.payload import json_text, map_payload, page_payload, plot_payload, thinned_note
-from xitl_cli.logs.report.words import NAMES, counted, plural
-from xitl_cli.logs.sections import Finding, Plot, Severity
-from xitl_cli.logs.timeline.line import TimeLine
+from xitl_cli.logs.report.page import FileCard, Page, PagePart, report_page
+from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, thinned_note
+from xitl_cli.logs.report.wording import (
+    SEVERITY_NAMES,
+    evidence_text,
+    is_numeric,
+    plural,
+    sentence_text,
+    severity_counts,
+    value_text,
+)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Severity
+
+_MOST_ROWS = 2000
+_MOST_EVIDENCE = 12
+
+
+def badge(severity: Severity) -> str:
+    name = SEVERITY_NAMES[severity]
+    return f'<span class="badge {name}">{name}</span>'
+
+
+def card_markup(shown: Sequence[FileCard]) -> str:
+    """One that is alone needs no name: it is that of the page."""
+    alone = len(shown) == 1
+    return "".join(
+        f'<article class="card">{"" if alone else f"<h2>{escape(card.name)}</h2>"}<dl>'
+        + "".join(f"<dt>{escape(label)}</dt><dd>{escape(value)}</dd>" for label, value in card.facts)
+        + "</dl>"
+        + _state(card)
+        + "</article>"
+        for card in shown
+    )
+
+
+def _state(card: FileCard) -> str:
+    if card.degraded is None:
+        return ""
+    word = "Degraded" if card.degraded else "Whole"
+    notes = "; ".join(map(escape, card.notes)) or "every record was read"
+    kind = "degraded" if card.notes or card.degraded else "whole"
+    return f'<p class="state {kind}"><strong>{word}</strong>: {notes}.</p>'
+
+
+def finding_items(found: Sequence[tuple[Finding, PagePart, str]]) -> str:
+    """The list at the head of a page; the third of each is the id of its section."""
+    return "".join(
+        f'<li class="finding {SEVERITY_NAMES[finding.severity]}" data-find>{badge(finding.severity)}<div>'
+        f'<p class="sentence">{escape(sentence_text(finding.sentence))}</p>'
+        + evidence_line(finding.evidence, part.time_line, section_id)
+        + (f'<p class="next">{escape(sentence_text(finding.next_step))}</p>' if finding.next_step else "")
+        + f'<p class="from"><a href="#{section_id}">{escape(part.section.title)}</a>'
+        + (f" · {escape(part.label)}" if part.label else "")
+        + "</p></div></li>"
+        for finding, part, section_id in found
+    )
+
+
+def evidence_line(evidence: Sequence[Evidence], time_line: TimeLine, section_id: str) -> str:
+    """Each with an instant is a button that leads there."""
+    if not evidence:
+        return ""
+    shown = [_evidence_markup(each, time_line, section_id) for each in evidence[:_MOST_EVIDENCE]]
+    if len(evidence) > _MOST_EVIDENCE:
+        shown.append(f'<span class="more">and {len(evidence) - _MOST_EVIDENCE} more</span>')
+    return f'<p class="evidence">{"".join(shown)}</p>'
+
+
+def _evidence_markup(evidence: Evidence, time_line: TimeLine, section_id: str) -> str:
+    text = escape(evidence_text(evidence, time_line))
+    if evidence.at_ns is None:
+        return f'<span class="at">{text}</span>'
+    from_s = time_line.second(evidence.at_ns)
+    until_s = from_s if evidence.until_ns is None else time_line.second(evidence.until_ns)
+    return (
+        f'<button type="button" class="at" data-from="{from_s:.6f}" data-until="{until_s:.6f}" '
+        f'data-section="{section_id}" title="Show this in the plots">{text}</button>'
+    )
+
+
+def section_findings(findings: Sequence[Finding], time_line: TimeLine, section_id: str) -> str:
+    if not findings:
+        return ""
+    items = "".join(
+        f'<li class="{SEVERITY_NAMES[finding.severity]}" data-find>{badge(finding.severity)}<div>'
+        + escape(sentence_text(finding.sentence))
+        + evidence_line(finding.evidence, time_line, section_id)
+        + "</div></li>"
+        for finding in sorted(findings, key=lambda each: -each.severity)
+    )
+    return f'<ul class="brief">{items}</ul>'
+
+
+def facts_markup(shown: Sequence[Fact]) -> str:
+    if not shown:
+        return ""
+    rows = "".join(
+        f"<div data-find><dt>{escape(sentence_text(fact.label))}</dt><dd>{escape(value_text(fact.value, fact.label))}"
+        + (f' <span class="unit">{escape(fact.unit)}</span>' if fact.unit and fact.value is not None else "")
+        + "</dd></div>"
+        for fact in shown
+    )
+    return f'<dl class="facts">{rows}</dl>'
+
+
+def grid_markup(shown: Grid) -> str:
+    numeric = [is_numeric(shown, index) for index in range(len(shown.columns))]
+    head = "".join(
+        f'<th scope="col"{_right(right)}>{escape(name)}</th>'
+        for name, right in zip(shown.columns, numeric, strict=True)
+    )
+    body = "".join(
+        "<tr data-find>"
+        + "".join(
+            f"<td{_right(right)}>{escape(value_text(value, name))}</td>"
+            for value, right, name in zip(row, numeric, shown.columns, strict=False)
+        )
+        + "</tr>"
+        for row in shown.rows[:_MOST_ROWS]
+    )
+    left_out = len(shown.rows) - _MOST_ROWS
+    note = f" The first {_MOST_ROWS}; --json has all of them." if left_out > 0 else ""
+    return (
+        f'<figure class="grid" data-find><figcaption><h3>{escape(sentence_text(shown.title))}</h3>'
+        f'<span class="note">{plural(len(shown.rows), "row")}.{note}</span></figcaption>'
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(shown.title)}">'
+        f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></figure>"
+    )
+
+
+def lacks_markup(sentences: Sequence[str]) -> str:
+    if not sentences:
+        return ""
+    items = "".join(f"<li data-find>{escape(sentence_text(sentence))}</li>" for sentence in sentences)
+    return f'<div class="lacks"><h3>Not judged</h3><ul>{items}</ul></div>'
+
+
+def plot_markup(plot_id: str, title: str, kind: str, note: str, payload: str, controls: str = "") -> str:
+    """The script draws into it when it comes into view."""
+    over_time = ' tabindex="0"' if kind in ("time", "bands") else ""
+    return (
+        f'<figure class="plot {kind}" id="{plot_id}" data-find{over_time} aria-label="{escape(title)}">'
+        f"<figcaption><h3>{escape(sentence_text(title))}</h3>{controls}"
+        f'<span class="note">{escape(note)}</span></figcaption>'
+        '<div class="legend"></div><div class="canvas"></div>'
+        f'<script type="application/json">{payload}</script></figure>'
+    )
+
+
+def _right(right: bool) -> str:
+    return ' class="number"' if right else ""
+
 
 _OVERVIEW_ID = "overview"
 _DOCTYPE = "<!doctype html>"
@@ -31,7 +178,7 @@ _SCRIPTS = ("data.js", "plots.js", "time.js", "page.js")
 
 def write(report: Report, path: Path) -> None:
     """Replaces what is at `path`. Raises LogError when it cannot be written."""
-    write_page(page_of(report), path)
+    write_page(report_page(report), path)
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -136,7 +283,7 @@ def _bar(page: Page) -> str:
     )
 
 
-def _navigation(page: Page, identified: list[tuple[Part, str]], findings: bool, overview: bool) -> str:
+def _navigation(page: Page, identified: list[tuple[PagePart, str]], findings: bool, overview: bool) -> str:
     links = ['<a href="#findings">Findings</a>'] if findings else []
     if overview:
         links.append(f'<a href="#{_OVERVIEW_ID}">Overview</a>')
@@ -148,7 +295,7 @@ def _navigation(page: Page, identified: list[tuple[Part, str]], findings: bool, 
         worst = part.section.worst
         many = sum(finding.severity == worst for finding in part.section.findings)
         dot = (
-            f'<span class="dot {NAMES[worst]}" title="{plural(many, NAMES[worst])}">{many}</span>'
+            f'<span class="dot {SEVERITY_NAMES[worst]}" title="{plural(many, SEVERITY_NAMES[worst])}">{many}</span>'
             if worst > Severity.OK
             else ""
         )
@@ -157,25 +304,25 @@ def _navigation(page: Page, identified: list[tuple[Part, str]], findings: bool, 
 
 
 def _head(page: Page, findings: list[Finding]) -> str:
-    verdict = counted([finding.severity for finding in findings])
+    verdict = severity_counts([finding.severity for finding in findings])
     worst = max((finding.severity for finding in findings), default=Severity.OK)
-    summary = f'<p class="verdict {NAMES[worst]}">{escape(verdict)}</p>' if findings else ""
+    summary = f'<p class="verdict {SEVERITY_NAMES[worst]}">{escape(verdict)}</p>' if findings else ""
     subtitle = f'<p class="subtitle">{escape(page.subtitle)}</p>' if page.subtitle else ""
     notices = "".join(f'<p class="notice-bar" role="note">{escape(notice)}</p>' for notice in page.notices)
-    shown = f'<div class="cards">{markup.cards(page.cards)}</div>' if page.cards else ""
+    shown = f'<div class="cards">{card_markup(page.cards)}</div>' if page.cards else ""
     return f'<div class="head"><h1>{escape(page.title)}</h1>{subtitle}{summary}</div>{notices}{shown}'
 
 
-def _findings(found: list[tuple[Finding, Part, str]]) -> str:
+def _findings(found: list[tuple[Finding, PagePart, str]]) -> str:
     if not found:
         return ""
     worse = [each for each in found if each[0].severity > Severity.OK]
     fine = [each for each in found if each[0].severity == Severity.OK]
-    parts = f'<ol class="findings">{markup.finding_items(worse)}</ol>' if worse else ""
+    parts = f'<ol class="findings">{finding_items(worse)}</ol>' if worse else ""
     if fine:
         parts += (
             f"<details{'' if worse else ' open'}><summary>{len(fine)} looked at, and fine</summary>"
-            f'<ol class="findings">{markup.finding_items(fine)}</ol></details>'
+            f'<ol class="findings">{finding_items(fine)}</ol></details>'
         )
     return f'<section id="findings"><h2>Findings</h2>{parts}</section>'
 
@@ -187,15 +334,15 @@ def _overview(page: Page, next_plot: Callable[[], str]) -> str:
         origin = overview.origin
         note = "" if origin is None else f"metres about {origin[0]:.6f}°, {origin[1]:.6f}°"
         parts.append(
-            markup.plot(next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview))
+            plot_markup(next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview))
         )
     if page.marks:
         kinds = {mark.kind for mark in page.marks}
         title = ", ".join(word for kind, word in _BANDS if kind in kinds).capitalize()
-        parts.append(markup.plot(next_plot(), title, "bands", "", json_text({"kind": "bands"})))
+        parts.append(plot_markup(next_plot(), title, "bands", "", json_text({"kind": "bands"})))
     if overview is not None:
         parts += [_plot(plot, TimeLine(), next_plot) for plot in overview.plots]
-        parts.append(markup.lacks(overview.lacks))
+        parts.append(lacks_markup(overview.lacks))
     return f'<section id="{_OVERVIEW_ID}"><h2>Overview</h2>{"".join(parts)}</section>' if any(parts) else ""
 
 
@@ -209,22 +356,22 @@ def _map_controls(overview: Overview) -> str:
     return f'<label class="colour">Colour by <select>{options}</select></label>'
 
 
-def _part(part: Part, section_id: str, next_plot: Callable[[], str]) -> str:
+def _part(part: PagePart, section_id: str, next_plot: Callable[[], str]) -> str:
     section = part.section
     label = f" <small>{escape(part.label)}</small>" if part.label else ""
     return (
         f'<section id="{section_id}" class="part"><h2>{escape(section.title)}{label}</h2>'
-        + markup.section_findings(section.findings, part.time_line, section_id)
-        + markup.facts(section.facts)
+        + section_findings(section.findings, part.time_line, section_id)
+        + facts_markup(section.facts)
         + "".join(_plot(plot, part.time_line, next_plot) for plot in section.plots)
-        + "".join(markup.grid(grid) for grid in section.grids)
-        + markup.lacks(section.lacks)
+        + "".join(grid_markup(grid) for grid in section.grids)
+        + lacks_markup(section.lacks)
         + "</section>"
     )
 
 
 def _plot(plot: Plot, time_line: TimeLine, next_plot: Callable[[], str]) -> str:
-    return markup.plot(next_plot(), plot.title, plot.kind, thinned_note(plot), json_text(plot_payload(plot, time_line)))
+    return plot_markup(next_plot(), plot.title, plot.kind, thinned_note(plot), json_text(plot_payload(plot, time_line)))
 
 
 def _plotly() -> str:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from xitl_cli.logs.report.model import FileReport, Found, Report
-from xitl_cli.logs.report.words import NAMES
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.report.model import FileFinding, FileReport, Report
+from xitl_cli.logs.report.wording import SEVERITY_NAMES
 from xitl_cli.logs.sections import Evidence, Finding, Section, Severity
-from xitl_cli.logs.timeline.line import TimeLine
 
 FORMAT = 1
 
@@ -20,9 +20,9 @@ def document(report: Report) -> dict[str, Any]:
     """format: version of this layout. Instants: `at_ns` on the log's own time, `at_s` on the report's time line."""
     return {
         "format": FORMAT,
-        "worst": NAMES[report.worst] if report.found else None,
+        "worst": SEVERITY_NAMES[report.worst] if report.found else None,
         "counts": {
-            NAMES[severity]: sum(found.finding.severity == severity for found in report.found)
+            SEVERITY_NAMES[severity]: sum(found.finding.severity == severity for found in report.found)
             for severity in sorted(Severity, reverse=True)
         },
         "findings": [_found(found) for found in report.found],
@@ -50,7 +50,7 @@ def _file(file: FileReport) -> dict[str, Any]:
 def section_document(section: Section, time_line: TimeLine) -> dict[str, Any]:
     return {
         "title": section.title,
-        "worst": NAMES[section.worst] if section.findings else None,
+        "worst": SEVERITY_NAMES[section.worst] if section.findings else None,
         "facts": {fact.key: plain(fact.value) for fact in section.facts},
         "units": {fact.key: fact.unit for fact in section.facts if fact.unit},
         "findings": [_finding(finding, time_line) for finding in section.findings],
@@ -66,14 +66,14 @@ def section_document(section: Section, time_line: TimeLine) -> dict[str, Any]:
     }
 
 
-def _found(found: Found) -> dict[str, Any]:
+def _found(found: FileFinding) -> dict[str, Any]:
     return {"file": found.file.name, "section": found.section.key, **_finding(found.finding, found.file.time_line)}
 
 
 def _finding(finding: Finding, time_line: TimeLine) -> dict[str, Any]:
     return {
         "key": finding.key,
-        "severity": NAMES[finding.severity],
+        "severity": SEVERITY_NAMES[finding.severity],
         "sentence": finding.sentence,
         "next_step": finding.next_step,
         "evidence": [_evidence(evidence, time_line) for evidence in finding.evidence],

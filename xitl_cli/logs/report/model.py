@@ -1,4 +1,4 @@
-"""What is known about some logs after they were analysed: nothing in it reads a file any more."""
+"""The report model: what is known of some logs after they were analysed. Nothing in it reads a file any more."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.analyses.failure import Failure
+from xitl_cli.logs.analyses.catalogue import AnalysisFailure
+from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.log import Base, Format, Health
-from xitl_cli.logs.report.words import damage_sentences
+from xitl_cli.logs.report.wording import damage_sentences
 from xitl_cli.logs.sections import Finding, Mark, Plot, Section, Severity
-from xitl_cli.logs.timeline.line import TimeLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class FileReport:
     sections: tuple[Section, ...]
     time_line: TimeLine
     vehicle: str = ""
-    failures: tuple[Failure, ...] = ()
+    failures: tuple[AnalysisFailure, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -46,7 +46,7 @@ class FileReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class RefusedFile:
     """A file that could not be opened, and the sentence why."""
 
     path: Path
@@ -54,7 +54,7 @@ class Refusal:
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class FileSection:
     """A section and the file it is about."""
 
     section: Section
@@ -62,7 +62,7 @@ class Placed:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FileFinding:
     """A finding, the section and the file it is from."""
 
     finding: Finding
@@ -71,7 +71,7 @@ class Found:
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class MapTrack:
     """A way over ground: at_s (N,) on the report's time line, east_m and north_m (N,), speed_mps (N,) or None."""
 
     name: str
@@ -82,7 +82,7 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
-class Waypoint:
+class MapWaypoint:
     name: str
     east_m: float
     north_m: float
@@ -97,8 +97,8 @@ class Overview:
     """
 
     plots: tuple[Plot, ...] = ()
-    tracks: tuple[Track, ...] = ()
-    waypoints: tuple[Waypoint, ...] = ()
+    tracks: tuple[MapTrack, ...] = ()
+    waypoints: tuple[MapWaypoint, ...] = ()
     modes: tuple[Mark, ...] = ()
     armed: tuple[Mark, ...] = ()
     origin: tuple[float, float, float] | None = None
@@ -110,14 +110,14 @@ class Report:
     """files: those that could be opened, in the order they were given."""
 
     files: tuple[FileReport, ...]
-    refusals: tuple[Refusal, ...] = ()
+    refusals: tuple[RefusedFile, ...] = ()
     overview: Overview = Overview()
 
     @property
-    def found(self) -> list[Found]:
+    def found(self) -> list[FileFinding]:
         """All findings, the worst first, otherwise in the order of files and sections."""
         every = [
-            Found(finding, section, file)
+            FileFinding(finding, section, file)
             for file in self.files
             for section in file.sections
             for finding in section.findings
@@ -125,13 +125,13 @@ class Report:
         return sorted(every, key=lambda each: -each.finding.severity)
 
     @property
-    def placed(self) -> list[Placed]:
-        return [Placed(section, file) for file in self.files for section in file.sections]
+    def placed(self) -> list[FileSection]:
+        return [FileSection(section, file) for file in self.files for section in file.sections]
 
     @property
     def worst(self) -> Severity:
         return max((section.worst for file in self.files for section in file.sections), default=Severity.OK)
 
     @property
-    def failures(self) -> list[Failure]:
+    def failures(self) -> list[AnalysisFailure]:
         return [failure for file in self.files for failure in file.failures]

@@ -1,19 +1,19 @@
-"""What is on a page, before it is HTML: of a report, of a plot of some signals, of a comparison."""
+"""Content of a page before it is HTML: of a report, of a plot of some signals, of a comparison."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
+from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.report.model import FileReport, Overview, Report
-from xitl_cli.logs.report.words import FORMATS
+from xitl_cli.logs.report.wording import FORMAT_NAMES
 from xitl_cli.logs.sections import Section, Severity
 from xitl_cli.logs.text import duration_text
-from xitl_cli.logs.timeline.line import TimeLine
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
+class FileCard:
     """A file at the head of a page. notes: what is missing or in doubt. degraded: None where nothing is said of it."""
 
     name: str
@@ -23,7 +23,7 @@ class Card:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class PagePart:
     """A section, the time line its stamps lie on, and the file it is about where there are several."""
 
     section: Section
@@ -48,8 +48,8 @@ class Page:
 
     title: str
     subtitle: str
-    parts: tuple[Part, ...]
-    cards: tuple[Card, ...] = ()
+    parts: tuple[PagePart, ...]
+    cards: tuple[FileCard, ...] = ()
     notices: tuple[str, ...] = ()
     marks: tuple[PageMark, ...] = ()
     overview: Overview | None = None
@@ -58,10 +58,10 @@ class Page:
 _MOST_MARKS = 400
 
 
-def page_of(report: Report) -> Page:
+def report_page(report: Report) -> Page:
     several = len(report.files) > 1
     parts = tuple(
-        Part(placed.section, placed.file.time_line, placed.file.name if several else "") for placed in report.placed
+        PagePart(placed.section, placed.file.time_line, placed.file.name if several else "") for placed in report.placed
     )
     notices = [refusal.sentence for refusal in report.refusals]
     notices += [f"{file.name}: {failure.sentence}" for file in report.files for failure in file.failures]
@@ -78,16 +78,18 @@ def page_of(report: Report) -> Page:
     )
 
 
-def _card(file: FileReport, several: bool) -> Card:
+def _card(file: FileReport, several: bool) -> FileCard:
     facts = [("vehicle", file.vehicle)]
     if file.duration_s is not None:
         facts.append(("duration", duration_text(file.duration_s)))
     facts.append(
-        ("format", f"{FORMATS[file.format]}, {file.health.size_bytes / 1e6:.1f} MB, {file.health.records} records")
+        ("format", f"{FORMAT_NAMES[file.format]}, {file.health.size_bytes / 1e6:.1f} MB, {file.health.records} records")
     )
     if several and file.time_line.sentence:
         facts.append(("time line", file.time_line.sentence))
-    return Card(file.name, tuple((label, value) for label, value in facts if value), file.notes, file.health.degraded)
+    return FileCard(
+        file.name, tuple((label, value) for label, value in facts if value), file.notes, file.health.degraded
+    )
 
 
 def page_marks(overview: Overview) -> tuple[PageMark, ...]:

@@ -1,24 +1,94 @@
-"""A report at a terminal: answers first, at 80 columns and without colour."""
+"""A report at a terminal: findings first, at 80 columns and without colour."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 from rich.console import Console
 from rich.text import Text
 
-from xitl_cli.logs.report.columns import grid_lines
-from xitl_cli.logs.report.instants import evidence_text
-from xitl_cli.logs.report.model import FileReport, Found, Report
-from xitl_cli.logs.report.words import (
-    FORMATS,
-    NAMES,
-    counted,
+from xitl_cli.logs.report.model import FileFinding, FileReport, Report
+from xitl_cli.logs.report.wording import (
+    FORMAT_NAMES,
+    SEVERITY_NAMES,
+    evidence_text,
+    is_numeric,
+    plural,
     sentence_text,
+    severity_counts,
     value_text,
 )
 from xitl_cli.logs.sections import Fact, Grid, Section, Severity
 from xitl_cli.logs.text import duration_text, printable
+
+_APART = 2
+_WIDE = 24
+_LEAST_BELOW = 20
+
+
+def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
+    """Head, rows, and what was left out. No line is longer than `width` where words allow.
+
+    Where not all columns fit, wide text goes below its row, and columns are left out from the right.
+    """
+    shown = [
+        [printable(value_text(value, name)) for name, value in zip(grid.columns, row, strict=False)]
+        for row in grid.rows[:most_rows]
+    ]
+    shown = [row + [""] * (len(grid.columns) - len(row)) for row in shown]
+    heads = [printable(name) for name in grid.columns]
+    widths = [
+        max([*map(len, head.split()), *(len(row[index]) for row in shown)], default=0)
+        for index, head in enumerate(heads)
+    ]
+    right = [is_numeric(grid, index) for index in range(len(heads))]
+    beside, below = list(range(len(heads))), []
+    if _total(widths, beside) > width:
+        below = [index for index in beside[1:] if not right[index] and widths[index] > _WIDE]
+        beside = [index for index in beside if index not in below]
+    while len(beside) > 1 and _total(widths, beside) > width:
+        beside.pop()
+    for index in beside:  # a heading in one line, where there is room for it
+        widths[index] += max(0, min(len(heads[index]) - widths[index], width - _total(widths, beside)))
+    lines = _table_head(heads, widths, right, beside)
+    for row in shown:
+        lines.append(_table_line([row[index] for index in beside], widths, right, beside))
+        for index in below:
+            if row[index]:
+                lines += textwrap.wrap(
+                    f"{heads[index]}: {row[index]}",
+                    max(width, _LEAST_BELOW),
+                    initial_indent="  ",
+                    subsequent_indent="    ",
+                )
+    return lines + _left_out(len(grid.rows) - len(shown), len(heads) - len(beside) - len(below))
+
+
+def _total(widths: list[int], columns: list[int]) -> int:
+    return sum(widths[index] for index in columns) + _APART * (len(columns) - 1)
+
+
+def _table_head(heads: list[str], widths: list[int], right: list[bool], columns: list[int]) -> list[str]:
+    wrapped = [textwrap.wrap(heads[index], widths[index] or 1) or [""] for index in columns]
+    rows = max(map(len, wrapped))
+    at_the_foot = [[""] * (rows - len(words)) + words for words in wrapped]
+    return [_table_line([words[row] for words in at_the_foot], widths, right, columns) for row in range(rows)]
+
+
+def _table_line(cells: list[str], widths: list[int], right: list[bool], columns: list[int]) -> str:
+    padded = (
+        cell.rjust(widths[index]) if right[index] else cell.ljust(widths[index])
+        for cell, index in zip(cells, columns, strict=True)
+    )
+    return (" " * _APART).join(padded).rstrip()
+
+
+def _left_out(rows: int, columns: int) -> list[str]:
+    parts = [plural(rows, "more row")] if rows > 0 else []
+    parts += [plural(columns, "more column")] if columns > 0 else []
+    return [f"({' and '.join(parts)} in --report and --json)"] if parts else []
+
 
 _STYLES = {Severity.CRITICAL: "bold red", Severity.WARNING: "yellow", Severity.NOTICE: "cyan", Severity.OK: "green"}
 _INDENT = 10
@@ -39,7 +109,10 @@ def show(console: Console, report: Report) -> None:
     several = len(report.files) > 1
     if report.found:
         _line(console, "")
-        _line(console, Text(sentence_text(counted([each.finding.severity for each in report.found])), style="bold"))
+        _line(
+            console,
+            Text(sentence_text(severity_counts([each.finding.severity for each in report.found])), style="bold"),
+        )
     for each in found:
         _line(console, "")
         _finding(console, each, several)
@@ -48,7 +121,7 @@ def show(console: Console, report: Report) -> None:
     for sentence in dict.fromkeys(each.finding.sentence for each in fine):
         of = [each.file.name for each in fine if each.finding.sentence == sentence]
         text = sentence_text(sentence) + (f" ({', '.join(of)})" if several else "")
-        _hanging(console, NAMES[Severity.OK], _STYLES[Severity.OK], _plain(text))
+        _hanging(console, SEVERITY_NAMES[Severity.OK], _STYLES[Severity.OK], _plain(text))
     for file in report.files:
         for section in file.sections:
             show_section(console, section, file.name if several else "")
@@ -60,7 +133,7 @@ def _head(console: Console, file: FileReport, several: bool) -> None:
     health = file.health
     parts = [file.vehicle]
     parts.append("" if file.duration_s is None else duration_text(file.duration_s))
-    parts.append(FORMATS[file.format])
+    parts.append(FORMAT_NAMES[file.format])
     line = _plain(file.name, style="bold")
     line.append_text(_plain(f"  {', '.join(part for part in parts if part)}"))
     line.append(", degraded" if health.degraded else ", whole", style="yellow" if health.degraded else "")
@@ -73,11 +146,14 @@ def _head(console: Console, file: FileReport, several: bool) -> None:
         _hanging(console, "failed", "bold red", _plain(failure.sentence))
 
 
-def _finding(console: Console, found: Found, several: bool) -> None:
+def _finding(console: Console, found: FileFinding, several: bool) -> None:
     finding = found.finding
     place = f"{found.section.title} ({found.file.name})" if several else found.section.title
     _hanging(
-        console, NAMES[finding.severity].upper(), _STYLES[finding.severity], _plain(sentence_text(finding.sentence))
+        console,
+        SEVERITY_NAMES[finding.severity].upper(),
+        _STYLES[finding.severity],
+        _plain(sentence_text(finding.sentence)),
     )
     evidence = [evidence_text(each, found.file.time_line) for each in finding.evidence[:_MOST_EVIDENCE]]
     if len(finding.evidence) > _MOST_EVIDENCE:

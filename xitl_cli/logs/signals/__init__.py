@@ -4,19 +4,27 @@
 believes. None where a log does not have it, or where the truth that it has is of another vehicle (stray_truth_m).
 """
 
-from xitl_cli.logs.signals.motion import ground_speed, pitch, roll, yaw, yaw_desired, yaw_rate
-from xitl_cli.logs.signals.outputs import outputs, rc_inputs
-from xitl_cli.logs.signals.places import Position, position_geodetic, position_ned
-from xitl_cli.logs.signals.series import Of, Series
-from xitl_cli.logs.signals.simulated_world import stray_truth_m
-from xitl_cli.logs.signals.states import Span, Text, armed, modes, texts
+from xitl_cli.logs.signals.motion import (
+    LocalPosition,
+    ground_speed,
+    pitch,
+    position_geodetic,
+    position_ned,
+    roll,
+    stray_truth_m,
+    yaw,
+    yaw_desired,
+    yaw_rate,
+)
+from xitl_cli.logs.signals.series import Series, SignalSource
+from xitl_cli.logs.signals.states import LogText, StateSpan, armed, modes, outputs, rc_inputs, texts
 
 __all__ = [
-    "Of",
-    "Position",
+    "LocalPosition",
+    "LogText",
     "Series",
-    "Span",
-    "Text",
+    "SignalSource",
+    "StateSpan",
     "armed",
     "ground_speed",
     "modes",

@@ -1,13 +1,115 @@
-"""How the vessel lay and how it moved."""
+"""Position, attitude, speed and turn rate of the vessel, estimated or true."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
+from weakref import WeakKeyDictionary
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
+from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.signals.series import Of, Series, column, first, series, vectors, whole
-from xitl_cli.logs.signals.simulated_world import simulators_own
+from xitl_cli.logs.signals.series import (
+    Series,
+    SeriesReader,
+    SignalSource,
+    column_series,
+    first_instance,
+    first_series,
+    make_series,
+    stacked_columns,
+)
+
+HIGHEST_M = 10e3  # beyond it a local frame has no meaning
+
+
+def geodetic_series(log: Log, table: str, names: tuple[str, str, str]) -> Series | None:
+    found = first_instance(log, table)
+    if found is None or (values := stacked_columns(found, names)) is None:
+        return None
+    return fixed_on_earth(found.stamp_ns, values, table)
+
+
+def fixed_on_earth(stamp_ns: NDArray[np.int64], values: NDArray[np.float64], source: str) -> Series | None:
+    """Without the zeros of a receiver that has no fix yet."""
+    with np.errstate(invalid="ignore"):
+        fixed = (np.abs(values[:, 0]) <= 90.0) & (np.abs(values[:, 1]) <= 180.0)
+        fixed &= (values[:, 0] != 0.0) | (values[:, 1] != 0.0)
+        fixed &= np.abs(values[:, 2]) <= HIGHEST_M
+    return make_series(stamp_ns[fixed], values[fixed], "deg, deg, m", source)
+
+
+_STILL_M = 5.0
+_NEAR_SHARE = 0.02
+_APART_M = 20.0  # between a receiver and the place it is at
+_UNLIKE = 0.5  # of the speed
+_MOVING_MPS = 0.5
+_HALF_NS = 500_000_000
+
+_stray_by_log: WeakKeyDictionary[Log, float | None] = WeakKeyDictionary()
+
+
+def unless_stray(log: Log, found: Series | None) -> Series | None:
+    """What SIM tells, unless it is of another vehicle."""
+    return None if found is None or stray_truth_m(log) is not None else found
+
+
+def stray_truth_m(log: Log) -> float | None:
+    """Largest distance from where SIM says the vehicle was to where its receiver was, when they moved differently.
+
+    None where SIM is the truth, or is not logged. A receiver that is only off, as a fault of it would be, still moves
+    with the vehicle.
+    """
+    if log not in _stray_by_log:
+        _stray_by_log[log] = _stray_m(log)
+    return _stray_by_log[log]
+
+
+def _stray_m(log: Log) -> float | None:
+    truth, table = geodetic_series(log, "SIM", ("Lat", "Lng", "Alt")), log.tables.get("GPS")
+    if truth is None or table is None or not {"Lat", "Lng", "Status", "Spd", "GCrs"} <= set(table.columns):
+        return None
+    rows = np.flatnonzero(np.asarray(table.values("Status", raw=True)) >= 3)
+    stamps = table.stamp_ns[rows]
+    there, before, after = (truth.at(stamps + shift_ns) for shift_ns in (0, -_HALF_NS, _HALF_NS))
+    course_deg, speed_mps = (np.asarray(table.values(name, rows), dtype=np.float64) for name in ("GCrs", "Spd"))
+    known = np.isfinite(there + before + after).all(axis=1) & np.isfinite(course_deg)
+    known &= np.isfinite(speed_mps) & (speed_mps > _MOVING_MPS)
+    if not known.any():
+        return None
+    frame, level_m = LocalFrame(*map(float, truth.values[0])), np.zeros(int(known.sum()))
+    at, behind, ahead = (frame.ned(each[known, 0], each[known, 1], level_m)[:, :2] for each in (there, before, after))
+    fixes = frame.ned(table.values("Lat", rows[known]), table.values("Lng", rows[known]), level_m)[:, :2]
+    true_mps = (ahead - behind) / (2e-9 * _HALF_NS)
+    course = np.radians(course_deg[known])
+    fast_mps = speed_mps[known, None] * np.stack([np.cos(course), np.sin(course)], axis=1)
+    unlike = np.median(np.linalg.norm(fast_mps - true_mps, axis=1) / speed_mps[known])
+    apart_m = float(np.linalg.norm(fixes - at, axis=1).max())
+    return apart_m if unlike > _UNLIKE and apart_m > _APART_M else None
+
+
+def follows_simulator(told: Series, simulated: Series) -> bool:
+    """Whether the place that a log tells is the one its simulator moved (SIM), by and large.
+
+    Where the senses come from elsewhere the simulated vehicle stands still, or is driven by the same outputs to another
+    place.
+    """
+    latitude, longitude, altitude = map(float, simulated.values[0])
+    origin = (latitude, longitude, altitude)
+    true_m = ardupilot_ned(origin, simulated.values)[:, :2]
+    extent_m = float(np.hypot(*np.ptp(true_m, axis=0)))
+    if extent_m < _STILL_M:
+        return False
+    at = simulated.at(told.stamp_ns)
+    known = np.isfinite(at).all(axis=1)
+    if not known.any():
+        return False
+    apart = ardupilot_ned(origin, told.values[known]) - ardupilot_ned(origin, at[known])
+    return float(np.median(np.hypot(apart[:, 0], apart[:, 1]))) < _NEAR_SHARE * extent_m
+
 
 _QUATERNION = tuple(f"pose.pose.orientation.{axis}" for axis in "wxyz")
 _LINEAR = tuple(f"twist.twist.linear.{axis}" for axis in "xyz")
@@ -15,75 +117,75 @@ _ANGLES = {"roll": 0, "pitch": 1, "yaw": 2}
 _DEG = 180.0 / np.pi
 
 
-def roll(log: Log, of: Of = "estimate") -> Series | None:
+def roll(log: Log, of: SignalSource = "estimate") -> Series | None:
     """Degrees, positive to starboard."""
     return _angle(log, "roll", "Roll", of)
 
 
-def pitch(log: Log, of: Of = "estimate") -> Series | None:
+def pitch(log: Log, of: SignalSource = "estimate") -> Series | None:
     """Degrees, positive bow up."""
     return _angle(log, "pitch", "Pitch", of)
 
 
-def yaw(log: Log, of: Of = "estimate") -> Series | None:
+def yaw(log: Log, of: SignalSource = "estimate") -> Series | None:
     """Degrees from north, clockwise, 0 to 360."""
     return _angle(log, "yaw", "Yaw", of)
 
 
 def yaw_desired(log: Log) -> Series | None:
     """Degrees, what the control aims at."""
-    return first(
+    return first_series(
         log,
-        lambda log: column(log, "ATT", "DesYaw", "deg", turns=True),
-        lambda log: _radio(log, "NAV_CONTROLLER_OUTPUT", "nav_bearing", "deg", turns=True),
+        lambda log: column_series(log, "ATT", "DesYaw", "deg", turns=True),
+        lambda log: _telemetry(log, "NAV_CONTROLLER_OUTPUT", "nav_bearing", "deg", turns=True),
     )
 
 
-def yaw_rate(log: Log, of: Of = "estimate") -> Series | None:
+def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
     """Degrees a second, clockwise from above."""
     if of == "truth":
         return _true_yaw_rate(log)
-    return first(
+    return first_series(
         log,
-        lambda log: column(log, "IMU", "GyrZ", "deg/s", factor=_DEG),
-        lambda log: _radio(log, "ATTITUDE", "yawspeed", "deg/s", factor=_DEG),
+        lambda log: column_series(log, "IMU", "GyrZ", "deg/s", factor=_DEG),
+        lambda log: _telemetry(log, "ATTITUDE", "yawspeed", "deg/s", factor=_DEG),
         lambda log: _odometry_yaw_rate(log, "/estimate/odometry"),
         _any_imu_yaw_rate,
     )
 
 
-def ground_speed(log: Log, of: Of = "estimate") -> Series | None:
+def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
     """Metres a second over ground. DataFlash: the estimator's (XKF1), else the receiver's (GPS.Spd)."""
     if of == "truth":
-        return first(
+        return first_series(
             log,
             lambda log: _norm(log, "/truth/state", "velocity_ned_mps"),
-            lambda log: simulators_own(log, _hypot(log, "SIM2", "VN", "VE")),
+            lambda log: unless_stray(log, _hypot(log, "SIM2", "VN", "VE")),
         )
-    return first(
+    return first_series(
         log,
         lambda log: _hypot(log, "XKF1", "VN", "VE"),
         lambda log: _hypot(log, "NKF1", "VN", "VE"),
-        lambda log: column(log, "GPS", "Spd", "m/s"),
+        lambda log: column_series(log, "GPS", "Spd", "m/s"),
         lambda log: _odometry_speed(log, "/estimate/odometry"),
-        lambda log: _radio(log, "VFR_HUD", "groundspeed", "m/s"),
+        lambda log: _telemetry(log, "VFR_HUD", "groundspeed", "m/s"),
         lambda log: next((found for name in odometries(log) if (found := _odometry_speed(log, name))), None),
     )
 
 
-def _angle(log: Log, name: str, logged: str, of: Of) -> Series | None:
+def _angle(log: Log, name: str, logged: str, of: SignalSource) -> Series | None:
     turns = name == "yaw"
     if of == "truth":
-        return first(
+        return first_series(
             log,
-            lambda log: simulators_own(log, column(log, "SIM", logged, "deg", turns=turns)),
+            lambda log: unless_stray(log, column_series(log, "SIM", logged, "deg", turns=turns)),
             lambda log: _odometry_angle(log, "/truth/odometry", name),
         )
-    return first(
+    return first_series(
         log,
-        lambda log: column(log, "ATT", logged, "deg", turns=turns),
+        lambda log: column_series(log, "ATT", logged, "deg", turns=turns),
         lambda log: _odometry_angle(log, "/estimate/odometry", name),
-        lambda log: _turned(_radio(log, "ATTITUDE", name, "deg", factor=_DEG, turns=turns)),
+        lambda log: _turned(_telemetry(log, "ATTITUDE", name, "deg", factor=_DEG, turns=turns)),
         lambda log: next((found for each in odometries(log) if (found := _odometry_angle(log, each, name))), None),
     )
 
@@ -95,12 +197,14 @@ def _turned(found: Series | None) -> Series | None:
     return Series(found.stamp_ns, np.mod(found.values, 360.0), "deg", found.source, True, found.dropped)
 
 
-def _radio(log: Log, message: str, field: str, unit: str, *, factor: float = 1.0, turns: bool = False) -> Series | None:
+def _telemetry(
+    log: Log, message: str, field: str, unit: str, *, factor: float = 1.0, turns: bool = False
+) -> Series | None:
     """From telemetry: of a .tlog, or of the autopilot's frames in a recording of ours."""
-    return first(
+    return first_series(
         log,
-        lambda log: column(log, message, field, unit, factor=factor, turns=turns),
-        lambda log: column(log, f"/link/agent/rx:{message}", field, unit, factor=factor, turns=turns),
+        lambda log: column_series(log, message, field, unit, factor=factor, turns=turns),
+        lambda log: column_series(log, f"/link/agent/rx:{message}", field, unit, factor=factor, turns=turns),
     )
 
 
@@ -113,31 +217,34 @@ def odometries(log: Log) -> list[str]:
 
 
 def _odometry_angle(log: Log, topic: str, name: str) -> Series | None:
-    table = whole(log, topic)
-    if table is None or (quaternion := vectors(table, _QUATERNION)) is None:
+    table = first_instance(log, topic)
+    if table is None or (quaternion := stacked_columns(table, _QUATERNION)) is None:
         return None
     # The same product of quaternions leads from ENU and FLU back to NED and FRD.
     with np.errstate(invalid="ignore", divide="ignore"):
         euler = quat_to_euler(quat_ned_frd_to_enu_flu(quaternion))
     angle = euler[:, _ANGLES[name]] * _DEG
     turns = name == "yaw"
-    return series(
+    return make_series(
         table.stamp_ns, np.mod(angle, 360.0) if turns else angle, "deg", f"{topic}.pose.pose.orientation", turns=turns
     )
 
 
 def _odometry_speed(log: Log, topic: str) -> Series | None:
-    table = whole(log, topic)
-    if table is None or (linear := vectors(table, _LINEAR)) is None:
+    table = first_instance(log, topic)
+    if table is None or (linear := stacked_columns(table, _LINEAR)) is None:
         return None
-    return series(table.stamp_ns, np.hypot(linear[:, 0], linear[:, 1]), "m/s", f"{topic}.twist.twist.linear")
+    return make_series(table.stamp_ns, np.hypot(linear[:, 0], linear[:, 1]), "m/s", f"{topic}.twist.twist.linear")
 
 
 def _odometry_yaw_rate(log: Log, topic: str) -> Series | None:
-    table = whole(log, topic)
-    if table is None or (angular := vectors(table, tuple(f"twist.twist.angular.{axis}" for axis in "xyz"))) is None:
+    table = first_instance(log, topic)
+    if (
+        table is None
+        or (angular := stacked_columns(table, tuple(f"twist.twist.angular.{axis}" for axis in "xyz"))) is None
+    ):
         return None
-    return series(table.stamp_ns, flu_to_frd(angular)[:, 2] * _DEG, "deg/s", f"{topic}.twist.twist.angular.z")
+    return make_series(table.stamp_ns, flu_to_frd(angular)[:, 2] * _DEG, "deg/s", f"{topic}.twist.twist.angular.z")
 
 
 def _any_imu_yaw_rate(log: Log) -> Series | None:
@@ -145,7 +252,7 @@ def _any_imu_yaw_rate(log: Log) -> Series | None:
     if log.format != "mcap":
         return None
     name = next((name for name, table in log.tables.items() if "angular_velocity.z" in table.columns), None)
-    return None if name is None else column(log, name, "angular_velocity.z", "deg/s", factor=-_DEG)
+    return None if name is None else column_series(log, name, "angular_velocity.z", "deg/s", factor=-_DEG)
 
 
 def _true_yaw_rate(log: Log) -> Series | None:
@@ -153,7 +260,7 @@ def _true_yaw_rate(log: Log) -> Series | None:
     if table is None or "angular_velocity_frd_radps" not in table.columns:
         return None
     rates = table.values("angular_velocity_frd_radps")
-    return series(table.stamp_ns, rates[:, 2] * _DEG, "deg/s", "/truth/state.angular_velocity_frd_radps[2]")
+    return make_series(table.stamp_ns, rates[:, 2] * _DEG, "deg/s", "/truth/state.angular_velocity_frd_radps[2]")
 
 
 def _norm(log: Log, name: str, field: str) -> Series | None:
@@ -161,11 +268,156 @@ def _norm(log: Log, name: str, field: str) -> Series | None:
     if table is None or field not in table.columns:
         return None
     values = table.values(field)
-    return series(table.stamp_ns, np.hypot(values[:, 0], values[:, 1]), "m/s", f"{name}.{field}")
+    return make_series(table.stamp_ns, np.hypot(values[:, 0], values[:, 1]), "m/s", f"{name}.{field}")
 
 
 def _hypot(log: Log, name: str, north: str, east: str) -> Series | None:
-    table = whole(log, name)
-    if table is None or (parts := vectors(table, (north, east))) is None:
+    table = first_instance(log, name)
+    if table is None or (parts := stacked_columns(table, (north, east))) is None:
         return None
-    return series(table.stamp_ns, np.hypot(parts[:, 0], parts[:, 1]), "m/s", f"{name}.{north}, {east}")
+    return make_series(table.stamp_ns, np.hypot(parts[:, 0], parts[:, 1]), "m/s", f"{name}.{north}, {east}")
+
+
+_POSITION_FIELDS = tuple(f"pose.pose.position.{axis}" for axis in "xyz")
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPosition:
+    """north, east, down (m) about `origin` (latitude and longitude in deg, altitude in m): `path.values` is (N, 3).
+
+    origin None: local axes whose place on the Earth the log does not tell.
+    """
+
+    path: Series
+    origin: tuple[float, float, float] | None
+
+
+def position_geodetic(log: Log, of: SignalSource = "estimate") -> Series | None:
+    """(N, 3) latitude and longitude (deg) and altitude (m)."""
+    ways: tuple[SeriesReader, ...]
+    if of == "truth":
+        ways = (
+            lambda log: unless_stray(log, geodetic_series(log, "SIM", ("Lat", "Lng", "Alt"))),
+            partial(geodetic_series, table="/truth/fix", names=("latitude", "longitude", "altitude")),
+        )
+    else:
+        ways = (
+            partial(geodetic_series, table="POS", names=("Lat", "Lng", "Alt")),
+            partial(geodetic_series, table="GPS", names=("Lat", "Lng", "Alt")),
+            _estimated_geodetic,
+            partial(_telemetry_geodetic, message="GLOBAL_POSITION_INT"),
+            partial(_telemetry_geodetic, message="GPS_RAW_INT"),
+            _any_fix,
+        )
+    return first_series(log, *ways)
+
+
+def position_ned(
+    log: Log, of: SignalSource = "estimate", origin: tuple[float, float, float] | None = None
+) -> LocalPosition | None:
+    """About `origin`; without one about the origin of the log's own local frame, or its first position."""
+    local = _local_odometry(log, "/truth/odometry" if of == "truth" else "/estimate/odometry")
+    if local is None and of == "estimate":
+        local = next((found for name in odometries(log) if (found := _local_odometry(log, name))), None)
+    own = _run_origin(log)
+    if local is not None and (origin is None or own is not None):
+        if origin is None or origin == own:
+            return LocalPosition(local, own)
+        moved = LocalFrame(*origin).ned(*LocalFrame(*own).geodetic(local.values)) if own is not None else local.values
+        return LocalPosition(Series(local.stamp_ns, moved, "m", local.source, dropped=local.dropped), origin)
+    geodetic = position_geodetic(log, of)
+    if geodetic is None:
+        return None
+    about = origin or _estimator_origin(log) or own or _first_place(geodetic)
+    path = _metres(log, geodetic, of, about)
+    found = Series(geodetic.stamp_ns, path, "m", geodetic.source, dropped=geodetic.dropped)
+    return LocalPosition(found, about)
+
+
+def _simulated(log: Log) -> Series | None:
+    """Where ArduPilot's own simulator says the vehicle is; without a height from telemetry."""
+    if (found := geodetic_series(log, "SIM", ("Lat", "Lng", "Alt"))) is not None:
+        return found
+    table = first_instance(log, "SIMSTATE")
+    if table is None or (place := stacked_columns(table, ("lat", "lng"))) is None:
+        return None
+    return fixed_on_earth(table.stamp_ns, np.column_stack([place, np.zeros(len(place))]), "SIMSTATE")
+
+
+def _first_place(geodetic: Series) -> tuple[float, float, float]:
+    """Its first row, fit to be an origin."""
+    latitude, longitude, altitude = map(float, geodetic.values[0])
+    return latitude, longitude, altitude if abs(altitude) <= HIGHEST_M else 0.0
+
+
+def _metres(log: Log, geodetic: Series, of: SignalSource, about: tuple[float, float, float]) -> NDArray[np.float64]:
+    """(N, 3) north, east, down about a place, by the metres of the world that the log is of."""
+    simulated = _simulated(log)
+    frame = LocalFrame(*about)
+    if simulated is None or not (of == "truth" or follows_simulator(geodetic, simulated)):
+        return frame.ned(*geodetic.values.T)
+    own = _estimator_origin(log) or _first_place(simulated)
+    flat = ardupilot_ned(own, geodetic.values)
+    return flat if about == own else frame.ned(*LocalFrame(*own).geodetic(flat))
+
+
+def _local_odometry(log: Log, topic: str) -> Series | None:
+    table = first_instance(log, topic)
+    if table is None or (enu := stacked_columns(table, _POSITION_FIELDS)) is None:
+        return None
+    ned = np.stack([enu[:, 1], enu[:, 0], -enu[:, 2]], axis=1)
+    return make_series(table.stamp_ns, ned, "m", f"{topic}.pose.pose.position")
+
+
+def _telemetry_geodetic(log: Log, message: str) -> Series | None:
+    for name in (message, f"/link/agent/rx:{message}"):
+        if (found := geodetic_series(log, name, ("lat", "lon", "alt"))) is not None:
+            return found
+    return None
+
+
+def _any_fix(log: Log) -> Series | None:
+    if log.format != "mcap":
+        return None
+    names = ("latitude", "longitude", "altitude")
+    topics = [
+        name
+        for name, table in log.tables.items()
+        if all(field in table.columns for field in names) and not name.startswith("/truth")
+    ]
+    return next((found for topic in topics if (found := geodetic_series(log, topic, names)) is not None), None)
+
+
+def _estimated_geodetic(log: Log) -> Series | None:
+    local, site = _local_odometry(log, "/estimate/odometry"), _run_origin(log)
+    if local is None or site is None:
+        return None
+    geodetic = np.stack(LocalFrame(*site).geodetic(local.values), axis=1)
+    return Series(local.stamp_ns, geodetic, "deg, deg, m", local.source, dropped=local.dropped)
+
+
+def _run_origin(log: Log) -> tuple[float, float, float] | None:
+    """The local origin of a recording of ours: back from a true fix by the true position of that instant."""
+    if log.format != "mcap":
+        return None
+    fix = geodetic_series(log, "/truth/fix", ("latitude", "longitude", "altitude"))
+    truth = _local_odometry(log, "/truth/odometry")
+    if fix is None or truth is None:
+        return None
+    known = np.isfinite(at := truth.at(fix.stamp_ns)).all(axis=1)
+    if not known.any():
+        return None
+    nearest = int(np.argmin(np.where(known, np.hypot(at[:, 0], at[:, 1]), np.inf)))
+    here = LocalFrame(*map(float, fix.values[nearest]))
+    latitude, longitude, altitude = here.geodetic(-at[nearest : nearest + 1])
+    return float(latitude[0]), float(longitude[0]), float(altitude[0])
+
+
+def _estimator_origin(log: Log) -> tuple[float, float, float] | None:
+    """Of the last ORGN of type 0, ArduPilot's EKF origin."""
+    table = log.tables.get("ORGN")
+    if table is None or (place := stacked_columns(table, ("Type", "Lat", "Lng", "Alt"))) is None:
+        return None
+    rows = place[(place[:, 0] == 0.0) & np.isfinite(place).all(axis=1) & (np.abs(place[:, 1]) <= 90.0)]
+    rows = rows[(np.abs(rows[:, 2]) <= 180.0) & (np.abs(rows[:, 3]) <= HIGHEST_M)]
+    return None if not len(rows) else (float(rows[-1, 1]), float(rows[-1, 2]), float(rows[-1, 3]))

@@ -1,8 +1,9 @@
-"""One quantity over time, fit to be compared: stamps increase, values are finite."""
+"""A quantity over time as a series fit to be compared; columns of tables as numbers fit to be computed with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.table import Table
 
-Of = Literal["estimate", "truth"]
+SignalSource = Literal["estimate", "truth"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +42,10 @@ class Series:
         return np.mod(shaped, 360.0) if self.turns else shaped
 
 
-Way = Callable[[Log], Series | None]
+SeriesReader = Callable[[Log], Series | None]
 
 
-def series(
+def make_series(
     stamp_ns: NDArray[np.int64], values: NDArray[Any], unit: str, source: str, *, turns: bool = False
 ) -> Series | None:
     """Cleaned; None when nothing is left."""
@@ -61,17 +62,17 @@ def series(
     return Series(stamps[forward].astype(np.int64), numbers[forward], unit, source, turns, dropped)
 
 
-def column(
+def column_series(
     log: Log, table: str, name: str, unit: str, *, factor: float = 1.0, turns: bool = False, raw: bool = False
 ) -> Series | None:
     """A column of a table of the log, times `factor`; of several instances the one numbered lowest."""
-    found = whole(log, table)
+    found = first_instance(log, table)
     if found is None or name not in found.columns or found.columns[name].kind != "number":
         return None
-    return series(found.stamp_ns, found.values(name, raw=raw) * factor, unit, f"{table}.{name}", turns=turns)
+    return make_series(found.stamp_ns, found.values(name, raw=raw) * factor, unit, f"{table}.{name}", turns=turns)
 
 
-def whole(log: Log, table: str) -> Table | None:
+def first_instance(log: Log, table: str) -> Table | None:
     """The table, or its lowest instance when it has several."""
     found = log.tables.get(table)
     if found is None or found.instance is None:
@@ -82,13 +83,67 @@ def whole(log: Log, table: str) -> Table | None:
     return split[min(split)] if split else None
 
 
-def first(log: Log, *ways: Way) -> Series | None:
+def first_series(log: Log, *ways: SeriesReader) -> Series | None:
     """What the first of these ways finds."""
     return next((found for way in ways if (found := way(log)) is not None), None)
 
 
-def vectors(table: Table, names: tuple[str, ...]) -> NDArray[np.float64] | None:
+def stacked_columns(table: Table, names: tuple[str, ...]) -> NDArray[np.float64] | None:
     """(N, k) of these columns; None unless all are there."""
     if not all(name in table.columns for name in names):
         return None
     return np.stack([np.asarray(table.values(name), dtype=np.float64) for name in names], axis=1)
+
+
+_FARTHEST_NS = 1 << 61
+
+
+def numbers(table: Table, name: str, *, raw: bool = False) -> NDArray[np.float64] | None:
+    """(N,) or (N, k), NaN for what is no finite number; None when the table has no such column of numbers."""
+    column = table.columns.get(name)
+    if column is None or column.kind != "number":
+        return None
+    values = np.array(table.values(name, raw=raw), dtype=np.float64)
+    values[~np.isfinite(values)] = np.nan
+    return values
+
+
+def stacked(table: Table, names: Sequence[str], *, raw: bool = False) -> NDArray[np.float64] | None:
+    """(N, k) of k columns of one number a row; None unless all are there."""
+    columns = [numbers(table, name, raw=raw) for name in names]
+    found = [column for column in columns if column is not None and column.ndim == 1]
+    return np.stack(found, axis=1) if len(found) == len(names) else None
+
+
+def bounded_stamps(table: Table) -> NDArray[np.int64]:
+    """(N,) the stamps (ns), those gone wild brought within seventy years: differences of any two then fit."""
+    return np.clip(table.stamp_ns, -_FARTHEST_NS, _FARTHEST_NS)
+
+
+def message_of(name: str) -> str:
+    """Message behind the name of a table: "XITL_IMU" of "/link/agent/tx:XITL_IMU"."""
+    return name.rsplit(":", 1)[-1]
+
+
+def tables_of(log: Log, kinds: Sequence[str]) -> list[Table]:
+    """The tables of these messages, of whichever link, in the order of `kinds`."""
+    return [table for kind in kinds for name, table in log.tables.items() if message_of(name) == kind]
+
+
+def instance_label(table: Table, number: int) -> str:
+    """ "IMU[1]"; without the number when the message has no instances."""
+    return table.name if table.instance is None else f"{table.name}[{number}]"
+
+
+def significant(value: float | None, digits: int = 4) -> float | None:
+    """Rounded to significant digits for a Fact or a Grid; None for what is no finite number."""
+    if value is None or not math.isfinite(value):
+        return None
+    return float(f"{value:.{digits}g}")
+
+
+def listed(instants: Sequence[str], most: int = 4) -> str:
+    """ "0:03.0, 0:05.1 and 7 more"."""
+    if len(instants) <= most:
+        return ", ".join(instants)
+    return f"{', '.join(instants[:most])} and {len(instants) - most} more"

@@ -1,14 +1,163 @@
-"""When the vehicle was armed, in which mode, and what it said."""
+"""What the autopilot says of itself: kind, parameters, errors, arming, modes, texts, RC, outputs."""
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.words.heard import autopilot_heartbeats
+from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
+from xitl_cli.logs.table import Selection, Table
+from xitl_cli.logs.tables.events import error_persists
+from xitl_cli.logs.tables.modes import MODES
+from xitl_cli.logs.tables.vehicles import VehicleKind, kind_from_build, kind_from_mav_type, kind_from_name
+
+_PREFIXES = ("", "/link/agent/rx:")
+_NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a camera …
+
+
+def autopilot_heartbeats(log: Log) -> Table | None:
+    """HEARTBEAT of the autopilot heard first, and of no ground station or payload."""
+    for prefix in _PREFIXES:
+        table = log.tables.get(f"{prefix}HEARTBEAT")
+        if table is None or not {"autopilot", "type", "custom_mode", "base_mode"} <= set(table.columns):
+            continue
+        pilots = np.asarray(table.values("autopilot", raw=True)) != _NO_AUTOPILOT
+        if not pilots.any():
+            continue
+        if "_sysid" in table.columns:
+            systems = np.asarray(table.values("_sysid", raw=True))
+            pilots &= systems == systems[pilots][0]
+        return Selection(table, pilots)
+    return None
+
+
+def autopilot_messages(log: Log, message: str) -> Table | None:
+    """Rows of this message from the system of the autopilot; None when there are none.
+
+    Without a heartbeat to tell which system that is, all rows.
+    """
+    table = next((log.tables[f"{prefix}{message}"] for prefix in _PREFIXES if f"{prefix}{message}" in log.tables), None)
+    if table is None or "_sysid" not in table.columns:
+        return table
+    beats = autopilot_heartbeats(log)
+    if beats is None:
+        return table
+    own = np.asarray(table.values("_sysid", raw=True)) == beats.values("_sysid", raw=True)[0]
+    return Selection(table, own) if own.any() else None
+
+
+_ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
+_FIRMWARE = re.compile(r"^(?:APM:|Ardu)?(?:Rover|Copter|Plane|Sub|Heli)\b|^AntennaTracker|^Blimp|ArduRover V\d", re.I)
+_FIRST_TEXTS = 200
+
+
+def vehicle_kind(log: Log) -> VehicleKind:
+    """By VER.BU, by the firmware's name in MSG, or by the type in its heartbeats."""
+    version = log.tables.get("VER")
+    if version is not None and "BU" in version.columns:
+        found = kind_from_build(int(version.values("BU", raw=True)[-1]))
+        if found != "unknown":
+            return found
+    name = firmware_text(log)
+    if name is not None and (found := kind_from_name(name)) != "unknown":
+        return found
+    beats = autopilot_heartbeats(log)
+    if beats is None or int(beats.values("autopilot", raw=True)[0]) != _ARDUPILOT:
+        return "unknown"
+    return kind_from_mav_type(int(beats.values("type", raw=True)[0]))
+
+
+def firmware_text(log: Log) -> str | None:
+    """What the firmware calls itself in its first sentences: "ArduRover V4.7.0-dev (2598e9d4)"."""
+    for table, field in (("MSG", "Message"), ("STATUSTEXT", "text"), ("/log", "message")):
+        found = log.tables.get(table)
+        if found is None or field not in found.columns:
+            continue
+        for text in found.values(field, slice(0, _FIRST_TEXTS)):
+            if _FIRMWARE.search(str(text)):
+                return str(text).strip()
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRow:
+    """One value of one parameter; default: of the firmware, None where it is not logged. source: message it is from."""
+
+    at_ns: int
+    name: str
+    value: float
+    default: float | None
+    source: str
+
+
+def parameter_rows(log: Log) -> list[ParameterRow]:
+    """In the log's order; rows without a name or a number are left out."""
+    for source, name, value, table in (
+        ("PARM", "Name", "Value", log.tables.get("PARM")),
+        ("PARAM_VALUE", "param_id", "param_value", autopilot_messages(log, "PARAM_VALUE")),
+    ):
+        if table is None or name not in table.columns or value not in table.columns:
+            continue
+        names = table.values(name)
+        values = np.asarray(table.values(value), dtype=np.float64)
+        defaults = np.full(len(values), np.nan)
+        if "Default" in table.columns:
+            defaults = np.asarray(table.values("Default"), dtype=np.float64)
+        return [
+            ParameterRow(at_ns, str(text), number, default if np.isfinite(default) else None, source)
+            for at_ns, text, number, default in zip(
+                table.stamp_ns.tolist(), names, values.tolist(), defaults.tolist(), strict=True
+            )
+            if str(text) and np.isfinite(number)
+        ]
+    return []
+
+
+def last_parameters(log: Log) -> dict[str, float]:
+    """Each parameter's last value in the log."""
+    return {row.name: row.value for row in parameter_rows(log)}
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSpan:
+    """code: the first one of the span. until_ns: when it was cleared, None when it never was or tells of an instant."""
+
+    subsystem: int
+    code: int
+    from_ns: int
+    until_ns: int | None
+
+
+def error_rows(log: Log) -> list[tuple[int, int, int]]:
+    """(stamp, subsystem, code) in the order of time."""
+    table = log.tables.get("ERR")
+    if table is None or not {"Subsys", "ECode"} <= set(table.columns):
+        return []
+    order = np.argsort(table.stamp_ns, kind="stable")
+    columns = (np.asarray(table.values(name, raw=True))[order].astype(np.int64) for name in ("Subsys", "ECode"))
+    return list(zip(table.stamp_ns[order].tolist(), *(column.tolist() for column in columns), strict=True))
+
+
+def error_spans(rows: list[tuple[int, int, int]]) -> list[ErrorSpan]:
+    """A code 0 ends what its subsystem had; one without anything to end is how a healthy start looks."""
+    open_ones: dict[int, ErrorSpan] = {}
+    done: list[ErrorSpan] = []
+    for at_ns, subsystem, code in rows:
+        if not error_persists(subsystem):
+            done.append(ErrorSpan(subsystem, code, at_ns, None))
+        elif code == 0:
+            before = open_ones.pop(subsystem, None)
+            if before is not None:
+                done.append(ErrorSpan(subsystem, before.code, before.from_ns, at_ns))
+        elif subsystem not in open_ones:
+            open_ones[subsystem] = ErrorSpan(subsystem, code, at_ns, None)
+    return sorted([*done, *open_ones.values()], key=lambda span: span.from_ns)
+
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 _ARMED_EVENT, _DISARMED_EVENT = 10, 11
@@ -23,7 +172,7 @@ _ARMED_TEXTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class StateSpan:
     """until_ns: where the next one begins, or the log ends."""
 
     from_ns: int
@@ -33,7 +182,7 @@ class Span:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class LogText:
     """severity: MAVLink's, 0 emergency to 7 debug; None where the log does not keep it."""
 
     at_ns: int
@@ -42,34 +191,38 @@ class Text:
     source: str
 
 
-def armed(log: Log) -> list[Span]:
+def armed(log: Log) -> list[StateSpan]:
     """While the motors were armed, in the order of time."""
     states = _arm_states(log)
     if states is None:
         return []
     stamps, on, source = states
-    return [span for span in _spans(log, stamps, on.astype(np.int64), source, {1: "armed"}) if span.text == "armed"]
+    return [
+        span for span in _state_spans(log, stamps, on.astype(np.int64), source, {1: "armed"}) if span.text == "armed"
+    ]
 
 
-def modes(log: Log) -> list[Span]:
+def modes(log: Log) -> list[StateSpan]:
     """One after another, by the vehicle's names."""
-    from xitl_cli.logs.words.modes import mode_names
-
     table = log.tables.get("MODE")
     if table is not None and "ModeNum" in table.columns:
         numbers = table.values("ModeNum", raw=True)
-        return _spans(log, table.stamp_ns, numbers, "MODE.ModeNum", mode_names(log))
+        return _state_spans(log, table.stamp_ns, numbers, "MODE.ModeNum", dict(MODES[vehicle_kind(log)]))
     beats = autopilot_heartbeats(log)
     if beats is None:
         return []
-    return _spans(
-        log, beats.stamp_ns, beats.values("custom_mode", raw=True), f"{beats.name}.custom_mode", mode_names(log)
+    return _state_spans(
+        log,
+        beats.stamp_ns,
+        beats.values("custom_mode", raw=True),
+        f"{beats.name}.custom_mode",
+        dict(MODES[vehicle_kind(log)]),
     )
 
 
-def texts(log: Log) -> list[Text]:
+def texts(log: Log) -> list[LogText]:
     """Sentences of the autopilot and of the run, in the order of time."""
-    found: list[Text] = []
+    found: list[LogText] = []
     for name, field, level in (
         ("MSG", "Message", None),
         ("STATUSTEXT", "text", "severity"),
@@ -81,7 +234,7 @@ def texts(log: Log) -> list[Text]:
         levels = None if level is None or level not in table.columns else table.values(level, raw=True)
         for row, (at_ns, text) in enumerate(zip(table.stamp_ns.tolist(), table.values(field), strict=True)):
             severity = None if levels is None else int(levels[row])
-            found.append(Text(at_ns, str(text), severity, f"{name}.{field}"))
+            found.append(LogText(at_ns, str(text), severity, f"{name}.{field}"))
     return sorted(found, key=lambda each: each.at_ns)
 
 
@@ -95,7 +248,7 @@ def _arm_states(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | 
         either = (numbers == _ARMED_EVENT) | (numbers == _DISARMED_EVENT)
         if either.any():
             return _from_start(log, table.stamp_ns[either], numbers[either] == _ARMED_EVENT, "EV.Id")
-    if (said := _said(log)) is not None:
+    if (said := _states_from_texts(log)) is not None:
         return said
     table = log.tables.get("/actuators")
     if table is not None and "armed" in table.columns:
@@ -115,7 +268,7 @@ def _from_start(
     return stamp_ns, on, source
 
 
-def _said(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | None:
+def _states_from_texts(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | None:
     """By its sentences: a log that arming began has no row of it, only what was said just before."""
     table = log.tables.get("MSG")
     if table is None or "Message" not in table.columns:
@@ -131,9 +284,9 @@ def _said(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | None:
     return _from_start(log, stamps, np.array([on for _, on in said]), "MSG.Message")
 
 
-def _spans(
+def _state_spans(
     log: Log, stamp_ns: NDArray[np.int64], numbers: NDArray[np.int64], source: str, names: dict[int, str]
-) -> list[Span]:
+) -> list[StateSpan]:
     """Where a number changes a new span begins; the last one ends with the log."""
     if not len(stamp_ns):
         return []
@@ -143,6 +296,87 @@ def _spans(
     span = log.span_ns
     ends = np.concatenate((stamps[begins[1:]], [stamps[-1] if span is None else max(span[1], int(stamps[-1]))]))
     return [
-        Span(int(stamps[begin]), int(end), names.get(int(values[begin]), f"mode {int(values[begin])}"), source)
+        StateSpan(int(stamps[begin]), int(end), names.get(int(values[begin]), f"mode {int(values[begin])}"), source)
         for begin, end in zip(begins, ends, strict=True)
     ]
+
+
+_SIMULATOR_TABLES = ("SIM", "SIM2", "SIMSTATE", "/truth/state")
+
+
+def parameter_values(log: Log) -> dict[str, float]:
+    """Parameters by name, each as it was last logged (PARM) or told (PARAM_VALUE). Empty when the log has none."""
+    found: dict[str, float] = {}
+    for kind, name, value in (("PARAM_VALUE", "param_id", "param_value"), ("PARM", "Name", "Value")):
+        for table in tables_of(log, (kind,)):
+            figures = numbers(table, value)
+            if figures is None or name not in table.columns or table.columns[name].kind != "text":
+                continue
+            names = table.values(name)
+            found.update(
+                (str(key), float(figure)) for key, figure in zip(names, figures, strict=True) if math.isfinite(figure)
+            )
+    return found
+
+
+def sensors_simulated(log: Log) -> bool:
+    """Whether the log itself shows that its sensors were simulated: ArduPilot's SIM records, or a run of ours."""
+    return any(name in log.tables for name in _SIMULATOR_TABLES) or bool(tables_of(log, _SIMULATOR_TABLES))
+
+
+def armed_rows(log: Log, stamp_ns: np.typing.NDArray[np.int64]) -> np.typing.NDArray[np.bool_] | None:
+    """(N,) whether the motors were armed at each stamp; None where the log does not tell."""
+    spans = armed(log)
+    told = any(name in log.tables for name in ("ARM", "/actuators")) or bool(tables_of(log, ("HEARTBEAT",)))
+    if not spans and not told:
+        return None
+    on = np.zeros(len(stamp_ns), dtype=np.bool_)
+    for span in spans:
+        on |= (stamp_ns >= span.from_ns) & (stamp_ns <= span.until_ns)
+    return on
+
+
+_CHANNEL = re.compile(r"C([0-9]{1,2})|servo([0-9]{1,2})_raw|chan([0-9]{1,2})_raw")
+
+
+def outputs(log: Log) -> dict[int, Series]:
+    """By channel from 1: pulse widths (us), or commands from -1 to 1 (unit "") where a recording of ours has those."""
+    commands = log.tables.get("/actuators")
+    if commands is not None and "command" in commands.columns:
+        values = np.asarray(commands.values("command"), dtype=np.float64)
+        if values.ndim == 2:
+            found = {
+                index + 1: make_series(commands.stamp_ns, values[:, index], "", f"/actuators.command[{index}]")
+                for index in range(values.shape[1])
+            }
+            return {channel: each for channel, each in found.items() if each is not None}
+    return pulses(log)
+
+
+def pulses(log: Log) -> dict[int, Series]:
+    """Outputs by channel from 1, pulse widths (us) alone."""
+    return _pulses(log, ("RCOU", "RCO2", "RCO3"), "SERVO_OUTPUT_RAW")
+
+
+def rc_inputs(log: Log) -> dict[int, Series]:
+    """By channel from 1: pulse widths (us)."""
+    return _pulses(log, ("RCIN", "RCI2"), "RC_CHANNELS")
+
+
+def _pulses(log: Log, logged: tuple[str, ...], message: str) -> dict[int, Series]:
+    found: dict[int, Series] = {}
+    for name in (*logged, message, f"/link/agent/rx:{message}"):
+        table = first_instance(log, name)
+        if table is None:
+            continue
+        for column in table.columns:
+            match = _CHANNEL.fullmatch(column)
+            if match is None:
+                continue
+            channel = int(match[1] or match[2] or match[3])
+            if channel in found:
+                continue
+            each = make_series(table.stamp_ns, table.values(column, raw=True), "us", f"{name}.{column}")
+            if each is not None and (each.values != 0.0).any():
+                found[channel] = each
+    return dict(sorted(found.items()))

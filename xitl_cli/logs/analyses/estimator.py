@@ -1,0 +1,442 @@
+"""The estimator: filter in use, origin, position, biases, refusals, resets, and its error against the truth."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_core.geodesy import LocalFrame
+from xitl_cli.logs import signals
+from xitl_cli.logs.analyses.estimator_cores import (
+    EstimatorCore,
+    EstimatorOrigin,
+    FilterUse,
+    agreement_facts,
+    agreement_findings,
+    bias_facts,
+    bias_findings,
+    estimator_cores,
+    estimator_origin,
+    filter_uses,
+    first_position_ns,
+    flag_column,
+    never_positioned,
+    step_facts,
+)
+from xitl_cli.logs.analyses.estimator_resets import (
+    TestRatios,
+    lane_switches,
+    primary_core,
+    ratio_facts,
+    ratio_plot,
+    refusal_findings,
+    reset_findings,
+    reset_marks,
+    test_ratios,
+)
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import (
+    Evidence,
+    Fact,
+    Finding,
+    Grid,
+    Mark,
+    Plot,
+    Section,
+    Severity,
+    Trace,
+    make_grid,
+    rounded,
+)
+from xitl_cli.logs.signals.spans import inside
+from xitl_cli.logs.signals.states import firmware_text
+from xitl_cli.logs.tables.events import EKF_MAG_FUSION, EKF_SOURCE_SETS
+from xitl_cli.logs.text import length_text
+
+_POSITION_M = (1.0, 3.0)
+_YAW_DEG = (5.0, 10.0)
+"""Root mean square from which an error is worth a notice, and a warning."""
+_FARTHEST_M = 1e5
+_AROUND = 2
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateError:
+    """Estimate less truth at the estimate's instants. values: (N,) or (N, k)."""
+
+    stamp_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+    source: str
+    truth: str
+
+    def while_in(self, spans: list[tuple[int, int]]) -> EstimateError:
+        """Only of these spans; all of it when there are none."""
+        if not spans:
+            return self
+        rows = inside(self.stamp_ns, spans)
+        return EstimateError(self.stamp_ns[rows], self.values[rows], self.source, self.truth)
+
+
+def position_error(log: Log) -> EstimateError | None:
+    """(N, 3) north, east, down in m."""
+    local, true = signals.position_ned(log), signals.position_ned(log, "truth")
+    if local is not None and true is not None and local.origin == true.origin and log.format == "mcap":
+        return _difference(local.path, true.path, local.path.values - true.path.at(local.path.stamp_ns))
+    estimate, truth = signals.position_geodetic(log), signals.position_geodetic(log, "truth")
+    if estimate is None or truth is None:
+        return None
+    frame = LocalFrame(*map(float, truth.values[0]))
+    there = truth.at(estimate.stamp_ns)
+    known = np.isfinite(there).all(axis=1)
+    values = np.full((len(there), 3), np.nan)
+    values[known] = frame.ned(*estimate.values[known].T) - frame.ned(*there[known].T)
+    return _difference(estimate, truth, values)
+
+
+def yaw_error(log: Log) -> EstimateError | None:
+    """(N,) deg, between -180 and 180."""
+    estimate, truth = signals.yaw(log), signals.yaw(log, "truth")
+    if estimate is None or truth is None:
+        return None
+    values = np.mod(estimate.values - truth.at(estimate.stamp_ns) + 180.0, 360.0) - 180.0
+    return _difference(estimate, truth, values)
+
+
+def truth_facts(position: EstimateError | None, yaw: EstimateError | None) -> list[Fact]:
+    found = []
+    if position is not None and len(position.values):
+        level_m = _lasting(np.hypot(position.values[:, 0], position.values[:, 1]))
+        height_m = _lasting(np.abs(position.values[:, 2]))
+        found += [
+            Fact("position_error_rms_m", "Position against truth, RMS", rounded(_rms(level_m)), "m"),
+            Fact("position_error_max_m", "Position against truth, largest", rounded(level_m.max()), "m"),
+            Fact("height_error_rms_m", "Height against truth, RMS", rounded(_rms(height_m)), "m"),
+        ]
+    if yaw is not None and len(yaw.values):
+        yaw_deg = _lasting(np.abs(yaw.values))
+        found += [
+            Fact("yaw_error_rms_deg", "Yaw against truth, RMS", rounded(_rms(yaw_deg)), "deg"),
+            Fact("yaw_error_max_deg", "Yaw against truth, largest", rounded(yaw_deg.max()), "deg"),
+        ]
+    return found
+
+
+def truth_findings(position: EstimateError | None, yaw: EstimateError | None, instants: LogClock) -> list[Finding]:
+    found = []
+    if position is not None and len(position.values):
+        horizontal = np.hypot(position.values[:, 0], position.values[:, 1])
+        step = "See in the plot when it began: a jump is a reset or a refused fix, a slope a bias."
+        found += _error_finding("position", "m", horizontal, _POSITION_M, position, step, instants)
+    if yaw is not None and len(yaw.values):
+        step = "Compare compass and gyroscope: an offset is declination or calibration, a slope a bias."
+        found += _error_finding("yaw", "deg", np.abs(yaw.values), _YAW_DEG, yaw, step, instants)
+    return found
+
+
+def truth_plots(position: EstimateError | None, yaw: EstimateError | None) -> list[Plot]:
+    found = []
+    if position is not None and len(position.values):
+        names = ("north", "east", "down")
+        traces = tuple(Trace(name, position.stamp_ns, position.values[:, axis]) for axis, name in enumerate(names))
+        found.append(Plot("position_error", "Position, estimate less truth", "error (m)", traces))
+    if yaw is not None and len(yaw.values):
+        trace = Trace("yaw", yaw.stamp_ns, yaw.values)
+        found.append(Plot("yaw_error", "Yaw, estimate less truth", "error (deg)", (trace,)))
+    return found
+
+
+def _difference(estimate: signals.Series, truth: signals.Series, values: NDArray[np.float64]) -> EstimateError:
+    good = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    good &= (np.abs(values) < _FARTHEST_M).reshape(len(values), -1).all(axis=1)
+    return EstimateError(estimate.stamp_ns[good], values[good], estimate.source, truth.source)
+
+
+def _error_finding(
+    what: str,
+    unit: str,
+    size: NDArray[np.float64],
+    limits: tuple[float, float],
+    error: EstimateError,
+    step: str,
+    instants: LogClock,
+) -> list[Finding]:
+    size = _lasting(size)
+    rms = _rms(size)
+    if rms < limits[0]:
+        return []
+    worst = int(np.argmax(size))
+    at_ns = int(error.stamp_ns[worst])
+    message, _, field = error.source.partition(".")
+    return [
+        Finding(
+            f"estimator.{what}_error",
+            Severity.WARNING if rms >= limits[1] else Severity.NOTICE,
+            f"The estimated {what} was off the truth by {rms:.2f} {unit} RMS and up to {size[worst]:.2f} {unit}, at "
+            f"{instants.text(at_ns)}",
+            (Evidence(message, field or None, at_ns, value=f"{size[worst]:.2f} {unit}"), Evidence(error.truth)),
+            step,
+        )
+    ]
+
+
+def _lasting(size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) the median of each with its neighbours: a row or two that are damaged are not what the estimate did."""
+    width = 2 * _AROUND + 1
+    if len(size) < width:
+        return size
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(size, _AROUND, mode="edge"), width)
+    found: NDArray[np.float64] = np.median(around, axis=1)
+    return found
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+_HEIGHTS_APART_M = 10.0
+_HEIGHT_MOVED_M = 1.0
+_MOST_REFUSED = 100  # of each measurement and core, in the table
+
+
+def analyse(log: Log) -> Section | None:
+    every = estimator_cores(log)
+    tested = test_ratios(log, every)
+    position, yaw = position_error(log), yaw_error(log)
+    if not every and not tested and position is None and yaw is None:
+        if log.format == "mcap":
+            return None
+        lack = "The log has no messages of an estimator (XKF, NKF, EKF_STATUS_REPORT); EK3_LOG_LEVEL 0 logs them."
+        return Section("estimator", "Estimator", lacks=(lack,))
+    instants = LogClock(log)
+    stray_m = signals.stray_truth_m(log)
+    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
+    primary = primary_core(every)
+    core = next((one for one in every if one.number == primary), None)
+    found, used = estimator_origin(log, every, instants), filter_uses(log)
+    if position is not None:
+        position = position.while_in(armed)
+    if yaw is not None:
+        yaw = yaw.while_in(armed)
+    facts = [
+        Fact("filter", "Filter", _filter(log, every)),
+        Fact("cores", "Cores", len(every) or None),
+        Fact("primary_core", "Core in use", primary if every else None),
+        *_origin_facts(found, every, instants),
+        *_selection(log),
+        Fact("lane_switches", "Core switches", len(lane_switches(log, every)) if every else None),
+        *ratio_facts(tested, primary, armed),
+        *agreement_facts(every, armed),
+        *step_facts(log),
+        *bias_facts(log, core),
+        *truth_facts(position, yaw),
+    ]
+    findings = [
+        *_filters(used, armed, instants),
+        *never_positioned(every, armed, instants),
+        *_height(log, found, instants),
+        *refusal_findings(tested, primary, armed, instants),
+        *reset_findings(log, every, core, armed, instants),
+        *bias_findings(log, core, instants),
+        *agreement_findings(every, armed, stray_m is not None, instants),
+        *truth_findings(position, yaw, instants),
+        *_not_truth(stray_m),
+    ]
+    marks = (*_armed_marks(armed), *reset_marks(log, every, core))
+    plots = [*_drawn(ratio_plot(tested, marks)), *_innovations(core, marks), *truth_plots(position, yaw)]
+    grids = [each for each in (_uses(used, instants), _refusals(tested, armed, instants)) if each is not None]
+    known = tuple(fact for fact in facts if fact.value is not None)
+    return Section(
+        "estimator", "Estimator", known, tuple(findings), tuple(grids), tuple(plots), _lacks(log, every, core)
+    )
+
+
+def _filter(log: Log, every: list[EstimatorCore]) -> str | None:
+    if not every:
+        return None
+    return "embedded, messages as EKF3" if (firmware_text(log) or "").startswith("xitl ") else every[0].filter
+
+
+def _origin_facts(found: EstimatorOrigin | None, every: list[EstimatorCore], instants: LogClock) -> list[Fact]:
+    facts = []
+    if found is not None:
+        when = "before the log began" if found.set_ns is None else instants.second(found.set_ns)
+        facts += [
+            Fact("origin_set", "Origin set", when, "" if found.set_ns is None else "s"),
+            Fact("origin_latitude_deg", "Origin latitude", rounded(found.latitude_deg, 7), "deg"),
+            Fact("origin_longitude_deg", "Origin longitude", rounded(found.longitude_deg, 7), "deg"),
+            Fact("origin_altitude_m", "Origin altitude (ORGN)", rounded(found.altitude_m, 2), "m"),
+            Fact("origin_height_m", "Height of the origin (OH)", rounded(found.height_m, 2), "m"),
+        ]
+    if (first_ns := first_position_ns(every)) is not None:
+        early = first_ns <= instants.start_ns + 10**9
+        value = "before the log began" if early else instants.second(first_ns)
+        facts.append(Fact("first_position", "First absolute position", value, "" if early else "s"))
+    return facts
+
+
+def _selection(log: Log) -> list[Fact]:
+    """XKFS: what the filter takes its measurements from, at the end."""
+    table = log.tables.get("XKFS")
+    if table is None or not len(table):
+        return []
+    last = slice(len(table) - 1, len(table))
+    facts = []
+    if "SS" in table.columns:
+        number_of_set = int(table.values("SS", last, raw=True)[0])
+        facts.append(Fact("source_set", "Source set", EKF_SOURCE_SETS.get(number_of_set, str(number_of_set))))
+    if "MAG_FUSION" in table.columns:
+        fusion = int(table.values("MAG_FUSION", last, raw=True)[0])
+        facts.append(Fact("mag_fusion", "Compass fused as", EKF_MAG_FUSION.get(fusion, str(fusion))))
+    return facts
+
+
+def _filters(used: list[FilterUse], armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
+    """Attitude that fell back from a filter to DCM while armed."""
+    fallbacks = [
+        (before, use)
+        for before, use in itertools.pairwise(used)
+        if use.name == "DCM" and inside(np.array([use.from_ns]), armed)[0]
+    ]
+    if not fallbacks:
+        return []
+    before, use = fallbacks[0]
+    lasted = length_text(sum(each.until_ns - each.from_ns for _, each in fallbacks) * 1e-9)
+    return [
+        Finding(
+            "estimator.dcm_fallback",
+            Severity.CRITICAL,
+            f"{before.name} gave up and DCM took over while armed for {lasted}, first at {instants.text(use.from_ns)}",
+            tuple(Evidence("ATT", "AEKF", each.from_ns, each.until_ns, "0") for _, each in fallbacks[:20]),
+            "Look at test ratios and faults just before; DCM gives no position worth steering by.",
+        )
+    ]
+
+
+def _height(log: Log, found: EstimatorOrigin | None, instants: LogClock) -> list[Finding]:
+    if found is None or found.height_m is None:
+        return []
+    heights = [height for _, height in found.heights]
+    moved_m = max(heights) - min(heights)
+    findings = []
+    if moved_m >= _HEIGHT_MOVED_M:
+        at_ns = found.heights[1][0]
+        findings.append(
+            Finding(
+                "estimator.height_origin_moved",
+                Severity.NOTICE,
+                f"The height of the estimator's origin moved by {moved_m:.1f} m in {len(heights) - 1} steps, first at "
+                f"{instants.text(at_ns)}",
+                tuple(Evidence("XKF1", "OH", when, value=f"{height:.2f} m") for when, height in found.heights[:20]),
+                "Altitudes before and after are not of one datum; EK3_OGN_HGT_MASK switches this on.",
+            )
+        )
+    gps_m = _gps_altitude_m(log, found.heights[0][0])
+    if gps_m is not None and abs(gps_m - found.height_m) >= _HEIGHTS_APART_M:
+        findings.append(
+            Finding(
+                "estimator.height_origin_off",
+                Severity.NOTICE,
+                f"The estimator's origin is at {found.height_m:.1f} m, GPS was at {gps_m:.1f} m when it was set",
+                (Evidence("XKF1", "OH", found.heights[0][0], value=f"{found.height_m:.1f} m"), Evidence("GPS", "Alt")),
+                "Take heights from one of the two, not across them.",
+            )
+        )
+    return findings
+
+
+def _not_truth(apart_m: float | None) -> list[Finding]:
+    if apart_m is None:
+        return []
+    sentence = (
+        f"SIM is no truth here: its vehicle moved unlike the receiver and came to be {apart_m:.0f} m from it, so the "
+        "sensors were fed from outside"
+    )
+    step = "Compare the estimate with the recording of the simulator that fed the sensors (run.mcap)."
+    return [Finding("estimator.truth_of_another", Severity.NOTICE, sentence, (Evidence("SIM"), Evidence("GPS")), step)]
+
+
+def _gps_altitude_m(log: Log, at_ns: int) -> float | None:
+    table = log.tables.get("GPS")
+    if table is None or not {"Alt", "Status"} <= set(table.columns):
+        return None
+    fixed = np.flatnonzero(flag_column(table, "Status") >= 3)
+    if not len(fixed):
+        return None
+    nearest = fixed[np.argmin(np.abs(table.stamp_ns[fixed] - at_ns))]
+    return rounded(float(table.values("Alt", np.array([nearest]))[0]))
+
+
+def _armed_marks(armed: list[tuple[int, int]]) -> tuple[Mark, ...]:
+    return tuple(Mark(begin, "armed", end, Severity.OK) for begin, end in armed[:50])
+
+
+def _drawn(plot: Plot | None) -> list[Plot]:
+    return [] if plot is None else [plot]
+
+
+def _innovations(core: EstimatorCore | None, marks: tuple[Mark, ...]) -> list[Plot]:
+    table = None if core is None else core.innovations
+    if table is None:
+        return []
+    rows = (
+        ("velocity", "m/s", ("IVN", "IVE", "IVD")),
+        ("position", "m", ("IPN", "IPE", "IPD")),
+        ("yaw", "deg", ("IYAW",)),
+    )
+    found = []
+    for what, unit, columns in rows:
+        traces = [
+            Trace(column, table.stamp_ns, np.asarray(table.values(column), dtype=np.float64))
+            for column in columns
+            if column in table.columns
+        ]
+        if traces:
+            title = f"Innovations, {what}"
+            found.append(Plot(f"innovations_{what}", title, f"innovation ({unit})", tuple(traces), marks=marks))
+    return found
+
+
+def _uses(used: list[FilterUse], instants: LogClock) -> Grid | None:
+    if not used:
+        return None
+    rows = [
+        (
+            instants.second(use.from_ns),
+            instants.second(use.until_ns),
+            rounded((use.until_ns - use.from_ns) * 1e-9),
+            use.name,
+        )
+        for use in used
+    ]
+    return make_grid("filters", "Filter in use", ("from (s)", "until (s)", "duration (s)", "filter"), rows)
+
+
+def _refusals(tested: list[TestRatios], armed: list[tuple[int, int]], instants: LogClock) -> Grid | None:
+    rows = []
+    for one in tested:
+        for begin, end in one.refused[:_MOST_REFUSED]:
+            inner = inside(one.stamp_ns, [(begin, end)])
+            on = "armed" if inside(np.array([begin, end]), armed).any() else "not armed"
+            worst = rounded(one.values[inner].max(), 2)
+            rows.append((one.core, one.of, instants.second(begin), rounded((end - begin) * 1e-9), worst, on))
+    if not rows:
+        return None
+    rows.sort(key=lambda row: row[2])
+    columns = ("core", "measurement", "from (s)", "for (s)", "largest ratio", "while")
+    return make_grid("refused", "Measurements refused", columns, rows)
+
+
+def _lacks(log: Log, every: list[EstimatorCore], core: EstimatorCore | None) -> tuple[str, ...]:
+    lacks = []
+    own = (firmware_text(log) or "").startswith("xitl ")
+    if core is not None and core.innovations is None and not own:
+        lacks.append("Innovations are not in the log (XKF3); EK3_LOG_LEVEL 0 logs them.")
+    if every and core is not None and core.health is None:
+        lacks.append("Test ratios are not in the log (XKF4).")
+    if not every and log.format == "tlog":
+        lacks.append("Telemetry has test ratios only a few times a second, and of the core in use.")
+    return tuple(lacks)

@@ -1,0 +1,336 @@
+"""Events, errors and texts in one table; and what of it is trouble."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from xitl_cli.logs import signals
+from xitl_cli.logs.analyses.modes import mode_spans
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid
+from xitl_cli.logs.signals import LogText
+from xitl_cli.logs.signals.spans import inside
+from xitl_cli.logs.signals.states import ErrorSpan, error_rows, error_spans, vehicle_kind
+from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.tables.commands import SWITCH_POSITIONS, SWITCH_SOURCES, auxiliary_function_name
+from xitl_cli.logs.tables.events import (
+    ERR_BARO,
+    ERR_BATTERY_FAILSAFE,
+    ERR_COMPASS,
+    ERR_CPU,
+    ERR_CRASH,
+    ERR_EKF_CHECK,
+    ERR_EKF_FAILSAFE,
+    ERR_EKF_PRIMARY,
+    ERR_FENCE,
+    ERR_GCS_FAILSAFE,
+    ERR_GPS,
+    ERR_INTERNAL,
+    ERR_MODE_REFUSED,
+    ERR_NAVIGATION,
+    ERR_RC_FAILSAFE,
+    ERR_SENSORS,
+    INTERNAL_ERRORS,
+    WATCHDOG_RESET,
+    error_name,
+    error_persists,
+    event_name,
+    internal_error_names,
+    is_failsafe_error,
+)
+from xitl_cli.logs.tables.vehicles import VehicleKind
+from xitl_cli.logs.text import length_text
+
+_OVER = re.compile(r"\b(cleared|clear|over|off|recovered|resolved|ended|restored|back|healthy)\b", re.I)
+_ROWS: tuple[tuple[str, str, Severity], ...] = (
+    (r"^crash\b|crash: disarming", "crash", Severity.CRITICAL),
+    (r"^WDG:|watchdog reset", "watchdog", Severity.CRITICAL),
+    (r"internal errors? 0x|internal error", "internal_error", Severity.CRITICAL),
+    (r"controller failed", "controller", Severity.CRITICAL),
+    (r"radio failsafe|throttle failsafe|rc failsafe", "radio_failsafe", Severity.WARNING),
+    (r"gcs failsafe", "gcs_failsafe", Severity.WARNING),
+    (r"ekf failsafe", "ekf_failsafe", Severity.WARNING),
+    (r"batt(ery)?\b.*(failsafe|low|critical)", "battery", Severity.WARNING),
+    (r"fence breach", "fence", Severity.WARNING),
+    (r"failsafe", "failsafe", Severity.WARNING),
+    (r"ekf variance", "ekf_variance", Severity.WARNING),
+    (r"potential thrust loss|yaw imbalance|vibration compensation on", "flight", Severity.WARNING),
+    (r"gps( \d)? glitch|compass error|bad gyro|imu\d? .*fail", "sensor", Severity.WARNING),
+    (r"no logging|logging failed|log: .*(slow|no space)|unable to (start|open) log", "logging", Severity.WARNING),
+)
+_PATTERNS = tuple((re.compile(pattern, re.I), key, severity) for pattern, key, severity in _ROWS)
+_PLAIN = re.compile(r"\b(disabled|enabled|ready|config|param|pre-?arm|arm:)\b|^(PreArm|Arm)\s*:", re.I)
+
+
+@dataclass(frozen=True, slots=True)
+class ReportedTrouble:
+    """until_ns: when the autopilot said that it is over; None where it never did."""
+
+    key: str
+    severity: Severity
+    text: LogText
+    count: int
+    until_ns: int | None
+
+
+def reported_troubles(texts: list[LogText]) -> list[ReportedTrouble]:
+    """One for each kind of trouble from its first sentence to the one that ends it, in the order of time."""
+    open_ones: dict[str, ReportedTrouble] = {}
+    done: list[ReportedTrouble] = []
+    for text in texts:
+        found = next(((key, severity) for pattern, key, severity in _PATTERNS if pattern.search(text.text)), None)
+        if found is None or _PLAIN.search(text.text):
+            continue
+        key, severity = found
+        before = open_ones.get(key)
+        if _OVER.search(text.text):
+            if before is not None:
+                done.append(ReportedTrouble(key, before.severity, before.text, before.count, text.at_ns))
+                del open_ones[key]
+            continue
+        first = text if before is None else before.text
+        open_ones[key] = ReportedTrouble(key, severity, first, 1 if before is None else before.count + 1, None)
+    return sorted([*done, *open_ones.values()], key=lambda trouble: trouble.text.at_ns)
+
+
+_NEAR_NS = 2_000_000_000
+_MOST_EVIDENCE = 20
+_SOURCES = {"EV", "AUXF", "WDOG", "MON", "PM"}
+_LEVELS = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
+_STEPS: Mapping[int, str] = MappingProxyType(
+    {
+        ERR_COMPASS: "Compare the compasses and MAG.Health (sensors section); check wiring and interference.",
+        ERR_GPS: "Look at the GNSS section: fix, satellites, HDOP at this time.",
+        ERR_BARO: "Look at BARO.H and BARO.Press (sensors section); its altitude is worth nothing meanwhile.",
+        ERR_EKF_CHECK: "Look at test ratios and position in the estimator section at this time.",
+        ERR_EKF_FAILSAFE: "Look at the estimator section: position was lost or inconsistent.",
+        ERR_CPU: "Look at the scheduler section: the main loop stood still.",
+        ERR_CRASH: "Look at attitude, speed and throttle just before.",
+        ERR_INTERNAL: "Look up the bits in PM.InE or MON.IErr, and report it with this log.",
+        ERR_GCS_FAILSAFE: "Look at the radio section, and FS_GCS_ENABLE.",
+        ERR_RC_FAILSAFE: "Check the receiver, FS_THR_ENABLE and FS_TIMEOUT.",
+        ERR_BATTERY_FAILSAFE: "Look at the power section, BATT_LOW_VOLT and BATT_CRT_VOLT.",
+        ERR_FENCE: "Compare track and fence; FENCE_ACTION decided what followed.",
+        ERR_NAVIGATION: "Check the destination against fence and position at this time.",
+        ERR_MODE_REFUSED: "The mode needs what was missing then, most often a position; see the sentences beside.",
+        ERR_SENSORS: "Look at the sensors section: which of them stopped.",
+        ERR_EKF_PRIMARY: "Look at the estimator section.",
+    }
+)
+
+
+def analyse(log: Log) -> Section | None:
+    texts = signals.texts(log)
+    rows = error_rows(log)
+    if not texts and not rows and not _SOURCES & set(log.tables):
+        if log.format == "mcap":
+            return None
+        return Section("events", "Events and errors", lacks=("The log has no EV, ERR, MSG or STATUSTEXT.",))
+    instants, kind = LogClock(log), vehicle_kind(log)
+    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
+    spans, told = error_spans(rows), reported_troubles(texts)
+    findings = [
+        *_from_errors(spans, armed, kind, instants),
+        *_from_texts(log, told, spans, armed, instants),
+        *_internal_error_findings(log, instants),
+    ]
+    table = make_grid(
+        "events", "What happened", ("at (s)", "source", "level", "what"), _table(log, texts, rows, kind, instants)
+    )
+    facts = (
+        Fact("events", "Events", len(log.tables["EV"]) if "EV" in log.tables else 0),
+        Fact("errors", "Errors", sum(1 for _, subsystem, code in rows if code or not error_persists(subsystem))),
+        Fact("errors_open", "Errors never cleared", sum(1 for one in spans if _open(one))),
+        Fact("texts", "Sentences", len(texts)),
+    )
+    return Section("events", "Events and errors", facts, tuple(findings), (table,))
+
+
+def _open(span: ErrorSpan) -> bool:
+    return span.until_ns is None and error_persists(span.subsystem)
+
+
+def _table(
+    log: Log, texts: list[signals.LogText], rows: list[tuple[int, int, int]], kind: VehicleKind, instants: LogClock
+) -> list[tuple[float, str, str, str]]:
+    found = [(text.at_ns, text.source.partition(".")[0], _level(text.severity), text.text) for text in texts]
+    found += [
+        (at_ns, "ERR", "error" if code else "", error_name(subsystem, code, kind)) for at_ns, subsystem, code in rows
+    ]
+    found += [(at_ns, "EV", "", event_name(number)) for at_ns, number in _numbers(log, "EV", "Id")]
+    for span in mode_spans(log):
+        why = f" ({span.cause})" if span.cause else ""
+        found.append((span.from_ns, span.source.partition(".")[0].rpartition(":")[2], "", f"mode {span.name}{why}"))
+    found += _switches(log)
+    found.sort(key=lambda row: row[0])
+    return [(instants.second(at_ns), source, level, what) for at_ns, source, level, what in found]
+
+
+def _level(severity: int | None) -> str:
+    return _LEVELS[severity] if severity is not None and 0 <= severity < len(_LEVELS) else ""
+
+
+def _numbers(log: Log, name: str, column: str) -> list[tuple[int, int]]:
+    table = log.tables.get(name)
+    if table is None or column not in table.columns:
+        return []
+    numbers = np.asarray(table.values(column, raw=True)).astype(np.int64).tolist()
+    return list(zip(table.stamp_ns.tolist(), numbers, strict=True))
+
+
+def _switches(log: Log) -> list[tuple[int, str, str, str]]:
+    """AUXF: what RC switches and ground stations switched."""
+    table = log.tables.get("AUXF")
+    if table is None or not {"function", "pos"} <= set(table.columns):
+        return []
+    names = [name for name in ("function", "pos", "source") if name in table.columns]
+    columns = [np.asarray(table.values(name, raw=True)).astype(np.int64).tolist() for name in names]
+    rows = []
+    for at_ns, function, position, *source in zip(table.stamp_ns.tolist(), *columns, strict=True):
+        by = SWITCH_SOURCES.get(source[0], "") if source else ""
+        what = f"switch {auxiliary_function_name(function)} {SWITCH_POSITIONS.get(position, position)}"
+        rows.append((at_ns, "AUXF", "", f"{what} ({by})" if by else what))
+    return rows
+
+
+def _from_errors(
+    spans: list[ErrorSpan], armed: list[tuple[int, int]], kind: VehicleKind, instants: LogClock
+) -> list[Finding]:
+    """One a subsystem and code: the open one first, else how often and for how long."""
+    groups: dict[tuple[int, int], list[ErrorSpan]] = {}
+    for span in spans:
+        if span.subsystem != ERR_EKF_PRIMARY:
+            groups.setdefault((span.subsystem, span.code), []).append(span)
+    return [_error(subsystem, code, group, armed, kind, instants) for (subsystem, code), group in groups.items()]
+
+
+def _error(
+    subsystem: int,
+    code: int,
+    group: list[ErrorSpan],
+    armed: list[tuple[int, int]],
+    kind: VehicleKind,
+    instants: LogClock,
+) -> Finding:
+    on = bool(inside(np.array([span.from_ns for span in group]), armed).any())
+    open_one = next((span for span in group if _open(span)), None)
+    name = error_name(subsystem, code, kind)
+    state = "armed" if on else "not armed"
+    when = instants.text(group[0].from_ns)
+    many = "" if len(group) == 1 else f", {len(group)} times in all"
+    if open_one is not None:
+        sentence = f"{name} at {instants.text(open_one.from_ns)}, {state}, and never cleared{many}"
+    elif group[0].until_ns is None:
+        sentence = f"{name} at {when}, {state}{many}"
+    else:
+        total_s = sum(((span.until_ns or span.from_ns) - span.from_ns) * 1e-9 for span in group)
+        sentence = f"{name} at {when}, {state}, cleared after {length_text(total_s)}{many}"
+    return Finding(
+        f"events.error.{subsystem}.{code}",
+        _severity(subsystem, on, open_one is not None),
+        sentence[0].upper() + sentence[1:],
+        tuple(
+            Evidence("ERR", "ECode", span.from_ns, span.until_ns, f"{subsystem}/{code}")
+            for span in group[:_MOST_EVIDENCE]
+        ),
+        _STEPS.get(subsystem, "Look at the sentences around this instant."),
+    )
+
+
+def _severity(subsystem: int, armed: bool, is_open: bool) -> Severity:
+    if subsystem in (ERR_CRASH, ERR_INTERNAL, ERR_CPU):
+        return Severity.CRITICAL
+    if subsystem in (ERR_MODE_REFUSED, ERR_NAVIGATION):
+        return Severity.NOTICE
+    if is_failsafe_error(subsystem) and armed:
+        return Severity.CRITICAL if is_open else Severity.WARNING
+    return Severity.WARNING if armed or is_open else Severity.NOTICE
+
+
+def _from_texts(
+    log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], armed: list[tuple[int, int]], instants: LogClock
+) -> list[Finding]:
+    """Sentences of trouble that no error code and no mode change tells already."""
+    explained = [span.from_ns for span in spans if span.subsystem != ERR_EKF_PRIMARY]
+    explained += [span.from_ns for span in mode_spans(log) if span.failsafe]
+    found = []
+    for trouble in told:
+        at_ns = trouble.text.at_ns
+        if trouble.severity < Severity.CRITICAL and any(abs(at_ns - other) <= _NEAR_NS for other in explained):
+            continue
+        if trouble.key == "internal_error" and any(span.subsystem == ERR_INTERNAL for span in spans):
+            continue
+        on = bool(inside(np.array([at_ns]), armed)[0])
+        severity = trouble.severity if on or trouble.severity == Severity.CRITICAL else Severity.NOTICE
+        times = f" ({trouble.count} times)" if trouble.count > 1 else ""
+        over = "" if trouble.until_ns is None else f"; over at {instants.text(trouble.until_ns)}"
+        message, _, field = trouble.text.source.partition(".")
+        found.append(
+            Finding(
+                f"events.said.{trouble.key}",
+                severity,
+                f'"{trouble.text.text}"{times} at {instants.text(at_ns)}, {"armed" if on else "not armed"}{over}',
+                (Evidence(message, field, at_ns, trouble.until_ns, trouble.text.text),),
+                "Look at what was said and what changed around this instant.",
+            )
+        )
+    return found
+
+
+def _internal_error_findings(log: Log, instants: LogClock) -> list[Finding]:
+    """MON: the main loop stood still. WDOG: the watchdog reset the board before this log. PM: internal errors."""
+    found = []
+    watchdog = log.tables.get("WDOG")
+    if watchdog is not None:
+        sentence = "The watchdog reset the board before this log began"
+        if "Task" in watchdog.columns or "Tsk" in watchdog.columns:
+            task = watchdog.values(first_of(watchdog, ("Task", "Tsk")) or "", raw=True)[-1]
+            sentence += f", in scheduler task {int(task)}"
+        evidence = Evidence("WDOG", None, int(watchdog.stamp_ns[-1]))
+        step = "Report it with this log: which code stood still is in WDOG and in @SYS/crash_dump.bin."
+        found.append(Finding("events.watchdog", Severity.CRITICAL, sentence, (evidence,), step))
+    stuck = log.tables.get("MON")
+    if stuck is not None:
+        sentence = f"The main loop stood still long enough to be written down {len(stuck)} times"
+        if "Dly" in stuck.columns:
+            sentence += f", for up to {int(np.max(stuck.values('Dly', raw=True)))} ms"
+        at_ns = int(stuck.stamp_ns[0])
+        step = "Look at the scheduler section at this time, and at MON.Tsk for the task it stood in."
+        evidence = Evidence("MON", "Dly", at_ns, int(stuck.stamp_ns[-1]))
+        found.append(Finding("events.main_loop_stuck", Severity.CRITICAL, sentence, (evidence,), step))
+    for name, columns in (("PM", ("InE", "IntE", "IErr")), ("MON", ("IErr",)), ("WDOG", ("IErr",))):
+        table = log.tables.get(name)
+        column = None if table is None else first_of(table, columns)
+        if table is not None and column is not None and (bits := _bits(table, column)):
+            found.append(_internal_errors(table, name, column, bits, instants))
+            break
+    return found
+
+
+def _bits(table: Table, column: str) -> int:
+    if table.columns[column].kind != "number":
+        return 0
+    values = np.asarray(table.values(column, raw=True))
+    if values.dtype.kind not in "iu" or not len(values):
+        return 0
+    bits = int(np.bitwise_or.reduce(values.astype(np.int64)))
+    return bits & sum(1 << bit for bit in INTERNAL_ERRORS)
+
+
+def _internal_errors(table: Table, name: str, column: str, bits: int, instants: LogClock) -> Finding:
+    rows = np.flatnonzero(np.asarray(table.values(column, raw=True)).astype(np.int64) & bits)
+    at_ns = int(table.stamp_ns[rows[0]])
+    only_reset = bits == WATCHDOG_RESET
+    return Finding(
+        "events.internal_errors",
+        Severity.CRITICAL,
+        f"Internal errors of the firmware, first at {instants.text(at_ns)}: {', '.join(internal_error_names(bits))}",
+        (Evidence(name, column, at_ns, int(table.stamp_ns[rows[-1]]), f"0x{bits:x}"),),
+        "The board was reset by its watchdog: look at WDOG." if only_reset else "Report it to ArduPilot with this log.",
+    )

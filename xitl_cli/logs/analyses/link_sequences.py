@@ -1,0 +1,262 @@
+"""MAVLink as it was recorded: losses by the sequence numbers of each sender, and intervals without a frame.
+
+A sequence number goes round after 256, so a loss of more than that looks smaller; intervals without a frame tell it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import (
+    Evidence,
+    Fact,
+    Finding,
+    Mark,
+    Plot,
+    Section,
+    Severity,
+    Trace,
+    Value,
+    make_grid,
+    rounded,
+)
+from xitl_cli.logs.signals.moments import Moment, moments_near
+
+LOSS_WARNING, LOSS_CRITICAL = 0.02, 0.2
+LEAST_FRAMES = 50
+QUIET_S, QUIET_PERIODS = 3.0, 20.0
+QUIET_IN_RUN_S = 0.4
+MOST_QUIET = 50
+JOINED_NS = 50_000_000
+AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
+WINDOW_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Sender:
+    """stamp_ns: (N,) in the order of the file. lost: (N,) frames missing before each. late, repeated: numbers that
+    went back, and that came twice.
+    """
+
+    link: str
+    system: int
+    component: int
+    stamp_ns: NDArray[np.int64]
+    lost: NDArray[np.int64]
+    late: int
+    repeated: int
+
+    @property
+    def name(self) -> str:
+        via = f" on {self.link}" if self.link else ""
+        return f"system {self.system}, component {self.component}{via}"
+
+    @property
+    def ratio(self) -> float:
+        lost = int(self.lost.sum())
+        return lost / max(lost + len(self.stamp_ns), 1)
+
+
+def sequence_section(log: Log, happened: Sequence[Moment], instants: LogClock) -> Section | None:
+    if log.format == "tlog":
+        found = senders(log)
+        unknown = sum(count for count, _ in log.health.undecoded.values())
+        quiet = [
+            (each.name, "MAVLink", _quiet(each.stamp_ns, QUIET_S)) for each in found if each.component == AUTOPILOT
+        ]
+        losses = [finding for each in found for finding in _losses(each, unknown, instants)]
+    else:
+        found, losses = [], []
+        quiet = [
+            (name.removeprefix("/link/"), name, _quiet(table.stamp_ns, QUIET_IN_RUN_S))
+            for name, table in log.tables.items()
+            if name.startswith("/link/") and "frame" in table.columns and len(table) > LEAST_FRAMES
+        ]
+        if not quiet:
+            return None
+    silences = [
+        finding
+        for name, source, spans in quiet
+        if spans
+        for finding in _silences(name, source, spans, happened, instants, log.format == "mcap")
+    ]
+    whole = [each.name for each in found if each.component == AUTOPILOT and len(each.stamp_ns) >= LEAST_FRAMES]
+    if whole and not (losses or silences):
+        said = f"No frame of {' and '.join(whole)} is missing by its sequence"
+        losses.append(Finding("links.sequence_whole", Severity.OK, said))
+    rows: list[tuple[Value, ...]] = [
+        (
+            each.system,
+            each.component,
+            len(each.stamp_ns),
+            int(each.lost.sum()),
+            rounded(100.0 * each.ratio, 3),
+            each.late,
+            each.repeated,
+            rounded(float(np.max(np.diff(each.stamp_ns), initial=0)) * 1e-9),
+        )
+        for each in found
+    ]
+    columns = ("system", "component", "frames", "lost", "lost (%)", "out of order", "repeated", "longest pause (s)")
+    facts = [Fact("senders", "MAVLink senders", len(found))] if found else []
+    for each in found:
+        if each.component == AUTOPILOT:
+            label = f"Lost of system {each.system}"
+            facts.append(Fact(f"system_{each.system}_lost_percent", label, rounded(100.0 * each.ratio, 3), "%"))
+    grids = [make_grid("senders", "MAVLink by sender", columns, rows)] if rows else []
+    pauses: list[tuple[Value, ...]] = [
+        (name, instants.second(begin), instants.second(end), rounded((end - begin) * 1e-9))
+        for name, _, spans in quiet
+        for begin, end in spans
+    ]
+    if pauses:
+        grids.append(
+            make_grid("silences", "Intervals without a frame", ("link", "from (s)", "until (s)", "for (s)"), pauses)
+        )
+    if not found and not pauses:
+        return None
+    return Section("links", "Links", tuple(facts), (*losses, *silences), tuple(grids), _plots(found, quiet))
+
+
+def senders(log: Log) -> list[Sender]:
+    """Of a telemetry log, those that sent most first."""
+    parts: dict[tuple[int, int], list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]] = {}
+    for table in log.tables.values():
+        if not {"_sysid", "_compid", "_seq"} <= set(table.columns):
+            continue
+        system, component = (table.values(name, raw=True).astype(np.int64) for name in ("_sysid", "_compid"))
+        sequence = table.values("_seq", raw=True).astype(np.int64)
+        for who in np.unique(system * 256 + component).tolist():
+            mine = system * 256 + component == who
+            key = (who // 256, who % 256)
+            parts.setdefault(key, []).append((table.place[mine], table.stamp_ns[mine], sequence[mine]))
+    found = []
+    for (system_id, component_id), tables in parts.items():
+        place, stamps, sequence = (np.concatenate(each) for each in zip(*tables, strict=True))
+        order = np.argsort(place, kind="stable")
+        lost, late, repeated = missing_frames(sequence[order])
+        found.append(Sender("", system_id, component_id, stamps[order], lost, late, repeated))
+    return sorted(found, key=lambda each: -len(each.stamp_ns))
+
+
+def missing_frames(sequence: NDArray[np.int64]) -> tuple[NDArray[np.int64], int, int]:
+    """(N,) how many are missing before each frame; how many came late, and how many twice in a row.
+
+    A number that went back by up to half a round is a late frame, which was missing before and is not.
+    """
+    newest = int(sequence[0]) if len(sequence) else 0
+    lost = np.zeros(len(sequence), dtype=np.int64)
+    late = repeated = 0
+    ahead = np.diff(sequence, prepend=sequence[:1]) % 256
+    if ((ahead[1:] > 0) & (ahead[1:] < 128)).all():
+        lost[1:] = ahead[1:] - 1
+        return lost, 0, 0
+    last_gap = 0
+    for row, number_ in enumerate(sequence.tolist()):
+        if row == 0:
+            continue
+        step = (number_ - newest) % 256
+        if step == 0:
+            repeated += 1
+        elif step < 128:
+            lost[row] = step - 1
+            newest = number_
+            last_gap = row
+        else:
+            late += 1
+            if lost[last_gap]:
+                lost[last_gap] -= 1
+    return lost, late, repeated
+
+
+def _losses(sender: Sender, unknown: int, instants: LogClock) -> list[Finding]:
+    lost, frames = int(sender.lost.sum()), len(sender.stamp_ns)
+    if not lost or frames < LEAST_FRAMES:
+        return []
+    beyond = max(lost - unknown, 0)  # frames of messages that no dialect has are in the file, not lost
+    ratio = beyond / (frames + lost)
+    severity = Severity.NOTICE
+    if ratio > LOSS_WARNING and sender.component == AUTOPILOT:  # of itself a station records what it likes
+        severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
+    rows = np.flatnonzero(sender.lost)
+    first_ns, last_ns = int(sender.stamp_ns[rows[0]]), int(sender.stamp_ns[rows[-1]])
+    note = f"; up to {min(unknown, lost)} of them are messages of no known dialect" if unknown else ""
+    return [
+        Finding(
+            "links.sequence_loss",
+            severity,
+            f"{sender.name}: {lost} of {frames + lost} frames are missing by their sequence "
+            f"({100.0 * sender.ratio:.2f} %), from {instants.text(first_ns)} to {instants.text(last_ns)}{note}",
+            (Evidence("MAVLink", "_seq", first_ns, last_ns, str(lost)),),
+            "Look at the radio or network; a log that was filtered or taken from one of several links shows the same.",
+        )
+    ]
+
+
+def _quiet(stamp_ns: NDArray[np.int64], least_s: float) -> list[tuple[int, int]]:
+    """Pauses much longer than usual; a frame or two between them does not end one."""
+    stamps = np.sort(stamp_ns)
+    between = np.diff(stamps)
+    if not len(between):
+        return []
+    usual = float(np.median(between))
+    spans: list[tuple[int, int]] = []
+    for row in np.flatnonzero(between > max(least_s * 1e9, QUIET_PERIODS * usual)).tolist():
+        begin, end = int(stamps[row]), int(stamps[row + 1])
+        if spans and begin - spans[-1][1] <= JOINED_NS:
+            spans[-1] = (spans[-1][0], end)
+        elif len(spans) < MOST_QUIET:
+            spans.append((begin, end))
+    return spans
+
+
+def _silences(
+    name: str,
+    source: str,
+    spans: list[tuple[int, int]],
+    happened: Sequence[Moment],
+    instants: LogClock,
+    in_run: bool,
+) -> list[Finding]:
+    total_s = sum((end - begin) * 1e-9 for begin, end in spans)
+    begin, end = max(spans, key=lambda span: span[1] - span[0])
+    beside = [one.text for one in moments_near(happened, begin, end, WINDOW_NS) if one.kind in ("fault", "takeover")]
+    again = "once" if len(spans) == 1 else f"{len(spans)} times, {total_s:.1f} s in all"
+    with_ = f", with: {'; '.join(dict.fromkeys(beside))}" if beside else ""
+    return [
+        Finding(
+            "links.silence",
+            Severity.NOTICE if beside else Severity.WARNING,
+            f"{name}: no frame for {(end - begin) * 1e-9:.1f} s from {instants.text(begin)} ({again}){with_}",
+            tuple(Evidence(source, None, from_ns, until_ns) for from_ns, until_ns in spans[:10]),
+            "It was on purpose if the fault is of this link; see what the autopilot did meanwhile (modes, events)."
+            if beside
+            else "Look at the link and at both of its ends then: power, cable, antenna, restarts, a machine asleep."
+            if in_run
+            else "Look at range and antennas then; the autopilot's failsafe may have acted (modes, events).",
+        )
+    ]
+
+
+def _plots(found: list[Sender], quiet: list[tuple[str, str, list[tuple[int, int]]]]) -> tuple[Plot, ...]:
+    traces = []
+    for each in found[:6]:
+        if len(each.stamp_ns) < LEAST_FRAMES:
+            continue
+        begin = int(each.stamp_ns.min())
+        window = ((each.stamp_ns - begin) // WINDOW_NS).astype(np.int64)
+        size = int(min(window.max() + 1, 200_000))
+        kept = window < size
+        counted = np.bincount(window[kept], weights=each.lost[kept], minlength=size).astype(np.float64)
+        instants_ns: NDArray[np.int64] = begin + WINDOW_NS * np.arange(size, dtype=np.int64)
+        traces.append(Trace(each.name, instants_ns, counted, "steps"))
+    marks = tuple(Mark(begin, f"{name}: nothing", end) for name, _, spans in quiet for begin, end in spans)
+    if not traces:
+        return ()
+    return (Plot("sequence_losses", "Frames missing each second", "frames", tuple(traces), marks=marks),)

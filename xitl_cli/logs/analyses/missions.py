@@ -1,0 +1,455 @@
+"""The mission: what was loaded, its legs, cross-track errors, and whether it was completed."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_core.geodesy import LocalFrame
+from xitl_cli.logs import signals
+from xitl_cli.logs.analyses.modes import ModeSpan, mode_spans
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, make_grid, rounded
+from xitl_cli.logs.signals.states import autopilot_messages
+from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.tables.commands import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
+from xitl_cli.logs.text import length_text
+
+_PLAUSIBLE_ITEMS = 5000
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItem:
+    """latitude and longitude in deg, altitude in m; place: whether it is somewhere to go to."""
+
+    seq: int
+    command: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    frame: int
+
+    @property
+    def place(self) -> bool:
+        known = -90.0 <= self.latitude_deg <= 90.0 and -180.0 <= self.longitude_deg <= 180.0
+        return self.command in PLACE_COMMANDS and known and (self.latitude_deg, self.longitude_deg) != (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MissionVersion:
+    """The mission from `at_ns` on, by number of the item; item 0 is home."""
+
+    at_ns: int
+    items: Mapping[int, MissionItem]
+
+    @property
+    def places(self) -> list[MissionItem]:
+        return [item for seq, item in sorted(self.items.items()) if seq and item.place]
+
+
+def mission_versions(log: Log) -> list[MissionVersion]:
+    """Every mission that was logged and differs from the one before, in the log's order; home is not compared."""
+    rows = _items_from_log(log) or _items_from_telemetry(log)
+    found: list[MissionVersion] = []
+    current: dict[int, MissionItem] = {}
+    began_ns, last_seq = 0, -1
+    for at_ns, total, item in rows:
+        if item.seq <= last_seq or not current:
+            _add(found, began_ns, current)
+            current, began_ns = {}, at_ns
+        current[item.seq] = item
+        last_seq = item.seq
+        if total and len(current) >= total:
+            last_seq = _PLAUSIBLE_ITEMS
+    _add(found, began_ns, current)
+    return found
+
+
+def executed_items(log: Log) -> list[tuple[int, int]]:
+    """(stamp, number) of each item taken up, in the order of time."""
+    table = log.tables.get("MISE")
+    if table is not None and "CNum" in table.columns:
+        return _sequence(table, "CNum", changes_only=False)
+    table = autopilot_messages(log, "MISSION_CURRENT")
+    return [] if table is None or "seq" not in table.columns else _sequence(table, "seq", changes_only=True)
+
+
+def _sequence(table: Table, column: str, changes_only: bool) -> list[tuple[int, int]]:
+    order = np.argsort(table.stamp_ns, kind="stable")
+    numbers = np.asarray(table.values(column, raw=True))[order].astype(np.int64)
+    stamps = table.stamp_ns[order]
+    if changes_only and len(numbers):
+        new = np.concatenate(([True], np.diff(numbers) != 0))
+        numbers, stamps = numbers[new], stamps[new]
+    return [(at_ns, seq) for at_ns, seq in zip(stamps.tolist(), numbers.tolist(), strict=True) if seq > 0]
+
+
+def _add(found: list[MissionVersion], at_ns: int, items: dict[int, MissionItem]) -> None:
+    if not items:
+        return
+    before = {seq: item for seq, item in found[-1].items.items() if seq} if found else None
+    if before != {seq: item for seq, item in items.items() if seq}:
+        found.append(MissionVersion(at_ns, dict(items)))
+
+
+def _items_from_log(log: Log) -> list[tuple[int, int, MissionItem]]:
+    table = log.tables.get("CMD")
+    names = ("CNum", "CId", "Lat", "Lng", "Alt")
+    if table is None or not set(names) <= set(table.columns):
+        return []
+    return _rows(table, names, "CTot", "Frame")
+
+
+def _items_from_telemetry(log: Log) -> list[tuple[int, int, MissionItem]]:
+    for table in (
+        autopilot_messages(log, "MISSION_ITEM_INT"),
+        log.tables.get("MISSION_ITEM_INT"),
+        log.tables.get("/link/agent/tx:MISSION_ITEM_INT"),
+        autopilot_messages(log, "MISSION_ITEM"),
+    ):
+        names = ("seq", "command", "x", "y", "z")
+        if table is not None and set(names) <= set(table.columns):
+            return _rows(table, names, None, "frame")
+    return []
+
+
+def _rows(table: Table, names: tuple[str, ...], total: str | None, frame: str) -> list[tuple[int, int, MissionItem]]:
+    columns = [np.asarray(table.values(name), dtype=np.float64) for name in names]
+    totals = table.values(total, raw=True).tolist() if total and total in table.columns else [0] * len(table)
+    frame_column = first_of(table, (frame,))
+    frames = [0] * len(table) if frame_column is None else table.values(frame_column, raw=True).tolist()
+    largest = max((float(np.nanmax(np.abs(column), initial=0.0)) for column in columns[2:4]), default=0.0)
+    scale = 1e-7 if largest > 1000.0 else 1.0
+    rows = []
+    for row in range(min(len(table), 100_000)):
+        seq, command, x, y, z = (float(column[row]) for column in columns)
+        if not (0 <= seq < _PLAUSIBLE_ITEMS and 0 <= command < 65_536 and np.isfinite((x, y)).all()):
+            continue
+        item = MissionItem(int(seq), int(command), x * scale, y * scale, z, int(frames[row]))
+        rows.append((int(table.stamp_ns[row]), int(totals[row]), item))
+    return rows
+
+
+@dataclass(frozen=True, slots=True)
+class MissionLeg:
+    """On the way to `seq`. until_ns: when it was reached, or left; reached: which of the two."""
+
+    seq: int
+    from_ns: int
+    until_ns: int
+    reached: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LegTrack:
+    """Of one leg: way and straight length in m, root mean square and largest distance from its line in m."""
+
+    way_m: float | None = None
+    length_m: float | None = None
+    cross_rms_m: float | None = None
+    cross_max_m: float | None = None
+
+
+def length_m(plan: MissionVersion) -> float:
+    """Along the straight lines from waypoint to waypoint."""
+    places = plan.places
+    if len(places) < 2:
+        return 0.0
+    path = _path(places, places[0])
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def _path(places: list[MissionItem], origin: MissionItem) -> NDArray[Any]:
+    """(N, 2) north and east in m."""
+    frame = LocalFrame(origin.latitude_deg, origin.longitude_deg, 0.0)
+    latitudes, longitudes = (
+        np.array([getattr(item, name) for item in places]) for name in ("latitude_deg", "longitude_deg")
+    )
+    return np.asarray(frame.ned(latitudes, longitudes, np.zeros(len(places))))[:, :2]
+
+
+def leg_tracks(log: Log, plan: MissionVersion | None, legs: list[MissionLeg]) -> list[LegTrack]:
+    """Each leg's way against its line: from the waypoint before, or from where its first leg began."""
+    geodetic = signals.position_geodetic(log)
+    if plan is None or geodetic is None or not legs:
+        return [LegTrack()] * len(legs)
+    items = {item.seq: item for item in plan.places}
+    found: list[LegTrack] = []
+    before: MissionItem | None = None
+    for leg in legs:
+        item = items.get(leg.seq)
+        rows = (geodetic.stamp_ns >= leg.from_ns) & (geodetic.stamp_ns <= leg.until_ns)
+        if item is None or rows.sum() < 2:
+            found.append(LegTrack())
+            before = item or before
+            continue
+        frame = LocalFrame(item.latitude_deg, item.longitude_deg, 0.0)
+        way = np.asarray(frame.ned(geodetic.values[rows, 0], geodetic.values[rows, 1], np.zeros(int(rows.sum()))))[
+            :, :2
+        ]
+        start = way[0] if before is None else _path([before], item)[0]
+        found.append(_against(way, start))
+        before = item
+    return found
+
+
+def _against(way: NDArray[Any], start: NDArray[Any]) -> LegTrack:
+    """`way` about the waypoint, which is at 0, 0; `start` is where the line to it begins."""
+    length_m = float(np.hypot(*start))
+    way_m = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    if length_m < 0.1:
+        return LegTrack(way_m, length_m)
+    across = np.abs(way @ np.array([start[1], -start[0]])) / length_m
+    return LegTrack(way_m, length_m, float(np.sqrt(np.mean(across**2))), float(across.max()))
+
+
+def overall_rms_m(legs: list[MissionLeg], sailed: list[LegTrack]) -> float | None:
+    """Over time: each leg counts by how long it took."""
+    known = [
+        ((leg.until_ns - leg.from_ns) * 1e-9, one.cross_rms_m)
+        for leg, one in zip(legs, sailed, strict=True)
+        if one.cross_rms_m is not None
+    ]
+    total_s = sum(seconds for seconds, _ in known)
+    if total_s <= 0.0:
+        return None
+    return rounded(np.sqrt(sum(seconds * rms**2 for seconds, rms in known) / total_s))
+
+
+def largest_m(sailed: list[LegTrack]) -> float | None:
+    return rounded(max((one.cross_max_m for one in sailed if one.cross_max_m is not None), default=None))
+
+
+_REACHED = re.compile(r"^Reached (?:waypoint|command) #?(\d+)", re.I)
+_COMPLETE = re.compile(r"^Mission complete\b", re.I)
+_COMPLETE_STATE = 5  # MISSION_STATE_COMPLETE
+_AUTO = "AUTO"
+_MOST_LEGS = 2000
+_REPEATED_NS = 5_000_000_000
+_HEARD_LATE_NS = 1_500_000_000  # MISSION_CURRENT comes once a second
+
+
+def analyse(log: Log) -> Section | None:
+    loaded, taken_up, reached = mission_versions(log), executed_items(log), reached_at(log)
+    if not loaded and not taken_up and not reached:
+        return None
+    instants, modes = LogClock(log), mode_spans(log)
+    legs = _legs(log, taken_up, reached, modes, instants)
+    complete_ns = _complete_ns(log)
+    plan = _plan_in_force(loaded, legs)
+    sailed = leg_tracks(log, plan, legs)
+    wanted = len(plan.places) if plan else _last_item(log) or None
+    done = len({leg.seq for leg in legs if leg.reached})
+    last = max((item.seq for item in plan.places), default=0) if plan else _last_item(log)
+    complete = complete_ns is not None or (bool(last) and any(leg.reached and leg.seq == last for leg in legs))
+    lacks = []
+    if legs and not reached:
+        lacks.append("When waypoints were reached is not logged; only that the next one was taken up.")
+    if not legs and any(span.name == _AUTO for span in modes):
+        lacks.append("Which items of the mission were carried out is not logged: no MISE, no MISSION_CURRENT.")
+    facts = (
+        Fact("waypoints", "Waypoints", wanted),
+        Fact("waypoints_reached", "Waypoints reached", done if legs else None),
+        Fact("mission_completed", "Completed", complete if legs or complete_ns is not None else None),
+        Fact("mission_length_m", "Length", None if plan is None else rounded(length_m(plan), 1), "m"),
+        Fact("mission_time_s", "Time", rounded((legs[-1].until_ns - legs[0].from_ns) * 1e-9, 1) if legs else None, "s"),
+        Fact("cross_track_rms_m", "Cross track, RMS", overall_rms_m(legs, sailed), "m"),
+        Fact("cross_track_max_m", "Cross track, largest", largest_m(sailed), "m"),
+    )
+    findings = [
+        *_unfinished(log, legs, complete, done, wanted, modes, instants),
+        *_changed(log, loaded, legs, instants),
+    ]
+    grids = [found for found in (_leg_table(plan, legs, sailed, instants), _plan_table(plan)) if found is not None]
+    known = tuple(fact for fact in facts if fact.value is not None)
+    return Section("missions", "Mission", known, tuple(findings), tuple(grids), (), tuple(lacks))
+
+
+def reached_at(log: Log) -> list[tuple[int, int]]:
+    """(stamp, number) of each waypoint that the autopilot said it reached, each once, in the order of time."""
+    found = [
+        (text.at_ns, int(match.group(1)))
+        for text in signals.texts(log)
+        if (match := _REACHED.match(text.text)) and len(match.group(1)) < 6
+    ]
+    table = autopilot_messages(log, "MISSION_ITEM_REACHED")
+    if table is not None and "seq" in table.columns:
+        found += list(zip(table.stamp_ns.tolist(), table.values("seq", raw=True).tolist(), strict=True))
+    once: list[tuple[int, int]] = []
+    for at_ns, seq in sorted(found):
+        if not any(other == seq and at_ns - when <= _REPEATED_NS for when, other in once[-3:]):
+            once.append((at_ns, seq))
+    return once
+
+
+def _complete_ns(log: Log) -> int | None:
+    said = [text.at_ns for text in signals.texts(log) if _COMPLETE.match(text.text)]
+    table = autopilot_messages(log, "MISSION_CURRENT")
+    if table is not None and "mission_state" in table.columns:
+        said += table.stamp_ns[np.asarray(table.values("mission_state", raw=True)) == _COMPLETE_STATE].tolist()
+    return min(said, default=None)
+
+
+def _last_item(log: Log) -> int:
+    """As MISSION_CURRENT says, where the items themselves were not heard; 0 when it does not."""
+    table = autopilot_messages(log, "MISSION_CURRENT")
+    if table is None or "total" not in table.columns:
+        return 0
+    total = int(table.values("total", raw=True)[-1])
+    return total if 0 < total < 65_535 else 0
+
+
+def _legs(
+    log: Log,
+    taken_up: list[tuple[int, int]],
+    reached: list[tuple[int, int]],
+    modes: list[ModeSpan],
+    instants: LogClock,
+) -> list[MissionLeg]:
+    """From each item taken up to where it was reached, the next one was, or the mode was left."""
+    if not taken_up and reached:
+        starts = [(span.from_ns, reached[0][1]) for span in modes if span.name == _AUTO][:1]
+        taken_up = starts + [(at_ns, seq) for (at_ns, _), (_, seq) in itertools.pairwise(reached)]
+    # Item 1 can be current long before anything is sailed: a leg begins in AUTO.
+    auto = [(span.from_ns, span.until_ns) for span in modes if span.name == _AUTO]
+    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
+    legs: list[MissionLeg] = []
+    for place, (at_ns, seq) in enumerate(taken_up[:_MOST_LEGS]):
+        next_ns = taken_up[place + 1][0] if place + 1 < len(taken_up) else instants.end_ns
+        window = next(((begin, end) for begin, end in auto if begin < next_ns and end > at_ns), None)
+        if modes and window is None:
+            continue
+        from_ns = at_ns if window is None else max(at_ns, window[0])
+        begun = [begin for begin, end in armed if begin < next_ns and end > from_ns]
+        from_ns = max(from_ns, min(begun)) if begun else from_ns
+        last = legs[-1] if legs else None
+        if last is not None and last.reached and last.seq < seq and 0 <= from_ns - last.until_ns <= _HEARD_LATE_NS:
+            from_ns = last.until_ns
+        # In real time the sentence is logged just after the next item.
+        latest_ns = next_ns + _HEARD_LATE_NS
+        there = next(
+            (min(when, next_ns) for when, which in reached if which == seq and from_ns <= when <= latest_ns), None
+        )
+        ends = [next_ns] if window is None else [next_ns, window[1]]
+        ends += [end for begin, end in armed if begin <= from_ns < end]
+        legs.append(MissionLeg(seq, from_ns, min(ends) if there is None else there, there is not None))
+    return legs
+
+
+def _plan_in_force(loaded: list[MissionVersion], legs: list[MissionLeg]) -> MissionVersion | None:
+    """The last mission loaded before its first leg was over, else the last one."""
+    if not loaded:
+        return None
+    if not legs:
+        return loaded[-1]
+    before = [version for version in loaded if version.at_ns <= legs[-1].from_ns]
+    return before[-1] if before else loaded[0]
+
+
+def _leg_table(
+    plan: MissionVersion | None, legs: list[MissionLeg], sailed: list[LegTrack], instants: LogClock
+) -> Grid | None:
+    if not legs:
+        return None
+    items = {} if plan is None else plan.items
+    rows = []
+    for leg, one in zip(legs, sailed, strict=True):
+        length_of_leg_s = (leg.until_ns - leg.from_ns) * 1e-9
+        speed = None if one.way_m is None or length_of_leg_s <= 0.0 else one.way_m / length_of_leg_s
+        rows.append(
+            (
+                leg.seq,
+                command_name(items[leg.seq].command) if leg.seq in items else None,
+                instants.second(leg.from_ns),
+                instants.second(leg.until_ns) if leg.reached else None,
+                rounded(length_of_leg_s, 1),
+                rounded(one.length_m, 1),
+                rounded(one.way_m, 1),
+                rounded(speed, 2),
+                rounded(one.cross_rms_m, 2),
+                rounded(one.cross_max_m, 2),
+            )
+        )
+    columns = ("item", "command", "begun (s)", "reached (s)", "took (s)", "leg (m)", "way (m)", "mean speed (m/s)",
+               "cross track RMS (m)", "cross track max (m)")  # fmt: skip
+    return make_grid("legs", "Legs", columns, rows)
+
+
+def _plan_table(plan: MissionVersion | None) -> Grid | None:
+    if plan is None:
+        return None
+    rows = [
+        (
+            item.seq,
+            "HOME" if item.seq == 0 else command_name(item.command),
+            rounded(item.latitude_deg, 7),
+            rounded(item.longitude_deg, 7),
+            rounded(item.altitude_m, 2),
+            ALTITUDE_FRAMES.get(item.frame, f"frame {item.frame}"),
+        )
+        for _, item in sorted(plan.items.items())
+    ]
+    return make_grid("mission", "Mission", ("item", "command", "latitude", "longitude", "altitude (m)", "frame"), rows)
+
+
+def _unfinished(
+    log: Log,
+    legs: list[MissionLeg],
+    complete: bool,
+    done: int,
+    wanted: int | None,
+    modes: list[ModeSpan],
+    instants: LogClock,
+) -> list[Finding]:
+    if not legs or complete:
+        return []
+    last = legs[-1]
+    auto = [span for span in modes if span.name == _AUTO]
+    armed = signals.armed(log)
+    left = next((span for span in modes if auto and span.from_ns == auto[-1].until_ns), None)
+    disarmed = next((span for span in armed if last.from_ns <= span.until_ns < instants.end_ns), None)
+    severity = Severity.WARNING
+    if disarmed is not None and (left is None or disarmed.until_ns <= left.from_ns):
+        why = f"it was disarmed at {instants.text(disarmed.until_ns)}"
+    elif left is not None:
+        why = f"the mode became {left.name} at {instants.text(left.from_ns)}" + (
+            f" ({left.cause})" if left.cause else ""
+        )
+    else:
+        severity = Severity.NOTICE
+        why = f"the log ends at {instants.text(instants.end_ns)}, under way to item {last.seq}"
+    of = "" if wanted is None else f" of {wanted}"
+    return [
+        Finding(
+            "missions.unfinished",
+            severity,
+            f"The mission was not completed: {done}{of} waypoints reached; {why}",
+            (Evidence("MISE" if "MISE" in log.tables else "MISSION_CURRENT", None, last.from_ns, last.until_ns),),
+            "Look at modes, arming and events at that instant.",
+        )
+    ]
+
+
+def _changed(log: Log, loaded: list[MissionVersion], legs: list[MissionLeg], instants: LogClock) -> list[Finding]:
+    if not legs:
+        return []
+    during = [version for version in loaded[1:] if legs[0].from_ns < version.at_ns < legs[-1].until_ns]
+    if not during:
+        return []
+    after_s = length_text((during[0].at_ns - legs[0].from_ns) * 1e-9)
+    return [
+        Finding(
+            "missions.changed",
+            Severity.NOTICE,
+            f"The mission was changed {len(during)} times while it was carried out, first {after_s} after it began",
+            tuple(Evidence("CMD", None, version.at_ns, value=f"{len(version.items)} items") for version in during[:20]),
+            f"Legs and cross track here are of the mission in force at {instants.text(legs[-1].from_ns)}.",
+        )
+    ]

@@ -1,0 +1,555 @@
+"""Sensor faults: gaps, wrong stamps, values that stick or saturate, rows the autopilot calls unhealthy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.gaps import Gap, Gaps, Regularity, gaps, regularity
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.signals import Series, ground_speed, yaw_rate
+from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
+from xitl_cli.logs.signals.series import listed, numbers
+from xitl_cli.logs.signals.spans import HeldRows, HoldStatistics, covered_share, find_holds
+from xitl_cli.logs.signals.states import armed_rows
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedSensor:
+    """What every kind of sensor is judged by. values: (N, k). gaps: those that are not pauses of the whole log."""
+
+    name: str
+    sort: str
+    message: str
+    field: str
+    stamp_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+    regularity: Regularity
+    gaps: Gaps
+    holding: HoldStatistics
+    healthy: NDArray[np.bool_] | None
+    temperature_degc: NDArray[np.float64] | None
+    sensor_rate_hz: float | None
+
+
+def judged_sensor(each: InertialUnit | SensorSeries, pause: NDArray[np.int64]) -> JudgedSensor | None:
+    found = regularity(each.sample_ns)
+    if found is None:
+        return None
+    if isinstance(each, InertialUnit):
+        parts = [part for part in (each.gyro_radps, each.accel_mps2) if part is not None]
+        sort, message, field = "inertial unit", each.table.name, (each.gyro_fields or each.accel_fields)[0]
+        values, rate_hz = np.concatenate(parts, axis=1), each.gyro_rate_hz or each.accel_rate_hz
+    else:
+        sort, message, field = each.sort, each.message, each.fields[0]
+        values, rate_hz = each.values, None
+    return JudgedSensor(
+        name=each.name,
+        sort=sort,
+        message=message,
+        field=field,
+        stamp_ns=each.stamp_ns,
+        values=values,
+        regularity=found,
+        gaps=_own_gaps(each.stamp_ns, each.sample_ns, found, pause),
+        holding=find_holds(values, found.period_s),
+        healthy=each.healthy,
+        temperature_degc=each.temperature_degc,
+        sensor_rate_hz=rate_hz,
+    )
+
+
+def _own_gaps(
+    stamp_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], found: Regularity, pause: NDArray[np.int64]
+) -> Gaps:
+    """On the log's time, without those in which everything paused."""
+    each = gaps(sample_ns, found.period_s)
+    from_ns = stamp_ns[each.row]
+    until_ns = from_ns + (each.until_ns - each.from_ns)
+    own = covered_share(from_ns, until_ns, pause) < 0.5
+    return Gaps(each.row[own], from_ns[own], until_ns[own], each.missing[own])
+
+
+_MISSING_NOTICE = 0.01
+_MISSING_WARNING = 0.05
+_SAME_NS = 100_000_000
+_LONG_S = 0.5
+_LEAPT = 0.8
+_RATE_APART = 0.05
+_GAP_STEP = (
+    "Compare with the links and the scheduler at that time; if the sensor itself fell out, check its bus and supply."
+)
+
+
+def timing_section(found: list[JudgedSensor], instants: LogClock) -> Section:
+    """Gaps, stamps that go wrong, instances of one message at different rates."""
+    findings = _gaps(found, instants)
+    for sensor in found:
+        findings += _missing(sensor)
+        regular = sensor.regularity
+        if regular.backward:
+            findings.append(
+                Finding(
+                    "sensors.time_backward",
+                    Severity.WARNING,
+                    f"{sensor.name}: {regular.backward} stamps go back, by up to {regular.back_s:.3g} s",
+                    (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
+                    "Look for a clock that was set during the run, or a damaged part of the log.",
+                )
+            )
+    by_message: dict[str, list[JudgedSensor]] = {}
+    for sensor in found:
+        by_message.setdefault(sensor.message, []).append(sensor)
+    for message, group in by_message.items():
+        rates = [sensor.regularity.rate_hz for sensor in group]
+        if len(group) > 1 and max(rates) > min(rates) * (1.0 + _RATE_APART):
+            told_rates = ", ".join(f"{s.name} {s.regularity.rate_hz:.4g} Hz" for s in group)
+            findings.append(
+                Finding(
+                    "sensors.rates_differ",
+                    Severity.NOTICE,
+                    f"Instances of {message} are logged at different rates: {told_rates}",
+                    tuple(Evidence(message, s.field, int(s.stamp_ns[0])) for s in group),
+                    "Check that each of them is set to the rate it should have.",
+                )
+            )
+    return Section("sensors", "Sensors", findings=tuple(findings), plots=_gap_plot(found))
+
+
+def recording_pauses(log: Log, pause: NDArray[np.int64], instants: LogClock) -> tuple[Finding, ...]:
+    """One finding for all in which the whole log stood still for a noticeable time."""
+    long = pause[(pause[:, 1] - pause[:, 0]) >= int(_LONG_S * 1e9)]
+    leapt = [step for relation in clock_relations(log) for step in relation.steps if step.size_s >= _LONG_S]
+    long = long[[not any(_is_leap(begin, end, step) for step in leapt) for begin, end in long.tolist()]]
+    if not len(long):
+        return ()
+    lengths_s = (long[:, 1] - long[:, 0]) * 1e-9
+    armed = armed_rows(log, long[:, 0])
+    times = listed([f"{instants.text(int(a))} for {d:.2f} s" for (a, _), d in zip(long, lengths_s, strict=True)])
+    sailing = armed is None or bool(armed.any())
+    noun = "pause" if len(long) == 1 else "pauses"
+    verb, step = (
+        "logged",
+        (
+            "Look at DSF.Dp and the storage (a card that is slow or full), at logging that was stopped, and at the "
+            "scheduler: the processor may have stood still."
+        ),
+    )
+    if log.format == "tlog":
+        verb, step = "received", "Look at the link then, and at both of its ends."
+    return (
+        Finding(
+            "sensors.recording_pauses",
+            Severity.WARNING if sailing and lengths_s.max() >= 1.0 else Severity.NOTICE,
+            f"Nothing at all was {verb} for {lengths_s.sum():.2f} s in {len(long)} {noun}: at {times}",
+            tuple(Evidence("all messages", None, int(a), int(b)) for a, b in long[:8]),
+            step,
+        ),
+    )
+
+
+def _long_gaps(sensor: JudgedSensor) -> tuple[Gap, ...]:
+    """Those far longer than the period, in the order of time."""
+    least_s = max(_LONG_S, 5.0 * sensor.regularity.period_s)
+    return tuple(sorted((gap for gap in sensor.gaps.longest(100) if gap.duration_s > least_s), key=_gap_begin))
+
+
+def _gaps(found: Sequence[JudgedSensor], instants: LogClock) -> list[Finding]:
+    """One finding for sensors that are missing at the same times: the cause is none of them."""
+    groups: list[tuple[list[JudgedSensor], tuple[Gap, ...]]] = []
+    for sensor in found:
+        if not (long := _long_gaps(sensor)):
+            continue
+        for group, theirs in groups:
+            if len(theirs) == len(long) and all(map(_same, theirs, long)):
+                group.append(sensor)
+                break
+        else:
+            groups.append(([sensor], long))
+    return [_gap(group, theirs, instants) for group, theirs in groups]
+
+
+def _gap(group: Sequence[JudgedSensor], long: Sequence[Gap], instants: LogClock) -> Finding:
+    *names, last = (sensor.name for sensor in group)
+    who = f"{', '.join(names)} and {last} are missing together" if names else f"{last} is missing"
+    noun = "gap" if len(long) == 1 else "gaps"
+    times = listed([f"{instants.text(gap.from_ns)} for {gap.duration_s:.2f} s" for gap in long])
+    lengths_s = [gap.duration_s for gap in long]
+    return Finding(
+        "sensors.gap",
+        Severity.WARNING if max(lengths_s) >= 1.0 else Severity.NOTICE,
+        f"{who} for {sum(lengths_s):.2f} s in {len(long)} {noun}: at {times}",
+        tuple(Evidence(one.message, one.field, gap.from_ns, gap.until_ns) for one in group for gap in long[:8]),
+        _GAP_STEP,
+    )
+
+
+def _same(one: Gap, other: Gap) -> bool:
+    return abs(one.from_ns - other.from_ns) < _SAME_NS and abs(one.until_ns - other.until_ns) < _SAME_NS
+
+
+def _missing(sensor: JudgedSensor) -> list[Finding]:
+    """A share of samples missing that matters, where no long gap tells of it."""
+    regular = sensor.regularity
+    if _long_gaps(sensor):
+        return []
+    # Not more than the whole record lacks at this rate: stamps that come unevenly have long steps and short ones.
+    lacking = round((regular.rows - 1) * (regular.mean_period_s / regular.period_s - 1.0))
+    missing = min(int(sensor.gaps.missing.sum()), lacking)
+    share = missing / (regular.rows + missing) if missing > 0 else 0.0
+    if share < _MISSING_NOTICE:
+        return []
+    longest_s = sensor.gaps.longest(1)[0].duration_s
+    return [
+        Finding(
+            "sensors.missing",
+            Severity.WARNING if share >= _MISSING_WARNING else Severity.NOTICE,
+            f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz ask for are missing, "
+            f"in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
+            (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
+            _GAP_STEP,
+        )
+    ]
+
+
+def _gap_begin(gap: Gap) -> int:
+    return gap.from_ns
+
+
+def _is_leap(begin_ns: int, end_ns: int, step: ClockStep) -> bool:
+    """Whether it was the clock that leapt, and nothing paused."""
+    inside = begin_ns <= step.at_ns <= end_ns + round(_LONG_S * 1e9)
+    return inside and step.size_s > _LEAPT * (end_ns - begin_ns) * 1e-9
+
+
+def _gap_plot(found: list[JudgedSensor]) -> tuple[Plot, ...]:
+    """Steps between samples of the sensors that have gaps, on a common axis."""
+    traces, marks = [], []
+    for sensor in found:
+        longest = sensor.gaps.longest()
+        if not longest or longest[0].duration_s < 3.0 * sensor.regularity.period_s:
+            continue
+        steps_ms = np.diff(np.maximum.accumulate(sensor.stamp_ns)).astype(np.float64) * 1e-6
+        traces.append(Trace(sensor.name, sensor.stamp_ns[1:], steps_ms, "points"))
+        marks += [
+            Mark(gap.from_ns, f"{sensor.name} missing", gap.until_ns, Severity.WARNING)
+            for gap in longest
+            if gap.duration_s >= 1.0
+        ]
+    if not traces:
+        return ()
+    return (Plot("sensor_steps", "Time from one sample to the next", "ms", tuple(traces[:8]), marks=tuple(marks[:40])),)
+
+
+_STICKS = {"inertial unit", "magnetometer", "barometer"}
+_TURN_DEG = 5.0
+_FAST_TURN_DEGPS = 3.0
+_MOVING_MPS = 0.3
+_UNEXPLAINED_S = 5.0
+_GYRO_LEAST_RADPS = 2.0  # 115 deg/s: the smallest range on the market is 125
+_ACCEL_LEAST_MPS2 = 18.0  # the smallest is 2 g
+_RATE_DROP = 0.8
+_AT_ONCE_NS = 1_000_000_000
+_STUCK = "sensors.stuck"
+
+
+class Judged(Protocol):
+    """What is needed of a sensor here."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def sort(self) -> str: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def field(self) -> str: ...
+    @property
+    def stamp_ns(self) -> NDArray[np.int64]: ...
+    @property
+    def holding(self) -> HoldStatistics: ...
+    @property
+    def healthy(self) -> NDArray[np.bool_] | None: ...
+
+
+def trouble_section(
+    log: Log,
+    found: Sequence[Judged],
+    inertial: Sequence[InertialUnit],
+    armed: Mapping[str, NDArray[np.bool_] | None],
+    instants: LogClock,
+) -> Section:
+    turning, speed = yaw_rate(log), ground_speed(log)
+    by_sensor: dict[str, list[Finding]] = {}
+    for sensor in found:
+        stuck = _stuck(sensor, [each for each in found if each is not sensor], turning, speed, instants)
+        by_sensor[sensor.name] = _as_one(stuck, _unwell(sensor, armed.get(sensor.name), instants))
+    units = [finding for unit in inertial for finding in (*_saturated(unit, instants), *_unit_errors(unit, instants))]
+    return Section("sensors", "Sensors", findings=(*_together(by_sensor, instants), *units))
+
+
+def _as_one(stuck: list[Finding], unwell: list[Finding]) -> list[Finding]:
+    """A sensor that stopped, and is called unhealthy for it, is one trouble."""
+    if not (stuck and unwell and stuck[0].key == _STUCK and _begin(unwell[0]) >= _begin(stuck[0])):
+        return [*stuck, *unwell]
+    sentence = f"{stuck[0].sentence}; the autopilot called it unhealthy then"
+    return [replace(stuck[0], sentence=sentence, evidence=(*stuck[0].evidence, *unwell[0].evidence)), *stuck[1:]]
+
+
+def _together(by_sensor: Mapping[str, list[Finding]], instants: LogClock) -> tuple[Finding, ...]:
+    """All findings; sensors that stopped within a second in one, as the cause is none of them."""
+    every = tuple(finding for findings in by_sensor.values() for finding in findings)
+    stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
+    begins = [_begin(one) for one in stopped.values()]
+    if len(stopped) < 2 or max(begins) - min(begins) > _AT_ONCE_NS:
+        return every
+    *names, last = stopped
+    one = Finding(
+        "sensors.stopped_together",
+        max(finding.severity for finding in stopped.values()),
+        f"{', '.join(names)} and {last} stopped together at {instants.text(min(begins))}, while the vehicle moved: "
+        "each shows one and the same value from then on",
+        tuple(evidence for finding in stopped.values() for evidence in finding.evidence),
+        "Look at what feeds them all: a link, a bus, or the process behind it.",
+    )
+    return (one, *(finding for finding in every if finding.key != _STUCK))
+
+
+def _begin(finding: Finding) -> int:
+    return min((one.at_ns for one in finding.evidence if one.at_ns is not None), default=0)
+
+
+def _stuck(
+    sensor: Judged, others: Sequence[Judged], turning: Series | None, speed: Series | None, instants: LogClock
+) -> list[Finding]:
+    """Equal values for long are a fault when the vehicle moved meanwhile, or when the noise usually shows."""
+    if sensor.sort not in _STICKS or not sensor.holding.holds:
+        return []
+    certain: list[tuple[HeldRows, str]] = []
+    doubtful: list[HeldRows] = []
+    for hold in sensor.holding.holds:
+        from_ns, until_ns = (int(sensor.stamp_ns[row]) for row in (hold.first, hold.last))
+        if _shared(sensor, from_ns, until_ns, others):
+            continue
+        why = _moved(sensor.sort, from_ns, until_ns, turning, speed)
+        if why:
+            certain.append((hold, why))
+        elif sensor.sort == "inertial unit" and until_ns - from_ns >= _UNEXPLAINED_S * 1e9 and _lively(sensor):
+            doubtful.append(hold)
+    findings = []
+    if certain:
+        findings.append(
+            Finding(
+                _STUCK,
+                Severity.WARNING,
+                f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain], instants)}, "
+                f"while {certain[0][1]}",
+                _evidence(sensor, [hold for hold, _ in certain]),
+                "Check the sensor's bus and driver: a device that no longer answers may leave its last value behind.",
+            )
+        )
+    if doubtful:
+        findings.append(
+            Finding(
+                "sensors.still",
+                Severity.NOTICE,
+                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, instants)}, though at other "
+                "times no two samples are equal",
+                _evidence(sensor, doubtful),
+                "A simulated sensor without noise at rest does that; a real one is stuck.",
+            )
+        )
+    return findings
+
+
+def _shared(sensor: Judged, from_ns: int, until_ns: int, others: Sequence[Judged]) -> bool:
+    """Whether all other sensors of the sort stood still as well for most of this time: then nothing moved."""
+    alike = [each for each in others if each.sort == sensor.sort == "magnetometer"]
+    for each in alike:
+        spans = ((int(each.stamp_ns[hold.first]), int(each.stamp_ns[hold.last])) for hold in each.holding.holds)
+        if not any(min(b, until_ns) - max(a, from_ns) > 0.8 * (until_ns - from_ns) for a, b in spans):
+            return False
+    return bool(alike)
+
+
+def _lively(sensor: Judged) -> bool:
+    """Whether noise usually shows in every sample."""
+    return sensor.holding.usual < 1.5
+
+
+def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed: Series | None) -> str:
+    """What contradicts a constant value; "" when nothing does.
+
+    Turns are those of the gyroscope: a heading that is still being found changes without any.
+    """
+    if turning is not None and sort == "magnetometer":
+        turned_deg = _turned_deg(turning, from_ns, until_ns)
+        if turned_deg > _TURN_DEG:
+            return f"the vehicle turned by {turned_deg:.0f}°"
+    if speed is not None and sort == "inertial unit":
+        inside = (speed.stamp_ns >= from_ns) & (speed.stamp_ns <= until_ns)
+        if inside.any() and (fast := float(np.median(speed.values[inside]))) > _MOVING_MPS:
+            return f"the vehicle made {fast:.2g} m/s"
+    return ""
+
+
+def _turned_deg(rate_degps: Series, from_ns: int, until_ns: int) -> float:
+    """How far the heading went to and fro, by the rate without its median, which may be a bias unless it is fast."""
+    inside = (rate_degps.stamp_ns >= from_ns) & (rate_degps.stamp_ns <= until_ns)
+    if np.count_nonzero(inside) < 3:
+        return 0.0
+    rates, stamps = rate_degps.values[inside], rate_degps.stamp_ns[inside]
+    usual = float(np.median(rates))
+    if abs(usual) < _FAST_TURN_DEGPS:
+        rates = rates - usual
+    return float(np.ptp(np.cumsum(rates[1:] * np.diff(stamps) * 1e-9)))
+
+
+def _when(sensor: Judged, holds: list[HeldRows], instants: LogClock) -> str:
+    spans = [
+        f"from {instants.text(int(sensor.stamp_ns[hold.first]))} for "
+        f"{(int(sensor.stamp_ns[hold.last]) - int(sensor.stamp_ns[hold.first])) * 1e-9:.1f} s"
+        for hold in holds
+    ]
+    return listed(spans)
+
+
+def _evidence(sensor: Judged, holds: list[HeldRows]) -> tuple[Evidence, ...]:
+    return tuple(
+        Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[hold.first]), int(sensor.stamp_ns[hold.last]))
+        for hold in holds[:8]
+    )
+
+
+def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None, instants: LogClock) -> list[Finding]:
+    """Rows in which the autopilot's own flag says unhealthy."""
+    if sensor.healthy is None or sensor.healthy.all():
+        return []
+    bad = ~sensor.healthy
+    count, whole = int(np.count_nonzero(bad)), len(bad)
+    first = int(sensor.stamp_ns[int(np.argmax(bad))])
+    last = int(sensor.stamp_ns[len(bad) - 1 - int(np.argmax(bad[::-1]))])
+    sailing = bad if armed is None else bad & armed
+    when = (
+        "in every row"
+        if count == whole
+        else f"in {count} of {whole} rows, from {instants.text(first)} to {instants.text(last)}"
+    )
+    return [
+        Finding(
+            "sensors.unhealthy",
+            Severity.WARNING if sailing.any() else Severity.NOTICE,
+            f"{sensor.name} was unhealthy to the autopilot {when}"
+            + ("" if sailing.any() or armed is None else ", only while disarmed"),
+            (Evidence(sensor.message, "health", first, last, "0"),),
+            "See what else happened then (errors, gaps); a sensor that is not fitted should be disabled.",
+        )
+    ]
+
+
+def _saturated(unit: InertialUnit, instants: LogClock) -> list[Finding]:
+    findings = []
+    for values, fields, least, what, measure in (
+        (unit.gyro_radps, unit.gyro_fields, _GYRO_LEAST_RADPS, "gyroscope", "rad/s"),
+        (unit.accel_mps2, unit.accel_fields, _ACCEL_LEAST_MPS2, "accelerometer", "m/s²"),
+    ):
+        if values is None:
+            continue
+        for axis in range(3):
+            found = saturation(values[:, axis], least)
+            if found is None:
+                continue
+            at_ns, until_ns = int(unit.stamp_ns[found.first]), int(unit.stamp_ns[found.last])
+            field = fields[axis] if len(fields) == 3 else f"{fields[0]}[{axis}]"
+            findings.append(
+                Finding(
+                    "sensors.saturated",
+                    Severity.WARNING,
+                    f"{unit.name}: the {what} is at the end of its range, {found.limit:.4g} {measure} on {field}, in "
+                    f"{found.rows} samples, longest from {instants.text(at_ns)} for {(until_ns - at_ns) * 1e-9:.3g} s",
+                    (Evidence(unit.table.name, field, at_ns, until_ns, f"{found.limit:.4g}"),),
+                    "Damp the mounting or choose a larger range: what is cut off is lost to the estimator.",
+                )
+            )
+    return findings
+
+
+def _unit_errors(unit: InertialUnit, instants: LogClock) -> list[Finding]:
+    """Error counters that go up, and a measurement rate that falls."""
+    findings = []
+    for field, what in (("EG", "gyroscope"), ("EA", "accelerometer")):
+        counts = numbers(unit.table, field, raw=True)
+        if counts is None or len(counts) < 2:
+            continue
+        rises = np.flatnonzero(np.diff(counts) > 0)
+        if len(rises):
+            grown = int(counts[rises + 1].sum() - counts[rises].sum())
+            findings.append(
+                Finding(
+                    "sensors.errors",
+                    Severity.WARNING,
+                    f"{unit.name}: the {what} driver counted {grown} errors, the first at "
+                    f"{instants.text(int(unit.stamp_ns[rises[0] + 1]))}",
+                    (Evidence(unit.table.name, field, int(unit.stamp_ns[rises[0] + 1]), None, str(grown)),),
+                    "Check the bus of the sensor (wiring, clock rate, supply).",
+                )
+            )
+    for field in ("GHz", "AHz"):
+        rates = numbers(unit.table, field)
+        if rates is None or not (rates > 0.0).any():
+            continue
+        usual = float(np.median(rates[rates > 0.0]))
+        low = np.flatnonzero(rates < _RATE_DROP * usual)
+        low = low[unit.stamp_ns[low] > unit.stamp_ns[0] + 5_000_000_000]  # the rate is measured from the start on
+        if len(low):
+            at_ns = int(unit.stamp_ns[low[int(np.argmin(rates[low]))]])
+            findings.append(
+                Finding(
+                    "sensors.slow",
+                    Severity.WARNING,
+                    f"{unit.name}: the measurement rate fell from {usual:.0f} Hz to {rates[low].min():.0f} Hz at "
+                    f"{instants.text(at_ns)}",
+                    (Evidence(unit.table.name, field, at_ns, None, f"{rates[low].min():.0f}"),),
+                    "The sensor's thread did not get to run, or its bus was held up: look at the scheduler then.",
+                )
+            )
+    return findings
+
+
+@dataclass(frozen=True, slots=True)
+class Saturation:
+    """limit: the value that is not exceeded. rows: how many show it; first, last: the longest stretch of them."""
+
+    limit: float
+    rows: int
+    first: int
+    last: int
+
+
+def saturation(values: NDArray[np.float64], least: float) -> Saturation | None:
+    """A signal (N,) that stops at one largest magnitude, again and again: three rows in a row, while others differ.
+
+    `least`: magnitudes below are no end of a range.
+    """
+    magnitude = np.abs(values)
+    if not len(magnitude) or not np.isfinite(magnitude).any():
+        return None
+    limit = float(np.nanmax(magnitude))
+    if limit < least:
+        return None
+    # A range that is not the same on both sides by a step of the converter is still one range.
+    at_limit = magnitude >= limit * (1.0 - 1e-4)
+    count = int(np.count_nonzero(at_limit))
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], at_limit, [False])).astype(np.int8)))
+    begins, ends = edges[0::2], edges[1::2]
+    longest = int(np.argmax(ends - begins))
+    if ends[longest] - begins[longest] < 3 or count > 0.9 * len(magnitude):
+        return None
+    return Saturation(limit, count, int(begins[longest]), int(ends[longest]) - 1)

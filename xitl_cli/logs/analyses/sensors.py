@@ -1,0 +1,128 @@
+"""Inertial units, magnetometers, barometers and the rest: rates, gaps, values that stick or saturate, health, noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.analyses.sensor_faults import (
+    JudgedSensor,
+    judged_sensor,
+    recording_pauses,
+    timing_section,
+    trouble_section,
+)
+from xitl_cli.logs.analyses.sensor_quality import agreement_section, noise_section
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import Fact, Grid, Section, Value
+from xitl_cli.logs.signals import stray_truth_m
+from xitl_cli.logs.signals.sensors import (
+    InertialUnit,
+    RestPeriods,
+    SensorSeries,
+    find_rest,
+    inertial_units,
+    sensor_series,
+)
+from xitl_cli.logs.signals.series import significant
+from xitl_cli.logs.signals.spans import log_pauses
+from xitl_cli.logs.signals.states import armed_rows, parameter_values, sensors_simulated
+
+_TITLE = "Sensors"
+
+
+def analyse(log: Log) -> Section | None:
+    """None where the log holds no sensor at all and is none of a vehicle's."""
+    instants = LogClock(log)
+    inertial, plain = inertial_units(log), sensor_series(log)
+    if not inertial and not plain:
+        if log.format == "mcap":
+            return None
+        return Section(
+            "sensors", _TITLE, lacks=("No sensor is logged; set the bits IMU, COMPASS and RCIN of LOG_BITMASK.",)
+        )
+    pause = log_pauses(log)
+    still = find_rest(log, inertial)
+    every: list[InertialUnit | SensorSeries] = [*inertial, *plain]
+    found = [sensor for each in every if (sensor := judged_sensor(each, pause)) is not None]
+    armed = {sensor.name: armed_rows(log, sensor.stamp_ns) for sensor in found}
+    parts = (
+        timing_section(found, instants),
+        trouble_section(log, found, inertial, armed, instants),
+        agreement_section(inertial, plain, stray_truth_m(log) is not None, instants),
+        noise_section(inertial, plain, still, parameter_values(log), sensors_simulated(log), instants),
+    )
+    return Section(
+        "sensors",
+        _TITLE,
+        facts=(*_facts(found, still, pause), *(fact for part in parts for fact in part.facts)),
+        findings=(*recording_pauses(log, pause, instants), *(finding for part in parts for finding in part.findings)),
+        grids=(_grid(found), *(grid for part in parts for grid in part.grids)),
+        plots=tuple(plot for part in parts for plot in part.plots),
+        lacks=(*_lacks(log, inertial, plain), *(lack for part in parts for lack in part.lacks)),
+    )
+
+
+def _facts(found: list[JudgedSensor], still: RestPeriods, pause: NDArray[np.int64]) -> tuple[Fact, ...]:
+    paused_s = float((pause[:, 1] - pause[:, 0]).sum()) * 1e-9
+    return (
+        Fact("sensors", "Sensors", len(found)),
+        Fact("longest_rest_s", "Longest stretch at rest", significant(still.longest_s), "s"),
+        Fact("recording_paused_s", "Nothing logged at all", significant(paused_s), "s"),
+    )
+
+
+def _grid(found: list[JudgedSensor]) -> Grid:
+    rows: list[tuple[Value, ...]] = []
+    for sensor in found:
+        regular = sensor.regularity
+        unwell = None if sensor.healthy is None else int(np.count_nonzero(~sensor.healthy))
+        coldest, warmest = _span(sensor.temperature_degc)
+        rows.append(
+            (
+                sensor.name,
+                sensor.sort,
+                regular.rows,
+                significant(regular.rate_hz),
+                significant(sensor.sensor_rate_hz),
+                significant(regular.jitter_s * 1e3, 3),
+                regular.gaps,
+                regular.long_gaps,
+                significant(regular.longest_gap_s, 3),
+                significant(100.0 * sensor.holding.repeated, 3),
+                unwell,
+                coldest,
+                warmest,
+            )
+        )
+    columns = (
+        "sensor", "sort", "rows", "logged Hz", "sampled Hz", "jitter ms", "gaps", "long gaps", "longest s",
+        "repeated %", "unhealthy rows", "from °C", "to °C",
+    )  # fmt: skip
+    return Grid("sensors", "Rates, gaps, health", columns, tuple(rows))
+
+
+def _span(temperature_degc: NDArray[np.float64] | None) -> tuple[float | None, float | None]:
+    if temperature_degc is None:
+        return None, None
+    known = temperature_degc[np.isfinite(temperature_degc) & (np.abs(temperature_degc) < 300.0)]
+    return (
+        (significant(float(known.min())), significant(float(known.max())))
+        if len(known) and known.any()
+        else (None, None)
+    )
+
+
+def _lacks(log: Log, inertial: list[InertialUnit], plain: list[SensorSeries]) -> tuple[str, ...]:
+    sorts = {each.sort for each in plain}
+    missing: list[str] = []
+    if log.format != "dataflash":
+        return ()  # which sensors a recording or telemetry carries is its own choice
+    if not inertial:
+        missing.append("No inertial unit is logged; set the bit IMU of LOG_BITMASK.")
+    if "magnetometer" not in sorts:
+        missing.append("No magnetometer is logged; set the bit COMPASS of LOG_BITMASK if there is one.")
+    if "barometer" not in sorts:
+        missing.append("No barometer is logged.")
+    return tuple(missing)

@@ -1,0 +1,401 @@
+"""Clocks against each other: rate, how it varies, Allan deviation of the time error, gaps and steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs import allan
+from xitl_cli.logs.analyses.sample_clocks import sample_clock_section
+from xitl_cli.logs.clocks.fit import ClockRelation, ClockStep, clock_relations
+from xitl_cli.logs.clocks.readings import ClockReadings
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.sections import (
+    Evidence,
+    Fact,
+    Finding,
+    Grid,
+    Mark,
+    Plot,
+    Section,
+    Severity,
+    Trace,
+    Value,
+    make_grid,
+    rounded,
+)
+from xitl_cli.logs.signals.deadlines import simulated_clock_reason
+
+RTC_STEP_S = 0.05  # a message of UTC that came with less delay than any before moves it ahead, which is no news
+
+
+def pair_title(readings: ClockReadings) -> str:
+    return f"{readings.second} against {readings.first}"
+
+
+def pair_key(readings: ClockReadings) -> str:
+    return "".join(letter if letter.isalnum() else "_" for letter in readings.key).strip("_").lower()
+
+
+def pair_rate(relation: ClockRelation) -> tuple[float, float | None]:
+    """Over the pieces that have readings enough to know it; the standard error of the longest.
+
+    Each is weighed by the cube of its length, as the variance of a slope falls with that.
+    """
+    pieces = [piece for piece in relation.pieces if piece.slope_error_ppm is not None] or [relation.longest]
+    weights = np.array([max((piece.until_ns - piece.from_ns) * 1e-9, 1e-9) ** 3 for piece in pieces])
+    rates = np.array([piece.slope_ppm for piece in pieces])
+    return float(np.sum(rates * weights) / np.sum(weights)), max(
+        pieces, key=lambda piece: piece.until_ns - piece.from_ns
+    ).slope_error_ppm
+
+
+def rate_variation(relation: ClockRelation) -> float | None:
+    return float(np.std(relation.window_ppm, ddof=1)) if len(relation.window_ppm) > 1 else None
+
+
+def real_steps(relation: ClockRelation) -> list[ClockStep]:
+    least_s = RTC_STEP_S if relation.readings.key == "rtc" else 0.0
+    return [step for step in relation.steps if abs(step.size_s) > least_s]
+
+
+MOST_POINTS = 4000
+
+
+def clock_plots(relations: Sequence[ClockRelation], instants: LogClock) -> tuple[Plot, ...]:
+    plots: list[Plot] = []
+    curves: list[Trace] = []
+    for relation in relations:
+        readings = relation.readings
+        if not relation.residual_s.any():
+            continue
+        thin = slice(None, None, max(len(readings) // MOST_POINTS, 1))
+        marks = tuple(
+            Mark(step.at_ns, f"step {step.size_s:+.3f} s" if step.size_s else "rate changes") for step in relation.steps
+        )
+        plots.append(
+            Plot(
+                f"residual_{pair_key(readings)}",
+                f"{pair_title(readings)}: what is left of the offset",
+                "ms",
+                (Trace("residual", readings.at_ns[thin], relation.residual_s[thin] * 1e3, "points"),),
+                marks=marks,
+            )
+        )
+        if len(relation.window_ppm) > 1:
+            rows = np.clip(np.searchsorted(readings.first_ns, relation.window_ns), 0, len(readings) - 1)
+            plots.append(
+                Plot(
+                    f"rate_{pair_key(readings)}",
+                    f"{pair_title(readings)}: drift in windows of {relation.window_s:.0f} s",
+                    "ppm",
+                    (Trace("drift", readings.at_ns[rows], relation.window_ppm, "points"),),
+                    marks=marks,
+                )
+            )
+        curve = allan_of(relation)
+        if curve is not None:
+            curves.append(Trace(pair_title(readings), curve.tau_s, curve.deviation))
+    if curves:
+        plots.append(
+            Plot(
+                "clock_allan",
+                "Allan deviation of the clocks",
+                "ADEV (1)",
+                tuple(curves),
+                "loglog",
+                "averaging time (s)",
+            )
+        )
+    return tuple(plots)
+
+
+def allan_of(relation: ClockRelation) -> allan.AllanCurve | None:
+    """Of the time error, its drift taken out, by the longest piece; None where that is too short or too uneven.
+
+    A deviation of the mean rate over tau: that of the differences of the time error, each over one period.
+    """
+    piece = relation.longest
+    readings = relation.readings
+    inside = (readings.first_ns >= piece.from_ns) & (readings.first_ns <= piece.until_ns)
+    time_s = (readings.first_ns[inside] - piece.from_ns).astype(np.float64) * 1e-9
+    error_s = relation.residual_s[inside]
+    if len(time_s) < 40 or not error_s.any():
+        return None
+    period_s = float(np.median(np.diff(time_s)))
+    if not period_s > 0.0:
+        return None
+    even_s: NDArray[np.float64] = np.arange(0.0, time_s[-1], max(period_s, time_s[-1] / 200_000))
+    if len(even_s) > 2 * len(time_s):
+        return None
+    even = np.interp(even_s, time_s, error_s)
+    step_s = float(even_s[1] - even_s[0])
+    curve = allan.overlapping(np.diff(even) / step_s, step_s)
+    known = curve.deviation > 0.0
+    if not known.any():
+        return None
+    return allan.AllanCurve(curve.tau_s[known], curve.deviation[known], curve.relative_error[known])
+
+
+CRYSTAL_PPM, WRONG_PPM = 100.0, 1000.0  # two crystals of 50 ppm, and what no crystal does
+BEND_PPM = 10.0
+LEAST_PIECE_S = 5.0  # on either side of a change of rate
+ONE_TROUBLE_S = 5.0  # steps that follow each other so soon have one cause
+STEP_WARNING_S = 0.1
+SAME_STEP_S, SAME_SIZE = 2.0, 0.2
+GAP_PERIODS, GAP_S = 10.0, 5.0
+SCALED_PPM = 20_000.0  # no two clocks of the same time
+SURE = 3.0  # standard errors
+MOST_NAMED = 5
+
+
+def clock_pair_section(log: Log, relations: Sequence[ClockRelation], instants: LogClock) -> Section:
+    made_up = bool(simulated_clock_reason(log))
+    findings = [
+        *_steps(relations, instants),
+        *(finding for relation in relations for finding in _rates(relation, made_up)),
+        *_bends(relations, instants),
+        *(finding for relation in relations for finding in _gaps(relation, instants)),
+    ]
+    facts = tuple(fact for relation in relations for fact in _facts(relation))
+    return Section(
+        "time_bases",
+        "Clocks against each other",
+        facts,
+        tuple(findings),
+        (_grid(relations),) if relations else (),
+        clock_plots(relations, instants),
+    )
+
+
+def _facts(relation: ClockRelation) -> tuple[Fact, ...]:
+    key, title = pair_key(relation.readings), pair_title(relation.readings)
+    rate_ppm, error_ppm = pair_rate(relation)
+    steps = Fact(f"{key}_steps", f"Steps of {title}", len(real_steps(relation)))
+    if error_ppm is None or SURE * error_ppm > WRONG_PPM:  # too short, or too uneven, to tell a rate
+        return (steps,)
+    return (
+        Fact(f"{key}_ppm", f"Drift of {title}", rounded(rate_ppm, 2), "ppm"),
+        Fact(f"{key}_error_ppm", f"Standard error of the drift of {title}", rounded(error_ppm, 2), "ppm"),
+        steps,
+    )
+
+
+def _grid(relations: Sequence[ClockRelation]) -> Grid:
+    rows: list[tuple[Value, ...]] = []
+    for relation in relations:
+        readings = relation.readings
+        rate_ppm, error_ppm = pair_rate(relation)
+        first_ns = readings.first_ns
+        longest_ns = int(np.max(np.diff(first_ns)))
+        rows.append(
+            (
+                pair_title(readings),
+                f"{readings.message}: {readings.fields}",
+                len(readings),
+                rounded(float(first_ns[-1] - first_ns[0]) * 1e-9, 1),
+                rounded(rate_ppm, 2),
+                rounded(error_ppm, 2),
+                rounded(rate_variation(relation), 2),
+                rounded(relation.longest.residual_s * 1e3, 4),
+                len(real_steps(relation)),
+                rounded(longest_ns * 1e-9),
+            )
+        )
+    columns = (
+        "clocks", "from", "readings", "over (s)", "drift (ppm)", "standard error (ppm)", "windows vary by (ppm)",
+        "readings scatter by (ms)", "steps", "longest gap (s)",
+    )  # fmt: skip
+    return make_grid("clock_pairs", "Clocks against each other", columns, rows)
+
+
+def _steps(relations: Sequence[ClockRelation], instants: LogClock) -> list[Finding]:
+    """One finding a step, with every pair that shows it; of steps close together one for all of them."""
+    groups: list[list[tuple[ClockRelation, ClockStep]]] = []
+    every = sorted(
+        ((relation, step) for relation in relations for step in real_steps(relation)), key=lambda each: each[1].at_ns
+    )
+    for relation, step in every:
+        for group in groups:
+            _, known = group[0]
+            near = abs(step.at_ns - known.at_ns) * 1e-9 < SAME_STEP_S + abs(known.size_s)
+            alike = abs(abs(step.size_s) - abs(known.size_s)) < SAME_SIZE * abs(known.size_s)
+            follows = relation is group[-1][0] and (step.at_ns - group[-1][1].at_ns) * 1e-9 < ONE_TROUBLE_S
+            if (near and alike and relation not in [one for one, _ in group]) or follows:
+                group.append((relation, step))
+                break
+        else:
+            groups.append([(relation, step)])
+    return [_step(group, instants) for group in groups]
+
+
+def _step(group: list[tuple[ClockRelation, ClockStep]], instants: LogClock) -> Finding:
+    best = min((relation for relation, _ in group), key=lambda each: each.longest.residual_s)
+    steps = [step for relation, step in group if relation is best]
+    pair = f"{best.readings.second} stepped {{}} against {best.readings.first}"
+    if len(steps) == 1:
+        what = f"At {instants.text(steps[0].at_ns)} {pair.format(_way(steps[0].size_s))}"
+    else:
+        span = f"From {instants.text(steps[0].at_ns)} to {instants.text(steps[-1].at_ns)}"
+        what = f"{span} {pair.format(f'{len(steps)} times, in all {_way(_whole_s(best, steps))}')}"
+    largest_s = max(abs(step.size_s) for step in steps)
+    return Finding(
+        "time_bases.step",
+        Severity.WARNING if largest_s >= STEP_WARNING_S else Severity.NOTICE,
+        what,
+        tuple(
+            Evidence(each.readings.message, each.readings.fields, one.at_ns, value=f"{one.size_s:+.4f} s")
+            for each, one in sorted(group, key=lambda each: each[0] is not best)[:MOST_NAMED]
+        ),
+        "Find what set or held up that clock then; intervals across this instant are not what they seem.",
+    )
+
+
+def _whole_s(relation: ClockRelation, steps: Sequence[ClockStep]) -> float:
+    """From the line before the first of these steps to the line after the last."""
+    before, after = (relation.pieces[relation.steps.index(one) + more] for one, more in ((steps[0], 0), (steps[-1], 1)))
+    at_ns = np.array([steps[-1].first_ns], dtype=np.int64)
+    return float(after.offset_at(at_ns)[0] - before.offset_at(at_ns)[0]) * 1e-9
+
+
+def _way(size_s: float) -> str:
+    size = f"{abs(size_s):.3f} s" if abs(size_s) >= 0.1 else f"{1e3 * abs(size_s):.1f} ms"
+    return f"{size} {'ahead' if size_s > 0.0 else 'back'}"
+
+
+def _rates(relation: ClockRelation, made_up: bool) -> list[Finding]:
+    readings = relation.readings
+    if readings.key.startswith("samples.") and made_up:
+        return []
+    rate_ppm, error_ppm = pair_rate(relation)
+    sure = error_ppm is not None and abs(rate_ppm) - CRYSTAL_PPM > SURE * error_ppm
+    if not sure or abs(rate_ppm) <= CRYSTAL_PPM:
+        return []
+    if abs(rate_ppm) > SCALED_PPM:
+        return [_scaled(relation)]
+    severity = Severity.NOTICE if made_up or abs(rate_ppm) < WRONG_PPM else Severity.WARNING
+    per_hour_ms = abs(rate_ppm) * 3.6
+    return [
+        Finding(
+            "time_bases.drift",
+            severity,
+            f"{pair_title(readings)} runs {abs(rate_ppm):.0f} ppm {'fast' if rate_ppm > 0.0 else 'slow'} "
+            f"(± {error_ppm:.1f}), {per_hour_ms:.0f} ms an hour",
+            (Evidence(readings.message, readings.fields, value=f"{rate_ppm:+.1f} ppm"),),
+            "Crystals differ by tens of ppm at most: see whether one of the clocks is simulated, disciplined or held "
+            "up; map stamps through this relation before comparing them.",
+        )
+    ]
+
+
+def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
+    """What may be said where nothing was found: of those pairs alone whose rate is known well enough to judge it."""
+    judged = [relation for relation in relations if _known(relation)]
+    if not judged:
+        return ()
+    pairs = pair_title(judged[0].readings) if len(judged) == 1 else f"{len(judged)} pairs of clocks"
+    said = f"No step and no drift of more than {CRYSTAL_PPM:.0f} ppm: {pairs}"
+    return (Finding("time_bases.even", Severity.OK, said),)
+
+
+def _known(relation: ClockRelation) -> bool:
+    """Whether the rate is known better than what it is held against."""
+    error_ppm = relation.longest.slope_error_ppm
+    return error_ppm is not None and SURE * error_ppm < CRYSTAL_PPM
+
+
+def _scaled(relation: ClockRelation) -> Finding:
+    readings = relation.readings
+    times = 1.0 + relation.longest.slope_ppm * 1e-6
+    fast, slow, ratio = (
+        (readings.second, readings.first, times) if times >= 1.0 else (readings.first, readings.second, 1.0 / times)
+    )
+    return Finding(
+        "time_bases.scaled",
+        Severity.NOTICE,
+        f"{fast} went {ratio:.2f} times as fast as {slow}: one of them is a simulation's",
+        (Evidence(readings.message, readings.fields, value=f"{ratio:.2f}"),),
+        "Rates and delays in this log are in two kinds of seconds: compare along one clock.",
+    )
+
+
+def _bends(relations: Sequence[ClockRelation], instants: LogClock) -> list[Finding]:
+    findings = []
+    for relation in relations:
+        for index, step in enumerate(relation.steps):
+            before, after = relation.pieces[index], relation.pieces[index + 1]
+            change_ppm = after.slope_ppm - before.slope_ppm
+            short_ns = min(before.until_ns - before.from_ns, after.until_ns - after.from_ns)
+            if short_ns * 1e-9 < LEAST_PIECE_S or abs(change_ppm) < BEND_PPM:
+                continue
+            if before.slope_error_ppm is None or after.slope_error_ppm is None:
+                continue
+            error_ppm = float(np.hypot(before.slope_error_ppm, after.slope_error_ppm))
+            if abs(change_ppm) < SURE * error_ppm:
+                continue
+            findings.append(
+                Finding(
+                    "time_bases.rate_change",
+                    Severity.NOTICE,
+                    f"About {instants.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
+                    f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (± {error_ppm:.1f})",
+                    (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
+                    "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
+                )
+            )
+    return findings
+
+
+def _gaps(relation: ClockRelation, instants: LogClock) -> list[Finding]:
+    """Only of clocks that are read for the sake of it: other readings come as their messages do."""
+    readings = relation.readings
+    if not readings.key.startswith(("clocks.", "timesync.")):
+        return []
+    between_s = np.diff(readings.first_ns).astype(np.float64) * 1e-9
+    usual_s = float(np.median(between_s))
+    long = np.flatnonzero(between_s > max(GAP_PERIODS * usual_s, GAP_S if usual_s > 0.5 else 1.0))
+    if not len(long):
+        return []
+    worst = int(long[np.argmax(between_s[long])])
+    at_ns = int(readings.at_ns[worst])
+    return [
+        Finding(
+            "time_bases.gap",
+            Severity.NOTICE,
+            f"{readings.second} was not read for {between_s[worst]:.1f} s after {instants.text(at_ns)}, else every "
+            f"{usual_s:.2f} s; {len(long)} such gaps",
+            (Evidence(readings.message, readings.fields, at_ns, int(readings.at_ns[worst + 1])),),
+            "Look at the links at that time: no exchange came through.",
+        )
+    ]
+
+
+_LACKS = {
+    "dataflash": "The log holds the autopilot's clock alone: a GPS fix (GPA) or UTC in PM.R would let it be judged.",
+    "mcap": "The recording holds no second clock: no /clocks (runs in real time), telemetry, or stamps in headers.",
+    "tlog": "No message tells the autopilot's own time (time_boot_ms), so the clocks cannot be compared.",
+}
+
+
+def analyse(log: Log) -> Section | None:
+    instants = LogClock(log)
+    found = clock_relations(log)
+    pairs = clock_pair_section(log, found, instants)
+    samples = sample_clock_section(log, found, instants)
+    if not found and not samples.grids:
+        return None
+    findings = (*pairs.findings, *samples.findings)
+    if not findings:
+        findings = even_findings(found)
+    return Section(
+        "time_bases",
+        "Time bases",
+        (*pairs.facts, *samples.facts),
+        findings,
+        (*pairs.grids, *samples.grids),
+        (*pairs.plots, *samples.plots),
+        () if found else (_LACKS[log.format],),
+    )

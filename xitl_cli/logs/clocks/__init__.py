@@ -1,0 +1,1 @@
+"""Clocks within a log and between logs: readings, fits, correlation, alignment of several logs."""

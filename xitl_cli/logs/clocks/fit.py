@@ -1,0 +1,500 @@
+"""Fit of one clock against another: straight lines between steps, and how the rate varies.
+
+The offset (second less first) of each pair is cut where it steps; each piece gets a line by what kind of readings they
+are. The standard error of a rate is from the fits with a tenth of the time left out each (jackknife), so errors that
+last shorter than a tenth of the piece need not be independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from agent.timing.sync import ClockSync
+from xitl_cli.logs.clocks.readings import ClockReadings, clock_readings
+from xitl_cli.logs.clocks.time_line import AlignedLog
+from xitl_cli.logs.log import Log
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 30
+HUBER = 1.345  # of the scale: 95 % as efficient as least squares where all errors are normal
+TO_SIGMA = 1.4826  # of the median absolute deviation of a normal distribution
+
+
+def robust_spread(values: Floats) -> float:
+    """Standard deviation as the median absolute deviation tells it: half of the values may be anything."""
+    return float(TO_SIGMA * np.median(np.abs(values - np.median(values)))) if len(values) else 0.0
+
+
+def robust_line(x: Floats, y: Floats) -> tuple[float, float]:
+    """Slope, and value at x = 0: Huber's M-estimate by iteratively reweighted least squares."""
+    weight = np.ones(len(x))
+    slope = value = 0.0
+    for _ in range(ROUNDS):
+        total = float(np.sum(weight))
+        mean_x, mean_y = float(np.sum(weight * x)) / total, float(np.sum(weight * y)) / total
+        away = x - mean_x
+        square = float(np.sum(weight * away * away))
+        before = (slope, value)
+        slope = float(np.sum(weight * away * (y - mean_y))) / square if square > 0.0 else 0.0
+        value = mean_y - slope * mean_x
+        error = y - value - slope * x
+        scale = robust_spread(error)
+        if scale <= 0.0 or before == (slope, value):
+            break
+        weight = HUBER * scale / np.maximum(np.abs(error), HUBER * scale)
+    return slope, value
+
+
+def lower_hull(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Vertices of the convex hull from below (Andrew's monotone chain); x increasing, of equal ones the lowest."""
+    order = np.lexsort((y, x))
+    xs, ys = x[order], y[order]
+    first = np.ones(len(xs), dtype=np.bool_)
+    first[1:] = xs[1:] != xs[:-1]
+    hull: list[tuple[float, float]] = []
+    for px, py in zip(xs[first].tolist(), ys[first].tolist(), strict=True):
+        while len(hull) > 1:
+            (x0, y0), (x1, y1) = hull[-2], hull[-1]
+            if (x1 - x0) * (py - y0) > (y1 - y0) * (px - x0):
+                break
+            hull.pop()
+        hull.append((px, py))
+    points = np.array(hull, dtype=np.float64).reshape(-1, 2)
+    return points[:, 0], points[:, 1]
+
+
+def lower_line(x: Floats, y: Floats) -> tuple[float, float]:
+    """Slope, and value at x = 0, of the line below all points with the least sum of distances to them.
+
+    The linear programme of Moon, Skelly and Towsley (INFOCOM 1999): its solution is the edge of the lower hull over the
+    mean of x.
+    """
+    hull_x, hull_y = lower_hull(x, y)
+    if len(hull_x) < 2:
+        return 0.0, float(hull_y[0])
+    edge = int(np.clip(np.searchsorted(hull_x, np.mean(x)) - 1, 0, len(hull_x) - 2))
+    slope = float((hull_y[edge + 1] - hull_y[edge]) / (hull_x[edge + 1] - hull_x[edge]))
+    return slope, float(hull_y[edge] - slope * hull_x[edge])
+
+
+SIDE = 8  # readings on each side whose levels are compared
+LEAST_STEP_S = 1e-3
+LEAST_DELAYED_S = 5e-3  # in one direction a step and a path that takes longer look the same
+STRENGTH = 12.0  # of the scatter of such differences: a normal one would do that never, a burst of delays might
+MOST_STEPS = 64
+LASTING_S, LASTS = 2.0, 0.5
+SETTLED = 0.8
+ENDS_S = 1.0
+BURST_S = 60.0  # a level that came back after less was delay, not the clock
+CAME_BACK = 0.3
+BENDS = 4
+BEND_POINTS = 240
+BEND_LEAST = 12
+BEST_OF = 6  # of delayed readings the best of so many, as the others tell of the delay
+BEND_PPM = 5.0
+BEND_GAIN = 3.0
+MOST_BEND_PPM = 1000.0  # more is a delay that grows or shrinks, not a clock
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStep:
+    """index: of the first reading after it. at_ns: on the log's time. first_ns: on the first clock.
+
+    size_s: by how much the offset grew there; 0 where only the rate changed.
+    """
+
+    index: int
+    at_ns: int
+    first_ns: int
+    size_s: float
+
+    def resized(self, size_s: float) -> ClockStep:
+        return replace(self, size_s=size_s)
+
+
+def find_steps(readings: ClockReadings) -> tuple[ClockStep, ...]:
+    """Steps and bends in order. Bounded: at most 64 steps and 4 bends in each part between them."""
+    if len(readings) < 4:
+        return ()
+    jumps = _jumps(readings)
+    cuts = [0, *(index for index, _ in jumps), len(readings)]
+    found = dict(jumps)
+    for begin, end in pairwise(cuts):
+        for index in _bends(readings[begin:end], BENDS):
+            found[begin + index] = 0.0
+    return tuple(
+        ClockStep(index, int(readings.at_ns[index]), int(readings.first_ns[index]), size_s)
+        for index, size_s in sorted(found.items())
+    )
+
+
+def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
+    x = (readings.first_ns - readings.first_ns[0]).astype(np.float64) * 1e-9
+    level_ns = readings.level_ns
+    y = (level_ns - level_ns[0]).astype(np.float64) * 1e-9
+    side = SIDE if len(y) >= 6 * SIDE else 1
+    before, after = _sides(readings, y, side)
+    between = np.arange(side, len(y) - side + 1)
+    dx = x[np.minimum(between + side // 2, len(x) - 1)] - x[np.maximum(between - side // 2 - 1, 0)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rates = np.where(dx > 0.0, (after - before) / dx, 0.0)
+    slope = float(np.median(rates))
+    jump = after - before - slope * dx
+    least_s = LEAST_DELAYED_S if readings.late and readings.floor_ns is None else LEAST_STEP_S
+    least_s = max(least_s, 3.0 * max(readings.resolution_s, readings.slack_s), STRENGTH * robust_spread(jump))
+    strong = np.abs(jump - np.median(jump)) > least_s
+    found: list[tuple[int, float]] = []
+    single = np.diff(y)
+    for begin, end in _runs(strong):
+        peak = begin + int(np.argmax(np.abs(jump[begin:end])))
+        size_s = float(jump[peak])
+        first, last = int(between[begin]), int(between[end - 1])
+        # At either end of the readings the step may lie beyond the places that have a whole side.
+        low = 0 if begin == 0 else max(first - 1, 0)
+        high = len(single) if end == len(strong) else last
+        index = low + int(np.argmax(single[low:high] * np.sign(size_s))) + 1
+        if not first <= index <= last:
+            level = np.min if readings.late else np.median
+            ahead, behind = y[index : index + side], y[max(index - side, 0) : index]
+            size_s = float(level(ahead) - level(behind)) - slope * float(x[index] - x[index - 1])
+        if readings.late and size_s > 0.0:  # in stages: what lies between the levels belongs to neither line
+            settled = y[low:high] < float(before[max(begin - 1, 0)]) + SETTLED * size_s
+            index = max(index, low + int(np.flatnonzero(settled)[-1]) + 1) if settled.any() else index
+        if not readings.late or _lasts(readings, x, y, min(first, index), max(last, index), size_s):
+            found.append((index, size_s))
+    if readings.late or side == 1:
+        found = _without_bursts(found, x)
+    return sorted(sorted(found, key=lambda one: -abs(one[1]))[:MOST_STEPS])
+
+
+def _sides(readings: ClockReadings, y: Floats, side: int) -> tuple[Floats, Floats]:
+    """Level of the `side` readings before, and after, each place between two: of the least delay, or the median."""
+    windows = sliding_window_view(y, side)
+    if readings.floor_ns is not None:
+        trip = sliding_window_view(readings.offset_ns - readings.floor_ns, side)
+        level = windows[np.arange(len(windows)), np.argmin(trip, axis=1)]
+    else:
+        level = windows.min(axis=1) if readings.late else np.median(windows, axis=1)
+    return level[: len(level) - side], level[side:]
+
+
+def _lasts(readings: ClockReadings, x: Floats, y: Floats, first: int, last: int, size_s: float) -> bool:
+    """Whether the level of some seconds shows it too: a queue that fills at once and drains slowly is back by then.
+
+    first, last: between which readings it came; a clock that was held up several times gets there in stages.
+    """
+    before = slice(min(int(np.searchsorted(x, x[first] - LASTING_S)), max(first - SIDE, 0)), first)
+    after = slice(last, max(int(np.searchsorted(x, x[last] + LASTING_S)), last + SIDE))
+    if not len(y[before]) or not len(y[after]):
+        return False
+    if readings.floor_ns is None:
+        known_s = min(x[first] - x[0], x[-1] - x[min(last, len(x) - 1)])
+        if known_s < ENDS_S:  # a burst of delay that began or ended out of sight
+            return False
+        shown_s = float(y[after].min() - y[before].min())
+        return shown_s * size_s > 0.0 and abs(shown_s) > LASTS * abs(size_s)
+    # No offset is possible on both sides at once.
+    ceiling_ns, floor_ns = readings.offset_ns, readings.floor_ns
+    earlier, later = (before, after) if size_s > 0.0 else (after, before)
+    return bool(floor_ns[later].max() > ceiling_ns[earlier].min())
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _without_bursts(found: list[tuple[int, float]], x: Floats) -> list[tuple[int, float]]:
+    """Without pairs that undo each other soon after."""
+    kept: list[tuple[int, float]] = []
+    for index, size_s in found:
+        if kept:
+            last, last_s = kept[-1]
+            soon = x[min(index, len(x) - 1)] - x[last] < BURST_S
+            if soon and last_s * size_s < 0.0 and abs(size_s + last_s) < CAME_BACK * abs(last_s):
+                kept.pop()
+                continue
+        kept.append((index, size_s))
+    return kept
+
+
+def _bends(readings: ClockReadings, most: int) -> list[int]:
+    """Where two lines describe what one does not, by index; each half is looked at again."""
+    if most == 0 or len(readings) < 2 * BEND_LEAST:
+        return []
+    points = len(readings) // BEST_OF if readings.late else len(readings)
+    thin = readings.thinned(min(max(points, 2 * BEND_LEAST), BEND_POINTS))
+    x = (thin.first_ns - thin.first_ns[0]).astype(np.float64) * 1e-9
+    level_ns = thin.level_ns
+    y = (level_ns - level_ns[0]).astype(np.float64) * 1e-9
+    one = _squares(x, y)[-1]
+    ahead, behind = _squares(x, y), _squares(x[::-1], y[::-1])[::-1]
+    cut = np.arange(BEND_LEAST, len(x) - BEND_LEAST + 1)
+    if not len(cut):
+        return []
+    both = ahead[cut - 1] + behind[cut]
+    best = int(cut[np.argmin(both)])
+    two = float(both.min())
+    (low, low_error), (high, high_error) = _rate(x[:best], y[:best]), _rate(x[best:], y[best:])
+    change = abs(high - low)
+    known = change * 1e6 < MOST_BEND_PPM and change > 10.0 * np.hypot(low_error, high_error) and change * 1e6 > BEND_PPM
+    grain_s = max(thin.resolution_s / 3.0, 1e-9)
+    if not known or one < BEND_GAIN * two or one < len(x) * grain_s**2:
+        return []
+    index = int(np.searchsorted(readings.first_ns, thin.first_ns[best]))
+    left = _bends(readings[:index], most - 1)
+    right = _bends(readings[index:], most - 1)
+    return [*left, index, *(index + one for one in right)]
+
+
+def _squares(x: Floats, y: Floats) -> Floats:
+    """Sum of the squared errors of the line through the first n points, for every n."""
+    n = np.arange(1, len(x) + 1)
+    x = x - x[0]
+    y = y - y[0]
+    sx, sy, sxx, sxy, syy = (np.cumsum(value) for value in (x, y, x * x, x * y, y * y))
+    vxx, vxy, vyy = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.maximum(np.where(vxx > 0.0, vyy - vxy * vxy / vxx, vyy), 0.0)
+
+
+def _rate(x: Floats, y: Floats) -> tuple[float, float]:
+    """Slope by least squares and its standard error for independent errors."""
+    away = x - x.mean()
+    square = float(np.sum(away * away))
+    if square <= 0.0:
+        return 0.0, np.inf
+    slope = float(np.sum(away * y)) / square
+    error = y - y.mean() - slope * away
+    return slope, float(np.sqrt(np.sum(error * error) / max(len(x) - 2, 1) / square))
+
+
+MOST_READINGS = 4000  # of a fit; more are thinned to the best of each group
+EXCHANGES = 300
+BLOCKS = 10
+LEAST = 3
+WINDOWS = 12
+WINDOW_S = (10.0, 120.0)
+IN_WINDOW = 8
+MAX_DRIFT_PPM = 20_000.0
+FARTHEST_NS = 1 << 61  # 73 years: what is beyond is no instant, and sums of two stay within 64 bits
+
+
+@dataclass(frozen=True, slots=True)
+class FitPiece:
+    """One line. from_ns, until_ns, about_ns: of the first clock. offset_ns: second less first at `about_ns`.
+
+    slope_ppm: growth of the offset. slope_error_ppm: its standard error, None where there are too few readings.
+    offset_error_s: of the offset in the middle, one standard deviation, without what a constant delay hides.
+    residual_s: standard deviation of the readings about the line.
+    """
+
+    from_ns: int
+    until_ns: int
+    about_ns: int
+    offset_ns: int
+    slope_ppm: float
+    slope_error_ppm: float | None
+    offset_error_s: float
+    residual_s: float
+    readings: int
+
+    def offset_at(self, first_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) second less first, in whole nanoseconds."""
+        grown = self.slope_ppm * 1e-6 * (first_ns - self.about_ns).astype(np.float64)
+        return self.offset_ns + np.round(np.clip(grown, -FARTHEST_NS, FARTHEST_NS)).astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class ClockRelation:
+    """pieces in order, with the steps between them. residual_s: (N,) of every reading about its piece.
+
+    window_ns: (W,) centres, of the first clock, of windows of `window_s`; window_ppm: (W,) the rate in each by itself.
+    """
+
+    readings: ClockReadings
+    pieces: tuple[FitPiece, ...]
+    steps: tuple[ClockStep, ...]
+    residual_s: Floats
+    window_s: float
+    window_ns: NDArray[np.int64]
+    window_ppm: Floats
+
+    @property
+    def longest(self) -> FitPiece:
+        return max(self.pieces, key=lambda piece: piece.until_ns - piece.from_ns)
+
+    @property
+    def second_bounds_ns(self) -> tuple[int, ...]:
+        """Where the second clock passes from each piece to the next: midway in what it leapt over."""
+        bounds = []
+        for before, after in pairwise(self.pieces):
+            at_ns = np.array([after.from_ns], dtype=np.int64)
+            ends, begins = (after.from_ns + int(piece.offset_at(at_ns)[0]) for piece in (before, after))
+            bounds.append(begins - max(begins - ends, 0) // 2)
+        return tuple(bounds)
+
+    def to_second(self, first_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) the second clock where the first shows these; before and after the readings by the nearest line."""
+        bounds = np.array([piece.from_ns for piece in self.pieces[1:]], dtype=np.int64)
+        which = np.searchsorted(bounds, first_ns, side="right")
+        result = np.empty(len(first_ns), dtype=np.int64)
+        for index, piece in enumerate(self.pieces):
+            mine = which == index
+            result[mine] = first_ns[mine] + piece.offset_at(first_ns[mine])
+        return result
+
+    def to_first(self, second_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(N,) the first clock where the second shows these; what a step back shows twice, by the later piece."""
+        which = np.zeros(len(second_ns), dtype=np.intp)
+        for index, bound in enumerate(self.second_bounds_ns):
+            which[second_ns >= bound] = index + 1
+        result = np.empty(len(second_ns), dtype=np.int64)
+        for index, piece in enumerate(self.pieces):
+            mine = which == index
+            guess = second_ns[mine] - piece.offset_ns
+            for _ in range(3):
+                guess = second_ns[mine] - piece.offset_at(guess)
+            result[mine] = guess
+        return result
+
+
+def fit_relation(readings: ClockReadings) -> ClockRelation | None:
+    """None with fewer than three readings, or when the first clock stands still."""
+    readings = readings.within(FARTHEST_NS).in_order()
+    if len(readings) < LEAST or readings.first_ns[-1] <= readings.first_ns[0]:
+        return None
+    steps = find_steps(readings)
+    cuts = [0, *(step.index for step in steps), len(readings)]
+    pieces: list[FitPiece] = []
+    residual_s = np.zeros(len(readings))
+    for begin, end in pairwise(cuts):
+        part = readings[begin:end]
+        piece = _piece(part)
+        pieces.append(piece)
+        residual_s[begin:end] = (part.offset_ns - piece.offset_at(part.first_ns)).astype(np.float64) * 1e-9
+    window_s, window_ns, window_ppm = _windows(readings, cuts)
+    placed = tuple(_with_size(step, pieces[i], pieces[i + 1]) for i, step in enumerate(steps))
+    return ClockRelation(readings, tuple(pieces), placed, residual_s, window_s, window_ns, window_ppm)
+
+
+def _with_size(step: ClockStep, before: FitPiece, after: FitPiece) -> ClockStep:
+    """The size as the lines on both sides tell it, where they are lines: it errs less than single readings."""
+    if min(before.readings, after.readings) < 2 * IN_WINDOW:
+        return step
+    at = np.array([after.from_ns], dtype=np.int64)
+    size_s = float(after.offset_at(at)[0] - before.offset_at(at)[0]) * 1e-9
+    return step if abs(size_s - step.size_s) > 0.2 * abs(step.size_s) else step.resized(size_s)
+
+
+def _piece(readings: ClockReadings) -> FitPiece:
+    first_ns = readings.first_ns
+    about_ns = int(first_ns[0]) + (int(first_ns[-1]) - int(first_ns[0])) // 2
+    base_ns = int(readings.offset_ns[0])
+    thin = readings.thinned(EXCHANGES if readings.floor_ns is not None else MOST_READINGS)
+    span_s = float(first_ns[-1] - first_ns[0]) * 1e-9
+    slope, value_s = _fit(thin, about_ns, base_ns) if len(thin) >= 2 and span_s > 0.0 else (0.0, 0.0)
+    error_ppm, offset_error_s = _jackknife(thin, about_ns, base_ns)
+    offset_ns = base_ns + round(float(np.clip(value_s * 1e9, -FARTHEST_NS, FARTHEST_NS)))
+    piece = FitPiece(
+        int(first_ns[0]), int(first_ns[-1]), about_ns, offset_ns, slope * 1e6, error_ppm, 0.0, 0.0, len(readings)
+    )
+    away_s = (readings.offset_ns - piece.offset_at(first_ns)).astype(np.float64) * 1e-9
+    residual_s = robust_spread(away_s) if readings.late else float(np.std(away_s))
+    if offset_error_s is None:
+        offset_error_s = float(np.max(np.abs(away_s)))
+    return FitPiece(
+        piece.from_ns,
+        piece.until_ns,
+        about_ns,
+        offset_ns,
+        piece.slope_ppm,
+        error_ppm,
+        max(offset_error_s, readings.resolution_s / np.sqrt(12.0)),
+        residual_s,
+        len(readings),
+    )
+
+
+def _fit(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[float, float]:
+    """Slope (1) and offset (s, above `base_ns`) at `about_ns`."""
+    x = (readings.first_ns - about_ns).astype(np.float64) * 1e-9
+    y = (readings.offset_ns - base_ns).astype(np.float64) * 1e-9
+    if readings.floor_ns is not None:
+        return _fit_exchanges(readings, readings.floor_ns, about_ns, base_ns)
+    return lower_line(x, y) if readings.late else robust_line(x, y)
+
+
+def _fit_exchanges(
+    readings: ClockReadings, floor_ns: NDArray[np.int64], about_ns: int, base_ns: int
+) -> tuple[float, float]:
+    """By the estimator that the agent itself uses. An exchange is as if answered at once."""
+    sync = ClockSync(MAX_DRIFT_PPM)
+    for first_ns, ceiling_ns, least_ns in zip(
+        (readings.first_ns - about_ns).tolist(),
+        (readings.offset_ns - base_ns).tolist(),
+        (floor_ns - base_ns).tolist(),
+        strict=True,
+    ):
+        back_ns = first_ns + ceiling_ns - least_ns
+        sync.add(first_ns, first_ns + ceiling_ns, first_ns + ceiling_ns, back_ns)
+    if not sync.ready:
+        return 0.0, 0.0
+    estimate = sync.estimate
+    return estimate.drift_ppm * 1e-6, (sync.to_remote(0)) * 1e-9
+
+
+def _jackknife(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[float | None, float | None]:
+    """Standard errors of the rate (ppm) and of the offset in the middle (s)."""
+    if len(readings) < 2 * BLOCKS:
+        return None, None
+    block = np.arange(len(readings)) * BLOCKS // len(readings)
+    fits = [_fit(readings[block != left_out], about_ns, base_ns) for left_out in range(BLOCKS)]
+    slopes, values = np.array(fits).T
+    factor = (BLOCKS - 1) / BLOCKS
+    error_ppm = float(np.sqrt(factor * np.sum((slopes - slopes.mean()) ** 2)) * 1e6)
+    span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
+    rounding_ppm = 1e6 * readings.resolution_s / np.sqrt(6.0) / max(span_s, 1e-9)  # of both ends, each evenly spread
+    return max(error_ppm, float(rounding_ppm)), float(np.sqrt(factor * np.sum((values - values.mean()) ** 2)))
+
+
+def _windows(readings: ClockReadings, cuts: list[int]) -> tuple[float, NDArray[np.int64], Floats]:
+    """The rate in windows that no step falls into."""
+    span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
+    window_s = float(np.clip(span_s / WINDOWS, *WINDOW_S))
+    centres: list[int] = []
+    rates: list[float] = []
+    for begin, end in pairwise(cuts):
+        part = readings[begin:end]
+        which = ((part.first_ns - part.first_ns[0]) // round(window_s * 1e9)).astype(np.int64)
+        for number in np.unique(which):
+            inside = part[which == number]
+            covered_s = float(inside.first_ns[-1] - inside.first_ns[0]) * 1e-9
+            if len(inside) < IN_WINDOW or covered_s < 0.7 * window_s:
+                continue
+            about_ns = int(inside.first_ns[0]) + round(covered_s * 5e8)
+            slope, _ = _fit(inside.thinned(EXCHANGES), about_ns, int(inside.offset_ns[0]))
+            centres.append(about_ns)
+            rates.append(slope * 1e6)
+    return window_s, np.array(centres, dtype=np.int64), np.array(rates)
+
+
+_known: WeakKeyDictionary[Log, tuple[ClockRelation, ...]] = WeakKeyDictionary()
+
+
+def clock_relations(log: Log) -> tuple[ClockRelation, ...]:
+    """Of every pair of clocks that can be fitted. Kept for as long as the log is."""
+    if isinstance(log, AlignedLog):  # the same rows and stamps
+        log = log.inner
+    found = _known.get(log)
+    if found is None:
+        found = tuple(one for readings in clock_readings(log) if (one := fit_relation(readings)) is not None)
+        _known[log] = found
+    return found

@@ -1,0 +1,400 @@
+"""Readings of two clocks at the same events, and where each kind of log holds some.
+
+DataFlash   GPS time and the autopilot's clock (GPA.SMS: when the message came); UTC of PM.R; of ours the sensors' clock
+            (SampleUS), which is simulation time
+MCAP        /clocks of ours: simulation time and the host's clock (PS1), the host's and each node's; telemetry's
+            time_boot_ms; stamps in the headers of ROS messages
+tlog        time_boot_ms of each autopilot, its SYSTEM_TIME and TIMESYNC, against when the ground station had them
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.table import Selection, Table, by_instance
+
+Instants = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class ClockReadings:
+    """(N,) instants on two clocks.
+
+    key: stable name for machines. first, second: what the clocks are. at_ns: (N,) on the log's own time.
+    late: the second was read after what the first stands for, by a delay that has a floor and no ceiling; else the
+    errors have no preferred sign. floor_ns: of an exchange, the least offset that each one leaves possible, as second
+    less first is the greatest; None else. resolution_s: the coarser clock's step. slack_s: by how
+    much a reading may be of the event before or after. message, fields: where they are from.
+    """
+
+    key: str
+    first: str
+    second: str
+    at_ns: Instants
+    first_ns: Instants
+    second_ns: Instants
+    message: str
+    fields: str
+    late: bool = False
+    floor_ns: Instants | None = None
+    resolution_s: float = 0.0
+    slack_s: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.first_ns)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> ClockReadings:
+        return replace(
+            self,
+            at_ns=self.at_ns[rows],
+            first_ns=self.first_ns[rows],
+            second_ns=self.second_ns[rows],
+            floor_ns=None if self.floor_ns is None else self.floor_ns[rows],
+        )
+
+    @property
+    def offset_ns(self) -> Instants:
+        """(N,) second less first; of an exchange the greatest possible."""
+        return self.second_ns - self.first_ns
+
+    @property
+    def level_ns(self) -> Instants:
+        """(N,) the likeliest offset: of an exchange half way between the bounds."""
+        offset_ns = self.offset_ns
+        return offset_ns if self.floor_ns is None else self.floor_ns + (offset_ns - self.floor_ns) // 2
+
+    def within(self, farthest_ns: int) -> ClockReadings:
+        """Without what is farther from the zero of its clock, which no clock shows."""
+        clocks = [self.first_ns, self.second_ns] if self.floor_ns is None else [
+            self.first_ns, self.second_ns, self.floor_ns,
+        ]  # fmt: skip
+        good = np.ones(len(self), dtype=np.bool_)
+        for clock_ns in clocks:
+            good &= (clock_ns > -farthest_ns) & (clock_ns < farthest_ns)
+        return self if good.all() else self[good]
+
+    def in_order(self) -> ClockReadings:
+        """Without what the first clock shows twice, or out of order: what comes after it went back is left out."""
+        newest = np.maximum.accumulate(self.first_ns)
+        ahead = np.ones(len(self), dtype=np.bool_)
+        ahead[1:] = self.first_ns[1:] > newest[:-1]
+        return self if ahead.all() else self[ahead]
+
+    def thinned(self, most: int) -> ClockReadings:
+        """The best of each of `most` groups of equal size: the least delayed, else the one in the middle."""
+        if len(self) <= most:
+            return self
+        group = np.arange(len(self)) * most // len(self)
+        offset_ns = self.offset_ns
+        if self.floor_ns is not None:
+            badness = offset_ns - self.floor_ns
+        elif self.late:
+            badness = offset_ns
+        else:
+            badness = np.zeros(len(self), dtype=np.int64)
+        order = np.lexsort((badness, group))
+        starts = np.searchsorted(group[order], np.arange(most))
+        if self.floor_ns is None and not self.late:
+            order = np.lexsort((offset_ns, group))
+            ends = np.append(starts[1:], len(self))
+            starts = (starts + ends) // 2
+        return self[np.sort(order[starts])]
+
+
+LOG, HOST, SIMULATION, UTC = "the recorder's clock", "the host's clock", "simulation time", "UTC"
+GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
+WEEK_MS = 604_800_000
+GPS_LEAP_S = 18  # GPS less UTC since 2017
+EARLIEST_UTC_NS = 1_262_304_000_000_000_000  # 2010: before it a receiver or a clock has not been set
+LATEST_UTC_NS = 4_102_444_800_000_000_000  # 2100
+FEWEST = 3
+MOST_TOPICS = 6
+STAMP = "header.stamp"
+SAMPLED = ("IMU", "BARO", "MAG", "GPS")
+GPS_SLACK_S = 20e-3  # between two loops, behind other messages: fixes come so unevenly
+LONGEST_TRIP_S = 10.0
+LONGEST_TOPIC = 500_000  # rows; all of a topic is read for its stamps
+BOOTED = ("ATTITUDE", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED", "ATTITUDE_QUATERNION", "RC_CHANNELS", "SCALED_IMU2")
+
+
+def boot_clock(system: int | str) -> str:
+    """Name of an autopilot's clock since boot, by its MAVLink system or its node of a run."""
+    return f"autopilot {system}" if isinstance(system, int) else system
+
+
+def clock_readings(log: Log) -> list[ClockReadings]:
+    """Every pair of clocks of this log that was read three times or more."""
+    by_format: Mapping[str, Callable[[Log], Iterator[ClockReadings]]] = {
+        "dataflash": _of_dataflash,
+        "mcap": _of_recording,
+        "tlog": _of_telemetry,
+    }
+    return [found for found in by_format[log.format](log) if len(found) >= FEWEST]
+
+
+def _of_dataflash(log: Log) -> Iterator[ClockReadings]:
+    gps = log.tables.get("GPS")
+    if gps is not None:
+        arrivals = _by_number(log.tables.get("GPA"))
+        for number, table in by_instance(gps).items():
+            found = _gps_time(number, table, arrivals.get(number))
+            if found is not None:
+                yield found
+    performance = log.tables.get("PM")
+    if performance is not None and "R" in performance.columns:
+        utc_ns = _whole(performance, "R") * 1000
+        known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
+        stamps = performance.stamp_ns
+        yield ClockReadings(
+            "rtc", "the autopilot's clock", UTC, stamps, stamps, utc_ns, "PM", "TimeUS, R", resolution_s=1e-6
+        )[known]
+    for name in SAMPLED:
+        sensor = log.tables.get(name)
+        if sensor is not None and "SampleUS" in sensor.columns:
+            sampled_ns, stamps = _whole(sensor, "SampleUS") * 1000, sensor.stamp_ns
+            yield ClockReadings(
+                f"samples.{name}",
+                "the sensors' clock",
+                "the autopilot's clock",
+                stamps,
+                sampled_ns,
+                stamps,
+                name,
+                "SampleUS, TimeUS",
+                late=True,
+                resolution_s=1e-6,
+            )
+            return
+
+
+def _by_number(table: Table | None) -> dict[int, Table]:
+    return {} if table is None else by_instance(table)
+
+
+def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings | None:
+    if not {"GWk", "GMS"} <= set(table.columns):
+        return None
+    week, ms = _whole(table, "GWk"), _whole(table, "GMS")
+    set_ = (week > 0) & (week < 10_000) & (ms >= 0) & (ms < WEEK_MS)
+    utc_ns = (week * WEEK_MS + ms) * 1_000_000 + (GPS_EPOCH_S - GPS_LEAP_S) * 1_000_000_000
+    at_ns = table.stamp_ns
+    came_ns, message, field = at_ns, "GPS", "GWk, GMS, TimeUS"
+    if arrival is not None and "SMS" in arrival.columns:
+        rows = _matching(at_ns, arrival.stamp_ns)
+        came_ns = np.where(rows >= 0, _whole(arrival, "SMS")[np.maximum(rows, 0)] * 1_000_000, -1)
+        set_ &= (rows >= 0) & (came_ns > 0)
+        message, field = "GPA", "GPS.GWk, GPS.GMS, SMS"
+    set_[1:] &= came_ns[1:] != came_ns[:-1]  # a message logged twice, or a backlog that came at once
+    return ClockReadings(
+        "gps" if number == 0 else f"gps.{number}",
+        f"GPS {number + 1}",
+        "the autopilot's clock",
+        at_ns,
+        utc_ns,
+        came_ns,
+        message,
+        field,
+        late=True,
+        resolution_s=1e-3,
+        slack_s=GPS_SLACK_S,
+    )[set_]
+
+
+def _matching(wanted: Instants, stamps: Instants) -> NDArray[np.intp]:
+    """Row of `stamps` with each wanted instant, -1 without one."""
+    order = np.argsort(stamps, kind="stable")
+    at = np.searchsorted(stamps[order], wanted)
+    at = np.minimum(at, max(len(stamps) - 1, 0))
+    if not len(stamps):
+        return np.full(len(wanted), -1, dtype=np.intp)
+    rows = order[at]
+    return np.where(stamps[rows] == wanted, rows, -1)
+
+
+def _of_recording(log: Log) -> Iterator[ClockReadings]:
+    clocks = log.tables.get("/clocks")
+    exchanges: list[ClockReadings] = []
+    if clocks is not None and {"node", "host_ns", "node_ns", "round_trip_s"} <= set(clocks.columns):
+        exchanges = list(_exchanges(clocks))
+    yield from exchanges
+    if all(each.key == "clocks.PS1" for each in exchanges):  # a clock that was asked is known better
+        yield from _boot_clocks(log, SIMULATION if log.base == "simulation" else LOG)
+    yield from _header_stamps(log)
+
+
+def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
+    nodes = np.asarray(clocks.values("node"))
+    names = sorted(set(nodes.tolist()))
+    in_lockstep = "PS1" not in names
+    for name in names:
+        table = Selection(clocks, nodes == name)
+        host_ns, node_ns, at_ns = _whole(table, "host_ns"), _whole(table, "node_ns"), table.stamp_ns
+        if name == "PS1":
+            yield ClockReadings(
+                "clocks.PS1",
+                SIMULATION,
+                HOST,
+                at_ns,
+                node_ns,
+                host_ns,
+                "/clocks",
+                "PS1: node_ns, host_ns",
+                late=True,
+                resolution_s=1e-9,
+            )
+            continue
+        trip_s = np.asarray(table.values("round_trip_s"), dtype=np.float64)
+        good = np.isfinite(trip_s) & (trip_s >= 0.0) & (trip_s < LONGEST_TRIP_S)
+        trip_ns = np.round(np.where(good, trip_s, 0.0) * 1e9).astype(np.int64)
+        field = f"{name}: host_ns, node_ns, round_trip_s"
+        if in_lockstep:  # time stands still on the way; the answer is of one of the ticks about
+            yield ClockReadings(
+                f"clocks.{name}",
+                SIMULATION,
+                f"the clock of {name}",
+                at_ns,
+                host_ns,
+                node_ns,
+                "/clocks",
+                field,
+                resolution_s=max(float(np.max(trip_s[good], initial=0.0)), 1e-3),
+            )[good]
+            continue
+        yield ClockReadings(
+            f"clocks.{name}",
+            HOST,
+            f"the clock of {name}",
+            at_ns,
+            host_ns,
+            node_ns,
+            "/clocks",
+            field,
+            late=True,
+            floor_ns=node_ns - host_ns - trip_ns,
+            resolution_s=1e-9,
+        )[good]
+
+
+def _header_stamps(log: Log) -> Iterator[ClockReadings]:
+    """When a message says it is of, against when it was recorded; not where they are the same by construction."""
+    found = 0
+    for name, table in log.tables.items() if log.base != "simulation" else ():
+        heavy = any(column.kind == "bytes" or -1 in column.shape for column in table.columns.values())
+        if STAMP not in table.columns or heavy or len(table) > LONGEST_TOPIC or found == MOST_TOPICS:
+            continue
+        said_ns = _whole(table, STAMP)
+        late_ns = table.stamp_ns - said_ns
+        if not len(late_ns) or not late_ns.any():
+            continue
+        found += 1
+        yield ClockReadings(
+            f"header.{name}",
+            f"stamps of {name}",
+            LOG,
+            table.stamp_ns,
+            said_ns,
+            table.stamp_ns,
+            name,
+            f"{STAMP}, log_time",
+            late=True,
+            resolution_s=1e-9,
+        )
+
+
+def _of_telemetry(log: Log) -> Iterator[ClockReadings]:
+    yield from _boot_clocks(log, "the ground station's clock")
+    for system, table in _by_system(log.tables.get("SYSTEM_TIME")):
+        if {"time_boot_ms", "time_unix_usec"} <= set(table.columns):
+            utc_ns = _whole(table, "time_unix_usec") * 1000
+            known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
+            boot_ns = _whole(table, "time_boot_ms") * 1_000_000
+            yield ClockReadings(
+                f"system_time.{system}",
+                boot_clock(system),
+                UTC,
+                table.stamp_ns,
+                boot_ns,
+                utc_ns,
+                "SYSTEM_TIME",
+                "time_boot_ms, time_unix_usec",
+                resolution_s=1e-3,
+            )[known]
+    for system, table in _by_system(log.tables.get("TIMESYNC")):
+        if not {"tc1", "ts1"} <= set(table.columns):
+            continue
+        remote_ns, local_ns = _whole(table, "tc1"), _whole(table, "ts1")
+        answered = (remote_ns > 0) & (local_ns > 0)
+        yield ClockReadings(
+            f"timesync.{system}",
+            "the ground station's monotonic clock",
+            boot_clock(system),
+            table.stamp_ns,
+            local_ns,
+            remote_ns,
+            "TIMESYNC",
+            "ts1, tc1",
+            late=True,
+            resolution_s=1e-6,
+        )[answered]
+
+
+def _by_system(table: Table | None) -> list[tuple[int, Table]]:
+    if table is None or "_sysid" not in table.columns:
+        return []
+    systems = table.values("_sysid", raw=True)
+    return [(int(system), Selection(table, systems == system)) for system in np.unique(systems)]
+
+
+def _booted(log: Log) -> Iterator[tuple[str, Table]]:
+    """Messages that carry the time since boot, with the link they came over."""
+    if log.format == "tlog":
+        for name, table in log.tables.items():
+            if "time_boot_ms" in table.columns and name != "SYSTEM_TIME":
+                yield "", table
+        return
+    for link in [name for name in log.tables if name.startswith("/link/") and name.endswith("/rx")]:
+        for message in BOOTED:
+            sent = log.tables.get(f"{link}:{message}")
+            if sent is not None and "time_boot_ms" in sent.columns:
+                yield link, sent
+
+
+def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
+    """time_boot_ms of all messages of a system, against when they came."""
+    parts: dict[tuple[str, int], list[tuple[Instants, Instants, Instants]]] = {}
+    for link, table in _booted(log):
+        for system, mine in _by_system(table):
+            boot_ns = _whole(mine, "time_boot_ms") * 1_000_000
+            parts.setdefault((link, system), []).append((boot_ns, mine.stamp_ns, mine.place))
+    for (link, system), found in sorted(parts.items()):
+        boot_ns, at_ns, place = (np.concatenate(each) for each in zip(*found, strict=True))
+        order = np.argsort(place, kind="stable")
+        known = order[boot_ns[order] > 0]
+        yield ClockReadings(
+            f"boot.{system}" if not link else f"boot.{system}.{link}",
+            boot_clock(system),
+            arrival,
+            at_ns[known],
+            boot_ns[known],
+            at_ns[known],
+            f"{link}:*" if link else "*",
+            "time_boot_ms",
+            late=True,
+            resolution_s=1e-3,
+        )
+
+
+def _whole(table: Table, column: str) -> Instants:
+    """Whole numbers as stored; what does not fit 63 bits is 0."""
+    values = table.values(column, raw=True)
+    if values.dtype.kind == "f":
+        values = np.where(np.isfinite(values) & (np.abs(values) < 9e18), values, 0.0)
+    elif values.dtype == np.uint64:
+        values = np.where(values < np.uint64(1 << 63), values, np.uint64(0))
+    whole: Instants = np.asarray(values).astype(np.int64)
+    return whole

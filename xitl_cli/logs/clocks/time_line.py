@@ -1,0 +1,190 @@
+"""A log's stamps on the time line of a report or of another log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.log import Base, Format, Health, Log
+from xitl_cli.logs.query.times import zero_ns
+from xitl_cli.logs.table import Table
+from xitl_cli.logs.text import clock_text
+
+Instants = NDArray[np.int64]
+StampMap = Callable[[Instants], Instants]
+
+_EDGE_NS = 1000  # a break is known to a nanosecond or two
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """From `from_ns` (the log's own time) on: the reference is stamp + offset_ns, and `drift_ppm` more since then."""
+
+    from_ns: int
+    offset_ns: int
+    drift_ppm: float
+
+
+@dataclass(frozen=True, slots=True)
+class LogPlacement:
+    """offset_ns: reference less log at the log's first stamp; drift_ppm: of its longest stretch.
+
+    error_s: how far it may be off: two standard deviations, or the bound where one is known; None when not aligned or
+    for the reference itself. method: "reference", "same clock", "clock records", "telemetry", "UTC", "correlation" or
+    "not aligned". sentence: how it was placed, or why it was not, for the user.
+    """
+
+    log: Log
+    offset_ns: int
+    drift_ppm: float
+    error_s: float | None
+    method: str
+    reference: bool
+    sentence: str
+    stretches: tuple[Stretch, ...] = field(default=())
+
+    @property
+    def aligned(self) -> bool:
+        return self.method != "not aligned"
+
+    def on_reference(self, stamp_ns: Instants) -> Instants:
+        """(N,) stamps of the log on the reference's time."""
+        stamps = np.asarray(stamp_ns, dtype=np.int64)
+        if not self.stretches:
+            return stamps + self.offset_ns
+        begins = np.array([stretch.from_ns for stretch in self.stretches], dtype=np.int64)
+        which = np.maximum(np.searchsorted(begins, stamps, side="right") - 1, 0)
+        offset = np.array([stretch.offset_ns for stretch in self.stretches], dtype=np.int64)[which]
+        rate = np.array([stretch.drift_ppm for stretch in self.stretches])[which] * 1e-6
+        grown = np.round(rate * (stamps - begins[which]).astype(np.float64)).astype(np.int64)
+        return stamps + offset + grown
+
+
+def placement_from(
+    log: Log, span_ns: tuple[int, int], to_reference: StampMap, breaks_ns: Sequence[int], **said: object
+) -> LogPlacement:
+    """A placement from a function that is straight between `breaks_ns` (the log's own time)."""
+    begin, end = span_ns
+    inside = sorted({one for one in breaks_ns if begin < one < end})
+    bounds = [begin, *inside, max(end, begin + 1)]
+    stretches: list[Stretch] = []
+    for from_ns, until_ns in pairwise(bounds):
+        edge_ns = min(_EDGE_NS, (until_ns - from_ns) // 4)
+        first_ns, last_ns = from_ns + edge_ns, max(until_ns - edge_ns - 1, from_ns + edge_ns + 1)
+        first, last = to_reference(np.array([first_ns, last_ns], dtype=np.int64)).tolist()
+        drift_ppm = 1e6 * ((last - first) / (last_ns - first_ns) - 1.0)
+        stretches.append(Stretch(from_ns, first - first_ns - round(drift_ppm * 1e-6 * edge_ns), drift_ppm))
+    lengths = np.diff(np.array(bounds))
+    longest = stretches[int(np.argmax(lengths))]
+    return LogPlacement(
+        log,
+        stretches[0].offset_ns,
+        longest.drift_ppm,
+        reference=False,
+        stretches=tuple(stretches),
+        **said,  # type: ignore[arg-type]
+    )
+
+
+_FARTHEST_NS = 1 << 62  # what is beyond is no instant
+
+
+@dataclass(frozen=True, slots=True)
+class TimeLine:
+    """How a log's stamps lie on the report's one time line, which counts seconds from `zero_ns` of the reference.
+
+    stretches: of the placement, in order; none for a log that is the reference or on its own. offset_ns, drift_ppm,
+    error_s, method and sentence: the placement's, for people.
+    """
+
+    zero_ns: int = 0
+    stretches: tuple[Stretch, ...] = ()
+    offset_ns: int = 0
+    drift_ppm: float = 0.0
+    error_s: float | None = None
+    method: str = ""
+    sentence: str = ""
+    reference: bool = True
+
+    def seconds(self, stamp_ns: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) on the report's time line."""
+        stamps = np.asarray(stamp_ns)
+        since_zero = stamps - (np.int64(self.zero_ns) if stamps.dtype.kind == "i" else float(self.zero_ns))
+        seconds: NDArray[np.float64] = since_zero.astype(np.float64) * 1e-9
+        if self.stretches:
+            begins = np.array([stretch.from_ns for stretch in self.stretches], dtype=np.int64)
+            which = np.maximum(np.searchsorted(begins, stamps, side="right") - 1, 0)
+            offset_s = np.array([stretch.offset_ns * 1e-9 for stretch in self.stretches])[which]
+            rate = np.array([stretch.drift_ppm * 1e-6 for stretch in self.stretches])[which]
+            seconds = seconds + offset_s + rate * ((stamps - begins[which]).astype(np.float64) * 1e-9)
+        return seconds
+
+    def second(self, stamp_ns: int) -> float:
+        within = min(max(stamp_ns, -_FARTHEST_NS), _FARTHEST_NS)
+        return float(self.seconds(np.array([within], dtype=np.int64))[0])
+
+
+class AlignedLog:
+    """The log, its stamps as they are, that knows how they lie on the time line of the report."""
+
+    def __init__(self, log: Log, time_line: TimeLine) -> None:
+        self.inner = log
+        self.time_line = time_line
+
+    @property
+    def path(self) -> Path:
+        return self.inner.path
+
+    @property
+    def format(self) -> Format:
+        return self.inner.format
+
+    @property
+    def base(self) -> Base:
+        return self.inner.base
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        return self.inner.tables
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        return self.inner.span_ns
+
+    @property
+    def health(self) -> Health:
+        return self.inner.health
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        return self.inner.facts
+
+    def close(self) -> None:
+        self.inner.close()
+
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class LogClock:
+    """A log's stamps on the time line of the report, else in seconds since its own zero (selecting.times.zero_ns)."""
+
+    def __init__(self, log: Log) -> None:
+        self.start_ns, self.end_ns = log.span_ns or (0, 0)
+        self._line = log.time_line if isinstance(log, AlignedLog) else TimeLine(zero_ns(log))
+
+    def second(self, at_ns: int) -> float:
+        """For tables and facts, to a millisecond."""
+        return round(self._line.second(at_ns), 3)
+
+    def text(self, at_ns: int) -> str:
+        """For sentences: 1:46.5."""
+        return clock_text(self._line.second(at_ns))

@@ -1,0 +1,225 @@
+"""Plots for a screen: thinned without losing extremes, and packed as JSON with typed arrays in base64."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.report.model import MapTrack, Overview
+from xitl_cli.logs.report.page import Page, PageMark
+from xitl_cli.logs.sections import Plot, Trace
+
+MOST_POINTS = 4000
+Numbers = NDArray[Any]  # of int64 or float64
+
+_LEAST_GAP_NS = 1_000_000_000
+_GAP_IN_INTERVALS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class ThinTrace(Trace):
+    """of: how many points there were. In the order of x where it is time; a NaN stands where a line has to break."""
+
+    of: int = 0
+
+
+def thin(trace: Trace, *, over_time: bool, most: int = MOST_POINTS) -> ThinTrace:
+    """At most about `most` points. Over time: the first, least, greatest and last of each interval, in their order.
+
+    Other traces keep every n-th point and the last one, as their order is their shape.
+    """
+    if isinstance(trace, ThinTrace):
+        return trace
+    x: Numbers = np.asarray(trace.x)
+    y: NDArray[np.float64] = np.asarray(trace.y, dtype=np.float64)
+    many = min(len(x), len(y))
+    x, y = x[:many], y[:many]
+    if over_time:
+        if many and (np.diff(x) < 0).any():
+            order = np.argsort(x, kind="stable")
+            x, y = x[order], y[order]
+        if trace.style == "line":
+            x, y = _broken_at_gaps(x, y)
+        kept = _envelope(x, y, most)
+    else:
+        kept = _every_nth(len(x), most)
+    return ThinTrace(trace.name, x[kept].copy(), y[kept].copy(), trace.style, many)
+
+
+def _every_nth(many: int, most: int) -> NDArray[np.intp]:
+    if many <= most:
+        return np.arange(many, dtype=np.intp)
+    kept = np.arange(0, many, -(-many // most), dtype=np.intp)
+    return kept if kept[-1] == many - 1 else np.append(kept, many - 1)
+
+
+def _envelope(x: Numbers, y: NDArray[np.float64], most: int) -> NDArray[np.intp]:
+    """Of equal intervals of x; the first NaN of one is kept, so that a break is seen."""
+    many = len(x)
+    if many <= most:
+        return np.arange(many, dtype=np.intp)
+    # Intervals of x and not of the count: a burst must not take the points of the rest.
+    where = x.astype(np.float64) - float(x[0])
+    intervals = max(most // 4, 1)
+    scale = intervals / where[-1] if where[-1] > 0.0 else 0.0
+    numbered = np.minimum((where * scale).astype(np.int64), intervals - 1)
+    first = np.flatnonzero(np.concatenate(([True], numbered[1:] != numbered[:-1])))
+    last = np.append(first[1:], many) - 1
+    of = np.repeat(np.arange(len(first)), last - first + 1)
+    numbers = np.isfinite(y)
+    least = np.minimum.reduceat(np.where(numbers, y, np.inf), first)
+    greatest = np.maximum.reduceat(np.where(numbers, y, -np.inf), first)
+    extremes = [_one_each(np.flatnonzero(numbers & (y == bound[of])), of) for bound in (least, greatest)]
+    extremes.append(_one_each(np.flatnonzero(~numbers), of))
+    return np.unique(np.concatenate((first, last, *extremes)))
+
+
+def _one_each(rows: NDArray[np.intp], of: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The first of these rows in each interval."""
+    return rows[np.unique(of[rows], return_index=True)[1]]
+
+
+def _broken_at_gaps(x: Numbers, y: NDArray[np.float64]) -> tuple[Numbers, NDArray[np.float64]]:
+    """With a NaN inside every interval without data: a straight line across would claim some."""
+    if len(x) < 3:
+        return x, y
+    steps = np.diff(x)
+    limit = max(_LEAST_GAP_NS, _GAP_IN_INTERVALS * float(np.median(steps)))
+    gaps = np.flatnonzero(steps > limit)
+    if not len(gaps) or len(gaps) > len(x) // 10:
+        return x, y
+    middles = x[gaps] + steps[gaps] // 2
+    return np.insert(x, gaps + 1, middles), np.insert(y, gaps + 1, np.nan)
+
+
+_MOST_MARKS = 300
+_COUNTS = 2**32 - 1
+_FLOAT32 = 6e-8  # half a unit in the last place, relative
+_ENOUGH = 1e-4  # of the height of a plot
+
+
+def plot_payload(plot: Plot, time_line: TimeLine) -> dict[str, Any]:
+    over_time = plot.kind == "time"
+    traces = []
+    for trace in plot.traces:
+        drawn = thin(trace, over_time=over_time)
+        x = time_line.seconds(drawn.x) if over_time else np.asarray(drawn.x, dtype=np.float64)
+        traces.append(
+            {
+                "name": trace.name,
+                "style": trace.style,
+                "of": drawn.of,
+                "x": _instants(x) if over_time else _numbers(x),
+                "y": _numbers(drawn.y),
+            }
+        )
+    marks = [
+        {
+            "from": time_line.second(mark.at_ns),
+            "until": time_line.second(mark.at_ns if mark.until_ns is None else mark.until_ns),
+            "text": mark.text,
+            "severity": int(mark.severity),
+        }
+        for mark in plot.marks[:_MOST_MARKS]
+    ]
+    return {"kind": plot.kind, "y": plot.y_label, "xLabel": plot.x_label, "traces": traces, "marks": marks}
+
+
+def thinned_note(plot: Plot) -> str:
+    """What is said at a plot that does not draw every point; "" where it does."""
+    drawn = [thin(trace, over_time=plot.kind == "time") for trace in plot.traces]
+    of, shown = sum(trace.of for trace in drawn), sum(len(trace.x) for trace in drawn)
+    if of <= shown:
+        return ""
+    kept = "extremes kept" if plot.kind == "time" else "evenly thinned"
+    return f"{of} points drawn as {shown}, {kept}"
+
+
+def map_payload(overview: Overview) -> dict[str, Any]:
+    return {
+        "kind": "track",
+        "tracks": [_track(track) for track in overview.tracks],
+        "waypoints": [[point.name, round(point.east_m, 3), round(point.north_m, 3)] for point in overview.waypoints],
+    }
+
+
+def page_payload(page: Page) -> dict[str, Any]:
+    return {"range": _range(page), "marks": [_mark(mark) for mark in page.marks]}
+
+
+def json_text(content: Any) -> str:
+    """Safe inside a script element: no markup can begin in it."""
+    text = json.dumps(content, allow_nan=False, separators=(",", ":"), ensure_ascii=True)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _mark(mark: PageMark) -> dict[str, Any]:
+    return {
+        "kind": mark.kind,
+        "from": mark.from_s,
+        "until": mark.until_s,
+        "text": mark.text,
+        "severity": int(mark.severity),
+    }
+
+
+def _track(track: MapTrack) -> dict[str, Any]:
+    return {
+        "name": track.name,
+        "t": _instants(track.at_s),
+        "east": _numbers(track.east_m),
+        "north": _numbers(track.north_m),
+        "speed": None if track.speed_mps is None else _numbers(track.speed_mps),
+    }
+
+
+def _range(page: Page) -> list[float]:
+    """First and last second of what is drawn over time; of the marks where nothing is."""
+    bounds: list[float] = []
+    for part in page.parts:
+        for plot in part.section.plots:
+            if plot.kind == "time":
+                bounds += _ends(plot.traces, part.time_line)
+    if page.overview is not None:
+        for plot in page.overview.plots:
+            bounds += _ends(plot.traces, TimeLine())
+        bounds += [at for track in page.overview.tracks for at in (track.at_s[0], track.at_s[-1])]
+    bounds = bounds or [bound for mark in page.marks for bound in (mark.from_s, mark.until_s)] or [0.0, 1.0]
+    low, high = float(min(bounds)), float(max(bounds))
+    return [low, high] if high > low else [low - 0.5, high + 0.5]
+
+
+def _ends(traces: tuple[Trace, ...], time_line: TimeLine) -> list[float]:
+    return [time_line.second(int(end)) for trace in traces if len(trace.x) for end in (trace.x.min(), trace.x.max())]
+
+
+def _instants(at_s: NDArray[np.float64]) -> dict[str, Any]:
+    """As counts of a 2³²th of their span: 1 µs in an hour and better, in half the bytes of a float64."""
+    if not len(at_s):
+        return _numbers(at_s)
+    first = float(at_s.min())
+    step = (float(at_s.max()) - first) / _COUNTS or 1.0
+    counts = np.rint((at_s - first) / step).astype("<u4")
+    return {"type": "u4", "data": _text(counts), "first": first, "step": step}
+
+
+def _numbers(values: NDArray[np.float64]) -> dict[str, Any]:
+    """float32 where the eye cannot tell; what is infinite becomes NaN, which is not drawn."""
+    finite = np.isfinite(values)
+    known = values[finite]
+    kept = np.where(finite, values, np.nan)
+    largest = float(np.abs(known).max()) if len(known) else 0.0
+    height = float(known.max() - known.min()) if len(known) else 0.0
+    if largest < 1e38 and (height == 0.0 or largest * _FLOAT32 <= height * _ENOUGH):
+        return {"type": "f4", "data": _text(kept.astype("<f4"))}
+    return {"type": "f8", "data": _text(kept.astype("<f8"))}
+
+
+def _text(values: NDArray[Any]) -> str:
+    return base64.b64encode(values.tobytes()).decode("ascii")

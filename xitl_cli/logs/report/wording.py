@@ -1,0 +1,117 @@
+"""Values, health, names and instants of a report as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.log import Health
+from xitl_cli.logs.sections import Evidence, Grid, Section, Severity, Value
+from xitl_cli.logs.text import clock_text
+
+FORMAT_NAMES = {"dataflash": "DataFlash", "mcap": "MCAP", "tlog": "telemetry log"}
+SEVERITY_NAMES = {
+    Severity.CRITICAL: "critical",
+    Severity.WARNING: "warning",
+    Severity.NOTICE: "notice",
+    Severity.OK: "fine",
+}
+UNKNOWN = "–"
+
+
+def value_text(value: Value, name: str = "") -> str:
+    """– for what is not known; whole numbers whole, others to six digits, places on the Earth to a centimetre."""
+    if value is None:
+        return UNKNOWN
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return UNKNOWN
+        if any(angle in name.casefold() for angle in ("latitude", "longitude")):
+            return f"{value:.7f}"
+        value += 0.0  # no minus before a nought
+        return f"{value:.6g}" if abs(value) < 1e6 or abs(value) >= 1e15 else f"{value:.0f}"
+    return " ".join(str(value).split())
+
+
+def is_numeric(grid: Grid, index: int) -> bool:
+    """Whether all that is known of a column is numbers."""
+    values = [row[index] for row in grid.rows if index < len(row) and row[index] is not None]
+    return bool(values) and all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+
+
+def sentence_text(text: str) -> str:
+    """With a capital, unless it begins with a name."""
+    first = text.split(" ", 1)[0]
+    return text[:1].upper() + text[1:] if first.isalpha() and first.islower() else text
+
+
+def plural(many: int, one: str, more: str = "") -> str:
+    return f"{many} {one if many == 1 else more or one + 's'}"
+
+
+def vehicle_line(sections: Sequence[Section]) -> str:
+    """Vehicle and firmware as far as they are known; "" otherwise."""
+    known = {fact.key: value_text(fact.value) for section in sections for fact in section.facts if fact.value}
+    vehicle = known.get("vehicle_type") or known.get("vehicle")
+    version = known.get("firmware_version")
+    firmware = known.get("firmware") or (version and f"firmware {version}")
+    return ", ".join(part for part in (vehicle, firmware) if part)
+
+
+def damage_sentences(health: Health) -> tuple[str, ...]:
+    """Every count that is not 0."""
+    told = []
+    if health.damaged:
+        where = f", the first at byte {health.damage[0].place} ({health.damage[0].why})" if health.damage else ""
+        told.append(f"damaged in {plural(health.damaged, 'place')}{where}")
+    if health.lost_bytes:
+        told.append(f"{plural(health.lost_bytes, 'byte')} could not be read")
+    if health.suspect:
+        told.append(f"{plural(health.suspect, 'record')} kept although what follows is damaged")
+    if health.truncated_bytes:
+        told.append(f"ends within a record: {plural(health.truncated_bytes, 'byte')} of it")
+    if health.unclosed:
+        told.append("never closed by its writer: the end may be missing")
+    if health.back_in_time:
+        told.append(f"{plural(health.back_in_time, 'row')} stamped earlier than the one before")
+    if health.replaced_stamps:
+        told.append(f"{plural(health.replaced_stamps, 'row')} with a time that cannot be, stamped as the one before")
+    if health.redefined:
+        told.append(f"{plural(health.redefined, 'type')} described twice, differently")
+    told += [
+        f"{name}: {plural(many, 'row')} not decoded ({reason})" for name, (many, reason) in health.undecoded.items()
+    ]
+    return tuple(told)
+
+
+def severity_counts(severities: list[Severity]) -> str:
+    """2 warnings, 1 notice; "nothing to look into" without any."""
+    parts = [
+        plural(many, SEVERITY_NAMES[severity])
+        for severity in (Severity.CRITICAL, Severity.WARNING, Severity.NOTICE)
+        if (many := severities.count(severity))
+    ]
+    return ", ".join(parts).replace("criticals", "critical") or "nothing to look into"
+
+
+def evidence_text(evidence: Evidence, time_line: TimeLine) -> str:
+    """PM.MaxT at 0:43.2–0:53.2: 23 ms."""
+    where = evidence.message if evidence.field is None else f"{evidence.message}.{evidence.field}"
+    text = where + (f" {when}" if (when := when_text(evidence, time_line)) else "")
+    return text if evidence.value is None else f"{text}: {evidence.value}"
+
+
+def when_text(evidence: Evidence, time_line: TimeLine) -> str:
+    """At 0:43.2, or from 0:43.2 to 0:53.2; "" when the evidence is of no instant."""
+    if evidence.at_ns is None:
+        return ""
+    at = clock_text(time_line.second(evidence.at_ns))
+    if evidence.until_ns is None or evidence.until_ns <= evidence.at_ns:
+        return f"at {at}"
+    until = clock_text(time_line.second(evidence.until_ns))
+    return f"at {at}" if until == at else f"from {at} to {until}"

@@ -1,0 +1,193 @@
+"""What happened when, in a few words each: context for long loops, missed deadlines and silent links."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from xitl_cli.logs import signals
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.signals.states import parameter_rows, vehicle_kind
+from xitl_cli.logs.tables.events import error_name, event_name
+
+SPELL_NS = 2_000_000_000  # rows closer together are one doing
+MOST = 2000
+NAMED = 6
+MANY_PARAMETERS = 3
+
+_RANK = (
+    "log",
+    "clock",
+    "fault",
+    "arming",
+    "mode",
+    "mission",
+    "parameters",
+    "file",
+    "estimator",
+    "error",
+    "event",
+    "takeover",
+    "text",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """kind: log, clock, fault, arming, mode, mission, parameters, file, estimator, error, event, takeover or text."""
+
+    at_ns: int
+    until_ns: int
+    kind: str
+    text: str
+    source: str
+
+
+def moments(log: Log) -> list[Moment]:
+    """In the order of time; at most 2000 of a kind."""
+    found: list[Moment] = []
+    for of in (_log, _faults, _arming, _modes, _mission, _parameters, _files, _estimator, _errors, _events, _texts):
+        for number, moment in enumerate(of(log)):
+            if number == MOST:
+                break
+            found.append(moment)
+    return sorted(found, key=lambda moment: moment.at_ns)
+
+
+def moments_near(found: Sequence[Moment], from_ns: int, until_ns: int, margin_ns: int = 0) -> list[Moment]:
+    """Those that touch the span, the most telling kinds first."""
+    inside = [one for one in found if one.until_ns >= from_ns - margin_ns and one.at_ns <= until_ns + margin_ns]
+    return sorted(inside, key=lambda one: (_RANK.index(one.kind), one.at_ns))
+
+
+def moments_text(found: Sequence[Moment]) -> str:
+    """Six at most, in one line; "nothing that was logged" without any. Sentences only where there is nothing else."""
+    telling = [one for one in found if one.kind != "text"] or list(found)
+    texts = list(dict.fromkeys(one.text for one in telling))
+    if not texts:
+        return "nothing that was logged"
+    more = f" and {len(texts) - NAMED} more" if len(texts) > NAMED else ""
+    return "; ".join(texts[:NAMED]) + more
+
+
+def _log(log: Log) -> Iterator[Moment]:
+    if log.span_ns is not None:
+        begin = log.span_ns[0]
+        yield Moment(begin, begin, "log", "the log begins", "")
+
+
+def _arming(log: Log) -> Iterator[Moment]:
+    span = log.span_ns or (0, 0)
+    for one in signals.armed(log):
+        if one.from_ns > span[0]:
+            yield Moment(one.from_ns, one.from_ns, "arming", "armed", one.source)
+        if one.until_ns < span[1]:
+            yield Moment(one.until_ns, one.until_ns, "arming", "disarmed", one.source)
+
+
+def _modes(log: Log) -> Iterator[Moment]:
+    for one in signals.modes(log):
+        yield Moment(one.from_ns, one.from_ns, "mode", f"mode {one.text}", one.source)
+
+
+def _spells(stamps: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Begin, end and number of rows of each doing."""
+    spells: list[tuple[int, int, int]] = []
+    for at_ns in sorted(stamps):
+        if spells and at_ns - spells[-1][1] <= SPELL_NS:
+            spells[-1] = (spells[-1][0], at_ns, spells[-1][2] + 1)
+        else:
+            spells.append((at_ns, at_ns, 1))
+    return spells
+
+
+def _mission(log: Log) -> Iterator[Moment]:
+    for name in ("CMD", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_COUNT"):
+        table = log.tables.get(name)
+        if table is not None:
+            for begin, end, rows in _spells(table.stamp_ns.tolist()):
+                yield Moment(begin, end, "mission", f"mission written ({rows} items)", name)
+
+
+def _parameters(log: Log) -> Iterator[Moment]:
+    """What changed; a list of all of them is not a change."""
+    known: dict[str, float] = {}
+    changed: list[tuple[int, str]] = []
+    source = ""
+    for row in parameter_rows(log):
+        before = known.get(row.name)
+        known[row.name] = row.value
+        if before is not None and before != row.value and not row.name.startswith("STAT_"):
+            changed.append((row.at_ns, row.name))
+            source = row.source
+    for begin, end, rows in _spells([at_ns for at_ns, _ in changed]):
+        names = [name for at_ns, name in changed if begin <= at_ns <= end]
+        text = f"{rows} parameters set" if rows > MANY_PARAMETERS else f"{', '.join(names)} set"
+        yield Moment(begin, end, "parameters", text, source)
+
+
+def _files(log: Log) -> Iterator[Moment]:
+    table = log.tables.get("FILE")
+    column = None if table is None else next((name for name in ("FileName", "Name") if name in table.columns), None)
+    if table is None or column is None:
+        return
+    names = np.asarray(table.values(column)).astype(str)
+    for name in dict.fromkeys(names.tolist()):
+        for begin, end, _ in _spells(table.stamp_ns[names == name].tolist()):
+            yield Moment(begin, end, "file", f"{name} copied into the log", "FILE")
+
+
+def _estimator(log: Log) -> Iterator[Moment]:
+    table = log.tables.get("ORGN")
+    if table is not None and "Type" in table.columns:
+        seen: set[int] = set()
+        for at_ns, kind in zip(table.stamp_ns.tolist(), table.values("Type", raw=True).tolist(), strict=True):
+            if kind not in seen:
+                seen.add(kind)
+                yield Moment(
+                    at_ns, at_ns, "estimator", "origin of the estimator set" if kind == 0 else "home set", "ORGN"
+                )
+    for name in ("XKF1", "NKF1"):
+        found = log.tables.get(name)
+        if found is not None and len(found):
+            at_ns = int(found.stamp_ns.min())
+            yield Moment(at_ns, at_ns, "estimator", "the estimator begins", name)
+            return
+
+
+def _errors(log: Log) -> Iterator[Moment]:
+    table = log.tables.get("ERR")
+    if table is None or not {"Subsys", "ECode"} <= set(table.columns):
+        return
+    kind = vehicle_kind(log)
+    for at_ns, subsystem, code in zip(
+        table.stamp_ns.tolist(), table.values("Subsys", raw=True), table.values("ECode", raw=True), strict=True
+    ):
+        yield Moment(at_ns, at_ns, "error", error_name(int(subsystem), int(code), kind), "ERR")
+
+
+def _events(log: Log) -> Iterator[Moment]:
+    table = log.tables.get("EV")
+    if table is None or "Id" not in table.columns:
+        return
+    for at_ns, number in zip(table.stamp_ns.tolist(), table.values("Id", raw=True), strict=True):
+        if int(number) not in (10, 11):  # armed and disarmed, said above
+            yield Moment(at_ns, at_ns, "event", event_name(int(number)), "EV")
+
+
+def _faults(log: Log) -> Iterator[Moment]:
+    for table, field, text in (("/faults", "fault", "fault"), ("/takeovers", "from_node", "takeover from")):
+        found = log.tables.get(table)
+        if found is None or field not in found.columns:
+            continue
+        begins = found.values("active").tolist() if "active" in found.columns else [None] * len(found)
+        for at_ns, name, active in zip(found.stamp_ns.tolist(), found.values(field), begins, strict=True):
+            what = "" if active is None else " begins" if active else " ends"
+            yield Moment(at_ns, at_ns, "fault" if active is not None else "takeover", f"{text} {name}{what}", table)
+
+
+def _texts(log: Log) -> Iterator[Moment]:
+    for one in signals.texts(log):
+        yield Moment(one.at_ns, one.at_ns, "text", f"“{one.text.strip()[:80]}”", one.source)

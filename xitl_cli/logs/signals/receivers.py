@@ -1,0 +1,204 @@
+"""Satellite receivers of a log, whichever format and message they are in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.signals.sensors import sample_clock
+from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, tables_of
+from xitl_cli.logs.table import Table, by_instance, first_of
+
+FIX_3D = 3
+FIX_NAMES = {
+    0: "no receiver",
+    1: "no fix",
+    2: "2D fix",
+    3: "3D fix",
+    4: "3D fix with differential corrections",
+    5: "RTK float",
+    6: "RTK fixed",
+    7: "static",
+    8: "PPP",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverAccuracy:
+    """What the receiver says of itself, by GPA or in the fix. stamp_ns (N,); each (N,) or None."""
+
+    message: str
+    stamp_ns: NDArray[np.int64]
+    horizontal_m: NDArray[np.float64] | None
+    vertical_m: NDArray[np.float64] | None
+    speed_mps: NDArray[np.float64] | None
+    message_ms: NDArray[np.float64] | None
+    interval_ms: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, slots=True)
+class GnssReceiver:
+    """One receiver. fix: (N,) as MAVLink's GPS_FIX_TYPE. lat_deg, lon_deg: (N,) NaN where there is no fix.
+
+    vel_ned_mps: (N, 3) with NaN for what is not logged. week: GPS time. sample_ns: on the receiver's clock
+    where that is logged. `fields` gives the log's own names.
+    """
+
+    name: str
+    message: str
+    fields: dict[str, str]
+    stamp_ns: NDArray[np.int64]
+    sample_ns: NDArray[np.int64]
+    fix: NDArray[np.int64]
+    satellites: NDArray[np.float64] | None
+    hdop: NDArray[np.float64] | None
+    lat_deg: NDArray[np.float64]
+    lon_deg: NDArray[np.float64]
+    vel_ned_mps: NDArray[np.float64]
+    speed_mps: NDArray[np.float64] | None
+    week: NDArray[np.float64] | None
+    accuracy: ReceiverAccuracy | None
+
+
+_LAT = ("Lat", "lat", "latitude")
+_LON = ("Lng", "lon", "longitude")
+_FIX = ("Status", "fix_type", "status.status")
+_SATELLITES = ("NSats", "satellites_visible", "satellites")
+_HDOP = ("HDop", "eph")
+_SPEED = ("Spd", "vel")
+_COURSE = ("GCrs", "cog")
+_DOWN = ("VZ",)
+_KINDS = ("GPS", "GPS2", "GPS_RAW_INT", "GPS2_RAW", "XITL_GNSS")
+
+
+def gnss_receivers(log: Log) -> list[GnssReceiver]:
+    """Every instance with at least three rows that ever had a fix or a satellite."""
+    found: list[GnssReceiver] = []
+    for table in [*tables_of(log, _KINDS), *_ros(log)]:
+        for number, each in by_instance(table).items():
+            if len(each) >= 3 and (receiver := _receiver(log, instance_label(table, number), each, number)) is not None:
+                found.append(receiver)
+    return found
+
+
+def _ros(log: Log) -> list[Table]:
+    """sensor_msgs/NavSatFix topics."""
+    return [table for table in log.tables.values() if "status.status" in table.columns and "latitude" in table.columns]
+
+
+def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | None:
+    fields = {
+        key: column
+        for key, names in (
+            ("lat", _LAT), ("lon", _LON), ("fix", _FIX), ("satellites", _SATELLITES), ("hdop", _HDOP),
+            ("speed", _SPEED), ("course", _COURSE), ("down", _DOWN),
+        )
+        if (column := first_of(table, names)) is not None
+    }  # fmt: skip
+    if any(key not in fields for key in ("lat", "lon", "fix")):
+        return None
+    columns = {key: numbers(table, column) for key, column in fields.items()}
+    lat, lon, status = columns["lat"], columns["lon"], columns["fix"]
+    if lat is None or lon is None or status is None:
+        return None
+    fix = np.nan_to_num(status).astype(np.int64)
+    if "status.status" in table.columns:
+        fix = np.where(fix < 0, 1, FIX_3D + np.minimum(fix, 1))  # STATUS_NO_FIX is -1, STATUS_FIX 0
+    satellites = columns.get("satellites")
+    if not (fix >= 2).any() and (satellites is None or not (satellites > 0).any()):
+        return None
+    blind = (fix < 2) | ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
+    speed = _plausible(table, fields.get("speed"), columns.get("speed"))
+    clock = sample_clock(table)
+    return GnssReceiver(
+        name=name,
+        message=table.name,
+        fields=fields,
+        stamp_ns=bounded_stamps(table),
+        sample_ns=bounded_stamps(table) if clock is None else clock,
+        fix=fix,
+        satellites=None if satellites is None else np.where(satellites >= 255, np.nan, satellites),
+        hdop=_hdop(table, columns.get("hdop")),
+        lat_deg=np.where(blind, np.nan, lat),
+        lon_deg=np.where(blind, np.nan, lon),
+        vel_ned_mps=_velocity(table, speed, columns.get("course"), columns.get("down")),
+        speed_mps=speed if speed is not None else _norm(table),
+        week=numbers(table, first_of(table, ("GWk", "Week")) or ""),
+        accuracy=_accuracy(log, table, number),
+    )
+
+
+def _plausible(table: Table, name: str | None, values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    """MAVLink's 65535 stands for unknown."""
+    if name is None or values is None or values.ndim != 1:
+        return None
+    if table.name == "GPS" or not message_of(table.name).endswith(("_RAW", "_INT")):
+        return values
+    return np.where(np.asarray(table.values(name, raw=True)) == 65535, np.nan, values)
+
+
+def _hdop(table: Table, values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    """MAVLink's eph is a dilution times 100, 65535 unknown."""
+    if values is None or "eph" not in table.columns:
+        return values
+    raw = np.asarray(table.values("eph", raw=True), dtype=np.float64)
+    return np.where(raw == 65535, np.nan, raw * 0.01)
+
+
+def _norm(table: Table) -> NDArray[np.float64] | None:
+    velocity = numbers(table, "velocity")
+    return np.hypot(velocity[:, 0], velocity[:, 1]) if velocity is not None and velocity.ndim == 2 else None
+
+
+def _velocity(
+    table: Table,
+    speed: NDArray[np.float64] | None,
+    course_deg: NDArray[np.float64] | None,
+    down: NDArray[np.float64] | None,
+) -> NDArray[np.float64]:
+    velocity = numbers(table, "velocity")
+    if velocity is not None and velocity.ndim == 2 and velocity.shape[1] >= 3:
+        return velocity[:, :3]
+    unknown = np.full(len(table), np.nan)
+    if speed is None or course_deg is None:
+        return np.stack([unknown, unknown, unknown if down is None else down], axis=1)
+    course = np.radians(course_deg)
+    return np.stack([speed * np.cos(course), speed * np.sin(course), unknown if down is None else down], axis=1)
+
+
+def _accuracy(log: Log, table: Table, number: int) -> ReceiverAccuracy | None:
+    if "h_acc" in table.columns:
+        parts = [
+            numbers(table, first_of(table, names) or "") for names in (("h_acc",), ("v_acc",), ("s_acc", "vel_acc"))
+        ]
+        return ReceiverAccuracy(
+            table.name, bounded_stamps(table), _known(parts[0]), _known(parts[1]), _known(parts[2]), None, None
+        )
+    covariance = numbers(table, "position_covariance")
+    if covariance is not None and covariance.ndim == 2 and covariance.shape[1] == 9:
+        east, north, up = (np.maximum(covariance[:, place], 0.0) for place in (0, 4, 8))
+        horizontal = np.sqrt(0.5 * (east + north))
+        return ReceiverAccuracy(
+            table.name, bounded_stamps(table), _known(horizontal), _known(np.sqrt(up)), None, None, None
+        )
+    beside = {"GPS": "GPA", "GPS2": "GPA2"}.get(table.name)
+    whole = None if beside is None else log.tables.get(beside)
+    if whole is None or (each := by_instance(whole).get(number)) is None:
+        return None
+    return ReceiverAccuracy(
+        whole.name,
+        bounded_stamps(each),
+        _known(numbers(each, "HAcc")),
+        _known(numbers(each, "VAcc")),
+        _known(numbers(each, "SAcc")),
+        numbers(each, "SMS", raw=True),
+        numbers(each, "Delta", raw=True),
+    )
+
+
+def _known(values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+    """None where all are 0 or no number: the receiver does not tell."""
+    return values if values is not None and np.nan_to_num(values).any() else None

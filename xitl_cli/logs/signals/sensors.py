@@ -1,0 +1,345 @@
+"""Sensors of a log, whichever format and message they are in: inertial units, magnetometers and others; rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.signals.motion import ground_speed
+from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, stacked, tables_of
+from xitl_cli.logs.table import Table, by_instance, first_of
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+_FEWEST_ROWS = 3
+_NO_SENSORS = {"SIMSTATE", "SIM_STATE", "HIL_STATE_QUATERNION"}  # what a simulator knows, in the same words
+
+
+@dataclass(frozen=True, slots=True)
+class InertialUnit:
+    """One unit. gyro_radps, accel_mps2: (N, 3) with NaN for what was no number, None when not logged.
+
+    stamp_ns: (N,) on the log's time; sample_ns: (N,) on the sensor's own clock where that is logged, else the stamps.
+    gyro_rate_hz, accel_rate_hz: at which the unit says it samples. healthy: (N,) as the autopilot saw it.
+    """
+
+    name: str
+    table: Table
+    stamp_ns: NDArray[np.int64]
+    sample_ns: NDArray[np.int64]
+    gyro_radps: NDArray[np.float64] | None
+    accel_mps2: NDArray[np.float64] | None
+    gyro_fields: tuple[str, ...]
+    accel_fields: tuple[str, ...]
+    temperature_degc: NDArray[np.float64] | None
+    gyro_rate_hz: float | None
+    accel_rate_hz: float | None
+    healthy: NDArray[np.bool_] | None
+
+
+_XYZ = "XYZ"
+_LAYOUTS: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = (
+    (tuple(f"Gyr{axis}" for axis in _XYZ), tuple(f"Acc{axis}" for axis in _XYZ)),
+    (tuple(f"{axis.lower()}gyro" for axis in _XYZ), tuple(f"{axis.lower()}acc" for axis in _XYZ)),
+    (tuple(f"G{axis}" for axis in _XYZ), tuple(f"A{axis}" for axis in _XYZ)),
+    (
+        tuple(f"angular_velocity.{axis.lower()}" for axis in _XYZ),
+        tuple(f"linear_acceleration.{axis.lower()}" for axis in _XYZ),
+    ),
+    (("gyro",), ("accel",)),
+)
+_ALONE = {"GYR", "GYR1", "GYR2", "GYR3", "ACC", "ACC1", "ACC2", "ACC3"}  # raw sensors, each by itself
+_TEMPERATURES = ("T", "Temp", "temperature")
+_SAMPLE_CLOCKS = (("SampleUS", 1000), ("time_usec", 1000), ("time_boot_ms", 1_000_000))
+
+
+def inertial_units(log: Log) -> list[InertialUnit]:
+    """Every inertial unit that has at least three rows and ever shows anything but zeros."""
+    found: list[InertialUnit] = []
+    for name, table in log.tables.items():
+        if message_of(name) in _NO_SENSORS or (layout := _layout(table)) is None:
+            continue
+        for number, each in by_instance(table).items():
+            if len(each) >= _FEWEST_ROWS and (unit := _unit(instance_label(table, number), each, *layout)) is not None:
+                found.append(unit)
+    return found
+
+
+def _layout(table: Table) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
+    for gyro, accel in _LAYOUTS:
+        has_gyro = all(name in table.columns for name in gyro)
+        has_accel = all(name in table.columns for name in accel)
+        if has_gyro and has_accel:
+            return gyro, accel
+        if (has_gyro or has_accel) and message_of(table.name) in _ALONE:
+            return (gyro, ()) if has_gyro else ((), accel)
+    return None
+
+
+def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]) -> InertialUnit | None:
+    rates = _vector(table, gyro, "rad/s", 1e-3)
+    forces = _vector(table, accel, "m/s/s", 1e-3 * STANDARD_GRAVITY_MPS2)
+    if not any(part is not None and np.nan_to_num(part).any() for part in (rates, forces)):
+        return None
+    at_ns = bounded_stamps(table)
+    samples = sample_clock(table)
+    warmth = first_of(table, _TEMPERATURES)
+    temperature = None if warmth is None else numbers(table, warmth)
+    if temperature is not None and message_of(table.name) in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
+        temperature = np.where(np.asarray(table.values(warmth or "", raw=True)) == 0, np.nan, temperature)
+    return InertialUnit(
+        name=name,
+        table=table,
+        stamp_ns=at_ns,
+        sample_ns=at_ns if samples is None else samples,
+        gyro_radps=rates,
+        accel_mps2=forces,
+        gyro_fields=gyro,
+        accel_fields=accel,
+        temperature_degc=temperature,
+        gyro_rate_hz=_positive_median(table, "GHz"),
+        accel_rate_hz=_positive_median(table, "AHz"),
+        healthy=_healthy(table, ("GH", "AH")),
+    )
+
+
+def sample_clock(table: Table) -> NDArray[np.int64] | None:
+    """(N,) when each sample was taken, by the sensor's own clock (ns); None where only the row's stamp is logged."""
+    for name, factor in _SAMPLE_CLOCKS:
+        column = table.columns.get(name)
+        if column is not None and column.kind == "number" and column.shape == ():
+            clock: NDArray[np.int64] = np.asarray(table.values(name, raw=True)).astype(np.int64) * factor
+            return clock if (clock != 0).any() else None
+    return None
+
+
+def _vector(table: Table, names: tuple[str, ...], unit: str, factor: float) -> NDArray[np.float64] | None:
+    """(N, 3). MAVLink's whole-number messages are in mrad/s and mG, which not every one of them says."""
+    if not names:
+        return None
+    found = numbers(table, names[0]) if len(names) == 1 else stacked(table, names)
+    if found is None or found.ndim != 2 or found.shape[1] < 3:
+        return None
+    found = found[:, :3]
+    kind = message_of(table.name)
+    if kind == "RAW_IMU" or kind.startswith("SCALED_IMU"):
+        told = table.columns[names[0]].unit.replace("²", "^2")
+        if told not in (unit, "m/s^2", "m/s/s", "rad/s"):
+            return found * factor
+    return found
+
+
+def _positive_median(table: Table, name: str) -> float | None:
+    values = numbers(table, name)
+    if values is None:
+        return None
+    good = values[values > 0.0]
+    return float(np.median(good)) if len(good) else None
+
+
+def _healthy(table: Table, names: tuple[str, ...]) -> NDArray[np.bool_] | None:
+    flags = [values for name in names if (values := numbers(table, name, raw=True)) is not None]
+    if not flags:
+        return None
+    well: NDArray[np.bool_] = np.stack(flags).min(axis=0) > 0.0
+    return well
+
+
+WINDOW_NS = 1_000_000_000
+GYRO_DEVIATION_RADPS = 0.01
+ACCEL_DEVIATION_MPS2 = 0.3
+GYRO_SHIFT_RADPS = 0.003
+ACCEL_SHIFT_MPS2 = 0.1
+SPEED_MPS = 0.1
+_MOST_WINDOWS = 1_000_000  # eleven days; more are stamps gone wild
+
+
+@dataclass(frozen=True, slots=True)
+class RestPeriods:
+    """Stretches from, until (ns on the log's time), the longest first. source: the unit that showed it.
+
+    by_speed: whether a speed over ground had a say as well.
+    """
+
+    stretches: tuple[tuple[int, int], ...]
+    source: str | None
+    by_speed: bool
+
+    @property
+    def longest_s(self) -> float:
+        return (self.stretches[0][1] - self.stretches[0][0]) * 1e-9 if self.stretches else 0.0
+
+    def rows(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(N,) which of these stamps lie in a stretch."""
+        inside = np.zeros(len(stamp_ns), dtype=np.bool_)
+        for from_ns, until_ns in self.stretches:
+            inside |= (stamp_ns >= from_ns) & (stamp_ns < until_ns)
+        return inside
+
+
+def find_rest(log: Log, found: list[InertialUnit]) -> RestPeriods:
+    """Whole seconds in which the gyroscope hardly scatters (under 0.01 rad/s), the specific force neither (under 0.3
+    m/s^2), their means stay where they are over the stretch (0.003 rad/s, 0.1 m/s^2), and the speed is under 0.1 m/s
+    where one is known. Waves of half a degree are no rest.
+    """
+    whole = [unit for unit in found if unit.gyro_radps is not None and unit.accel_mps2 is not None]
+    if not whole:
+        return RestPeriods((), None, False)
+    unit = max(whole, key=lambda each: len(each.stamp_ns))
+    windows = _windows(unit)
+    if windows is None:
+        return RestPeriods((), unit.name, False)
+    from_ns, means, calm = windows
+    speed = ground_speed(log)
+    if speed is not None:
+        # The fastest of the window's beginning, middle and end; no speed there: the inertial unit alone decides.
+        at = np.stack([speed.at(from_ns + part) for part in (0, WINDOW_NS // 2, WINDOW_NS)])
+        calm[np.nan_to_num(np.abs(at)).max(axis=0) > SPEED_MPS] = False
+    stretches = []
+    for first, last in _runs(calm):
+        away = np.abs(means[first : last + 1] - np.median(means[first : last + 1], axis=0))
+        settled = np.asarray(
+            (away[:, :3] < GYRO_SHIFT_RADPS).all(axis=1) & (away[:, 3:] < ACCEL_SHIFT_MPS2).all(axis=1)
+        )
+        for begin, end in _runs(settled):
+            stretches.append((int(from_ns[first + begin]), int(from_ns[first + end]) + WINDOW_NS))
+    stretches.sort(key=lambda stretch: stretch[0] - stretch[1])
+    return RestPeriods(tuple(stretches), unit.name, speed is not None)
+
+
+def _windows(unit: InertialUnit) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]] | None:
+    """Of each second that has samples: when it begins, means of the six axes (W, 6), whether it is calm."""
+    assert unit.gyro_radps is not None
+    assert unit.accel_mps2 is not None
+    signals = np.concatenate([unit.gyro_radps, unit.accel_mps2], axis=1)
+    good = np.isfinite(signals).all(axis=1) & (np.abs(signals) < 1e6).all(axis=1)
+    stamps, signals = unit.stamp_ns[good], signals[good]
+    if len(stamps) < 3:
+        return None
+    # From the median on, so that one wild stamp does not stretch the record; what lies too far off is left out.
+    begin = int(np.median(stamps))
+    number = (stamps - begin) // WINDOW_NS
+    near = np.abs(number) < _MOST_WINDOWS
+    if not near.any():
+        return None
+    number, signals = number[near], signals[near]
+    base = int(number.min())
+    place = number - base
+    count = np.bincount(place)
+    enough = count >= 3
+    divisor = np.maximum(count, 1)
+    centre = signals.mean(axis=0)
+    sums = np.stack([np.bincount(place, signals[:, axis] - centre[axis]) for axis in range(6)], axis=1)
+    squares = np.stack([np.bincount(place, (signals[:, axis] - centre[axis]) ** 2) for axis in range(6)], axis=1)
+    means = sums / divisor[:, None]
+    deviation = np.sqrt(np.maximum(squares / divisor[:, None] - means**2, 0.0))
+    calm: NDArray[np.bool_] = enough & (deviation[:, :3] < GYRO_DEVIATION_RADPS).all(axis=1)
+    calm &= (deviation[:, 3:] < ACCEL_DEVIATION_MPS2).all(axis=1)
+    from_ns = begin + (np.arange(len(count), dtype=np.int64) + base) * WINDOW_NS
+    return from_ns, means + centre, calm
+
+
+def _runs(calm: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last index of each run of calm windows."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], calm, [False])).astype(np.int8)))
+    return [(int(begin), int(end) - 1) for begin, end in zip(edges[0::2], edges[1::2], strict=True)]
+
+
+SensorKind = Literal["magnetometer", "barometer", "rangefinder", "airspeed", "wind", "AHRS"]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSeries:
+    """values: (N, k) in `unit`. healthy: (N,) by the autopilot. stamps as of an inertial unit."""
+
+    name: str
+    sort: SensorKind
+    message: str
+    fields: tuple[str, ...]
+    unit: str
+    stamp_ns: NDArray[np.int64]
+    sample_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+    healthy: NDArray[np.bool_] | None
+    temperature_degc: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Message:
+    kind: str
+    sort: SensorKind
+    fields: tuple[tuple[str, ...], ...]
+    unit: str
+    health: tuple[str, ...] = ()
+    temperature: tuple[str, ...] = ()
+    raw: bool = False  # logged in whole mGauss
+    factor: float = 1.0
+
+
+_MAG_FIELDS = (("MagX", "MagY", "MagZ"),)
+_MESSAGES = (
+    *(_Message(kind, "magnetometer", _MAG_FIELDS, "mGauss", ("Health",), raw=True) for kind in ("MAG", "MAG2", "MAG3")),
+    _Message("XITL_MAGNETOMETER", "magnetometer", (("field",),), "mGauss", factor=1e3),
+    *(
+        _Message(kind, "barometer", (("Press",),), "Pa", ("H", "Health"), ("Temp",))
+        for kind in ("BARO", "BAR2", "BAR3")
+    ),
+    _Message("XITL_BAROMETER", "barometer", (("pressure",),), "Pa", (), ("temperature",)),
+    *(
+        _Message(kind, "barometer", (("press_abs",),), "Pa", (), ("temperature",))
+        for kind in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
+    ),
+    _Message("RFND", "rangefinder", (("Dist",), ("Dist1",)), "m"),
+    _Message("RNGF", "rangefinder", (("Dist",), ("Dist1",)), "m"),
+    _Message("DPTH", "rangefinder", (("Depth",),), "m"),
+    _Message("DISTANCE_SENSOR", "rangefinder", (("current_distance",),), "m"),
+    _Message("RANGEFINDER", "rangefinder", (("distance",),), "m"),
+    _Message("ARSP", "airspeed", (("DiffPress",), ("Airspeed",)), "", ("H",), ("Temp",)),
+    _Message("WIND", "wind", (("SpdRaw", "DrRaw"), ("SpdApp", "DrApp")), ""),
+    _Message("EAHR", "AHRS", (("Roll", "Pitch", "Yaw"),), "deg"),
+    _Message("VNKF", "AHRS", (("Lat", "Lon", "Alt"),), ""),
+    _Message("VNAT", "AHRS", (("Q1", "Q2", "Q3", "Q4"),), ""),
+)
+
+
+def sensor_series(log: Log) -> list[SensorSeries]:
+    """Every instance that has at least three rows and ever shows anything but zeros."""
+    found: list[SensorSeries] = []
+    for message in _MESSAGES:
+        for table in tables_of(log, (message.kind,)):
+            for number, each in by_instance(table).items():
+                names = next((names for names in message.fields if all(name in each.columns for name in names)), None)
+                if len(each) < 3 or names is None:
+                    continue
+                values = _values(each, names, message)
+                if values is None or not np.nan_to_num(values).any():
+                    continue
+                health = first_of(each, message.health)
+                flags = None if health is None else numbers(each, health, raw=True)
+                warmth = first_of(each, message.temperature)
+                clock = sample_clock(each)
+                found.append(
+                    SensorSeries(
+                        name=instance_label(table, number),
+                        sort=message.sort,
+                        message=table.name,
+                        fields=names,
+                        unit=message.unit or each.columns[names[0]].unit,
+                        stamp_ns=bounded_stamps(each),
+                        sample_ns=bounded_stamps(each) if clock is None else clock,
+                        values=values.reshape(len(values), -1),
+                        healthy=None if flags is None else flags > 0.0,
+                        temperature_degc=None if warmth is None else numbers(each, warmth),
+                    )
+                )
+    return found
+
+
+def _values(table: Table, names: tuple[str, ...], message: _Message) -> NDArray[np.float64] | None:
+    if len(names) == 1:
+        found = numbers(table, names[0], raw=message.raw)
+        return None if found is None else found * message.factor
+    return stacked(table, names, raw=message.raw)

@@ -1,0 +1,138 @@
+"""Spans of time: runs of rows, rows inside spans, values that do not change, pauses of the whole log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.log import Log
+
+
+def spans_where(stamp_ns: NDArray[np.int64], mask: NDArray[np.bool_], join_s: float = 0.0) -> list[tuple[int, int]]:
+    """From the first to the last row of each run of rows where `mask` is true; runs closer than `join_s` are one."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    spans: list[tuple[int, int]] = []
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        begin, end = int(stamp_ns[first]), int(stamp_ns[after - 1])
+        if end < begin:
+            continue
+        if spans and 0 <= begin - spans[-1][1] <= join_s * 1e9:
+            spans[-1] = (spans[-1][0], max(end, spans[-1][1]))
+        else:
+            spans.append((begin, end))
+    return spans
+
+
+def length_s(spans: Sequence[tuple[int, int]]) -> float:
+    return sum((until - begin) * 1e-9 for begin, until in spans)
+
+
+def inside(stamp_ns: NDArray[np.int64], spans: Sequence[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Rows stamped within one of the spans, ends included."""
+    if not spans:
+        return np.zeros(len(stamp_ns), dtype=np.bool_)
+    edges = np.array(sorted(spans), dtype=np.int64)
+    begins, ends = edges[:, 0], np.maximum.accumulate(edges[:, 1])
+    last = np.searchsorted(begins, stamp_ns, side="right") - 1
+    found: NDArray[np.bool_] = (last >= 0) & (stamp_ns <= ends[last])
+    return found
+
+
+_LONGER_THAN_USUAL = 20.0  # geometric runs of mean 2 reach 20 times that once in 10^12
+_FEWEST = 10
+
+
+@dataclass(frozen=True, slots=True)
+class HeldRows:
+    """Rows first to last, both included, show the same values."""
+
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, slots=True)
+class HoldStatistics:
+    """repeated: share of the rows that equal the one before. usual: mean length in rows of the runs of equal rows,
+    without those in `holds`, which are far longer than it.
+    """
+
+    repeated: float
+    usual: float
+    holds: tuple[HeldRows, ...]
+
+
+def find_holds(values: NDArray[np.float64], period_s: float, shortest_s: float = 1.0) -> HoldStatistics:
+    """Of rows (N,) or (N, k): a hold lasts `shortest_s`, ten rows and twenty times what is usual for this record."""
+    rows = values.reshape(len(values), -1)
+    if len(rows) < 2:
+        return HoldStatistics(0.0, 1.0, ())
+    same = (rows[1:] == rows[:-1]).all(axis=1)
+    begins = np.flatnonzero(np.concatenate(([True], ~same)))
+    lengths = np.diff(np.concatenate((begins, [len(rows)])))
+    least = max(_FEWEST, math.ceil(shortest_s / period_s))
+    others = lengths[lengths < least]
+    usual = float(others.mean()) if len(others) else float(lengths.mean())
+    long = np.flatnonzero(lengths >= max(least, math.ceil(_LONGER_THAN_USUAL * usual)))
+    holds = tuple(HeldRows(int(begins[place]), int(begins[place] + lengths[place] - 1)) for place in long)
+    return HoldStatistics(float(same.mean()), usual, holds)
+
+
+_DENSE_HZ = 4.0
+_SHORTEST_NS = 20_000_000
+_MOST_TABLES = 12
+
+
+def log_pauses(log: Log) -> NDArray[np.int64]:
+    """(N, 2) from and until of every span over 20 ms, and three times the usual, in which no dense message came.
+
+    Of the twelve fullest tables with at least four rows a second; none with fewer than two such tables.
+    """
+    dense = _dense(log)
+    if len(dense) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    merged = np.unique(np.concatenate(dense))
+    steps = np.diff(merged)
+    wide = np.flatnonzero(steps > max(_SHORTEST_NS, 3.0 * float(np.percentile(steps, 90.0))))
+    return np.stack([merged[wide], merged[wide + 1]], axis=1)
+
+
+def _dense(log: Log) -> list[NDArray[np.int64]]:
+    dense = []
+    for table in sorted(log.tables.values(), key=len, reverse=True)[:_MOST_TABLES]:
+        stamps = table.stamp_ns
+        if len(stamps) >= 10 and 0 < int(stamps[-1]) - int(stamps[0]) < len(stamps) / _DENSE_HZ * 1e9:
+            dense.append(stamps)
+    return dense
+
+
+def dense_end_ns(log: Log) -> int | None:
+    """When the dense messages end, by the median of their last stamps; None without any.
+
+    The log may go on with a few rows after that.
+    """
+    last = [int(stamps[-1]) for stamps in _dense(log)]
+    return sorted(last)[len(last) // 2] if last else None
+
+
+def covered_share(
+    from_ns: NDArray[np.int64], until_ns: NDArray[np.int64], spans: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """(G,) share of each from..until that the longest of these spans (N, 2) in it covers; they are in order and apart
+    from each other.
+
+    Of one, not of all: where the rest of a log goes on slowly, its steps are many short spans.
+    """
+    first = np.searchsorted(spans[:, 1], from_ns, side="right")
+    beyond = np.searchsorted(spans[:, 0], until_ns, side="left")
+    some = np.flatnonzero(beyond > first)
+    share = np.zeros(len(from_ns))
+    if not len(some):
+        return share
+    lengths = np.append(spans[:, 1] - spans[:, 0], 0)
+    longest = np.maximum.reduceat(lengths, np.stack([first[some], beyond[some]], axis=1).reshape(-1))[::2]
+    share[some] = np.minimum(longest / np.maximum(until_ns[some] - from_ns[some], 1), 1.0)
+    return share

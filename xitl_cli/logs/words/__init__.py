@@ -1,1 +1,0 @@
-"""What the numbers in a log are called: modes, events, errors, reasons, flags, by vehicle where they differ."""
