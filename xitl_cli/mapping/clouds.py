@@ -18,7 +18,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.table import Table
-from xitl_cli.record.perception import LIDAR_POINT, MAP_POINT, SOURCES, Source
+from xitl_cli.record.topics import LIDAR_POINT, MAP_POINT, MAP_SOURCES, MapSource
 
 LIDAR, PING, MAP = "/lidar/points", "/sonar/ping", "/companion/map"
 AUTOPILOT = "/link/companion/tx"
@@ -76,12 +76,12 @@ def told(log: Log) -> Iterator[tuple[int, Message]]:
                 yield stamp_ns, message
 
 
-def map_points(log: Log) -> dict[Source, Points]:
+def map_points(log: Log) -> dict[MapSource, Points]:
     """What the companion said of its map during the run, (n, 3) FRD of its odometry's frame, by source."""
-    parts: dict[Source, list[Points]] = {source: [] for source in SOURCES}
+    parts: dict[MapSource, list[Points]] = {source: [] for source in MAP_SOURCES}
     if MAP in log.tables:
         for _, packed in _packed(log, MAP, MAP_POINT):
-            for number, source in enumerate(SOURCES):
+            for number, source in enumerate(MAP_SOURCES):
                 parts[source].append(_frd(packed[packed["source"] == number]))
     return {source: np.concatenate([np.empty((0, 3), np.float32), *part]) for source, part in parts.items()}
 

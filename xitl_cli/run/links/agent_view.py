@@ -12,7 +12,7 @@ from agent.mavlink.modes import mode_name
 from agent.wire import dialect
 from sim_core.frames import Array
 from sim_core.geodesy import GeodeticPoint, LocalFrame, ardupilot_geodetic
-from xitl_cli.record.records import Estimate, Miss, Task
+from xitl_cli.record.topics import DeadlineMiss, MotionEstimate, TaskTiming
 
 ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
@@ -33,7 +33,7 @@ class AgentView:
         self,
         frame: LocalFrame,
         on_text: Callable[[int, str], None],
-        on_estimate: Callable[[int, Estimate], None],
+        on_estimate: Callable[[int, MotionEstimate], None],
         node: str = "LC",
         sim_ns: Callable[[int], int | None] = lambda agent_us: None,
     ) -> None:
@@ -50,7 +50,7 @@ class AgentView:
         self.target_seq: int | None = None
         self.reached_seqs: set[int] = set()
         self.acks: dict[int, int] = {}
-        self.tasks: dict[str, Task] = {}
+        self.tasks: dict[str, TaskTiming] = {}
         self.texts: deque[str] = deque(maxlen=RECENT_TEXTS)
         self._frame = frame
         self._node = node
@@ -133,7 +133,7 @@ class AgentView:
             return
         if not 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
             return
-        estimate = Estimate(
+        estimate = MotionEstimate(
             pos_ned_m=self._ned(self._origin, np.array([[message.x, message.y, message.z]]))[0],
             vel_ned_mps=np.array([message.vx, message.vy, message.vz]),
             quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
@@ -152,11 +152,11 @@ class AgentView:
     def _node_info(self, message: Any) -> None:
         self.info = message
 
-    def task(self, message: Any) -> Task:
+    def task(self, message: Any) -> TaskTiming:
         """XITL_TASK_STATS as a record, kept too."""
         name = _text(message.task)
         cycles = message.cycles > 0
-        self.tasks[name] = task = Task(
+        self.tasks[name] = task = TaskTiming(
             node=self._node,
             task=name,
             rate_hz=message.rate_hz,
@@ -174,12 +174,12 @@ class AgentView:
         )
         return task
 
-    def miss(self, message: Any) -> Miss | None:
+    def miss(self, message: Any) -> DeadlineMiss | None:
         """XITL_TASK_MISS as a record, None while its instants have no simulation time."""
         due_ns, start_ns, end_ns = map(self._sim_ns, (message.due_usec, message.start_usec, message.end_usec))
         if due_ns is None or start_ns is None or end_ns is None:
             return None
-        return Miss(self._node, _text(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)
+        return DeadlineMiss(self._node, _text(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)
 
 
 def _text(raw: bytes | str) -> str:

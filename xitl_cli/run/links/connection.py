@@ -422,7 +422,7 @@ class AgentConnection:
     def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
         """Keep how the link has done so far."""
         for report in self.links():
-            recorder.link(stamp_ns, state_of(report))
+            recorder.write(stamp_ns, state_of(report))
 
     def node(self) -> NodeReport | None:
         """What it says of its machine, None when it never did."""

@@ -23,7 +23,7 @@ from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import MotorCommand, Task
+from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run import directory
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.inbox import AgentInbox
@@ -162,7 +162,7 @@ class AutopilotReport:
     utc_offset_s: float | None = None
 
 
-def autopilot_section(report: AutopilotReport, tasks: Sequence[Task]) -> dict[str, Any]:
+def autopilot_section(report: AutopilotReport, tasks: Sequence[TaskTiming]) -> dict[str, Any]:
     """`autopilot` of summary.json; docs/recording.md explains the keys."""
     times, agent = report.milestones, [task for task in tasks if task.node != HOST]
     return {
@@ -287,7 +287,7 @@ class Attended:
         if number == dialect.MAVLINK_MSG_ID_XITL_BRIDGE_STATUS:
             self._status = message
             if self._recorder is not None:
-                self._recorder.bridge(self._now_ns(), _counts(message))
+                self._recorder.write(self._now_ns(), BridgeCounts(**_counts(message)))
         elif number == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             self._version = version_words(message.flight_sw_version, bytes(message.flight_custom_version))
         elif number == dialect.MAVLINK_MSG_ID_HEARTBEAT:

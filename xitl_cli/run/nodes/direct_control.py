@@ -21,7 +21,7 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import MotorCommand, Task
+from xitl_cli.record.topics import MotorCommand, TaskTiming
 from xitl_cli.replay.track import Track
 from xitl_cli.run.links.setup import mission_of, parameters_of
 from xitl_cli.run.nodes.score import EstimationScore
@@ -71,7 +71,7 @@ class DirectPilot:
     def links(self) -> list[LinkReport]:
         return []
 
-    def tasks(self) -> list[Task]:
+    def tasks(self) -> list[TaskTiming]:
         return []
 
     def clocks(self) -> list[ClockReport]:

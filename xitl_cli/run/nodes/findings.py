@@ -25,8 +25,8 @@ from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
 from xitl_cli.mapping.rebuild import points_of, write_map, write_tum
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.perception import SOURCES, Source
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import MAP_SOURCES, MapSource
 from xitl_cli.run import directory
 from xitl_cli.run.nodes.companion import CompanionLine, NoCompanion
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
@@ -42,7 +42,10 @@ _MANOEUVRES = {
     dialect.XITL_MANOEUVRE_STOP: "stop",
     dialect.XITL_MANOEUVRE_RETURN: "return",
 }
-_SOURCES: dict[int, Source] = {dialect.XITL_CLOUD_KIND_LIDAR_MAP: "lidar", dialect.XITL_CLOUD_KIND_SONAR_MAP: "sonar"}
+_SOURCES: dict[int, MapSource] = {
+    dialect.XITL_CLOUD_KIND_LIDAR_MAP: "lidar",
+    dialect.XITL_CLOUD_KIND_SONAR_MAP: "sonar",
+}
 _ZEROS = (0,) * len(dialect.MAVLink_xitl_companion_status_message.fieldnames)
 _UNCOUNTED = ("time_usec", "latency", "manoeuvre")
 
@@ -136,7 +139,7 @@ class Findings(NoFindings):
         """The body's true poses at the same instants, in NED, as far as they were told of in time."""
         return self._truth.trajectory()
 
-    def map_points(self, source: Source) -> tuple[Array, NDArray[np.uint8]]:
+    def map_points(self, source: MapSource) -> tuple[Array, NDArray[np.uint8]]:
         """(k, 3) in `odom` and their intensity (k,)."""
         points, intensity = self.maps[source]
         return (
@@ -243,7 +246,7 @@ def write(findings: NoFindings, folder: Path) -> None:
     odometry = findings.odometry()
     if not len(odometry.stamp_ns):
         return
-    parts = [findings.map_points(source) for source in SOURCES]
+    parts = [findings.map_points(source) for source in MAP_SOURCES]
     packed = points_of(
         np.concatenate([points for points, _ in parts]).astype(np.float32),
         np.concatenate([intensity for _, intensity in parts]),

@@ -11,7 +11,7 @@ from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
-from xitl_cli.record.records import MotorCommand
+from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes import patience
 from xitl_cli.run.nodes.bridge import Milestones
