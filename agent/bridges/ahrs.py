@@ -25,7 +25,7 @@ from typing import Callable
 from agent.bridges.injector import Injection, Injector
 from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.fcu.samples import BarometerSample, ImuSample, MagnetometerSample
+from agent.fcu.vehicle_state import BarometerMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
@@ -314,7 +314,9 @@ class Ahrs(Injector):
             if frame is not None:
                 self._line.send(frame, _SOLUTION)
 
-    def _send_inertial(self, imu: ImuSample, field: MagnetometerSample, pressure: BarometerSample) -> None:
+    def _send_inertial(
+        self, imu: ImuMeasurement, field: MagnetometerMeasurement, pressure: BarometerMeasurement
+    ) -> None:
         asked_hz = self.asked_hz()
         if asked_hz != self._paced_hz:
             self._inertial_pace, self._paced_hz = SampleDecimator(round(1e9 / asked_hz) if asked_hz else 0), asked_hz

@@ -16,7 +16,7 @@ from agent.bridges.injector import Injection, Injector
 from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.samples import Vector3
+from agent.fcu.vehicle_state import Vector3
 from agent.options import Options, OptionsError
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav

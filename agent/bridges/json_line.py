@@ -18,7 +18,7 @@ from typing import Callable, NamedTuple
 from urllib.parse import urlsplit
 
 from agent.bridges.injector import Injection
-from agent.timing.waiting import wait_readable
+from agent.timing.clock import wait_readable
 from agent.wire.transport import BadUrlError
 from agent.wire.urls import Address, address_url, explained, resolve
 

@@ -24,7 +24,7 @@ from agent.bridges.injector import Injection, Injector
 from agent.bridges.readings import SensorReadings
 from agent.bridges.samples import InertialSample
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.samples import ImuSample, Vector3
+from agent.fcu.vehicle_state import ImuMeasurement, Vector3
 from agent.options import Options
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
@@ -353,7 +353,7 @@ class Px4(Injector):
         else:
             self.counts.imu_out += 1
 
-    def _sensor_message(self, imu: ImuSample) -> Message:
+    def _sensor_message(self, imu: ImuMeasurement) -> Message:
         updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
         field, pressure = self._readings.field, self._readings.pressure
         sample = InertialSample(

@@ -10,7 +10,7 @@ from typing import Callable
 from agent.bridges.injector import Injection, Injector
 from agent.bridges.vehicle_link import VehicleLink
 from agent.mavlink.commands import StatusTextSender
-from agent.role import Role, Traffic
+from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
 from agent.wire import dialect

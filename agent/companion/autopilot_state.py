@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.companion.mission_copy import MissionCopy, Place
 from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.geodetic import LocalProjection
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
@@ -56,7 +56,7 @@ class VehicleView:
         self._boot_ns = 0
         self._quaternion_ns: int | None = None
         self._asked_ns: int | None = None
-        self._origin: LocalFrame | None = None
+        self._origin: LocalProjection | None = None
         self._origin_told = False
         self._leg_start: tuple[float, float] | None = None
         self._leg_seq = 0
@@ -150,7 +150,7 @@ class VehicleView:
 
     def _on_origin(self, message: Any) -> None:
         if abs(message.latitude) <= 900_000_000:
-            self._origin = LocalFrame(message.latitude * 1e-7, message.longitude * 1e-7, 0.0)
+            self._origin = LocalProjection(message.latitude * 1e-7, message.longitude * 1e-7, 0.0)
             self._origin_told = True
 
     def _on_global(self, message: Any, now_ns: int) -> None:
@@ -158,8 +158,8 @@ class VehicleView:
         pose = self.history.at(self._stamp_ns(message, now_ns))
         if self._origin_told or pose is None or (message.lat == 0 and message.lon == 0):
             return
-        here = LocalFrame(message.lat * 1e-7, message.lon * 1e-7, 0.0)
-        self._origin = LocalFrame(*here.to_geodetic(-float(pose.pos_ned_m[0]), -float(pose.pos_ned_m[1])), 0.0)
+        here = LocalProjection(message.lat * 1e-7, message.lon * 1e-7, 0.0)
+        self._origin = LocalProjection(*here.to_geodetic(-float(pose.pos_ned_m[0]), -float(pose.pos_ned_m[1])), 0.0)
 
     def _local(self, place: Place) -> tuple[float, float]:
         assert self._origin is not None

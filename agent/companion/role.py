@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Callable
 
 from agent.companion.settings import Settings
 from agent.mavlink.commands import StatusTextSender
-from agent.role import Role, Traffic
+from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock
 from agent.timing.tasks import Executor
 from agent.wire import dialect

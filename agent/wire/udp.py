@@ -9,7 +9,7 @@ from time import monotonic
 from typing import Callable
 from urllib.parse import SplitResult
 
-from agent.timing.waiting import wait_readable
+from agent.timing.clock import wait_readable
 from agent.wire.transport import DatagramTooLongError, Standing, Transport, TransportClosedError
 from agent.wire.urls import Address, address_url, explained, interface_of, keep_to, resolve
 

@@ -15,9 +15,8 @@ import numpy as np
 
 from agent.companion.obstacle_avoidance import Watch
 from agent.companion.pose_history import quaternion, rotation
-from agent.fcu.control.guidance import GuidanceGains, GuidanceState, guide, leg, wrapped
-from agent.fcu.control.guided import CourseOverGround
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.control.guidance import CourseOverGround, GuidanceGains, GuidanceState, follow_leg, make_leg, wrap_angle
+from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 from agent.wire import dialect as mav
 from sim_core.environment.environment import Environment
@@ -31,7 +30,7 @@ from sim_core.world.rays import Bodies, Scene, caster_of
 FRAME_S, STEP_S = 0.1, 0.02
 AUTO, GUIDED, HOLD = 10, 15, 4
 GAINS = GuidanceGains.of(Parameters())
-ORIGIN = LocalFrame(-8.8, -63.95, 0.0)
+ORIGIN = LocalProjection(-8.8, -63.95, 0.0)
 HULL_M = (2.3, 1.6)
 WATERLINE_M = 0.15
 _STRAYS_M, _STRAYS_RAD = 0.3, math.radians(0.3)
@@ -137,7 +136,7 @@ class Trial:
         points = self.river.waypoints_ne_m
         number = self.current_item - 1
         after = points[number + 1] if number + 1 < len(points) else None
-        self.line = leg(start, points[number], after)
+        self.line = make_leg(start, points[number], after)
 
     def _step(self) -> None:
         current = np.array(self.river.current_ne_mps)
@@ -146,7 +145,7 @@ class Trial:
         speed = float(vel @ bow)
         heading, wanted = self.yaw, 0.0
         if self.mode == AUTO:
-            self.guidance, output = guide(
+            self.guidance, output = follow_leg(
                 GAINS, self.guidance, self.line, tuple(self.pos), self.yaw, speed, self.river.speed_mps, STEP_S
             )
             heading, wanted = output.heading_rad, output.speed_mps
@@ -170,9 +169,9 @@ class Trial:
                 if distance > 2.0:
                     heading = math.atan2(off[1], off[0])
                     wanted = min(0.4 * distance, 1.5) * max(math.cos(heading - self.yaw), 0.0)
-        rate = min(max(1.5 * wrapped(heading - self.yaw), -0.45), 0.45)
+        rate = min(max(1.5 * wrap_angle(heading - self.yaw), -0.45), 0.45)
         self.turn += min(max(rate - self.turn, -1.57 * STEP_S), 1.57 * STEP_S)
-        self.yaw = wrapped(self.yaw + self.turn * STEP_S)
+        self.yaw = wrap_angle(self.yaw + self.turn * STEP_S)
         self.through_mps += min(max(2.0 * (wanted - speed), -0.9), 0.7) * STEP_S
         self.through_mps = max(self.through_mps, -0.5)
         self.pos = self.pos + vel * STEP_S

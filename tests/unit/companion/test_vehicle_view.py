@@ -10,12 +10,12 @@ import pytest
 
 from agent.companion.autopilot_state import VehicleView, heading_rad
 from agent.companion.pose_history import PoseHistory, quaternion, rotation
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.geodetic import LocalProjection
 from agent.mavlink.modes import AUTO
 from agent.wire import dialect as mav
 
 MS = 1_000_000
-ORIGIN = LocalFrame(-8.8, -63.95, 0.0)
+ORIGIN = LocalProjection(-8.8, -63.95, 0.0)
 
 
 def sent(message: Any, system: int = 1, component: int = 1) -> Any:

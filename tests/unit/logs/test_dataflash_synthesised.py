@@ -12,8 +12,7 @@ from dataflash_records import CODES, FMT, ITSELF, described, record
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agent.dataflash.format import header
-from agent.dataflash.messages import FORMATS
+from agent.fcu.dataflash.format import FORMATS, header
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash import index
 from xitl_cli.logs.formats.dataflash.embedded import embedded_files, files
