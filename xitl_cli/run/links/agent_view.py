@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from agent.mavlink.commands import StatusTextReceiver
+from agent.mavlink.exchange import text_of
 from agent.mavlink.modes import mode_name
 from agent.wire import dialect
 from sim_core.frames import Array
@@ -16,7 +18,6 @@ from xitl_cli.record.topics import DeadlineMiss, MotionEstimate, TaskTiming
 
 ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
-STATUSTEXT_BYTES = 50
 
 
 class AgentView:
@@ -55,7 +56,7 @@ class AgentView:
         self._frame = frame
         self._node = node
         self._sim_ns = sim_ns
-        self._chunks: dict[int, str] = {}
+        self._text = StatusTextReceiver()
         self._on_text = on_text
         self._on_estimate = on_estimate
         self._origin: GeodeticPoint | None = None
@@ -99,17 +100,13 @@ class AgentView:
         self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)
 
     def _statustext(self, message: Any) -> None:
-        """A sentence may come in chunks of 50 characters; the one that is not full ends it."""
-        sentence = message.id
-        chunk = _text(message.text)
-        whole = self._chunks.pop(sentence, "") + chunk if sentence else chunk
-        if sentence and len(chunk) == STATUSTEXT_BYTES:
-            self._chunks = {sentence: whole}
+        text = self._text.handle(message)
+        if text is None:
             return
-        self.texts.append(whole)
-        if whole.endswith(ORIGIN_SET):
+        self.texts.append(text)
+        if text.endswith(ORIGIN_SET):
             self.has_origin = True
-        self._on_text(message.severity, whole)
+        self._on_text(message.severity, text)
 
     def _command_ack(self, message: Any) -> None:
         self.acks[message.command] = message.result
@@ -154,7 +151,7 @@ class AgentView:
 
     def task(self, message: Any) -> TaskTiming:
         """XITL_TASK_STATS as a record, kept too."""
-        name = _text(message.task)
+        name = text_of(message.task)
         cycles = message.cycles > 0
         self.tasks[name] = task = TaskTiming(
             node=self._node,
@@ -179,9 +176,4 @@ class AgentView:
         due_ns, start_ns, end_ns = map(self._sim_ns, (message.due_usec, message.start_usec, message.end_usec))
         if due_ns is None or start_ns is None or end_ns is None:
             return None
-        return DeadlineMiss(self._node, _text(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)
-
-
-def _text(raw: bytes | str) -> str:
-    data = raw if isinstance(raw, str) else raw.decode("utf-8", "replace")
-    return data.rstrip("\0")
+        return DeadlineMiss(self._node, text_of(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)

@@ -24,7 +24,7 @@ from xitl_cli.run.links.peer import (
     missing_addresses,
     open_peer,
 )
-from xitl_cli.run.links.setup import mission_of, parameters_of
+from xitl_cli.run.links.setup import embedded_parameters, mission_places
 from xitl_cli.run.links.waiting import wait_for_any
 from xitl_cli.run.nodes.actuator_use import ActuatorUse
 from xitl_cli.run.nodes.bridge import Attended, AutopilotReport
@@ -172,8 +172,8 @@ class AgentPilot:
         parameters: dict[str, float] = {}
         mission: list[tuple[float, float, float]] = []
         if self._attended is None:
-            parameters = parameters_of(self._profile)
-            mission = mission_of(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
+            parameters = embedded_parameters(self._profile)
+            mission = mission_places(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
         for agent in self._agents:
             agent.begin(recorder, pace, self._now_ns, parameters, mission)
         self.companion.begin(recorder, pace, self._now_ns)

@@ -22,7 +22,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand, TaskTiming
 from xitl_cli.replay.track import Track
-from xitl_cli.run.links.setup import mission_of, parameters_of
+from xitl_cli.run.links.setup import embedded_parameters, mission_places
 from xitl_cli.run.nodes.score import EstimationScore
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import (
@@ -100,9 +100,9 @@ class IdealPilot(DirectPilot):
 
     def __init__(self, profile: RunProfile) -> None:
         super().__init__(NEUTRAL)
-        parameters = Parameters(parameters_of(profile))
+        parameters = Parameters(embedded_parameters(profile))
         site = profile.site
-        places = mission_of(profile, local_frame(site))
+        places = mission_places(profile, local_frame(site))
         self._mission = MissionPilot(make_mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
         self._gains = GuidanceGains.of(parameters)
         self._controller = _controller(profile)(parameters)

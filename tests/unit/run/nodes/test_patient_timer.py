@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from xitl_cli.run.nodes import patience
-from xitl_cli.run.nodes.patience import WALL_SHARE, Patience
+from xitl_cli.run.nodes import preparation
+from xitl_cli.run.nodes.preparation import WALL_SHARE, PatientTimer
 
 S = 1_000_000_000
 
@@ -13,12 +13,12 @@ S = 1_000_000_000
 @pytest.fixture
 def wall(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now = [100.0]
-    monkeypatch.setattr(patience.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(preparation.time, "monotonic", lambda: now[0])
     return now
 
 
 def test_it_is_over_when_both_clocks_say_so(wall: list[float]) -> None:
-    waiting = Patience()
+    waiting = PatientTimer()
     assert not waiting.started
     assert not waiting.is_over(50 * S, 1.0)
     waiting.start(10 * S)
@@ -30,7 +30,7 @@ def test_it_is_over_when_both_clocks_say_so(wall: list[float]) -> None:
 
 
 def test_it_starts_anew_and_stops(wall: list[float]) -> None:
-    waiting = Patience()
+    waiting = PatientTimer()
     waiting.start(0)
     wall[0] += 10.0
     waiting.start(5 * S)
