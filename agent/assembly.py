@@ -30,7 +30,7 @@ INJECTORS = {
     "vectornav": "agent.bridges.vectornav:VectorNav",
     "microstrain7": "agent.bridges.microstrain:MicroStrain7",
     "hil": "agent.bridges.hil:HilMessages",
-    "px4": "agent.bridges.px4:Px4",
+    "px4": "agent.bridges.px4:Px4Injector",
 }
 """How sensors get into another autopilot, by the name in the options: a class with `make(options, vehicle)`."""
 
@@ -83,7 +83,7 @@ def _companion(options: Options) -> Role:
 
 
 def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
-    from agent.bridges.role import BridgeRole, Outputs
+    from agent.bridges.role import BridgeRole, MotorOutputs
     from agent.bridges.vehicle_link import VehicleLink
 
     _refuse_what_the_embedded_one_has(options, "a bridge")
@@ -97,7 +97,7 @@ def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> R
         injector = make(options, vehicle)
         opened.callback(injector.close)
         injectors.append(injector)
-    outputs = Outputs(options.outputs, options.trim_us, options.span_us)
+    outputs = MotorOutputs(options.outputs, options.trim_us, options.span_us)
     return BridgeRole(send, vehicle, injectors, outputs)
 
 

@@ -63,7 +63,7 @@ class NavigationSolution:
             self._estimator.configure()
         self._fix = fix
 
-    def newest(self) -> Navigation | None:
+    def solution(self) -> Navigation | None:
         """None before attitude and place are known, and while they are lost."""
         frame, fix = self._estimator.frame, self._fix
         if frame is None or fix is None:
@@ -94,7 +94,7 @@ LATEST_US = (1 << 62) // 1000
 LARGEST = 1e7  # of any value in its unit: a sensor that says more, or no number, has measured nothing
 
 
-def imu_of(message: Message) -> ImuMeasurement | None:
+def imu_sample_from(message: Message) -> ImuMeasurement | None:
     """An XITL_IMU; None for what no sensor measures."""
     gx, gy, gz = message.gyro
     fx, fy, fz = message.accel
@@ -103,7 +103,7 @@ def imu_of(message: Message) -> ImuMeasurement | None:
     return ImuMeasurement(message.time_usec * 1000, (gx, gy, gz), (fx, fy, fz), message.temperature)
 
 
-def field_of(message: Message) -> MagnetometerMeasurement | None:
+def magnetometer_sample_from(message: Message) -> MagnetometerMeasurement | None:
     """An XITL_MAGNETOMETER; None for what no sensor measures."""
     x, y, z = message.field
     return (
@@ -113,14 +113,14 @@ def field_of(message: Message) -> MagnetometerMeasurement | None:
     )
 
 
-def pressure_of(message: Message) -> BarometerMeasurement | None:
+def barometer_sample_from(message: Message) -> BarometerMeasurement | None:
     """An XITL_BAROMETER; None for what no sensor measures."""
     if not _is_measured(message.time_usec, message.pressure, message.temperature):
         return None
     return BarometerMeasurement(message.time_usec * 1000, message.pressure, message.temperature)
 
 
-def fix_of(message: Message, time: GpsTime) -> ReceiverFix | None:
+def receiver_fix_from(message: Message, time: GpsTime) -> ReceiverFix | None:
     """An XITL_GNSS; None for what no receiver says."""
     vn, ve, vd = message.velocity
     if not _is_measured(message.time_usec, vn, ve, vd, message.h_acc, message.v_acc, message.s_acc):
@@ -184,9 +184,9 @@ class SensorReadings:
         self._solves = solves
         self._solver: NavigationSolution | None = None
 
-    def imu(self, message: Message) -> ImuMeasurement | None:
+    def handle_imu(self, message: Message) -> ImuMeasurement | None:
         """The sample, None when it is refused."""
-        sample = imu_of(message)
+        sample = imu_sample_from(message)
         if sample is None:
             self.refused += 1
         elif self._time is None:
@@ -194,15 +194,15 @@ class SensorReadings:
             self._solver = NavigationSolution(self._time) if self._solves else None
         return sample
 
-    def fix(self, message: Message) -> ReceiverFix | None:
+    def handle_fix(self, message: Message) -> ReceiverFix | None:
         """The fix, None when it is refused."""
-        fix = fix_of(message, self._time or GpsTime.fixed())
+        fix = receiver_fix_from(message, self._time or GpsTime.fixed())
         self.refused += fix is None
         return fix
 
-    def take_field(self, message: Message) -> bool:
+    def handle_field(self, message: Message) -> bool:
         """Whether there is a new field."""
-        sample = field_of(message)
+        sample = magnetometer_sample_from(message)
         if sample is None:
             self.refused += 1
             return False
@@ -211,9 +211,9 @@ class SensorReadings:
             self._solver.on_magnetometer(sample)
         return True
 
-    def take_pressure(self, message: Message) -> bool:
+    def handle_pressure(self, message: Message) -> bool:
         """Whether there is a new pressure."""
-        sample = pressure_of(message)
+        sample = barometer_sample_from(message)
         if sample is None:
             self.refused += 1
             return False
@@ -231,6 +231,6 @@ class SensorReadings:
         else:
             self._solver.on_fix(sample)
 
-    def newest(self) -> Navigation | None:
+    def solution(self) -> Navigation | None:
         """The solution at the newest inertial sample, None while there is none."""
-        return None if self._solver is None else self._solver.newest()
+        return None if self._solver is None else self._solver.solution()

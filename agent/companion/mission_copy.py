@@ -21,7 +21,7 @@ _STAYS = (LOITER_UNLIMITED, RETURN_HOME)
 Messages = list[Any]
 
 
-class Item(NamedTuple):
+class MissionCopyItem(NamedTuple):
     """What the way depends on."""
 
     command: int
@@ -30,7 +30,7 @@ class Item(NamedTuple):
     speed_mps: float
 
 
-class Place(NamedTuple):
+class MissionPosition(NamedTuple):
     """A place that the mission sails to: item `seq`, in 1e-7 degrees."""
 
     seq: int
@@ -42,9 +42,9 @@ class MissionCopy:
     """`poll` asks, `take` listens; `items` is the last whole mission, None before the first."""
 
     def __init__(self) -> None:
-        self.items: list[Item] | None = None
+        self.items: list[MissionCopyItem] | None = None
         self._count: int | None = None
-        self._coming: list[Item] = []
+        self._coming: list[MissionCopyItem] = []
         self._wanted = True
         self._asked_ns: int | None = None
         self._tries = 0
@@ -54,7 +54,7 @@ class MissionCopy:
         if not self._wanted:
             self._wanted, self._count, self._coming, self._asked_ns, self._tries = True, None, [], None, 0
 
-    def total_is(self, total: int) -> None:
+    def note_total(self, total: int) -> None:
         """MISSION_CURRENT says so many items beside home; 0 and 65535 say nothing."""
         if self.items is not None and 0 < total < 65535 and total not in (len(self.items), len(self.items) - 1):
             self.refresh()
@@ -73,7 +73,7 @@ class MissionCopy:
         self._tries += 1
         return [self._request(target, now_ns)]
 
-    def take(self, message: Any, target: tuple[int, int], now_ns: int) -> Messages:
+    def handle(self, message: Any, target: tuple[int, int], now_ns: int) -> Messages:
         """MISSION_COUNT, MISSION_ITEM_INT and MISSION_ACK; returns what to answer."""
         if not self._wanted or getattr(message, "mission_type", 0) != 0:
             return []
@@ -82,7 +82,7 @@ class MissionCopy:
             self._count = min(int(message.count), _MOST_ITEMS)
         elif kind == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT and self._count and message.seq == len(self._coming):
             speed_mps = float(message.param2) if message.command == CHANGE_SPEED else 0.0
-            self._coming.append(Item(int(message.command), int(message.x), int(message.y), speed_mps))
+            self._coming.append(MissionCopyItem(int(message.command), int(message.x), int(message.y), speed_mps))
         else:
             return []
         self._tries = 0
@@ -100,25 +100,25 @@ class MissionCopy:
 
     # -- the way
 
-    def places_from(self, seq: int) -> list[Place]:
+    def positions_from(self, seq: int) -> list[MissionPosition]:
         """Where it goes from item `seq` on, as far as that is known beforehand: up to a jump or a stay."""
-        found: list[Place] = []
+        found: list[MissionPosition] = []
         for number in range(max(seq, 1), len(self.items or ())):
             item = (self.items or [])[number]
             if item.command in _PLACES and (item.lat_e7 or item.lon_e7):
-                found.append(Place(number, item.lat_e7, item.lon_e7))
+                found.append(MissionPosition(number, item.lat_e7, item.lon_e7))
             elif item.command == RETURN_HOME and self.items:
-                found.append(Place(number, self.items[0].lat_e7, self.items[0].lon_e7))
+                found.append(MissionPosition(number, self.items[0].lat_e7, self.items[0].lon_e7))
             if item.command in _STAYS or item.command == mav.MAV_CMD_DO_JUMP:
                 break
         return found
 
-    def place_before(self, seq: int) -> Place | None:
+    def position_before(self, seq: int) -> MissionPosition | None:
         """Where the leg to item `seq` starts when it was reached by sailing."""
         for number in range(min(seq, len(self.items or ())) - 1, 0, -1):
             item = (self.items or [])[number]
             if item.command in _PLACES and (item.lat_e7 or item.lon_e7):
-                return Place(number, item.lat_e7, item.lon_e7)
+                return MissionPosition(number, item.lat_e7, item.lon_e7)
         return None
 
     def speed_mps(self, seq: int) -> float | None:

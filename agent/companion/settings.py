@@ -31,7 +31,7 @@ TABLE = (
 _INDEX = {row.name: index for index, row in enumerate(TABLE)}
 
 
-def checked(name: str, value: float) -> float:
+def checked_parameter(name: str, value: float) -> float:
     """The value as it would be kept. Raises ParameterError for an unknown name, NaN or a value out of range."""
     index = _INDEX.get(name)
     if index is None:
@@ -39,7 +39,7 @@ def checked(name: str, value: float) -> float:
     return within(TABLE[index], value)
 
 
-class Settings:
+class CompanionParameters:
     """Values by name; what is set holds from the next run's first cloud, or at once before it."""
 
     def __init__(self) -> None:
@@ -51,13 +51,13 @@ class Settings:
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
 
-    def take(self, message: Any, texts: list[str]) -> Messages:
+    def handle(self, message: Any, texts: list[str]) -> Messages:
         """Answers to PARAM_SET, PARAM_REQUEST_READ and PARAM_REQUEST_LIST; why one is refused goes to `texts`."""
         kind = type(message)
         if kind is mav.MAVLink_param_set_message:
             index = _INDEX.get(message.param_id, -1)
             try:
-                self._values[message.param_id] = checked(message.param_id, message.param_value)
+                self._values[message.param_id] = checked_parameter(message.param_id, message.param_value)
             except ParameterError as error:
                 texts.append(str(error))
             return [self._value(index)] if index >= 0 else []

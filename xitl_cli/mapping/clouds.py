@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.clouds import Cloud
-from agent.companion.sonar import Ping
+from agent.companion.clouds import PointCloud
+from agent.companion.sonar import SonarPing
 from agent.wire import dialect
 from agent.wire.codec import Message, decode
 from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC
@@ -32,12 +32,12 @@ _QUAT_FRD = np.array([1.0, 1.0, -1.0, -1.0])
 Points = NDArray[np.float32]
 
 
-def clouds(log: Log) -> Iterator[Cloud]:
+def clouds(log: Log) -> Iterator[PointCloud]:
     """Frames of the lidar in the order of the file. Raises UserError when there are none or of another make."""
     if LIDAR not in log.tables:
         raise UserError(f"{log.path}: has no {LIDAR}; record a run with sensors.lidar in its profile")
     for number, (stamp_ns, packed) in enumerate(_packed(log, LIDAR, LIDAR_POINT)):
-        yield Cloud(
+        yield PointCloud(
             dialect.XITL_CLOUD_KIND_LIDAR,
             number & 0xFFFF,
             stamp_ns,
@@ -47,7 +47,7 @@ def clouds(log: Log) -> Iterator[Cloud]:
         )
 
 
-def pings(log: Log) -> list[Ping]:
+def pings(log: Log) -> list[SonarPing]:
     """Echoes of the sonar; none where nothing was recorded of it."""
     table = log.tables.get(PING)
     if table is None:
@@ -56,7 +56,7 @@ def pings(log: Log) -> list[Ping]:
     stamps = table.stamp_ns.tolist()
     rows = zip(stamps, *(table.values(name, raw=True) for name in names), strict=True)
     return [
-        Ping(
+        SonarPing(
             int(number), stamp_ns, int(angle), tuple(np.asarray(place, dtype=float).tolist()), float(period_s),
             float(speed), _bytes(echo),
         )

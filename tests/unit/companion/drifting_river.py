@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agent.companion.obstacle_avoidance import Watch
+from agent.companion.obstacle_avoidance import ObstacleAvoidance
 from agent.companion.pose_history import quaternion, rotation
 from agent.fcu.control.guidance import CourseOverGround, GuidanceGains, GuidanceState, follow_leg, make_leg, wrap_angle
 from agent.fcu.geodetic import LocalProjection
@@ -66,9 +66,9 @@ class River:
 class Trial:
     """One run; afterwards `least_m` (hull to each body), `seen_at_m` (bow to each body), `modes`, `watch`."""
 
-    def __init__(self, river: River, watch: Watch | None = None) -> None:
+    def __init__(self, river: River, watch: ObstacleAvoidance | None = None) -> None:
         self.river = river
-        self.watch = Watch() if watch is None else watch
+        self.watch = ObstacleAvoidance() if watch is None else watch
         self.rng = np.random.default_rng(river.seed)
         waves: Any = FlatWater()
         if river.wave_height_m:
@@ -245,7 +245,7 @@ class Trial:
         """To the companion, which may answer."""
         for message in messages:
             message._header.srcSystem = message._header.srcComponent = 1
-            for answer in self.watch.take(message, round(self.time_s * 1e9)):
+            for answer in self.watch.handle(message, round(self.time_s * 1e9)):
                 self.say(self.order(answer))
 
     # -- a run
@@ -274,7 +274,7 @@ class Trial:
         track = Track(np.array(stamps), np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
         water = WaterSeen.of(self.environment, began_s, poses[0][0])
         scan = self.lidar.scan(track, self.caster, water, self.rng, self.bodies_at(began_s))
-        self.watch.cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
+        self.watch.add_cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
         if tick % 10 == 0:
             for message in self.watch.plan(round(self.time_s * 1e9)):
                 self.say(self.order(message))
@@ -282,7 +282,7 @@ class Trial:
 
     def _judge(self) -> None:
         now_ns = round(self.time_s * 1e9)
-        tracks = self.watch.tracks.confirmed
+        tracks = self.watch.tracker.confirmed
         bow = self.pos + 0.5 * HULL_M[0] * np.array((math.cos(self.yaw), math.sin(self.yaw)))
         near = [False] * len(tracks)
         for number, one in enumerate(self.river.adrift):
@@ -295,7 +295,7 @@ class Trial:
                 self.least_m[number], float(_hull_gap(self.pos, self.yaw, axis).min()) - one.body.radius_m
             )
             for index, track in enumerate(tracks):
-                if np.hypot(*(track.at(now_ns) - place)) < 2.0 + 0.5 * one.body.length_m:
+                if np.hypot(*(track.position_at(now_ns) - place)) < 2.0 + 0.5 * one.body.length_m:
                     near[index] = True
                     if self.seen_at_m[number] is None:
                         gap = np.hypot(*(axis - bow).T).min() - one.body.radius_m

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from agent.companion.clouds import Cloud, Clouds, cloud_messages
+from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.mapping import CloudMap
 from agent.companion.odometry import LidarOdometry
 from agent.wire import dialect
@@ -28,7 +28,7 @@ def recorded(path: Path) -> None:
     """A run whose companion got every cloud."""
     recorder = Recorder(path, "lz4")
     rng, stands = np.random.default_rng(3), river_scans.poles()
-    wire, odometry, cloud_map = Clouds(), LidarOdometry(), CloudMap()
+    wire, odometry, cloud_map = CloudReassembler(), LidarOdometry(), CloudMap()
     zero = np.zeros((1, 3))
     for number in range(CLOUDS):
         stamp_ns = number * 100_000_000
@@ -39,9 +39,9 @@ def recorded(path: Path) -> None:
         points, offset = river_scans.scan(stamp_ns * 1e-9, stands, rng)
         intensity = np.full(len(points), 40, np.uint8)
         recorder.perception.lidar_points(stamp_ns, points, offset, intensity)
-        cloud = Cloud(dialect.XITL_CLOUD_KIND_LIDAR, number, stamp_ns, points, offset, intensity)
+        cloud = PointCloud(dialect.XITL_CLOUD_KIND_LIDAR, number, stamp_ns, points, offset, intensity)
         for message in cloud_messages(cloud):
-            for got in wire.take(message):
+            for got in wire.handle(message):
                 placed = odometry.register(got.stamp_ns, got.points_m, got.offset_s)
                 assert placed is not None
                 added = cloud_map.add(placed.pose_odom, placed.points_frd_m, got.intensity[placed.kept])

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from agent.companion.sonar import Ping
+from agent.companion.sonar import SonarPing
 from agent.wire import dialect as mav
 from xitl_cli.logs.opening import open_log
 from xitl_cli.mapping import clouds as recorded
@@ -68,7 +68,8 @@ def test_clouds_are_forward_left_up_with_their_fields(tmp_path: Path) -> None:
 
 def test_pings_read_back(tmp_path: Path) -> None:
     pings = [
-        Ping(n, 10 + n, 399 - n, (0.5, 0.0, 0.4), 1e-5, 1480.0, np.arange(200 + n, dtype=np.uint8)) for n in range(3)
+        SonarPing(n, 10 + n, 399 - n, (0.5, 0.0, 0.4), 1e-5, 1480.0, np.arange(200 + n, dtype=np.uint8))
+        for n in range(3)
     ]
     recorder = Recorder(tmp_path / "run.mcap", "lz4")
     for ping in pings:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.clouds import Clouds
+from agent.companion.clouds import CloudReassembler
 from agent.wire import dialect
 from sim_core import frames
 from sim_core.frames import Array
@@ -89,7 +89,7 @@ class Findings(NoFindings):
     def __init__(self, frame: LocalFrame, score: ObstacleScore, physics_rate_hz: float) -> None:
         self.status: Any = None
         self.score = score
-        self.clouds = Clouds()
+        self.clouds = CloudReassembler()
         self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
         self._frame = frame
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
@@ -188,7 +188,7 @@ class Findings(NoFindings):
 
     def _on_cloud(self, message: Any) -> None:
         assert self._recorder is not None
-        for cloud in self.clouds.take(message):
+        for cloud in self.clouds.handle(message):
             source = _SOURCES.get(cloud.kind)
             if source is not None:
                 points, intensity = self.maps[source]

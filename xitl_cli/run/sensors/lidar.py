@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from agent.companion.clouds import Cloud, cloud_messages
+from agent.companion.clouds import PointCloud, cloud_messages
 from agent.wire import dialect
 from agent.wire.codec import Message
 from sim_core.frames import Array
@@ -131,5 +131,7 @@ def lidar_of(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Si
     )
 
 
-def _cloud(number: int, scan: Scan) -> Cloud:
-    return Cloud(dialect.XITL_CLOUD_KIND_LIDAR, number, scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
+def _cloud(number: int, scan: Scan) -> PointCloud:
+    return PointCloud(
+        dialect.XITL_CLOUD_KIND_LIDAR, number, scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity
+    )
