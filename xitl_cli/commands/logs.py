@@ -17,7 +17,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.errors import LogError
 
 if TYPE_CHECKING:
-    from xitl_cli.params.ftp import Files
+    from xitl_cli.params.vehicle import VehicleFiles
 
 _ASK_AGAIN_S = 2.0
 _TRIES = 9
@@ -161,7 +161,7 @@ def tasks(
     """
     from xitl_cli.logs.export.safe_file import part_of, refuse_present
     from xitl_cli.logs.tasks_file import counted, parse
-    from xitl_cli.params.source import is_vehicle
+    from xitl_cli.params.values import is_vehicle
     from xitl_cli.signing import read_key_file
 
     if not is_vehicle(vehicle):
@@ -194,24 +194,23 @@ def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
     Sets bit 0 of SCHED_OPTIONS on the vehicle until it restarts, as asking for the file does. Raises UserError when
     the vehicle does not answer, has no such file, or does not count.
     """
-    from xitl_cli.params.ftp import Files
-    from xitl_cli.params.vehicle import connected
+    from xitl_cli.params.vehicle import VehicleFiles, connect
 
-    with connected(url, signing_key) as vehicle:
-        return read_tasks(Files(vehicle), url)
+    with connect(url, signing_key) as vehicle:
+        return read_tasks(VehicleFiles(vehicle), url)
 
 
-def read_tasks(files: Files, url: str, again_s: float = _ASK_AGAIN_S) -> str:
+def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> str:
     """The file once it lists tasks, which it does from the vehicle's next PM record on, up to 10 s later."""
+    from agent.mavlink.ftp import FtpRefusedError
     from xitl_cli.logs.tasks_file import MOST_BYTES, PATH, parse
-    from xitl_cli.params.ftp import RefusedError
 
     for attempt in range(_TRIES):
         if attempt:
             time.sleep(again_s)
         try:
             text = files.read(PATH, MOST_BYTES).decode("utf-8", "replace")
-        except RefusedError as refusal:
+        except FtpRefusedError as refusal:
             raise UserError(f"{url}: {PATH} cannot be read: {refusal}; it needs ArduPilot 4.1 or newer") from refusal
         if parse(text):
             return text

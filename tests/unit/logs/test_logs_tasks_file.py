@@ -15,7 +15,7 @@ from xitl_cli.commands.logs import read_tasks
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses.tasks import analyse
 from xitl_cli.logs.tasks_file import TaskTime, counted, parse
-from xitl_cli.params.ftp import Files
+from xitl_cli.params.vehicle import VehicleFiles
 
 CAPTURED = Path(__file__).parents[2] / "data/captures/linux-tasks.txt"
 IDLE = "AP_GyroFFT::sample_gyros*        MIN=   0 MAX=   0 AVG=   0 OVR=  0 SLP=  0, TOT= 0.0%\n"
@@ -99,11 +99,11 @@ class _Vehicle:
 def test_fetching_waits_until_something_is_counted() -> None:
     whole = CAPTURED.read_bytes()
     vehicle = _Vehicle(b"TasksV2\n", b"TasksV2\n", whole)
-    assert read_tasks(Files(vehicle), "udp://it", again_s=0.0) == whole.decode()  # type: ignore[arg-type]
+    assert read_tasks(VehicleFiles(vehicle), "udp://it", again_s=0.0) == whole.decode()  # type: ignore[arg-type]
     assert vehicle.closed == 3
 
 
 def test_a_vehicle_that_never_counts_is_a_sentence() -> None:
     vehicle = _Vehicle(*[b"TasksV2\n"] * 20)
     with pytest.raises(UserError, match="SCHED_OPTIONS"):
-        read_tasks(Files(vehicle), "udp://it", again_s=0.0)  # type: ignore[arg-type]
+        read_tasks(VehicleFiles(vehicle), "udp://it", again_s=0.0)  # type: ignore[arg-type]

@@ -1,17 +1,19 @@
-"""Where parameters are: a file, the defaults of the embedded autopilot, or a vehicle."""
+"""Sets of parameters: from a file, the defaults of the embedded autopilot or a vehicle; what differs; as text."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
-from agent.fcu.parameters import TABLE, ParameterError, load_parm
+from agent.fcu.parameters import TABLE, Parameter, ParameterError, load_parm
+from agent.mavlink.parameters import same_value
 from xitl_cli.errors import UserError
-from xitl_cli.params.text import TABLE_BY_NAME
-from xitl_cli.params.vehicle import connected
+from xitl_cli.params.vehicle import connect
 from xitl_cli.profile.parameter_files import SUFFIXES, find_parameter_file
 
 DEFAULTS = "defaults"
+TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ def read_source(source: str, key: bytes | None = None) -> ParameterSet:
     if source == DEFAULTS:
         return ParameterSet("defaults", {row.name: float(row.default) for row in TABLE}, complete=True)
     if is_vehicle(source):
-        with connected(source, key) as vehicle:
+        with connect(source, key) as vehicle:
             return ParameterSet(source, vehicle.read_all(), complete=True)
     return read_file(source)
 
@@ -60,8 +62,8 @@ def read_file(source: str) -> ParameterSet:
         raise UserError(str(error)) from error
 
 
-def wanted_of(source: str) -> Mapping[str, float]:
-    """What a .parm file, a shipped one or a profile's autopilot asks for. Raises UserError."""
+def read_wanted(source: str) -> Mapping[str, float]:
+    """The parameters that a .parm file, a shipped one or a profile's autopilot asks for. Raises UserError."""
     if source.endswith(SUFFIXES):
         return read_file(source).values
     try:
@@ -87,3 +89,48 @@ def _is_profile(source: str) -> bool:
     from xitl_cli.profile.catalogue import shipped_profiles
 
     return source.endswith(PROFILE_SUFFIXES) or source in shipped_profiles()
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterDifference:
+    """One parameter on both sides; None where that side has no such parameter."""
+
+    name: str
+    one: float | None
+    other: float | None
+
+
+def differences(one: ParameterSet, other: ParameterSet) -> list[ParameterDifference]:
+    """By name. A name that only one side has counts where the other side would have to have it."""
+    found: list[ParameterDifference] = []
+    for name in sorted({*one.values, *other.values}):
+        a, b = one.values.get(name), other.values.get(name)
+        if a is not None and b is not None:
+            if not same_value(a, b):
+                found.append(ParameterDifference(name, a, b))
+        elif (other if b is None else one).complete:
+            found.append(ParameterDifference(name, a, b))
+    return found
+
+
+def format_value(value: float) -> str:
+    """The shortest decimal that is this 32-bit float."""
+    for digits in (7, 8):
+        text = f"{value:.{digits}g}"
+        if same_value(float(text), value):
+            return text
+    return f"{value:.9g}"
+
+
+def parm_text(values: Mapping[str, float], source: str, now: datetime | None = None) -> str:
+    """A .parm file that any ground station reads: a heading, then NAME value and, where known, what it means."""
+    stamp = (now or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
+    lines = [f"# {len(values)} parameters of {source}, {stamp}"]
+    described = set(values) <= set(TABLE_BY_NAME)
+    for name, value in values.items():
+        line = f"{name:<16} {format_value(value)}"
+        if described:
+            row = TABLE_BY_NAME[name]
+            line = f"{line:<32}# {row.meaning}{f' [{row.unit}]' if row.unit else ''}"
+        lines.append(line)
+    return "\n".join(lines) + "\n"
