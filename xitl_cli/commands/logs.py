@@ -126,7 +126,7 @@ def export(
 
     PlotJuggler reads all three, Foxglove and Lichtblick the MCAP.
     """
-    from xitl_cli.logs.export.exporting import Wanted, export_log
+    from xitl_cli.logs.export.exporting import ExportSelection, export_log
     from xitl_cli.logs.opening import open_log
     from xitl_cli.logs.query.names import tables_named
     from xitl_cli.logs.query.times import stamps_between
@@ -135,7 +135,7 @@ def export(
     with open_log(file) as log:
         tables = tables_named(log, messages or list(log.tables))
         from_ns, until_ns = stamps_between(log, optional_seconds(from_time), optional_seconds(until_time))
-        done = export_log(log, Wanted(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
+        done = export_log(log, ExportSelection(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
     if as_json:
         typer.echo(json.dumps(done.as_json(), ensure_ascii=False))
         return
@@ -159,7 +159,7 @@ def tasks(
 
     The vehicle then counts until it restarts: bit 0 of its SCHED_OPTIONS is set.
     """
-    from xitl_cli.logs.export.safe_file import part_of, refuse_present
+    from xitl_cli.logs.export.files import part_of, refuse_present
     from xitl_cli.logs.tasks_file import counted, parse
     from xitl_cli.params.values import is_vehicle
     from xitl_cli.signing import read_key_file

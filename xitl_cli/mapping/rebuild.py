@@ -29,7 +29,7 @@ from agent.wire.codec import Message
 from sim_core import frames
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory, tum_text
-from xitl_cli.logs.export.safe_file import make_directory, part_of
+from xitl_cli.logs.export.files import make_directory, part_of
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections

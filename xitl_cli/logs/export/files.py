@@ -1,13 +1,16 @@
-"""Files that are there whole or not at all."""
+"""Output files: their names, and that they are there whole or not at all."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator
+import re
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from xitl_cli.logs.errors import LogError
+
+_LONGEST_FILE_NAME = 120
 
 
 def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
@@ -68,3 +71,28 @@ def _refusal(path: Path, error: OSError) -> LogError:
     return LogError(
         f"{path}: cannot be written ({error.strerror or error}); free space or choose another place with --out"
     )
+
+
+def file_names(messages: Iterable[str], reserved: Iterable[str] = ()) -> dict[str, str]:
+    """Without an ending: "/link/agent/rx:ATTITUDE" → "link_agent_rx_ATTITUDE". Each its own where case makes none."""
+
+    def named(message: str) -> str:
+        return re.sub(r"[^A-Za-z0-9_.-]+", "_", message).strip("._")[:_LONGEST_FILE_NAME]
+
+    return unique_names(messages, named, reserved=reserved)
+
+
+def unique_names(
+    names: Iterable[str], named: Callable[[str], str], joined: str = "_", reserved: Iterable[str] = ()
+) -> dict[str, str]:
+    """By name what `named` makes of it, with a number behind it where case alone makes no difference."""
+    taken = set(reserved)
+    result: dict[str, str] = {}
+    for name in names:
+        base = named(name) or "message"
+        made, number = base, 2
+        while made.casefold() in taken:
+            made, number = f"{base}{joined}{number}", number + 1
+        taken.add(made.casefold())
+        result[name] = made
+    return result
