@@ -89,9 +89,7 @@ def dump(
     """
     from xitl_cli.commands.logs_dump import Asked, row_lines
     from xitl_cli.logs.opening import open_log
-    from xitl_cli.logs.query.conditions import Condition
-    from xitl_cli.logs.query.names import tables_named
-    from xitl_cli.logs.query.times import stamps_between
+    from xitl_cli.logs.query import Condition, stamps_between, tables_named
     from xitl_cli.logs.text import optional_seconds
 
     condition = Condition(where) if where.strip() else None
@@ -128,8 +126,7 @@ def export(
     """
     from xitl_cli.logs.export.exporting import ExportSelection, export_log
     from xitl_cli.logs.opening import open_log
-    from xitl_cli.logs.query.names import tables_named
-    from xitl_cli.logs.query.times import stamps_between
+    from xitl_cli.logs.query import stamps_between, tables_named
     from xitl_cli.logs.text import optional_seconds
 
     with open_log(file) as log:

@@ -327,7 +327,7 @@ def test_no_bytes_raise_anything_but_a_sentence(tmp_path: Path, parts: list[byte
     with log:
         rows = 0
         for table in log.tables.values():
-            assert len(table) == len(table.place) == len(table.stamp_ns) > 0
+            assert len(table) == len(table.file_offset) == len(table.stamp_ns) > 0
             at_once = table.read()
             for name, column in table.columns.items():
                 values = table.values(name)
@@ -362,7 +362,7 @@ def test_a_log_of_more_than_2_gb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         table = log.tables["X"]
         assert table.values("N").tolist() == list(range(100))
         assert table.stamp_ns.tolist() == [10**9 * n for n in range(100)]
-        assert int(table.place[-1]) == begin + hole + 49 * 15
+        assert int(table.file_offset[-1]) == begin + hole + 49 * 15
         assert (log.health.damage[0].place, log.health.damage[0].lost) == (begin, hole)
         assert table.read()["N"].tolist() == list(range(100))
         assert log.read()["X"]["N"].tolist() == list(range(100))

@@ -176,6 +176,6 @@ def test_any_bytes_are_opened_or_refused_in_a_sentence(tmp_path: Path, beginning
     with log:
         assert log.health.size_bytes == len(beginning + rest)
         for table in log.tables.values():
-            assert len(table.stamp_ns) == len(table.place)
+            assert len(table.stamp_ns) == len(table.file_offset)
             for column in table.columns:
                 assert len(table.values(column)) == len(table)

@@ -14,8 +14,7 @@ from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.files import file_names, make_directory, part_of, refuse_present
 from xitl_cli.logs.export.tabular import COLUMNS_FILE, FlatColumn, stretches, write_columns, write_csv
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query.merged import inside, rows_at_once
-from xitl_cli.logs.query.times import zero_in_words, zero_ns
+from xitl_cli.logs.query import inside, rows_at_once
 from xitl_cli.logs.report.wording import plural
 from xitl_cli.logs.table import Table
 
@@ -80,7 +79,7 @@ def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Pa
     _refuse_itself(log, paths)
     make_directory(directory)
     refuse_present([*paths, *also], overwrite)
-    utc, zero, rows_written = log.base == "utc", zero_ns(log), 0
+    utc, zero, rows_written = log.base == "utc", log.zero_ns, 0
     notes: list[str] = []
     described: list[tuple[str, str, list[FlatColumn]]] = []
     for table, path in zip(wanted.tables, paths, strict=True):
@@ -96,7 +95,7 @@ def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Pa
         with part_of(path, overwrite) as part:
             write_columns(part, described, wanted.raw)
     what = f"{_of(rows_written, wanted)}, a file each"
-    sentence = f"{directory}: {what}; time_s counts seconds since {zero_in_words(log)}"
+    sentence = f"{directory}: {what}; time_s counts seconds since {log.zero_in_words}"
     return ExportResult(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.export.files import unique_names
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query.merged import merged, rows_at_once
+from xitl_cli.logs.query import merged, rows_at_once
 from xitl_cli.logs.table import Column, Table
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR, little-endian

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.query.cells import texts
-from xitl_cli.logs.table import Column, Table
+from xitl_cli.logs.table import Column, Table, text_cells
 
 MOST_ELEMENTS = 1024
 
@@ -123,7 +122,7 @@ def time_names(table: Table, utc: bool) -> list[str]:
 
 
 def _cells(flat: FlatColumn, values: NDArray[Any]) -> list[str]:
-    shown = texts(values)
+    shown = text_cells(values)
     return [text.translate(_BREAKS) for text in shown] if flat.column.kind == "text" else shown
 
 
@@ -193,3 +192,18 @@ def _type(pa: Any, kind: str, values: NDArray[Any]) -> Any:
 def _widened(values: NDArray[Any]) -> NDArray[Any]:
     """Half precision is read by few."""
     return values.astype(np.float32) if values.dtype == np.float16 else values
+
+
+def data_frame(table: Table, raw: bool) -> Any:
+    """See `Table.to_pandas`."""
+    try:
+        import pandas as pd  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise LogError("pandas is not installed; install it with `pip install 'xitl[pandas]'`") from error
+    every = np.arange(len(table), dtype=np.intp)
+    columns, _ = flat_columns(table, [every], raw)
+    index = pd.Index(table.stamp_ns * 1e-9, name="time_s")
+    values = flat_values(table, columns, every, raw)
+    frame = pd.DataFrame({flat.name: one for flat, one in zip(columns, values, strict=True)}, index=index)
+    frame.attrs["units"] = {flat.name: flat.column.raw_unit if raw else flat.column.unit for flat in columns}
+    return frame

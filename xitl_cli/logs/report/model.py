@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.log import Base, Format, LogHealth
 from xitl_cli.logs.report.wording import damage_sentences
 from xitl_cli.logs.sections import Finding, Mark, Plot, Section, Severity
 
@@ -28,7 +28,7 @@ class FileReport:
     format: Format
     base: Base
     span_ns: tuple[int, int] | None
-    health: Health
+    health: LogHealth
     facts: Mapping[str, str]
     sections: tuple[Section, ...]
     time_line: TimeLine

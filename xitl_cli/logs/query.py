@@ -1,24 +1,30 @@
-"""A condition on the rows of a message: `Roll > 5 and I == 0`, `abs(GyrX) >= 0.1`, `Name == 'ATC_RATE'`.
+"""What a user picks out of a log by words: messages, a span of time, a condition; and the rows that remain.
 
+A condition is on the rows of a message: `Roll > 5 and I == 0`, `abs(GyrX) >= 0.1`, `Name == 'ATC_RATE'`. It is in
 Python's own grammar, of which little is allowed: names of fields, numbers and texts, comparisons, and, or, not,
-+ - * / %, abs, and [k] for an element of an array. It is worked out on whole columns; nothing of it is run.
++ - * / %, abs, and [k] for an element of an array. It is evaluated on whole columns; nothing of it is run.
 """
 
 from __future__ import annotations
 
 import ast
+import math
 import operator
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.query.names import column_named
-from xitl_cli.logs.table import Rows, Table
+from xitl_cli.logs.log import Log
+from xitl_cli.logs.table import Rows, Table, column_named
 
+NS_PER_S = 1_000_000_000
+_FIRST, _MOST = 256, 16_384
+_SEQUENTIAL_BYTES = 64 << 20
 _LONGEST = 1000
 _DEEPEST = 50
 _ALLOWED = "names, numbers, 'texts', == != < <= > >=, and, or, not, + - * / %, abs() and [0]"
@@ -39,6 +45,27 @@ _ARITHMETIC: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Div: operator.truediv,
     ast.Mod: operator.mod,
 }
+
+
+def tables_named(log: Log, wanted: Iterable[str]) -> list[Table]:
+    """In the order wanted, each once; "IMU,ATT" are two. Raises LogError."""
+    names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
+    if not len(log):
+        raise LogError(f"{log.path}: holds no message that can be read; `xitl logs info` says what is wrong with it")
+    return list({table.name: table for table in map(log.__getitem__, names)}.values())
+
+
+def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tuple[int | None, int | None]:
+    """Stamps of a span in seconds. Raises LogError for one that is empty."""
+    for option, value in (("--from", from_s), ("--until", until_s)):
+        if value is not None and not (math.isfinite(value) and abs(value) < 9e9):
+            raise LogError(f"{option} = {value} is no time in a log; give seconds since {log.zero_in_words}")
+    if from_s is not None and until_s is not None and until_s < from_s:
+        raise LogError(f"--until = {until_s:g} is before --from = {from_s:g}; swap them")
+    zero = log.zero_ns
+    from_ns = None if from_s is None else zero + round(from_s * NS_PER_S)
+    until_ns = None if until_s is None else zero + round(until_s * NS_PER_S)
+    return from_ns, until_ns
 
 
 class Condition:
@@ -181,3 +208,86 @@ def _is_text(value: Any) -> bool:
 
 def _is_truth(value: Any) -> bool:
     return isinstance(value, (bool, np.bool_)) or (isinstance(value, np.ndarray) and value.dtype.kind == "b")
+
+
+@dataclass(frozen=True, slots=True)
+class RowBatch:
+    """One stretch of the file. rows: of each table, ascending; order: (n,) which table's next row comes when."""
+
+    rows: tuple[NDArray[np.intp], ...]
+    order: NDArray[np.intp]
+
+    def first(self, count: int | None) -> RowBatch:
+        """No more rows than `count`, if that is a number."""
+        if count is None or count >= len(self.order):
+            return self
+        order = self.order[:count]
+        return RowBatch(tuple(rows[: np.count_nonzero(order == own)] for own, rows in enumerate(self.rows)), order)
+
+
+def merged(
+    tables: Sequence[Table],
+    from_ns: int | None,
+    until_ns: int | None,
+    condition: Condition | None,
+    zero_ns: int,
+    at_once: int = _MOST,
+    *,
+    raw: bool = False,
+) -> Iterator[RowBatch]:
+    """Whatever is not asked for is not read: the first batches are small, and each is chosen when it is its turn."""
+    if condition is not None:
+        for table in tables:
+            condition.holds(table, slice(0, 1), zero_ns, raw=raw)  # its names are wrong now, not after a thousand rows
+    chosen = [inside(table, from_ns, until_ns) for table in tables]
+    owner = np.concatenate([np.full(len(rows), number, np.intp) for number, rows in enumerate(chosen)])
+    rows = np.concatenate(chosen)
+    if len(tables) > 1:
+        place = np.concatenate([table.file_offset[rows] for table, rows in zip(tables, chosen, strict=True)])
+        order = np.argsort(place, kind="stable")
+        owner, rows = owner[order], rows[order]
+    begin, size = 0, _FIRST
+    while begin < len(rows):
+        batch = _batch(tables, owner[begin : begin + size], rows[begin : begin + size], condition, zero_ns, raw)
+        if len(batch.order):
+            yield batch
+        begin, size = begin + size, min(size * 2, at_once)
+
+
+def rows_at_once(log: Log, tables: Sequence[Table]) -> int:
+    """As many as memory has room for where a log is read from its beginning for any of its rows, else a handful."""
+    if log.format != "mcap":
+        return _MOST
+    widest = max(sum(math.prod(map(abs, column.shape)) for column in table.columns.values()) for table in tables)
+    return max(_MOST, _SEQUENTIAL_BYTES // (8 * max(widest, 1)))
+
+
+def inside(table: Table, from_ns: int | None, until_ns: int | None) -> NDArray[np.intp]:
+    """Rows stamped from `from_ns` to `until_ns`, both included; None: no limit."""
+    if from_ns is None and until_ns is None:
+        return np.arange(len(table), dtype=np.intp)
+    stamps = table.stamp_ns
+    inside = np.ones(len(stamps), dtype=np.bool_)
+    if from_ns is not None:
+        inside &= stamps >= from_ns
+    if until_ns is not None:
+        inside &= stamps <= until_ns
+    return np.flatnonzero(inside)
+
+
+def _batch(
+    tables: Sequence[Table],
+    owner: NDArray[np.intp],
+    rows: NDArray[np.intp],
+    condition: Condition | None,
+    zero_ns: int,
+    raw: bool,
+) -> RowBatch:
+    kept = np.ones(len(rows), dtype=np.bool_)
+    if condition is not None:
+        for number, table in enumerate(tables):
+            own = np.flatnonzero(owner == number)
+            if len(own):
+                kept[own] = condition.holds(table, rows[own], zero_ns, raw=raw)
+    owner, rows = owner[kept], rows[kept]
+    return RowBatch(tuple(rows[owner == number] for number in range(len(tables))), owner)
