@@ -11,6 +11,8 @@ import numpy as np
 from agent.companion.mission_copy import MissionCopy, MissionPosition
 from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion
 from agent.fcu.geodetic import LocalProjection
+from agent.mavlink.commands import command_long
+from agent.mavlink.exchange import Messages, text_of
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
@@ -25,8 +27,6 @@ _ASK_AGAIN_NS = 5_000_000_000
 _QUATERNION_NS = 1_000_000_000  # ATTITUDE counts when no quaternion came for so long
 _DELAYS_KEPT = 200
 _RESTART_NS = 2_000_000_000  # an autopilot's clock that jumped back so far was started again
-
-Messages = list[Any]
 
 
 class PathAhead(NamedTuple):
@@ -93,10 +93,10 @@ class AutopilotState:
         elif kind == mav.MAVLINK_MSG_ID_MISSION_CURRENT:
             self._on_current(message)
         elif kind == mav.MAVLINK_MSG_ID_PARAM_VALUE:
-            if bytes(_characters(message.param_id)).rstrip(b"\0") == b"WP_SPEED" and 0.0 < message.param_value < 30.0:
+            if text_of(message.param_id) == "WP_SPEED" and 0.0 < message.param_value < 30.0:
                 self.wp_speed_mps = float(message.param_value)
         else:
-            return self.mission.handle(message, self.target, now_ns)
+            return self.mission.handle(message, now_ns)
         return []
 
     def _on_heartbeat(self, message: Any) -> None:
@@ -210,16 +210,6 @@ class AutopilotState:
         )
 
 
-def command_long(target: tuple[int, int], command: int, *parameters: float) -> Any:
-    """COMMAND_LONG with the parameters that count; the others are 0."""
-    padded = (*parameters, *([0.0] * (7 - len(parameters))))
-    return mav.MAVLink_command_long_message(*target, command, 0, *padded)
-
-
 def heading_rad(pose: VehiclePose) -> float:
     """Of the bow, clockwise from north."""
     return math.atan2(float(pose.rot_ned_frd[1, 0]), float(pose.rot_ned_frd[0, 0]))
-
-
-def _characters(text: Any) -> bytes:
-    return text.encode("ascii", "replace") if isinstance(text, str) else bytes(text)

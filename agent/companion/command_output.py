@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.autopilot_state import AutopilotState, command_long, heading_rad
+from agent.companion.autopilot_state import AutopilotState, heading_rad
 from agent.companion.avoidance import (
     FREE,
     STAY,
@@ -25,11 +25,12 @@ from agent.companion.avoidance import (
     leg_course_rad,
 )
 from agent.companion.pose_history import VehiclePose
+from agent.mavlink.commands import command_long
+from agent.mavlink.exchange import Messages
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
 Array = NDArray[np.float64]
-Messages = list[Any]
 
 NONE, DETOUR, STOP, RETURN = (
     int(mav.XITL_MANOEUVRE_NONE),

@@ -46,7 +46,7 @@ class CompanionRole(Role):
 
     def __init__(self) -> None:
         self._texts = StatusTextSender()
-        self._settings = CompanionParameters()
+        self._settings = CompanionParameters(lambda problem: self.say(_WARNING, problem))
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
         self._clock = clock
@@ -66,10 +66,7 @@ class CompanionRole(Role):
         executor.add("tell", TELL_HZ, self._tell)
 
     def take(self, message: Message, now_ns: int) -> Sequence[Message]:
-        refused: list[str] = []
-        answers = self._settings.handle(message, refused)
-        for text in refused:
-            self.say(_WARNING, text)
+        answers = self._settings.handle(message)
         perceiver = self._perceiver
         if perceiver is None:
             kind = type(message)
