@@ -18,12 +18,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from tests.recorded import CALM, MISSION_TLOG
+from xitl_cli.logs import open_log
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.exporting import ExportResult, ExportSelection, export_log
 from xitl_cli.logs.export.files import file_names
 from xitl_cli.logs.export.mcap_export import field_names, type_names
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.table import Column, Table
 
 

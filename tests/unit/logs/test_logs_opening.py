@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record
 
 from tests.recorded import LOGS, MISSION_TLOG
+from xitl_cli.logs import open_log
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.opening import open_log
 
 
 def attitudes(count: int, *, stamped: bool = True) -> bytes:

@@ -12,7 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from agent.companion.sonar import SonarPing
 from agent.wire import dialect as mav
-from xitl_cli.logs.opening import open_log
+from xitl_cli.logs import open_log
 from xitl_cli.mapping import clouds as recorded
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import CompanionMessage, FaultEvent

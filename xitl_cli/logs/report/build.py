@@ -246,7 +246,7 @@ def build_report(paths: Sequence[Path], only: Collection[str] = (), told: Progre
 
 def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[RefusedFile]]:
     """In their order; a file that was given twice is opened once."""
-    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs import open_log
 
     logs: list[Log] = []
     refusals = []
