@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from agent import __version__
-from xitl_cli.graph.of_profile import wdri_of
+from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import TaskTiming
 from xitl_cli.run.loop import Ending
@@ -75,7 +75,7 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "started_utc": outcome.started_utc,
         "ended": outcome.ending.value,
         "error": outcome.error,
-        "wdri": wdri_of(profile).wdri,
+        "wdri": profile_wdri(profile).wdri,
         "duration_s": outcome.duration_s,
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
