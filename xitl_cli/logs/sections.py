@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
@@ -124,6 +124,20 @@ class Section:
     @property
     def worst(self) -> Severity:
         return max((finding.severity for finding in self.findings), default=Severity.OK)
+
+
+def joined(key: str, title: str, parts: Iterable[Section | None]) -> Section:
+    """One section with all facts, findings, grids, plots and lacks of these parts, in their order."""
+    known = [part for part in parts if part is not None]
+    return Section(
+        key,
+        title,
+        tuple(fact for part in known for fact in part.facts),
+        tuple(finding for part in known for finding in part.findings),
+        tuple(grid for part in known for grid in part.grids),
+        tuple(plot for part in known for plot in part.plots),
+        tuple(lack for part in known for lack in part.lacks),
+    )
 
 
 def by_severity(sections: Sequence[Section]) -> list[Finding]:

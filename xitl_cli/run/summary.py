@@ -6,13 +6,12 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from agent import __version__
-from xitl_cli.graph.wdri import profile_wdri
+from xitl_cli.graph.of_profile import wdri_of
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import TaskTiming
+from xitl_cli.record.records import PaceReport, Task
 from xitl_cli.run.loop import Ending
 from xitl_cli.run.nodes.bridge import AutopilotReport, autopilot_section
 from xitl_cli.run.nodes.score import EstimationScore, MissionScore
-from xitl_cli.run.pace import PaceReport
 from xitl_cli.run.pilot import (
     ActuatorReport,
     ClockReport,
@@ -47,7 +46,7 @@ class Outcome:
     moored_s: float
     estimation: EstimationScore | None
     links: list[LinkReport]
-    tasks: list[TaskTiming]
+    tasks: list[Task]
     clocks: list[ClockReport]
     nodes: list[NodeReport]
     stale_exchanges: int
@@ -75,7 +74,7 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "started_utc": outcome.started_utc,
         "ended": outcome.ending.value,
         "error": outcome.error,
-        "wdri": profile_wdri(profile).wdri,
+        "wdri": wdri_of(profile).wdri,
         "duration_s": outcome.duration_s,
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
@@ -152,7 +151,7 @@ def _actuators(actuators: ActuatorReport) -> dict[str, Any]:
     }
 
 
-def _task(task: TaskTiming) -> dict[str, Any]:
+def _task(task: Task) -> dict[str, Any]:
     return {
         "node": task.node,
         "task": task.task,

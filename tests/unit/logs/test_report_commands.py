@@ -70,7 +70,7 @@ def test_a_bad_file_has_its_sentence_and_the_others_are_analysed(tmp_path: Path)
 
 
 def test_an_analysis_that_breaks_is_told_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    known = catalogue.analysis
+    known = catalogue.load_analysis
 
     def broken(log: Log) -> Section | None:
         raise ZeroDivisionError("no rows")

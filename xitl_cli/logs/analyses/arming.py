@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,14 +48,14 @@ class ArmRefusal:
 def analyse(log: Log) -> Section | None:
     if log.span_ns is None or (log.format == "mcap" and not _tells(log)):
         return None
-    instants = LogClock(log)
+    clock = LogClock(log)
     spans, rows, refusals = signals.armed(log), arm_switches(log), arm_refusals(log)
-    grids = [_intervals(spans, rows, instants)] if spans else []
+    grids = [_intervals(spans, rows, clock)] if spans else []
     if refusals:
-        grids.append(_refusals(refusals, instants))
-    findings = [*_never(log, spans, refusals, instants), *_how(rows, spans, instants)]
+        grids.append(_refusals(refusals, clock))
+    findings = [*_never(log, spans, refusals, clock), *_how(rows, spans, clock)]
     lacks = () if _tells(log) else ("Whether it was armed is not logged: no ARM, EV or MSG, no heartbeat.",)
-    facts = tuple(_facts(log, spans, refusals, instants))
+    facts = tuple(_facts(log, spans, refusals, clock))
     return Section("arming", "Arming", facts, tuple(findings), tuple(grids), lacks=lacks)
 
 
@@ -100,24 +101,19 @@ def _tells(log: Log) -> bool:
     return any(name in log.tables for name in names) or bool(signals.armed(log))
 
 
-def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], instants: LogClock) -> list[Fact]:
-    facts = [
-        Fact("times_armed", "Times armed", len(spans)),
-        Fact("armed_s", "Armed", rounded(sum(span.until_ns - span.from_ns for span in spans) * 1e-9, 1), "s"),
-        Fact("refusals", "Reasons not to arm", len(refusals)),
-    ]
+def _facts(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], clock: LogClock) -> Iterator[Fact]:
+    yield Fact("times_armed", "Times armed", len(spans))
+    yield Fact("armed_s", "Armed", rounded(sum(span.until_ns - span.from_ns for span in spans) * 1e-9, 1), "s")
+    yield Fact("refusals", "Reasons not to arm", len(refusals))
     if not spans:
-        return facts
+        return
     first_ns = spans[0].from_ns
-    facts.append(Fact("first_armed_s", "First armed at", instants.second(first_ns), "s"))
+    yield Fact("first_armed_s", "First armed at", clock.second(first_ns), "s")
     if (ready_ns := _ready_ns(log)) is not None and ready_ns <= first_ns:
-        facts.append(
-            Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
-        )
-    if (origin_ns := _origin_ns(log, instants)) is not None and origin_ns <= first_ns:
+        yield Fact("ready_to_arm_s", "From checks passed to armed", rounded((first_ns - ready_ns) * 1e-9, 1), "s")
+    if (origin_ns := _origin_ns(log, clock)) is not None and origin_ns <= first_ns:
         waited_s = rounded((first_ns - origin_ns) * 1e-9, 1)
-        facts.append(Fact("origin_to_arm_s", "From estimator origin to armed", waited_s, "s"))
-    return facts
+        yield Fact("origin_to_arm_s", "From estimator origin to armed", waited_s, "s")
 
 
 def _ready_ns(log: Log) -> int | None:
@@ -131,21 +127,21 @@ def _ready_ns(log: Log) -> int | None:
     return int(table.stamp_ns[good[0]]) if len(good) else None
 
 
-def _origin_ns(log: Log, instants: LogClock) -> int | None:
+def _origin_ns(log: Log, clock: LogClock) -> int | None:
     """When it was first said to be set; a row at the very start of a log repeats what was before."""
     said = [text.at_ns for text in signals.texts(log) if "origin set" in text.text.lower()]
     table = log.tables.get("ORGN")
     if table is not None and "Type" in table.columns:
         rows = table.stamp_ns[np.asarray(table.values("Type", raw=True)) == 0]
-        said += [int(at_ns) for at_ns in rows if at_ns > instants.start_ns + _AGREES_NS]
+        said += [int(at_ns) for at_ns in rows if at_ns > clock.start_ns + _AGREES_NS]
     return min(said, default=None)
 
 
-def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], instants: LogClock) -> Grid:
+def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: LogClock) -> Grid:
     def by(at_ns: int, armed: bool) -> str:
         row = _row_at(rows, at_ns, armed)
         if row is None:
-            return "armed when the log ends" if not armed and at_ns >= instants.end_ns else ""
+            return "armed when the log ends" if not armed and at_ns >= clock.end_ns else ""
         if row.method is None:
             return ""
         return arming_method_name(row.method) + (", forced" if row.forced else "")
@@ -156,8 +152,8 @@ def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], instants: 
         ("from (s)", "until (s)", "duration (s)", "armed by", "disarmed by"),
         [
             (
-                instants.second(span.from_ns),
-                instants.second(span.until_ns),
+                clock.second(span.from_ns),
+                clock.second(span.until_ns),
                 rounded((span.until_ns - span.from_ns) * 1e-9, 1),
                 by(span.from_ns, True),
                 by(span.until_ns, False),
@@ -172,7 +168,7 @@ def _row_at(rows: list[ArmSwitch], at_ns: int, armed: bool) -> ArmSwitch | None:
     return min(near, key=lambda row: abs(row.at_ns - at_ns), default=None)
 
 
-def _refusals(refusals: list[ArmRefusal], instants: LogClock) -> Grid:
+def _refusals(refusals: list[ArmRefusal], clock: LogClock) -> Grid:
     return make_grid(
         "refusals",
         "Reasons not to arm",
@@ -182,46 +178,44 @@ def _refusals(refusals: list[ArmRefusal], instants: LogClock) -> Grid:
                 each.reason,
                 "at an attempt" if each.attempt else "before",
                 each.count,
-                instants.second(each.first_ns),
-                instants.second(each.last_ns),
+                clock.second(each.first_ns),
+                clock.second(each.last_ns),
             )
             for each in refusals
         ],
     )
 
 
-def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], instants: LogClock) -> list[Finding]:
+def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal], clock: LogClock) -> Iterator[Finding]:
     attempts = [each for each in refusals if each.attempt]
     if not spans and not _tells(log):
-        return []
+        return
     if not spans and refusals:
         worst = max(attempts or refusals, key=lambda each: each.last_ns)
-        return [
-            Finding(
-                "arming.refused",
-                Severity.WARNING,
-                f'It was never armed; the last reason given was "{worst.reason}" ({worst.count} times, until '
-                f"{instants.text(worst.last_ns)})",
-                tuple(_evidence(each) for each in refusals[:_MOST_FINDINGS]),
-                "Clear each reason in the table; the last one is what still held.",
-            )
-        ]
-    if not spans:
-        lasted = (instants.end_ns - instants.start_ns) * 1e-9
-        sentence = f"It was not armed in the {lasted:.0f} s of this log, and nobody is told to have tried"
-        return [Finding("arming.never", Severity.NOTICE, sentence, (), "Take a log of a run to judge one.")]
-    if not attempts:
-        return []
-    total = sum(each.count for each in attempts)
-    return [
-        Finding(
-            "arming.attempts_refused",
-            Severity.NOTICE,
-            f'Arming was refused {total} times, first for "{attempts[0].reason}"',
-            tuple(_evidence(each) for each in attempts[:_MOST_FINDINGS]),
-            "Wait for the pre-arm checks before arming.",
+        yield Finding(
+            "arming.refused",
+            Severity.WARNING,
+            f'It was never armed; the last reason given was "{worst.reason}" ({worst.count} times, until '
+            f"{clock.text(worst.last_ns)})",
+            tuple(_evidence(each) for each in refusals[:_MOST_FINDINGS]),
+            "Clear each reason in the table; the last one is what still held.",
         )
-    ]
+        return
+    if not spans:
+        lasted = (clock.end_ns - clock.start_ns) * 1e-9
+        sentence = f"It was not armed in the {lasted:.0f} s of this log, and nobody is told to have tried"
+        yield Finding("arming.never", Severity.NOTICE, sentence, (), "Take a log of a run to judge one.")
+        return
+    if not attempts:
+        return
+    total = sum(each.count for each in attempts)
+    yield Finding(
+        "arming.attempts_refused",
+        Severity.NOTICE,
+        f'Arming was refused {total} times, first for "{attempts[0].reason}"',
+        tuple(_evidence(each) for each in attempts[:_MOST_FINDINGS]),
+        "Wait for the pre-arm checks before arming.",
+    )
 
 
 def _evidence(refusal: ArmRefusal) -> Evidence:
@@ -229,55 +223,42 @@ def _evidence(refusal: ArmRefusal) -> Evidence:
     return Evidence(message, field, refusal.first_ns, refusal.last_ns, f"{refusal.reason} ({refusal.count})")
 
 
-def _how(rows: list[ArmSwitch], spans: list[signals.StateSpan], instants: LogClock) -> list[Finding]:
-    findings = []
+def _how(rows: list[ArmSwitch], spans: list[signals.StateSpan], clock: LogClock) -> Iterator[Finding]:
     unchecked = [row for row in rows if row.armed and row.checks == 0]
     partly = [row for row in rows if row.armed and row.checks and checks_left_out(row.checks)]
     if unchecked:
-        findings.append(
-            Finding(
-                "arming.checks_off",
-                Severity.NOTICE,
-                f"It was armed at {instants.text(unchecked[0].at_ns)} with all arming checks switched off",
-                tuple(Evidence("ARM", "ArmChecks", row.at_ns, value="0") for row in unchecked[:_MOST_FINDINGS]),
-                "Switch the checks on (ARMING_CHECK 1, or ARMING_SKIPCHK 0 since 4.7) before trusting it on water.",
-            )
+        yield Finding(
+            "arming.checks_off",
+            Severity.NOTICE,
+            f"It was armed at {clock.text(unchecked[0].at_ns)} with all arming checks switched off",
+            tuple(Evidence("ARM", "ArmChecks", row.at_ns, value="0") for row in unchecked[:_MOST_FINDINGS]),
+            "Switch the checks on (ARMING_CHECK 1, or ARMING_SKIPCHK 0 since 4.7) before trusting it on water.",
         )
     elif partly:
         left_out = checks_left_out(partly[0].checks or 0)
-        findings.append(
-            Finding(
-                "arming.checks_partly_off",
-                Severity.NOTICE,
-                f"It was armed at {instants.text(partly[0].at_ns)} without the checks of {', '.join(left_out[:6])}"
-                + (f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""),
-                tuple(
-                    Evidence("ARM", "ArmChecks", row.at_ns, value=str(row.checks)) for row in partly[:_MOST_FINDINGS]
-                ),
-                "See that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
-            )
+        yield Finding(
+            "arming.checks_partly_off",
+            Severity.NOTICE,
+            f"It was armed at {clock.text(partly[0].at_ns)} without the checks of {', '.join(left_out[:6])}"
+            + (f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""),
+            tuple(Evidence("ARM", "ArmChecks", row.at_ns, value=str(row.checks)) for row in partly[:_MOST_FINDINGS]),
+            "See that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
         )
     for row in [row for row in rows if row.armed and row.forced][:_MOST_FINDINGS]:
-        findings.append(
-            Finding(
-                "arming.forced",
-                Severity.WARNING,
-                f"It was armed by force at {instants.text(row.at_ns)}, past whatever the checks said",
-                (Evidence("ARM", "Forced", row.at_ns, value="1"),),
-                "Arm without force; the reasons refused are in the table.",
-            )
+        yield Finding(
+            "arming.forced",
+            Severity.WARNING,
+            f"It was armed by force at {clock.text(row.at_ns)}, past whatever the checks said",
+            (Evidence("ARM", "Forced", row.at_ns, value="1"),),
+            "Arm without force; the reasons refused are in the table.",
         )
     for row in [row for row in rows if not row.armed and row.method in FAILSAFE_ARMING_METHODS][:_MOST_FINDINGS]:
-        findings.append(
-            Finding(
-                "arming.disarmed_by_failsafe",
-                Severity.CRITICAL,
-                f"At {instants.text(row.at_ns)} the autopilot disarmed by itself: "
-                f"{arming_method_name(row.method or 0)}",
-                (Evidence("ARM", "Method", row.at_ns, value=str(row.method)),),
-                "The main loop stood still: see the scheduler section."
-                if row.method == 6
-                else "Look at the events just before.",
-            )
+        yield Finding(
+            "arming.disarmed_by_failsafe",
+            Severity.CRITICAL,
+            f"At {clock.text(row.at_ns)} the autopilot disarmed by itself: {arming_method_name(row.method or 0)}",
+            (Evidence("ARM", "Method", row.at_ns, value=str(row.method)),),
+            "The main loop stood still: see the scheduler section."
+            if row.method == 6
+            else "Look at the events just before.",
         )
-    return findings

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs import signals
@@ -54,6 +54,7 @@ from xitl_cli.logs.sections import (
 )
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import firmware_text
+from xitl_cli.logs.table import Floats, Stamps
 from xitl_cli.logs.tables.events import EKF_MAG_FUSION, EKF_SOURCE_SETS
 from xitl_cli.logs.text import length_text
 
@@ -68,8 +69,8 @@ _AROUND = 2
 class EstimateError:
     """Estimate less truth at the estimate's instants. values: (N,) or (N, k)."""
 
-    stamp_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamp_ns: Stamps
+    values: Floats
     source: str
     truth: str
 
@@ -106,94 +107,76 @@ def yaw_error(log: Log) -> EstimateError | None:
     return _difference(estimate, truth, values)
 
 
-def truth_facts(position: EstimateError | None, yaw: EstimateError | None) -> list[Fact]:
-    found = []
+def truth_facts(position: EstimateError | None, yaw: EstimateError | None) -> Iterator[Fact]:
     if position is not None and len(position.values):
         level_m = _lasting(np.hypot(position.values[:, 0], position.values[:, 1]))
         height_m = _lasting(np.abs(position.values[:, 2]))
-        found += [
-            Fact("position_error_rms_m", "Position against truth, RMS", rounded(_rms(level_m)), "m"),
-            Fact("position_error_max_m", "Position against truth, largest", rounded(level_m.max()), "m"),
-            Fact("height_error_rms_m", "Height against truth, RMS", rounded(_rms(height_m)), "m"),
-        ]
+        yield Fact("position_error_rms_m", "Position against truth, RMS", rounded(_rms(level_m)), "m")
+        yield Fact("position_error_max_m", "Position against truth, largest", rounded(level_m.max()), "m")
+        yield Fact("height_error_rms_m", "Height against truth, RMS", rounded(_rms(height_m)), "m")
     if yaw is not None and len(yaw.values):
         yaw_deg = _lasting(np.abs(yaw.values))
-        found += [
-            Fact("yaw_error_rms_deg", "Yaw against truth, RMS", rounded(_rms(yaw_deg)), "deg"),
-            Fact("yaw_error_max_deg", "Yaw against truth, largest", rounded(yaw_deg.max()), "deg"),
-        ]
-    return found
+        yield Fact("yaw_error_rms_deg", "Yaw against truth, RMS", rounded(_rms(yaw_deg)), "deg")
+        yield Fact("yaw_error_max_deg", "Yaw against truth, largest", rounded(yaw_deg.max()), "deg")
 
 
-def truth_findings(position: EstimateError | None, yaw: EstimateError | None, instants: LogClock) -> list[Finding]:
-    found = []
+def truth_findings(position: EstimateError | None, yaw: EstimateError | None, clock: LogClock) -> Iterator[Finding]:
     if position is not None and len(position.values):
         horizontal = np.hypot(position.values[:, 0], position.values[:, 1])
         step = "See in the plot when it began: a jump is a reset or a refused fix, a slope a bias."
-        found += _error_finding("position", "m", horizontal, _POSITION_M, position, step, instants)
+        yield from _error_finding("position", "m", horizontal, _POSITION_M, position, step, clock)
     if yaw is not None and len(yaw.values):
         step = "Compare compass and gyroscope: an offset is declination or calibration, a slope a bias."
-        found += _error_finding("yaw", "deg", np.abs(yaw.values), _YAW_DEG, yaw, step, instants)
-    return found
+        yield from _error_finding("yaw", "deg", np.abs(yaw.values), _YAW_DEG, yaw, step, clock)
 
 
-def truth_plots(position: EstimateError | None, yaw: EstimateError | None) -> list[Plot]:
-    found = []
+def truth_plots(position: EstimateError | None, yaw: EstimateError | None) -> Iterator[Plot]:
     if position is not None and len(position.values):
         names = ("north", "east", "down")
         traces = tuple(Trace(name, position.stamp_ns, position.values[:, axis]) for axis, name in enumerate(names))
-        found.append(Plot("position_error", "Position, estimate less truth", "error (m)", traces))
+        yield Plot("position_error", "Position, estimate less truth", "error (m)", traces)
     if yaw is not None and len(yaw.values):
         trace = Trace("yaw", yaw.stamp_ns, yaw.values)
-        found.append(Plot("yaw_error", "Yaw, estimate less truth", "error (deg)", (trace,)))
-    return found
+        yield Plot("yaw_error", "Yaw, estimate less truth", "error (deg)", (trace,))
 
 
-def _difference(estimate: signals.Series, truth: signals.Series, values: NDArray[np.float64]) -> EstimateError:
+def _difference(estimate: signals.Series, truth: signals.Series, values: Floats) -> EstimateError:
     good = np.isfinite(values).reshape(len(values), -1).all(axis=1)
     good &= (np.abs(values) < _FARTHEST_M).reshape(len(values), -1).all(axis=1)
     return EstimateError(estimate.stamp_ns[good], values[good], estimate.source, truth.source)
 
 
 def _error_finding(
-    what: str,
-    unit: str,
-    size: NDArray[np.float64],
-    limits: tuple[float, float],
-    error: EstimateError,
-    step: str,
-    instants: LogClock,
-) -> list[Finding]:
+    what: str, unit: str, size: Floats, limits: tuple[float, float], error: EstimateError, step: str, clock: LogClock
+) -> Iterator[Finding]:
     size = _lasting(size)
     rms = _rms(size)
     if rms < limits[0]:
-        return []
+        return
     worst = int(np.argmax(size))
     at_ns = int(error.stamp_ns[worst])
     message, _, field = error.source.partition(".")
-    return [
-        Finding(
-            f"estimator.{what}_error",
-            Severity.WARNING if rms >= limits[1] else Severity.NOTICE,
-            f"The estimated {what} was off the truth by {rms:.2f} {unit} RMS and up to {size[worst]:.2f} {unit}, at "
-            f"{instants.text(at_ns)}",
-            (Evidence(message, field or None, at_ns, value=f"{size[worst]:.2f} {unit}"), Evidence(error.truth)),
-            step,
-        )
-    ]
+    yield Finding(
+        f"estimator.{what}_error",
+        Severity.WARNING if rms >= limits[1] else Severity.NOTICE,
+        f"The estimated {what} was off the truth by {rms:.2f} {unit} RMS and up to {size[worst]:.2f} {unit}, at "
+        f"{clock.text(at_ns)}",
+        (Evidence(message, field or None, at_ns, value=f"{size[worst]:.2f} {unit}"), Evidence(error.truth)),
+        step,
+    )
 
 
-def _lasting(size: NDArray[np.float64]) -> NDArray[np.float64]:
+def _lasting(size: Floats) -> Floats:
     """(N,) the median of each with its neighbours: a row or two that are damaged are not what the estimate did."""
     width = 2 * _AROUND + 1
     if len(size) < width:
         return size
     around = np.lib.stride_tricks.sliding_window_view(np.pad(size, _AROUND, mode="edge"), width)
-    found: NDArray[np.float64] = np.median(around, axis=1)
+    found: Floats = np.median(around, axis=1)
     return found
 
 
-def _rms(values: NDArray[np.float64]) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
@@ -211,43 +194,42 @@ def analyse(log: Log) -> Section | None:
             return None
         lack = "The log has no messages of an estimator (XKF, NKF, EKF_STATUS_REPORT); EK3_LOG_LEVEL 0 logs them."
         return Section("estimator", "Estimator", lacks=(lack,))
-    instants = LogClock(log)
+    clock = LogClock(log)
     stray_m = signals.stray_truth_m(log)
-    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     primary = primary_core(every)
     core = next((one for one in every if one.number == primary), None)
-    found, used = estimator_origin(log, every, instants), filter_uses(log)
+    found, used = estimator_origin(log, every, clock), filter_uses(log)
     if position is not None:
-        position = position.while_in(armed)
+        position = position.while_in(clock.armed)
     if yaw is not None:
-        yaw = yaw.while_in(armed)
+        yaw = yaw.while_in(clock.armed)
     facts = [
         Fact("filter", "Filter", _filter(log, every)),
         Fact("cores", "Cores", len(every) or None),
         Fact("primary_core", "Core in use", primary if every else None),
-        *_origin_facts(found, every, instants),
+        *_origin_facts(found, every, clock),
         *_selection(log),
         Fact("lane_switches", "Core switches", len(lane_switches(log, every)) if every else None),
-        *ratio_facts(tested, primary, armed),
-        *agreement_facts(every, armed),
+        *ratio_facts(tested, primary, clock),
+        *agreement_facts(every, clock),
         *step_facts(log),
         *bias_facts(log, core),
         *truth_facts(position, yaw),
     ]
     findings = [
-        *_filters(used, armed, instants),
-        *never_positioned(every, armed, instants),
-        *_height(log, found, instants),
-        *refusal_findings(tested, primary, armed, instants),
-        *reset_findings(log, every, core, armed, instants),
-        *bias_findings(log, core, instants),
-        *agreement_findings(every, armed, stray_m is not None, instants),
-        *truth_findings(position, yaw, instants),
+        *_filters(used, clock),
+        *never_positioned(every, clock),
+        *_height(log, found, clock),
+        *refusal_findings(tested, primary, clock),
+        *reset_findings(log, every, core, clock),
+        *bias_findings(log, core, clock),
+        *agreement_findings(every, stray_m is not None, clock),
+        *truth_findings(position, yaw, clock),
         *_not_truth(stray_m),
     ]
-    marks = (*_armed_marks(armed), *reset_marks(log, every, core))
+    marks = (*_armed_marks(clock), *reset_marks(log, every, core))
     plots = [*_drawn(ratio_plot(tested, marks)), *_innovations(core, marks), *truth_plots(position, yaw)]
-    grids = [each for each in (_uses(used, instants), _refusals(tested, armed, instants)) if each is not None]
+    grids = [each for each in (_uses(used, clock), _refusals(tested, clock)) if each is not None]
     known = tuple(fact for fact in facts if fact.value is not None)
     return Section(
         "estimator", "Estimator", known, tuple(findings), tuple(grids), tuple(plots), _lacks(log, every, core)
@@ -260,103 +242,87 @@ def _filter(log: Log, every: list[EstimatorCore]) -> str | None:
     return "embedded, messages as EKF3" if (firmware_text(log) or "").startswith("xitl ") else every[0].filter
 
 
-def _origin_facts(found: EstimatorOrigin | None, every: list[EstimatorCore], instants: LogClock) -> list[Fact]:
-    facts = []
+def _origin_facts(found: EstimatorOrigin | None, every: list[EstimatorCore], clock: LogClock) -> Iterator[Fact]:
     if found is not None:
-        when = "before the log began" if found.set_ns is None else instants.second(found.set_ns)
-        facts += [
-            Fact("origin_set", "Origin set", when, "" if found.set_ns is None else "s"),
-            Fact("origin_latitude_deg", "Origin latitude", rounded(found.latitude_deg, 7), "deg"),
-            Fact("origin_longitude_deg", "Origin longitude", rounded(found.longitude_deg, 7), "deg"),
-            Fact("origin_altitude_m", "Origin altitude (ORGN)", rounded(found.altitude_m, 2), "m"),
-            Fact("origin_height_m", "Height of the origin (OH)", rounded(found.height_m, 2), "m"),
-        ]
+        when = "before the log began" if found.set_ns is None else clock.second(found.set_ns)
+        yield Fact("origin_set", "Origin set", when, "" if found.set_ns is None else "s")
+        yield Fact("origin_latitude_deg", "Origin latitude", rounded(found.latitude_deg, 7), "deg")
+        yield Fact("origin_longitude_deg", "Origin longitude", rounded(found.longitude_deg, 7), "deg")
+        yield Fact("origin_altitude_m", "Origin altitude (ORGN)", rounded(found.altitude_m, 2), "m")
+        yield Fact("origin_height_m", "Height of the origin (OH)", rounded(found.height_m, 2), "m")
     if (first_ns := first_position_ns(every)) is not None:
-        early = first_ns <= instants.start_ns + 10**9
-        value = "before the log began" if early else instants.second(first_ns)
-        facts.append(Fact("first_position", "First absolute position", value, "" if early else "s"))
-    return facts
+        early = first_ns <= clock.start_ns + 10**9
+        value = "before the log began" if early else clock.second(first_ns)
+        yield Fact("first_position", "First absolute position", value, "" if early else "s")
 
 
-def _selection(log: Log) -> list[Fact]:
+def _selection(log: Log) -> Iterator[Fact]:
     """XKFS: what the filter takes its measurements from, at the end."""
     table = log.tables.get("XKFS")
     if table is None or not len(table):
-        return []
+        return
     last = slice(len(table) - 1, len(table))
-    facts = []
     if "SS" in table.columns:
         number_of_set = int(table.values("SS", last, raw=True)[0])
-        facts.append(Fact("source_set", "Source set", EKF_SOURCE_SETS.get(number_of_set, str(number_of_set))))
+        yield Fact("source_set", "Source set", EKF_SOURCE_SETS.get(number_of_set, str(number_of_set)))
     if "MAG_FUSION" in table.columns:
         fusion = int(table.values("MAG_FUSION", last, raw=True)[0])
-        facts.append(Fact("mag_fusion", "Compass fused as", EKF_MAG_FUSION.get(fusion, str(fusion))))
-    return facts
+        yield Fact("mag_fusion", "Compass fused as", EKF_MAG_FUSION.get(fusion, str(fusion)))
 
 
-def _filters(used: list[FilterUse], armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
+def _filters(used: list[FilterUse], clock: LogClock) -> Iterator[Finding]:
     """Attitude that fell back from a filter to DCM while armed."""
     fallbacks = [
-        (before, use)
-        for before, use in itertools.pairwise(used)
-        if use.name == "DCM" and inside(np.array([use.from_ns]), armed)[0]
+        (before, use) for before, use in itertools.pairwise(used) if use.name == "DCM" and clock.was_armed(use.from_ns)
     ]
     if not fallbacks:
-        return []
+        return
     before, use = fallbacks[0]
     lasted = length_text(sum(each.until_ns - each.from_ns for _, each in fallbacks) * 1e-9)
-    return [
-        Finding(
-            "estimator.dcm_fallback",
-            Severity.CRITICAL,
-            f"{before.name} gave up and DCM took over while armed for {lasted}, first at {instants.text(use.from_ns)}",
-            tuple(Evidence("ATT", "AEKF", each.from_ns, each.until_ns, "0") for _, each in fallbacks[:20]),
-            "Look at test ratios and faults just before; DCM gives no position worth steering by.",
-        )
-    ]
+    yield Finding(
+        "estimator.dcm_fallback",
+        Severity.CRITICAL,
+        f"{before.name} gave up and DCM took over while armed for {lasted}, first at {clock.text(use.from_ns)}",
+        tuple(Evidence("ATT", "AEKF", each.from_ns, each.until_ns, "0") for _, each in fallbacks[:20]),
+        "Look at test ratios and faults just before; DCM gives no position worth steering by.",
+    )
 
 
-def _height(log: Log, found: EstimatorOrigin | None, instants: LogClock) -> list[Finding]:
+def _height(log: Log, found: EstimatorOrigin | None, clock: LogClock) -> Iterator[Finding]:
     if found is None or found.height_m is None:
-        return []
+        return
     heights = [height for _, height in found.heights]
     moved_m = max(heights) - min(heights)
-    findings = []
     if moved_m >= _HEIGHT_MOVED_M:
         at_ns = found.heights[1][0]
-        findings.append(
-            Finding(
-                "estimator.height_origin_moved",
-                Severity.NOTICE,
-                f"The height of the estimator's origin moved by {moved_m:.1f} m in {len(heights) - 1} steps, first at "
-                f"{instants.text(at_ns)}",
-                tuple(Evidence("XKF1", "OH", when, value=f"{height:.2f} m") for when, height in found.heights[:20]),
-                "Altitudes before and after are not of one datum; EK3_OGN_HGT_MASK switches this on.",
-            )
+        yield Finding(
+            "estimator.height_origin_moved",
+            Severity.NOTICE,
+            f"The height of the estimator's origin moved by {moved_m:.1f} m in {len(heights) - 1} steps, first at "
+            f"{clock.text(at_ns)}",
+            tuple(Evidence("XKF1", "OH", when, value=f"{height:.2f} m") for when, height in found.heights[:20]),
+            "Altitudes before and after are not of one datum; EK3_OGN_HGT_MASK switches this on.",
         )
     gps_m = _gps_altitude_m(log, found.heights[0][0])
     if gps_m is not None and abs(gps_m - found.height_m) >= _HEIGHTS_APART_M:
-        findings.append(
-            Finding(
-                "estimator.height_origin_off",
-                Severity.NOTICE,
-                f"The estimator's origin is at {found.height_m:.1f} m, GPS was at {gps_m:.1f} m when it was set",
-                (Evidence("XKF1", "OH", found.heights[0][0], value=f"{found.height_m:.1f} m"), Evidence("GPS", "Alt")),
-                "Take heights from one of the two, not across them.",
-            )
+        yield Finding(
+            "estimator.height_origin_off",
+            Severity.NOTICE,
+            f"The estimator's origin is at {found.height_m:.1f} m, GPS was at {gps_m:.1f} m when it was set",
+            (Evidence("XKF1", "OH", found.heights[0][0], value=f"{found.height_m:.1f} m"), Evidence("GPS", "Alt")),
+            "Take heights from one of the two, not across them.",
         )
-    return findings
 
 
-def _not_truth(apart_m: float | None) -> list[Finding]:
+def _not_truth(apart_m: float | None) -> Iterator[Finding]:
     if apart_m is None:
-        return []
+        return
     sentence = (
         f"SIM is no truth here: its vehicle moved unlike the receiver and came to be {apart_m:.0f} m from it, so the "
         "sensors were fed from outside"
     )
     step = "Compare the estimate with the recording of the simulator that fed the sensors (run.mcap)."
-    return [Finding("estimator.truth_of_another", Severity.NOTICE, sentence, (Evidence("SIM"), Evidence("GPS")), step)]
+    yield Finding("estimator.truth_of_another", Severity.NOTICE, sentence, (Evidence("SIM"), Evidence("GPS")), step)
 
 
 def _gps_altitude_m(log: Log, at_ns: int) -> float | None:
@@ -370,24 +336,23 @@ def _gps_altitude_m(log: Log, at_ns: int) -> float | None:
     return rounded(float(table.values("Alt", np.array([nearest]))[0]))
 
 
-def _armed_marks(armed: list[tuple[int, int]]) -> tuple[Mark, ...]:
-    return tuple(Mark(begin, "armed", end, Severity.OK) for begin, end in armed[:50])
+def _armed_marks(clock: LogClock) -> tuple[Mark, ...]:
+    return tuple(Mark(begin, "armed", end, Severity.OK) for begin, end in clock.armed[:50])
 
 
 def _drawn(plot: Plot | None) -> list[Plot]:
     return [] if plot is None else [plot]
 
 
-def _innovations(core: EstimatorCore | None, marks: tuple[Mark, ...]) -> list[Plot]:
+def _innovations(core: EstimatorCore | None, marks: tuple[Mark, ...]) -> Iterator[Plot]:
     table = None if core is None else core.innovations
     if table is None:
-        return []
+        return
     rows = (
         ("velocity", "m/s", ("IVN", "IVE", "IVD")),
         ("position", "m", ("IPN", "IPE", "IPD")),
         ("yaw", "deg", ("IYAW",)),
     )
-    found = []
     for what, unit, columns in rows:
         traces = [
             Trace(column, table.stamp_ns, np.asarray(table.values(column), dtype=np.float64))
@@ -396,17 +361,16 @@ def _innovations(core: EstimatorCore | None, marks: tuple[Mark, ...]) -> list[Pl
         ]
         if traces:
             title = f"Innovations, {what}"
-            found.append(Plot(f"innovations_{what}", title, f"innovation ({unit})", tuple(traces), marks=marks))
-    return found
+            yield Plot(f"innovations_{what}", title, f"innovation ({unit})", tuple(traces), marks=marks)
 
 
-def _uses(used: list[FilterUse], instants: LogClock) -> Grid | None:
+def _uses(used: list[FilterUse], clock: LogClock) -> Grid | None:
     if not used:
         return None
     rows = [
         (
-            instants.second(use.from_ns),
-            instants.second(use.until_ns),
+            clock.second(use.from_ns),
+            clock.second(use.until_ns),
             rounded((use.until_ns - use.from_ns) * 1e-9),
             use.name,
         )
@@ -415,14 +379,14 @@ def _uses(used: list[FilterUse], instants: LogClock) -> Grid | None:
     return make_grid("filters", "Filter in use", ("from (s)", "until (s)", "duration (s)", "filter"), rows)
 
 
-def _refusals(tested: list[TestRatios], armed: list[tuple[int, int]], instants: LogClock) -> Grid | None:
+def _refusals(tested: list[TestRatios], clock: LogClock) -> Grid | None:
     rows = []
     for one in tested:
         for begin, end in one.refused[:_MOST_REFUSED]:
             inner = inside(one.stamp_ns, [(begin, end)])
-            on = "armed" if inside(np.array([begin, end]), armed).any() else "not armed"
+            on = "armed" if clock.was_armed(begin, end) else "not armed"
             worst = rounded(one.values[inner].max(), 2)
-            rows.append((one.core, one.of, instants.second(begin), rounded((end - begin) * 1e-9), worst, on))
+            rows.append((one.core, one.of, clock.second(begin), rounded((end - begin) * 1e-9), worst, on))
     if not rows:
         return None
     rows.sort(key=lambda row: row[2])

@@ -5,6 +5,7 @@ EKF3's XKF messages, EKF2's NKF, by number of the core, whatever the version cal
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Severity, rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import autopilot_messages
-from xitl_cli.logs.table import Selection, Table, by_instance
+from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance
 from xitl_cli.logs.tables.events import EKF_ABSOLUTE, EKF_ACTIVE, EKF_GPS_CHECKS
 
 _FAMILIES = (("EKF3", "XKF"), ("EKF2", "NKF"))
@@ -48,7 +49,7 @@ def estimator_cores(log: Log) -> list[EstimatorCore]:
     return []
 
 
-def flag_column(table: Table, column: str) -> NDArray[np.int64]:
+def flag_column(table: Table, column: str) -> Stamps:
     """(N,) of a column of flags."""
     return np.asarray(table.values(column, raw=True)).astype(np.int64)
 
@@ -89,7 +90,7 @@ class FilterUse:
     name: str
 
 
-def estimator_origin(log: Log, every: list[EstimatorCore], instants: LogClock) -> EstimatorOrigin | None:
+def estimator_origin(log: Log, every: list[EstimatorCore], clock: LogClock) -> EstimatorOrigin | None:
     """The estimator's, None when the log shows none."""
     rows = _origin_rows(log)
     heights = _heights(every)
@@ -99,7 +100,7 @@ def estimator_origin(log: Log, every: list[EstimatorCore], instants: LogClock) -
     # A new log repeats the origin in its first rows.
     known = [*said, *(at_ns for at_ns, *_ in rows), *(at_ns for at_ns, _ in heights[:1])]
     first_ns = min(known)
-    before = first_ns <= instants.start_ns + _AT_START_NS
+    before = first_ns <= clock.start_ns + _AT_START_NS
     latitude, longitude, altitude = rows[0][1:] if rows else (None, None, None)
     return EstimatorOrigin(
         None if before else first_ns, latitude, longitude, altitude, heights[0][1] if heights else None, tuple(heights)
@@ -116,26 +117,24 @@ def first_position_ns(every: list[EstimatorCore]) -> int | None:
     return min(found, default=None)
 
 
-def never_positioned(every: list[EstimatorCore], armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
+def never_positioned(every: list[EstimatorCore], clock: LogClock) -> Iterator[Finding]:
     """No core ever had an absolute position, and what its checks of GPS said most often."""
     tables = [core.health for core in every if core.health is not None and "SS" in core.health.columns]
     if not tables or first_position_ns(every) is not None:
-        return []
+        return
     why = ""
     if "GPS" in tables[0].columns and (checks := flag_column(tables[0], "GPS")).any():
         failed = [(int(np.count_nonzero(checks >> bit & 1)), name) for bit, name in EKF_GPS_CHECKS.items()]
         names = [name for count, name in sorted(failed, reverse=True) if count][:3]
         why = f"; its checks of GPS failed for {', '.join(names)}"
     last_ns = int(tables[0].stamp_ns[-1])
-    return [
-        Finding(
-            "estimator.never_positioned",
-            Severity.WARNING if armed else Severity.NOTICE,
-            f"The estimator had no absolute position until {instants.text(last_ns)}, when the log ends{why}",
-            (Evidence(tables[0].name, "SS", int(tables[0].stamp_ns[0]), last_ns),),
-            "Look at the GNSS section, and wait for the position before arming in a mode that needs one.",
-        )
-    ]
+    yield Finding(
+        "estimator.never_positioned",
+        Severity.WARNING if clock.armed else Severity.NOTICE,
+        f"The estimator had no absolute position until {clock.text(last_ns)}, when the log ends{why}",
+        (Evidence(tables[0].name, "SS", int(tables[0].stamp_ns[0]), last_ns),),
+        "Look at the GNSS section, and wait for the position before arming in a mode that needs one.",
+    )
 
 
 def filter_uses(log: Log) -> list[FilterUse]:
@@ -191,18 +190,15 @@ _BIAS_STATES = (
 """Table, fields, what, unit, and from where a bias is worth a notice and a warning."""
 
 
-def bias_facts(log: Log, core: EstimatorCore | None) -> list[Fact]:
-    found = []
+def bias_facts(log: Log, core: EstimatorCore | None) -> Iterator[Fact]:
     for message, fields, what, unit, _ in _BIAS_STATES:
         if (last := _last_biases(log, core, message, fields)) is not None:
             size = rounded(float(np.max(np.abs(last[0]))))
-            found.append(Fact(f"{what}_bias", f"Bias of the {what} by the filter, at the end", size, unit))
-    return found
+            yield Fact(f"{what}_bias", f"Bias of the {what} by the filter, at the end", size, unit)
 
 
-def bias_findings(log: Log, core: EstimatorCore | None, instants: LogClock) -> list[Finding]:
+def bias_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iterator[Finding]:
     """Of the last seconds: a filter that has just begun does not know it yet."""
-    found = []
     for message, fields, what, unit, limits in _BIAS_STATES:
         if (last := _last_biases(log, core, message, fields)) is None:
             continue
@@ -214,22 +210,19 @@ def bias_findings(log: Log, core: EstimatorCore | None, instants: LogClock) -> l
         within = np.abs(values - bias[axis]) < 0.5 * abs(bias[axis])
         since = int(np.flatnonzero(~within)[-1]) + 1 if not within.all() else 0
         from_ns = int(stamps[min(since, len(stamps) - 1)])
-        found.append(
-            Finding(
-                f"estimator.{what}_bias",
-                Severity.WARNING if abs(bias[axis]) >= limits[1] else Severity.NOTICE,
-                f"The filter takes the {what} to be off by {bias[axis]:.2f} {unit} on {'xyz'[axis]}, since "
-                f"{instants.text(from_ns)}",
-                (Evidence(message, fields[axis], from_ns, int(stamps[-1]), f"{bias[axis]:.2f} {unit}"),),
-                "Calibrate it at rest and warm, and see that it is left to settle before it is armed.",
-            )
+        yield Finding(
+            f"estimator.{what}_bias",
+            Severity.WARNING if abs(bias[axis]) >= limits[1] else Severity.NOTICE,
+            f"The filter takes the {what} to be off by {bias[axis]:.2f} {unit} on {'xyz'[axis]}, since "
+            f"{clock.text(from_ns)}",
+            (Evidence(message, fields[axis], from_ns, int(stamps[-1]), f"{bias[axis]:.2f} {unit}"),),
+            "Calibrate it at rest and warm, and see that it is left to settle before it is armed.",
         )
-    return found
 
 
 def _last_biases(
     log: Log, core: EstimatorCore | None, message: str, fields: tuple[str, ...]
-) -> tuple[NDArray[np.float64], Table] | None:
+) -> tuple[Floats, Table] | None:
     """(3,) medians over the last seconds, and the rows of the core in use; None where it ran too short."""
     whole = log.tables.get(message)
     if whole is None or core is None or not set(fields) <= set(whole.columns):
@@ -246,7 +239,7 @@ def _last_biases(
     return (np.median(values[:, good], axis=1), table) if good.sum() >= 3 else None
 
 
-def _numbers(table: Table, field: str) -> NDArray[np.float64]:
+def _numbers(table: Table, field: str) -> Floats:
     return np.asarray(table.values(field), dtype=np.float64)
 
 
@@ -260,75 +253,63 @@ _STEPS = (
 )
 
 
-def agreement_facts(every: list[EstimatorCore], armed: list[tuple[int, int]]) -> list[Fact]:
+def agreement_facts(every: list[EstimatorCore], clock: LogClock) -> Iterator[Fact]:
     """How far the first two cores were apart while armed."""
-    found = _apart(every, armed)
+    found = _apart(every, clock)
     if found is None:
-        return []
+        return
     _, metres, degrees = found
-    return [
-        Fact("cores_apart_max_m", "Cores apart in position, largest", rounded(metres.max()), "m"),
-        Fact("cores_apart_max_deg", "Cores apart in yaw, largest", rounded(degrees.max(), 2), "deg"),
-    ]
+    yield Fact("cores_apart_max_m", "Cores apart in position, largest", rounded(metres.max()), "m")
+    yield Fact("cores_apart_max_deg", "Cores apart in yaw, largest", rounded(degrees.max(), 2), "deg")
 
 
-def agreement_findings(
-    every: list[EstimatorCore], armed: list[tuple[int, int]], two_worlds: bool, instants: LogClock
-) -> list[Finding]:
-    found = _apart(every, armed)
+def agreement_findings(every: list[EstimatorCore], two_worlds: bool, clock: LogClock) -> Iterator[Finding]:
+    found = _apart(every, clock)
     if found is None:
-        return []
+        return
     stamps, metres, degrees = found
-    result = []
     for size, limit, unit, what in ((metres, _APART_M, "m", "position"), (degrees, _APART_DEG, "deg", "yaw")):
         worst = int(np.argmax(size))
         if size[worst] < limit:
             continue
         at_ns = int(stamps[worst])
-        result.append(
-            Finding(
-                f"estimator.cores_apart.{what}",
-                Severity.NOTICE if two_worlds else Severity.WARNING,
-                f"Cores {every[0].number} and {every[1].number} were up to {size[worst]:.1f} {unit} apart in {what} "
-                f"while armed, at {instants.text(at_ns)}"
-                + (": their IMUs are of two worlds, one fed from outside, one simulated" if two_worlds else ""),
-                (Evidence(every[0].solution.name if every[0].solution else "XKF1", None, at_ns),),
-                "Compare the IMUs they use: a bias or a gap of one of them pulls its core away.",
-            )
+        yield Finding(
+            f"estimator.cores_apart.{what}",
+            Severity.NOTICE if two_worlds else Severity.WARNING,
+            f"Cores {every[0].number} and {every[1].number} were up to {size[worst]:.1f} {unit} apart in {what} "
+            f"while armed, at {clock.text(at_ns)}"
+            + (": their IMUs are of two worlds, one fed from outside, one simulated" if two_worlds else ""),
+            (Evidence(every[0].solution.name if every[0].solution else "XKF1", None, at_ns),),
+            "Compare the IMUs they use: a bias or a gap of one of them pulls its core away.",
         )
-    return result
 
 
-def step_facts(log: Log) -> list[Fact]:
+def step_facts(log: Log) -> Iterator[Fact]:
     """XKT, NKT: steps of the IMU and of the filter; of all cores, with the windows of the start left out."""
     table = log.tables.get("XKT") or log.tables.get("NKT")
     if table is None:
-        return []
+        return
     counted = np.ones(len(table), dtype=np.bool_)
     if "Cnt" in table.columns:
         counts = np.asarray(table.values("Cnt", raw=True))
         counted = counts > 0.5 * np.median(counts)
     rows = np.flatnonzero(counted)
-    found = []
     for column, key, label, pick in _STEPS:
         if column in table.columns and len(rows):
-            found.append(Fact(key, label, rounded(1e3 * float(pick(table.values(column, rows)))), "ms"))
-    return found
+            yield Fact(key, label, rounded(1e3 * float(pick(table.values(column, rows)))), "ms")
 
 
-def _apart(
-    every: list[EstimatorCore], armed: list[tuple[int, int]]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None:
+def _apart(every: list[EstimatorCore], clock: LogClock) -> tuple[Stamps, Floats, Floats] | None:
     """Stamps, metres and degrees of the rows that the first two cores share."""
     tables = [core.solution for core in every[:2] if core.solution is not None]
-    if len(tables) < 2 or not armed:
+    if len(tables) < 2 or not clock.armed:
         return None
     first, second = tables
     names = ("PN", "PE", "Yaw")
     if not all(set(names) <= set(table.columns) for table in tables):
         return None
     stamps, one, other = np.intersect1d(first.stamp_ns, second.stamp_ns, return_indices=True)
-    on = inside(stamps, armed)
+    on = inside(stamps, clock.armed)
     if not on.any():
         return None
     left, right = _columns(first, one[on], names), _columns(second, other[on], names)
@@ -340,5 +321,5 @@ def _apart(
     return stamps[on][good], np.hypot(difference[good, 0], difference[good, 1]), degrees
 
 
-def _columns(table: Table, rows: NDArray[np.intp], names: tuple[str, ...]) -> NDArray[np.float64]:
+def _columns(table: Table, rows: NDArray[np.intp], names: tuple[str, ...]) -> Floats:
     return np.stack([np.asarray(table.values(name, rows), dtype=np.float64) for name in names], axis=1)

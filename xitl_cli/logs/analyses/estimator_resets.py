@@ -7,12 +7,11 @@ measurement was refused.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.estimator_cores import EstimatorCore, flag_column
 from xitl_cli.logs.clocks.time_line import LogClock
@@ -20,7 +19,7 @@ from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_messages, error_rows
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.table import Flags, Floats, Stamps, Table
 from xitl_cli.logs.tables.events import (
     EKF_ABSOLUTE,
     EKF_ALT_RESET,
@@ -69,8 +68,8 @@ class TestRatios:
     core: int
     of: str
     source: str
-    stamp_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamp_ns: Stamps
+    values: Floats
 
     @property
     def refused(self) -> list[tuple[int, int]]:
@@ -103,28 +102,23 @@ def _ratios_of(core: int, table: Table, columns: Mapping[str, str]) -> list[Test
     return found
 
 
-def ratio_facts(every: list[TestRatios], core: int, armed: list[tuple[int, int]]) -> list[Fact]:
+def ratio_facts(every: list[TestRatios], core: int, clock: LogClock) -> Iterator[Fact]:
     """Largest ratio of each test of one core while armed, or ever when it was not."""
-    found = []
     for one in every:
         if one.core != core:
             continue
-        rows = inside(one.stamp_ns, armed) if armed else np.ones(len(one.values), dtype=np.bool_)
+        rows = inside(one.stamp_ns, clock.armed) if clock.armed else np.ones(len(one.values), dtype=np.bool_)
         if rows.any():
             label = f"Largest test ratio, {one.of}"
-            found.append(Fact(f"ratio_{one.of}_max", label, round(float(one.values[rows].max()), 3)))
-    return found
+            yield Fact(f"ratio_{one.of}_max", label, round(float(one.values[rows].max()), 3))
 
 
-def refusal_findings(
-    every: list[TestRatios], core: int, armed: list[tuple[int, int]], instants: LogClock
-) -> list[Finding]:
+def refusal_findings(every: list[TestRatios], core: int, clock: LogClock) -> Iterator[Finding]:
     """Refusals of the core in use while armed; before arming filters settle, and it is worth no word."""
-    found = []
     for one in every:
         if one.core != core:
             continue
-        spans = [span for span in one.refused if inside(np.array(span), armed).any()]
+        spans = [span for span in one.refused if clock.was_armed(*span)]
         if not spans:
             continue
         total_s = length_s(spans)
@@ -132,17 +126,14 @@ def refusal_findings(
         worst = int(np.flatnonzero(rows)[np.argmax(one.values[rows])])
         message, _, field = one.source.partition(".")
         lasted = f"{length_text(total_s)} in all" if total_s > 0.0 else f"{len(spans)} single samples"
-        found.append(
-            Finding(
-                f"estimator.refused.{one.of}",
-                Severity.WARNING if total_s >= _LONG_S else Severity.NOTICE,
-                f"The estimator refused {_SENSORS[one.of]} while armed, {lasted}; the test ratio reached "
-                f"{one.values[worst]:.2f} at {instants.text(int(one.stamp_ns[worst]))}",
-                tuple(Evidence(message, field, begin, end) for begin, end in spans[:_MOST_SPANS]),
-                f"Compare {_SENSORS[one.of]} with the other sensors there; look for a jump, a bias or a lost fix.",
-            )
+        yield Finding(
+            f"estimator.refused.{one.of}",
+            Severity.WARNING if total_s >= _LONG_S else Severity.NOTICE,
+            f"The estimator refused {_SENSORS[one.of]} while armed, {lasted}; the test ratio reached "
+            f"{one.values[worst]:.2f} at {clock.text(int(one.stamp_ns[worst]))}",
+            tuple(Evidence(message, field, begin, end) for begin, end in spans[:_MOST_SPANS]),
+            f"Compare {_SENSORS[one.of]} with the other sensors there; look for a jump, a bias or a lost fix.",
         )
-    return found
 
 
 def ratio_plot(every: list[TestRatios], marks: tuple[Mark, ...]) -> Plot | None:
@@ -161,114 +152,95 @@ def ratio_plot(every: list[TestRatios], marks: tuple[Mark, ...]) -> Plot | None:
 _MOST = 20
 
 
-def timeout_findings(core: EstimatorCore, armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
+def timeout_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     table = core.health
     if table is None or "TS" not in table.columns:
-        return []
+        return
     flags = flag_column(table, "TS") & EKF_TIMEOUTS_THAT_COUNT
-    on = inside(table.stamp_ns, armed)
-    found = []
+    on = inside(table.stamp_ns, clock.armed)
     for bit, name in EKF_TIMEOUTS.items():
         spans = spans_where(table.stamp_ns, ((flags >> bit & 1) == 1) & on, _JOIN_S)
         if length_s(spans) < _LONG_S:
             continue
-        found.append(
-            Finding(
-                f"estimator.timeout.{name}",
-                Severity.WARNING,
-                f"The estimator went without {name} for {length_text(length_s(spans))} while armed, first at "
-                f"{instants.text(spans[0][0])}",
-                tuple(Evidence(table.name, "TS", begin, end, name) for begin, end in spans[:_MOST]),
-                "Look at that sensor: no data, or all of it refused.",
-            )
+        yield Finding(
+            f"estimator.timeout.{name}",
+            Severity.WARNING,
+            f"The estimator went without {name} for {length_text(length_s(spans))} while armed, first at "
+            f"{clock.text(spans[0][0])}",
+            tuple(Evidence(table.name, "TS", begin, end, name) for begin, end in spans[:_MOST]),
+            "Look at that sensor: no data, or all of it refused.",
         )
-    return found
 
 
-def fault_findings(core: EstimatorCore, instants: LogClock) -> list[Finding]:
+def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     table = core.health
     if table is None or "FS" not in table.columns:
-        return []
+        return
     flags = flag_column(table, "FS")
     begun = np.flatnonzero((flags & EKF_NOT_INITIALISED) == 0)
     if not len(begun):
-        return []
+        return
     flags = flags[begun[0] :]
     rows = np.flatnonzero(flags)
     if not len(rows):
-        return []
+        return
     stamps = table.stamp_ns[begun[0] :]
     bits = int(np.bitwise_or.reduce(flags[rows]))
     spans = spans_where(stamps, flags != 0, _JOIN_S)
-    return [
-        Finding(
-            "estimator.faults",
-            Severity.CRITICAL,
-            f"The filter itself was faulty for {length_text(length_s(spans))}, first at "
-            f"{instants.text(int(stamps[rows[0]]))}: {', '.join(bit_names(EKF_FAULTS, bits))}",
-            tuple(Evidence(table.name, "FS", begin, end, f"0x{bits:x}") for begin, end in spans[:_MOST]),
-            "Do not trust attitude or position there; look at IMU gaps and clipping, and at what it fused.",
-        )
-    ]
+    yield Finding(
+        "estimator.faults",
+        Severity.CRITICAL,
+        f"The filter itself was faulty for {length_text(length_s(spans))}, first at "
+        f"{clock.text(int(stamps[rows[0]]))}: {', '.join(bit_names(EKF_FAULTS, bits))}",
+        tuple(Evidence(table.name, "FS", begin, end, f"0x{bits:x}") for begin, end in spans[:_MOST]),
+        "Do not trust attitude or position there; look at IMU gaps and clipping, and at what it fused.",
+    )
 
 
-def position_findings(
-    log: Log, core: EstimatorCore | None, armed: list[tuple[int, int]], instants: LogClock
-) -> list[Finding]:
+def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iterator[Finding]:
     """Solution status: a position that was there and is not any more, GPS that glitches, in use while armed."""
     table = None if core is None else core.health
     column = "SS"
     if table is None or column not in table.columns:
         table, column = autopilot_messages(log, "EKF_STATUS_REPORT"), "flags"
     if table is None or column not in table.columns:
-        return []
-    flags, on = flag_column(table, column), inside(table.stamp_ns, armed)
+        return
+    flags, on = flag_column(table, column), inside(table.stamp_ns, clock.armed)
     had = np.maximum.accumulate((flags & EKF_ABSOLUTE) != 0) if len(flags) else np.zeros(0, dtype=np.bool_)
     lost = had & on & (((flags & EKF_ABSOLUTE) == 0) | ((flags & EKF_CONSTANT_POSITION) != 0))
-    found = []
     if spans := spans_where(table.stamp_ns, lost, _JOIN_S):
-        found.append(
-            Finding(
-                "estimator.position_lost",
-                Severity.CRITICAL if length_s(spans) >= _LONG_S else Severity.WARNING,
-                f"The estimator had no absolute position for {_lasting(spans)} while armed, first at "
-                f"{instants.text(spans[0][0])}",
-                _evidence(table.name, column, spans),
-                "Look at GNSS (fix, dropouts) and at what was refused just before.",
-            )
+        yield Finding(
+            "estimator.position_lost",
+            Severity.CRITICAL if length_s(spans) >= _LONG_S else Severity.WARNING,
+            f"The estimator had no absolute position for {_lasting(spans)} while armed, first at "
+            f"{clock.text(spans[0][0])}",
+            _evidence(table.name, column, spans),
+            "Look at GNSS (fix, dropouts) and at what was refused just before.",
         )
     if column == "SS":
-        found += _status(table, on, flags, instants)
-    return found
+        yield from _status(table, on, flags, clock)
 
 
-def _status(table: Table, on: NDArray[np.bool_], flags: NDArray[np.int64], instants: LogClock) -> list[Finding]:
+def _status(table: Table, on: Flags, flags: Stamps, clock: LogClock) -> Iterator[Finding]:
     """What the filter says of itself while armed, though it keeps a position."""
-    found = []
     if spans := spans_where(table.stamp_ns, on & ((flags & EKF_GPS_GLITCHING) != 0), _JOIN_S):
-        found.append(
-            Finding(
-                "estimator.gps_glitch",
-                Severity.WARNING if length_s(spans) >= _LONG_S else Severity.NOTICE,
-                f"The estimator took GPS for glitching for {_lasting(spans)} while armed, first at "
-                f"{instants.text(spans[0][0])}",
-                _evidence(table.name, "SS", spans),
-                "Compare GPS with the estimate there: a jump, or a drift of the estimate.",
-            )
+        yield Finding(
+            "estimator.gps_glitch",
+            Severity.WARNING if length_s(spans) >= _LONG_S else Severity.NOTICE,
+            f"The estimator took GPS for glitching for {_lasting(spans)} while armed, first at "
+            f"{clock.text(spans[0][0])}",
+            _evidence(table.name, "SS", spans),
+            "Compare GPS with the estimate there: a jump, or a drift of the estimate.",
         )
     spans = spans_where(table.stamp_ns, on & ((flags & EKF_DEAD_RECKONING) != 0), _JOIN_S)
     if length_s(spans) >= _LONG_S:
-        found.append(
-            Finding(
-                "estimator.dead_reckoning",
-                Severity.WARNING,
-                f"The estimator was dead reckoning for {_lasting(spans)} while armed, first at "
-                f"{instants.text(spans[0][0])}",
-                _evidence(table.name, "SS", spans),
-                "Look at GNSS there: a dropout, or all of it refused.",
-            )
+        yield Finding(
+            "estimator.dead_reckoning",
+            Severity.WARNING,
+            f"The estimator was dead reckoning for {_lasting(spans)} while armed, first at {clock.text(spans[0][0])}",
+            _evidence(table.name, "SS", spans),
+            "Look at GNSS there: a dropout, or all of it refused.",
         )
-    return found
 
 
 def _lasting(spans: list[tuple[int, int]]) -> str:
@@ -328,12 +300,13 @@ def estimate_jumps(log: Log, core: EstimatorCore | None) -> list[EstimateJump]:
 
 
 def reset_findings(
-    log: Log, every: list[EstimatorCore], core: EstimatorCore | None, armed: list[tuple[int, int]], instants: LogClock
-) -> list[Finding]:
-    found = [*_lanes(log, every, armed, instants), *_jumped(estimate_jumps(log, core), armed, instants)]
+    log: Log, every: list[EstimatorCore], core: EstimatorCore | None, clock: LogClock
+) -> Iterator[Finding]:
+    found = [*_lanes(log, every, clock), *_jumped(estimate_jumps(log, core), clock)]
     if core is not None:
-        found += [*timeout_findings(core, armed, instants), *fault_findings(core, instants)]
-    return [*found, *position_findings(log, core, armed, instants)]
+        found += [*timeout_findings(core, clock), *fault_findings(core, clock)]
+    yield from found
+    yield from position_findings(log, core, clock)
 
 
 def reset_marks(log: Log, every: list[EstimatorCore], core: EstimatorCore | None) -> tuple[Mark, ...]:
@@ -390,53 +363,47 @@ def _steps(core: EstimatorCore) -> list[EstimateJump]:
     ]
 
 
-def _lanes(log: Log, every: list[EstimatorCore], armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
+def _lanes(log: Log, every: list[EstimatorCore], clock: LogClock) -> Iterator[Finding]:
     switches = lane_switches(log, every)
-    while_armed = [switch for switch in switches if inside(np.array([switch[0]]), armed)[0]]
+    while_armed = [switch for switch in switches if clock.was_armed(switch[0])]
     if not while_armed:
-        return []
+        return
     at_ns, lane = while_armed[0]
     times = "once" if len(while_armed) == 1 else f"{len(while_armed)} times"
-    return [
-        Finding(
-            "estimator.lane_switch",
-            Severity.WARNING,
-            f"The estimator switched its core {times} while armed, first to core {lane} at {instants.text(at_ns)}",
-            tuple(Evidence("XKF4", "PI", when, value=str(to)) for when, to in while_armed[:_MOST]),
-            "Look at the test ratios of the core that was left, and at the IMU it used.",
-        )
-    ]
+    yield Finding(
+        "estimator.lane_switch",
+        Severity.WARNING,
+        f"The estimator switched its core {times} while armed, first to core {lane} at {clock.text(at_ns)}",
+        tuple(Evidence("XKF4", "PI", when, value=str(to)) for when, to in while_armed[:_MOST]),
+        "Look at the test ratios of the core that was left, and at the IMU it used.",
+    )
 
 
-def _jumped(every: list[EstimateJump], armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
-    found = []
+def _jumped(every: list[EstimateJump], clock: LogClock) -> Iterator[Finding]:
     for what in dict.fromkeys(jump.what for jump in every):
-        these = [jump for jump in every if jump.what == what and inside(np.array([jump.at_ns]), armed)[0]]
+        these = [jump for jump in every if jump.what == what and clock.was_armed(jump.at_ns)]
         if not these:
             continue
         sizes = [jump.size_m for jump in these if jump.size_m is not None]
-        first = instants.text(these[0].at_ns)
+        first = clock.text(these[0].at_ns)
         if len(these) == 1:
             size = f" of {sizes[0]:.2f} m" if sizes else ""
             sentence = f"The estimator made a {what}{size} while armed, at {first}"
         else:
             size = f", by up to {max(sizes):.2f} m" if sizes else ""
             sentence = f"The estimator made a {what} {len(these)} times while armed{size}, first at {first}"
-        found.append(
-            Finding(
-                f"estimator.{what.replace(' ', '_')}",
-                Severity.WARNING if max(sizes, default=0.0) >= _JUMP_M else Severity.NOTICE,
-                sentence,
-                tuple(
-                    Evidence(
-                        jump.source.partition(".")[0],
-                        jump.source.partition(".")[2],
-                        jump.at_ns,
-                        value=None if jump.size_m is None else f"{jump.size_m:.2f} m",
-                    )
-                    for jump in these[:_MOST]
-                ),
-                "Controllers saw a step there; look for what the estimator refused before it.",
-            )
+        yield Finding(
+            f"estimator.{what.replace(' ', '_')}",
+            Severity.WARNING if max(sizes, default=0.0) >= _JUMP_M else Severity.NOTICE,
+            sentence,
+            tuple(
+                Evidence(
+                    jump.source.partition(".")[0],
+                    jump.source.partition(".")[2],
+                    jump.at_ns,
+                    value=None if jump.size_m is None else f"{jump.size_m:.2f} m",
+                )
+                for jump in these[:_MOST]
+            ),
+            "Controllers saw a step there; look for what the estimator refused before it.",
         )
-    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -15,7 +15,6 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid
 from xitl_cli.logs.signals import LogText
-from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import ErrorSpan, error_rows, error_spans, vehicle_kind
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.commands import SWITCH_POSITIONS, SWITCH_SOURCES, auxiliary_function_name
@@ -132,16 +131,15 @@ def analyse(log: Log) -> Section | None:
         if log.format == "mcap":
             return None
         return Section("events", "Events and errors", lacks=("The log has no EV, ERR, MSG or STATUSTEXT.",))
-    instants, kind = LogClock(log), vehicle_kind(log)
-    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
+    clock, kind = LogClock(log), vehicle_kind(log)
     spans, told = error_spans(rows), reported_troubles(texts)
     findings = [
-        *_from_errors(spans, armed, kind, instants),
-        *_from_texts(log, told, spans, armed, instants),
-        *_internal_error_findings(log, instants),
+        *_from_errors(spans, kind, clock),
+        *_from_texts(log, told, spans, clock),
+        *_internal_error_findings(log, clock),
     ]
     table = make_grid(
-        "events", "What happened", ("at (s)", "source", "level", "what"), _table(log, texts, rows, kind, instants)
+        "events", "What happened", ("at (s)", "source", "level", "what"), _table(log, texts, rows, kind, clock)
     )
     facts = (
         Fact("events", "Events", len(log.tables["EV"]) if "EV" in log.tables else 0),
@@ -157,7 +155,7 @@ def _open(span: ErrorSpan) -> bool:
 
 
 def _table(
-    log: Log, texts: list[signals.LogText], rows: list[tuple[int, int, int]], kind: VehicleKind, instants: LogClock
+    log: Log, texts: list[signals.LogText], rows: list[tuple[int, int, int]], kind: VehicleKind, clock: LogClock
 ) -> list[tuple[float, str, str, str]]:
     found = [(text.at_ns, text.source.partition(".")[0], _level(text.severity), text.text) for text in texts]
     found += [
@@ -169,7 +167,7 @@ def _table(
         found.append((span.from_ns, span.source.partition(".")[0].rpartition(":")[2], "", f"mode {span.name}{why}"))
     found += _switches(log)
     found.sort(key=lambda row: row[0])
-    return [(instants.second(at_ns), source, level, what) for at_ns, source, level, what in found]
+    return [(clock.second(at_ns), source, level, what) for at_ns, source, level, what in found]
 
 
 def _level(severity: int | None) -> str:
@@ -199,33 +197,30 @@ def _switches(log: Log) -> list[tuple[int, str, str, str]]:
     return rows
 
 
-def _from_errors(
-    spans: list[ErrorSpan], armed: list[tuple[int, int]], kind: VehicleKind, instants: LogClock
-) -> list[Finding]:
+def _from_errors(spans: list[ErrorSpan], kind: VehicleKind, clock: LogClock) -> Iterator[Finding]:
     """One a subsystem and code: the open one first, else how often and for how long."""
     groups: dict[tuple[int, int], list[ErrorSpan]] = {}
     for span in spans:
         if span.subsystem != ERR_EKF_PRIMARY:
             groups.setdefault((span.subsystem, span.code), []).append(span)
-    return [_error(subsystem, code, group, armed, kind, instants) for (subsystem, code), group in groups.items()]
+    yield from (_error(subsystem, code, group, kind, clock) for (subsystem, code), group in groups.items())
 
 
 def _error(
     subsystem: int,
     code: int,
     group: list[ErrorSpan],
-    armed: list[tuple[int, int]],
     kind: VehicleKind,
-    instants: LogClock,
+    clock: LogClock,
 ) -> Finding:
-    on = bool(inside(np.array([span.from_ns for span in group]), armed).any())
+    on = clock.was_armed(*(span.from_ns for span in group))
     open_one = next((span for span in group if _open(span)), None)
     name = error_name(subsystem, code, kind)
     state = "armed" if on else "not armed"
-    when = instants.text(group[0].from_ns)
+    when = clock.text(group[0].from_ns)
     many = "" if len(group) == 1 else f", {len(group)} times in all"
     if open_one is not None:
-        sentence = f"{name} at {instants.text(open_one.from_ns)}, {state}, and never cleared{many}"
+        sentence = f"{name} at {clock.text(open_one.from_ns)}, {state}, and never cleared{many}"
     elif group[0].until_ns is None:
         sentence = f"{name} at {when}, {state}{many}"
     else:
@@ -253,39 +248,32 @@ def _severity(subsystem: int, armed: bool, is_open: bool) -> Severity:
     return Severity.WARNING if armed or is_open else Severity.NOTICE
 
 
-def _from_texts(
-    log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], armed: list[tuple[int, int]], instants: LogClock
-) -> list[Finding]:
+def _from_texts(log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], clock: LogClock) -> Iterator[Finding]:
     """Sentences of trouble that no error code and no mode change tells already."""
     explained = [span.from_ns for span in spans if span.subsystem != ERR_EKF_PRIMARY]
     explained += [span.from_ns for span in mode_spans(log) if span.failsafe]
-    found = []
     for trouble in told:
         at_ns = trouble.text.at_ns
         if trouble.severity < Severity.CRITICAL and any(abs(at_ns - other) <= _NEAR_NS for other in explained):
             continue
         if trouble.key == "internal_error" and any(span.subsystem == ERR_INTERNAL for span in spans):
             continue
-        on = bool(inside(np.array([at_ns]), armed)[0])
+        on = clock.was_armed(at_ns)
         severity = trouble.severity if on or trouble.severity == Severity.CRITICAL else Severity.NOTICE
         times = f" ({trouble.count} times)" if trouble.count > 1 else ""
-        over = "" if trouble.until_ns is None else f"; over at {instants.text(trouble.until_ns)}"
+        over = "" if trouble.until_ns is None else f"; over at {clock.text(trouble.until_ns)}"
         message, _, field = trouble.text.source.partition(".")
-        found.append(
-            Finding(
-                f"events.said.{trouble.key}",
-                severity,
-                f'"{trouble.text.text}"{times} at {instants.text(at_ns)}, {"armed" if on else "not armed"}{over}',
-                (Evidence(message, field, at_ns, trouble.until_ns, trouble.text.text),),
-                "Look at what was said and what changed around this instant.",
-            )
+        yield Finding(
+            f"events.said.{trouble.key}",
+            severity,
+            f'"{trouble.text.text}"{times} at {clock.text(at_ns)}, {"armed" if on else "not armed"}{over}',
+            (Evidence(message, field, at_ns, trouble.until_ns, trouble.text.text),),
+            "Look at what was said and what changed around this instant.",
         )
-    return found
 
 
-def _internal_error_findings(log: Log, instants: LogClock) -> list[Finding]:
+def _internal_error_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
     """MON: the main loop stood still. WDOG: the watchdog reset the board before this log. PM: internal errors."""
-    found = []
     watchdog = log.tables.get("WDOG")
     if watchdog is not None:
         sentence = "The watchdog reset the board before this log began"
@@ -294,7 +282,7 @@ def _internal_error_findings(log: Log, instants: LogClock) -> list[Finding]:
             sentence += f", in scheduler task {int(task)}"
         evidence = Evidence("WDOG", None, int(watchdog.stamp_ns[-1]))
         step = "Report it with this log: which code stood still is in WDOG and in @SYS/crash_dump.bin."
-        found.append(Finding("events.watchdog", Severity.CRITICAL, sentence, (evidence,), step))
+        yield Finding("events.watchdog", Severity.CRITICAL, sentence, (evidence,), step)
     stuck = log.tables.get("MON")
     if stuck is not None:
         sentence = f"The main loop stood still long enough to be written down {len(stuck)} times"
@@ -303,14 +291,13 @@ def _internal_error_findings(log: Log, instants: LogClock) -> list[Finding]:
         at_ns = int(stuck.stamp_ns[0])
         step = "Look at the scheduler section at this time, and at MON.Tsk for the task it stood in."
         evidence = Evidence("MON", "Dly", at_ns, int(stuck.stamp_ns[-1]))
-        found.append(Finding("events.main_loop_stuck", Severity.CRITICAL, sentence, (evidence,), step))
+        yield Finding("events.main_loop_stuck", Severity.CRITICAL, sentence, (evidence,), step)
     for name, columns in (("PM", ("InE", "IntE", "IErr")), ("MON", ("IErr",)), ("WDOG", ("IErr",))):
         table = log.tables.get(name)
         column = None if table is None else first_of(table, columns)
         if table is not None and column is not None and (bits := _bits(table, column)):
-            found.append(_internal_errors(table, name, column, bits, instants))
+            yield _internal_errors(table, name, column, bits, clock)
             break
-    return found
 
 
 def _bits(table: Table, column: str) -> int:
@@ -323,14 +310,14 @@ def _bits(table: Table, column: str) -> int:
     return bits & sum(1 << bit for bit in INTERNAL_ERRORS)
 
 
-def _internal_errors(table: Table, name: str, column: str, bits: int, instants: LogClock) -> Finding:
+def _internal_errors(table: Table, name: str, column: str, bits: int, clock: LogClock) -> Finding:
     rows = np.flatnonzero(np.asarray(table.values(column, raw=True)).astype(np.int64) & bits)
     at_ns = int(table.stamp_ns[rows[0]])
     only_reset = bits == WATCHDOG_RESET
     return Finding(
         "events.internal_errors",
         Severity.CRITICAL,
-        f"Internal errors of the firmware, first at {instants.text(at_ns)}: {', '.join(internal_error_names(bits))}",
+        f"Internal errors of the firmware, first at {clock.text(at_ns)}: {', '.join(internal_error_names(bits))}",
         (Evidence(name, column, at_ns, int(table.stamp_ns[rows[-1]]), f"0x{bits:x}"),),
         "The board was reset by its watchdog: look at WDOG." if only_reset else "Report it to ArduPilot with this log.",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,18 +98,18 @@ def analyse(log: Log) -> Section | None:
     handed = takeovers is not None and {"from_node", "to_node", "silent_s", "step"} <= set(takeovers.columns)
     if not faults and not handed:
         return None
-    instants = LogClock(log)
-    findings = [_finding(fault, instants) for fault in faults]
-    grids = [_grid(log, faults, instants)] if faults else []
+    clock = LogClock(log)
+    findings = [_finding(fault, clock) for fault in faults]
+    grids = [_grid(log, faults, clock)] if faults else []
     if takeovers is not None and handed:
-        findings += _takeovers(takeovers, instants)
+        findings += _takeovers(takeovers, clock)
         grids.append(
             make_grid(
                 "takeovers",
                 "Takeovers",
                 ("at (s)", "from", "to", "silent for (s)", "largest step of a motor command"),
                 [
-                    (instants.second(at_ns), str(one), str(other), rounded(silent_s), rounded(step))
+                    (clock.second(at_ns), str(one), str(other), rounded(silent_s), rounded(step))
                     for at_ns, one, other, silent_s, step in _rows(takeovers)
                 ],
             )
@@ -181,33 +181,29 @@ def _does_something(value: object) -> bool:
     return bool(value)
 
 
-def _finding(fault: FaultSpan, instants: LogClock) -> Finding:
-    end = "to the end" if fault.until_ns is None else f"to {instants.text(fault.until_ns)}"
+def _finding(fault: FaultSpan, clock: LogClock) -> Finding:
+    end = "to the end" if fault.until_ns is None else f"to {clock.text(fault.until_ns)}"
     seen = f"; to be seen: {fault.expected}" if fault.expected else ""
     return Finding(
         "faults.injected",
         Severity.NOTICE,
-        f"On purpose: {fault.name} from {instants.text(fault.from_ns)} {end} ({fault.what}){seen}",
+        f"On purpose: {fault.name} from {clock.text(fault.from_ns)} {end} ({fault.what}){seen}",
         (Evidence("/faults", "active", fault.from_ns, fault.until_ns, fault.what),),
         "Read what other sections find in this time as its effect; what they find outside of it is not.",
     )
 
 
-def _takeovers(table: Table, instants: LogClock) -> list[Finding]:
-    findings = []
+def _takeovers(table: Table, clock: LogClock) -> Iterator[Finding]:
     for at_ns, one, other, silent_s, step in _rows(table)[:20]:
         silent = f", which had been silent for {silent_s:.2f} s" if math.isfinite(silent_s) else ""
         stepped = f"; a motor command stepped by {step:.2f} at most" if math.isfinite(step) else ""
-        findings.append(
-            Finding(
-                "faults.takeover",
-                Severity.NOTICE,
-                f"At {instants.text(at_ns)} {other} took over from {one}{silent}{stepped}",
-                (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s" if silent else ""),),
-                "See the links and the scheduler for why the first one fell silent.",
-            )
+        yield Finding(
+            "faults.takeover",
+            Severity.NOTICE,
+            f"At {clock.text(at_ns)} {other} took over from {one}{silent}{stepped}",
+            (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s" if silent else ""),),
+            "See the links and the scheduler for why the first one fell silent.",
         )
-    return findings
 
 
 def _rows(table: Table) -> list[tuple[int, str, str, float, float]]:
@@ -223,7 +219,7 @@ def _rows(table: Table) -> list[tuple[int, str, str, float, float]]:
     )
 
 
-def _grid(log: Log, faults: Sequence[FaultSpan], instants: LogClock) -> Grid:
+def _grid(log: Log, faults: Sequence[FaultSpan], clock: LogClock) -> Grid:
     steps = [
         step
         for relation in clock_relations(log)
@@ -233,7 +229,7 @@ def _grid(log: Log, faults: Sequence[FaultSpan], instants: LogClock) -> Grid:
     misses = missed_deadlines(log)
     rows: list[tuple[Value, ...]] = []
     for fault in faults:
-        end_ns = fault.until_ns if fault.until_ns is not None else instants.end_ns
+        end_ns = fault.until_ns if fault.until_ns is not None else clock.end_ns
         lasting = end_ns + AFTER_NS
         late = None
         if "/misses" in log.tables or "/clocks" in log.tables:
@@ -242,8 +238,8 @@ def _grid(log: Log, faults: Sequence[FaultSpan], instants: LogClock) -> Grid:
         rows.append(
             (
                 fault.name,
-                instants.second(fault.from_ns),
-                None if fault.until_ns is None else instants.second(fault.until_ns),
+                clock.second(fault.from_ns),
+                None if fault.until_ns is None else clock.second(fault.until_ns),
                 fault.what,
                 fault.expected or None,
                 _missing(log, fault.from_ns, lasting),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
@@ -16,58 +17,54 @@ from xitl_cli.logs.signals import texts
 from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gnss_receivers
 from xitl_cli.logs.signals.series import listed, numbers, significant
 from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses
-from xitl_cli.logs.signals.states import armed_rows
+from xitl_cli.logs.signals.states import armed_rows, error_rows
+from xitl_cli.logs.table import Flags, Floats, Stamps
+from xitl_cli.logs.tables.events import EKF_GPS_GLITCHING, ERR_GPS
 
 _RTK = 5
 _SILENT_S = 1.0
 
 
-def fixed_rows(receiver: GnssReceiver) -> NDArray[np.bool_]:
-    good: NDArray[np.bool_] = receiver.fix >= FIX_3D
+def fixed_rows(receiver: GnssReceiver) -> Flags:
+    good: Flags = receiver.fix >= FIX_3D
     return good
 
 
-def fix_findings(log: Log, receiver: GnssReceiver, pause: NDArray[np.int64], instants: LogClock) -> list[Finding]:
+def fix_findings(log: Log, receiver: GnssReceiver, pause: Stamps, clock: LogClock) -> Iterator[Finding]:
     """Fixes lost after the first one, and a first one that never came."""
     fixed = fixed_rows(receiver)
     field = receiver.fields["fix"]
     if not fixed.any():
         best = FIX_NAMES.get(int(receiver.fix.max()), f"status {int(receiver.fix.max())}")
-        return [
-            Finding(
-                "gnss.no_fix",
-                Severity.WARNING,
-                f"{receiver.name} never had a 3D fix; the best was: {best}",
-                (Evidence(receiver.message, field, int(receiver.stamp_ns[0]), int(receiver.stamp_ns[-1])),),
-                "Check antenna and sky; a receiver that is not fitted should be disabled.",
-            )
-        ]
-    findings = _outages(log, receiver, fixed, pause, instants)
+        yield Finding(
+            "gnss.no_fix",
+            Severity.WARNING,
+            f"{receiver.name} never had a 3D fix; the best was: {best}",
+            (Evidence(receiver.message, field, int(receiver.stamp_ns[0]), int(receiver.stamp_ns[-1])),),
+            "Check antenna and sky; a receiver that is not fitted should be disabled.",
+        )
+        return
+    yield from _outages(log, receiver, fixed, pause, clock)
     fell = np.flatnonzero((receiver.fix[:-1] >= _RTK) & (receiver.fix[1:] < receiver.fix[:-1]) & fixed[1:])
     if len(fell):
-        times = listed([instants.text(int(receiver.stamp_ns[row + 1])) for row in fell])
-        findings.append(
-            Finding(
-                "gnss.rtk_lost",
-                Severity.NOTICE,
-                f"{receiver.name} fell from an RTK solution to a lesser one {_times(len(fell))}: at {times}",
-                tuple(Evidence(receiver.message, field, int(receiver.stamp_ns[row + 1])) for row in fell[:8]),
-                "Look at the link that carries the corrections, and at the satellites then.",
-            )
+        times = listed([clock.text(int(receiver.stamp_ns[row + 1])) for row in fell])
+        yield Finding(
+            "gnss.rtk_lost",
+            Severity.NOTICE,
+            f"{receiver.name} fell from an RTK solution to a lesser one {_times(len(fell))}: at {times}",
+            tuple(Evidence(receiver.message, field, int(receiver.stamp_ns[row + 1])) for row in fell[:8]),
+            "Look at the link that carries the corrections, and at the satellites then.",
         )
-    return findings
 
 
-def _outages(
-    log: Log, receiver: GnssReceiver, fixed: NDArray[np.bool_], pause: NDArray[np.int64], instants: LogClock
-) -> list[Finding]:
+def _outages(log: Log, receiver: GnssReceiver, fixed: Flags, pause: Stamps, clock: LogClock) -> Iterator[Finding]:
     """Times between two fixes with messages that say there is none, or with no message at all for over a second and
     five periods. One at the end of the log counts to its end.
     """
     good = np.flatnonzero(fixed)
     regular = regularity(receiver.sample_ns[good])
     if regular is None:
-        return []
+        return
     reached = np.maximum.accumulate(receiver.sample_ns[good])
     length_ns = np.diff(reached)
     between = np.diff(good) - 1
@@ -82,31 +79,24 @@ def _outages(
     end = max(last, dense_end_ns(log) or last)
     if end - last > max(_SILENT_S, 5.0 * regular.period_s) * 1e9:
         spans["gnss.fix_lost" if good[-1] < len(fixed) - 1 else "gnss.silent"].append((last, end))
-    findings = []
     for key, found in spans.items():
         if not found:
             continue
         armed = armed_rows(log, np.array([b for _, b in found], dtype=np.int64))
-        times = listed([f"{instants.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in found])
+        times = listed([f"{clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in found])
         did = "lost its fix" if key == "gnss.fix_lost" else "said nothing"
         ended = ", to the end of the log" if found[-1] == (last, end) else ""
-        findings.append(
-            Finding(
-                key,
-                Severity.WARNING if armed is None or armed.any() else Severity.NOTICE,
-                f"{receiver.name} {did} {_times(len(found))} (it comes every {regular.period_s * 1e3:.0f} ms): "
-                f"at {times}{ended}",
-                tuple(Evidence(receiver.message, receiver.fields["fix"], a, b) for a, b in found[:8]),
-                "Look at satellites and interference then, at wiring and baud rate, and at what the estimator did "
-                "without.",
-            )
+        yield Finding(
+            key,
+            Severity.WARNING if armed is None or armed.any() else Severity.NOTICE,
+            f"{receiver.name} {did} {_times(len(found))} (it comes every {regular.period_s * 1e3:.0f} ms): "
+            f"at {times}{ended}",
+            tuple(Evidence(receiver.message, receiver.fields["fix"], a, b) for a, b in found[:8]),
+            "Look at satellites and interference then, at wiring and baud rate, and at what the estimator did without.",
         )
-    return findings
 
 
-def _outage_spans(
-    from_ns: NDArray[np.int64], length_ns: NDArray[np.int64], chosen: NDArray[np.bool_]
-) -> list[tuple[int, int]]:
+def _outage_spans(from_ns: Stamps, length_ns: Stamps, chosen: Flags) -> list[tuple[int, int]]:
     return [(int(a), int(a) + int(d)) for a, d in zip(from_ns[chosen], length_ns[chosen], strict=True)]
 
 
@@ -122,7 +112,7 @@ _BIAS_MPS = 0.5
 _WINDOW_S = 10.0
 
 
-def motion_section(receiver: GnssReceiver, instants: LogClock) -> Section:
+def motion_section(receiver: GnssReceiver, clock: LogClock) -> Section:
     """Positions from fix to fix against the mean of the two velocities, in the horizontal."""
     good = np.flatnonzero((receiver.fix >= FIX_3D) & np.isfinite(receiver.lat_deg) & np.isfinite(receiver.lon_deg))
     if len(good) < 10:
@@ -134,7 +124,7 @@ def motion_section(receiver: GnssReceiver, instants: LogClock) -> Section:
     step_s = np.diff(receiver.sample_ns[good]) * 1e-9
     usable = (step_s > 0.0) & (step_s <= _LONGEST_STEP_S)
     moved = np.diff(north_east, axis=0)
-    findings = _frozen(receiver, good, step_s, instants)
+    findings = list(_frozen(receiver, good, step_s, clock))
     facts: list[Fact] = []
     plots: list[Plot] = []
     velocity = receiver.vel_ned_mps[good][:, :2]
@@ -145,64 +135,44 @@ def motion_section(receiver: GnssReceiver, instants: LogClock) -> Section:
         if np.count_nonzero(known) >= 10:
             length = np.where(known, np.hypot(strayed[:, 0], strayed[:, 1]), np.nan)
             if not findings:  # a position that stands still contradicts any velocity
-                findings += _bias(receiver, good, strayed, step_s, known, instants)
-            findings += _jumps(receiver, good, length, moved, step_s, instants)
+                findings += _bias(receiver, good, strayed, step_s, known, clock)
+            findings += _jumps(receiver, good, length, moved, step_s, clock)
             noise = np.sqrt(np.nanmedian(np.diff(velocity, axis=0)[known] ** 2) / 2.0) / 0.6745
+            off_m, noise_mps = significant(float(np.nanmedian(length))), significant(float(noise))
             facts = [
-                Fact(
-                    "position_step_error_m",
-                    "Position against velocity, median a fix",
-                    significant(float(np.nanmedian(length))),
-                    "m",
-                ),
-                Fact(
-                    "speed_noise_mps", "Velocity from fix to fix, one sigma an axis", significant(float(noise)), "m/s"
-                ),
+                Fact("position_step_error_m", "Position against velocity, median a fix", off_m, "m"),
+                Fact("speed_noise_mps", "Velocity from fix to fix, one sigma an axis", noise_mps, "m/s"),
             ]
             plots.append(_motion_plot(receiver, good, length))
     return Section("gnss", "GNSS", facts=tuple(facts), findings=tuple(findings), plots=tuple(plots))
 
 
 def _jumps(
-    receiver: GnssReceiver,
-    good: NDArray[np.intp],
-    length_m: NDArray[np.float64],
-    moved: NDArray[np.float64],
-    step_s: NDArray[np.float64],
-    instants: LogClock,
-) -> list[Finding]:
+    receiver: GnssReceiver, good: NDArray[np.intp], length_m: Floats, moved: Floats, step_s: Floats, clock: LogClock
+) -> Iterator[Finding]:
     usual = 1.4826 * float(np.nanmedian(length_m))
     rows = np.flatnonzero(np.nan_to_num(length_m) > max(_JUMP_M, _SIGMAS * usual))
     if not len(rows):
-        return []
+        return
     largest = int(rows[np.argmax(length_m[rows])])
     trusted_m = _stated(receiver, int(receiver.stamp_ns[good[largest + 1]]))
     beyond = length_m[largest] > max(_JUMP_WARNING_M, 2.0 * trusted_m)
     speed = float(np.hypot(*moved[largest]) / step_s[largest])
-    times = listed([instants.text(int(receiver.stamp_ns[good[row + 1]])) for row in rows])
-    reported = (
-        "" if receiver.speed_mps is None else f", where it reported {receiver.speed_mps[good[largest + 1]]:.1f} m/s"
+    stamps_ns = receiver.stamp_ns[good[rows + 1]].tolist()
+    times = listed([clock.text(at_ns) for at_ns in stamps_ns])
+    reported_mps = None if receiver.speed_mps is None else receiver.speed_mps[good[largest + 1]]
+    reported = "" if reported_mps is None else f", where it reported {reported_mps:.1f} m/s"
+    yield Finding(
+        "gnss.jump",
+        Severity.WARNING if beyond else Severity.NOTICE,
+        f"The position of {receiver.name} jumped {_times(len(rows))}, by up to {length_m[largest]:.1f} m (as if at "
+        f"{speed:.0f} m/s{reported}): at {times}",
+        tuple(
+            Evidence(receiver.message, receiver.fields["lat"], at_ns, None, f"{length_m[row]:.1f} m")
+            for row, at_ns in zip(rows[:8], stamps_ns, strict=False)
+        ),
+        "Look at satellites and surroundings then (bridge, wall, interference): did the estimator follow?",
     )
-    times_in_words = "once" if len(rows) == 1 else f"{len(rows)} times"
-    return [
-        Finding(
-            "gnss.jump",
-            Severity.WARNING if beyond else Severity.NOTICE,
-            f"The position of {receiver.name} jumped {times_in_words}, by up to {length_m[largest]:.1f} m (as if at "
-            f"{speed:.0f} m/s{reported}): at {times}",
-            tuple(
-                Evidence(
-                    receiver.message,
-                    receiver.fields["lat"],
-                    int(receiver.stamp_ns[good[row + 1]]),
-                    None,
-                    f"{length_m[row]:.1f} m",
-                )
-                for row in rows[:8]
-            ),
-            "Look at satellites and surroundings then (bridge, wall, interference): did the estimator follow?",
-        )
-    ]
 
 
 def _stated(receiver: GnssReceiver, at_ns: int) -> float:
@@ -215,19 +185,14 @@ def _stated(receiver: GnssReceiver, at_ns: int) -> float:
 
 
 def _bias(
-    receiver: GnssReceiver,
-    good: NDArray[np.intp],
-    strayed: NDArray[np.float64],
-    step_s: NDArray[np.float64],
-    known: NDArray[np.bool_],
-    instants: LogClock,
-) -> list[Finding]:
+    receiver: GnssReceiver, good: NDArray[np.intp], strayed: Floats, step_s: Floats, known: Flags, clock: LogClock
+) -> Iterator[Finding]:
     """Velocities that for ten seconds say something else than the positions do; jumps are left out."""
     usual = 1.4826 * float(np.nanmedian(np.hypot(strayed[:, 0], strayed[:, 1])))
     calm = known & (np.nan_to_num(np.hypot(strayed[:, 0], strayed[:, 1])) < max(_JUMP_M, _SIGMAS * usual))
     stamps = receiver.stamp_ns[good[1:]][calm]
     if len(stamps) < 10:
-        return []
+        return
     window = (stamps - stamps[0]) // int(_WINDOW_S * 1e9)
     numbers, place, count = np.unique(window, return_inverse=True, return_counts=True)
     time_s = np.bincount(place, step_s[calm])
@@ -237,27 +202,23 @@ def _bias(
     if receiver.accuracy is not None and receiver.accuracy.speed_mps is not None:
         limit = max(limit, 2.0 * float(np.nanmedian(receiver.accuracy.speed_mps)))
     if speed.max() <= limit:
-        return []
+        return
     worst = int(np.argmax(speed))
     at_ns = int(stamps[0] + numbers[worst] * int(_WINDOW_S * 1e9))
-    return [
-        Finding(
-            "gnss.velocity_off",
-            Severity.WARNING,
-            f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off what its positions do, over ten seconds "
-            f"from {instants.text(at_ns)}",
-            (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, at_ns + int(_WINDOW_S * 1e9)),),
-            "Check the receiver's dynamic model and configuration; the estimator takes both for true.",
-        )
-    ]
+    yield Finding(
+        "gnss.velocity_off",
+        Severity.WARNING,
+        f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off what its positions do, over ten seconds "
+        f"from {clock.text(at_ns)}",
+        (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, at_ns + int(_WINDOW_S * 1e9)),),
+        "Check the receiver's dynamic model and configuration; the estimator takes both for true.",
+    )
 
 
-def _frozen(
-    receiver: GnssReceiver, good: NDArray[np.intp], step_s: NDArray[np.float64], instants: LogClock
-) -> list[Finding]:
+def _frozen(receiver: GnssReceiver, good: NDArray[np.intp], step_s: Floats, clock: LogClock) -> Iterator[Finding]:
     """The same position again and again from a receiver that says it moves."""
     if receiver.speed_mps is None or not (step_s > 0.0).any():
-        return []
+        return
     period_s = float(np.median(step_s[step_s > 0.0]))
     place = np.stack([receiver.lat_deg[good], receiver.lon_deg[good]], axis=1)
     spans = []
@@ -266,28 +227,22 @@ def _frozen(
         if np.isfinite(speed).any() and float(np.nanmedian(speed)) > _MOVING_MPS:
             spans.append((int(receiver.stamp_ns[good[hold.first]]), int(receiver.stamp_ns[good[hold.last]]), speed))
     if not spans:
-        return []
-    times = listed([f"from {instants.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b, _ in spans])
-    return [
-        Finding(
-            "gnss.frozen",
-            Severity.WARNING,
-            f"{receiver.name} repeats one position while it reports "
-            f"{float(np.nanmedian(spans[0][2])):.1f} m/s: {times}",
-            tuple(Evidence(receiver.message, receiver.fields["lat"], a, b) for a, b, _ in spans[:8]),
-            "Check the receiver and its driver: a device that no longer measures may repeat its last fix.",
-        )
-    ]
-
-
-def _motion_plot(receiver: GnssReceiver, good: NDArray[np.intp], length_m: NDArray[np.float64]) -> Plot:
-    name = f"{receiver.name} position against velocity"
-    return Plot(
-        f"gnss_motion_{receiver.name}",
-        "How far each position is from where the velocity would have led",
-        "m",
-        (Trace(name, receiver.stamp_ns[good[1:]], length_m, "points"),),
+        return
+    times = listed([f"from {clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b, _ in spans])
+    yield Finding(
+        "gnss.frozen",
+        Severity.WARNING,
+        f"{receiver.name} repeats one position while it reports {float(np.nanmedian(spans[0][2])):.1f} m/s: {times}",
+        tuple(Evidence(receiver.message, receiver.fields["lat"], a, b) for a, b, _ in spans[:8]),
+        "Check the receiver and its driver: a device that no longer measures may repeat its last fix.",
     )
+
+
+def _motion_plot(receiver: GnssReceiver, good: NDArray[np.intp], length_m: Floats) -> Plot:
+    name = f"{receiver.name} position against velocity"
+    title = "How far each position is from where the velocity would have led"
+    trace = Trace(name, receiver.stamp_ns[good[1:]], length_m, "points")
+    return Plot(f"gnss_motion_{receiver.name}", title, "m", (trace,))
 
 
 _TITLE = "GNSS"
@@ -296,13 +251,12 @@ _FEW_SATELLITES = 6
 _POOR_HDOP = 2.0
 _POOR_HORIZONTAL_M, _POOR_SPEED_MPS = 5.0, 1.0  # EKF3 takes a receiver for good up to these
 _APART_M = 5.0
-_GLITCHING = 1 << 14  # XKF4.SS, as of ArduPilot's nav_filter_status
-_ERR_GPS, _ERR_GLITCH = 11, 2
+_ERR_GLITCH = 2
 
 
 def analyse(log: Log) -> Section | None:
     """None where a recording holds no receiver; a vehicle's log without one is told so."""
-    instants = LogClock(log)
+    clock = LogClock(log)
     found = gnss_receivers(log)
     if not found:
         if log.format == "mcap":
@@ -311,12 +265,12 @@ def analyse(log: Log) -> Section | None:
     pause = log_pauses(log)
     findings: list[Finding] = []
     for receiver in found:
-        findings += fix_findings(log, receiver, pause, instants)
+        findings += fix_findings(log, receiver, pause, clock)
         findings += _quality(receiver)
-    moved = [motion_section(receiver, instants) for receiver in found]
+    moved = [motion_section(receiver, clock) for receiver in found]
     findings += [finding for part in moved for finding in part.findings]
-    findings += _two_receivers(found, instants)
-    findings += _glitches(log, instants)
+    findings += _two_receivers(found, clock)
+    findings += _glitches(log, clock)
     return Section(
         "gnss",
         _TITLE,
@@ -324,16 +278,16 @@ def analyse(log: Log) -> Section | None:
         findings=tuple(findings),
         grids=(_grid(found), *(grid for part in moved for grid in part.grids)),
         plots=(*_plots(found, findings), *(plot for part in moved[:2] for plot in part.plots)),
-        lacks=_lacks(found),
+        lacks=tuple(_lacks(found)),
     )
 
 
-def _quality(receiver: GnssReceiver) -> list[Finding]:
+def _quality(receiver: GnssReceiver) -> Iterator[Finding]:
     """Shares of the time with a fix in which the receiver itself says that it is poor."""
     fixed = fixed_rows(receiver)
     if np.count_nonzero(fixed) < 5:
-        return []
-    judged: list[tuple[str, NDArray[np.bool_], str, str, NDArray[np.int64]]] = []
+        return
+    judged: list[tuple[str, Flags, str, str, Stamps]] = []
     if receiver.satellites is not None and np.nan_to_num(receiver.satellites[fixed]).any():
         few = receiver.satellites[fixed] < _FEW_SATELLITES
         judged.append(
@@ -358,26 +312,21 @@ def _quality(receiver: GnssReceiver) -> list[Finding]:
                     (f"an accuracy worse than {limit:g} {unit}", values[after] > limit, accuracy.message, field,
                      accuracy.stamp_ns[after])
                 )  # fmt: skip
-    findings = []
     for what, bad, message, field, stamps in judged:
         if not len(bad) or bad.mean() <= _POOR_SHARE:
             continue
         at = np.flatnonzero(bad)
-        findings.append(
-            Finding(
-                "gnss.poor",
-                Severity.NOTICE,
-                f"{receiver.name} had {what} for {100.0 * float(bad.mean()):.0f} % of the time with a fix",
-                (Evidence(message, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
-                "Give the antenna more sky, away from radio and computer; expect the estimator to wander as much.",
-            )
+        yield Finding(
+            "gnss.poor",
+            Severity.NOTICE,
+            f"{receiver.name} had {what} for {100.0 * float(bad.mean()):.0f} % of the time with a fix",
+            (Evidence(message, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
+            "Give the antenna more sky, away from radio and computer; expect the estimator to wander as much.",
         )
-    return findings
 
 
-def _two_receivers(found: list[GnssReceiver], instants: LogClock) -> list[Finding]:
+def _two_receivers(found: list[GnssReceiver], clock: LogClock) -> Iterator[Finding]:
     """How far two receivers of one vehicle are apart, over what they usually are."""
-    findings = []
     for one, other in combinations([each for each in found if fixed_rows(each).sum() >= 10], 2):
         if one.message.rpartition(":")[0] != other.message.rpartition(":")[0] or _units_differ(one, other):
             continue
@@ -393,21 +342,14 @@ def _two_receivers(found: list[GnssReceiver], instants: LogClock) -> list[Findin
         usual, far = float(np.median(apart[known])), float(np.percentile(apart[known], 99.0))
         if far - usual > _APART_M:
             worst = int(np.nanargmax(apart))
-            findings.append(
-                Finding(
-                    "gnss.receivers_apart",
-                    Severity.WARNING if far - usual > 3.0 * _APART_M else Severity.NOTICE,
-                    f"{one.name} and {other.name} are {usual:.1f} m apart as a rule and {apart[worst]:.1f} m at "
-                    f"{instants.text(int(one.stamp_ns[worst]))}",
-                    (
-                        Evidence(
-                            one.message, one.fields["lat"], int(one.stamp_ns[worst]), None, f"{apart[worst]:.1f} m"
-                        ),
-                    ),
-                    "Compare both with the estimate to see which one strayed.",
-                )
+            yield Finding(
+                "gnss.receivers_apart",
+                Severity.WARNING if far - usual > 3.0 * _APART_M else Severity.NOTICE,
+                f"{one.name} and {other.name} are {usual:.1f} m apart as a rule and {apart[worst]:.1f} m at "
+                f"{clock.text(int(one.stamp_ns[worst]))}",
+                (Evidence(one.message, one.fields["lat"], int(one.stamp_ns[worst]), None, f"{apart[worst]:.1f} m"),),
+                "Compare both with the estimate to see which one strayed.",
             )
-    return findings
 
 
 def _units_differ(one: GnssReceiver, other: GnssReceiver) -> bool:
@@ -415,39 +357,36 @@ def _units_differ(one: GnssReceiver, other: GnssReceiver) -> bool:
     return {one.message.rpartition(":")[2], other.message.rpartition(":")[2]} == {"XITL_GNSS", "GPS_RAW_INT"}
 
 
-def _glitches(log: Log, instants: LogClock) -> list[Finding]:
+def _glitches(log: Log, clock: LogClock) -> Iterator[Finding]:
     """What the autopilot itself took for a glitch: flags of the estimator, errors, sentences."""
     spans: list[tuple[int, int, str, str]] = []
     table = log.tables.get("XKF4")
     flags = None if table is None else numbers(table, "SS", raw=True)
     if table is not None and flags is not None:
-        on = (np.nan_to_num(flags).astype(np.int64) & _GLITCHING) != 0
+        on = (np.nan_to_num(flags).astype(np.int64) & EKF_GPS_GLITCHING) != 0
         if on.any():
             rows = np.flatnonzero(on)
             spans.append((int(table.stamp_ns[rows[0]]), int(table.stamp_ns[rows[-1]]), "XKF4", "SS"))
-    table = log.tables.get("ERR")
-    if table is not None:
-        subsystems, codes = numbers(table, "Subsys", raw=True), numbers(table, "ECode", raw=True)
-        if subsystems is not None and codes is not None:
-            for row in np.flatnonzero((subsystems == _ERR_GPS) & (codes == _ERR_GLITCH)):
-                spans.append((int(table.stamp_ns[row]), int(table.stamp_ns[row]), "ERR", "ECode"))
+    spans += [
+        (at_ns, at_ns, "ERR", "ECode")
+        for at_ns, subsystem, code in error_rows(log)
+        if (subsystem, code) == (ERR_GPS, _ERR_GLITCH)
+    ]
     for text in texts(log):
         words = text.text.lower()
         if "glitch" in words and "cleared" not in words and ("gps" in words or "compass" not in words):
             message, _, field = text.source.rpartition(".")
             spans.append((text.at_ns, text.at_ns, message, field))
     if not spans:
-        return []
+        return
     spans.sort()
-    return [
-        Finding(
-            "gnss.glitch",
-            Severity.WARNING,
-            f"The autopilot took positions for a glitch, first at {instants.text(spans[0][0])}",
-            tuple(Evidence(message, field, a, b) for a, b, message, field in spans[:8]),
-            "Compare the receiver's positions with the estimate then: interference, or an estimator that went astray.",
-        )
-    ]
+    yield Finding(
+        "gnss.glitch",
+        Severity.WARNING,
+        f"The autopilot took positions for a glitch, first at {clock.text(spans[0][0])}",
+        tuple(Evidence(message, field, a, b) for a, b, message, field in spans[:8]),
+        "Compare the receiver's positions with the estimate then: interference, or an estimator that went astray.",
+    )
 
 
 def _facts(receiver: GnssReceiver) -> tuple[Fact, ...]:
@@ -463,7 +402,7 @@ def _facts(receiver: GnssReceiver) -> tuple[Fact, ...]:
     )
 
 
-def _middle(values: NDArray[np.float64] | None, rows: NDArray[np.bool_] | None = None) -> float | None:
+def _middle(values: Floats | None, rows: Flags | None = None) -> float | None:
     if values is None:
         return None
     chosen = values if rows is None else values[rows]
@@ -535,11 +474,9 @@ def _plots(found: list[GnssReceiver], findings: list[Finding]) -> tuple[Plot, ..
     return tuple(plots)
 
 
-def _lacks(found: list[GnssReceiver]) -> tuple[str, ...]:
-    lacks = []
+def _lacks(found: list[GnssReceiver]) -> Iterator[str]:
     for receiver in found:
         if receiver.accuracy is None or receiver.accuracy.horizontal_m is None:
-            lacks.append(f"{receiver.name} states no accuracy (GPA.HAcc).")
+            yield f"{receiver.name} states no accuracy (GPA.HAcc)."
         if receiver.week is not None and not (np.nan_to_num(receiver.week[fixed_rows(receiver)]) > 0).any():
-            lacks.append(f"{receiver.name} tells no GPS time (week 0): the log cannot be placed in UTC by it.")
-    return tuple(lacks)
+            yield f"{receiver.name} tells no GPS time (week 0): the log cannot be placed in UTC by it."

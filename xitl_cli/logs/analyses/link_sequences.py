@@ -5,11 +5,10 @@ A sequence number goes round after 256, so a loss of more than that looks smalle
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
@@ -27,6 +26,7 @@ from xitl_cli.logs.sections import (
     rounded,
 )
 from xitl_cli.logs.signals.moments import Moment, moments_near
+from xitl_cli.logs.table import Stamps
 
 LOSS_WARNING, LOSS_CRITICAL = 0.02, 0.2
 LEAST_FRAMES = 50
@@ -47,8 +47,8 @@ class Sender:
     link: str
     system: int
     component: int
-    stamp_ns: NDArray[np.int64]
-    lost: NDArray[np.int64]
+    stamp_ns: Stamps
+    lost: Stamps
     late: int
     repeated: int
 
@@ -63,14 +63,14 @@ class Sender:
         return lost / max(lost + len(self.stamp_ns), 1)
 
 
-def sequence_section(log: Log, happened: Sequence[Moment], instants: LogClock) -> Section | None:
+def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> Section | None:
     if log.format == "tlog":
         found = senders(log)
         unknown = sum(count for count, _ in log.health.undecoded.values())
         quiet = [
             (each.name, "MAVLink", _quiet(each.stamp_ns, QUIET_S)) for each in found if each.component == AUTOPILOT
         ]
-        losses = [finding for each in found for finding in _losses(each, unknown, instants)]
+        losses = [finding for each in found for finding in _losses(each, unknown, clock)]
     else:
         found, losses = [], []
         quiet = [
@@ -84,7 +84,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], instants: LogClock) -
         finding
         for name, source, spans in quiet
         if spans
-        for finding in _silences(name, source, spans, happened, instants, log.format == "mcap")
+        for finding in _silences(name, source, spans, happened, clock, log.format == "mcap")
     ]
     whole = [each.name for each in found if each.component == AUTOPILOT and len(each.stamp_ns) >= LEAST_FRAMES]
     if whole and not (losses or silences):
@@ -111,7 +111,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], instants: LogClock) -
             facts.append(Fact(f"system_{each.system}_lost_percent", label, rounded(100.0 * each.ratio, 3), "%"))
     grids = [make_grid("senders", "MAVLink by sender", columns, rows)] if rows else []
     pauses: list[tuple[Value, ...]] = [
-        (name, instants.second(begin), instants.second(end), rounded((end - begin) * 1e-9))
+        (name, clock.second(begin), clock.second(end), rounded((end - begin) * 1e-9))
         for name, _, spans in quiet
         for begin, end in spans
     ]
@@ -126,7 +126,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], instants: LogClock) -
 
 def senders(log: Log) -> list[Sender]:
     """Of a telemetry log, those that sent most first."""
-    parts: dict[tuple[int, int], list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]] = {}
+    parts: dict[tuple[int, int], list[tuple[Stamps, Stamps, Stamps]]] = {}
     for table in log.tables.values():
         if not {"_sysid", "_compid", "_seq"} <= set(table.columns):
             continue
@@ -135,7 +135,7 @@ def senders(log: Log) -> list[Sender]:
         for who in np.unique(system * 256 + component).tolist():
             mine = system * 256 + component == who
             key = (who // 256, who % 256)
-            parts.setdefault(key, []).append((table.file_offset[mine], table.stamp_ns[mine], sequence[mine]))
+            parts.setdefault(key, []).append((table.place[mine], table.stamp_ns[mine], sequence[mine]))
     found = []
     for (system_id, component_id), tables in parts.items():
         place, stamps, sequence = (np.concatenate(each) for each in zip(*tables, strict=True))
@@ -145,7 +145,7 @@ def senders(log: Log) -> list[Sender]:
     return sorted(found, key=lambda each: -len(each.stamp_ns))
 
 
-def missing_frames(sequence: NDArray[np.int64]) -> tuple[NDArray[np.int64], int, int]:
+def missing_frames(sequence: Stamps) -> tuple[Stamps, int, int]:
     """(N,) how many are missing before each frame; how many came late, and how many twice in a row.
 
     A number that went back by up to half a round is a late frame, which was missing before and is not.
@@ -175,10 +175,10 @@ def missing_frames(sequence: NDArray[np.int64]) -> tuple[NDArray[np.int64], int,
     return lost, late, repeated
 
 
-def _losses(sender: Sender, unknown: int, instants: LogClock) -> list[Finding]:
+def _losses(sender: Sender, unknown: int, clock: LogClock) -> Iterator[Finding]:
     lost, frames = int(sender.lost.sum()), len(sender.stamp_ns)
     if not lost or frames < LEAST_FRAMES:
-        return []
+        return
     beyond = max(lost - unknown, 0)  # frames of messages that no dialect has are in the file, not lost
     ratio = beyond / (frames + lost)
     severity = Severity.NOTICE
@@ -187,19 +187,17 @@ def _losses(sender: Sender, unknown: int, instants: LogClock) -> list[Finding]:
     rows = np.flatnonzero(sender.lost)
     first_ns, last_ns = int(sender.stamp_ns[rows[0]]), int(sender.stamp_ns[rows[-1]])
     note = f"; up to {min(unknown, lost)} of them are messages of no known dialect" if unknown else ""
-    return [
-        Finding(
-            "links.sequence_loss",
-            severity,
-            f"{sender.name}: {lost} of {frames + lost} frames are missing by their sequence "
-            f"({100.0 * sender.ratio:.2f} %), from {instants.text(first_ns)} to {instants.text(last_ns)}{note}",
-            (Evidence("MAVLink", "_seq", first_ns, last_ns, str(lost)),),
-            "Look at the radio or network; a log that was filtered or taken from one of several links shows the same.",
-        )
-    ]
+    yield Finding(
+        "links.sequence_loss",
+        severity,
+        f"{sender.name}: {lost} of {frames + lost} frames are missing by their sequence "
+        f"({100.0 * sender.ratio:.2f} %), from {clock.text(first_ns)} to {clock.text(last_ns)}{note}",
+        (Evidence("MAVLink", "_seq", first_ns, last_ns, str(lost)),),
+        "Look at the radio or network; a log that was filtered or taken from one of several links shows the same.",
+    )
 
 
-def _quiet(stamp_ns: NDArray[np.int64], least_s: float) -> list[tuple[int, int]]:
+def _quiet(stamp_ns: Stamps, least_s: float) -> list[tuple[int, int]]:
     """Pauses much longer than usual; a frame or two between them does not end one."""
     stamps = np.sort(stamp_ns)
     between = np.diff(stamps)
@@ -217,31 +215,24 @@ def _quiet(stamp_ns: NDArray[np.int64], least_s: float) -> list[tuple[int, int]]
 
 
 def _silences(
-    name: str,
-    source: str,
-    spans: list[tuple[int, int]],
-    happened: Sequence[Moment],
-    instants: LogClock,
-    in_run: bool,
-) -> list[Finding]:
+    name: str, source: str, spans: list[tuple[int, int]], happened: Sequence[Moment], clock: LogClock, in_run: bool
+) -> Iterator[Finding]:
     total_s = sum((end - begin) * 1e-9 for begin, end in spans)
     begin, end = max(spans, key=lambda span: span[1] - span[0])
     beside = [one.text for one in moments_near(happened, begin, end, WINDOW_NS) if one.kind in ("fault", "takeover")]
     again = "once" if len(spans) == 1 else f"{len(spans)} times, {total_s:.1f} s in all"
     with_ = f", with: {'; '.join(dict.fromkeys(beside))}" if beside else ""
-    return [
-        Finding(
-            "links.silence",
-            Severity.NOTICE if beside else Severity.WARNING,
-            f"{name}: no frame for {(end - begin) * 1e-9:.1f} s from {instants.text(begin)} ({again}){with_}",
-            tuple(Evidence(source, None, from_ns, until_ns) for from_ns, until_ns in spans[:10]),
-            "It was on purpose if the fault is of this link; see what the autopilot did meanwhile (modes, events)."
-            if beside
-            else "Look at the link and at both of its ends then: power, cable, antenna, restarts, a machine asleep."
-            if in_run
-            else "Look at range and antennas then; the autopilot's failsafe may have acted (modes, events).",
-        )
-    ]
+    yield Finding(
+        "links.silence",
+        Severity.NOTICE if beside else Severity.WARNING,
+        f"{name}: no frame for {(end - begin) * 1e-9:.1f} s from {clock.text(begin)} ({again}){with_}",
+        tuple(Evidence(source, None, from_ns, until_ns) for from_ns, until_ns in spans[:10]),
+        "It was on purpose if the fault is of this link; see what the autopilot did meanwhile (modes, events)."
+        if beside
+        else "Look at the link and at both of its ends then: power, cable, antenna, restarts, a machine asleep."
+        if in_run
+        else "Look at range and antennas then; the autopilot's failsafe may have acted (modes, events).",
+    )
 
 
 def _plots(found: list[Sender], quiet: list[tuple[str, str, list[tuple[int, int]]]]) -> tuple[Plot, ...]:
@@ -254,7 +245,7 @@ def _plots(found: list[Sender], quiet: list[tuple[str, str, list[tuple[int, int]
         size = int(min(window.max() + 1, 200_000))
         kept = window < size
         counted = np.bincount(window[kept], weights=each.lost[kept], minlength=size).astype(np.float64)
-        instants_ns: NDArray[np.int64] = begin + WINDOW_NS * np.arange(size, dtype=np.int64)
+        instants_ns: Stamps = begin + WINDOW_NS * np.arange(size, dtype=np.int64)
         traces.append(Trace(each.name, instants_ns, counted, "steps"))
     marks = tuple(Mark(begin, f"{name}: nothing", end) for name, _, spans in quiet for begin, end in spans)
     if not traces:

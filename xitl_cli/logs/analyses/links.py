@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.link_sequences import sequence_section
 from xitl_cli.logs.clocks.time_line import LogClock
@@ -18,19 +19,26 @@ from xitl_cli.logs.sections import (
     Severity,
     Trace,
     Value,
+    joined,
     make_grid,
     rounded,
 )
 from xitl_cli.logs.signals.moments import moments
-from xitl_cli.logs.table import Selection, Table, by_instance, first_of
+from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance, first_of
 
 LOSS_WARNING, LOSS_CRITICAL = 0.01, 0.2
 COUNTS = ("sent", "received", "lost", "gaps", "late", "repeated", "dropped", "unsent", "refused", "impaired")
 LATENCIES = ("latency_p50_s", "latency_p99_s", "latency_max_s")
 LATENCY_WARNING_S = 0.1
+_TROUBLES = {
+    "dropped": ("frames came damaged, unknown or from elsewhere", "Look at the line's quality and at who else sends."),
+    "unsent": ("frames were not taken by the transport", "The link is slower than what it has to carry: lower rates."),
+    "refused": ("frames were refused for their signature", "Give both ends the same key."),
+}
+"""By count of /links: what came of so many frames, and what to do."""
 
 
-def count_section(log: Log, instants: LogClock) -> Section | None:
+def count_section(log: Log, clock: LogClock) -> Section | None:
     table = log.tables.get("/links")
     if table is None or not {"name", *COUNTS} <= set(table.columns):
         return None
@@ -38,9 +46,7 @@ def count_section(log: Log, instants: LogClock) -> Section | None:
     links = {str(name): Selection(table, names == name) for name in dict.fromkeys(names.tolist())}
     last = {name: {count: _last(link, count) for count in COUNTS} for name, link in links.items()}
     times = {name: {field: _latest(link, field) for field in LATENCIES} for name, link in links.items()}
-    findings = [
-        finding for name, link in links.items() for finding in _count_findings(name, link, last[name], instants)
-    ]
+    findings = [finding for name, link in links.items() for finding in _count_findings(name, link, last[name], clock)]
     known = {name: of for name in links if (of := _sent_count(last[name]))}
     if known and not findings:
         counted = " and ".join(f"{of} frames on {name}" for name, of in known.items())
@@ -55,11 +61,7 @@ def count_section(log: Log, instants: LogClock) -> Section | None:
             Fact(f"{key}_latency_p99_ms", f"{name}: 99 % take at most", _ms(times[name]["latency_p99_s"]), "ms"),
         ]
     rows: list[tuple[Value, ...]] = [
-        (
-            name,
-            *(last[name][count] for count in COUNTS),
-            *(_ms(times[name][field]) for field in LATENCIES),
-        )
+        (name, *(last[name][count] for count in COUNTS), *(_ms(times[name][field]) for field in LATENCIES))
         for name in links
     ]
     columns = ("link", *COUNTS, "half take (ms)", "99 % take (ms)", "longest (ms)")
@@ -105,8 +107,7 @@ def _sent_count(counts: dict[str, int | None]) -> int:
     return (counts["received"] or 0) - (counts["repeated"] or 0) + _lost(counts)
 
 
-def _count_findings(name: str, link: Table, counts: dict[str, int | None], instants: LogClock) -> list[Finding]:
-    findings = []
+def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock: LogClock) -> Iterator[Finding]:
     lost, of = _lost(counts), _sent_count(counts)
     on_purpose = min(counts["impaired"] or 0, lost)
     if lost and of:
@@ -116,59 +117,38 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], insta
             severity = Severity.CRITICAL if ratio > LOSS_CRITICAL else Severity.WARNING
         field = "lost" if (counts["lost"] or 0) >= (counts["gaps"] or 0) else "gaps"
         from_ns, until_ns = _grew(link, field)
-        if from_ns is not None and until_ns is not None:
-            when = f", between {instants.text(from_ns)} and {instants.text(until_ns)}"
-        else:
-            when = ""
+        known = from_ns is not None and until_ns is not None
+        when = f", between {clock.text(from_ns or 0)} and {clock.text(until_ns or 0)}" if known else ""
         purpose = "" if not on_purpose else ", all on purpose" if on_purpose == lost else f", {on_purpose} on purpose"
-        findings.append(
-            Finding(
-                "links.loss",
-                severity,
-                f"{name}: {lost} of {of} frames were lost ({100.0 * lost / of:.2f} %){purpose}{when}",
-                (Evidence("/links", field, from_ns, until_ns, str(lost)),),
-                "The faults section says what was injected and when."
-                if on_purpose == lost
-                else "Look at the link's rate, cable or radio, and at what else ran on it then.",
-            )
+        yield Finding(
+            "links.loss",
+            severity,
+            f"{name}: {lost} of {of} frames were lost ({100.0 * lost / of:.2f} %){purpose}{when}",
+            (Evidence("/links", field, from_ns, until_ns, str(lost)),),
+            "The faults section says what was injected and when."
+            if on_purpose == lost
+            else "Look at the link's rate, cable or radio, and at what else ran on it then.",
         )
-    for count, what, step in (
-        (
-            "dropped",
-            "frames came damaged, unknown or from elsewhere",
-            "Look at the line's quality and at who else sends.",
-        ),
-        (
-            "unsent",
-            "frames were not taken by the transport",
-            "The link is slower than what it has to carry: lower rates.",
-        ),
-        ("refused", "frames were refused for their signature", "Give both ends the same key."),
-    ):
+    for count, (what, step) in _TROUBLES.items():
         number_of = counts[count] or 0
         if number_of:
             share = number_of / max(of, 1)
-            findings.append(
-                Finding(
-                    f"links.{count}",
-                    Severity.WARNING if share > LOSS_WARNING else Severity.NOTICE,
-                    f"{name}: {number_of} {what}",
-                    (Evidence("/links", count, value=str(number_of)),),
-                    step,
-                )
+            yield Finding(
+                f"links.{count}",
+                Severity.WARNING if share > LOSS_WARNING else Severity.NOTICE,
+                f"{name}: {number_of} {what}",
+                (Evidence("/links", count, value=str(number_of)),),
+                step,
             )
     p99_s = _latest(link, "latency_p99_s")
     if p99_s is not None and p99_s > LATENCY_WARNING_S:
-        findings.append(
-            Finding(
-                "links.latency",
-                Severity.WARNING,
-                f"{name}: one message in a hundred took {1e3 * p99_s:.0f} ms or more",
-                (Evidence("/links", "latency_p99_s", value=f"{1e3 * p99_s:.1f} ms"),),
-                "Control lives with old samples: look at the load of the link and of both machines.",
-            )
+        yield Finding(
+            "links.latency",
+            Severity.WARNING,
+            f"{name}: one message in a hundred took {1e3 * p99_s:.0f} ms or more",
+            (Evidence("/links", "latency_p99_s", value=f"{1e3 * p99_s:.1f} ms"),),
+            "Control lives with old samples: look at the load of the link and of both machines.",
         )
-    return findings
 
 
 def _grew(link: Table, count: str) -> tuple[int | None, int | None]:
@@ -191,7 +171,7 @@ def _count_plots(links: dict[str, Selection]) -> tuple[Plot, ...]:
         losses.append(Trace(name, link.stamp_ns, each, "steps"))
         for field, what in zip(LATENCIES, ("half", "99 %", "longest"), strict=True):
             if field in link.columns:
-                values: NDArray[np.float64] = np.asarray(link.values(field), dtype=np.float64) * 1e3
+                values: Floats = np.asarray(link.values(field), dtype=np.float64) * 1e3
                 known = np.isfinite(values)
                 if known.any():
                     latencies.append(Trace(f"{name}, {what}", link.stamp_ns[known], values[known]))
@@ -209,29 +189,19 @@ LONGEST_TRIP_MS = 1e6  # what ArduPilot subtracts the wrong way round goes below
 ROUND = 1 << 16  # counts of packets are of 16 bits
 
 
-def autopilot_section(log: Log, instants: LogClock) -> Section | None:
-    parts = [of(log, instants) for of in (_channels, _radio, _serial, _trips)]
-    found = [part for part in parts if part is not None]
-    if not found:
-        return None
-    return Section(
-        "links",
-        "Links",
-        tuple(fact for part in found for fact in part.facts),
-        tuple(finding for part in found for finding in part.findings),
-        tuple(each for part in found for each in part.grids),
-        tuple(plot for part in found for plot in part.plots),
-    )
+def autopilot_section(log: Log, clock: LogClock) -> Section | None:
+    parts = [part for of in (_channels, _radio, _serial, _trips) if (part := of(log, clock)) is not None]
+    return joined("links", "Links", parts) if parts else None
 
 
-def _grown(table: Table, column: str) -> NDArray[np.int64]:
+def _grown(table: Table, column: str) -> Stamps:
     """(N,) by how much a count of 16 bits grew at each row."""
     values = np.asarray(table.values(column, raw=True)).astype(np.int64)
-    grown: NDArray[np.int64] = np.diff(values, prepend=values[:1]) % ROUND
+    grown: Stamps = np.diff(values, prepend=values[:1]) % ROUND
     return np.where(grown < ROUND // 2, grown, 0)
 
 
-def _channels(log: Log, instants: LogClock) -> Section | None:
+def _channels(log: Log, clock: LogClock) -> Section | None:
     table = log.tables.get("MAV")
     if table is None or not {"txp", "rxp", "rxdp"} <= set(table.columns):
         return None
@@ -251,7 +221,7 @@ def _channels(log: Log, instants: LogClock) -> Section | None:
                     "links.dropped",
                     Severity.WARNING if dropped / of > DROP_WARNING else Severity.NOTICE,
                     f"The autopilot missed {dropped} of {of} packets sent to it on channel {channel} "
-                    f"({100.0 * dropped / of:.1f} %), from {instants.text(begin)} to {instants.text(end)}",
+                    f"({100.0 * dropped / of:.1f} %), from {clock.text(begin)} to {clock.text(end)}",
                     (Evidence("MAV", "rxdp", begin, end, str(dropped)),),
                     "Look at the radio, its antenna and the baud rate of that port; several senders with one system "
                     "number look the same.",
@@ -266,7 +236,7 @@ def _channels(log: Log, instants: LogClock) -> Section | None:
     return Section("links", "", facts, tuple(findings), (make_grid("channels", "MAVLink channels", columns, rows),))
 
 
-def _radio(log: Log, instants: LogClock) -> Section | None:
+def _radio(log: Log, clock: LogClock) -> Section | None:
     table = log.tables.get("RAD")
     if table is None or not {"RSSI", "Noise"} <= set(table.columns) or not len(table):
         return None
@@ -288,7 +258,7 @@ def _radio(log: Log, instants: LogClock) -> Section | None:
                     "links.radio_margin",
                     Severity.WARNING,
                     f"The radio's signal {where} was within {MARGIN_LOW:.0f} steps of the noise in {len(low)} of "
-                    f"{len(table)} reports, first at {instants.text(begin)}",
+                    f"{len(table)} reports, first at {clock.text(begin)}",
                     (Evidence("RAD", strength, begin, end, f"{margin.min():.0f}"),),
                     "Look at antennas and their place, at the distance then, and at what else transmits nearby.",
                 )
@@ -300,7 +270,7 @@ def _radio(log: Log, instants: LogClock) -> Section | None:
     return Section("links", "", tuple(facts), tuple(findings), plots=plots)
 
 
-def _serial(log: Log, instants: LogClock) -> Section | None:
+def _serial(log: Log, clock: LogClock) -> Section | None:
     table = log.tables.get("UART")
     if table is None or not {"Tx", "Rx"} <= set(table.columns):
         return None
@@ -322,7 +292,7 @@ def _serial(log: Log, instants: LogClock) -> Section | None:
                     "links.serial_overflow",
                     Severity.WARNING,
                     f"Serial port {port} lost bytes it had received, up to {lost.max():.0f} a second, first at "
-                    f"{instants.text(begin)}",
+                    f"{clock.text(begin)}",
                     (Evidence("UART", "RxDp", begin, end, f"{lost.max():.0f} B/s"),),
                     "They came faster than they were read: look at the long loops then, or use DMA on that port.",
                 )
@@ -332,7 +302,7 @@ def _serial(log: Log, instants: LogClock) -> Section | None:
     return Section("links", "", (), tuple(findings), grids)
 
 
-def _trips(log: Log, instants: LogClock) -> Section | None:
+def _trips(log: Log, clock: LogClock) -> Section | None:
     table = log.tables.get("TSYN")
     column = None if table is None else first_of(table, ("RTT",))
     if table is None or column is None or not len(table):
@@ -351,7 +321,7 @@ def _trips(log: Log, instants: LogClock) -> Section | None:
                 "links.round_trip",
                 Severity.WARNING,
                 f"One round trip in a hundred took {p99:.0f} ms or more, the longest {trip_ms[worst]:.0f} ms at "
-                f"{instants.text(at_ns)}",
+                f"{clock.text(at_ns)}",
                 (Evidence("TSYN", column, at_ns, value=f"{trip_ms[worst]:.0f} ms"),),
                 "A companion that controls over this link sees it late: look at its load and the link's rate.",
             )
@@ -367,23 +337,14 @@ def _trips(log: Log, instants: LogClock) -> Section | None:
 
 def analyse(log: Log) -> Section | None:
     """None where the log tells of no link."""
-    instants = LogClock(log)
+    clock = LogClock(log)
     if log.format == "dataflash":
-        parts = [autopilot_section(log, instants)]
+        parts = [autopilot_section(log, clock)]
     else:
         happened = [one for one in moments(log) if one.kind in ("fault", "takeover", "mode", "arming")]
-        parts = [count_section(log, instants), sequence_section(log, happened, instants)]
-    found = [part for part in parts if part is not None]
-    if not found:
-        if log.format != "dataflash":
-            return None
-        return Section("links", "Links", lacks=("The log has no MAV, RAD, UART or TSYN, so links cannot be judged.",))
-    return Section(
-        "links",
-        "Links",
-        tuple(fact for part in found for fact in part.facts),
-        tuple(finding for part in found for finding in part.findings),
-        tuple(grid for part in found for grid in part.grids),
-        tuple(plot for part in found for plot in part.plots),
-        tuple(lack for part in found for lack in part.lacks),
-    )
+        parts = [count_section(log, clock), sequence_section(log, happened, clock)]
+    if any(part is not None for part in parts):
+        return joined("links", "Links", parts)
+    if log.format != "dataflash":
+        return None
+    return Section("links", "Links", lacks=("The log has no MAV, RAD, UART or TSYN, so links cannot be judged.",))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xitl_cli.logs import signals
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import (
@@ -28,6 +26,7 @@ from xitl_cli.logs.sections import (
 from xitl_cli.logs.signals.deadlines import LONG_AT, LoopWindows, simulated_clock_reason
 from xitl_cli.logs.signals.moments import Moment, moments_near, moments_text
 from xitl_cli.logs.signals.states import last_parameters
+from xitl_cli.logs.table import Floats, Stamps
 
 BESIDE_NS = 500_000_000  # of a loop that could be placed
 PLACED = 0.7  # of the longest loop's time must be without a row of the loop
@@ -49,11 +48,7 @@ class LongLoopWindow:
 
 
 def windows_with_long_loops(
-    log: Log,
-    windows: LoopWindows,
-    happened: Sequence[Moment],
-    armed: list[tuple[int, int]],
-    period_s: float | None,
+    log: Log, windows: LoopWindows, happened: Sequence[Moment], clock: LogClock, period_s: float | None
 ) -> list[LongLoopWindow]:
     long = np.flatnonzero(np.nan_to_num(windows.long_loops) > 0.0)
     pauses = _pauses(log, period_s)
@@ -63,13 +58,13 @@ def windows_with_long_loops(
         placed = _placed(pauses, from_ns, until_ns, float(windows.longest_us[row]) * 1e-6, log, period_s)
         begin, end = (from_ns, until_ns) if placed is None else placed
         beside = moments_near(happened, begin, end, 0 if placed is None else BESIDE_NS)
-        on = any(since < end and begin < until for since, until in armed)
+        on = any(since < end and begin < until for since, until in clock.armed)
         leapt = any(one.kind == "clock" for one in beside)
         found.append(LongLoopWindow(row, placed, moments_text(beside), on, leapt))
     return found
 
 
-def _pauses(log: Log, period_s: float | None) -> list[NDArray[np.int64]]:
+def _pauses(log: Log, period_s: float | None) -> list[Stamps]:
     """Stamps of what is logged in about every loop."""
     if period_s is None:
         return []
@@ -85,12 +80,7 @@ def _pauses(log: Log, period_s: float | None) -> list[NDArray[np.int64]]:
 
 
 def _placed(
-    pauses: list[NDArray[np.int64]],
-    from_ns: int,
-    until_ns: int,
-    longest_s: float,
-    log: Log,
-    period_s: float | None,
+    pauses: list[Stamps], from_ns: int, until_ns: int, longest_s: float, log: Log, period_s: float | None
 ) -> tuple[int, int] | None:
     """Where nothing of the loop was logged for as long as the longest loop; before the log's first row at its start."""
     if not np.isfinite(longest_s) or period_s is None or longest_s < 2.0 * period_s:
@@ -122,18 +112,17 @@ RATE_LOW = 0.95
 MOST_MARKS = 50
 
 
-def long_loop_section(log: Log, windows: LoopWindows, happened: Sequence[Moment], instants: LogClock) -> Section:
+def long_loop_section(log: Log, windows: LoopWindows, happened: Sequence[Moment], clock: LogClock) -> Section:
     why = simulated_clock_reason(log)
-    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     period_s = windows.period_s
-    found = windows_with_long_loops(log, windows, happened, armed, period_s)
-    findings = [_no_evidence(windows, why)] if why else _findings(log, windows, found, period_s, instants)
+    found = windows_with_long_loops(log, windows, happened, clock, period_s)
+    findings = [_no_evidence(windows, why)] if why else _findings(log, windows, found, period_s, clock)
     return Section(
         "scheduler",
         "Main loop",
         _facts(windows, why, period_s),
         tuple(findings),
-        (_grid(windows, found, instants),) if found else (),
+        (_grid(windows, found, clock),) if found else (),
         _plots(windows, found),
         _lacks(windows),
     )
@@ -179,29 +168,32 @@ def _facts(windows: LoopWindows, why: str, period_s: float | None) -> tuple[Fact
     return tuple(fact for fact in facts if fact.value is not None)
 
 
-def _sum(values: NDArray[np.float64]) -> int | None:
+def _sum(values: Floats) -> int | None:
     return int(np.nansum(values)) if np.isfinite(values).any() else None
 
 
-def _whole_max(values: NDArray[np.float64]) -> int | None:
+def _whole_max(values: Floats) -> int | None:
     return int(np.nanmax(values)) if np.isfinite(values).any() else None
 
 
-def _whole_min(values: NDArray[np.float64]) -> int | None:
+def _whole_min(values: Floats) -> int | None:
     return int(np.nanmin(values)) if np.isfinite(values).any() else None
 
 
 def _findings(
-    log: Log, windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, instants: LogClock
-) -> list[Finding]:
-    findings = _long(windows, found, instants) + _longest(windows, found, period_s, instants)
-    return findings + _load(windows, instants) + _rate(log, windows) + _extra(windows, instants)
+    log: Log, windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, clock: LogClock
+) -> Iterator[Finding]:
+    yield from _long(windows, found, clock)
+    yield from _longest(windows, found, period_s, clock)
+    yield from _load(windows, clock)
+    yield from _rate(log, windows)
+    yield from _extra(windows, clock)
 
 
-def _long(windows: LoopWindows, found: list[LongLoopWindow], instants: LogClock) -> list[Finding]:
+def _long(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Iterator[Finding]:
     total, long = _sum(windows.loops), _sum(windows.long_loops)
     if not total or not long:
-        return []
+        return
     ratio = long / total
     with np.errstate(invalid="ignore", divide="ignore"):
         by_window = np.where(windows.loops > 0.0, windows.long_loops / windows.loops, 0.0)
@@ -210,34 +202,31 @@ def _long(windows: LoopWindows, found: list[LongLoopWindow], instants: LogClock)
     if ratio > MISS_WARNING or by_window[worst] > WINDOW_WARNING:
         severity = Severity.CRITICAL if ratio > MISS_CRITICAL else Severity.WARNING
     beside = next((one.happened for one in found if one.row == worst), "")
-    at = f"{instants.text(int(windows.from_ns[worst]))} to {instants.text(int(windows.until_ns[worst]))}"
-    return [
-        Finding(
-            "scheduler.long_loops",
-            severity,
-            f"{long} of {total} loops ({100.0 * ratio:.2f} %) took more than {LONG_AT} periods; most from {at} "
-            f"({100.0 * float(by_window[worst]):.1f} %), with: {beside}",
-            tuple(
-                Evidence(
-                    "PM",
-                    windows.field("long_loops"),
-                    int(windows.from_ns[one.row]),
-                    int(windows.until_ns[one.row]),
-                    f"{windows.long_loops[one.row]:.0f} of {windows.loops[one.row]:.0f}",
-                )
-                for one in found[:10]
-            ),
-            "Look what comes together with them below; take load off (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
-            "scripts) or give the process a real-time priority.",
-        )
-    ]
+    at = f"{clock.text(int(windows.from_ns[worst]))} to {clock.text(int(windows.until_ns[worst]))}"
+    yield Finding(
+        "scheduler.long_loops",
+        severity,
+        f"{long} of {total} loops ({100.0 * ratio:.2f} %) took more than {LONG_AT} periods; most from {at} "
+        f"({100.0 * float(by_window[worst]):.1f} %), with: {beside}",
+        tuple(
+            Evidence(
+                "PM",
+                windows.field("long_loops"),
+                int(windows.from_ns[one.row]),
+                int(windows.until_ns[one.row]),
+                f"{windows.long_loops[one.row]:.0f} of {windows.loops[one.row]:.0f}",
+            )
+            for one in found[:10]
+        ),
+        "Look what comes together with them below; take load off (LOG_BITMASK, SCHED_LOOP_RATE, notch filters, "
+        "scripts) or give the process a real-time priority.",
+    )
 
 
 def _longest(
-    windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, instants: LogClock
-) -> list[Finding]:
+    windows: LoopWindows, found: list[LongLoopWindow], period_s: float | None, clock: LogClock
+) -> Iterator[Finding]:
     """One finding for the longest loop armed, one for the longest disarmed, where they are long at all."""
-    findings = []
     for armed in (True, False):
         rows = [one for one in found if one.armed == armed and np.isfinite(windows.longest_us[one.row])]
         if not rows or period_s is None:
@@ -249,97 +238,90 @@ def _longest(
         begin, end = int(windows.from_ns[worst.row]), int(windows.until_ns[worst.row])
         if worst.placed is not None:
             begin, end = worst.placed
-        when = f"between {instants.text(begin)} and {instants.text(end)}"
-        findings.append(
-            Finding(
-                f"scheduler.longest_loop{'' if armed else '_disarmed'}",
-                Severity.WARNING if armed and not worst.leapt else Severity.NOTICE,
-                f"One loop took {1e3 * longest_s:.0f} ms, {longest_s / period_s:.0f} periods, "
-                f"{'armed' if armed else 'not armed'}, {when}, with: {worst.happened}",
-                (Evidence("PM", windows.field("longest_us"), begin, end, f"{1e6 * longest_s:.0f} us"),),
-                "Look at the time bases for why the clock stepped; the loop itself kept its time."
-                if worst.leapt
-                else "The controllers stood still for so long: look for what was written, opened or started then."
-                if armed
-                else "Harmless where it comes once at the start; see that it does not come again when armed.",
-            )
+        when = f"between {clock.text(begin)} and {clock.text(end)}"
+        yield Finding(
+            f"scheduler.longest_loop{'' if armed else '_disarmed'}",
+            Severity.WARNING if armed and not worst.leapt else Severity.NOTICE,
+            f"One loop took {1e3 * longest_s:.0f} ms, {longest_s / period_s:.0f} periods, "
+            f"{'armed' if armed else 'not armed'}, {when}, with: {worst.happened}",
+            (Evidence("PM", windows.field("longest_us"), begin, end, f"{1e6 * longest_s:.0f} us"),),
+            "Look at the time bases for why the clock stepped; the loop itself kept its time."
+            if worst.leapt
+            else "The controllers stood still for so long: look for what was written, opened or started then."
+            if armed
+            else "Harmless where it comes once at the start; see that it does not come again when armed.",
         )
-    return findings
 
 
-def _load(windows: LoopWindows, instants: LogClock) -> list[Finding]:
+def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
     load = windows.load_percent
     known = np.isfinite(load)
     if not known.any():
-        return []
+        return
     full = np.flatnonzero(known & (load > SATURATED_PERCENT))
     mean = float(load[known].mean())
     if len(full):
         at_ns = int(windows.until_ns[full[0]])
-        return [
-            Finding(
-                "scheduler.load_saturated",
-                Severity.WARNING,
-                f"Load was at 100 % in {len(full)} of {int(known.sum())} windows, first at {instants.text(at_ns)}: the "
-                "loop rate fell under 95 % of what it should be",
-                (Evidence("PM", windows.field("load_percent"), at_ns, int(windows.until_ns[full[-1]])),),
-                "Lower SCHED_LOOP_RATE or what the autopilot has to do (LOG_BITMASK, filters, scripts).",
-            )
-        ]
+        yield Finding(
+            "scheduler.load_saturated",
+            Severity.WARNING,
+            f"Load was at 100 % in {len(full)} of {int(known.sum())} windows, first at {clock.text(at_ns)}: the "
+            "loop rate fell under 95 % of what it should be",
+            (Evidence("PM", windows.field("load_percent"), at_ns, int(windows.until_ns[full[-1]])),),
+            "Lower SCHED_LOOP_RATE or what the autopilot has to do (LOG_BITMASK, filters, scripts).",
+        )
+        return
     if mean > LOAD_WARNING_PERCENT:
         evidence = Evidence("PM", windows.field("load_percent"), value=f"{mean:.1f} %")
         step = "Lower SCHED_LOOP_RATE or what the autopilot has to do before something is added."
-        return [Finding("scheduler.load", Severity.WARNING, f"The processor was {mean:.0f} % busy", (evidence,), step)]
-    return []
+        yield Finding("scheduler.load", Severity.WARNING, f"The processor was {mean:.0f} % busy", (evidence,), step)
+        return
+    return
 
 
-def _rate(log: Log, windows: LoopWindows) -> list[Finding]:
+def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:
     wanted_hz = last_parameters(log).get("SCHED_LOOP_RATE")
     rates = windows.rate_hz[np.isfinite(windows.rate_hz)]
     if not wanted_hz or not len(rates) or float(np.median(rates)) >= RATE_LOW * wanted_hz:
-        return []
+        return
     reached_hz = float(np.median(rates))
-    return [
-        Finding(
-            "scheduler.loop_rate",
-            Severity.WARNING,
-            f"The main loop ran at {reached_hz:.0f} Hz where SCHED_LOOP_RATE asks for {wanted_hz:.0f} Hz",
-            (Evidence("PM", windows.field("rate_hz"), value=f"{reached_hz:.0f} Hz"),),
-            "Lower SCHED_LOOP_RATE to what this board reaches: gains and filters count on it.",
-        )
-    ]
+    yield Finding(
+        "scheduler.loop_rate",
+        Severity.WARNING,
+        f"The main loop ran at {reached_hz:.0f} Hz where SCHED_LOOP_RATE asks for {wanted_hz:.0f} Hz",
+        (Evidence("PM", windows.field("rate_hz"), value=f"{reached_hz:.0f} Hz"),),
+        "Lower SCHED_LOOP_RATE to what this board reaches: gains and filters count on it.",
+    )
 
 
-def _extra(windows: LoopWindows, instants: LogClock) -> list[Finding]:
+def _extra(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
     extra = np.nan_to_num(windows.extra_us)
     rows = np.flatnonzero(extra > 0.0)
     if not len(rows):
-        return []
+        return
     at_ns = int(windows.until_ns[rows[0]])
-    return [
-        Finding(
-            "scheduler.late_tasks",
-            Severity.NOTICE,
-            f"Tasks were eight times late, so up to {extra.max():.0f} us were added to each loop, first at "
-            f"{instants.text(at_ns)}",
-            (Evidence("PM", windows.field("extra_us"), at_ns, int(windows.until_ns[rows[-1]])),),
-            "Fetch @SYS/tasks.txt (`xitl logs tasks`) to see which task takes the time.",
-        )
-    ]
+    yield Finding(
+        "scheduler.late_tasks",
+        Severity.NOTICE,
+        f"Tasks were eight times late, so up to {extra.max():.0f} us were added to each loop, first at "
+        f"{clock.text(at_ns)}",
+        (Evidence("PM", windows.field("extra_us"), at_ns, int(windows.until_ns[rows[-1]])),),
+        "Fetch @SYS/tasks.txt (`xitl logs tasks`) to see which task takes the time.",
+    )
 
 
-def _grid(windows: LoopWindows, found: list[LongLoopWindow], instants: LogClock) -> Grid:
+def _grid(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for one in found:
         begin, end = one.placed or (int(windows.from_ns[one.row]), int(windows.until_ns[one.row]))
         rows.append(
             (
-                instants.second(int(windows.until_ns[one.row])),
+                clock.second(int(windows.until_ns[one.row])),
                 rounded(windows.long_loops[one.row], 0),
                 rounded(windows.loops[one.row], 0),
                 rounded(windows.longest_us[one.row], 0),
-                instants.second(begin) if one.placed else None,
-                instants.second(end) if one.placed else None,
+                clock.second(begin) if one.placed else None,
+                clock.second(end) if one.placed else None,
                 "yes" if one.armed else "no",
                 one.happened,
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -240,8 +240,8 @@ def analyse(log: Log) -> Section | None:
     loaded, taken_up, reached = mission_versions(log), executed_items(log), reached_at(log)
     if not loaded and not taken_up and not reached:
         return None
-    instants, modes = LogClock(log), mode_spans(log)
-    legs = _legs(log, taken_up, reached, modes, instants)
+    clock, modes = LogClock(log), mode_spans(log)
+    legs = _legs(log, taken_up, reached, modes, clock)
     complete_ns = _complete_ns(log)
     plan = _plan_in_force(loaded, legs)
     sailed = leg_tracks(log, plan, legs)
@@ -264,10 +264,10 @@ def analyse(log: Log) -> Section | None:
         Fact("cross_track_max_m", "Cross track, largest", largest_m(sailed), "m"),
     )
     findings = [
-        *_unfinished(log, legs, complete, done, wanted, modes, instants),
-        *_changed(log, loaded, legs, instants),
+        *_unfinished(log, legs, complete, done, wanted, modes, clock),
+        *_changed(log, loaded, legs, clock),
     ]
-    grids = [found for found in (_leg_table(plan, legs, sailed, instants), _plan_table(plan)) if found is not None]
+    grids = [found for found in (_leg_table(plan, legs, sailed, clock), _plan_table(plan)) if found is not None]
     known = tuple(fact for fact in facts if fact.value is not None)
     return Section("missions", "Mission", known, tuple(findings), tuple(grids), (), tuple(lacks))
 
@@ -307,11 +307,7 @@ def _last_item(log: Log) -> int:
 
 
 def _legs(
-    log: Log,
-    taken_up: list[tuple[int, int]],
-    reached: list[tuple[int, int]],
-    modes: list[ModeSpan],
-    instants: LogClock,
+    log: Log, taken_up: list[tuple[int, int]], reached: list[tuple[int, int]], modes: list[ModeSpan], clock: LogClock
 ) -> list[MissionLeg]:
     """From each item taken up to where it was reached, the next one was, or the mode was left."""
     if not taken_up and reached:
@@ -322,7 +318,7 @@ def _legs(
     armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
     legs: list[MissionLeg] = []
     for place, (at_ns, seq) in enumerate(taken_up[:_MOST_LEGS]):
-        next_ns = taken_up[place + 1][0] if place + 1 < len(taken_up) else instants.end_ns
+        next_ns = taken_up[place + 1][0] if place + 1 < len(taken_up) else clock.end_ns
         window = next(((begin, end) for begin, end in auto if begin < next_ns and end > at_ns), None)
         if modes and window is None:
             continue
@@ -354,7 +350,7 @@ def _plan_in_force(loaded: list[MissionVersion], legs: list[MissionLeg]) -> Miss
 
 
 def _leg_table(
-    plan: MissionVersion | None, legs: list[MissionLeg], sailed: list[LegTrack], instants: LogClock
+    plan: MissionVersion | None, legs: list[MissionLeg], sailed: list[LegTrack], clock: LogClock
 ) -> Grid | None:
     if not legs:
         return None
@@ -367,8 +363,8 @@ def _leg_table(
             (
                 leg.seq,
                 command_name(items[leg.seq].command) if leg.seq in items else None,
-                instants.second(leg.from_ns),
-                instants.second(leg.until_ns) if leg.reached else None,
+                clock.second(leg.from_ns),
+                clock.second(leg.until_ns) if leg.reached else None,
                 rounded(length_of_leg_s, 1),
                 rounded(one.length_m, 1),
                 rounded(one.way_m, 1),
@@ -406,50 +402,44 @@ def _unfinished(
     done: int,
     wanted: int | None,
     modes: list[ModeSpan],
-    instants: LogClock,
-) -> list[Finding]:
+    clock: LogClock,
+) -> Iterator[Finding]:
     if not legs or complete:
-        return []
+        return
     last = legs[-1]
     auto = [span for span in modes if span.name == _AUTO]
     armed = signals.armed(log)
     left = next((span for span in modes if auto and span.from_ns == auto[-1].until_ns), None)
-    disarmed = next((span for span in armed if last.from_ns <= span.until_ns < instants.end_ns), None)
+    disarmed = next((span for span in armed if last.from_ns <= span.until_ns < clock.end_ns), None)
     severity = Severity.WARNING
     if disarmed is not None and (left is None or disarmed.until_ns <= left.from_ns):
-        why = f"it was disarmed at {instants.text(disarmed.until_ns)}"
+        why = f"it was disarmed at {clock.text(disarmed.until_ns)}"
     elif left is not None:
-        why = f"the mode became {left.name} at {instants.text(left.from_ns)}" + (
-            f" ({left.cause})" if left.cause else ""
-        )
+        why = f"the mode became {left.name} at {clock.text(left.from_ns)}" + (f" ({left.cause})" if left.cause else "")
     else:
         severity = Severity.NOTICE
-        why = f"the log ends at {instants.text(instants.end_ns)}, under way to item {last.seq}"
+        why = f"the log ends at {clock.text(clock.end_ns)}, under way to item {last.seq}"
     of = "" if wanted is None else f" of {wanted}"
-    return [
-        Finding(
-            "missions.unfinished",
-            severity,
-            f"The mission was not completed: {done}{of} waypoints reached; {why}",
-            (Evidence("MISE" if "MISE" in log.tables else "MISSION_CURRENT", None, last.from_ns, last.until_ns),),
-            "Look at modes, arming and events at that instant.",
-        )
-    ]
+    yield Finding(
+        "missions.unfinished",
+        severity,
+        f"The mission was not completed: {done}{of} waypoints reached; {why}",
+        (Evidence("MISE" if "MISE" in log.tables else "MISSION_CURRENT", None, last.from_ns, last.until_ns),),
+        "Look at modes, arming and events at that instant.",
+    )
 
 
-def _changed(log: Log, loaded: list[MissionVersion], legs: list[MissionLeg], instants: LogClock) -> list[Finding]:
+def _changed(log: Log, loaded: list[MissionVersion], legs: list[MissionLeg], clock: LogClock) -> Iterator[Finding]:
     if not legs:
-        return []
+        return
     during = [version for version in loaded[1:] if legs[0].from_ns < version.at_ns < legs[-1].until_ns]
     if not during:
-        return []
+        return
     after_s = length_text((during[0].at_ns - legs[0].from_ns) * 1e-9)
-    return [
-        Finding(
-            "missions.changed",
-            Severity.NOTICE,
-            f"The mission was changed {len(during)} times while it was carried out, first {after_s} after it began",
-            tuple(Evidence("CMD", None, version.at_ns, value=f"{len(version.items)} items") for version in during[:20]),
-            f"Legs and cross track here are of the mission in force at {instants.text(legs[-1].from_ns)}.",
-        )
-    ]
+    yield Finding(
+        "missions.changed",
+        Severity.NOTICE,
+        f"The mission was changed {len(during)} times while it was carried out, first {after_s} after it began",
+        tuple(Evidence("CMD", None, version.at_ns, value=f"{len(version.items)} items") for version in during[:20]),
+        f"Legs and cross track here are of the mission in force at {clock.text(legs[-1].from_ns)}.",
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,6 @@ from xitl_cli.logs import signals
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid, rounded
-from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import vehicle_kind
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.events import error_name, is_failsafe_error
@@ -48,12 +48,11 @@ def analyse(log: Log) -> Section | None:
         if log.format == "mcap":
             return None
         return Section("modes", "Modes", lacks=("The log has no MODE and no HEARTBEAT, so modes are not known.",))
-    instants = LogClock(log)
-    armed = [(span.from_ns, span.until_ns) for span in signals.armed(log)]
+    clock = LogClock(log)
     rows = [
         (
-            instants.second(span.from_ns),
-            instants.second(span.until_ns),
+            clock.second(span.from_ns),
+            clock.second(span.until_ns),
             rounded((span.until_ns - span.from_ns) * 1e-9),
             span.name,
             span.cause,
@@ -71,7 +70,7 @@ def analyse(log: Log) -> Section | None:
         ),
     )
     table = make_grid("modes", "Modes", ("from (s)", "until (s)", "duration (s)", "mode", "why"), rows)
-    findings = _failsafes(spans, armed, instants)
+    findings = _failsafes(spans, clock)
     lacks: tuple[str, ...] = ()
     if all(span.reason is None for span in spans):
         lacks = ("Why modes changed is not logged here: telemetry does not carry the reason, the DataFlash log does.",)
@@ -127,23 +126,19 @@ def _failsafe_at(log: Log, at_ns: int) -> str:
     return next(names, "").removesuffix(": occurred")
 
 
-def _failsafes(spans: list[ModeSpan], armed: list[tuple[int, int]], instants: LogClock) -> list[Finding]:
-    found = []
+def _failsafes(spans: list[ModeSpan], clock: LogClock) -> Iterator[Finding]:
     for before, span in zip([None, *spans[:-1]], spans, strict=True):
         if not span.failsafe:
             continue
-        on = bool(inside(np.array([span.from_ns]), armed)[0])
+        on = clock.was_armed(span.from_ns)
         interrupted = on and before is not None and before.name in NAVIGATING
         severity = Severity.CRITICAL if interrupted else Severity.WARNING if on else Severity.NOTICE
         left = "" if before is None else f" out of {before.name}"
         state = "armed" if on else "not armed"
-        found.append(
-            Finding(
-                "modes.failsafe",
-                severity,
-                f"At {instants.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
-                (Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason)),),
-                _STEPS.get(span.reason or 0, "Look at the events around this instant for what set it off."),
-            )
+        yield Finding(
+            "modes.failsafe",
+            severity,
+            f"At {clock.text(span.from_ns)} {span.cause} changed the mode to {span.name}{left}, {state}",
+            (Evidence("MODE", "Rsn", span.from_ns, value=None if span.reason is None else str(span.reason)),),
+            _STEPS.get(span.reason or 0, "Look at the events around this instant for what set it off."),
         )
-    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +43,7 @@ def analyse(log: Log) -> Section | None:
             return None
         lack = "No parameters are in the log (PARM, PARAM_VALUE), so settings and their changes are not known."
         return Section("parameters", "Parameters", lacks=(lack,))
-    instants = LogClock(log)
+    clock = LogClock(log)
     found = parameter_changes(log, rows)
     last = {row.name: row for row in rows}
     defaults = {row.name: row.default for row in rows if row.default is not None}
@@ -67,7 +68,7 @@ def analyse(log: Log) -> Section | None:
                 ("at (s)", "parameter", "from", "to", "while"),
                 [
                     (
-                        instants.second(each.at_ns),
+                        clock.second(each.at_ns),
                         each.name,
                         _shown(each.before),
                         _shown(each.after),
@@ -85,7 +86,7 @@ def analyse(log: Log) -> Section | None:
     lacks = () if defaults else ("Defaults of parameters are not in this log, so which were set is not known.",)
     shown = tuple(fact for fact in facts if fact.value is not None)
     return Section(
-        "parameters", "Parameters", shown, tuple(_findings(log, found, last, instants)), tuple(grids), (), lacks
+        "parameters", "Parameters", shown, tuple(_findings(log, found, last, clock)), tuple(grids), (), lacks
     )
 
 
@@ -105,39 +106,33 @@ def parameter_changes(log: Log, rows: list[ParameterRow]) -> list[ParameterChang
 
 
 def _findings(
-    log: Log, found: list[ParameterChange], last: dict[str, ParameterRow], instants: LogClock
-) -> list[Finding]:
-    findings = []
+    log: Log, found: list[ParameterChange], last: dict[str, ParameterRow], clock: LogClock
+) -> Iterator[Finding]:
     while_armed = [each for each in found if each.armed and not each.by_itself]
     if while_armed:
         first = while_armed[0]
         names = list(dict.fromkeys(each.name for each in while_armed))
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        findings.append(
-            Finding(
-                "parameters.changed_while_armed",
-                Severity.NOTICE,
-                f"{first.name}{more} changed while armed, first at {instants.text(first.at_ns)} from "
-                f"{_shown(first.before):g} to {_shown(first.after):g}",
-                tuple(
-                    Evidence(each.source, each.name, each.at_ns, value=f"{each.before:g} to {each.after:g}")
-                    for each in while_armed[:_MOST_EVIDENCE]
-                ),
-                "Judge the parts before and after by themselves.",
-            )
+        yield Finding(
+            "parameters.changed_while_armed",
+            Severity.NOTICE,
+            f"{first.name}{more} changed while armed, first at {clock.text(first.at_ns)} from "
+            f"{_shown(first.before):g} to {_shown(first.after):g}",
+            tuple(
+                Evidence(each.source, each.name, each.at_ns, value=f"{each.before:g} to {each.after:g}")
+                for each in while_armed[:_MOST_EVIDENCE]
+            ),
+            "Judge the parts before and after by themselves.",
         )
     threshold = last.get("FS_EKF_THRESH")
     if threshold is not None and threshold.value <= 0.0 and signals.armed(log):
-        findings.append(
-            Finding(
-                "parameters.ekf_failsafe_off",
-                Severity.NOTICE,
-                f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}): no ERR 16 or 17 says nothing here",
-                (Evidence(threshold.source, "FS_EKF_THRESH", threshold.at_ns, value=f"{threshold.value:g}"),),
-                "Set FS_EKF_THRESH to 0.8 to have a lost position noticed.",
-            )
+        yield Finding(
+            "parameters.ekf_failsafe_off",
+            Severity.NOTICE,
+            f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}): no ERR 16 or 17 says nothing here",
+            (Evidence(threshold.source, "FS_EKF_THRESH", threshold.at_ns, value=f"{threshold.value:g}"),),
+            "Set FS_EKF_THRESH to 0.8 to have a lost position noticed.",
         )
-    return findings
 
 
 def _same(one: float, other: float) -> bool:

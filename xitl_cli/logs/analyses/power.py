@@ -6,19 +6,21 @@ reason to look.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value, joined
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, tables_of
-from xitl_cli.logs.signals.states import parameter_values
-from xitl_cli.logs.table import Table, by_instance
+from xitl_cli.logs.signals.spans import held_spans, runs
+from xitl_cli.logs.signals.states import error_rows, parameter_values
+from xitl_cli.logs.table import Flags, Floats, Stamps, Table, by_instance
+from xitl_cli.logs.tables.events import ERR_BATTERY_FAILSAFE
 
+_TITLE = "Power"
 _UNKNOWN_MV = 65535.0
 _NO_BOAT_V = 900.0
 
@@ -30,14 +32,14 @@ class Battery:
     name: str
     message: str
     number: int
-    stamp_ns: NDArray[np.int64]
-    voltage_v: NDArray[np.float64]
+    stamp_ns: Stamps
+    voltage_v: Floats
     voltage_field: str
-    current_a: NDArray[np.float64] | None
-    used_mah: NDArray[np.float64] | None
-    remaining_percent: NDArray[np.float64] | None
-    resistance_ohm: NDArray[np.float64] | None
-    healthy: NDArray[np.bool_] | None
+    current_a: Floats | None
+    used_mah: Floats | None
+    remaining_percent: Floats | None
+    resistance_ohm: Floats | None
+    healthy: Flags | None
 
 
 def batteries(log: Log) -> list[Battery]:
@@ -46,11 +48,8 @@ def batteries(log: Log) -> list[Battery]:
     for kinds in (("BAT", "BAT2"), ("CURR", "CUR2"), ("BATTERY_STATUS",), ("SYS_STATUS",)):
         for table in tables_of(log, kinds):
             for number, each in by_instance(table).items():
-                battery = (
-                    _battery_from_telemetry(table, each, number)
-                    if kinds[0].endswith("_STATUS")
-                    else _battery_from_log(table, each, number)
-                )
+                read = _battery_from_telemetry if kinds[0].endswith("_STATUS") else _battery_from_log
+                battery = read(table, each, number)
                 if battery is not None and (np.nan_to_num(battery.voltage_v) > 0.0).any():
                     found.append(battery)
         if found:
@@ -113,124 +112,93 @@ _BRICK, _OVERCURRENT = 1, 8 | 16
 _MEASURED_V = 1.0
 
 
-def board_section(log: Log, instants: LogClock) -> Section | None:
+def board_section(log: Log, clock: LogClock) -> Section | None:
     """None where nothing of the board's supply is logged."""
-    parts = [part for part in (_supply(log, instants), _processor(log, instants)) if part is not None]
-    if not parts:
-        if log.format != "dataflash":
-            return None
-        return Section(
-            "power", "Power", lacks=("The board's own voltage is not logged (POWR): its sensor may be missing.",)
-        )
-    return Section(
-        "power",
-        "Power",
-        facts=tuple(fact for part in parts for fact in part.facts),
-        findings=tuple(finding for part in parts for finding in part.findings),
-        plots=tuple(plot for part in parts for plot in part.plots),
-    )
+    parts = [part for part in (_supply(log, clock), _processor(log, clock)) if part is not None]
+    if not parts and log.format == "dataflash":
+        lack = "The board's own voltage is not logged (POWR): its sensor may be missing."
+        return Section("power", _TITLE, lacks=(lack,))
+    return joined("power", _TITLE, parts) if parts else None
 
 
-def _supply(log: Log, instants: LogClock) -> Section | None:
+def _supply(log: Log, clock: LogClock) -> Section | None:
     for table in tables_of(log, ("POWR", "POWER_STATUS")):
         told_mv = numbers(table, "Vcc", raw=True)
         if told_mv is None or not len(table):
             continue
         # POWER_STATUS is in whole millivolts, as POWR once was; since then POWR is in volts.
         voltage = told_mv * 1e-3 if np.nanmax(np.nan_to_num(told_mv)) > 100.0 else told_mv
-        findings: list[Finding] = []
-        flags = numbers(table, "Flags", raw=True) if "Flags" in table.columns else numbers(table, "flags", raw=True)
-        if flags is not None:
-            bits = np.nan_to_num(flags).astype(np.int64)
-            field = "Flags" if "Flags" in table.columns else "flags"
-            over = np.flatnonzero((bits & _OVERCURRENT) != 0)
-            if len(over):
-                at_ns = int(table.stamp_ns[over[0]])
-                findings.append(
-                    Finding(
-                        "power.overcurrent",
-                        Severity.WARNING,
-                        f"The board's supply for peripherals was overloaded, first at {instants.text(at_ns)}",
-                        (Evidence(table.name, field, at_ns, int(table.stamp_ns[over[-1]]), str(int(bits[over[0]]))),),
-                        "Unplug peripherals one by one, or feed them from a supply of their own.",
-                    )
-                )
-            lost = np.flatnonzero(((bits[:-1] & _BRICK) != 0) & ((bits[1:] & _BRICK) == 0)) + 1
-            if len(lost):
-                at_ns = int(table.stamp_ns[lost[0]])
-                findings.append(
-                    Finding(
-                        "power.input_lost",
-                        Severity.WARNING,
-                        f"The main supply of the board failed {len(lost)} times, first at {instants.text(at_ns)}",
-                        tuple(Evidence(table.name, field, int(table.stamp_ns[row])) for row in lost[:8]),
-                        "Check the power module and its plug; something else fed the board meanwhile.",
-                    )
-                )
+        findings = list(_flag_findings(table, clock))
         measured = np.nan_to_num(voltage) > _MEASURED_V
         if not measured.any():
-            return Section("power", "Power", findings=tuple(findings)) if findings else None
+            return Section("power", _TITLE, findings=tuple(findings)) if findings else None
         levels, stamps = voltage[measured], table.stamp_ns[measured]
-        lowest = int(np.argmin(levels))
-        least, most = float(levels.min()), float(levels.max())
+        lowest_ns, least, most = int(stamps[np.argmin(levels)]), float(levels.min()), float(levels.max())
+        evidence = (Evidence(table.name, "Vcc", lowest_ns, None, f"{least:.2f} V"),)
         if least < LEAST_V:
-            findings.append(
-                Finding(
-                    "power.brown_out",
-                    Severity.WARNING,
-                    f"The board's supply fell to {least:.2f} V at {instants.text(int(stamps[lowest]))}; "
-                    f"under {LEAST_V} V a brown-out is near",
-                    (Evidence(table.name, "Vcc", int(stamps[lowest]), None, f"{least:.2f} V"),),
-                    "Take servos and radios off the board's supply, or fit a stronger one.",
-                )
+            sentence = (
+                f"The board's supply fell to {least:.2f} V at {clock.text(lowest_ns)}; "
+                f"under {LEAST_V} V a brown-out is near"
             )
+            step = "Take servos and radios off the board's supply, or fit a stronger one."
+            findings.append(Finding("power.brown_out", Severity.WARNING, sentence, evidence, step))
         elif most - least > CHANGE_V:
-            findings.append(
-                Finding(
-                    "power.supply_changes",
-                    Severity.NOTICE,
-                    f"The board's supply changed by {most - least:.2f} V, from {least:.2f} to {most:.2f} V",
-                    (Evidence(table.name, "Vcc", int(stamps[lowest]), None, f"{least:.2f} V"),),
-                    "See whether it follows the throttle or the servos: the supply is weak or shared.",
-                )
-            )
-        return Section(
-            "power",
-            "Power",
-            facts=(
-                Fact("board_least_v", "Board supply, least", significant(least), "V"),
-                Fact("board_most_v", "Board supply, most", significant(most), "V"),
-            ),
-            findings=tuple(findings),
-            plots=(Plot("board_voltage", "Supply of the board", "V", (Trace("Vcc", stamps, levels),)),),
+            sentence = f"The board's supply changed by {most - least:.2f} V, from {least:.2f} to {most:.2f} V"
+            step = "See whether it follows the throttle or the servos: the supply is weak or shared."
+            findings.append(Finding("power.supply_changes", Severity.NOTICE, sentence, evidence, step))
+        facts = (
+            Fact("board_least_v", "Board supply, least", significant(least), "V"),
+            Fact("board_most_v", "Board supply, most", significant(most), "V"),
         )
+        plot = Plot("board_voltage", "Supply of the board", "V", (Trace("Vcc", stamps, levels),))
+        return Section("power", _TITLE, facts, tuple(findings), plots=(plot,))
     return None
 
 
-def _processor(log: Log, instants: LogClock) -> Section | None:
+def _flag_findings(table: Table, clock: LogClock) -> Iterator[Finding]:
+    field = "Flags" if "Flags" in table.columns else "flags"
+    flags = numbers(table, field, raw=True)
+    if flags is None:
+        return
+    bits = np.nan_to_num(flags).astype(np.int64)
+    over = np.flatnonzero((bits & _OVERCURRENT) != 0)
+    if len(over):
+        at_ns = int(table.stamp_ns[over[0]])
+        yield Finding(
+            "power.overcurrent",
+            Severity.WARNING,
+            f"The board's supply for peripherals was overloaded, first at {clock.text(at_ns)}",
+            (Evidence(table.name, field, at_ns, int(table.stamp_ns[over[-1]]), str(int(bits[over[0]]))),),
+            "Unplug peripherals one by one, or feed them from a supply of their own.",
+        )
+    lost = np.flatnonzero(((bits[:-1] & _BRICK) != 0) & ((bits[1:] & _BRICK) == 0)) + 1
+    if len(lost):
+        at_ns = int(table.stamp_ns[lost[0]])
+        yield Finding(
+            "power.input_lost",
+            Severity.WARNING,
+            f"The main supply of the board failed {len(lost)} times, first at {clock.text(at_ns)}",
+            tuple(Evidence(table.name, field, int(table.stamp_ns[row])) for row in lost[:8]),
+            "Check the power module and its plug; something else fed the board meanwhile.",
+        )
+
+
+def _processor(log: Log, clock: LogClock) -> Section | None:
     table = log.tables.get("MCU")
     warmth = None if table is None else numbers(table, "MTemp")
     if table is None or warmth is None or not np.isfinite(warmth).any():
         return None
-    hottest = int(np.nanargmax(warmth))
-    findings = []
-    if warmth[hottest] > HOT_DEGC:
-        findings.append(
-            Finding(
-                "power.hot",
-                Severity.NOTICE,
-                f"The processor of the board was at {warmth[hottest]:.0f} °C "
-                f"at {instants.text(int(table.stamp_ns[hottest]))}",
-                (Evidence("MCU", "MTemp", int(table.stamp_ns[hottest]), None, f"{warmth[hottest]:.0f} °C"),),
-                "Shade or cool the case: sensors drift with it.",
-            )
-        )
-    fact = Fact("processor_hottest_degc", "Processor of the board, hottest", significant(float(warmth[hottest])), "°C")
-    return Section("power", "Power", facts=(fact,), findings=tuple(findings))
+    at_ns, hottest_degc = int(table.stamp_ns[np.nanargmax(warmth)]), float(np.nanmax(warmth))
+    findings: tuple[Finding, ...] = ()
+    if hottest_degc > HOT_DEGC:
+        sentence = f"The processor of the board was at {hottest_degc:.0f} °C at {clock.text(at_ns)}"
+        evidence = Evidence("MCU", "MTemp", at_ns, None, f"{hottest_degc:.0f} °C")
+        step = "Shade or cool the case: sensors drift with it."
+        findings = (Finding("power.hot", Severity.NOTICE, sentence, (evidence,), step),)
+    fact = Fact("processor_hottest_degc", "Processor of the board, hottest", significant(hottest_degc), "°C")
+    return Section("power", _TITLE, (fact,), findings)
 
 
-_TITLE = "Power"
-_ERR_BATTERY = 6
 _LEAST_LOAD_A = 0.5  # spread of the current that a resistance can be told from
 _LOW_PERCENT = 20.0
 _FALL_V_SHARE = 0.8
@@ -239,39 +207,30 @@ _END_S = 60.0
 
 def analyse(log: Log) -> Section | None:
     """None for a recording without batteries; a vehicle's log without them is told so."""
-    instants = LogClock(log)
+    clock = LogClock(log)
     found = batteries(log)
     parameters = parameter_values(log)
-    supply = board_section(log, instants)
+    supply = board_section(log, clock)
     if not found and supply is None and log.format == "mcap":
         return None
-    findings = [finding for each in found for finding in _judged(each, parameters, instants)]
-    findings += _failsafes(log, instants)
-    facts: tuple[Fact, ...] = ()
-    if found:
-        facts = _facts(found[0], parameters)
-    lacks = _lacks(found, parameters)
-    plots: tuple[Plot, ...] = _plots(found)
-    if supply is not None:
-        findings += supply.findings
-        facts, plots, lacks = (*facts, *supply.facts), (*plots, *supply.plots), [*lacks, *supply.lacks]
-    return Section(
+    findings = [finding for each in found for finding in _judged(each, parameters, clock)]
+    supplied = Section(
         "power",
         _TITLE,
-        facts=facts,
-        findings=tuple(findings),
-        grids=(_grid(found),) if found else (),
-        plots=plots,
-        lacks=tuple(lacks),
+        _facts(found[0], parameters) if found else (),
+        (*findings, *_failsafes(log, clock)),
+        (_grid(found),) if found else (),
+        _plots(found),
+        tuple(_lacks(found, parameters)),
     )
+    return joined("power", _TITLE, (supplied, supply))
 
 
 def _prefix(each: Battery) -> str:
     return "BATT_" if each.number == 1 else f"BATT{each.number}_"
 
 
-def _judged(each: Battery, parameters: Mapping[str, float], instants: LogClock) -> list[Finding]:
-    findings: list[Finding] = []
+def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> Iterator[Finding]:
     for name, severity, what in (("CRT_VOLT", Severity.CRITICAL, "critical"), ("LOW_VOLT", Severity.WARNING, "low")):
         limit = parameters.get(_prefix(each) + name, 0.0)
         span = _longest_under(each, limit) if limit > 0.0 else None
@@ -281,16 +240,14 @@ def _judged(each: Battery, parameters: Mapping[str, float], instants: LogClock) 
         from_ns, until_ns, least = span
         length_s = (until_ns - from_ns) * 1e-9
         short = length_s < timer_s
-        findings.append(
-            Finding(
-                "power.low",
-                Severity.NOTICE if short else severity,
-                f"{each.name} was under its {what} level of {limit:.2f} V for {length_s:.1f} s from "
-                f"{instants.text(from_ns)}, down to {least:.2f} V"
-                + (f", shorter than the failsafe waits ({timer_s:.0f} s)" if short else ""),
-                (Evidence(each.message, each.voltage_field, from_ns, until_ns, f"{least:.2f} V"),),
-                "Charge or replace the battery, or lower what it has to give; check the level against its cells.",
-            )
+        yield Finding(
+            "power.low",
+            Severity.NOTICE if short else severity,
+            f"{each.name} was under its {what} level of {limit:.2f} V for {length_s:.1f} s from "
+            f"{clock.text(from_ns)}, down to {least:.2f} V"
+            + (f", shorter than the failsafe waits ({timer_s:.0f} s)" if short else ""),
+            (Evidence(each.message, each.voltage_field, from_ns, until_ns, f"{least:.2f} V"),),
+            "Charge or replace the battery, or lower what it has to give; check the level against its cells.",
         )
         break
     limit = parameters.get(_prefix(each) + "LOW_MAH", 0.0)
@@ -299,31 +256,25 @@ def _judged(each: Battery, parameters: Mapping[str, float], instants: LogClock) 
         under = np.flatnonzero(capacity - np.nan_to_num(each.used_mah) < limit)
         if len(under):
             at_ns = int(each.stamp_ns[under[0]])
-            findings.append(
-                Finding(
-                    "power.used_up",
-                    Severity.WARNING,
-                    f"{each.name} had less than {limit:.0f} mAh of its {capacity:.0f} mAh left "
-                    f"from {instants.text(at_ns)} on",
-                    (Evidence(each.message, "CurrTot", at_ns),),
-                    "Plan shorter runs or fit a larger battery.",
-                )
+            yield Finding(
+                "power.used_up",
+                Severity.WARNING,
+                f"{each.name} had less than {limit:.0f} mAh of its {capacity:.0f} mAh left from {clock.text(at_ns)} on",
+                (Evidence(each.message, "CurrTot", at_ns),),
+                "Plan shorter runs or fit a larger battery.",
             )
-    findings += _nearly_empty(each)
+    yield from _nearly_empty(each)
     if each.healthy is not None and not each.healthy.all():
         bad = np.flatnonzero(~each.healthy)
-        findings.append(
-            Finding(
-                "power.unhealthy",
-                Severity.WARNING,
-                f"The monitor of {each.name} was unhealthy in {len(bad)} of {len(each.healthy)} rows, first at "
-                f"{instants.text(int(each.stamp_ns[bad[0]]))}",
-                (Evidence(each.message, "H", int(each.stamp_ns[bad[0]]), int(each.stamp_ns[bad[-1]]), "0"),),
-                "Check the wiring of the power module or the bus of the battery monitor.",
-            )
+        yield Finding(
+            "power.unhealthy",
+            Severity.WARNING,
+            f"The monitor of {each.name} was unhealthy in {len(bad)} of {len(each.healthy)} rows, first at "
+            f"{clock.text(int(each.stamp_ns[bad[0]]))}",
+            (Evidence(each.message, "H", int(each.stamp_ns[bad[0]]), int(each.stamp_ns[bad[-1]]), "0"),),
+            "Check the wiring of the power module or the bus of the battery monitor.",
         )
-    findings += _falls_at_end(each)
-    return findings
+    yield from _falls_at_end(each)
 
 
 def _longest_under(each: Battery, limit_v: float) -> tuple[int, int, float] | None:
@@ -332,80 +283,64 @@ def _longest_under(each: Battery, limit_v: float) -> tuple[int, int, float] | No
         under = (each.voltage_v < limit_v) & (each.voltage_v > 0.0)
     if not under.any():
         return None
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], under, [False])).astype(np.int8)))
-    spans = [
-        (int(each.stamp_ns[a]), int(each.stamp_ns[min(b, len(under) - 1)]), float(each.voltage_v[a:b].min()))
-        for a, b in zip(edges[0::2], edges[1::2], strict=True)
-    ]
-    return max(spans, key=lambda span: span[1] - span[0])
+    spans = zip(held_spans(each.stamp_ns, under), runs(under), strict=True)
+    (from_ns, until_ns), (begin, after) = max(spans, key=lambda span: span[0][1] - span[0][0])
+    return from_ns, until_ns, float(each.voltage_v[begin:after].min())
 
 
-def _nearly_empty(each: Battery) -> list[Finding]:
+def _nearly_empty(each: Battery) -> Iterator[Finding]:
     if each.remaining_percent is None:
-        return []
+        return
     known = np.flatnonzero(np.isfinite(each.remaining_percent))
     if not len(known) or not each.remaining_percent[known].any():
-        return []
+        return
     left = float(each.remaining_percent[known[-1]])
     if left >= _LOW_PERCENT:
-        return []
+        return
     at_ns = int(each.stamp_ns[known[-1]])
-    return [
-        Finding(
-            "power.nearly_empty",
-            Severity.NOTICE,
-            f"{each.name} had {left:.0f} % left at the end",
-            (Evidence(each.message, "RemPct", at_ns, None, f"{left:.0f} %"),),
-            "Charge it before the next run; the figure counts from what the autopilot took for full at the start.",
-        )
-    ]
+    yield Finding(
+        "power.nearly_empty",
+        Severity.NOTICE,
+        f"{each.name} had {left:.0f} % left at the end",
+        (Evidence(each.message, "RemPct", at_ns, None, f"{left:.0f} %"),),
+        "Charge it before the next run; the figure counts from what the autopilot took for full at the start.",
+    )
 
 
-def _falls_at_end(each: Battery) -> list[Finding]:
+def _falls_at_end(each: Battery) -> Iterator[Finding]:
     """A log that ends while the voltage breaks down: whoever wrote it went out with it."""
     known = np.flatnonzero(np.isfinite(each.voltage_v) & (each.voltage_v > 0.0))
     if len(known) < 20:
-        return []
+        return
     usual, last = float(np.median(each.voltage_v[known])), float(each.voltage_v[known[-1]])
     if last > _FALL_V_SHARE * usual or each.voltage_v[known[-1]] > each.voltage_v[known[-2]]:
-        return []
+        return
     at_ns = int(each.stamp_ns[known[-1]])
-    return [
-        Finding(
-            "power.breakdown",
-            Severity.CRITICAL,
-            f"The log ends with {each.name} at {last:.2f} V and falling, where {usual:.2f} V are usual",
-            (Evidence(each.message, each.voltage_field, at_ns, None, f"{last:.2f} V"),),
-            "Check connectors and the battery: the supply broke down, and the log with it.",
-        )
+    yield Finding(
+        "power.breakdown",
+        Severity.CRITICAL,
+        f"The log ends with {each.name} at {last:.2f} V and falling, where {usual:.2f} V are usual",
+        (Evidence(each.message, each.voltage_field, at_ns, None, f"{last:.2f} V"),),
+        "Check connectors and the battery: the supply broke down, and the log with it.",
+    )
+
+
+def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
+    acted = [
+        (at_ns, code) for at_ns, subsystem, code in error_rows(log) if subsystem == ERR_BATTERY_FAILSAFE and code > 0
     ]
+    if not acted:
+        return
+    yield Finding(
+        "power.failsafe",
+        Severity.WARNING,
+        f"The battery failsafe acted, first at {clock.text(acted[0][0])}",
+        tuple(Evidence("ERR", "ECode", at_ns, None, str(code)) for at_ns, code in acted[:8]),
+        "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",
+    )
 
 
-def _failsafes(log: Log, instants: LogClock) -> list[Finding]:
-    table = log.tables.get("ERR")
-    if table is None:
-        return []
-    subsystems, codes = numbers(table, "Subsys", raw=True), numbers(table, "ECode", raw=True)
-    if subsystems is None or codes is None:
-        return []
-    rows = np.flatnonzero((subsystems == _ERR_BATTERY) & (codes > 0))
-    if not len(rows):
-        return []
-    at_ns = int(table.stamp_ns[rows[0]])
-    return [
-        Finding(
-            "power.failsafe",
-            Severity.WARNING,
-            f"The battery failsafe acted, first at {instants.text(at_ns)}",
-            tuple(Evidence("ERR", "ECode", int(table.stamp_ns[row]), None, str(int(codes[row]))) for row in rows[:8]),
-            "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",
-        )
-    ]
-
-
-def resistance_ohm(
-    stamp_ns: NDArray[np.int64], voltage_v: NDArray[np.float64], current_a: NDArray[np.float64]
-) -> float | None:
+def resistance_ohm(stamp_ns: Stamps, voltage_v: Floats, current_a: Floats) -> float | None:
     """Slope of voltage over current between means of neighbouring seconds: differences, so that discharge cancels.
 
     None when the current hardly changes, or the voltage does not fall with it.
@@ -493,13 +428,12 @@ def _plots(found: list[Battery]) -> tuple[Plot, ...]:
     return tuple(plots)
 
 
-def _lacks(found: list[Battery], parameters: Mapping[str, float]) -> list[str]:
+def _lacks(found: list[Battery], parameters: Mapping[str, float]) -> Iterator[str]:
     if not found:
-        return ["No battery is logged; set BATT_MONITOR, and the bit CURRENT of LOG_BITMASK."]
-    lacks = []
+        yield "No battery is logged; set BATT_MONITOR, and the bit CURRENT of LOG_BITMASK."
+        return
     for each in found:
         if parameters and parameters.get(_prefix(each) + "LOW_VOLT", 0.0) <= 0.0:
-            lacks.append(f"{each.name} has no low level ({_prefix(each)}LOW_VOLT is 0): its voltage cannot be judged.")
+            yield f"{each.name} has no low level ({_prefix(each)}LOW_VOLT is 0): its voltage cannot be judged."
         if each.current_a is None or not np.nan_to_num(each.current_a).any():
-            lacks.append(f"{each.name} measures no current.")
-    return lacks
+            yield f"{each.name} measures no current."

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value, joined
 from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
-from xitl_cli.logs.signals.spans import find_holds
-from xitl_cli.logs.signals.states import armed_rows, parameter_values
+from xitl_cli.logs.signals.spans import find_holds, held_spans, runs
+from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values
+from xitl_cli.logs.table import Flags, Floats, Stamps
 from xitl_cli.logs.tables.commands import (
     FIXED_OUTPUTS,
     PORT_THROTTLE,
@@ -22,9 +22,9 @@ from xitl_cli.logs.tables.commands import (
     THROTTLE,
     servo_function_name,
 )
+from xitl_cli.logs.tables.events import ERR_RC_FAILSAFE
 
 _IN_FAILSAFE = 2  # RCI2.Flags
-_ERR_RADIO = 5
 _HELD_S = 5.0
 _WEAK, _WEAK_SHARE = 0.3, 0.05
 _INPUT_TITLE = "Remote control"
@@ -32,18 +32,15 @@ _NO_RSSI = 255
 
 
 def input_section(
-    log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], instants: LogClock
+    log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], clock: LogClock
 ) -> Section:
-    findings = _failsafe(log, channels, parameters, instants)
-    if channels:
-        findings += _held(channels, instants)
-    findings += _strength(log)
+    held = _held(channels, clock) if channels else ()
     lacks = [] if channels else ["No remote control input is logged; none is connected, or the bit RCIN is not set."]
     return Section(
         "radio",
         _INPUT_TITLE,
         facts=(Fact("input_channels", "Input channels in use", len(channels)),),
-        findings=tuple(findings),
+        findings=(*_failsafe(log, channels, parameters, clock), *held, *_strength(log)),
         grids=(_input_grid(channels),) if channels else (),
         plots=_input_plots(channels),
         lacks=tuple(lacks),
@@ -51,57 +48,50 @@ def input_section(
 
 
 def _failsafe(
-    log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], instants: LogClock
-) -> list[Finding]:
+    log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float], clock: LogClock
+) -> Iterator[Finding]:
     """From the receiver's flag, the throttle channel under FS_THR_VALUE, or the error that was logged."""
     for stamps, lost, message, field in _losses(log, channels, parameters):
         if not lost.any():
             continue
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], lost, [False])).astype(np.int8)))
-        spans = [
-            (int(stamps[a]), int(stamps[min(b, len(stamps) - 1)]))
-            for a, b in zip(edges[0::2], edges[1::2], strict=True)
-        ]
+        spans = held_spans(stamps, lost)
         armed = armed_rows(log, stamps)
         sailing = lost if armed is None else lost & armed
         if lost.all():
-            return [
-                Finding(
-                    "radio.none",
-                    Severity.NOTICE,
-                    "No remote control was heard in this log",
-                    (Evidence(message, field, spans[0][0], spans[0][1]),),
-                    "As intended without a transmitter; else switch it on and check the receiver.",
-                )
-            ]
-        times = listed([f"{instants.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
-        return [
-            Finding(
-                "radio.failsafe",
-                Severity.WARNING if sailing.any() else Severity.NOTICE,
-                f"Remote control was lost {'once' if len(spans) == 1 else f'{len(spans)} times'}: at {times}"
-                + ("" if sailing.any() else ", only while disarmed"),
-                tuple(Evidence(message, field, a, b) for a, b in spans[:8]),
-                "Check range, antennas and FS_THR_VALUE; see in the modes what the failsafe did.",
+            yield Finding(
+                "radio.none",
+                Severity.NOTICE,
+                "No remote control was heard in this log",
+                (Evidence(message, field, spans[0][0], spans[0][1]),),
+                "As intended without a transmitter; else switch it on and check the receiver.",
             )
-        ]
-    return []
+            return
+        times = listed([f"{clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
+        yield Finding(
+            "radio.failsafe",
+            Severity.WARNING if sailing.any() else Severity.NOTICE,
+            f"Remote control was lost {'once' if len(spans) == 1 else f'{len(spans)} times'}: at {times}"
+            + ("" if sailing.any() else ", only while disarmed"),
+            tuple(Evidence(message, field, a, b) for a, b in spans[:8]),
+            "Check range, antennas and FS_THR_VALUE; see in the modes what the failsafe did.",
+        )
+        return
+    return
 
 
 def _losses(
     log: Log, channels: Mapping[int, Series], parameters: Mapping[str, float]
-) -> list[tuple[NDArray[np.int64], NDArray[np.bool_], str, str]]:
+) -> list[tuple[Stamps, Flags, str, str]]:
     """Stamps, whether the remote control was lost at each, message and field: the best witness first."""
-    found: list[tuple[NDArray[np.int64], NDArray[np.bool_], str, str]] = []
+    found: list[tuple[Stamps, Flags, str, str]] = []
     table = log.tables.get("RCI2")
     flags = None if table is None else numbers(table, "Flags", raw=True)
     if table is not None and flags is not None:
         found.append((table.stamp_ns, (np.nan_to_num(flags).astype(np.int64) & _IN_FAILSAFE) != 0, "RCI2", "Flags"))
-    table = log.tables.get("ERR")
-    if table is not None:
-        subsystems, codes = numbers(table, "Subsys", raw=True), numbers(table, "ECode", raw=True)
-        if subsystems is not None and codes is not None and (rows := subsystems == _ERR_RADIO).any():
-            found.append((table.stamp_ns[rows], codes[rows] > 0, "ERR", "ECode"))
+    rows = [(at_ns, code > 0) for at_ns, subsystem, code in error_rows(log) if subsystem == ERR_RC_FAILSAFE]
+    if rows:
+        stamps, failed = zip(*rows, strict=True)
+        found.append((np.array(stamps, dtype=np.int64), np.array(failed), "ERR", "ECode"))
     throttle = channels.get(int(parameters.get("RCMAP_THROTTLE", 3)))
     limit = parameters.get("FS_THR_VALUE", 0.0)
     if throttle is not None and limit > 0.0 and parameters.get("FS_THR_ENABLE", 1.0) > 0.0:
@@ -110,34 +100,31 @@ def _losses(
     return found
 
 
-def _held(channels: Mapping[int, Series], instants: LogClock) -> list[Finding]:
+def _held(channels: Mapping[int, Series], clock: LogClock) -> Iterator[Finding]:
     """Channels that otherwise tremble all the time, and then all stand still: the receiver holds its last values."""
     shortest = min(len(each.values) for each in channels.values())
     first = next(iter(channels.values()))
     rows = np.stack([each.values[:shortest] for each in channels.values()], axis=1)
     steps = np.diff(first.stamp_ns[:shortest])
     if shortest < 20 or not (steps > 0).any():
-        return []
+        return
     found = find_holds(rows, float(np.median(steps)) * 1e-9, shortest_s=_HELD_S)
     if found.usual >= 1.5 or not found.holds or found.repeated > 0.8:
-        return []
+        return
     message = first.source.rpartition(".")[0]
     spans = [(int(first.stamp_ns[hold.first]), int(first.stamp_ns[hold.last])) for hold in found.holds]
-    times = listed([f"from {instants.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
-    return [
-        Finding(
-            "radio.held",
-            Severity.NOTICE,
-            f"All channels of the remote control stood still {times}, though they tremble otherwise",
-            tuple(Evidence(message, None, a, b) for a, b in spans[:8]),
-            "A receiver set to hold hides a lost link: set it to send no pulses, so that the failsafe sees it.",
-        )
-    ]
+    times = listed([f"from {clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
+    yield Finding(
+        "radio.held",
+        Severity.NOTICE,
+        f"All channels of the remote control stood still {times}, though they tremble otherwise",
+        tuple(Evidence(message, None, a, b) for a, b in spans[:8]),
+        "A receiver set to hold hides a lost link: set it to send no pulses, so that the failsafe sees it.",
+    )
 
 
-def _strength(log: Log) -> list[Finding]:
+def _strength(log: Log) -> Iterator[Finding]:
     """Share of the time with little signal; 255 of telemetry is unknown."""
-    findings = []
     for table in tables_of(log, ("RSSI", "RC_CHANNELS")):
         for field, scale, what in (("RXRSSI", 1.0, "signal strength"), ("RXLQ", 100.0, "link quality"),
                                    ("rssi", 254.0, "signal strength")):  # fmt: skip
@@ -151,17 +138,14 @@ def _strength(log: Log) -> list[Finding]:
             weak = level < _WEAK
             if float(weak.mean()) > _WEAK_SHARE:
                 at = np.flatnonzero(weak)
-                findings.append(
-                    Finding(
-                        "radio.weak",
-                        Severity.NOTICE,
-                        f"The {what} of the remote control was under {100.0 * _WEAK:.0f} % for "
-                        f"{100.0 * float(weak.mean()):.0f} % of the time, at least {100.0 * float(level.min()):.0f} %",
-                        (Evidence(table.name, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
-                        "Check antennas and range before the link is lost.",
-                    )
+                yield Finding(
+                    "radio.weak",
+                    Severity.NOTICE,
+                    f"The {what} of the remote control was under {100.0 * _WEAK:.0f} % for "
+                    f"{100.0 * float(weak.mean()):.0f} % of the time, at least {100.0 * float(level.min()):.0f} %",
+                    (Evidence(table.name, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
+                    "Check antennas and range before the link is lost.",
                 )
-    return findings
 
 
 def _input_grid(channels: Mapping[int, Series]) -> Grid:
@@ -194,8 +178,8 @@ class OutputChannel:
     name: str
     function: int | None
     series: Series
-    command: NDArray[np.float64]
-    armed: NDArray[np.bool_]
+    command: Floats
+    armed: Flags
 
 
 def output_channel(log: Log, channel: int, each: Series, parameters: Mapping[str, float]) -> OutputChannel | None:
@@ -228,7 +212,7 @@ def output_channel(log: Log, channel: int, each: Series, parameters: Mapping[str
     return OutputChannel(channel, name, None if function is None else int(function), each, command, on)
 
 
-def _pulses(each: Series) -> NDArray[np.float64]:
+def _pulses(each: Series) -> Floats:
     """(M,) without the rows that hold no pulse."""
     return each.values[each.values >= _NO_PULSE_US]
 
@@ -243,9 +227,7 @@ _SWING, _SWINGS_HZ = 0.2, 1.5
 _STEERING_END = 4500.0
 
 
-def output_section(
-    log: Log, driven: Mapping[int, Series], parameters: Mapping[str, float], instants: LogClock
-) -> Section:
+def output_section(log: Log, driven: Mapping[int, Series], parameters: Mapping[str, float], clock: LogClock) -> Section:
     if not driven:
         lack = "No outputs are logged; set the bit RCOUT of LOG_BITMASK."
         return Section("radio", _OUTPUT_TITLE, lacks=(lack,))
@@ -254,9 +236,8 @@ def output_section(
         for channel, each in driven.items()
         if (output := output_channel(log, channel, each, parameters)) is not None
     ]
-    findings = [finding for output in found for finding in (*_saturated(output, instants), *_swinging(output))]
-    findings += _uneven(found)
-    findings += _too_slow(log, found, instants)
+    single = (finding for output in found for finding in (*_saturated(output, clock), *_swinging(output)))
+    findings = (*single, *_uneven(found), *_too_slow(log, found, clock))
     lacks = []
     if any(output.series.unit == "us" for output in found) and not any(output.function for output in found):
         lacks.append(
@@ -267,71 +248,61 @@ def output_section(
         "radio",
         _OUTPUT_TITLE,
         facts=(Fact("outputs", "Outputs in use", len(found)), *_steering(log)),
-        findings=tuple(findings),
+        findings=findings,
         grids=(_output_grid(found),) if found else (),
         plots=_output_plots(found, findings),
         lacks=tuple(lacks),
     )
 
 
-def _runs(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(np.int8)))
-    return list(zip(edges[0::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def _longest(output: OutputChannel, on: NDArray[np.bool_]) -> tuple[int, int]:
+def _longest(output: OutputChannel, on: Flags) -> tuple[int, int]:
     """From and until (ns) of the longest stretch; a row lasts until the next one."""
-    stamps = output.series.stamp_ns
-    spans = [(int(stamps[a]), int(stamps[min(b, len(stamps) - 1)])) for a, b in _runs(on)]
+    spans = held_spans(output.series.stamp_ns, on)
     return max(spans, key=lambda span: span[1] - span[0], default=(0, 0))
 
 
-def _at_limit(output: OutputChannel) -> NDArray[np.bool_]:
-    limit: NDArray[np.bool_] = output.armed & (np.abs(np.nan_to_num(output.command)) >= _AT_LIMIT)
+def _at_limit(output: OutputChannel) -> Flags:
+    limit: Flags = output.armed & (np.abs(np.nan_to_num(output.command)) >= _AT_LIMIT)
     return limit
 
 
-def _share(output: OutputChannel, on: NDArray[np.bool_]) -> float:
+def _share(output: OutputChannel, on: Flags) -> float:
     armed = int(np.count_nonzero(output.armed))
     return float(np.count_nonzero(on)) / armed if armed else 0.0
 
 
-def _saturated(output: OutputChannel, instants: LogClock) -> list[Finding]:
+def _saturated(output: OutputChannel, clock: LogClock) -> Iterator[Finding]:
     limit = _at_limit(output)
     share, (from_ns, until_ns) = _share(output, limit), _longest(output, limit)
     longest_s = (until_ns - from_ns) * 1e-9
     if share < _NOTICE_SHARE or longest_s < _NOTICE_S:
-        return []
+        return
     message, _, field = output.series.source.rpartition(".")
-    return [
-        Finding(
-            "radio.saturated",
-            Severity.WARNING if share >= _WARNING_SHARE and longest_s >= _WARNING_S else Severity.NOTICE,
-            f"{output.name} was at the end of its range for {100.0 * share:.0f} % of the armed time, longest from "
-            f"{instants.text(from_ns)} for {longest_s:.1f} s",
-            (Evidence(message, field, from_ns, until_ns),),
-            "Ask for less speed or turn, or find what holds the vessel: a saturated output no longer controls.",
-        )
-    ]
+    yield Finding(
+        "radio.saturated",
+        Severity.WARNING if share >= _WARNING_SHARE and longest_s >= _WARNING_S else Severity.NOTICE,
+        f"{output.name} was at the end of its range for {100.0 * share:.0f} % of the armed time, longest from "
+        f"{clock.text(from_ns)} for {longest_s:.1f} s",
+        (Evidence(message, field, from_ns, until_ns),),
+        "Ask for less speed or turn, or find what holds the vessel: a saturated output no longer controls.",
+    )
 
 
-def _swinging(output: OutputChannel) -> list[Finding]:
+def _swinging(output: OutputChannel) -> Iterator[Finding]:
     """Changes of direction by more than a fifth of the way, too often to do any good."""
     reversals = _reversals(output)
     if reversals is None or reversals < _SWINGS_HZ:
-        return []
+        return
     message, _, field = output.series.source.rpartition(".")
     stamps = output.series.stamp_ns[output.armed]
-    return [
-        Finding(
-            "radio.oscillation",
-            Severity.NOTICE,
-            f"{output.name} swings to and fro {reversals / 2.0:.1f} times a second by more than "
-            f"{100.0 * _SWING:.0f} % of its way",
-            (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
-            "Lower the gains of the loop behind it, or filter what it follows.",
-        )
-    ]
+    yield Finding(
+        "radio.oscillation",
+        Severity.NOTICE,
+        f"{output.name} swings to and fro {reversals / 2.0:.1f} times a second by more than "
+        f"{100.0 * _SWING:.0f} % of its way",
+        (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
+        "Lower the gains of the loop behind it, or filter what it follows.",
+    )
 
 
 def _reversals(output: OutputChannel) -> float | None:
@@ -360,73 +331,69 @@ def _reversals(output: OutputChannel) -> float | None:
     return count / span_s if span_s > 5.0 else None
 
 
-def _uneven(found: list[OutputChannel]) -> list[Finding]:
+def _uneven(found: list[OutputChannel]) -> Iterator[Finding]:
     """Port and starboard throttle of a vessel that steers by them."""
     pairs = {output.function: output for output in found}
     port, starboard = pairs.get(PORT_THROTTLE), pairs.get(STARBOARD_THROTTLE)
     if port is None or starboard is None:
         motors = [output for output in found if output.series.unit == ""]
         if len(motors) != 2:
-            return []
+            return
         port, starboard = motors
     if not np.array_equal(port.series.stamp_ns, starboard.series.stamp_ns):
-        return []
+        return
     working = port.armed & (np.abs(port.command) + np.abs(starboard.command) > 0.1)
     working &= np.isfinite(port.command) & np.isfinite(starboard.command)
     if np.count_nonzero(working) < 100:
-        return []
+        return
     left, right = float(port.command[working].mean()), float(starboard.command[working].mean())
     if abs(left - right) < _UNEVEN:
-        return []
+        return
     message, _, field = port.series.source.rpartition(".")
     stamps = port.series.stamp_ns[working]
-    return [
-        Finding(
-            "radio.uneven",
-            Severity.NOTICE,
-            f"{port.name} worked at {100.0 * left:.0f} % and {starboard.name} at {100.0 * right:.0f} % on average",
-            (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
-            "Wind or current from one side does that, and so does a fouled or weaker propeller: compare another run.",
-        )
-    ]
+    yield Finding(
+        "radio.uneven",
+        Severity.NOTICE,
+        f"{port.name} worked at {100.0 * left:.0f} % and {starboard.name} at {100.0 * right:.0f} % on average",
+        (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
+        "Wind or current from one side does that, and so does a fouled or weaker propeller: compare another run.",
+    )
 
 
-def _too_slow(log: Log, found: list[OutputChannel], instants: LogClock) -> list[Finding]:
+def _too_slow(log: Log, found: list[OutputChannel], clock: LogClock) -> Iterator[Finding]:
     """Throttle at its end while the speed stays under what is asked for."""
     table = log.tables.get("THR")
     if table is None:
-        return []
+        return
     wanted, speed, out = numbers(table, "DesSpeed"), numbers(table, "Speed"), numbers(table, "ThrOut")
     if wanted is None or speed is None:
-        return []
+        return
     if out is not None:
         full = np.abs(np.nan_to_num(out)) >= 99.0
     else:
         thrusters = [each for each in found if each.function in (THROTTLE, PORT_THROTTLE, STARBOARD_THROTTLE)]
         if not thrusters:
-            return []
+            return
         full = np.ones(len(table), dtype=np.bool_)
         for each in thrusters:
             row = np.searchsorted(each.series.stamp_ns, table.stamp_ns, side="right") - 1
             full &= (row >= 0) & _at_limit(each)[np.maximum(row, 0)]
     with np.errstate(invalid="ignore"):
         short = full & (np.abs(wanted) - np.abs(speed) > _SHORT_MPS)
-    spans = [(int(table.stamp_ns[a]), int(table.stamp_ns[min(b, len(table) - 1)]), a, b) for a, b in _runs(short)]
-    long = [span for span in spans if (span[1] - span[0]) * 1e-9 >= _SHORT_S]
+    spans = zip(held_spans(table.stamp_ns, short), runs(short), strict=True)
+    long = [(*span, *rows) for span, rows in spans if (span[1] - span[0]) * 1e-9 >= _SHORT_S]
     if not long:
-        return []
+        return
     worst = max(long, key=lambda span: span[1] - span[0])
     lag = float(np.nanmean(np.abs(wanted[worst[2] : worst[3]]) - np.abs(speed[worst[2] : worst[3]])))
-    return [
-        Finding(
-            "radio.too_slow",
-            Severity.WARNING,
-            f"At full throttle the vessel stayed {lag:.1f} m/s under the speed asked for, longest from "
-            f"{instants.text(worst[0])} for {(worst[1] - worst[0]) * 1e-9:.1f} s",
-            tuple(Evidence("THR", "DesSpeed", a, b) for a, b, _, _ in long[:8]),
-            "Set WP_SPEED and CRUISE_SPEED to what it reaches in this current, or look at hull and propellers.",
-        )
-    ]
+    yield Finding(
+        "radio.too_slow",
+        Severity.WARNING,
+        f"At full throttle the vessel stayed {lag:.1f} m/s under the speed asked for, longest from "
+        f"{clock.text(worst[0])} for {(worst[1] - worst[0]) * 1e-9:.1f} s",
+        tuple(Evidence("THR", "DesSpeed", a, b) for a, b, _, _ in long[:8]),
+        "Set WP_SPEED and CRUISE_SPEED to what it reaches in this current, or look at hull and propellers.",
+    )
 
 
 def _steering(log: Log) -> tuple[Fact, ...]:
@@ -470,7 +437,7 @@ def _output_grid(found: list[OutputChannel]) -> Grid:
     return Grid("outputs", "Outputs while armed, % of the way from trim to the end", columns, tuple(rows))
 
 
-def _output_plots(found: list[OutputChannel], findings: list[Finding]) -> tuple[Plot, ...]:
+def _output_plots(found: list[OutputChannel], findings: Iterable[Finding]) -> tuple[Plot, ...]:
     marks = tuple(
         Mark(each.at_ns, finding.key, each.until_ns, finding.severity)
         for finding in findings
@@ -484,18 +451,10 @@ def _output_plots(found: list[OutputChannel], findings: list[Finding]) -> tuple[
 
 def analyse(log: Log) -> Section | None:
     """None for a recording with neither inputs nor outputs."""
-    instants = LogClock(log)
+    clock = LogClock(log)
     channels, driven = rc_inputs(log), outputs(log)
     if not channels and not driven and log.format == "mcap":
         return None
     parameters = parameter_values(log)
-    parts = (input_section(log, channels, parameters, instants), output_section(log, driven, parameters, instants))
-    return Section(
-        "radio",
-        "Remote control and outputs",
-        facts=tuple(fact for part in parts for fact in part.facts),
-        findings=tuple(finding for part in parts for finding in part.findings),
-        grids=tuple(grid for part in parts for grid in part.grids),
-        plots=tuple(plot for part in parts for plot in part.plots),
-        lacks=tuple(lack for part in parts for lack in part.lacks),
-    )
+    parts = (input_section(log, channels, parameters, clock), output_section(log, driven, parameters, clock))
+    return joined("radio", "Remote control and outputs", parts)

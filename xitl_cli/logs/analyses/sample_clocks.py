@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.fit import ClockRelation, robust_spread
 from xitl_cli.logs.clocks.time_line import LogClock
@@ -19,7 +18,7 @@ from xitl_cli.logs.gaps import regularity
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Plot, Section, Severity, Trace, Value, make_grid, rounded
 from xitl_cli.logs.signals.states import last_parameters
-from xitl_cli.logs.table import Selection, Table, by_instance
+from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance
 
 LEAST_ROWS = 50
 PARTS = 10
@@ -42,9 +41,9 @@ class SampleClock:
     name: str
     message: str
     field: str
-    number: NDArray[np.int64]
-    clock_ns: NDArray[np.int64]
-    at_ns: NDArray[np.int64]
+    number: Stamps
+    clock_ns: Stamps
+    at_ns: Stamps
     per_sample_s: float
     variation_s: float | None
     scatter_s: float
@@ -58,7 +57,7 @@ class SampleClock:
         return None if self.rate_hz is None else 1e6 * (self.per_sample_s * self.rate_hz - 1.0)
 
 
-def sample_clock_section(log: Log, relations: Sequence[ClockRelation], instants: LogClock) -> Section:
+def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: LogClock) -> Section:
     found = sample_clocks(log, relations)
     if not found:
         return Section("time_bases", "Clocks against the sample number")
@@ -153,7 +152,7 @@ def _stepped(relations: Sequence[ClockRelation], key: str) -> list[int]:
     ]
 
 
-def _unbroken(at_ns: NDArray[np.int64], stepped: Sequence[int]) -> slice:
+def _unbroken(at_ns: Stamps, stepped: Sequence[int]) -> slice:
     """The rows of the longest part between steps."""
     cuts = [0, *sorted({int(np.searchsorted(at_ns, one)) for one in stepped}), len(at_ns)]
     begin, end = max(pairwise(cuts), key=lambda part: part[1] - part[0])
@@ -212,12 +211,7 @@ def _periodic(log: Log, relations: Sequence[ClockRelation]) -> Iterator[SampleCl
 
 
 def _even(
-    label: str,
-    table: Table,
-    field: str,
-    clock_ns: NDArray[np.int64],
-    loop_hz: float | None,
-    numbers: NDArray[np.int64] | None = None,
+    label: str, table: Table, field: str, clock_ns: Stamps, loop_hz: float | None, numbers: Stamps | None = None
 ) -> SampleClock | None:
     """None unless it goes evenly, or its samples are numbered by another clock."""
     steps = np.diff(clock_ns).astype(np.float64)
@@ -231,22 +225,16 @@ def _even(
     return _made(label, table.name, field, numbers, clock_ns, table.stamp_ns, loop_hz)
 
 
-def _lost(steps: NDArray[np.float64], usual: float) -> NDArray[np.float64]:
+def _lost(steps: Floats, usual: float) -> Floats:
     """How many rows are missing at each step: not those of a late row, whose neighbour makes up for it."""
     before = np.concatenate(([usual], steps[:-1])) + steps - usual
     after = np.concatenate((steps[1:], [usual])) + steps - usual
-    lost: NDArray[np.float64] = np.maximum(np.round(np.minimum(np.minimum(before, after), steps) / usual) - 1.0, 0.0)
+    lost: Floats = np.maximum(np.round(np.minimum(np.minimum(before, after), steps) / usual) - 1.0, 0.0)
     return lost
 
 
 def _made(
-    label: str,
-    message: str,
-    field: str,
-    numbers: NDArray[np.int64],
-    clock_ns: NDArray[np.int64],
-    at_ns: NDArray[np.int64],
-    loop_hz: float | None,
+    label: str, message: str, field: str, numbers: Stamps, clock_ns: Stamps, at_ns: Stamps, loop_hz: float | None
 ) -> SampleClock | None:
     if len(numbers) < LEAST_ROWS or numbers[-1] <= numbers[0] or clock_ns[-1] <= clock_ns[0]:
         return None
@@ -275,7 +263,7 @@ def _made(
     )
 
 
-def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+def _slope(x: Floats, y: Floats) -> float:
     away = x - x.mean()
     square = float(np.sum(away * away))
     return float(np.sum(away * y)) / square if square > 0.0 else 0.0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.long_loops import long_loop_section
 from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
@@ -22,6 +22,7 @@ from xitl_cli.logs.sections import (
     Severity,
     Trace,
     Value,
+    joined,
     make_grid,
     rounded,
 )
@@ -34,8 +35,7 @@ from xitl_cli.logs.signals.deadlines import (
     task_totals,
 )
 from xitl_cli.logs.signals.moments import Moment, moments, moments_near, moments_text
-
-Flags = NDArray[np.bool_]
+from xitl_cli.logs.table import Flags
 
 RATIO_WARNING, RATIO_CRITICAL = 0.01, 0.1
 FEW = 3
@@ -49,17 +49,17 @@ def missed_section(
     misses: MissedDeadlines | None,
     steps: Sequence[ClockStep],
     happened: Sequence[Moment],
-    instants: LogClock,
+    clock: LogClock,
 ) -> Section:
     by_step = np.zeros(0, dtype=np.bool_) if misses is None else _by_step(misses, steps)
     late = [task for task in tasks if task.missed]
     findings = [
-        _finding([task for task in late if task.node == node], misses, by_step, happened, instants)
+        _finding([task for task in late if task.node == node], misses, by_step, happened, clock)
         for node in dict.fromkeys(task.node for task in late)
     ]
     unlisted = [] if misses is None else [name for name in dict.fromkeys(misses.task) if not _total(tasks, name)]
     if misses is not None and unlisted:
-        findings.append(_without_totals(misses, unlisted, instants))
+        findings.append(_without_totals(misses, unlisted, clock))
     listed = 0 if misses is None else len(misses)
     counted = sum(task.missed for task in tasks)
     facts = (
@@ -73,7 +73,7 @@ def missed_section(
         "Deadlines",
         facts,
         tuple(findings),
-        () if misses is None else (_grid(misses, happened, instants),),
+        () if misses is None else (_grid(misses, happened, clock),),
         () if misses is None else _plots(misses, by_step),
     )
 
@@ -98,7 +98,7 @@ def _finding(
     misses: MissedDeadlines | None,
     by_step: Flags,
     happened: Sequence[Moment],
-    instants: LogClock,
+    clock: LogClock,
 ) -> Finding:
     """One for all tasks of a node: what held up one of them held up the others."""
     names = {task.name for task in tasks}
@@ -125,7 +125,7 @@ def _finding(
         at_ns = int(misses.due_ns[worst])
         beside = moments_text(moments_near(happened, at_ns, int(misses.end_ns[worst]), BESIDE_NS))
         sentence += (
-            f"; the worst, {misses.task[worst]} at {instants.text(at_ns)}, {_ms(misses.late_s[worst])} late, ran "
+            f"; the worst, {misses.task[worst]} at {clock.text(at_ns)}, {_ms(misses.late_s[worst])} late, ran "
             f"{_ms(misses.run_s[worst])}, with: {beside}"
         )
         field = "due_ns" if misses.message == "/misses" else "DueUS"
@@ -147,13 +147,13 @@ def _severity(task: TaskTotal, missed: int) -> Severity:
     return Severity.CRITICAL if ratio > RATIO_CRITICAL else Severity.WARNING
 
 
-def _without_totals(misses: MissedDeadlines, names: Sequence[str], instants: LogClock) -> Finding:
+def _without_totals(misses: MissedDeadlines, names: Sequence[str], clock: LogClock) -> Finding:
     rows = [row for row, name in enumerate(misses.task) if name in names]
     at_ns = int(misses.due_ns[rows[0]])
     return Finding(
         "scheduler.deadlines_missed",
         Severity.NOTICE,
-        f"{len(rows)} deadlines of {', '.join(names)} were missed, the first at {instants.text(at_ns)}",
+        f"{len(rows)} deadlines of {', '.join(names)} were missed, the first at {clock.text(at_ns)}",
         (Evidence(misses.message, None, at_ns, int(misses.end_ns[rows[-1]])),),
         "How many cycles there were is not logged; compare with the rate of the task.",
     )
@@ -163,18 +163,14 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * float(seconds):.1f} ms"
 
 
-def _grid(
-    misses: MissedDeadlines,
-    happened: Sequence[Moment],
-    instants: LogClock,
-) -> Grid:
+def _grid(misses: MissedDeadlines, happened: Sequence[Moment], clock: LogClock) -> Grid:
     rows: list[tuple[Value, ...]] = []
     order = np.argsort(misses.due_ns, kind="stable")
     for row in order.tolist()[:600]:
         beside = moments_text(moments_near(happened, int(misses.due_ns[row]), int(misses.end_ns[row]), BESIDE_NS))
         rows.append(
             (
-                instants.second(int(misses.due_ns[row])),
+                clock.second(int(misses.due_ns[row])),
                 misses.task[row],
                 rounded(misses.late_s[row] * 1e3),
                 rounded(misses.run_s[row] * 1e3),
@@ -215,29 +211,21 @@ def analyse(log: Log) -> Section | None:
         return Section("scheduler", "Scheduler", lacks=(_NO_PM,))
     steps = clock_steps(log)
     happened = [*moments(log), *(_moment(step) for step in steps)]
-    instants = LogClock(log)
+    clock = LogClock(log)
     parts: list[Section] = []
     if tasks and clock_stood_still(tasks):
         parts.append(Section("scheduler", "Deadlines", lacks=(_STILL,)))
         tasks = []
     if windows is not None:
-        parts.append(long_loop_section(log, windows, happened, instants))
+        parts.append(long_loop_section(log, windows, happened, clock))
     if tasks or misses is not None:
-        parts.append(missed_section(tasks, misses, steps, happened, instants))
+        parts.append(missed_section(tasks, misses, steps, happened, clock))
     findings = [finding for part in parts for finding in part.findings]
     if not findings and not any(part.lacks for part in parts):
         kept = [] if windows is None else ["every loop"]
         kept += [f"every cycle of {len(tasks)} task{'' if len(tasks) == 1 else 's'}"] if tasks else []
         findings = [Finding("scheduler.on_time", Severity.OK, f"{' and '.join(kept)} kept its time")] if kept else []
-    return Section(
-        "scheduler",
-        "Scheduler",
-        tuple(fact for part in parts for fact in part.facts),
-        tuple(findings),
-        tuple(grid for part in parts for grid in part.grids),
-        tuple(plot for part in parts for plot in part.plots),
-        tuple(lack for part in parts for lack in part.lacks),
-    )
+    return replace(joined("scheduler", "Scheduler", parts), findings=tuple(findings))
 
 
 def clock_steps(log: Log) -> list[ClockStep]:

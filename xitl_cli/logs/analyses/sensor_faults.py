@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
@@ -17,8 +15,9 @@ from xitl_cli.logs.sections import Evidence, Finding, Mark, Plot, Section, Sever
 from xitl_cli.logs.signals import Series, ground_speed, yaw_rate
 from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
 from xitl_cli.logs.signals.series import listed, numbers
-from xitl_cli.logs.signals.spans import HeldRows, HoldStatistics, covered_share, find_holds
+from xitl_cli.logs.signals.spans import HeldRows, HoldStatistics, covered_share, find_holds, runs
 from xitl_cli.logs.signals.states import armed_rows
+from xitl_cli.logs.table import Flags, Floats, Stamps
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,17 +28,17 @@ class JudgedSensor:
     sort: str
     message: str
     field: str
-    stamp_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamp_ns: Stamps
+    values: Floats
     regularity: Regularity
     gaps: Gaps
     holding: HoldStatistics
-    healthy: NDArray[np.bool_] | None
-    temperature_degc: NDArray[np.float64] | None
+    healthy: Flags | None
+    temperature_degc: Floats | None
     sensor_rate_hz: float | None
 
 
-def judged_sensor(each: InertialUnit | SensorSeries, pause: NDArray[np.int64]) -> JudgedSensor | None:
+def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps) -> JudgedSensor | None:
     found = regularity(each.sample_ns)
     if found is None:
         return None
@@ -66,9 +65,7 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: NDArray[np.int64]) -
     )
 
 
-def _own_gaps(
-    stamp_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], found: Regularity, pause: NDArray[np.int64]
-) -> Gaps:
+def _own_gaps(stamp_ns: Stamps, sample_ns: Stamps, found: Regularity, pause: Stamps) -> Gaps:
     """On the log's time, without those in which everything paused."""
     each = gaps(sample_ns, found.period_s)
     from_ns = stamp_ns[each.row]
@@ -88,22 +85,26 @@ _GAP_STEP = (
 )
 
 
-def timing_section(found: list[JudgedSensor], instants: LogClock) -> Section:
+def timing_section(found: list[JudgedSensor], clock: LogClock) -> Section:
     """Gaps, stamps that go wrong, instances of one message at different rates."""
-    findings = _gaps(found, instants)
-    for sensor in found:
-        findings += _missing(sensor)
-        regular = sensor.regularity
-        if regular.backward:
-            findings.append(
-                Finding(
-                    "sensors.time_backward",
-                    Severity.WARNING,
-                    f"{sensor.name}: {regular.backward} stamps go back, by up to {regular.back_s:.3g} s",
-                    (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
-                    "Look for a clock that was set during the run, or a damaged part of the log.",
-                )
-            )
+    findings = (*_gaps(found, clock), *(one for sensor in found for one in _stamp_findings(sensor)), *_rates(found))
+    return Section("sensors", "Sensors", findings=findings, plots=_gap_plot(found))
+
+
+def _stamp_findings(sensor: JudgedSensor) -> Iterator[Finding]:
+    yield from _missing(sensor)
+    regular = sensor.regularity
+    if regular.backward:
+        yield Finding(
+            "sensors.time_backward",
+            Severity.WARNING,
+            f"{sensor.name}: {regular.backward} stamps go back, by up to {regular.back_s:.3g} s",
+            (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
+            "Look for a clock that was set during the run, or a damaged part of the log.",
+        )
+
+
+def _rates(found: list[JudgedSensor]) -> Iterator[Finding]:
     by_message: dict[str, list[JudgedSensor]] = {}
     for sensor in found:
         by_message.setdefault(sensor.message, []).append(sensor)
@@ -111,19 +112,16 @@ def timing_section(found: list[JudgedSensor], instants: LogClock) -> Section:
         rates = [sensor.regularity.rate_hz for sensor in group]
         if len(group) > 1 and max(rates) > min(rates) * (1.0 + _RATE_APART):
             told_rates = ", ".join(f"{s.name} {s.regularity.rate_hz:.4g} Hz" for s in group)
-            findings.append(
-                Finding(
-                    "sensors.rates_differ",
-                    Severity.NOTICE,
-                    f"Instances of {message} are logged at different rates: {told_rates}",
-                    tuple(Evidence(message, s.field, int(s.stamp_ns[0])) for s in group),
-                    "Check that each of them is set to the rate it should have.",
-                )
+            yield Finding(
+                "sensors.rates_differ",
+                Severity.NOTICE,
+                f"Instances of {message} are logged at different rates: {told_rates}",
+                tuple(Evidence(message, s.field, int(s.stamp_ns[0])) for s in group),
+                "Check that each of them is set to the rate it should have.",
             )
-    return Section("sensors", "Sensors", findings=tuple(findings), plots=_gap_plot(found))
 
 
-def recording_pauses(log: Log, pause: NDArray[np.int64], instants: LogClock) -> tuple[Finding, ...]:
+def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding, ...]:
     """One finding for all in which the whole log stood still for a noticeable time."""
     long = pause[(pause[:, 1] - pause[:, 0]) >= int(_LONG_S * 1e9)]
     leapt = [step for relation in clock_relations(log) for step in relation.steps if step.size_s >= _LONG_S]
@@ -132,7 +130,7 @@ def recording_pauses(log: Log, pause: NDArray[np.int64], instants: LogClock) -> 
         return ()
     lengths_s = (long[:, 1] - long[:, 0]) * 1e-9
     armed = armed_rows(log, long[:, 0])
-    times = listed([f"{instants.text(int(a))} for {d:.2f} s" for (a, _), d in zip(long, lengths_s, strict=True)])
+    times = listed([f"{clock.text(int(a))} for {d:.2f} s" for (a, _), d in zip(long, lengths_s, strict=True)])
     sailing = armed is None or bool(armed.any())
     noun = "pause" if len(long) == 1 else "pauses"
     verb, step = (
@@ -161,7 +159,7 @@ def _long_gaps(sensor: JudgedSensor) -> tuple[Gap, ...]:
     return tuple(sorted((gap for gap in sensor.gaps.longest(100) if gap.duration_s > least_s), key=_gap_begin))
 
 
-def _gaps(found: Sequence[JudgedSensor], instants: LogClock) -> list[Finding]:
+def _gaps(found: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
     """One finding for sensors that are missing at the same times: the cause is none of them."""
     groups: list[tuple[list[JudgedSensor], tuple[Gap, ...]]] = []
     for sensor in found:
@@ -173,14 +171,14 @@ def _gaps(found: Sequence[JudgedSensor], instants: LogClock) -> list[Finding]:
                 break
         else:
             groups.append(([sensor], long))
-    return [_gap(group, theirs, instants) for group, theirs in groups]
+    yield from (_gap(group, theirs, clock) for group, theirs in groups)
 
 
-def _gap(group: Sequence[JudgedSensor], long: Sequence[Gap], instants: LogClock) -> Finding:
+def _gap(group: Sequence[JudgedSensor], long: Sequence[Gap], clock: LogClock) -> Finding:
     *names, last = (sensor.name for sensor in group)
     who = f"{', '.join(names)} and {last} are missing together" if names else f"{last} is missing"
     noun = "gap" if len(long) == 1 else "gaps"
-    times = listed([f"{instants.text(gap.from_ns)} for {gap.duration_s:.2f} s" for gap in long])
+    times = listed([f"{clock.text(gap.from_ns)} for {gap.duration_s:.2f} s" for gap in long])
     lengths_s = [gap.duration_s for gap in long]
     return Finding(
         "sensors.gap",
@@ -195,28 +193,26 @@ def _same(one: Gap, other: Gap) -> bool:
     return abs(one.from_ns - other.from_ns) < _SAME_NS and abs(one.until_ns - other.until_ns) < _SAME_NS
 
 
-def _missing(sensor: JudgedSensor) -> list[Finding]:
+def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
     """A share of samples missing that matters, where no long gap tells of it."""
     regular = sensor.regularity
     if _long_gaps(sensor):
-        return []
+        return
     # Not more than the whole record lacks at this rate: stamps that come unevenly have long steps and short ones.
     lacking = round((regular.rows - 1) * (regular.mean_period_s / regular.period_s - 1.0))
     missing = min(int(sensor.gaps.missing.sum()), lacking)
     share = missing / (regular.rows + missing) if missing > 0 else 0.0
     if share < _MISSING_NOTICE:
-        return []
+        return
     longest_s = sensor.gaps.longest(1)[0].duration_s
-    return [
-        Finding(
-            "sensors.missing",
-            Severity.WARNING if share >= _MISSING_WARNING else Severity.NOTICE,
-            f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz ask for are missing, "
-            f"in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
-            (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
-            _GAP_STEP,
-        )
-    ]
+    yield Finding(
+        "sensors.missing",
+        Severity.WARNING if share >= _MISSING_WARNING else Severity.NOTICE,
+        f"{sensor.name}: {100.0 * share:.1f} % of the samples that {regular.rate_hz:.4g} Hz ask for are missing, "
+        f"in {len(sensor.gaps)} gaps of up to {longest_s:.3g} s",
+        (Evidence(sensor.message, sensor.field, int(sensor.gaps.from_ns[0]), int(sensor.gaps.until_ns[-1])),),
+        _GAP_STEP,
+    )
 
 
 def _gap_begin(gap: Gap) -> int:
@@ -260,39 +256,20 @@ _AT_ONCE_NS = 1_000_000_000
 _STUCK = "sensors.stuck"
 
 
-class Judged(Protocol):
-    """What is needed of a sensor here."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def sort(self) -> str: ...
-    @property
-    def message(self) -> str: ...
-    @property
-    def field(self) -> str: ...
-    @property
-    def stamp_ns(self) -> NDArray[np.int64]: ...
-    @property
-    def holding(self) -> HoldStatistics: ...
-    @property
-    def healthy(self) -> NDArray[np.bool_] | None: ...
-
-
 def trouble_section(
     log: Log,
-    found: Sequence[Judged],
+    found: Sequence[JudgedSensor],
     inertial: Sequence[InertialUnit],
-    armed: Mapping[str, NDArray[np.bool_] | None],
-    instants: LogClock,
+    armed: Mapping[str, Flags | None],
+    clock: LogClock,
 ) -> Section:
     turning, speed = yaw_rate(log), ground_speed(log)
     by_sensor: dict[str, list[Finding]] = {}
     for sensor in found:
-        stuck = _stuck(sensor, [each for each in found if each is not sensor], turning, speed, instants)
-        by_sensor[sensor.name] = _as_one(stuck, _unwell(sensor, armed.get(sensor.name), instants))
-    units = [finding for unit in inertial for finding in (*_saturated(unit, instants), *_unit_errors(unit, instants))]
-    return Section("sensors", "Sensors", findings=(*_together(by_sensor, instants), *units))
+        stuck = _stuck(sensor, [each for each in found if each is not sensor], turning, speed, clock)
+        by_sensor[sensor.name] = _as_one(stuck, _unwell(sensor, armed.get(sensor.name), clock))
+    units = [finding for unit in inertial for finding in (*_saturated(unit, clock), *_unit_errors(unit, clock))]
+    return Section("sensors", "Sensors", findings=(*_together(by_sensor, clock), *units))
 
 
 def _as_one(stuck: list[Finding], unwell: list[Finding]) -> list[Finding]:
@@ -303,7 +280,7 @@ def _as_one(stuck: list[Finding], unwell: list[Finding]) -> list[Finding]:
     return [replace(stuck[0], sentence=sentence, evidence=(*stuck[0].evidence, *unwell[0].evidence)), *stuck[1:]]
 
 
-def _together(by_sensor: Mapping[str, list[Finding]], instants: LogClock) -> tuple[Finding, ...]:
+def _together(by_sensor: Mapping[str, list[Finding]], clock: LogClock) -> tuple[Finding, ...]:
     """All findings; sensors that stopped within a second in one, as the cause is none of them."""
     every = tuple(finding for findings in by_sensor.values() for finding in findings)
     stopped = {name: one for name, findings in by_sensor.items() for one in findings if one.key == _STUCK}
@@ -314,7 +291,7 @@ def _together(by_sensor: Mapping[str, list[Finding]], instants: LogClock) -> tup
     one = Finding(
         "sensors.stopped_together",
         max(finding.severity for finding in stopped.values()),
-        f"{', '.join(names)} and {last} stopped together at {instants.text(min(begins))}, while the vehicle moved: "
+        f"{', '.join(names)} and {last} stopped together at {clock.text(min(begins))}, while the vehicle moved: "
         "each shows one and the same value from then on",
         tuple(evidence for finding in stopped.values() for evidence in finding.evidence),
         "Look at what feeds them all: a link, a bus, or the process behind it.",
@@ -327,7 +304,7 @@ def _begin(finding: Finding) -> int:
 
 
 def _stuck(
-    sensor: Judged, others: Sequence[Judged], turning: Series | None, speed: Series | None, instants: LogClock
+    sensor: JudgedSensor, others: Sequence[JudgedSensor], turning: Series | None, speed: Series | None, clock: LogClock
 ) -> list[Finding]:
     """Equal values for long are a fault when the vehicle moved meanwhile, or when the noise usually shows."""
     if sensor.sort not in _STICKS or not sensor.holding.holds:
@@ -349,7 +326,7 @@ def _stuck(
             Finding(
                 _STUCK,
                 Severity.WARNING,
-                f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain], instants)}, "
+                f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain], clock)}, "
                 f"while {certain[0][1]}",
                 _evidence(sensor, [hold for hold, _ in certain]),
                 "Check the sensor's bus and driver: a device that no longer answers may leave its last value behind.",
@@ -360,7 +337,7 @@ def _stuck(
             Finding(
                 "sensors.still",
                 Severity.NOTICE,
-                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, instants)}, though at other "
+                f"{sensor.name} shows one and the same value {_when(sensor, doubtful, clock)}, though at other "
                 "times no two samples are equal",
                 _evidence(sensor, doubtful),
                 "A simulated sensor without noise at rest does that; a real one is stuck.",
@@ -369,7 +346,7 @@ def _stuck(
     return findings
 
 
-def _shared(sensor: Judged, from_ns: int, until_ns: int, others: Sequence[Judged]) -> bool:
+def _shared(sensor: JudgedSensor, from_ns: int, until_ns: int, others: Sequence[JudgedSensor]) -> bool:
     """Whether all other sensors of the sort stood still as well for most of this time: then nothing moved."""
     alike = [each for each in others if each.sort == sensor.sort == "magnetometer"]
     for each in alike:
@@ -379,7 +356,7 @@ def _shared(sensor: Judged, from_ns: int, until_ns: int, others: Sequence[Judged
     return bool(alike)
 
 
-def _lively(sensor: Judged) -> bool:
+def _lively(sensor: JudgedSensor) -> bool:
     """Whether noise usually shows in every sample."""
     return sensor.holding.usual < 1.5
 
@@ -412,23 +389,23 @@ def _turned_deg(rate_degps: Series, from_ns: int, until_ns: int) -> float:
     return float(np.ptp(np.cumsum(rates[1:] * np.diff(stamps) * 1e-9)))
 
 
-def _when(sensor: Judged, holds: list[HeldRows], instants: LogClock) -> str:
+def _when(sensor: JudgedSensor, holds: list[HeldRows], clock: LogClock) -> str:
     spans = [
-        f"from {instants.text(int(sensor.stamp_ns[hold.first]))} for "
+        f"from {clock.text(int(sensor.stamp_ns[hold.first]))} for "
         f"{(int(sensor.stamp_ns[hold.last]) - int(sensor.stamp_ns[hold.first])) * 1e-9:.1f} s"
         for hold in holds
     ]
     return listed(spans)
 
 
-def _evidence(sensor: Judged, holds: list[HeldRows]) -> tuple[Evidence, ...]:
+def _evidence(sensor: JudgedSensor, holds: list[HeldRows]) -> tuple[Evidence, ...]:
     return tuple(
         Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[hold.first]), int(sensor.stamp_ns[hold.last]))
         for hold in holds[:8]
     )
 
 
-def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None, instants: LogClock) -> list[Finding]:
+def _unwell(sensor: JudgedSensor, armed: Flags | None, clock: LogClock) -> list[Finding]:
     """Rows in which the autopilot's own flag says unhealthy."""
     if sensor.healthy is None or sensor.healthy.all():
         return []
@@ -440,7 +417,7 @@ def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None, instants: LogClock)
     when = (
         "in every row"
         if count == whole
-        else f"in {count} of {whole} rows, from {instants.text(first)} to {instants.text(last)}"
+        else f"in {count} of {whole} rows, from {clock.text(first)} to {clock.text(last)}"
     )
     return [
         Finding(
@@ -454,8 +431,7 @@ def _unwell(sensor: Judged, armed: NDArray[np.bool_] | None, instants: LogClock)
     ]
 
 
-def _saturated(unit: InertialUnit, instants: LogClock) -> list[Finding]:
-    findings = []
+def _saturated(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
     for values, fields, least, what, measure in (
         (unit.gyro_radps, unit.gyro_fields, _GYRO_LEAST_RADPS, "gyroscope", "rad/s"),
         (unit.accel_mps2, unit.accel_fields, _ACCEL_LEAST_MPS2, "accelerometer", "m/s²"),
@@ -468,22 +444,18 @@ def _saturated(unit: InertialUnit, instants: LogClock) -> list[Finding]:
                 continue
             at_ns, until_ns = int(unit.stamp_ns[found.first]), int(unit.stamp_ns[found.last])
             field = fields[axis] if len(fields) == 3 else f"{fields[0]}[{axis}]"
-            findings.append(
-                Finding(
-                    "sensors.saturated",
-                    Severity.WARNING,
-                    f"{unit.name}: the {what} is at the end of its range, {found.limit:.4g} {measure} on {field}, in "
-                    f"{found.rows} samples, longest from {instants.text(at_ns)} for {(until_ns - at_ns) * 1e-9:.3g} s",
-                    (Evidence(unit.table.name, field, at_ns, until_ns, f"{found.limit:.4g}"),),
-                    "Damp the mounting or choose a larger range: what is cut off is lost to the estimator.",
-                )
+            yield Finding(
+                "sensors.saturated",
+                Severity.WARNING,
+                f"{unit.name}: the {what} is at the end of its range, {found.limit:.4g} {measure} on {field}, in "
+                f"{found.rows} samples, longest from {clock.text(at_ns)} for {(until_ns - at_ns) * 1e-9:.3g} s",
+                (Evidence(unit.table.name, field, at_ns, until_ns, f"{found.limit:.4g}"),),
+                "Damp the mounting or choose a larger range: what is cut off is lost to the estimator.",
             )
-    return findings
 
 
-def _unit_errors(unit: InertialUnit, instants: LogClock) -> list[Finding]:
+def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
     """Error counters that go up, and a measurement rate that falls."""
-    findings = []
     for field, what in (("EG", "gyroscope"), ("EA", "accelerometer")):
         counts = numbers(unit.table, field, raw=True)
         if counts is None or len(counts) < 2:
@@ -491,15 +463,13 @@ def _unit_errors(unit: InertialUnit, instants: LogClock) -> list[Finding]:
         rises = np.flatnonzero(np.diff(counts) > 0)
         if len(rises):
             grown = int(counts[rises + 1].sum() - counts[rises].sum())
-            findings.append(
-                Finding(
-                    "sensors.errors",
-                    Severity.WARNING,
-                    f"{unit.name}: the {what} driver counted {grown} errors, the first at "
-                    f"{instants.text(int(unit.stamp_ns[rises[0] + 1]))}",
-                    (Evidence(unit.table.name, field, int(unit.stamp_ns[rises[0] + 1]), None, str(grown)),),
-                    "Check the bus of the sensor (wiring, clock rate, supply).",
-                )
+            yield Finding(
+                "sensors.errors",
+                Severity.WARNING,
+                f"{unit.name}: the {what} driver counted {grown} errors, the first at "
+                f"{clock.text(int(unit.stamp_ns[rises[0] + 1]))}",
+                (Evidence(unit.table.name, field, int(unit.stamp_ns[rises[0] + 1]), None, str(grown)),),
+                "Check the bus of the sensor (wiring, clock rate, supply).",
             )
     for field in ("GHz", "AHz"):
         rates = numbers(unit.table, field)
@@ -510,17 +480,14 @@ def _unit_errors(unit: InertialUnit, instants: LogClock) -> list[Finding]:
         low = low[unit.stamp_ns[low] > unit.stamp_ns[0] + 5_000_000_000]  # the rate is measured from the start on
         if len(low):
             at_ns = int(unit.stamp_ns[low[int(np.argmin(rates[low]))]])
-            findings.append(
-                Finding(
-                    "sensors.slow",
-                    Severity.WARNING,
-                    f"{unit.name}: the measurement rate fell from {usual:.0f} Hz to {rates[low].min():.0f} Hz at "
-                    f"{instants.text(at_ns)}",
-                    (Evidence(unit.table.name, field, at_ns, None, f"{rates[low].min():.0f}"),),
-                    "The sensor's thread did not get to run, or its bus was held up: look at the scheduler then.",
-                )
+            yield Finding(
+                "sensors.slow",
+                Severity.WARNING,
+                f"{unit.name}: the measurement rate fell from {usual:.0f} Hz to {rates[low].min():.0f} Hz at "
+                f"{clock.text(at_ns)}",
+                (Evidence(unit.table.name, field, at_ns, None, f"{rates[low].min():.0f}"),),
+                "The sensor's thread did not get to run, or its bus was held up: look at the scheduler then.",
             )
-    return findings
 
 
 @dataclass(frozen=True, slots=True)
@@ -533,7 +500,7 @@ class Saturation:
     last: int
 
 
-def saturation(values: NDArray[np.float64], least: float) -> Saturation | None:
+def saturation(values: Floats, least: float) -> Saturation | None:
     """A signal (N,) that stops at one largest magnitude, again and again: three rows in a row, while others differ.
 
     `least`: magnitudes below are no end of a range.
@@ -547,9 +514,7 @@ def saturation(values: NDArray[np.float64], least: float) -> Saturation | None:
     # A range that is not the same on both sides by a step of the converter is still one range.
     at_limit = magnitude >= limit * (1.0 - 1e-4)
     count = int(np.count_nonzero(at_limit))
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], at_limit, [False])).astype(np.int8)))
-    begins, ends = edges[0::2], edges[1::2]
-    longest = int(np.argmax(ends - begins))
-    if ends[longest] - begins[longest] < 3 or count > 0.9 * len(magnitude):
+    begin, after = max(runs(at_limit), key=lambda run: run[1] - run[0])
+    if after - begin < 3 or count > 0.9 * len(magnitude):
         return None
-    return Saturation(limit, count, int(begins[longest]), int(ends[longest]) - 1)
+    return Saturation(limit, count, begin, after - 1)

@@ -5,7 +5,7 @@ Agreement is judged by the limits of ArduPilot's checks before arming, noise by 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -18,6 +18,7 @@ from xitl_cli.logs.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.sections import Evidence, Finding, Grid, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, SensorSeries
 from xitl_cli.logs.signals.series import significant
+from xitl_cli.logs.table import Floats, Stamps
 
 # AP_Arming: accelerometers 0.75 m/s^2 with the vertical counted half, gyroscopes 5 deg/s, over ten seconds;
 # AP_Compass: 60 deg and 200 mGauss in the plane of the vessel.
@@ -33,7 +34,7 @@ _MOST_WINDOWS = 100_000
 
 
 def agreement_section(
-    inertial: Sequence[InertialUnit], plain: Sequence[SensorSeries], two_worlds: bool, instants: LogClock
+    inertial: Sequence[InertialUnit], plain: Sequence[SensorSeries], two_worlds: bool, clock: LogClock
 ) -> Section:
     findings: list[Finding] = []
     rows: list[tuple[Value, ...]] = []
@@ -67,7 +68,7 @@ def agreement_section(
                         "sensors.disagree",
                         Severity.WARNING,
                         f"The {what} of {one.name} and {other.name} differ by {length[worst]:.3g} {unit} over ten "
-                        f"seconds from {instants.text(int(at_ns[worst]))}; ArduPilot allows {limit:.3g} {unit} "
+                        f"seconds from {clock.text(int(at_ns[worst]))}; ArduPilot allows {limit:.3g} {unit} "
                         "before arming",
                         (Evidence(one.table.name, fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
                         "Find which of them is off (against gravity, or standing still) and calibrate or disable it.",
@@ -75,11 +76,11 @@ def agreement_section(
                 )
     compasses = [each for each in plain if each.sort == "magnetometer"]
     for one_mag, other_mag in combinations(compasses, 2):
-        findings += _compasses(one_mag, other_mag, rows, instants)
+        findings += _compasses(one_mag, other_mag, rows, clock)
     lengths = [finding for each in compasses for finding in _field_length(each)]
     barometers = [each for each in plain if each.sort == "barometer"]
     for one_baro, other_baro in combinations(barometers, 2):
-        findings += _barometers(one_baro, other_baro, rows, instants)
+        findings += _barometers(one_baro, other_baro, rows, clock)
     columns = ("sensors", "of", "median difference", "largest in 10 s", "unit")
     grids = (Grid("sensor_agreement", "Agreement between instances, means of ten seconds", columns, tuple(rows)),)
     return Section(
@@ -129,9 +130,7 @@ def _same_family(one: str, other: str) -> bool:
     return link == other_link and (telemetry or kind.rstrip("0123456789") == other_kind.rstrip("0123456789"))
 
 
-def _apart(
-    one_ns: NDArray[np.int64], one: NDArray[np.float64], other_ns: NDArray[np.int64], other: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+def _apart(one_ns: Stamps, one: Floats, other_ns: Stamps, other: Floats) -> tuple[Stamps, Floats] | None:
     """When each common window of ten seconds begins, and the difference of the means there (W, k); None without one."""
     first = _means(one_ns, one)
     second = _means(other_ns, other)
@@ -143,9 +142,7 @@ def _apart(
     return common * WINDOW_NS, first[1][at] - second[1][beside]
 
 
-def _means(
-    stamp_ns: NDArray[np.int64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+def _means(stamp_ns: Stamps, values: Floats) -> tuple[Stamps, Floats] | None:
     """Numbers of the windows that hold ten samples or more, and the means there."""
     good = np.isfinite(values).all(axis=1) & (np.abs(values) < 1e9).all(axis=1)
     if np.count_nonzero(good) < 10:
@@ -160,14 +157,14 @@ def _means(
 
 
 def _compasses(
-    one: SensorSeries, other: SensorSeries, rows: list[tuple[Value, ...]], instants: LogClock
-) -> list[Finding]:
+    one: SensorSeries, other: SensorSeries, rows: list[tuple[Value, ...]], clock: LogClock
+) -> Iterator[Finding]:
     if one.unit != other.unit:
-        return []
+        return
     apart, mean = _apart(one.stamp_ns, one.values, other.stamp_ns, other.values), _means(one.stamp_ns, one.values)
     beside = _means(other.stamp_ns, other.values)
     if apart is None or mean is None or beside is None:
-        return []
+        return
     at_ns, difference = apart
     length = np.hypot(difference[:, 0], difference[:, 1])
     numbers = at_ns // WINDOW_NS
@@ -197,72 +194,66 @@ def _compasses(
     )
     bad = (length > MAG_LENGTH_MGAUSS) | ((turned > MAG_ANGLE_DEG) & ~weak)
     if not bad.any():
-        return []
+        return
     worst = int(np.argmax(np.where(bad, length, -1.0)))
-    return [
-        Finding(
-            "sensors.compasses_disagree",
-            Severity.WARNING,
-            f"{one.name} and {other.name} differ by {length[worst]:.0f} {one.unit} and {turned[worst]:.0f}° in "
-            f"the plane of the vessel from {instants.text(int(at_ns[worst]))}; ArduPilot allows "
-            f"{MAG_LENGTH_MGAUSS:.0f} mGauss and {MAG_ANGLE_DEG:.0f}°",
-            (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
-            "Check the orientation parameters of both and calibrate them; move one away from currents and iron.",
-        )
-    ]
+    yield Finding(
+        "sensors.compasses_disagree",
+        Severity.WARNING,
+        f"{one.name} and {other.name} differ by {length[worst]:.0f} {one.unit} and {turned[worst]:.0f}° in "
+        f"the plane of the vessel from {clock.text(int(at_ns[worst]))}; ArduPilot allows "
+        f"{MAG_LENGTH_MGAUSS:.0f} mGauss and {MAG_ANGLE_DEG:.0f}°",
+        (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
+        "Check the orientation parameters of both and calibrate them; move one away from currents and iron.",
+    )
 
 
-def _field_length(each: SensorSeries) -> list[Finding]:
+def _field_length(each: SensorSeries) -> Iterator[Finding]:
     """How much the length of the measured field changes: iron and currents change it, turning does not."""
     length = np.linalg.norm(each.values, axis=1)
     length = length[np.isfinite(length)]
     if len(length) < 20:
-        return []
+        return
     low, middle, high = (float(part) for part in np.percentile(length, (2.0, 50.0, 98.0)))
     if middle <= 0.0 or (high - low) / middle < MAG_CHANGE_NOTICE:
-        return []
+        return
     change = (high - low) / middle
-    return [
-        Finding(
-            "sensors.field_changes",
-            Severity.WARNING if change > MAG_CHANGE_WARNING else Severity.NOTICE,
-            f"The length of the field at {each.name} changes by {100.0 * change:.0f} %, "
-            f"from {low:.3g} to {high:.3g} {each.unit}",
-            (Evidence(each.message, each.fields[0], int(each.stamp_ns[0]), int(each.stamp_ns[-1])),),
-            "See whether it follows the throttle (currents) or the heading (offsets): calibrate, or move the compass.",
-        )
-    ]
+    yield Finding(
+        "sensors.field_changes",
+        Severity.WARNING if change > MAG_CHANGE_WARNING else Severity.NOTICE,
+        f"The length of the field at {each.name} changes by {100.0 * change:.0f} %, "
+        f"from {low:.3g} to {high:.3g} {each.unit}",
+        (Evidence(each.message, each.fields[0], int(each.stamp_ns[0]), int(each.stamp_ns[-1])),),
+        "See whether it follows the throttle (currents) or the heading (offsets): calibrate, or move the compass.",
+    )
 
 
 def _barometers(
-    one: SensorSeries, other: SensorSeries, rows: list[tuple[Value, ...]], instants: LogClock
-) -> list[Finding]:
+    one: SensorSeries, other: SensorSeries, rows: list[tuple[Value, ...]], clock: LogClock
+) -> Iterator[Finding]:
     if one.unit != other.unit or one.unit != "Pa":
-        return []
+        return
     apart = _apart(one.stamp_ns, one.values, other.stamp_ns, other.values)
     if apart is None:
-        return []
+        return
     at_ns, difference = apart
     offset = float(np.median(difference))
     strayed = np.abs(difference[:, 0] - offset)
     largest = float(np.abs(difference).max())
     rows.append((f"{one.name}, {other.name}", "barometers", significant(abs(offset)), significant(largest), "Pa"))
     if strayed.max() <= BARO_APART_PA:
-        return []
+        return
     worst = int(np.argmax(strayed))
-    return [
-        Finding(
-            "sensors.barometers_drift",
-            Severity.NOTICE,
-            f"{one.name} and {other.name} move apart by {strayed[worst]:.0f} Pa, as much as "
-            f"{strayed[worst] / 12.0:.1f} m of height, at {instants.text(int(at_ns[worst]))}",
-            (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
-            "Look for wind on an open case, sun or heat on one of them.",
-        )
-    ]
+    yield Finding(
+        "sensors.barometers_drift",
+        Severity.NOTICE,
+        f"{one.name} and {other.name} move apart by {strayed[worst]:.0f} Pa, as much as "
+        f"{strayed[worst] / 12.0:.1f} m of height, at {clock.text(int(at_ns[worst]))}",
+        (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
+        "Look for wind on an open case, sun or heat on one of them.",
+    )
 
 
-def _wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _wrapped(angle_rad: Floats) -> Floats:
     return np.mod(angle_rad + np.pi, 2.0 * np.pi) - np.pi
 
 
@@ -279,7 +270,7 @@ def noise_section(
     still: RestPeriods,
     parameters: Mapping[str, float],
     simulated: bool,
-    instants: LogClock,
+    clock: LogClock,
 ) -> Section:
     scatter = _scatter(inertial, plain, still)
     grids = [scatter] if scatter.rows else []
@@ -318,7 +309,7 @@ def noise_section(
                     curves[measure].append(Trace(f"{unit.name} {what} {letter}", curve.tau_s, curve.deviation))
         lacks += _decimation(unit, period_s, parameters)
     if rows:
-        findings.append(_done(inertial, still, simulated, instants))
+        findings.append(_done(inertial, still, simulated, clock))
         grids.append(Grid("allan", f"Allan deviation at rest, {still.longest_s:.0f} s", _COLUMNS, tuple(rows)))
     plots = tuple(
         Plot(f"allan_{key}", f"Allan deviation of the {what} at rest", unit, tuple(traces), "loglog", "τ (s)")
@@ -360,14 +351,14 @@ def _percent(found: ReadOff | None) -> Value:
     return None if found is None else significant(100.0 * found.relative_error, 2)
 
 
-def _done(inertial: Sequence[InertialUnit], still: RestPeriods, simulated: bool, instants: LogClock) -> Finding:
+def _done(inertial: Sequence[InertialUnit], still: RestPeriods, simulated: bool, clock: LogClock) -> Finding:
     from_ns, until_ns = still.stretches[0]
     speed = "" if still.by_speed else "; no speed is logged, so that slow drifting would not have shown"
     model = "; the sensors are simulated: this is their model's noise" if simulated else ""
     return Finding(
         "sensors.at_rest",
         Severity.OK,
-        f"At rest from {instants.text(from_ns)} for {still.longest_s:.0f} s: Allan deviations up to "
+        f"At rest from {clock.text(from_ns)} for {still.longest_s:.0f} s: Allan deviations up to "
         f"τ = {still.longest_s / 9.0:.0f} s{speed}{model}",
         (Evidence(inertial[0].table.name, None, from_ns, until_ns),),
     )
@@ -396,19 +387,19 @@ def _piece(unit: InertialUnit, from_ns: int, until_ns: int) -> tuple[NDArray[np.
     return rows, span_s / (len(rows) - 1)
 
 
-def _decimation(unit: InertialUnit, period_s: float, parameters: Mapping[str, float]) -> list[str]:
+def _decimation(unit: InertialUnit, period_s: float, parameters: Mapping[str, float]) -> Iterator[str]:
     sampled_hz = max(unit.gyro_rate_hz or 0.0, unit.accel_rate_hz or 0.0)
     if sampled_hz <= _DECIMATED / period_s:
-        return []
+        return
     filters = [
         f"{name} {parameters[name]:.0f} Hz" for name in ("INS_GYRO_FILTER", "INS_ACCEL_FILTER") if name in parameters
     ]
     filtered = f" after its filters ({', '.join(filters)})" if filters else ""
-    return [
+    yield (
         f"{unit.name} is logged at {1.0 / period_s:.0f} Hz of the {sampled_hz:.0f} Hz it samples{filtered}: noise "
         "above half the logged rate is folded in or filtered out, so that the noise density is not that of the sensor; "
         "log every sample (INS_RAW_LOG_OPT) for that."
-    ]
+    )
 
 
 def _scatter(inertial: Sequence[InertialUnit], plain: Sequence[SensorSeries], still: RestPeriods) -> Grid:
@@ -427,7 +418,7 @@ def _scatter(inertial: Sequence[InertialUnit], plain: Sequence[SensorSeries], st
     return Grid("scatter", "Noise at rest from sample to sample, one sigma", ("sensor", "noise", "unit"), tuple(rows))
 
 
-def _neighbours(values: NDArray[np.float64], stamp_ns: NDArray[np.int64], still: RestPeriods) -> float | None:
+def _neighbours(values: Floats, stamp_ns: Stamps, still: RestPeriods) -> float | None:
     inside = still.rows(stamp_ns)
     both = inside[1:] & inside[:-1]
     steps = np.diff(values, axis=0)[both]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.analyses.sensor_faults import (
     JudgedSensor,
@@ -15,7 +14,7 @@ from xitl_cli.logs.analyses.sensor_faults import (
 from xitl_cli.logs.analyses.sensor_quality import agreement_section, noise_section
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Fact, Grid, Section, Value
+from xitl_cli.logs.sections import Fact, Grid, Section, Value, joined
 from xitl_cli.logs.signals import stray_truth_m
 from xitl_cli.logs.signals.sensors import (
     InertialUnit,
@@ -28,13 +27,14 @@ from xitl_cli.logs.signals.sensors import (
 from xitl_cli.logs.signals.series import significant
 from xitl_cli.logs.signals.spans import log_pauses
 from xitl_cli.logs.signals.states import armed_rows, parameter_values, sensors_simulated
+from xitl_cli.logs.table import Floats, Stamps
 
 _TITLE = "Sensors"
 
 
 def analyse(log: Log) -> Section | None:
     """None where the log holds no sensor at all and is none of a vehicle's."""
-    instants = LogClock(log)
+    clock = LogClock(log)
     inertial, plain = inertial_units(log), sensor_series(log)
     if not inertial and not plain:
         if log.format == "mcap":
@@ -48,23 +48,23 @@ def analyse(log: Log) -> Section | None:
     found = [sensor for each in every if (sensor := judged_sensor(each, pause)) is not None]
     armed = {sensor.name: armed_rows(log, sensor.stamp_ns) for sensor in found}
     parts = (
-        timing_section(found, instants),
-        trouble_section(log, found, inertial, armed, instants),
-        agreement_section(inertial, plain, stray_truth_m(log) is not None, instants),
-        noise_section(inertial, plain, still, parameter_values(log), sensors_simulated(log), instants),
+        timing_section(found, clock),
+        trouble_section(log, found, inertial, armed, clock),
+        agreement_section(inertial, plain, stray_truth_m(log) is not None, clock),
+        noise_section(inertial, plain, still, parameter_values(log), sensors_simulated(log), clock),
     )
-    return Section(
+    first = Section(
         "sensors",
         _TITLE,
-        facts=(*_facts(found, still, pause), *(fact for part in parts for fact in part.facts)),
-        findings=(*recording_pauses(log, pause, instants), *(finding for part in parts for finding in part.findings)),
-        grids=(_grid(found), *(grid for part in parts for grid in part.grids)),
-        plots=tuple(plot for part in parts for plot in part.plots),
-        lacks=(*_lacks(log, inertial, plain), *(lack for part in parts for lack in part.lacks)),
+        _facts(found, still, pause),
+        recording_pauses(log, pause, clock),
+        (_grid(found),),
+        lacks=_lacks(log, inertial, plain),
     )
+    return joined("sensors", _TITLE, (first, *parts))
 
 
-def _facts(found: list[JudgedSensor], still: RestPeriods, pause: NDArray[np.int64]) -> tuple[Fact, ...]:
+def _facts(found: list[JudgedSensor], still: RestPeriods, pause: Stamps) -> tuple[Fact, ...]:
     paused_s = float((pause[:, 1] - pause[:, 0]).sum()) * 1e-9
     return (
         Fact("sensors", "Sensors", len(found)),
@@ -103,7 +103,7 @@ def _grid(found: list[JudgedSensor]) -> Grid:
     return Grid("sensors", "Rates, gaps, health", columns, tuple(rows))
 
 
-def _span(temperature_degc: NDArray[np.float64] | None) -> tuple[float | None, float | None]:
+def _span(temperature_degc: Floats | None) -> tuple[float | None, float | None]:
     if temperature_degc is None:
         return None, None
     known = temperature_degc[np.isfinite(temperature_degc) & (np.abs(temperature_degc) < 300.0)]

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, Value, make_grid, rounded
 from xitl_cli.logs.signals.deadlines import TaskTotal, clock_stood_still, simulated_clock_reason, task_totals
-from xitl_cli.logs.system_files import (
-    MOST_OVERRUNS,
-    MOST_US,
-    TASKS_MOST_BYTES,
-    TASKS_PATH,
-    TaskTime,
-    parse_tasks,
-    tasks_counted,
-)
+from xitl_cli.logs.tasks_file import MOST_BYTES, MOST_OVERRUNS, MOST_US, PATH, TaskTime, counted, parse
 
 FILE_NAME = "tasks.txt"
 NAMED = 5
@@ -36,17 +29,17 @@ def analyse(log: Log) -> Section | None:
         if log.format != "dataflash":
             return None
         return Section("tasks", "Tasks", lacks=(_FETCH,))
-    instants = LogClock(log)
+    clock = LogClock(log)
     facts: list[Fact] = []
     findings: list[Finding] = []
     grids: list[Grid] = []
     lacks: list[str] = []
     if own:
         facts += _own_facts(own)
-        grids.append(_own_grid(own, instants))
+        grids.append(_own_grid(own, clock))
     if found is not None:
         times, source = found
-        if tasks_counted(times):
+        if counted(times):
             facts += _file_facts(times)
             findings += _file_findings(times, source)
             grids.append(_file_grid(times, source))
@@ -59,7 +52,7 @@ def analyse(log: Log) -> Section | None:
 def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
     """The tasks and where they are from: the log itself, else a file beside it. None where there is none."""
     for text, source in (*_embedded(log), *_beside(log.path)):
-        tasks = parse_tasks(text)
+        tasks = parse(text)
         if tasks:
             return tasks, source
     return None
@@ -68,11 +61,11 @@ def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
 def _embedded(log: Log) -> list[tuple[str, str]]:
     if log.format != "dataflash" or "FILE" not in log.tables:
         return []
-    from xitl_cli.logs.system_files import embedded_contents
+    from xitl_cli.logs.formats.dataflash.embedded import files
 
     return [
-        (bytes(content[:TASKS_MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")
-        for name, content in embedded_contents(log).items()
+        (bytes(content[:MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")
+        for name, content in files(log).items()
         if Path(name).name == FILE_NAME
     ]
 
@@ -87,32 +80,31 @@ def _beside(path: Path) -> list[tuple[str, str]]:
     ):
         try:
             with candidate.open("rb") as file:
-                found.append((file.read(TASKS_MOST_BYTES).decode("utf-8", "replace"), candidate.name))
+                found.append((file.read(MOST_BYTES).decode("utf-8", "replace"), candidate.name))
         except OSError:
             continue
     return found
 
 
-def _own_facts(own: list[TaskTotal]) -> list[Fact]:
+def _own_facts(own: list[TaskTotal]) -> Iterator[Fact]:
     runs = [task for task in own if task.run_max_s is not None]
     starts = [task for task in own if task.start_max_s is not None]
-    facts = [Fact("tasks", "Periodic tasks", len(own))]
+    yield Fact("tasks", "Periodic tasks", len(own))
     if runs:
         longest = max(runs, key=lambda task: task.run_max_s or 0.0)
-        facts.append(Fact("longest_run_ms", f"Longest run ({longest.name})", _ms(longest.run_max_s), "ms"))
+        yield Fact("longest_run_ms", f"Longest run ({longest.name})", _ms(longest.run_max_s), "ms")
     if starts:
         latest = max(starts, key=lambda task: task.start_max_s or 0.0)
-        facts.append(Fact("latest_start_ms", f"Latest start ({latest.name})", _ms(latest.start_max_s), "ms"))
-    return facts
+        yield Fact("latest_start_ms", f"Latest start ({latest.name})", _ms(latest.start_max_s), "ms")
 
 
 def _ms(seconds: float | None) -> float | None:
     return None if seconds is None else rounded(1e3 * seconds)
 
 
-def _own_grid(own: list[TaskTotal], instants: LogClock) -> Grid:
+def _own_grid(own: list[TaskTotal], clock: LogClock) -> Grid:
     def second(at_ns: int | None) -> float | None:
-        return None if at_ns is None else instants.second(at_ns)
+        return None if at_ns is None else clock.second(at_ns)
 
     def busy(task: TaskTotal) -> float | None:
         return None if task.run_mean_s is None else rounded(100.0 * task.run_mean_s * task.rate_hz, 2)
@@ -141,31 +133,28 @@ def _own_grid(own: list[TaskTotal], instants: LogClock) -> Grid:
     return make_grid("tasks", "Tasks, those that take most time first", columns, rows)
 
 
-def _file_facts(times: list[TaskTime]) -> list[Fact]:
+def _file_facts(times: list[TaskTime]) -> Iterator[Fact]:
     longest = max(times, key=lambda task: task.most_us)
-    return [
-        Fact("scheduler_tasks", "Tasks of the scheduler", len(times)),
-        Fact("longest_task_us", f"Longest run ({longest.name})", longest.most_us, "us"),
-        Fact("overruns", "Runs over their budget", sum(task.overruns for task in times)),
-    ]
+    yield Fact("scheduler_tasks", "Tasks of the scheduler", len(times))
+    yield Fact("longest_task_us", f"Longest run ({longest.name})", longest.most_us, "us")
+    yield Fact("overruns", "Runs over their budget", sum(task.overruns for task in times))
 
 
-def _file_findings(times: list[TaskTime], source: str) -> list[Finding]:
+def _file_findings(times: list[TaskTime], source: str) -> Iterator[Finding]:
     over = sorted((task for task in times if task.overruns), key=lambda task: -task.overruns)
     if not over:
-        return [Finding("tasks.in_time", Severity.OK, f"None of {len(times)} tasks ran longer than it is allowed")]
+        yield Finding("tasks.in_time", Severity.OK, f"None of {len(times)} tasks ran longer than it is allowed")
+        return
     named = ", ".join(f"{task.name} {task.overruns} (up to {task.most_us} us)" for task in over[:NAMED])
     more = f" and {len(over) - NAMED} more" if len(over) > NAMED else ""
-    return [
-        Finding(
-            "tasks.overruns",
-            Severity.NOTICE,
-            f"{len(over)} of {len(times)} tasks ran longer than the scheduler allows them: {named}{more}",
-            (Evidence(source, "OVR", value=str(sum(task.overruns for task in over))),),
-            "It matters where long loops come together with it; a task that overruns in every window wants its cause "
-            "found (a slow device, a file, a script).",
-        )
-    ]
+    yield Finding(
+        "tasks.overruns",
+        Severity.NOTICE,
+        f"{len(over)} of {len(times)} tasks ran longer than the scheduler allows them: {named}{more}",
+        (Evidence(source, "OVR", value=str(sum(task.overruns for task in over))),),
+        "It matters where long loops come together with it; a task that overruns in every window wants its cause "
+        "found (a slow device, a file, a script).",
+    )
 
 
 def _file_grid(times: list[TaskTime], source: str) -> Grid:
@@ -187,5 +176,5 @@ def _file_grid(times: list[TaskTime], source: str) -> Grid:
     ]
     columns = ("task", "every loop", "of all tasks (%)", "mean (us)", "longest (us)", "shortest (us)", "overruns")
     return make_grid(
-        "task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({TASKS_PATH})", columns, rows
+        "task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({PATH})", columns, rows
     )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs import allan
 from xitl_cli.logs.analyses.sample_clocks import sample_clock_section
@@ -28,6 +27,7 @@ from xitl_cli.logs.sections import (
     rounded,
 )
 from xitl_cli.logs.signals.deadlines import simulated_clock_reason
+from xitl_cli.logs.table import Floats
 
 RTC_STEP_S = 0.05  # a message of UTC that came with less delay than any before moves it ahead, which is no news
 
@@ -65,7 +65,7 @@ def real_steps(relation: ClockRelation) -> list[ClockStep]:
 MOST_POINTS = 4000
 
 
-def clock_plots(relations: Sequence[ClockRelation], instants: LogClock) -> tuple[Plot, ...]:
+def clock_plots(relations: Sequence[ClockRelation], clock: LogClock) -> tuple[Plot, ...]:
     plots: list[Plot] = []
     curves: list[Trace] = []
     for relation in relations:
@@ -128,7 +128,7 @@ def allan_of(relation: ClockRelation) -> allan.AllanCurve | None:
     period_s = float(np.median(np.diff(time_s)))
     if not period_s > 0.0:
         return None
-    even_s: NDArray[np.float64] = np.arange(0.0, time_s[-1], max(period_s, time_s[-1] / 200_000))
+    even_s: Floats = np.arange(0.0, time_s[-1], max(period_s, time_s[-1] / 200_000))
     if len(even_s) > 2 * len(time_s):
         return None
     even = np.interp(even_s, time_s, error_s)
@@ -152,13 +152,13 @@ SURE = 3.0  # standard errors
 MOST_NAMED = 5
 
 
-def clock_pair_section(log: Log, relations: Sequence[ClockRelation], instants: LogClock) -> Section:
+def clock_pair_section(log: Log, relations: Sequence[ClockRelation], clock: LogClock) -> Section:
     made_up = bool(simulated_clock_reason(log))
     findings = [
-        *_steps(relations, instants),
+        *_steps(relations, clock),
         *(finding for relation in relations for finding in _rates(relation, made_up)),
-        *_bends(relations, instants),
-        *(finding for relation in relations for finding in _gaps(relation, instants)),
+        *_bends(relations, clock),
+        *(finding for relation in relations for finding in _gaps(relation, clock)),
     ]
     facts = tuple(fact for relation in relations for fact in _facts(relation))
     return Section(
@@ -167,7 +167,7 @@ def clock_pair_section(log: Log, relations: Sequence[ClockRelation], instants: L
         facts,
         tuple(findings),
         (_grid(relations),) if relations else (),
-        clock_plots(relations, instants),
+        clock_plots(relations, clock),
     )
 
 
@@ -212,7 +212,7 @@ def _grid(relations: Sequence[ClockRelation]) -> Grid:
     return make_grid("clock_pairs", "Clocks against each other", columns, rows)
 
 
-def _steps(relations: Sequence[ClockRelation], instants: LogClock) -> list[Finding]:
+def _steps(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Finding]:
     """One finding a step, with every pair that shows it; of steps close together one for all of them."""
     groups: list[list[tuple[ClockRelation, ClockStep]]] = []
     every = sorted(
@@ -229,17 +229,17 @@ def _steps(relations: Sequence[ClockRelation], instants: LogClock) -> list[Findi
                 break
         else:
             groups.append([(relation, step)])
-    return [_step(group, instants) for group in groups]
+    yield from (_step(group, clock) for group in groups)
 
 
-def _step(group: list[tuple[ClockRelation, ClockStep]], instants: LogClock) -> Finding:
+def _step(group: list[tuple[ClockRelation, ClockStep]], clock: LogClock) -> Finding:
     best = min((relation for relation, _ in group), key=lambda each: each.longest.residual_s)
     steps = [step for relation, step in group if relation is best]
     pair = f"{best.readings.second} stepped {{}} against {best.readings.first}"
     if len(steps) == 1:
-        what = f"At {instants.text(steps[0].at_ns)} {pair.format(_way(steps[0].size_s))}"
+        what = f"At {clock.text(steps[0].at_ns)} {pair.format(_way(steps[0].size_s))}"
     else:
-        span = f"From {instants.text(steps[0].at_ns)} to {instants.text(steps[-1].at_ns)}"
+        span = f"From {clock.text(steps[0].at_ns)} to {clock.text(steps[-1].at_ns)}"
         what = f"{span} {pair.format(f'{len(steps)} times, in all {_way(_whole_s(best, steps))}')}"
     largest_s = max(abs(step.size_s) for step in steps)
     return Finding(
@@ -266,29 +266,28 @@ def _way(size_s: float) -> str:
     return f"{size} {'ahead' if size_s > 0.0 else 'back'}"
 
 
-def _rates(relation: ClockRelation, made_up: bool) -> list[Finding]:
+def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
     readings = relation.readings
     if readings.key.startswith("samples.") and made_up:
-        return []
+        return
     rate_ppm, error_ppm = pair_rate(relation)
     sure = error_ppm is not None and abs(rate_ppm) - CRYSTAL_PPM > SURE * error_ppm
     if not sure or abs(rate_ppm) <= CRYSTAL_PPM:
-        return []
+        return
     if abs(rate_ppm) > SCALED_PPM:
-        return [_scaled(relation)]
+        yield _scaled(relation)
+        return
     severity = Severity.NOTICE if made_up or abs(rate_ppm) < WRONG_PPM else Severity.WARNING
     per_hour_ms = abs(rate_ppm) * 3.6
-    return [
-        Finding(
-            "time_bases.drift",
-            severity,
-            f"{pair_title(readings)} runs {abs(rate_ppm):.0f} ppm {'fast' if rate_ppm > 0.0 else 'slow'} "
-            f"(± {error_ppm:.1f}), {per_hour_ms:.0f} ms an hour",
-            (Evidence(readings.message, readings.fields, value=f"{rate_ppm:+.1f} ppm"),),
-            "Crystals differ by tens of ppm at most: see whether one of the clocks is simulated, disciplined or held "
-            "up; map stamps through this relation before comparing them.",
-        )
-    ]
+    yield Finding(
+        "time_bases.drift",
+        severity,
+        f"{pair_title(readings)} runs {abs(rate_ppm):.0f} ppm {'fast' if rate_ppm > 0.0 else 'slow'} "
+        f"(± {error_ppm:.1f}), {per_hour_ms:.0f} ms an hour",
+        (Evidence(readings.message, readings.fields, value=f"{rate_ppm:+.1f} ppm"),),
+        "Crystals differ by tens of ppm at most: see whether one of the clocks is simulated, disciplined or held "
+        "up; map stamps through this relation before comparing them.",
+    )
 
 
 def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
@@ -322,8 +321,7 @@ def _scaled(relation: ClockRelation) -> Finding:
     )
 
 
-def _bends(relations: Sequence[ClockRelation], instants: LogClock) -> list[Finding]:
-    findings = []
+def _bends(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Finding]:
     for relation in relations:
         for index, step in enumerate(relation.steps):
             before, after = relation.pieces[index], relation.pieces[index + 1]
@@ -336,41 +334,36 @@ def _bends(relations: Sequence[ClockRelation], instants: LogClock) -> list[Findi
             error_ppm = float(np.hypot(before.slope_error_ppm, after.slope_error_ppm))
             if abs(change_ppm) < SURE * error_ppm:
                 continue
-            findings.append(
-                Finding(
-                    "time_bases.rate_change",
-                    Severity.NOTICE,
-                    f"About {instants.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
-                    f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (± {error_ppm:.1f})",
-                    (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
-                    "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
-                )
+            yield Finding(
+                "time_bases.rate_change",
+                Severity.NOTICE,
+                f"About {clock.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
+                f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (± {error_ppm:.1f})",
+                (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
+                "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
             )
-    return findings
 
 
-def _gaps(relation: ClockRelation, instants: LogClock) -> list[Finding]:
+def _gaps(relation: ClockRelation, clock: LogClock) -> Iterator[Finding]:
     """Only of clocks that are read for the sake of it: other readings come as their messages do."""
     readings = relation.readings
     if not readings.key.startswith(("clocks.", "timesync.")):
-        return []
+        return
     between_s = np.diff(readings.first_ns).astype(np.float64) * 1e-9
     usual_s = float(np.median(between_s))
     long = np.flatnonzero(between_s > max(GAP_PERIODS * usual_s, GAP_S if usual_s > 0.5 else 1.0))
     if not len(long):
-        return []
+        return
     worst = int(long[np.argmax(between_s[long])])
     at_ns = int(readings.at_ns[worst])
-    return [
-        Finding(
-            "time_bases.gap",
-            Severity.NOTICE,
-            f"{readings.second} was not read for {between_s[worst]:.1f} s after {instants.text(at_ns)}, else every "
-            f"{usual_s:.2f} s; {len(long)} such gaps",
-            (Evidence(readings.message, readings.fields, at_ns, int(readings.at_ns[worst + 1])),),
-            "Look at the links at that time: no exchange came through.",
-        )
-    ]
+    yield Finding(
+        "time_bases.gap",
+        Severity.NOTICE,
+        f"{readings.second} was not read for {between_s[worst]:.1f} s after {clock.text(at_ns)}, else every "
+        f"{usual_s:.2f} s; {len(long)} such gaps",
+        (Evidence(readings.message, readings.fields, at_ns, int(readings.at_ns[worst + 1])),),
+        "Look at the links at that time: no exchange came through.",
+    )
 
 
 _LACKS = {
@@ -381,10 +374,10 @@ _LACKS = {
 
 
 def analyse(log: Log) -> Section | None:
-    instants = LogClock(log)
+    clock = LogClock(log)
     found = clock_relations(log)
-    pairs = clock_pair_section(log, found, instants)
-    samples = sample_clock_section(log, found, instants)
+    pairs = clock_pair_section(log, found, clock)
+    samples = sample_clock_section(log, found, clock)
     if not found and not samples.grids:
         return None
     findings = (*pairs.findings, *samples.findings)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value, rounded
 from xitl_cli.logs.signals.states import (
     autopilot_heartbeats,
@@ -55,7 +56,7 @@ def facts_of(log: Log) -> tuple[Fact, ...]:
     return tuple(fact for fact in every if fact.value is not None)
 
 
-def _firmware(log: Log) -> list[Fact]:
+def _firmware(log: Log) -> Iterator[Fact]:
     text = firmware_text(log)
     version = log.tables.get("VER")
     said = autopilot_messages(log, "AUTOPILOT_VERSION")
@@ -82,13 +83,11 @@ def _firmware(log: Log) -> list[Fact]:
             number_text = number_text or f"{packed >> 24}.{packed >> 16 & 255}.{packed >> 8 & 255}"
             build = release_name(packed & 255)
         commit = commit or _custom_version(said)
-    return [
-        Fact("firmware", "Firmware", name),
-        Fact("firmware_version", "Version", number_text),
-        Fact("firmware_commit", "Commit", commit),
-        Fact("firmware_release", "Release", build or None),
-        Fact("board", "Board", board),
-    ]
+    yield Fact("firmware", "Firmware", name)
+    yield Fact("firmware_version", "Version", number_text)
+    yield Fact("firmware_commit", "Commit", commit)
+    yield Fact("firmware_release", "Release", build or None)
+    yield Fact("board", "Board", board)
 
 
 def _custom_version(said: Table) -> str | None:
@@ -104,30 +103,27 @@ def _mav_type(log: Log) -> str | None:
     return None if beats is None else MAV_TYPES.get(int(beats.values("type", raw=True)[0]))
 
 
-def _times(log: Log, instants: LogClock) -> list[Fact]:
-    length_s = (instants.end_ns - instants.start_ns) * 1e-9
-    facts = [Fact("duration_s", "Duration", rounded(length_s, 1), "s")]
-    if log.base == "boot" and not log.zero_ns:
-        facts += [
-            Fact("uptime_start_s", "Uptime at the start", rounded(instants.start_ns * 1e-9, 1), "s"),
-            Fact("uptime_end_s", "Uptime at the end", rounded(instants.end_ns * 1e-9, 1), "s"),
-        ]
-    start, source = _utc_at_start(log, instants)
+def _times(log: Log, clock: LogClock) -> Iterator[Fact]:
+    length_s = (clock.end_ns - clock.start_ns) * 1e-9
+    yield Fact("duration_s", "Duration", rounded(length_s, 1), "s")
+    if log.base == "boot" and not zero_ns(log):
+        yield Fact("uptime_start_s", "Uptime at the start", rounded(clock.start_ns * 1e-9, 1), "s")
+        yield Fact("uptime_end_s", "Uptime at the end", rounded(clock.end_ns * 1e-9, 1), "s")
+    start, source = _utc_at_start(log, clock)
     if start is not None:
-        facts.append(Fact("utc_start", f"UTC at the start ({source})", start.strftime("%Y-%m-%d %H:%M:%S")))
-    facts += [
+        yield Fact("utc_start", f"UTC at the start ({source})", start.strftime("%Y-%m-%d %H:%M:%S"))
+    yield from (
         Fact(f"recording_{key}", label, log.facts[key])
         for key, label in (("profile", "Profile"), ("technique", "Technique"), ("seed", "Seed"))
         if key in log.facts
-    ]
-    return facts
+    )
 
 
-def _utc_at_start(log: Log, instants: LogClock) -> tuple[datetime.datetime | None, str]:
+def _utc_at_start(log: Log, clock: LogClock) -> tuple[datetime.datetime | None, str]:
     if log.base == "utc":
         try:
             epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
-            return epoch + datetime.timedelta(microseconds=instants.start_ns // 1000), "of the receiving machine"
+            return epoch + datetime.timedelta(microseconds=clock.start_ns // 1000), "of the receiving machine"
         except OverflowError:
             return None, ""
     gps = log.tables.get("GPS")
@@ -142,16 +138,18 @@ def _utc_at_start(log: Log, instants: LogClock) -> tuple[datetime.datetime | Non
         return None, ""
     since_epoch_ns = weeks[good] * 604_800 * 10**9 + np.asarray(gps.values(ms, raw=True), dtype=np.int64)[good] * 10**6
     offset_ns = int(np.median(since_epoch_ns - gps.stamp_ns[good]))
-    begin_us = (instants.start_ns + offset_ns) // 1000 - _LEAP_S * 10**6
+    begin_us = (clock.start_ns + offset_ns) // 1000 - _LEAP_S * 10**6
     return _GPS_EPOCH + datetime.timedelta(microseconds=begin_us), "by GPS"
 
 
-def _logging(parameters: Mapping[str, float]) -> list[Fact]:
+def _logging(parameters: Mapping[str, float]) -> Iterator[Fact]:
     rows = (("LOG_BITMASK", "log_bitmask"), ("LOG_DISARMED", "log_disarmed"), ("LOG_BACKEND_TYPE", "log_backend"))
-    return [Fact(key, name, int(parameters[name])) for name, key in rows if abs(parameters.get(name, np.inf)) < 2**32]
+    yield from (
+        Fact(key, name, int(parameters[name])) for name, key in rows if abs(parameters.get(name, np.inf)) < 2**32
+    )
 
 
-def _simulated(log: Log, parameters: Mapping[str, float]) -> list[Finding]:
+def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:
     version = log.tables.get("VER")
     evidence: list[Evidence] = []
     if version is not None and "BT" in version.columns and int(version.values("BT", raw=True)[-1]) == SITL_BOARD:
@@ -166,13 +164,14 @@ def _simulated(log: Log, parameters: Mapping[str, float]) -> list[Finding]:
             "are what models say"
         )
         step = "Take no processor time, jitter, noise or supply from it; those need a log of the board."
-        return [Finding("vehicle.simulated", Severity.NOTICE, sentence, tuple(evidence), step)]
+        yield Finding("vehicle.simulated", Severity.NOTICE, sentence, tuple(evidence), step)
+        return
     text = _lockstep_text(log)
     if text is None:
-        return []
+        return
     sentence = "The embedded autopilot ran in lockstep: its clock stood still while it worked"
     step = "Judge deadlines and load on a run in real time (clock.mode: realtime)."
-    return [Finding("vehicle.lockstep", Severity.NOTICE, sentence, (text,), step)]
+    yield Finding("vehicle.lockstep", Severity.NOTICE, sentence, (text,), step)
 
 
 def _lockstep_text(log: Log) -> Evidence | None:
@@ -185,10 +184,10 @@ def _lockstep_text(log: Log) -> Evidence | None:
     return None
 
 
-def _reboots(log: Log) -> list[Finding]:
+def _reboots(log: Log) -> Iterator[Finding]:
     """A clock that starts again; rows a little out of order are none."""
     if log.format != "dataflash":
-        return []
+        return
     counts = []
     for name in _STEADY:
         if (table := log.tables.get(name)) is None:
@@ -202,33 +201,31 @@ def _reboots(log: Log) -> list[Finding]:
         counts.append((len(back), name, [int(stamps[row]) for row in back[:20]]))
     several = sorted(count for count in counts if count[0])
     if not several or len(several) < min(2, len(counts)):
-        return []
+        return
     many, name, last = several[len(several) // 2]
     times = "once" if many == 1 else f"{many} times"
     first = f"the first time after {length_text(last[0] * 1e-9)} of uptime"
-    return [
-        Finding(
-            "vehicle.reboots",
-            Severity.CRITICAL,
-            f"The autopilot's clock started again {times} inside this log, {first}: it rebooted",
-            tuple(Evidence(name, "TimeUS", at_ns) for at_ns in last),
-            "Look at supply voltage, watchdog (WDOG) and the last messages before; judge each part by itself.",
-        )
-    ]
+    yield Finding(
+        "vehicle.reboots",
+        Severity.CRITICAL,
+        f"The autopilot's clock started again {times} inside this log, {first}: it rebooted",
+        tuple(Evidence(name, "TimeUS", at_ns) for at_ns in last),
+        "Look at supply voltage, watchdog (WDOG) and the last messages before; judge each part by itself.",
+    )
 
 
-def _losses(log: Log) -> list[Finding]:
+def _losses(log: Log) -> Iterator[Finding]:
     table = log.tables.get("DSF")
     if table is None or "Dp" not in table.columns:
-        return []
+        return
     dropped = np.asarray(table.values("Dp", raw=True), dtype=np.int64)
     new = np.diff(dropped, prepend=0)
     new[new < 0] = dropped[new < 0]
     lost = int(new.sum())
     if lost == 0:
-        return []
+        return
     rows = np.flatnonzero(new > 0)
     sentence = f"{lost} records never reached this log: the logger had no room for them"
     evidence = Evidence("DSF", "Dp", int(table.stamp_ns[rows[0]]), int(table.stamp_ns[rows[-1]]), str(lost))
     step = "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK); gaps here need not be gaps in flight."
-    return [Finding("vehicle.log_dropped", Severity.WARNING, sentence, (evidence,), step)]
+    yield Finding("vehicle.log_dropped", Severity.WARNING, sentence, (evidence,), step)

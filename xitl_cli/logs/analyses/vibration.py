@@ -5,10 +5,10 @@ Limits in m/s^2 as of ArduPilot's page on measuring vibration: under 30 is accep
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.gaps import LONG_GAP_PERIODS, regularity
@@ -17,7 +17,7 @@ from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section,
 from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, find_rest, inertial_units
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, stacked, tables_of
 from xitl_cli.logs.signals.states import armed_rows, sensors_simulated
-from xitl_cli.logs.table import Table, by_instance
+from xitl_cli.logs.table import Flags, Floats, Stamps, Table, by_instance
 
 _SORTS = {0: "accel", 1: "gyro"}
 _PER_ROW = 32
@@ -32,7 +32,7 @@ class SampleBatch:
     instance: int
     rate_hz: float
     stamp_ns: int
-    samples: NDArray[np.float64]
+    samples: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ def read_batches(log: Log) -> SampleBatches:
     if number is None or seqno is None or any(values is None for values in head.values()):
         return SampleBatches((), 0)
     # Numbers go round after 65536: rows of a header are those after it in the file and before the next of its number.
-    places, head_places = rows.file_offset, heads.file_offset
+    places, head_places = rows.place, heads.place
     found: list[SampleBatch] = []
     broken = 0
     chosen = np.unique(np.linspace(0, len(heads) - 1, min(len(heads), _MOST_BATCHES)).astype(np.intp))
@@ -93,8 +93,8 @@ def read_batches(log: Log) -> SampleBatches:
 class Spectrum:
     """frequency_hz (M,), density (M, 3): amplitude spectral density of each axis, unit/sqrt(Hz). averaged: spectra."""
 
-    frequency_hz: NDArray[np.float64]
-    density: NDArray[np.float64]
+    frequency_hz: Floats
+    density: Floats
     averaged: int
 
     def peak(self, from_hz: float, prominence: float = 5.0) -> tuple[float, float] | None:
@@ -113,14 +113,14 @@ class Spectrum:
         return float(frequencies[place]), float(levels[place])
 
 
-def welch_spectrum(records: list[NDArray[np.float64]], rate_hz: float, length: int) -> Spectrum | None:
+def welch_spectrum(records: list[Floats], rate_hz: float, length: int) -> Spectrum | None:
     """Welch's average of Hann-windowed periodograms (n, 3), half overlapping, each with its mean taken off.
 
     Scaled so that the square of the density integrates to the variance over 0 to rate/2.
     """
     window = np.hanning(length + 1)[:-1]  # periodic
     scale = 2.0 / (rate_hz * float(window @ window))
-    total: NDArray[np.float64] = np.zeros((length // 2 + 1, 3))
+    total: Floats = np.zeros((length // 2 + 1, 3))
     averaged = 0
     for record in records:
         for begin in range(0, len(record) - length + 1, max(1, length // 2)):
@@ -131,7 +131,7 @@ def welch_spectrum(records: list[NDArray[np.float64]], rate_hz: float, length: i
             averaged += 1
     if not averaged:
         return None
-    power: NDArray[np.float64] = total / averaged * scale
+    power: Floats = total / averaged * scale
     power[0] /= 2.0
     if length % 2 == 0:
         power[-1] /= 2.0
@@ -154,16 +154,16 @@ class VibrationLevels:
 
     name: str
     message: str
-    stamp_ns: NDArray[np.int64]
-    level_mps2: NDArray[np.float64]
+    stamp_ns: Stamps
+    level_mps2: Floats
     level_field: str
-    clipped: NDArray[np.float64] | None
+    clipped: Floats | None
     clip_field: str
 
 
 def analyse(log: Log) -> Section | None:
     """None where a log has neither levels nor an inertial unit."""
-    instants = LogClock(log)
+    clock = LogClock(log)
     levels, inertial = _levels(log), inertial_units(log)
     if not levels and not inertial:
         return None
@@ -171,7 +171,7 @@ def analyse(log: Log) -> Section | None:
     findings = [
         finding
         for each in levels
-        for finding in (*_high(each, armed[each.name], instants), *_clips(each, armed[each.name], instants))
+        for finding in (*_high(each, armed[each.name], clock), *_clips(each, armed[each.name], clock))
     ]
     model = sensors_simulated(log)
     spectra = _spectra(log, inertial)
@@ -213,7 +213,7 @@ def _levels(log: Log) -> list[VibrationLevels]:
     return found
 
 
-def _clipped(table: Table) -> tuple[NDArray[np.float64] | None, str]:
+def _clipped(table: Table) -> tuple[Floats | None, str]:
     """Count so far; of old logs and of telemetry the sum over the accelerometers."""
     for names in (("Clip",), ("Clip0", "Clip1", "Clip2"), ("clipping_0", "clipping_1", "clipping_2")):
         counts = [count for name in names if (count := numbers(table, name, raw=True)) is not None]
@@ -222,10 +222,9 @@ def _clipped(table: Table) -> tuple[NDArray[np.float64] | None, str]:
     return None, ""
 
 
-def _high(each: VibrationLevels, armed: NDArray[np.bool_] | None, instants: LogClock) -> list[Finding]:
+def _high(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterator[Finding]:
     """Levels over a limit for more than a hundredth of the armed time."""
     rows = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None or not armed.any() else armed
-    findings = []
     for axis, letter in enumerate("XYZ"):
         level = each.level_mps2[rows, axis]
         level, stamps = level[np.isfinite(level)], each.stamp_ns[rows][np.isfinite(level)]
@@ -236,45 +235,40 @@ def _high(each: VibrationLevels, armed: NDArray[np.bool_] | None, instants: LogC
             if float(over.mean()) > _SHARE:
                 worst = int(np.argmax(level))
                 field = each.level_field[:-1] + (letter if each.level_field[-1].isupper() else letter.lower())
-                findings.append(
-                    Finding(
-                        "vibration.high",
-                        severity,
-                        f"{each.name}: vibration along {letter} is over {limit:.0f} m/s² for "
-                        f"{100.0 * float(over.mean()):.0f} % of the armed time, up to "
-                        f"{level[worst]:.0f} m/s² at {instants.text(int(stamps[worst]))}",
-                        (Evidence(each.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
-                        "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s² height "
-                        "and velocity of the estimator suffer.",
-                    )
+                yield Finding(
+                    "vibration.high",
+                    severity,
+                    f"{each.name}: vibration along {letter} is over {limit:.0f} m/s² for "
+                    f"{100.0 * float(over.mean()):.0f} % of the armed time, up to "
+                    f"{level[worst]:.0f} m/s² at {clock.text(int(stamps[worst]))}",
+                    (Evidence(each.message, field, int(stamps[worst]), None, f"{level[worst]:.1f} m/s²"),),
+                    "Balance propellers and shafts, and damp the mounting of the autopilot; over 60 m/s² height "
+                    "and velocity of the estimator suffer.",
                 )
                 break
-    return findings
 
 
-def _clips(each: VibrationLevels, armed: NDArray[np.bool_] | None, instants: LogClock) -> list[Finding]:
+def _clips(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Iterator[Finding]:
     """Increments of the counter while armed."""
     if each.clipped is None or len(each.clipped) < 2:
-        return []
+        return
     step = np.diff(each.clipped)
     grown = np.where(step > 0.0, step, 0.0)  # a counter that falls has begun anew
     if armed is not None:
         grown = np.where(armed[1:], grown, 0.0)
     rows = np.flatnonzero(grown > 0.0) + 1
     if not len(rows):
-        return []
+        return
     first, last = int(each.stamp_ns[rows[0]]), int(each.stamp_ns[rows[-1]])
     count = int(grown.sum())
-    return [
-        Finding(
-            "vibration.clipping",
-            Severity.WARNING,
-            f"{each.name}: accelerometers were at the end of their range {count} times, from {instants.text(first)} to "
-            f"{instants.text(last)}",
-            (Evidence(each.message, each.clip_field, first, last, str(count)),),
-            "Damp the mounting, look for knocks (waves, quay, loose parts): clipped samples are lost to the estimator.",
-        )
-    ]
+    yield Finding(
+        "vibration.clipping",
+        Severity.WARNING,
+        f"{each.name}: accelerometers were at the end of their range {count} times, from {clock.text(first)} to "
+        f"{clock.text(last)}",
+        (Evidence(each.message, each.clip_field, first, last, str(count)),),
+        "Damp the mounting, look for knocks (waves, quay, loose parts): clipped samples are lost to the estimator.",
+    )
 
 
 def _facts(levels: list[VibrationLevels]) -> tuple[Fact, ...]:
@@ -283,7 +277,7 @@ def _facts(levels: list[VibrationLevels]) -> tuple[Fact, ...]:
     return (Fact("largest_vibration_mps2", "Largest vibration level", largest, "m/s²"),) if levels else ()
 
 
-def _grid(levels: list[VibrationLevels], armed: dict[str, NDArray[np.bool_] | None]) -> Grid:
+def _grid(levels: list[VibrationLevels], armed: dict[str, Flags | None]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for each in levels:
         on = armed[each.name]
@@ -354,7 +348,7 @@ def _rate(unit: InertialUnit) -> float | None:
     return None if regular is None or not 0.0 < regular.rate_hz < 1e5 else regular.rate_hz
 
 
-def _of_record(unit: InertialUnit, values: NDArray[np.float64]) -> Spectrum | None:
+def _of_record(unit: InertialUnit, values: Floats) -> Spectrum | None:
     """Of the parts without a long gap; at most 400 spectra, from all over the record."""
     rate_hz = _rate(unit)
     if rate_hz is None:

@@ -21,8 +21,9 @@ from xitl_cli.logs.clocks.correlation import (
 )
 from xitl_cli.logs.clocks.fit import ClockRelation, clock_relations
 from xitl_cli.logs.clocks.readings import HOST, SIMULATION, UTC
-from xitl_cli.logs.clocks.time_line import Instants, LogPlacement, placement_from
+from xitl_cli.logs.clocks.time_line import LogPlacement, placement_from
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.table import Stamps
 
 LOCKSTEP = "Lockstep:"
 BOOT, AGENT = "the autopilot's clock", "the agent's clock"
@@ -34,7 +35,7 @@ OURS = "xitl "
 class ClockChain:
     """breaks_ns: where the way bends or steps, on the log's own time."""
 
-    to_reference: Callable[[Instants], Instants]
+    to_reference: Callable[[Stamps], Stamps]
     breaks_ns: tuple[int, ...]
     error_s: float
     method: str
@@ -46,8 +47,8 @@ class _Way:
     """From a log's own time to a named clock and back."""
 
     clock: str
-    out: Callable[[Instants], Instants]
-    back: Callable[[Instants], Instants]
+    out: Callable[[Stamps], Stamps]
+    back: Callable[[Stamps], Stamps]
     breaks_ns: tuple[int, ...]
     error_s: float
     method: str
@@ -157,7 +158,7 @@ def _told(told: ClockRelation, boots: Mapping[str, ClockRelation]) -> _Way | Non
     )
 
 
-def _as_is(stamp_ns: Instants) -> Instants:
+def _as_is(stamp_ns: Stamps) -> Stamps:
     return stamp_ns
 
 
@@ -367,7 +368,7 @@ def _correlated(log: Log, name: str, match: SignalMatch) -> LogPlacement:
     assert log.span_ns is not None
     about_ns, offset_ns, drift, error_s = offset_line(match, log.span_ns)
 
-    def to_reference(stamp_ns: Instants) -> Instants:
+    def to_reference(stamp_ns: Stamps) -> Stamps:
         return stamp_ns + offset_ns + np.round(drift * (stamp_ns - about_ns).astype(np.float64)).astype(np.int64)
 
     parts = f" and in each of {len(match.parts)} parts of it" if len(match.parts) > 1 else ""

@@ -19,8 +19,7 @@ from xitl_cli.logs.clocks.time_line import LogPlacement
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.signals import armed, ground_speed, outputs, yaw, yaw_rate
 from xitl_cli.logs.signals.series import Series
-
-Floats = NDArray[np.float64]
+from xitl_cli.logs.table import Floats, Stamps
 
 COARSE_HZ = 5.0
 FINE_HZ = 50.0
@@ -49,7 +48,7 @@ class SignalMatch:
     chance: float
     rival: float
     parts: Floats
-    at_ns: NDArray[np.int64]
+    at_ns: Stamps
 
     @property
     def sure(self) -> bool:
@@ -114,7 +113,7 @@ def _even(series: Series, rate_hz: float) -> Floats:
     return np.interp(np.arange(count), known, total[known] / number[known])
 
 
-def _normalised(a: Floats, b: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+def _normalised(a: Floats, b: Floats) -> tuple[Stamps, Floats, Floats]:
     """Correlation of a[i + lag] with b[i] at every lag, and how many samples overlap there."""
     a, b = a - a.mean(), b - b.mean()
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
@@ -157,7 +156,7 @@ def _autocorrelation(x: Floats, reach: int) -> Floats:
     return own
 
 
-def _peak(lags: NDArray[np.int64], values: Floats, best: int) -> float:
+def _peak(lags: Stamps, values: Floats, best: int) -> float:
     """Between the samples, by the parabola through three of them."""
     if 0 < best < len(values) - 1 and np.isfinite(values[best - 1 : best + 2]).all():
         low, top, high = values[best - 1 : best + 2].tolist()
@@ -188,7 +187,7 @@ def _finer(
     return _peak(lags, values, best) / FINE_HZ, float(values[best])
 
 
-def _smooth(series: Series, stamp_ns: NDArray[np.int64]) -> Floats:
+def _smooth(series: Series, stamp_ns: Stamps) -> Floats:
     """On a straight line between samples, those averaged over a period of the grid where there are more."""
     x = (series.stamp_ns - series.stamp_ns[0]).astype(np.float64)
     wanted = (stamp_ns - series.stamp_ns[0]).astype(np.float64)
@@ -209,7 +208,7 @@ def _correlated(a: Floats, b: Floats) -> float:
     return float(np.sum(a * b)) / scale if scale > 0.0 else 0.0
 
 
-def _parts(one: Series, other: Series, shift_ns: int) -> tuple[Floats, NDArray[np.int64]]:
+def _parts(one: Series, other: Series, shift_ns: int) -> tuple[Floats, Stamps]:
     """The shift in parts of the record by themselves, where the signal says something."""
     begin = max(int(one.stamp_ns[0]) - shift_ns, int(other.stamp_ns[0]))
     end = min(int(one.stamp_ns[-1]) - shift_ns, int(other.stamp_ns[-1]))

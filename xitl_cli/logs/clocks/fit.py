@@ -13,14 +13,13 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from agent.timing.sync import ClockSync
 from xitl_cli.logs.clocks.readings import ClockReadings, clock_readings
 from xitl_cli.logs.clocks.time_line import AlignedLog
 from xitl_cli.logs.log import Log
-
-Floats = NDArray[np.float64]
+from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.table import Floats, Stamps
 
 ROUNDS = 30
 HUBER = 1.345  # of the scale: 95 % as efficient as least squares where all errors are normal
@@ -152,7 +151,7 @@ def _jumps(readings: ClockReadings) -> list[tuple[int, float]]:
     strong = np.abs(jump - np.median(jump)) > least_s
     found: list[tuple[int, float]] = []
     single = np.diff(y)
-    for begin, end in _runs(strong):
+    for begin, end in runs(strong):
         peak = begin + int(np.argmax(np.abs(jump[begin:end])))
         size_s = float(jump[peak])
         first, last = int(between[begin]), int(between[end - 1])
@@ -204,11 +203,6 @@ def _lasts(readings: ClockReadings, x: Floats, y: Floats, first: int, last: int,
     ceiling_ns, floor_ns = readings.offset_ns, readings.floor_ns
     earlier, later = (before, after) if size_s > 0.0 else (after, before)
     return bool(floor_ns[later].max() > ceiling_ns[earlier].min())
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _without_bursts(found: list[tuple[int, float]], x: Floats) -> list[tuple[int, float]]:
@@ -306,7 +300,7 @@ class FitPiece:
     residual_s: float
     readings: int
 
-    def offset_at(self, first_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    def offset_at(self, first_ns: Stamps) -> Stamps:
         """(N,) second less first, in whole nanoseconds."""
         grown = self.slope_ppm * 1e-6 * (first_ns - self.about_ns).astype(np.float64)
         return self.offset_ns + np.round(np.clip(grown, -FARTHEST_NS, FARTHEST_NS)).astype(np.int64)
@@ -324,7 +318,7 @@ class ClockRelation:
     steps: tuple[ClockStep, ...]
     residual_s: Floats
     window_s: float
-    window_ns: NDArray[np.int64]
+    window_ns: Stamps
     window_ppm: Floats
 
     @property
@@ -341,7 +335,7 @@ class ClockRelation:
             bounds.append(begins - max(begins - ends, 0) // 2)
         return tuple(bounds)
 
-    def to_second(self, first_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    def to_second(self, first_ns: Stamps) -> Stamps:
         """(N,) the second clock where the first shows these; before and after the readings by the nearest line."""
         bounds = np.array([piece.from_ns for piece in self.pieces[1:]], dtype=np.int64)
         which = np.searchsorted(bounds, first_ns, side="right")
@@ -351,7 +345,7 @@ class ClockRelation:
             result[mine] = first_ns[mine] + piece.offset_at(first_ns[mine])
         return result
 
-    def to_first(self, second_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    def to_first(self, second_ns: Stamps) -> Stamps:
         """(N,) the first clock where the second shows these; what a step back shows twice, by the later piece."""
         which = np.zeros(len(second_ns), dtype=np.intp)
         for index, bound in enumerate(self.second_bounds_ns):
@@ -432,9 +426,7 @@ def _fit(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[float, f
     return lower_line(x, y) if readings.late else robust_line(x, y)
 
 
-def _fit_exchanges(
-    readings: ClockReadings, floor_ns: NDArray[np.int64], about_ns: int, base_ns: int
-) -> tuple[float, float]:
+def _fit_exchanges(readings: ClockReadings, floor_ns: Stamps, about_ns: int, base_ns: int) -> tuple[float, float]:
     """By the estimator that the agent itself uses. An exchange is as if answered at once."""
     sync = ClockSync(MAX_DRIFT_PPM)
     for first_ns, ceiling_ns, least_ns in zip(
@@ -465,7 +457,7 @@ def _jackknife(readings: ClockReadings, about_ns: int, base_ns: int) -> tuple[fl
     return max(error_ppm, float(rounding_ppm)), float(np.sqrt(factor * np.sum((values - values.mean()) ** 2)))
 
 
-def _windows(readings: ClockReadings, cuts: list[int]) -> tuple[float, NDArray[np.int64], Floats]:
+def _windows(readings: ClockReadings, cuts: list[int]) -> tuple[float, Stamps, Floats]:
     """The rate in windows that no step falls into."""
     span_s = float(readings.first_ns[-1] - readings.first_ns[0]) * 1e-9
     window_s = float(np.clip(span_s / WINDOWS, *WINDOW_S))

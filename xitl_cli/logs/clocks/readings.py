@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Selection, Table, by_instance
-
-Instants = NDArray[np.int64]
+from xitl_cli.logs.table import Flags, Selection, Stamps, Table, by_instance
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,20 +33,20 @@ class ClockReadings:
     key: str
     first: str
     second: str
-    at_ns: Instants
-    first_ns: Instants
-    second_ns: Instants
+    at_ns: Stamps
+    first_ns: Stamps
+    second_ns: Stamps
     message: str
     fields: str
     late: bool = False
-    floor_ns: Instants | None = None
+    floor_ns: Stamps | None = None
     resolution_s: float = 0.0
     slack_s: float = 0.0
 
     def __len__(self) -> int:
         return len(self.first_ns)
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> ClockReadings:
+    def __getitem__(self, rows: slice | Flags | NDArray[np.intp]) -> ClockReadings:
         return replace(
             self,
             at_ns=self.at_ns[rows],
@@ -58,12 +56,12 @@ class ClockReadings:
         )
 
     @property
-    def offset_ns(self) -> Instants:
+    def offset_ns(self) -> Stamps:
         """(N,) second less first; of an exchange the greatest possible."""
         return self.second_ns - self.first_ns
 
     @property
-    def level_ns(self) -> Instants:
+    def level_ns(self) -> Stamps:
         """(N,) the likeliest offset: of an exchange half way between the bounds."""
         offset_ns = self.offset_ns
         return offset_ns if self.floor_ns is None else self.floor_ns + (offset_ns - self.floor_ns) // 2
@@ -205,7 +203,7 @@ def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings
     )[set_]
 
 
-def _matching(wanted: Instants, stamps: Instants) -> NDArray[np.intp]:
+def _matching(wanted: Stamps, stamps: Stamps) -> NDArray[np.intp]:
     """Row of `stamps` with each wanted instant, -1 without one."""
     order = np.argsort(stamps, kind="stable")
     at = np.searchsorted(stamps[order], wanted)
@@ -366,11 +364,11 @@ def _booted(log: Log) -> Iterator[tuple[str, Table]]:
 
 def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
     """time_boot_ms of all messages of a system, against when they came."""
-    parts: dict[tuple[str, int], list[tuple[Instants, Instants, Instants]]] = {}
+    parts: dict[tuple[str, int], list[tuple[Stamps, Stamps, Stamps]]] = {}
     for link, table in _booted(log):
         for system, mine in _by_system(table):
             boot_ns = _whole(mine, "time_boot_ms") * 1_000_000
-            parts.setdefault((link, system), []).append((boot_ns, mine.stamp_ns, mine.file_offset))
+            parts.setdefault((link, system), []).append((boot_ns, mine.stamp_ns, mine.place))
     for (link, system), found in sorted(parts.items()):
         boot_ns, at_ns, place = (np.concatenate(each) for each in zip(*found, strict=True))
         order = np.argsort(place, kind="stable")
@@ -389,12 +387,12 @@ def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
         )
 
 
-def _whole(table: Table, column: str) -> Instants:
+def _whole(table: Table, column: str) -> Stamps:
     """Whole numbers as stored; what does not fit 63 bits is 0."""
     values = table.values(column, raw=True)
     if values.dtype.kind == "f":
         values = np.where(np.isfinite(values) & (np.abs(values) < 9e18), values, 0.0)
     elif values.dtype == np.uint64:
         values = np.where(values < np.uint64(1 << 63), values, np.uint64(0))
-    whole: Instants = np.asarray(values).astype(np.int64)
+    whole: Stamps = np.asarray(values).astype(np.int64)
     return whole

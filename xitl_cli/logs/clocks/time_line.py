@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from xitl_cli.logs.log import Base, Log, LogHealth
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.log import Base, Format, Health, Log
+from xitl_cli.logs.query.times import zero_ns
+from xitl_cli.logs.signals.spans import inside
+from xitl_cli.logs.signals.states import armed
+from xitl_cli.logs.table import Floats, Stamps, Table
 from xitl_cli.logs.text import clock_text
 
-Instants = NDArray[np.int64]
-StampMap = Callable[[Instants], Instants]
+StampMap = Callable[[Stamps], Stamps]
 
 _EDGE_NS = 1000  # a break is known to a nanosecond or two
 
@@ -50,7 +52,7 @@ class LogPlacement:
     def aligned(self) -> bool:
         return self.method != "not aligned"
 
-    def on_reference(self, stamp_ns: Instants) -> Instants:
+    def on_reference(self, stamp_ns: Stamps) -> Stamps:
         """(N,) stamps of the log on the reference's time."""
         stamps = np.asarray(stamp_ns, dtype=np.int64)
         if not self.stretches:
@@ -109,11 +111,11 @@ class TimeLine:
     sentence: str = ""
     reference: bool = True
 
-    def seconds(self, stamp_ns: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.float64]:
+    def seconds(self, stamp_ns: Stamps | Floats) -> Floats:
         """(N,) on the report's time line."""
         stamps = np.asarray(stamp_ns)
         since_zero = stamps - (np.int64(self.zero_ns) if stamps.dtype.kind == "i" else float(self.zero_ns))
-        seconds: NDArray[np.float64] = since_zero.astype(np.float64) * 1e-9
+        seconds: Floats = since_zero.astype(np.float64) * 1e-9
         if self.stretches:
             begins = np.array([stretch.from_ns for stretch in self.stretches], dtype=np.int64)
             which = np.maximum(np.searchsorted(begins, stamps, side="right") - 1, 0)
@@ -127,13 +129,20 @@ class TimeLine:
         return float(self.seconds(np.array([within], dtype=np.int64))[0])
 
 
-class AlignedLog(Log):
+class AlignedLog:
     """The log, its stamps as they are, that knows how they lie on the time line of the report."""
 
     def __init__(self, log: Log, time_line: TimeLine) -> None:
         self.inner = log
-        self.path, self.format = log.path, log.format
         self.time_line = time_line
+
+    @property
+    def path(self) -> Path:
+        return self.inner.path
+
+    @property
+    def format(self) -> Format:
+        return self.inner.format
 
     @property
     def base(self) -> Base:
@@ -148,7 +157,7 @@ class AlignedLog(Log):
         return self.inner.span_ns
 
     @property
-    def health(self) -> LogHealth:
+    def health(self) -> Health:
         return self.inner.health
 
     @property
@@ -158,13 +167,23 @@ class AlignedLog(Log):
     def close(self) -> None:
         self.inner.close()
 
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
 
 class LogClock:
-    """A log's stamps on the time line of the report, else in seconds since its own zero (selecting.times.zero_ns)."""
+    """A log's stamps on the time line of the report, else in seconds since its own zero (`query.times.zero_ns`).
+
+    armed: spans (ns) in which the motors were armed.
+    """
 
     def __init__(self, log: Log) -> None:
         self.start_ns, self.end_ns = log.span_ns or (0, 0)
-        self._line = log.time_line if isinstance(log, AlignedLog) else TimeLine(log.zero_ns)
+        self.armed = [(span.from_ns, span.until_ns) for span in armed(log)]
+        self._line = log.time_line if isinstance(log, AlignedLog) else TimeLine(zero_ns(log))
 
     def second(self, at_ns: int) -> float:
         """For tables and facts, to a millisecond."""
@@ -173,3 +192,7 @@ class LogClock:
     def text(self, at_ns: int) -> str:
         """For sentences: 1:46.5."""
         return clock_text(self._line.second(at_ns))
+
+    def was_armed(self, *at_ns: int) -> bool:
+        """At any of these instants."""
+        return bool(inside(np.array(at_ns, dtype=np.int64), self.armed).any())

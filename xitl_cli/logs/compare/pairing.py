@@ -19,10 +19,9 @@ from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Grid, Section
 from xitl_cli.logs.signals import Series, StateSpan
+from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.table import Floats, Stamps
 from xitl_cli.logs.tables.modes import NAVIGATING
-
-Array = NDArray[np.float64]
-Instants = NDArray[np.int64]
 
 _MOST_SAMPLES = 200_000
 _LONGEST_GAP_S = 2.0
@@ -37,7 +36,7 @@ class Pairing:
     common time is compared; None: all of it.
     """
 
-    on_a: Callable[[Instants], Instants]
+    on_a: Callable[[Stamps], Stamps]
     method: str
     sentence: str
     error_s: float | None = None
@@ -57,7 +56,7 @@ class Pairing:
         return Series(stamps[forward], series.values[forward], series.unit, series.source, series.turns)
 
 
-def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Instants, Array, Array] | None:
+def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Stamps, Floats, Floats] | None:
     """Stamps (N,) of A within B's time, A's values there and B's on straight lines; at most 200 000 of them.
 
     Stamps within a gap of B are left out: more than 2 s and more than 3 of its usual steps. None unless there are two.
@@ -80,7 +79,7 @@ def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Instants, Ar
     return None if len(stamps) < 2 else (stamps, values, other.at(stamps))
 
 
-def time_integral(stamp_ns: Instants, values: Array) -> tuple[float, float]:
+def time_integral(stamp_ns: Stamps, values: Floats) -> tuple[float, float]:
     """Seconds covered and the integral over them, by trapezoids; gaps (as in `match`) left out."""
     steps_s = np.diff(stamp_ns) * 1e-9
     if not len(steps_s):
@@ -90,7 +89,7 @@ def time_integral(stamp_ns: Instants, values: Array) -> tuple[float, float]:
     return float(steps_s[joined].sum()), float(areas[joined].sum())
 
 
-def _gap_s(steps_s: Array) -> float:
+def _gap_s(steps_s: Floats) -> float:
     """The longest step that is not a gap."""
     return max(_LONGEST_GAP_S, _USUAL_STEPS * float(np.median(steps_s)))
 
@@ -103,7 +102,7 @@ _LEAST_CHANGE = 1e-9
 
 
 def best_lag(
-    stamp_ns: NDArray[np.int64], a: Array, b: Array, *, turns: bool, longest_s: float = LONGEST_S
+    stamp_ns: Stamps, a: Floats, b: Floats, *, turns: bool, longest_s: float = LONGEST_S
 ) -> tuple[float | None, float | None]:
     """The highest correlation coefficient within shifts of `longest_s`, and how much later (s) B is there.
 
@@ -133,7 +132,7 @@ def best_lag(
     return highest, (best + between - most) * step_s
 
 
-def _even(grid: Array, seconds: Array, values: Array, turns: bool) -> NDArray[Any]:
+def _even(grid: Floats, seconds: Floats, values: Floats, turns: bool) -> NDArray[Any]:
     if not turns:
         return np.interp(grid, seconds, values)
     angle = np.radians(values)
@@ -359,7 +358,7 @@ def _placed(moved: LogPlacement, b: Log, words: str) -> Pairing:
     if moved.log is b:
         return said
 
-    def on_a(stamp_ns: Instants) -> Instants:
+    def on_a(stamp_ns: Stamps) -> Stamps:
         # The inverse of A on B, by steps that shrink as drift does.
         back = stamp_ns - moved.offset_ns
         for _ in range(3):
@@ -408,9 +407,7 @@ def _motion_ns(log: Log) -> int | None:
     speed = signals.ground_speed(log)
     if speed is None:
         return None
-    moving = speed.values > _MOVING_MPS
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], moving.astype(np.int8), [0]))))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for begin, end in runs(speed.values > _MOVING_MPS):
         if speed.stamp_ns[end - 1] - speed.stamp_ns[begin] >= _MOVING_S * 1e9:
             return int(speed.stamp_ns[begin])
     return None

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs import signals
 from xitl_cli.logs.compare.pairing import Pairing, best_lag, common_samples, time_integral
@@ -15,8 +14,7 @@ from xitl_cli.logs.sections import Fact, Grid, Plot, Section, Trace, Value
 from xitl_cli.logs.signals import Series, SignalSource
 from xitl_cli.logs.signals.series import column_series, first_series
 from xitl_cli.logs.signals.states import pulses
-
-Array = NDArray[np.float64]
+from xitl_cli.logs.table import Floats, Stamps
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +30,10 @@ class SignalDifference:
     name: str
     unit: str
     sources: tuple[str, str]
-    stamp_ns: NDArray[np.int64]
-    a: Array
-    b: Array
-    errors: Array
+    stamp_ns: Stamps
+    a: Floats
+    b: Floats
+    errors: Floats
     iae: float
     rms: float
     mean: float
@@ -117,7 +115,7 @@ def _row(found: SignalDifference) -> tuple[Value, ...]:
     return (found.name, found.unit, *numbers, lag_s, alike)
 
 
-def _unbroken(found: SignalDifference, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unbroken(found: SignalDifference, values: Floats) -> Floats:
     """Without the stroke across the plot where 360 becomes 0."""
     if found.unit != "deg" or np.ptp(values) < 180.0:
         return values
@@ -177,10 +175,7 @@ def channel_section(a: Log, b: Log, pairing: Pairing) -> Section | None:
     found: list[SignalDifference] = []
     facts: list[Fact] = []
     lacks: list[str] = []
-    for words, in_a, in_b in (
-        ("output", *_outputs(a, b)),
-        ("RC input", signals.rc_inputs(a), signals.rc_inputs(b)),
-    ):
+    for words, in_a, in_b in (("output", *_outputs(a, b)), ("RC input", signals.rc_inputs(a), signals.rc_inputs(b))):
         if not in_a and not in_b:
             continue
         if not in_a or not in_b:

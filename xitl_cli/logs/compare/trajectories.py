@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.frames import quat_to_matrix
+from xitl_cli.logs.table import Floats, Stamps
 
-Array = NDArray[np.float64]
 Alignment = Literal["none", "origin", "se3", "sim3"]
 
 
@@ -22,9 +22,9 @@ Alignment = Literal["none", "origin", "se3", "sim3"]
 class Trajectory:
     """stamp_ns: (N,) increasing. pos_m: (N, 3) in any one frame. quat_wxyz: (N, 4) body to that frame, unit length."""
 
-    stamp_ns: NDArray[np.int64]
-    pos_m: Array
-    quat_wxyz: Array
+    stamp_ns: Stamps
+    pos_m: Floats
+    quat_wxyz: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +45,8 @@ class ErrorStatistics:
 class Similarity:
     """x -> scale * rotation @ x + translation. rotation: (3, 3)."""
 
-    rotation: Array
-    translation: Array
+    rotation: Floats
+    translation: Floats
     scale: float = 1.0
 
     def moved(self, trajectory: Trajectory) -> Trajectory:
@@ -57,7 +57,7 @@ class Similarity:
         return Trajectory(trajectory.stamp_ns, pos_m, matrix_to_quat(turned))
 
 
-def error_statistics(errors: Array) -> ErrorStatistics | None:
+def error_statistics(errors: Floats) -> ErrorStatistics | None:
     """None without errors."""
     if not len(errors):
         return None
@@ -74,7 +74,7 @@ def error_statistics(errors: Array) -> ErrorStatistics | None:
     )
 
 
-def umeyama(source: Array, target: Array, *, with_scale: bool = False) -> Similarity | None:
+def umeyama(source: Floats, target: Floats, *, with_scale: bool = False) -> Similarity | None:
     """Moves `source` (N, 3) closest to `target` (N, 3) in the least squares; None where their points leave it open: all
     in one place, or on one line.
     """
@@ -114,9 +114,9 @@ def align_trajectory(reference: Trajectory, other: Trajectory, how: Alignment) -
     return moving.moved(other), moving
 
 
-def absolute_errors_m(reference: Trajectory, other: Trajectory) -> Array:
+def absolute_errors_m(reference: Trajectory, other: Trajectory) -> Floats:
     """(N,) distance of the positions of equal stamps (ATE, in evo: APE of the translation part)."""
-    errors: Array = np.linalg.norm(other.pos_m - reference.pos_m, axis=1)
+    errors: Floats = np.linalg.norm(other.pos_m - reference.pos_m, axis=1)
     return errors
 
 
@@ -126,7 +126,7 @@ def frame_pairs(count: int, every: int) -> NDArray[np.intp]:
     return np.stack([at[:-1], at[1:]], axis=1)
 
 
-def path_pairs(pos_m: Array, length_m: float) -> NDArray[np.intp]:
+def path_pairs(pos_m: Floats, length_m: float) -> NDArray[np.intp]:
     """(M, 2) indices of poses between which a path of at least `length_m` was made, one pair after the other."""
     steps = np.linalg.norm(np.diff(pos_m, axis=0), axis=1)
     chosen, since_m = [0], 0.0
@@ -139,7 +139,7 @@ def path_pairs(pos_m: Array, length_m: float) -> NDArray[np.intp]:
     return np.stack([at[:-1], at[1:]], axis=1)
 
 
-def relative_errors(reference: Trajectory, other: Trajectory, pairs: NDArray[np.intp]) -> tuple[Array, Array]:
+def relative_errors(reference: Trajectory, other: Trajectory, pairs: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """(M,) metres and (M,) degrees by which the motion from one pose of a pair to the other differs (RPE).
 
     The translation of the relative pose of the relative poses, and the angle of its rotation.
@@ -158,7 +158,7 @@ def relative_errors(reference: Trajectory, other: Trajectory, pairs: NDArray[np.
     return np.linalg.norm(moved, axis=1), np.degrees(angle)
 
 
-def _relative(trajectory: Trajectory, pairs: NDArray[np.intp]) -> tuple[Array, Array]:
+def _relative(trajectory: Trajectory, pairs: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """(M, 3, 3) and (M, 3): the second pose of each pair seen from the first."""
     turns = quat_to_matrix(trajectory.quat_wxyz)
     back = np.swapaxes(turns[pairs[:, 0]], 1, 2)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_core.frames import euler_to_quat, ned_to_enu, quat_ned_frd_to_enu_flu
 from xitl_cli.logs import signals
@@ -25,16 +25,15 @@ from xitl_cli.logs.compare.trajectories import (
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace
 from xitl_cli.logs.signals import SignalSource
-
-Array = NDArray[np.float64]
+from xitl_cli.logs.table import Floats, Stamps
 
 _BLOCK = 250_000
 
 
-def off_path_m(points: Array, path: Array) -> Array:
+def off_path_m(points: Floats, path: Floats) -> Floats:
     """(N,) distance (m) of points (N, 2) from the line through path (M, 2), M at least 1."""
     if len(path) == 1:
-        alone: Array = np.linalg.norm(points - path[0], axis=1)
+        alone: Floats = np.linalg.norm(points - path[0], axis=1)
         return alone
     begins, along = path[:-1], np.diff(path, axis=0)
     lengths = np.maximum(np.sum(along**2, axis=1), 1e-12)
@@ -48,12 +47,12 @@ def off_path_m(points: Array, path: Array) -> Array:
     return found
 
 
-def thinned_path(path: Array, least_m: float = 0.05, most: int = 2000) -> Array:
+def thinned_path(path: Floats, least_m: float = 0.05, most: int = 2000) -> Floats:
     """Points at least so far from the one before, and no more than `most`: a vessel at rest adds none."""
     steps = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     every_m = max(least_m, float(steps[-1]) / most)
     chosen = np.searchsorted(steps, np.arange(0.0, steps[-1], every_m))
-    found: Array = path[np.unique(np.append(chosen, len(path) - 1))]
+    found: Floats = path[np.unique(np.append(chosen, len(path) - 1))]
     return found
 
 
@@ -74,7 +73,7 @@ class PosePair:
     common: bool
     attitudes: bool
     sources: tuple[str, str]
-    way_a: Array
+    way_a: Floats
 
 
 def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: SignalSource) -> PosePair | None:
@@ -107,7 +106,7 @@ def common_poses(a: Log, b: Log, pairing: Pairing, of_a: SignalSource, of_b: Sig
     )
 
 
-def _attitude(log: Log, of: SignalSource, stamp_ns: NDArray[np.int64], pairing: Pairing | None) -> Array | None:
+def _attitude(log: Log, of: SignalSource, stamp_ns: Stamps, pairing: Pairing | None) -> Floats | None:
     """(N, 4) FLU to ENU; where a sample is missing the nearest one."""
     angles = []
     for found in (signals.roll(log, of), signals.pitch(log, of), signals.yaw(log, of)):
@@ -165,62 +164,51 @@ def trajectory_section(poses: PosePair, how: Alignment) -> Section:
 
 
 def _findings(
-    poses: PosePair, how: Alignment, moving: Similarity | None, level_m: Array, up_m: Array, worst: int
-) -> list[Finding]:
+    poses: PosePair, how: Alignment, moving: Similarity | None, level_m: Floats, up_m: Floats, worst: int
+) -> Iterator[Finding]:
     at = Evidence(poses.sources[0], None, int(poses.a.stamp_ns[worst]), value=f"{level_m[worst]:.2f} m")
     rms = float(np.sqrt(np.mean(level_m**2)))
-    found = [
-        Finding(
-            "trajectory.distance",
-            Severity.OK,
-            f"B is {rms:.3g} m (RMS) from A at the same instant, at most {level_m[worst]:.3g} m",
-            (at,),
-        )
-    ]
+    yield Finding(
+        "trajectory.distance",
+        Severity.OK,
+        f"B is {rms:.3g} m (RMS) from A at the same instant, at most {level_m[worst]:.3g} m",
+        (at,),
+    )
     if how == "none" and float(np.median(level_m)) > _FAR_M:
-        found.append(
-            Finding(
-                "trajectory.elsewhere",
-                Severity.WARNING,
-                f"The two paths lie {float(np.median(level_m)) / 1000:.1f} km apart: they are of different places",
-                (at,),
-                "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
-            )
+        yield Finding(
+            "trajectory.elsewhere",
+            Severity.WARNING,
+            f"The two paths lie {float(np.median(level_m)) / 1000:.1f} km apart: they are of different places",
+            (at,),
+            "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
         )
     up_rms = float(np.sqrt(np.mean(up_m**2)))
     if up_rms > max(_HIGH_M, _HIGH_SHARE * rms):
         high = int(np.argmax(np.abs(up_m)))
-        found.append(
-            Finding(
-                "trajectory.heights",
-                Severity.NOTICE,
-                f"The heights differ by {up_rms:.1f} m (RMS), at most {abs(up_m[high]):.1f} m, the level places by "
-                f"{rms:.2f} m: the errors in space are mostly of height",
-                (Evidence(poses.sources[0], None, int(poses.a.stamp_ns[high]), value=f"{up_m[high]:.1f} m up"),),
-                "Take the level errors, or compare from when both estimators have their origin with --armed or --from.",
-            )
+        yield Finding(
+            "trajectory.heights",
+            Severity.NOTICE,
+            f"The heights differ by {up_rms:.1f} m (RMS), at most {abs(up_m[high]):.1f} m, the level places by "
+            f"{rms:.2f} m: the errors in space are mostly of height",
+            (Evidence(poses.sources[0], None, int(poses.a.stamp_ns[high]), value=f"{up_m[high]:.1f} m up"),),
+            "Take the level errors, or compare from when both estimators have their origin with --armed or --from.",
         )
     if how == "none" and not poses.common:
-        found.append(
-            Finding(
-                "trajectory.zeros",
-                Severity.WARNING,
-                "At least one log does not tell where its local zero is, so the distance includes that of the zeros",
-                (at,),
-                "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
-            )
+        yield Finding(
+            "trajectory.zeros",
+            Severity.WARNING,
+            "At least one log does not tell where its local zero is, so the distance includes that of the zeros",
+            (at,),
+            "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
         )
     if how in ("se3", "sim3") and moving is None:
-        found.append(
-            Finding(
-                "trajectory.not_aligned",
-                Severity.WARNING,
-                f"B could not be fitted to A ({how}): its path is a point or a straight line, so it was left as it is",
-                (at,),
-                "Use --align origin, or compare logs in which the vessel turns.",
-            )
+        yield Finding(
+            "trajectory.not_aligned",
+            Severity.WARNING,
+            f"B could not be fitted to A ({how}): its path is a point or a straight line, so it was left as it is",
+            (at,),
+            "Use --align origin, or compare logs in which the vessel turns.",
         )
-    return found
 
 
 def _errors_grid(a: Trajectory, b: Trajectory, attitudes: bool) -> Grid:
@@ -250,7 +238,7 @@ def _cells(found: ErrorStatistics | None) -> tuple[float | int | None, ...]:
     return (*(_number(value) for value in values), found.count)
 
 
-def _plots(a: Trajectory, b: Trajectory, apart: Array, level_m: Array, off_m: Array) -> tuple[Plot, ...]:
+def _plots(a: Trajectory, b: Trajectory, apart: Floats, level_m: Floats, off_m: Floats) -> tuple[Plot, ...]:
     return (
         Plot(
             "trajectory.map",
@@ -274,16 +262,14 @@ def _plots(a: Trajectory, b: Trajectory, apart: Array, level_m: Array, off_m: Ar
     )
 
 
-def _moved_by(moving: Similarity | None) -> list[Fact]:
+def _moved_by(moving: Similarity | None) -> Iterator[Fact]:
     if moving is None:
-        return []
+        return
     turned_deg = float(np.degrees(np.arctan2(moving.rotation[1, 0], moving.rotation[0, 0])))
     east, north, up = (round(float(each), 4) for each in moving.translation)
-    return [
-        Fact("moved_m", "B moved by", f"{east:g} east, {north:g} north, {up:g} up", "m"),
-        Fact("turned_deg", "B turned by (anticlockwise)", round(turned_deg, 4), "deg"),
-        Fact("scale", "B scaled by", round(moving.scale, 6)),
-    ]
+    yield Fact("moved_m", "B moved by", f"{east:g} east, {north:g} north, {up:g} up", "m")
+    yield Fact("turned_deg", "B turned by (anticlockwise)", round(turned_deg, 4), "deg")
+    yield Fact("scale", "B scaled by", round(moving.scale, 6))
 
 
 def _origin(origin: tuple[float, float, float] | None) -> str | None:

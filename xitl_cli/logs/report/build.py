@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs import signals
@@ -18,12 +17,14 @@ from xitl_cli.logs.analyses.catalogue import AnalysisFailure, analysis_failure
 from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.query.names import match
+from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
 from xitl_cli.logs.report.plots import thin
 from xitl_cli.logs.report.wording import vehicle_line
 from xitl_cli.logs.sections import Mark, Plot, Section, Trace
 from xitl_cli.logs.signals import Series, StateSpan
-from xitl_cli.logs.text import resolve_name
+from xitl_cli.logs.table import Floats, Stamps
 
 _MOST_TRACK_POINTS = 3000
 _MOST_WAYPOINTS = 500
@@ -126,9 +127,7 @@ def _trace(source: ReportLog, name: str, found: Series, style: Style = "line") -
     return thin(Trace(source.named(name), at_ns, values, style), over_time=True)
 
 
-def _broken_turns(
-    at_ns: NDArray[np.int64], degrees: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _broken_turns(at_ns: Stamps, degrees: Floats) -> tuple[Stamps, Floats]:
     """Without the stroke across the plot where 360 becomes 0."""
     turns = np.flatnonzero(np.abs(np.diff(degrees)) > 180.0) + 1
     return np.insert(at_ns, turns, at_ns[turns]), np.insert(degrees, turns, np.nan)
@@ -146,9 +145,7 @@ def state_marks(sources: Sequence[ReportLog], read: Callable[[Log], list[StateSp
     return ()
 
 
-def _ways(
-    sources: Sequence[ReportLog],
-) -> tuple[list[MapTrack], list[MapWaypoint], tuple[float, float, float] | None]:
+def _ways(sources: Sequence[ReportLog]) -> tuple[list[MapTrack], list[MapWaypoint], tuple[float, float, float] | None]:
     """All about the origin of the first file that has one; files without a place on the Earth as they are."""
     tracks: list[MapTrack] = []
     origin: tuple[float, float, float] | None = None
@@ -246,7 +243,7 @@ def build_report(paths: Sequence[Path], only: Collection[str] = (), told: Progre
 
 def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[RefusedFile]]:
     """In their order; a file that was given twice is opened once."""
-    from xitl_cli.logs import open_log
+    from xitl_cli.logs.opening import open_log
 
     logs: list[Log] = []
     refusals = []
@@ -261,14 +258,14 @@ def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[
 def time_lines(logs: Sequence[Log]) -> list[TimeLine]:
     """The time line of each log. One that could not be aligned counts from its own beginning, and says so."""
     if len(logs) < 2:
-        return [TimeLine(zero_ns=log.zero_ns) for log in logs]
+        return [TimeLine(zero_ns=zero_ns(log)) for log in logs]
     from xitl_cli.logs.clocks.alignment import align_logs as align
 
     placements = align(logs)
-    zero = next(place.log.zero_ns for place in placements if place.reference)
+    zero = next(zero_ns(place.log) for place in placements if place.reference)
     return [
         TimeLine(
-            zero if place.aligned else place.log.zero_ns,
+            zero if place.aligned else zero_ns(place.log),
             place.stretches if place.aligned else (),
             place.offset_ns,
             place.drift_ppm,
@@ -296,7 +293,7 @@ def short_names(paths: Sequence[Path]) -> list[str]:
 
 def sections_named(only: Collection[str]) -> list[str]:
     """Of SECTIONS; none means all. Raises LogError for one that does not exist."""
-    named = {resolve_name(name, SECTIONS, "there is no section", f"choose from {', '.join(SECTIONS)}") for name in only}
+    named = {match(name, SECTIONS, "there is no section", f"choose from {', '.join(SECTIONS)}") for name in only}
     return [name for name in SECTIONS if not named or name in named]
 
 

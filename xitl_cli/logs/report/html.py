@@ -240,10 +240,7 @@ def html(page: Page) -> str:
     def next_plot() -> str:
         return f"p{next(numbers)}"
 
-    body = [
-        _overview(page, next_plot),
-        *(_part(part, section_id, next_plot) for part, section_id in identified),
-    ]
+    body = [_overview(page, next_plot), *(_part(part, section_id, next_plot) for part, section_id in identified)]
     plotly, script, style = _plotly(), _script(), _asset("page.css")
     policy = (
         f"default-src 'none'; script-src {_hashed(plotly)} {_hashed(script)}; style-src 'unsafe-inline'; "

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.log import Base, Format, LogHealth
+from xitl_cli.logs.log import Base, Format, Health
 from xitl_cli.logs.report.wording import damage_sentences
 from xitl_cli.logs.sections import Finding, Mark, Plot, Section, Severity
+from xitl_cli.logs.table import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +26,7 @@ class FileReport:
     format: Format
     base: Base
     span_ns: tuple[int, int] | None
-    health: LogHealth
+    health: Health
     facts: Mapping[str, str]
     sections: tuple[Section, ...]
     time_line: TimeLine
@@ -75,10 +73,10 @@ class MapTrack:
     """A way over ground: at_s (N,) on the report's time line, east_m and north_m (N,), speed_mps (N,) or None."""
 
     name: str
-    at_s: NDArray[np.float64]
-    east_m: NDArray[np.float64]
-    north_m: NDArray[np.float64]
-    speed_mps: NDArray[np.float64] | None = None
+    at_s: Floats
+    east_m: Floats
+    north_m: Floats
+    speed_mps: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.report.model import MapTrack, Overview
 from xitl_cli.logs.report.page import Page, PageMark
 from xitl_cli.logs.sections import Plot, Trace
+from xitl_cli.logs.table import Floats
 
 MOST_POINTS = 4000
 Numbers = NDArray[Any]  # of int64 or float64
@@ -37,7 +38,7 @@ def thin(trace: Trace, *, over_time: bool, most: int = MOST_POINTS) -> ThinTrace
     if isinstance(trace, ThinTrace):
         return trace
     x: Numbers = np.asarray(trace.x)
-    y: NDArray[np.float64] = np.asarray(trace.y, dtype=np.float64)
+    y: Floats = np.asarray(trace.y, dtype=np.float64)
     many = min(len(x), len(y))
     x, y = x[:many], y[:many]
     if over_time:
@@ -59,7 +60,7 @@ def _every_nth(many: int, most: int) -> NDArray[np.intp]:
     return kept if kept[-1] == many - 1 else np.append(kept, many - 1)
 
 
-def _envelope(x: Numbers, y: NDArray[np.float64], most: int) -> NDArray[np.intp]:
+def _envelope(x: Numbers, y: Floats, most: int) -> NDArray[np.intp]:
     """Of equal intervals of x; the first NaN of one is kept, so that a break is seen."""
     many = len(x)
     if many <= most:
@@ -85,7 +86,7 @@ def _one_each(rows: NDArray[np.intp], of: NDArray[np.intp]) -> NDArray[np.intp]:
     return rows[np.unique(of[rows], return_index=True)[1]]
 
 
-def _broken_at_gaps(x: Numbers, y: NDArray[np.float64]) -> tuple[Numbers, NDArray[np.float64]]:
+def _broken_at_gaps(x: Numbers, y: Floats) -> tuple[Numbers, Floats]:
     """With a NaN inside every interval without data: a straight line across would claim some."""
     if len(x) < 3:
         return x, y
@@ -199,7 +200,7 @@ def _ends(traces: tuple[Trace, ...], time_line: TimeLine) -> list[float]:
     return [time_line.second(int(end)) for trace in traces if len(trace.x) for end in (trace.x.min(), trace.x.max())]
 
 
-def _instants(at_s: NDArray[np.float64]) -> dict[str, Any]:
+def _instants(at_s: Floats) -> dict[str, Any]:
     """As counts of a 2³²th of their span: 1 µs in an hour and better, in half the bytes of a float64."""
     if not len(at_s):
         return _numbers(at_s)
@@ -209,7 +210,7 @@ def _instants(at_s: NDArray[np.float64]) -> dict[str, Any]:
     return {"type": "u4", "data": _text(counts), "first": first, "step": step}
 
 
-def _numbers(values: NDArray[np.float64]) -> dict[str, Any]:
+def _numbers(values: Floats) -> dict[str, Any]:
     """float32 where the eye cannot tell; what is infinite becomes NaN, which is not drawn."""
     finite = np.isfinite(values)
     known = values[finite]

@@ -10,19 +10,19 @@ from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs import signals
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.query.names import column_named
 from xitl_cli.logs.report.build import ReportLog, open_all, short_names, state_marks, time_lines
 from xitl_cli.logs.report.model import Overview, RefusedFile
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, page_marks
 from xitl_cli.logs.report.plots import ThinTrace, thin
 from xitl_cli.logs.report.wording import damage_sentences
 from xitl_cli.logs.sections import Plot, Section, Trace
-from xitl_cli.logs.table import Table, by_instance, column_named
+from xitl_cli.logs.table import Floats, Stamps, Table, by_instance
 
 _MOST_COMPONENTS = 32
 _REST = re.compile(r"(?:\[(?P<instance>\d+)\])?(?:\.(?P<column>.+))?")
@@ -35,8 +35,8 @@ class NamedSignal:
 
     name: str
     unit: str
-    stamp_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamp_ns: Stamps
+    values: Floats
 
 
 def signals_named(logs: Sequence[Log], wanted: str, *, raw: bool = False) -> list[list[NamedSignal]]:

@@ -9,12 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Table, first_of
-
-Floats = NDArray[np.float64]
+from xitl_cli.logs.table import Floats, Stamps, Table, first_of
 
 SITL_BOARD = 3  # VER.BT
 LONGEST_WINDOW_NS = 60_000_000_000
@@ -53,8 +50,8 @@ class LoopWindows:
     loop's budget for tasks that are 8 times late. rate_hz: loop rate as filtered. memory_bytes: free.
     """
 
-    from_ns: NDArray[np.int64]
-    until_ns: NDArray[np.int64]
+    from_ns: Stamps
+    until_ns: Stamps
     loops: Floats
     long_loops: Floats
     longest_us: Floats
@@ -176,18 +173,18 @@ class MissedDeadlines:
     """(N,) deadlines. due_ns, end_ns: on the log's own time. late_s: from there to the start. run_s: from the start."""
 
     task: tuple[str, ...]
-    due_ns: NDArray[np.int64]
-    late_s: NDArray[np.float64]
-    run_s: NDArray[np.float64]
-    skipped: NDArray[np.int64]
+    due_ns: Stamps
+    late_s: Floats
+    run_s: Floats
+    skipped: Stamps
     message: str
 
     def __len__(self) -> int:
         return len(self.due_ns)
 
     @property
-    def end_ns(self) -> NDArray[np.int64]:
-        after: NDArray[np.int64] = self.due_ns + np.round((self.late_s + self.run_s) * 1e9).astype(np.int64)
+    def end_ns(self) -> Stamps:
+        after: Stamps = self.due_ns + np.round((self.late_s + self.run_s) * 1e9).astype(np.int64)
         return after
 
 

@@ -7,7 +7,6 @@ from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
@@ -22,6 +21,7 @@ from xitl_cli.logs.signals.series import (
     make_series,
     stacked_columns,
 )
+from xitl_cli.logs.table import Floats, Stamps
 
 HIGHEST_M = 10e3  # beyond it a local frame has no meaning
 
@@ -33,7 +33,7 @@ def geodetic_series(log: Log, table: str, names: tuple[str, str, str]) -> Series
     return fixed_on_earth(found.stamp_ns, values, table)
 
 
-def fixed_on_earth(stamp_ns: NDArray[np.int64], values: NDArray[np.float64], source: str) -> Series | None:
+def fixed_on_earth(stamp_ns: Stamps, values: Floats, source: str) -> Series | None:
     """Without the zeros of a receiver that has no fix yet."""
     with np.errstate(invalid="ignore"):
         fixed = (np.abs(values[:, 0]) <= 90.0) & (np.abs(values[:, 1]) <= 180.0)
@@ -350,7 +350,7 @@ def _first_place(geodetic: Series) -> tuple[float, float, float]:
     return latitude, longitude, altitude if abs(altitude) <= HIGHEST_M else 0.0
 
 
-def _metres(log: Log, geodetic: Series, of: SignalSource, about: tuple[float, float, float]) -> NDArray[np.float64]:
+def _metres(log: Log, geodetic: Series, of: SignalSource, about: tuple[float, float, float]) -> Floats:
     """(N, 3) north, east, down about a place, by the metres of the world that the log is of."""
     simulated = _simulated(log)
     frame = LocalFrame(*about)

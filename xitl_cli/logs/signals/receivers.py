@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.signals.sensors import sample_clock
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, tables_of
-from xitl_cli.logs.table import Table, by_instance, first_of
+from xitl_cli.logs.table import Floats, Stamps, Table, by_instance, first_of
 
 FIX_3D = 3
 FIX_NAMES = {
@@ -31,12 +30,12 @@ class ReceiverAccuracy:
     """What the receiver says of itself, by GPA or in the fix. stamp_ns (N,); each (N,) or None."""
 
     message: str
-    stamp_ns: NDArray[np.int64]
-    horizontal_m: NDArray[np.float64] | None
-    vertical_m: NDArray[np.float64] | None
-    speed_mps: NDArray[np.float64] | None
-    message_ms: NDArray[np.float64] | None
-    interval_ms: NDArray[np.float64] | None
+    stamp_ns: Stamps
+    horizontal_m: Floats | None
+    vertical_m: Floats | None
+    speed_mps: Floats | None
+    message_ms: Floats | None
+    interval_ms: Floats | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +49,16 @@ class GnssReceiver:
     name: str
     message: str
     fields: dict[str, str]
-    stamp_ns: NDArray[np.int64]
-    sample_ns: NDArray[np.int64]
-    fix: NDArray[np.int64]
-    satellites: NDArray[np.float64] | None
-    hdop: NDArray[np.float64] | None
-    lat_deg: NDArray[np.float64]
-    lon_deg: NDArray[np.float64]
-    vel_ned_mps: NDArray[np.float64]
-    speed_mps: NDArray[np.float64] | None
-    week: NDArray[np.float64] | None
+    stamp_ns: Stamps
+    sample_ns: Stamps
+    fix: Stamps
+    satellites: Floats | None
+    hdop: Floats | None
+    lat_deg: Floats
+    lon_deg: Floats
+    vel_ned_mps: Floats
+    speed_mps: Floats | None
+    week: Floats | None
     accuracy: ReceiverAccuracy | None
 
 
@@ -131,7 +130,7 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | 
     )
 
 
-def _plausible(table: Table, name: str | None, values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+def _plausible(table: Table, name: str | None, values: Floats | None) -> Floats | None:
     """MAVLink's 65535 stands for unknown."""
     if name is None or values is None or values.ndim != 1:
         return None
@@ -140,7 +139,7 @@ def _plausible(table: Table, name: str | None, values: NDArray[np.float64] | Non
     return np.where(np.asarray(table.values(name, raw=True)) == 65535, np.nan, values)
 
 
-def _hdop(table: Table, values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+def _hdop(table: Table, values: Floats | None) -> Floats | None:
     """MAVLink's eph is a dilution times 100, 65535 unknown."""
     if values is None or "eph" not in table.columns:
         return values
@@ -148,17 +147,12 @@ def _hdop(table: Table, values: NDArray[np.float64] | None) -> NDArray[np.float6
     return np.where(raw == 65535, np.nan, raw * 0.01)
 
 
-def _norm(table: Table) -> NDArray[np.float64] | None:
+def _norm(table: Table) -> Floats | None:
     velocity = numbers(table, "velocity")
     return np.hypot(velocity[:, 0], velocity[:, 1]) if velocity is not None and velocity.ndim == 2 else None
 
 
-def _velocity(
-    table: Table,
-    speed: NDArray[np.float64] | None,
-    course_deg: NDArray[np.float64] | None,
-    down: NDArray[np.float64] | None,
-) -> NDArray[np.float64]:
+def _velocity(table: Table, speed: Floats | None, course_deg: Floats | None, down: Floats | None) -> Floats:
     velocity = numbers(table, "velocity")
     if velocity is not None and velocity.ndim == 2 and velocity.shape[1] >= 3:
         return velocity[:, :3]
@@ -199,6 +193,6 @@ def _accuracy(log: Log, table: Table, number: int) -> ReceiverAccuracy | None:
     )
 
 
-def _known(values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
+def _known(values: Floats | None) -> Floats | None:
     """None where all are 0 or no number: the receiver does not tell."""
     return values if values is not None and np.nan_to_num(values).any() else None

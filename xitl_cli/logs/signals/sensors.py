@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.signals.motion import ground_speed
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, stacked, tables_of
-from xitl_cli.logs.table import Table, by_instance, first_of
+from xitl_cli.logs.signals.spans import runs
+from xitl_cli.logs.table import Flags, Floats, Stamps, Table, by_instance, first_of
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 _FEWEST_ROWS = 3
@@ -28,16 +28,16 @@ class InertialUnit:
 
     name: str
     table: Table
-    stamp_ns: NDArray[np.int64]
-    sample_ns: NDArray[np.int64]
-    gyro_radps: NDArray[np.float64] | None
-    accel_mps2: NDArray[np.float64] | None
+    stamp_ns: Stamps
+    sample_ns: Stamps
+    gyro_radps: Floats | None
+    accel_mps2: Floats | None
     gyro_fields: tuple[str, ...]
     accel_fields: tuple[str, ...]
-    temperature_degc: NDArray[np.float64] | None
+    temperature_degc: Floats | None
     gyro_rate_hz: float | None
     accel_rate_hz: float | None
-    healthy: NDArray[np.bool_] | None
+    healthy: Flags | None
 
 
 _XYZ = "XYZ"
@@ -106,17 +106,17 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
     )
 
 
-def sample_clock(table: Table) -> NDArray[np.int64] | None:
+def sample_clock(table: Table) -> Stamps | None:
     """(N,) when each sample was taken, by the sensor's own clock (ns); None where only the row's stamp is logged."""
     for name, factor in _SAMPLE_CLOCKS:
         column = table.columns.get(name)
         if column is not None and column.kind == "number" and column.shape == ():
-            clock: NDArray[np.int64] = np.asarray(table.values(name, raw=True)).astype(np.int64) * factor
+            clock: Stamps = np.asarray(table.values(name, raw=True)).astype(np.int64) * factor
             return clock if (clock != 0).any() else None
     return None
 
 
-def _vector(table: Table, names: tuple[str, ...], unit: str, factor: float) -> NDArray[np.float64] | None:
+def _vector(table: Table, names: tuple[str, ...], unit: str, factor: float) -> Floats | None:
     """(N, 3). MAVLink's whole-number messages are in mrad/s and mG, which not every one of them says."""
     if not names:
         return None
@@ -140,11 +140,11 @@ def _positive_median(table: Table, name: str) -> float | None:
     return float(np.median(good)) if len(good) else None
 
 
-def _healthy(table: Table, names: tuple[str, ...]) -> NDArray[np.bool_] | None:
+def _healthy(table: Table, names: tuple[str, ...]) -> Flags | None:
     flags = [values for name in names if (values := numbers(table, name, raw=True)) is not None]
     if not flags:
         return None
-    well: NDArray[np.bool_] = np.stack(flags).min(axis=0) > 0.0
+    well: Flags = np.stack(flags).min(axis=0) > 0.0
     return well
 
 
@@ -172,7 +172,7 @@ class RestPeriods:
     def longest_s(self) -> float:
         return (self.stretches[0][1] - self.stretches[0][0]) * 1e-9 if self.stretches else 0.0
 
-    def rows(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def rows(self, stamp_ns: Stamps) -> Flags:
         """(N,) which of these stamps lie in a stretch."""
         inside = np.zeros(len(stamp_ns), dtype=np.bool_)
         for from_ns, until_ns in self.stretches:
@@ -199,18 +199,18 @@ def find_rest(log: Log, found: list[InertialUnit]) -> RestPeriods:
         at = np.stack([speed.at(from_ns + part) for part in (0, WINDOW_NS // 2, WINDOW_NS)])
         calm[np.nan_to_num(np.abs(at)).max(axis=0) > SPEED_MPS] = False
     stretches = []
-    for first, last in _runs(calm):
-        away = np.abs(means[first : last + 1] - np.median(means[first : last + 1], axis=0))
+    for first, after_calm in runs(calm):
+        away = np.abs(means[first:after_calm] - np.median(means[first:after_calm], axis=0))
         settled = np.asarray(
             (away[:, :3] < GYRO_SHIFT_RADPS).all(axis=1) & (away[:, 3:] < ACCEL_SHIFT_MPS2).all(axis=1)
         )
-        for begin, end in _runs(settled):
-            stretches.append((int(from_ns[first + begin]), int(from_ns[first + end]) + WINDOW_NS))
+        for begin, after in runs(settled):
+            stretches.append((int(from_ns[first + begin]), int(from_ns[first + after - 1]) + WINDOW_NS))
     stretches.sort(key=lambda stretch: stretch[0] - stretch[1])
     return RestPeriods(tuple(stretches), unit.name, speed is not None)
 
 
-def _windows(unit: InertialUnit) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]] | None:
+def _windows(unit: InertialUnit) -> tuple[Stamps, Floats, Flags] | None:
     """Of each second that has samples: when it begins, means of the six axes (W, 6), whether it is calm."""
     assert unit.gyro_radps is not None
     assert unit.accel_mps2 is not None
@@ -236,16 +236,10 @@ def _windows(unit: InertialUnit) -> tuple[NDArray[np.int64], NDArray[np.float64]
     squares = np.stack([np.bincount(place, (signals[:, axis] - centre[axis]) ** 2) for axis in range(6)], axis=1)
     means = sums / divisor[:, None]
     deviation = np.sqrt(np.maximum(squares / divisor[:, None] - means**2, 0.0))
-    calm: NDArray[np.bool_] = enough & (deviation[:, :3] < GYRO_DEVIATION_RADPS).all(axis=1)
+    calm: Flags = enough & (deviation[:, :3] < GYRO_DEVIATION_RADPS).all(axis=1)
     calm &= (deviation[:, 3:] < ACCEL_DEVIATION_MPS2).all(axis=1)
     from_ns = begin + (np.arange(len(count), dtype=np.int64) + base) * WINDOW_NS
     return from_ns, means + centre, calm
-
-
-def _runs(calm: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last index of each run of calm windows."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], calm, [False])).astype(np.int8)))
-    return [(int(begin), int(end) - 1) for begin, end in zip(edges[0::2], edges[1::2], strict=True)]
 
 
 SensorKind = Literal["magnetometer", "barometer", "rangefinder", "airspeed", "wind", "AHRS"]
@@ -260,11 +254,11 @@ class SensorSeries:
     message: str
     fields: tuple[str, ...]
     unit: str
-    stamp_ns: NDArray[np.int64]
-    sample_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
-    healthy: NDArray[np.bool_] | None
-    temperature_degc: NDArray[np.float64] | None
+    stamp_ns: Stamps
+    sample_ns: Stamps
+    values: Floats
+    healthy: Flags | None
+    temperature_degc: Floats | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +332,7 @@ def sensor_series(log: Log) -> list[SensorSeries]:
     return found
 
 
-def _values(table: Table, names: tuple[str, ...], message: _Message) -> NDArray[np.float64] | None:
+def _values(table: Table, names: tuple[str, ...], message: _Message) -> Floats | None:
     if len(names) == 1:
         found = numbers(table, names[0], raw=message.raw)
         return None if found is None else found * message.factor

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.table import Floats, Stamps, Table
 
 SignalSource = Literal["estimate", "truth"]
 
@@ -24,21 +24,21 @@ class Series:
     evidence ("ATT.Yaw"). dropped: rows left out since they went back in time or were no number.
     """
 
-    stamp_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamp_ns: Stamps
+    values: Floats
     unit: str
     source: str
     turns: bool = False
     dropped: int = 0
 
-    def at(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    def at(self, stamp_ns: Stamps) -> Floats:
         """(M,) or (M, k) between the samples on a straight line (an angle the short way round), NaN outside them."""
         values = np.unwrap(self.values, period=360.0, axis=0) if self.turns else self.values
         where = (stamp_ns - self.stamp_ns[0]).astype(np.float64)
         known = (self.stamp_ns - self.stamp_ns[0]).astype(np.float64)
         columns = values.reshape(len(values), -1).T
         found = np.stack([np.interp(where, known, column, left=np.nan, right=np.nan) for column in columns], axis=-1)
-        shaped: NDArray[np.float64] = found.reshape((len(stamp_ns), *values.shape[1:]))
+        shaped: Floats = found.reshape((len(stamp_ns), *values.shape[1:]))
         return np.mod(shaped, 360.0) if self.turns else shaped
 
 
@@ -46,7 +46,7 @@ SeriesReader = Callable[[Log], Series | None]
 
 
 def make_series(
-    stamp_ns: NDArray[np.int64], values: NDArray[Any], unit: str, source: str, *, turns: bool = False
+    stamp_ns: Stamps, values: NDArray[Any], unit: str, source: str, *, turns: bool = False
 ) -> Series | None:
     """Cleaned; None when nothing is left."""
     numbers = np.asarray(values, dtype=np.float64)
@@ -88,7 +88,7 @@ def first_series(log: Log, *ways: SeriesReader) -> Series | None:
     return next((found for way in ways if (found := way(log)) is not None), None)
 
 
-def stacked_columns(table: Table, names: tuple[str, ...]) -> NDArray[np.float64] | None:
+def stacked_columns(table: Table, names: tuple[str, ...]) -> Floats | None:
     """(N, k) of these columns; None unless all are there."""
     if not all(name in table.columns for name in names):
         return None
@@ -98,7 +98,7 @@ def stacked_columns(table: Table, names: tuple[str, ...]) -> NDArray[np.float64]
 _FARTHEST_NS = 1 << 61
 
 
-def numbers(table: Table, name: str, *, raw: bool = False) -> NDArray[np.float64] | None:
+def numbers(table: Table, name: str, *, raw: bool = False) -> Floats | None:
     """(N,) or (N, k), NaN for what is no finite number; None when the table has no such column of numbers."""
     column = table.columns.get(name)
     if column is None or column.kind != "number":
@@ -108,14 +108,14 @@ def numbers(table: Table, name: str, *, raw: bool = False) -> NDArray[np.float64
     return values
 
 
-def stacked(table: Table, names: Sequence[str], *, raw: bool = False) -> NDArray[np.float64] | None:
+def stacked(table: Table, names: Sequence[str], *, raw: bool = False) -> Floats | None:
     """(N, k) of k columns of one number a row; None unless all are there."""
     columns = [numbers(table, name, raw=raw) for name in names]
     found = [column for column in columns if column is not None and column.ndim == 1]
     return np.stack(found, axis=1) if len(found) == len(names) else None
 
 
-def bounded_stamps(table: Table) -> NDArray[np.int64]:
+def bounded_stamps(table: Table) -> Stamps:
     """(N,) the stamps (ns), those gone wild brought within seventy years: differences of any two then fit."""
     return np.clip(table.stamp_ns, -_FARTHEST_NS, _FARTHEST_NS)
 

@@ -7,16 +7,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.table import Flags, Floats, Stamps
 
 
-def spans_where(stamp_ns: NDArray[np.int64], mask: NDArray[np.bool_], join_s: float = 0.0) -> list[tuple[int, int]]:
+def runs(flags: Flags) -> list[tuple[int, int]]:
+    """First row of each run of true rows, and the row after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def held_spans(stamp_ns: Stamps, flags: Flags) -> list[tuple[int, int]]:
+    """From and until (ns) of each run of true rows; a row lasts until the next one."""
+    last = len(stamp_ns) - 1
+    return [(int(stamp_ns[begin]), int(stamp_ns[min(after, last)])) for begin, after in runs(flags)]
+
+
+def spans_where(stamp_ns: Stamps, mask: Flags, join_s: float = 0.0) -> list[tuple[int, int]]:
     """From the first to the last row of each run of rows where `mask` is true; runs closer than `join_s` are one."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     spans: list[tuple[int, int]] = []
-    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for first, after in runs(mask):
         begin, end = int(stamp_ns[first]), int(stamp_ns[after - 1])
         if end < begin:
             continue
@@ -31,14 +42,14 @@ def length_s(spans: Sequence[tuple[int, int]]) -> float:
     return sum((until - begin) * 1e-9 for begin, until in spans)
 
 
-def inside(stamp_ns: NDArray[np.int64], spans: Sequence[tuple[int, int]]) -> NDArray[np.bool_]:
+def inside(stamp_ns: Stamps, spans: Sequence[tuple[int, int]]) -> Flags:
     """Rows stamped within one of the spans, ends included."""
     if not spans:
         return np.zeros(len(stamp_ns), dtype=np.bool_)
     edges = np.array(sorted(spans), dtype=np.int64)
     begins, ends = edges[:, 0], np.maximum.accumulate(edges[:, 1])
     last = np.searchsorted(begins, stamp_ns, side="right") - 1
-    found: NDArray[np.bool_] = (last >= 0) & (stamp_ns <= ends[last])
+    found: Flags = (last >= 0) & (stamp_ns <= ends[last])
     return found
 
 
@@ -65,7 +76,7 @@ class HoldStatistics:
     holds: tuple[HeldRows, ...]
 
 
-def find_holds(values: NDArray[np.float64], period_s: float, shortest_s: float = 1.0) -> HoldStatistics:
+def find_holds(values: Floats, period_s: float, shortest_s: float = 1.0) -> HoldStatistics:
     """Of rows (N,) or (N, k): a hold lasts `shortest_s`, ten rows and twenty times what is usual for this record."""
     rows = values.reshape(len(values), -1)
     if len(rows) < 2:
@@ -86,7 +97,7 @@ _SHORTEST_NS = 20_000_000
 _MOST_TABLES = 12
 
 
-def log_pauses(log: Log) -> NDArray[np.int64]:
+def log_pauses(log: Log) -> Stamps:
     """(N, 2) from and until of every span over 20 ms, and three times the usual, in which no dense message came.
 
     Of the twelve fullest tables with at least four rows a second; none with fewer than two such tables.
@@ -100,7 +111,7 @@ def log_pauses(log: Log) -> NDArray[np.int64]:
     return np.stack([merged[wide], merged[wide + 1]], axis=1)
 
 
-def _dense(log: Log) -> list[NDArray[np.int64]]:
+def _dense(log: Log) -> list[Stamps]:
     dense = []
     for table in sorted(log.tables.values(), key=len, reverse=True)[:_MOST_TABLES]:
         stamps = table.stamp_ns
@@ -118,9 +129,7 @@ def dense_end_ns(log: Log) -> int | None:
     return sorted(last)[len(last) // 2] if last else None
 
 
-def covered_share(
-    from_ns: NDArray[np.int64], until_ns: NDArray[np.int64], spans: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def covered_share(from_ns: Stamps, until_ns: Stamps, spans: Stamps) -> Floats:
     """(G,) share of each from..until that the longest of these spans (N, 2) in it covers; they are in order and apart
     from each other.
 

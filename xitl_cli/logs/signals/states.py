@@ -7,11 +7,10 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
-from xitl_cli.logs.table import Selection, Table
+from xitl_cli.logs.table import Flags, Selection, Stamps, Table
 from xitl_cli.logs.tables.events import error_persists
 from xitl_cli.logs.tables.modes import MODES
 from xitl_cli.logs.tables.vehicles import VehicleKind, kind_from_build, kind_from_mav_type, kind_from_name
@@ -136,7 +135,8 @@ class ErrorSpan:
 def error_rows(log: Log) -> list[tuple[int, int, int]]:
     """(stamp, subsystem, code) in the order of time."""
     table = log.tables.get("ERR")
-    if table is None or not {"Subsys", "ECode"} <= set(table.columns):
+    names = ("Subsys", "ECode")
+    if table is None or not all(name in table.columns and table.columns[name].kind == "number" for name in names):
         return []
     order = np.argsort(table.stamp_ns, kind="stable")
     columns = (np.asarray(table.values(name, raw=True))[order].astype(np.int64) for name in ("Subsys", "ECode"))
@@ -223,11 +223,7 @@ def modes(log: Log) -> list[StateSpan]:
 def texts(log: Log) -> list[LogText]:
     """Sentences of the autopilot and of the run, in the order of time."""
     found: list[LogText] = []
-    for name, field, level in (
-        ("MSG", "Message", None),
-        ("STATUSTEXT", "text", "severity"),
-        ("/log", "message", None),
-    ):
+    for name, field, level in (("MSG", "Message", None), ("STATUSTEXT", "text", "severity"), ("/log", "message", None)):
         table = log.tables.get(name)
         if table is None or field not in table.columns:
             continue
@@ -238,7 +234,7 @@ def texts(log: Log) -> list[LogText]:
     return sorted(found, key=lambda each: each.at_ns)
 
 
-def _arm_states(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | None:
+def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
     table = log.tables.get("ARM")
     if table is not None and "ArmState" in table.columns:
         return _from_start(log, table.stamp_ns, table.values("ArmState", raw=True) != 0, "ARM.ArmState")
@@ -259,16 +255,14 @@ def _arm_states(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | 
     return beats.stamp_ns, (beats.values("base_mode", raw=True) & _ARMED_FLAG) != 0, f"{beats.name}.base_mode"
 
 
-def _from_start(
-    log: Log, stamp_ns: NDArray[np.int64], on: NDArray[np.bool_], source: str
-) -> tuple[NDArray[np.int64], NDArray[np.bool_], str]:
+def _from_start(log: Log, stamp_ns: Stamps, on: Flags, source: str) -> tuple[Stamps, Flags, str]:
     """Only changes are written: what is disarmed first was armed when the log began, unless that is its first row."""
     if len(on) and not on[np.argmin(stamp_ns)] and log.span_ns is not None and stamp_ns.min() > log.span_ns[0]:
         return np.append(stamp_ns, log.span_ns[0]), np.append(on, True), source
     return stamp_ns, on, source
 
 
-def _states_from_texts(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], str] | None:
+def _states_from_texts(log: Log) -> tuple[Stamps, Flags, str] | None:
     """By its sentences: a log that arming began has no row of it, only what was said just before."""
     table = log.tables.get("MSG")
     if table is None or "Message" not in table.columns:
@@ -284,9 +278,7 @@ def _states_from_texts(log: Log) -> tuple[NDArray[np.int64], NDArray[np.bool_], 
     return _from_start(log, stamps, np.array([on for _, on in said]), "MSG.Message")
 
 
-def _state_spans(
-    log: Log, stamp_ns: NDArray[np.int64], numbers: NDArray[np.int64], source: str, names: dict[int, str]
-) -> list[StateSpan]:
+def _state_spans(log: Log, stamp_ns: Stamps, numbers: Stamps, source: str, names: dict[int, str]) -> list[StateSpan]:
     """Where a number changes a new span begins; the last one ends with the log."""
     if not len(stamp_ns):
         return []
@@ -324,7 +316,7 @@ def sensors_simulated(log: Log) -> bool:
     return any(name in log.tables for name in _SIMULATOR_TABLES) or bool(tables_of(log, _SIMULATOR_TABLES))
 
 
-def armed_rows(log: Log, stamp_ns: np.typing.NDArray[np.int64]) -> np.typing.NDArray[np.bool_] | None:
+def armed_rows(log: Log, stamp_ns: Stamps) -> Flags | None:
     """(N,) whether the motors were armed at each stamp; None where the log does not tell."""
     spans = armed(log)
     told = any(name in log.tables for name in ("ARM", "/actuators")) or bool(tables_of(log, ("HEARTBEAT",)))

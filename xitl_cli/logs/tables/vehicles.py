@@ -5,12 +5,11 @@ FIRMWARE_VERSION_TYPE of MAVLink.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Literal
 
 VehicleKind = Literal["rover", "copter", "plane", "sub", "unknown"]
 
-_BUILDS: Mapping[int, VehicleKind] = MappingProxyType({1: "rover", 2: "copter", 3: "plane", 7: "sub", 13: "copter"})
+_BUILDS: Mapping[int, VehicleKind] = {1: "rover", 2: "copter", 3: "plane", 7: "sub", 13: "copter"}
 _IN_NAMES: tuple[tuple[str, VehicleKind], ...] = (
     ("rover", "rover"),
     ("copter", "copter"),
@@ -42,62 +41,23 @@ def kind_from_mav_type(number: int) -> VehicleKind:
     return next((kind for kind, numbers in _KINDS_BY_TYPE if number in numbers), "unknown")
 
 
-MAV_TYPES: Mapping[int, str] = MappingProxyType(
-    {
-        1: "fixed wing",
-        2: "quadrotor",
-        3: "coaxial helicopter",
-        4: "helicopter",
-        5: "antenna tracker",
-        10: "ground rover",
-        11: "surface boat",
-        12: "submarine",
-        13: "hexarotor",
-        14: "octorotor",
-        15: "tricopter",
-        29: "dodecarotor",
-        35: "decarotor",
-    }
-)
-_BOARDS: Mapping[int, str] = MappingProxyType(
-    {3: "SITL (a simulator)", 7: "Linux", 10: "ChibiOS", 12: "ESP32", 13: "QURT", 99: "none"}
-)
-_SUBTYPES: Mapping[int, str] = MappingProxyType(
-    {
-        1000: "",
-        1001: "Erle-Board",
-        1002: "PXF",
-        1003: "Navio",
-        1004: "Zynq",
-        1005: "BBBMini",
-        1006: "Bebop",
-        1009: "Erle-Brain 2",
-        1010: "BH",
-        1012: "PXFmini",
-        1013: "Navio2",
-        1014: "Disco",
-        1015: "Aero",
-        1016: "DARK",
-        1018: "BeagleBone Blue",
-        1019: "OcPoC Zynq",
-        1020: "Edge",
-        1021: "RST Zynq",
-        1022: "PocketBeagle",
-        1023: "Navigator",
-        1024: "VNav",
-        1025: "OBAL",
-        1026: "CANZero",
-        1027: "PilotPi",
-        1028: "PocketBeagle 2",
-        5001: "FMUv3",
-        5009: "generic",
-        5013: "FMUv5",
-    }
-)
+MAV_TYPES: Mapping[int, str] = {
+    1: "fixed wing", 2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter", 5: "antenna tracker",
+    10: "ground rover", 11: "surface boat", 12: "submarine", 13: "hexarotor", 14: "octorotor", 15: "tricopter",
+    29: "dodecarotor", 35: "decarotor",
+}  # fmt: skip
+_BOARDS: Mapping[int, str] = {3: "SITL (a simulator)", 7: "Linux", 10: "ChibiOS", 12: "ESP32", 13: "QURT", 99: "none"}
+_SUBTYPES: Mapping[int, str] = {
+    1000: "", 1001: "Erle-Board", 1002: "PXF", 1003: "Navio", 1004: "Zynq", 1005: "BBBMini", 1006: "Bebop",
+    1009: "Erle-Brain 2", 1010: "BH", 1012: "PXFmini", 1013: "Navio2", 1014: "Disco", 1015: "Aero", 1016: "DARK",
+    1018: "BeagleBone Blue", 1019: "OcPoC Zynq", 1020: "Edge", 1021: "RST Zynq", 1022: "PocketBeagle",
+    1023: "Navigator", 1024: "VNav", 1025: "OBAL", 1026: "CANZero", 1027: "PilotPi", 1028: "PocketBeagle 2",
+    5001: "FMUv3", 5009: "generic", 5013: "FMUv5",
+}  # fmt: skip
 SITL_BOARD = 3
-_RELEASES: Mapping[int, str] = MappingProxyType(
-    {0: "development", 64: "alpha", 128: "beta", 192: "release candidate", 255: "official release"}
-)
+_RELEASES: Mapping[int, str] = {
+    0: "development", 64: "alpha", 128: "beta", 192: "release candidate", 255: "official release",
+}  # fmt: skip
 
 
 def board_name(board: int, subtype: int) -> str:

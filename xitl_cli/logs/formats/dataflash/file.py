@@ -26,7 +26,7 @@ from xitl_cli.logs.formats.dataflash.table import (
     times_in_heads,
 )
 from xitl_cli.logs.formats.file_bytes import FileBytes
-from xitl_cli.logs.log import Base, Format, Log, LogHealth
+from xitl_cli.logs.log import Base, Format, Health
 
 _SEARCHES = 8
 """Types whose rows are looked for one by one."""
@@ -34,16 +34,14 @@ _HUGE = 512 << 20
 """Bytes of a log from which on what was searched does not stay mapped, though it is read again."""
 
 
-class DataFlashLog(Log):
+class DataFlashLog:
     """Implements `Log`. Opening finds all records; columns are read when they are asked for.
 
     Raises LogError when the file cannot be read or holds no record that is whole.
     """
 
-    format: Format = "dataflash"
-
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self._path = path
         try:
             self._bytes = FileBytes(path)
         except OSError as error:
@@ -63,6 +61,14 @@ class DataFlashLog(Log):
         """Give the memory of these bytes back, of a file that can be larger than what memory there is."""
         if len(self._data) > _HUGE:
             self._bytes.forget(start, stop)
+
+    @property
+    def path(self) -> Path:
+        return self._path
+
+    @property
+    def format(self) -> Format:
+        return "dataflash"
 
     @property
     def base(self) -> Base:
@@ -135,7 +141,7 @@ class DataFlashLog(Log):
         return self._times.span_ns
 
     @cached_property
-    def health(self) -> LogHealth:
+    def health(self) -> Health:
         found = self._index.found
         return found.losses.health(
             len(self._data),
@@ -172,6 +178,12 @@ class DataFlashLog(Log):
             self.__dict__.pop(name, None)
         self._data = np.empty(0, np.uint8)
         self._bytes.close()
+
+    def __enter__(self) -> DataFlashLog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 _NUMBER, _TEXT = "bBM", "nNZ"

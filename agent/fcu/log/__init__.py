@@ -1,0 +1,1 @@
+"""What of a flight goes into the DataFlash log, and when."""

@@ -1,0 +1,78 @@
+"""What goes into the embedded autopilot and what comes out: plain tuples of floats, no MAVLink.
+
+`stamp_ns` is the instant a sample was taken, on the sensors' clock. Named tuples and not dataclasses, because a sample
+is made 200 times a second on a slow board and a tuple costs a third.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class ImuSample(NamedTuple):
+    """Angular rate and specific force in body FRD."""
+
+    stamp_ns: int
+    gyro_frd_radps: Vector3
+    accel_frd_mps2: Vector3
+    temperature_degc: float = 20.0
+
+
+class GnssSample(NamedTuple):
+    """Position and velocity of the antenna; accuracies are one sigma; `fix_type` 3 is a three-dimensional fix."""
+
+    stamp_ns: int
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    vel_ned_mps: Vector3
+    horizontal_accuracy_m: float = 1.0
+    vertical_accuracy_m: float = 1.0
+    speed_accuracy_mps: float = 0.2
+    fix_type: int = 3
+    satellites: int = 10
+
+
+class MagnetometerSample(NamedTuple):
+    """Magnetic field in body FRD."""
+
+    stamp_ns: int
+    field_frd_gauss: Vector3
+
+
+class BarometerSample(NamedTuple):
+    """Static pressure."""
+
+    stamp_ns: int
+    pressure_pa: float
+    temperature_degc: float = 20.0
+
+
+class Estimate(NamedTuple):
+    """What the estimator believes about the body origin at `stamp_ns` (sensors' clock).
+
+    Position is relative to the estimator's origin; `quat_ned_frd` is (w, x, y, z), body FRD to NED; the gyro has its
+    estimated bias removed. `position_valid` says whether position and velocity may be steered by.
+    """
+
+    stamp_ns: int
+    quat_ned_frd: Quaternion
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    gyro_frd_radps: Vector3
+    pos_ned_m: Vector3
+    vel_ned_mps: Vector3
+    attitude_valid: bool
+    position_valid: bool
+
+
+class Actuators(NamedTuple):
+    """Motor commands in [-1, 1], full astern to full ahead, in the order (port, starboard)."""
+
+    command: tuple[float, ...] = (0.0, 0.0)
+    armed: bool = False
+    failsafe: bool = False

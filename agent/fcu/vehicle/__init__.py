@@ -1,1 +1,0 @@
-"""The autopilot as a whole: modes, navigation, commands, failsafes, and the loop."""

@@ -1,0 +1,1 @@
+"""Ground stations: several at once, over UDP and TCP, on one autopilot."""

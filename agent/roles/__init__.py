@@ -1,1 +1,0 @@
-"""What a node can be, and what the embedded autopilot serves beside the host."""
