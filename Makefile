@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run package test test-fast lint format types dialect check-dialect bench soak wheel lock clean
+.PHONY: run package test test-fast lint format types dialect check-dialect topics bench soak wheel lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: pyproject.toml constraints.txt
@@ -48,6 +48,9 @@ dialect: $(VENV)/.dev  ## regenerate the codec after an edit of agent/wire/xitl.
 
 check-dialect: $(VENV)/.dev
 	$(BIN)/python tools/generate_dialect.py --check
+
+topics: $(VENV)/.dev  ## renew the tables of docs/recording.md after an edit of xitl_cli/record/topics.py
+	$(BIN)/python tools/generate_topics.py
 
 bench: $(VENV)/.dev  ## measure; asserts nothing
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench

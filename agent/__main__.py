@@ -9,11 +9,12 @@ from contextlib import ExitStack
 
 import agent
 from agent.assembly import REFUSALS, assemble
-from agent.attached import end_with
 from agent.board.startup import notify_ready
 from agent.options import parse
 from agent.timing.realtime import set_up
 from agent.wire.transport import open_transport
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main(arguments: list[str] | None = None, program: str = "python -m agent") -> int:
@@ -51,3 +52,15 @@ def _refuse(sentence: str) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+def end_with(parent: int) -> None:
+    """Have the system send SIGTERM when the process that started this one, `parent`, ends; does so where it can."""
+    import ctypes
+
+    try:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    except (AttributeError, OSError):
+        return
+    if os.getppid() != parent:  # it ended before it could be said
+        os.kill(os.getpid(), signal.SIGTERM)

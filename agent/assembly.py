@@ -7,16 +7,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Callable
 
-from agent.faults import Faults
+from agent.faults import AgentFaults
 from agent.fcu.control.controller import ControllerError
-from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.dataflash.flight_log import NullFlightLog
 from agent.fcu.parameters import ParameterError
-from agent.machine import look_around
+from agent.machine import read_machine
 from agent.node import AgentNode
 from agent.options import BRIDGE, COMPANION, Options, OptionsError, check_bridge
 from agent.reports import Identity
-from agent.role import Role
-from agent.storage import StorageError
+from agent.roles.role import Role
+from agent.roles.storage import StorageError
 from agent.timing.clock import MonotonicClock
 from agent.wire.codec import Message
 from agent.wire.link import Link
@@ -30,7 +30,7 @@ INJECTORS = {
     "vectornav": "agent.bridges.vectornav:VectorNav",
     "microstrain7": "agent.bridges.microstrain:MicroStrain7",
     "hil": "agent.bridges.hil:HilMessages",
-    "px4": "agent.bridges.px4:Px4",
+    "px4": "agent.bridges.px4:Px4Injector",
 }
 """How sensors get into another autopilot, by the name in the options: a class with `make(options, vehicle)`."""
 
@@ -49,13 +49,13 @@ def assemble(transport: Transport, options: Options, opened: ExitStack) -> Agent
     The transport stays the caller's to close; what else has to be closed goes to `opened`. Raises `REFUSALS`.
     """
     clock = MonotonicClock()
-    faults = Faults(clock)
+    faults = AgentFaults(clock)
     opened.callback(faults.close)
     key = _signing(options.link_key)
     component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
     link = Link(faults.wrap(transport), SYSTEM_ID, component_id, signing=key)
     role = _role(options, link.send, opened)
-    machine = look_around()
+    machine = read_machine()
     machine = machine._replace(kind=options.kind or machine.kind, name=options.machine or machine.name)
     identity = Identity(role.nodes, machine, signed=key is not None)
     return AgentNode(link, role, identity, faults, options.silence_s, clock)
@@ -83,7 +83,7 @@ def _companion(options: Options) -> Role:
 
 
 def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
-    from agent.bridges.role import BridgeRole, Outputs
+    from agent.bridges.role import BridgeRole, MotorOutputs
     from agent.bridges.vehicle_link import VehicleLink
 
     _refuse_what_the_embedded_one_has(options, "a bridge")
@@ -97,23 +97,23 @@ def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> R
         injector = make(options, vehicle)
         opened.callback(injector.close)
         injectors.append(injector)
-    outputs = Outputs(options.outputs, options.trim_us, options.span_us)
+    outputs = MotorOutputs(options.outputs, options.trim_us, options.span_us)
     return BridgeRole(send, vehicle, injectors, outputs)
 
 
 def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitStack) -> Role:
-    from agent.autopilot_role import AutopilotRole
-    from agent.fcu.autopilot import Autopilot
-    from agent.fcu.control.controller import load
+    from agent.fcu.control.controller import load_controller
     from agent.fcu.mavlink.channel import MavlinkChannel
     from agent.fcu.parameters import Parameters
-    from agent.ground.stations import GroundStations
-    from agent.storage import Storage
+    from agent.fcu.vehicle.autopilot import Autopilot
+    from agent.roles.autopilot import AutopilotRole
+    from agent.roles.ground_stations import GroundStations
+    from agent.roles.storage import Storage
 
     parameters = Parameters()
     if options.parameters is not None:
         parameters.load(_text(options.parameters), str(options.parameters))
-    make_controller = load(options.controller) if options.controller else None
+    make_controller = load_controller(options.controller) if options.controller else None
     signing = _signing(options.signing_key)
     storage = None
     if options.storage is not None:
@@ -137,10 +137,10 @@ def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]]
         return None
     if directory is not None and file is not None:
         raise OptionsError("log-dir, log-file: a log goes to one of them; leave the other out")
-    from agent.dataflash.files import at, in_directory
-    from agent.fcu.log.flight_log import FlightLog
+    from agent.fcu.dataflash.flight_log import FlightLog
+    from agent.fcu.dataflash.writer import fixed_log_opener, numbered_log_opener
 
-    opener = at(file) if file is not None else in_directory(directory or Path())
+    opener = fixed_log_opener(file) if file is not None else numbered_log_opener(directory or Path())
 
     def make(now_ns: Callable[[], int]) -> NullFlightLog:
         log = FlightLog(opener, now_ns)

@@ -2,27 +2,46 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 from agent.timing.clock import Clock, SteppedClock
+from agent.timing.realtime import ordinary
 from agent.wire import dialect
 from agent.wire.codec import Message
 from agent.wire.impaired import NO_FAULTS, OVERTAKEN_S, ImpairedTransport, LinkFaults
 from agent.wire.transport import Transport
 
 if TYPE_CHECKING:
-    from agent.cpu_load import CpuLoad
+    import subprocess
 
 LAPSE_NS = 10_000_000_000
 """The host says once a second what is in force; when it has not for so long, link and processors are well again."""
 
 _MOST_US = 60_000_000  # of delay and of jitter
 _MOST_AHEAD_NS = 10**18  # 31 years: a board that does not know the date is no further off
+# A period of 10 ms. The end of standard input is that of whoever started it.
+_BURN = """
+import os, select, sys, time
+share, cpu = float(sys.argv[1]), int(sys.argv[2])
+if cpu >= 0:
+    try:
+        os.sched_setaffinity(0, (cpu,))
+    except OSError:
+        pass
+while True:
+    until = time.monotonic() + 0.01 * share
+    while time.monotonic() < until:
+        pass
+    if select.select((0,), (), (), 0.01 * (1.0 - share))[0]:
+        sys.exit()
+"""
 
 
-class Faults:
+class AgentFaults:
     """Those in force, on the transport that `wrap` has given and on the clock of the run.
 
     `answering`: what is sent now answers XITL_RUN and is exempt, as is the answer to a tick in lockstep. There time
@@ -99,8 +118,6 @@ class Faults:
 
     def _burn(self, share: float) -> Iterator[str]:
         if self._load is None and share > 0.0:
-            from agent.cpu_load import CpuLoad
-
             self._load = CpuLoad()
         problem = "" if self._load is None else self._load.set(share)
         if problem:
@@ -137,3 +154,53 @@ def _problem(message: Message) -> str:
         return f"clock_offset_ns {message.clock_offset_ns} is not within {_MOST_AHEAD_NS}"
     skew_ppm = message.clock_skew_ppm
     return "" if isfinite(skew_ppm) and abs(skew_ppm) < 1e5 else f"clock_skew_ppm {skew_ppm:g} is not within 100000"
+
+
+class CpuLoad:
+    """`share` of every processor is kept busy, 0 to 1; 0 at first."""
+
+    def __init__(self) -> None:
+        self.share = 0.0
+        self._processes: list[subprocess.Popen[bytes]] = []
+
+    def set(self, share: float) -> str:
+        """Keep so much busy from now on; the same again changes nothing. Returns why not, or nothing."""
+        if share == self.share:
+            return ""
+        self.close()
+        if share <= 0.0:
+            return ""
+        import subprocess  # only where a load is asked for: it costs a board memory
+
+        processors = range(os.cpu_count() or 1) if hasattr(os, "sched_setaffinity") else (-1,)
+        try:
+            with ordinary():
+                for cpu in processors:
+                    self._processes.append(
+                        subprocess.Popen(
+                            [sys.executable, "-S", "-E", "-c", _BURN, f"{min(share, 1.0)}", f"{cpu}"],
+                            stdin=subprocess.PIPE,
+                            stdout=subprocess.DEVNULL,
+                            stderr=subprocess.DEVNULL,
+                        )
+                    )
+        except OSError as error:
+            self.close()
+            return f"no load: {sys.executable} cannot be started ({error.strerror})"
+        self.share = share
+        return ""
+
+    @property
+    def processes(self) -> list[int]:
+        """Their ids."""
+        return [process.pid for process in self._processes]
+
+    def close(self) -> None:
+        """No load any more."""
+        processes, self._processes, self.share = self._processes, [], 0.0
+        for process in processes:
+            process.kill()
+        for process in processes:
+            if process.stdin is not None:
+                process.stdin.close()
+            process.wait()

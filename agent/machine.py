@@ -28,7 +28,7 @@ class Machine(NamedTuple):
     memory_mib: int
 
 
-class Health(NamedTuple):
+class MachineHealth(NamedTuple):
     """How it is doing. cpu_percent: of one core, by this process since an earlier look, `SHORTEST_S` ago or more.
 
     load_1min: below 0 unknown. temperature_degc: None unknown. memory_kib: resident, 0 unknown.
@@ -40,7 +40,7 @@ class Health(NamedTuple):
     memory_kib: int
 
 
-def look_around(root: Path = Path("/")) -> Machine:
+def read_machine(root: Path = Path("/")) -> Machine:
     """This machine, with the files under `root`."""
     model = _text(root / "proc/device-tree/model").rstrip("\0").strip()
     system = os.uname()
@@ -65,7 +65,7 @@ class HealthMonitor:
         self._last_cpu_s = time.process_time()
         self._percent: float | None = None
 
-    def look(self) -> Health:
+    def look(self) -> MachineHealth:
         """How it is doing now."""
         now_s, cpu_s = time.monotonic(), time.process_time()
         elapsed_s = now_s - self._last_s
@@ -76,7 +76,7 @@ class HealthMonitor:
             load = os.getloadavg()[0]
         except OSError:
             load = -1.0
-        return Health(self._percent, load, _degrees(self._thermal), resident_kib())
+        return MachineHealth(self._percent, load, _degrees(self._thermal), resident_kib())
 
 
 def resident_kib() -> int:

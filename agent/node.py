@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Callable
 
-from agent.faults import Faults
-from agent.machine import HealthMonitor, look_around
+from agent.faults import AgentFaults
+from agent.machine import HealthMonitor, read_machine
 from agent.reports import PROTOCOL, UNKNOWN, Identity, node_info, node_status, task_miss, task_stats
-from agent.role import Role
-from agent.timing.clock import Clock, MonotonicClock, SteppedClock, TickClock
+from agent.roles.role import Role
+from agent.timing.clock import Clock, MonotonicClock, SteppedClock, TickClock, wait_readable
 from agent.timing.tasks import Executor
-from agent.timing.waiting import wait_readable
 from agent.wire import dialect
 from agent.wire.codec import Message, Prepared, prepare
 from agent.wire.link import Link
@@ -44,15 +43,15 @@ class AgentNode:
         link: Link,
         role: Role,
         identity: Identity | None = None,
-        faults: Faults | None = None,
+        faults: AgentFaults | None = None,
         silence_s: float = SILENCE_S,
         clock: Clock | None = None,
     ) -> None:
         self._link = link
         self.role = role
-        self.identity = Identity(role.nodes, look_around()) if identity is None else identity
+        self.identity = Identity(role.nodes, read_machine()) if identity is None else identity
         self._monotonic: Clock = MonotonicClock() if clock is None else clock
-        self._faults = Faults(self._monotonic) if faults is None else faults
+        self._faults = AgentFaults(self._monotonic) if faults is None else faults
         self._health = HealthMonitor()
         self._silence_ns = round(silence_s * 1e9)
         self._handlers: dict[type, Callable[[Message], None]] = {

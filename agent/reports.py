@@ -6,11 +6,10 @@ import sys
 from typing import NamedTuple
 
 import agent
-from agent.machine import REAL, Health, Machine
-from agent.role import Traffic
-from agent.timing.misses import Miss
-from agent.timing.realtime import Standing
-from agent.timing.tasks import TaskStats
+from agent.machine import REAL, Machine, MachineHealth
+from agent.roles.role import Traffic
+from agent.timing.realtime import RealtimeState
+from agent.timing.tasks import DeadlineMiss, TaskStats
 from agent.wire import dialect
 from agent.wire.codec import Message
 from agent.wire.link import LinkCounters
@@ -18,7 +17,7 @@ from agent.wire.link import LinkCounters
 PROTOCOL = 2
 _MOST = 0xFFFFFFFF
 _NO_TEMPERATURE = 32767
-UNKNOWN = Health(0.0, -1.0, None, 0)
+UNKNOWN = MachineHealth(0.0, -1.0, None, 0)
 
 
 class Identity(NamedTuple):
@@ -26,7 +25,7 @@ class Identity(NamedTuple):
 
     nodes: str
     machine: Machine
-    standing: Standing = Standing()
+    standing: RealtimeState = RealtimeState()
     signed: bool = False
 
 
@@ -61,7 +60,7 @@ def node_status(
     impaired: int,
     traffic: Traffic,
     misses_unreported: int,
-    health: Health,
+    health: MachineHealth,
     running: bool,
 ) -> Message:
     """XITL_NODE_STATUS; `counters` are of the instant before."""
@@ -115,7 +114,7 @@ def task_stats(now_ns: int, stats: TaskStats) -> Message:
     return message
 
 
-def task_miss(miss: Miss) -> Message:
+def task_miss(miss: DeadlineMiss) -> Message:
     """XITL_TASK_MISS."""
     message: Message = dialect.MAVLink_xitl_task_miss_message(
         max(miss.due_ns, 0) // 1000,

@@ -20,9 +20,9 @@ from __future__ import annotations
 import math
 
 from agent.fcu.control.controller import Demand, Order
-from agent.fcu.control.helm import Helm
+from agent.fcu.control.heading_speed import HeadingSpeedController
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import Estimate
+from agent.fcu.vehicle_state import StateEstimate
 
 LAMBDA_PER_S = 0.6  # decay of the heading error while sliding
 ETA_RADPS = 0.5  # what disturbances are worth, as a turn rate
@@ -35,7 +35,7 @@ class SlidingModeHeading:
 
     def __init__(self, parameters: Parameters) -> None:
         self._parameters = parameters
-        self._speed = Helm(parameters)
+        self._speed = HeadingSpeedController(parameters)
         self.configure()
 
     def configure(self) -> None:
@@ -48,7 +48,7 @@ class SlidingModeHeading:
         """The heading controller remembers nothing; the speed controller does."""
         self._speed.restart()
 
-    def control(self, order: Order, estimate: Estimate, dt_s: float) -> Demand:
+    def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> Demand:
         """Thrust from the built-in controller, steering from the sliding mode, or from the turn rate asked for."""
         built_in = self._speed.control(order, estimate, dt_s)
         if order.heading_rad is None:

@@ -24,7 +24,7 @@ OK, WARNING, PROBLEM = "ok", "warning", "problem"
 _COLOURS = {OK: "32", WARNING: "33", PROBLEM: "1;31"}
 
 
-class Finding(NamedTuple):
+class DoctorFinding(NamedTuple):
     """level: ok, warning (works, less well) or problem (will not work). advice: empty when there is nothing to do."""
 
     check: str
@@ -33,11 +33,11 @@ class Finding(NamedTuple):
     advice: str = ""
 
 
-def exit_code(findings: Iterable[Finding]) -> int:
+def exit_code(findings: Iterable[DoctorFinding]) -> int:
     return 1 if any(finding.level == PROBLEM for finding in findings) else 0
 
 
-def findings_text(findings: Iterable[Finding], colour: bool = False) -> str:
+def findings_text(findings: Iterable[DoctorFinding], colour: bool = False) -> str:
     """One line a finding, and one below it for what to do."""
     lines = []
     for finding in findings:
@@ -50,18 +50,18 @@ def findings_text(findings: Iterable[Finding], colour: bool = False) -> str:
     return "\n".join(lines)
 
 
-def findings_to_objects(findings: Iterable[Finding]) -> list[dict[str, str]]:
+def findings_to_objects(findings: Iterable[DoctorFinding]) -> list[dict[str, str]]:
     return [finding._asdict() for finding in findings]
 
 
-def findings_to_json(findings: Iterable[Finding]) -> str:
+def findings_to_json(findings: Iterable[DoctorFinding]) -> str:
     return json.dumps(findings_to_objects(findings), indent=2, ensure_ascii=False)
 
 
-def findings_from_objects(objects: Any) -> list[Finding]:
+def findings_from_objects(objects: Any) -> list[DoctorFinding]:
     """Raises ValueError for what `findings_to_objects` did not make."""
     try:
-        findings = [Finding(**{key: str(value) for key, value in one.items()}) for one in objects]
+        findings = [DoctorFinding(**{key: str(value) for key, value in one.items()}) for one in objects]
     except (AttributeError, TypeError):
         raise ValueError("not findings of a doctor") from None
     if any(finding.level not in _COLOURS for finding in findings):
@@ -89,11 +89,11 @@ def read(path: Path) -> str:
         return ""
 
 
-def check_kernel(root: Path, release: str, version: str) -> Finding:
+def check_kernel(root: Path, release: str, version: str) -> DoctorFinding:
     """release, version: as `os.uname()` tells them."""
     if read(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
-        return Finding("kernel", OK, f"{release}, PREEMPT_RT")
-    return Finding(
+        return DoctorFinding("kernel", OK, f"{release}, PREEMPT_RT")
+    return DoctorFinding(
         "kernel",
         WARNING,
         f"{release}, not PREEMPT_RT",
@@ -101,21 +101,23 @@ def check_kernel(root: Path, release: str, version: str) -> Finding:
     )
 
 
-def check_real_time(root: Path) -> Finding:
+def check_real_time(root: Path) -> DoctorFinding:
     """Whether SCHED_FIFO is permitted to this process."""
     limit = _limit(root, "Max realtime priority")
     capable = _capable(root, CAP_SYS_NICE)
     budget = read(root / "proc/sys/kernel/sched_rt_runtime_us")
     if budget == "0":
-        return Finding(
+        return DoctorFinding(
             "real time",
             WARNING,
             "real-time tasks get no time at all (kernel.sched_rt_runtime_us = 0)",
             "sysctl -w kernel.sched_rt_runtime_us=950000",
         )
     if capable or (limit is not None and limit > 0):
-        return Finding("real time", OK, "SCHED_FIFO permitted" + ("" if capable else f" up to priority {limit:.0f}"))
-    return Finding(
+        return DoctorFinding(
+            "real time", OK, "SCHED_FIFO permitted" + ("" if capable else f" up to priority {limit:.0f}")
+        )
+    return DoctorFinding(
         "real time",
         WARNING,
         "SCHED_FIFO not permitted to this user",
@@ -124,13 +126,13 @@ def check_real_time(root: Path) -> Finding:
     )
 
 
-def check_memory_lock(root: Path) -> Finding:
+def check_memory_lock(root: Path) -> DoctorFinding:
     """Whether all memory may be locked."""
     limit = _limit(root, "Max locked memory")
     if _capable(root, CAP_IPC_LOCK) or limit == float("inf"):
-        return Finding("memory lock", OK, "memory can be locked")
+        return DoctorFinding("memory lock", OK, "memory can be locked")
     found = "unknown" if limit is None else f"{limit / 1024:.0f} KiB"
-    return Finding(
+    return DoctorFinding(
         "memory lock",
         WARNING,
         f"memory cannot be locked (limit {found})",
@@ -138,14 +140,14 @@ def check_memory_lock(root: Path) -> Finding:
     )
 
 
-def check_governor(root: Path) -> Finding:
+def check_governor(root: Path) -> DoctorFinding:
     """How the processors' clock is governed."""
     found = {read(path) for path in (root / "sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")} - {""}
     if not found:
-        return Finding("CPU clock", OK, "not governed by this system")
+        return DoctorFinding("CPU clock", OK, "not governed by this system")
     if found == {"performance"}:
-        return Finding("CPU clock", OK, "governor performance")
-    return Finding(
+        return DoctorFinding("CPU clock", OK, "governor performance")
+    return DoctorFinding(
         "CPU clock",
         WARNING,
         f"governor {', '.join(sorted(found))}: the clock changes with the load, and the jitter with it",
@@ -153,13 +155,13 @@ def check_governor(root: Path) -> Finding:
     )
 
 
-def check_processors(count: int) -> Finding:
+def check_processors(count: int) -> DoctorFinding:
     if count > 1:
-        return Finding("processors", OK, f"{count}")
-    return Finding("processors", OK, "1: whatever else runs takes time from the agent")
+        return DoctorFinding("processors", OK, f"{count}")
+    return DoctorFinding("processors", OK, "1: whatever else runs takes time from the agent")
 
 
-def check_memory(root: Path) -> Finding:
+def check_memory(root: Path) -> DoctorFinding:
     amounts = {}
     for line in read(root / "proc/meminfo").splitlines():
         name, _, value = line.partition(":")
@@ -167,66 +169,68 @@ def check_memory(root: Path) -> Finding:
     try:
         total_mib, free_mib = (int(amounts[name][0]) // 1024 for name in ("MemTotal", "MemAvailable"))
     except (KeyError, IndexError, ValueError):
-        return Finding("memory", WARNING, "unknown: /proc/meminfo cannot be read", "mount /proc")
+        return DoctorFinding("memory", WARNING, "unknown: /proc/meminfo cannot be read", "mount /proc")
     found = f"{free_mib} MiB of {total_mib} MiB available"
     if free_mib < GOOD_MEMORY_MIB:
         level = PROBLEM if free_mib < LEAST_MEMORY_MIB else WARNING
-        return Finding("memory", level, found, "the agent takes about 30 MiB; stop services that are not needed")
-    return Finding("memory", OK, found)
+        return DoctorFinding("memory", level, found, "the agent takes about 30 MiB; stop services that are not needed")
+    return DoctorFinding("memory", OK, found)
 
 
-def check_disk(place: str, free_bytes: int) -> Finding:
+def check_disk(place: str, free_bytes: int) -> DoctorFinding:
     free_mib = free_bytes // (1 << 20)
     found = f"{free_mib} MiB free at {place}"
     if free_mib < GOOD_DISK_MIB:
         level = PROBLEM if free_mib < LEAST_DISK_MIB else WARNING
-        return Finding("disk", level, found, "make room: a log takes about 1 MiB a minute")
-    return Finding("disk", OK, found)
+        return DoctorFinding("disk", level, found, "make room: a log takes about 1 MiB a minute")
+    return DoctorFinding("disk", OK, found)
 
 
-def check_clock(root: Path, resolution_s: float) -> Finding:
+def check_clock(root: Path, resolution_s: float) -> DoctorFinding:
     """The clock that deadlines are kept with. resolution_s: of CLOCK_MONOTONIC."""
     source = read(root / "sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown source"
     found = f"{source}, resolution {resolution_s * 1e9:.0f} ns"
     if resolution_s > GOOD_RESOLUTION_S:
-        return Finding("clock", PROBLEM, found, "too coarse for deadlines; use a kernel with CONFIG_HIGH_RES_TIMERS")
+        return DoctorFinding(
+            "clock", PROBLEM, found, "too coarse for deadlines; use a kernel with CONFIG_HIGH_RES_TIMERS"
+        )
     if source in _SLOW_CLOCKS:
         there = read(root / "sys/devices/system/clocksource/clocksource0/available_clocksource")
-        return Finding(
+        return DoctorFinding(
             "clock", WARNING, found, f"slow to read; choose a faster one at boot (clocksource=, there: {there})"
         )
-    return Finding("clock", OK, found)
+    return DoctorFinding("clock", OK, found)
 
 
-def check_date(root: Path, year: int, released: int) -> Finding:
+def check_date(root: Path, year: int, released: int) -> DoctorFinding:
     """Only files and log dates depend on it: the agent keeps time by the monotonic clock. released: a past year."""
     advice = "dates in logs will be wrong, nothing else; to set it: timedatectl set-ntp true"
     if year < released:
-        return Finding("date", WARNING, f"this machine believes it is {year}", advice)
+        return DoctorFinding("date", WARNING, f"this machine believes it is {year}", advice)
     if (root / "run/systemd/timesync/synchronized").exists() or any((root / "run").glob("chrony/*.pid")):
-        return Finding("date", OK, "set by NTP")
-    return Finding("date", OK, f"{year}, by its own clock (no systemd-timesyncd or chrony)")
+        return DoctorFinding("date", OK, "set by NTP")
+    return DoctorFinding("date", OK, f"{year}, by its own clock (no systemd-timesyncd or chrony)")
 
 
-def check_python(version: tuple[int, ...], needed: tuple[int, int], bits: int) -> Finding:
+def check_python(version: tuple[int, ...], needed: tuple[int, int], bits: int) -> DoctorFinding:
     found = f"{'.'.join(map(str, version[:3]))}, {bits} bits"
     if version[:2] < needed:
         wanted = ".".join(map(str, needed))
-        return Finding("Python", PROBLEM, found, f"install Python {wanted} or newer")
-    return Finding("Python", OK, found)
+        return DoctorFinding("Python", PROBLEM, found, f"install Python {wanted} or newer")
+    return DoctorFinding("Python", OK, found)
 
 
-def check_sockets(root: Path) -> Finding:
+def check_sockets(root: Path) -> DoctorFinding:
     text = read(root / "proc/sys/net/core/rmem_max")
     if not text.isdigit():
-        return Finding("sockets", OK, "receive buffer not told by this system")
+        return DoctorFinding("sockets", OK, "receive buffer not told by this system")
     if int(text) < GOOD_BUFFER_BYTES:
         advice = f"messages may be lost while the machine is busy; sysctl -w net.core.rmem_max={GOOD_BUFFER_BYTES}"
-        return Finding("sockets", WARNING, f"receive buffers of at most {int(text)} bytes", advice)
-    return Finding("sockets", OK, f"receive buffers up to {int(text) // 1024} KiB")
+        return DoctorFinding("sockets", WARNING, f"receive buffers of at most {int(text)} bytes", advice)
+    return DoctorFinding("sockets", OK, f"receive buffers up to {int(text) // 1024} KiB")
 
 
-def check_temperature(root: Path) -> Finding:
+def check_temperature(root: Path) -> DoctorFinding:
     found = []
     for path in (root / "sys/class/thermal").glob("thermal_zone*/temp"):
         try:
@@ -234,33 +238,37 @@ def check_temperature(root: Path) -> Finding:
         except ValueError:
             continue
     if not found:
-        return Finding("temperature", OK, "no sensor")
+        return DoctorFinding("temperature", OK, "no sensor")
     hottest = max(found)
     if hottest > HOT_DEGC:
-        return Finding("temperature", WARNING, f"{hottest:.0f} °C", "cool the board: a hot one slows its clock down")
-    return Finding("temperature", OK, f"{hottest:.0f} °C")
+        return DoctorFinding(
+            "temperature", WARNING, f"{hottest:.0f} °C", "cool the board: a hot one slows its clock down"
+        )
+    return DoctorFinding("temperature", OK, f"{hottest:.0f} °C")
 
 
-def check_serial_devices(root: Path) -> Iterator[Finding]:
+def check_serial_devices(root: Path) -> Iterator[DoctorFinding]:
     """One finding a device; one that says so when there is none."""
     console = [
         word[8:].partition(",")[0] for word in read(root / "proc/cmdline").split() if word.startswith("console=")
     ]
     devices = sorted(path for pattern in _SERIAL for path in (root / "dev").glob(pattern))
     if not devices:
-        yield Finding("serial", OK, "no USB or on-board serial device")
+        yield DoctorFinding("serial", OK, "no USB or on-board serial device")
     for path in devices:
         name = f"/dev/{path.name}"
         if path.name in console:
-            yield Finding("serial", WARNING, f"{name} is the kernel's console", "take another one, or console= off it")
+            yield DoctorFinding(
+                "serial", WARNING, f"{name} is the kernel's console", "take another one, or console= off it"
+            )
         elif not os.access(path, os.R_OK | os.W_OK):
             advice = "sudo usermod -aG dialout $USER, then log in again"
-            yield Finding("serial", WARNING, f"{name} may not be opened by this user", advice)
+            yield DoctorFinding("serial", WARNING, f"{name} may not be opened by this user", advice)
         else:
-            yield Finding("serial", OK, name)
+            yield DoctorFinding("serial", OK, name)
 
 
-def check_usb_ethernet(root: Path) -> Finding:
+def check_usb_ethernet(root: Path) -> DoctorFinding:
     found = []
     for path in sorted((root / "sys/class/net").glob("*")):
         driver = _link_name(path / "device/driver")
@@ -268,28 +276,28 @@ def check_usb_ethernet(root: Path) -> Finding:
         if on_usb or path.name.startswith("usb") or driver in ("cdc_ether", "cdc_ncm", "rndis_host", "g_ether"):
             found.append((path.name, read(path / "operstate") or "unknown"))
     if not found:
-        return Finding("USB-Ethernet", OK, "no interface (matters only for a link over USB)")
+        return DoctorFinding("USB-Ethernet", OK, "no interface (matters only for a link over USB)")
     said = ", ".join(f"{name} {state}" for name, state in found)
     if any(state in ("up", "unknown") for _, state in found):
-        return Finding("USB-Ethernet", OK, said)
-    return Finding("USB-Ethernet", WARNING, said, f"check the cable; sudo ip link set {found[0][0]} up")
+        return DoctorFinding("USB-Ethernet", OK, said)
+    return DoctorFinding("USB-Ethernet", WARNING, said, f"check the cable; sudo ip link set {found[0][0]} up")
 
 
-def check_can_interfaces(root: Path) -> Iterator[Finding]:
+def check_can_interfaces(root: Path) -> Iterator[DoctorFinding]:
     """One finding an interface; one that says so when there is none."""
     there = [path for path in (root / "sys/class/net").glob("*") if read(path / "type") == str(_ARPHRD_CAN)]
     if not there:
-        yield Finding("CAN", OK, "no SocketCAN interface (matters only for can://socketcan links)")
+        yield DoctorFinding("CAN", OK, "no SocketCAN interface (matters only for can://socketcan links)")
     for path in sorted(there):
         try:
             up = bool(int(read(path / "flags"), 16) & _IFF_UP)
         except ValueError:
             up = False
         if up:
-            yield Finding("CAN", OK, f"{path.name} is up")
+            yield DoctorFinding("CAN", OK, f"{path.name} is up")
         else:
             advice = f"sudo ip link set {path.name} up type can bitrate 1000000"
-            yield Finding("CAN", WARNING, f"{path.name} is down", advice)
+            yield DoctorFinding("CAN", WARNING, f"{path.name} is down", advice)
 
 
 def _link_name(path: Path) -> str:
@@ -342,7 +350,7 @@ def main(arguments: list[str], program: str) -> int:
     return exit_code(findings)
 
 
-def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/")) -> list[Finding]:
+def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/")) -> list[DoctorFinding]:
     """Everything about this machine. needed: the oldest Python that will do. root: where /proc, /sys and /dev are."""
     system = os.uname()
     place = Path.cwd()
@@ -367,7 +375,7 @@ def examine(link_url: str | None, needed: tuple[int, int], root: Path = Path("/"
     ]
 
 
-def check_packages(link_url: str | None) -> list[Finding]:
+def check_packages(link_url: str | None) -> list[DoctorFinding]:
     """What is needed for serial and CAN links; a problem only where the link wants it."""
     found = []
     for module, package in _PACKAGES.items():
@@ -377,22 +385,22 @@ def check_packages(link_url: str | None) -> list[Finding]:
         except ImportError:
             level = PROBLEM if wanted else OK
             advice = f"pip install {package}, or use the xitl-agent.pyz, which brings it" if wanted else ""
-            found.append(Finding(package, level, f"not installed (matters only for {module}:// links)", advice))
+            found.append(DoctorFinding(package, level, f"not installed (matters only for {module}:// links)", advice))
         else:
-            found.append(Finding(package, OK, "installed"))
+            found.append(DoctorFinding(package, OK, "installed"))
     return found
 
 
-def check_link(url: str | None) -> Finding:
+def check_link(url: str | None) -> DoctorFinding:
     """Open the link for a moment, as the agent would, and close it again."""
     wanted = url or DEFAULT_LINK
     try:
         open_transport(wanted, listen=True).close()
     except AddressInUseError as error:
         level = WARNING if url is None else PROBLEM
-        return Finding(
+        return DoctorFinding(
             "link", level, f"{error.where}: {error.what}", "does an agent run here already? then all is well"
         )
     except TransportError as error:
-        return Finding("link", PROBLEM, f"{error.where}: {error.what}", error.fix)
-    return Finding("link", OK, f"{wanted} can be opened")
+        return DoctorFinding("link", PROBLEM, f"{error.where}: {error.what}", error.fix)
+    return DoctorFinding("link", OK, f"{wanted} can be opened")

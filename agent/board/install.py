@@ -27,7 +27,7 @@ from typing import Any
 import agent
 from agent.board.archive import NotAnArchiveError, compiled, origin, origin_of, own_archive
 from agent.board.receive import MARK
-from agent.board.service import NAME, ServiceError, Systemd, unit
+from agent.board.service import NAME, ServiceError, Systemd, unit_text
 
 SECRET_FILES = {"link-key": "link.key", "signing-key": "signing.key"}
 PLAIN_FILES = {"parameters": "agent.parm"}
@@ -37,12 +37,12 @@ _KEY = re.compile(r"[a-z][a-z0-9-]{0,40}")
 _LONGEST = 1 << 20
 
 
-class SettingsError(ValueError):
+class DeploySettingsError(ValueError):
     """One sentence: which setting is wrong, and how."""
 
 
 @dataclass(frozen=True)
-class Settings:
+class DeploySettings:
     """service: enable and start the unit. options: of the agent, by long name, several values where it may be repeated.
 
     files: contents by option name. None for `options` leaves the configuration that is there alone.
@@ -53,36 +53,40 @@ class Settings:
     files: dict[str, str]
 
 
-def to_json(settings: Settings) -> bytes:
+def settings_to_json(settings: DeploySettings) -> bytes:
     options = None if settings.options is None else {key: list(values) for key, values in settings.options.items()}
     return json.dumps({"service": settings.service, "options": options, "files": settings.files}).encode()
 
 
-def from_json(data: bytes) -> Settings:
-    """Raises SettingsError."""
+def settings_from_json(data: bytes) -> DeploySettings:
+    """Raises DeploySettingsError."""
     try:
         given: Any = json.loads(data)
     except ValueError:
-        raise SettingsError("the settings are no JSON; use xitl agent deploy of the same version") from None
+        raise DeploySettingsError("the settings are no JSON; use xitl agent deploy of the same version") from None
     if not isinstance(given, dict) or set(given) != {"service", "options", "files"}:
-        raise SettingsError("the settings are not service, options and files; use xitl agent deploy of this version")
+        raise DeploySettingsError(
+            "the settings are not service, options and files; use xitl agent deploy of this version"
+        )
     service, options, files = given["service"], given["options"], given["files"]
     if not isinstance(service, bool) or not isinstance(files, dict) or not isinstance(options, (dict, type(None))):
-        raise SettingsError("the settings have the wrong types; use xitl agent deploy of the same version")
-    return Settings(service, None if options is None else checked_options(options), _checked_files(files))
+        raise DeploySettingsError("the settings have the wrong types; use xitl agent deploy of the same version")
+    return DeploySettings(service, None if options is None else checked_options(options), _checked_files(files))
 
 
 def checked_options(options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Raises SettingsError for a name or a value that one line of a configuration file cannot hold."""
+    """Raises DeploySettingsError for a name or a value that one line of a configuration file cannot hold."""
     checked: dict[str, tuple[str, ...]] = {}
     for key, values in options.items():
         if not isinstance(key, str) or not _KEY.fullmatch(key):
-            raise SettingsError(f"{key!r} cannot be the name of an option; write it like log-dir")
+            raise DeploySettingsError(f"{key!r} cannot be the name of an option; write it like log-dir")
         if not isinstance(values, (list, tuple)) or not all(isinstance(value, str) for value in values):
-            raise SettingsError(f"{key}: its values are not texts; use xitl agent deploy of the same version")
+            raise DeploySettingsError(f"{key}: its values are not texts; use xitl agent deploy of the same version")
         for value in values:
             if not value.isprintable() or value != value.strip():
-                raise SettingsError(f"{key} = {value!r}: has control characters or blanks at an end; leave them out")
+                raise DeploySettingsError(
+                    f"{key} = {value!r}: has control characters or blanks at an end; leave them out"
+                )
         checked[key] = tuple(values)
     return checked
 
@@ -90,9 +94,13 @@ def checked_options(options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
 def _checked_files(files: dict[str, Any]) -> dict[str, str]:
     for key, content in files.items():
         if key not in FILES:
-            raise SettingsError(f"{key!r} is no option that names a file to bring along; known: {', '.join(FILES)}")
+            raise DeploySettingsError(
+                f"{key!r} is no option that names a file to bring along; known: {', '.join(FILES)}"
+            )
         if not isinstance(content, str) or len(content) > _LONGEST:
-            raise SettingsError(f"{key}: the file is no text or longer than {_LONGEST} characters; check the path")
+            raise DeploySettingsError(
+                f"{key}: the file is no text or longer than {_LONGEST} characters; check the path"
+            )
     return dict(files)
 
 
@@ -115,7 +123,7 @@ class InstallError(Exception):
 
 
 @dataclass(frozen=True)
-class Places:
+class InstallPlaces:
     """Where things go. `stage` is put before each when writing, and is no part of what the unit says."""
 
     system: bool
@@ -129,13 +137,13 @@ class Places:
         return Path(self.stage + str(path)) if self.stage else path
 
 
-def places(system: bool, home: Path, stage: str = "") -> Places:
+def install_places(system: bool, home: Path, stage: str = "") -> InstallPlaces:
     if system:
         root = Path("/")
-        return Places(
+        return InstallPlaces(
             True, root / "usr/local/bin", root / "etc/xitl", root / "etc/systemd/system", root / "var/lib/xitl", stage
         )
-    return Places(
+    return InstallPlaces(
         False,
         home / ".local/bin",
         home / ".config/xitl",
@@ -150,16 +158,16 @@ def main(arguments: list[str], program: str) -> int:
     if arguments or sys.stdin.isatty():
         sys.stdout.write(f"{program}: started by `xitl agent deploy user@host`, which sends what to install\n")
         return 2
-    where = places(os.geteuid() == 0, Path.home(), os.environ.get("DESTDIR", "").rstrip("/"))
+    where = install_places(os.geteuid() == 0, Path.home(), os.environ.get("DESTDIR", "").rstrip("/"))
     try:
-        outcome = install(own_archive().read_bytes(), from_json(sys.stdin.buffer.read()), where)
-    except (InstallError, NotAnArchiveError, ServiceError, SettingsError) as error:
+        outcome = install(own_archive().read_bytes(), settings_from_json(sys.stdin.buffer.read()), where)
+    except (InstallError, NotAnArchiveError, ServiceError, DeploySettingsError) as error:
         outcome = {"error": str(error)}
     sys.stdout.write(MARK + json.dumps(outcome) + "\n")
     return 2 if "error" in outcome else 0
 
 
-def install(data: bytes, settings: Settings, where: Places) -> dict[str, Any]:
+def install(data: bytes, settings: DeploySettings, where: InstallPlaces) -> dict[str, Any]:
     """Bring the archive `data`, its configuration and its service into place; what came of it, for people and programs.
 
     Raises InstallError and ServiceError.
@@ -196,7 +204,7 @@ def install(data: bytes, settings: Settings, where: Places) -> dict[str, Any]:
     written = where.staged(where.units / NAME)
     if settings.service:
         _make(where.staged(where.state))
-        if _write(written, unit(command, str(where.state), where.system).encode(), 0o644):
+        if _write(written, unit_text(command, str(where.state), where.system).encode(), 0o644):
             changed.append(str(where.units / NAME))
         systemd = Systemd(where.system)
         outcome["started"] = systemd.apply(changed=bool(changed))

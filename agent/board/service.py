@@ -54,7 +54,7 @@ class ServiceError(Exception):
     """One sentence: what systemd would not do, and what to do."""
 
 
-def unit(command: list[str], directory: str, system: bool) -> str:
+def unit_text(command: list[str], directory: str, system: bool) -> str:
     """The text of the unit that runs `command` in `directory`, for the system or for one user. Raises ServiceError."""
     quoted(directory)
     return _UNIT.format(

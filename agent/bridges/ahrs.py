@@ -22,14 +22,14 @@ from collections.abc import Sequence
 from time import monotonic, sleep
 from typing import Callable
 
-from agent.bridges.injector import Injection, Injector
+from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.fcu.samples import BarometerSample, ImuSample, MagnetometerSample
+from agent.fcu.vehicle_state import BarometerMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
-from agent.wire.transport import DATAGRAM_BYTES, Standing, Transport, open_transport
+from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport, open_transport
 
 WAITING_FRAMES = 32  # 0.1 s of inertial frames at 200 Hz with those between them: older ones would only mislead
 DATAGRAM_NS = 15_000_000  # between two datagrams: in lockstep it is every other tick of 10 ms
@@ -111,9 +111,9 @@ class SensorLine:
         """What has come in. Looks for the other end too, where one has to be found."""
         return self._transport.receive(0.0)
 
-    def heard(self, index: int) -> bool:
+    def accept_sender(self, index: int) -> bool:
         """Chunk `index` of the last `receive` made sense: its sender is the other end. False when it is not."""
-        return self._transport.credit(index, Standing.HEARD)
+        return self._transport.accept_sender(index, SenderStatus.HEARD)
 
     def clear(self) -> None:
         """Forget what waits, and the counts."""
@@ -200,45 +200,45 @@ class Ahrs(Injector):
     title = "external AHRS"
 
     def __init__(self, line: SensorLine, unix_s: Callable[[], float] = time.time) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self._line = line
         self._unix_s = unix_s
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
     # -- what a make has to say
 
-    def inertial(self, sample: InertialSample) -> bytes | None:
+    def inertial_frame(self, sample: InertialSample) -> bytes | None:
         """Its frame, None while there is to be none."""
         raise NotImplementedError
 
-    def solution(self, navigation: Navigation) -> bytes | None:
+    def solution_frame(self, navigation: Navigation) -> bytes | None:
         """Its frame, None while there is to be none."""
         raise NotImplementedError
 
-    def fix(self, fix: ReceiverFix) -> bytes | None:
+    def receiver_frame(self, fix: ReceiverFix) -> bytes | None:
         """Its frame, None while there is to be none."""
         raise NotImplementedError
 
-    def hear(self, chunk: bytes) -> bool:
+    def handle_bytes(self, chunk: bytes) -> bool:
         """Bytes from the autopilot; whether they made sense."""
         raise NotImplementedError
 
-    def taken(self) -> bool:
+    def is_accepted(self) -> bool:
         """Whether the autopilot takes the frames, as far as can be known."""
         raise NotImplementedError
 
-    def asked_hz(self) -> float:
+    def requested_hz(self) -> float:
         """Rate of inertial frames that the autopilot asks for, 0 for any."""
         return 0.0
 
-    def absent(self) -> str:
+    def hint(self) -> str:
         """What to check when nothing is heard."""
         raise NotImplementedError
 
     # -- the role's side
 
     def reset(self, clock: Clock, lockstep: bool, say: Say) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self._say = say
         self._line.clear()
         self._began_ns = clock.now_ns()
@@ -249,13 +249,13 @@ class Ahrs(Injector):
         self._limit = SpeedLimit(LOCKSTEP_FACTOR)
         self._told_slow = self._told_absent = self._was_taken = False
 
-    def take(self, message: Message, now_ns: int) -> None:
+    def handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, mav.MAVLink_xitl_imu_message):
             self._on_imu(message)
         elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            self._readings.take_field(message)
+            self._readings.handle_field(message)
         elif isinstance(message, mav.MAVLink_xitl_barometer_message):
-            self._readings.take_pressure(message)
+            self._readings.handle_pressure(message)
         elif isinstance(message, mav.MAVLink_xitl_gnss_message):
             self._on_gnss(message)
         self._flush(now_ns)
@@ -263,10 +263,10 @@ class Ahrs(Injector):
 
     def serve(self, now_ns: int) -> None:
         for index, chunk in enumerate(self._line.receive()):
-            if self.hear(chunk):
-                self._line.heard(index)
+            if self.handle_bytes(chunk):
+                self._line.accept_sender(index)
         self._flush(now_ns)
-        taken = self.taken()
+        taken = self.is_accepted()
         if taken and not self._was_taken:
             self._told_absent = True  # from here on it can only leave
             self._say(_NOTICE, f"the autopilot takes our sensors as a {self.title} at {self._line.address}")
@@ -274,7 +274,7 @@ class Ahrs(Injector):
             self._say(_WARNING, f"the autopilot takes no sensors at {self._line.address} any more; they are lost")
         elif not taken and not self._told_absent and now_ns - self._began_ns > PATIENCE_NS:
             self._told_absent = True
-            self._say(_WARNING, f"nothing asks for a {self.title} at {self._line.address}; {self.absent()}")
+            self._say(_WARNING, f"nothing asks for a {self.title} at {self._line.address}; {self.hint()}")
         self._was_taken = self.counts.taken = taken
 
     def advance(self, now_ns: int) -> bool:
@@ -302,20 +302,22 @@ class Ahrs(Injector):
 
     def _on_imu(self, message: Message) -> None:
         readings = self._readings
-        sample = readings.imu(message)
+        sample = readings.handle_imu(message)
         if sample is None:
             return
         if readings.field is not None and readings.pressure is not None:
             self._send_inertial(sample, readings.field, readings.pressure)
         readings.solve(sample)
         if self._solution_pace.is_due(sample.stamp_ns):
-            navigation = readings.newest()
-            frame = None if navigation is None else self.solution(navigation)
+            navigation = readings.solution()
+            frame = None if navigation is None else self.solution_frame(navigation)
             if frame is not None:
                 self._line.send(frame, _SOLUTION)
 
-    def _send_inertial(self, imu: ImuSample, field: MagnetometerSample, pressure: BarometerSample) -> None:
-        asked_hz = self.asked_hz()
+    def _send_inertial(
+        self, imu: ImuMeasurement, field: MagnetometerMeasurement, pressure: BarometerMeasurement
+    ) -> None:
+        asked_hz = self.requested_hz()
         if asked_hz != self._paced_hz:
             self._inertial_pace, self._paced_hz = SampleDecimator(round(1e9 / asked_hz) if asked_hz else 0), asked_hz
         rate_hz = self._gauge.add(imu.stamp_ns)
@@ -325,7 +327,7 @@ class Ahrs(Injector):
             self._say(_WARNING, f"{text}; set EAHRS_RATE to sensors.imu.rate_hz")
         if not self._inertial_pace.is_due(imu.stamp_ns):
             return
-        frame = self.inertial(
+        frame = self.inertial_frame(
             InertialSample(
                 imu.stamp_ns,
                 imu.gyro_frd_radps,
@@ -339,10 +341,10 @@ class Ahrs(Injector):
             self._line.send(frame, _INERTIAL)
 
     def _on_gnss(self, message: Message) -> None:
-        fix = self._readings.fix(message)
+        fix = self._readings.handle_fix(message)
         if fix is None:
             return
-        frame = self.fix(fix)
+        frame = self.receiver_frame(fix)
         if frame is not None:
             self._line.send(frame, _FIX)
         self._readings.solve(fix)

@@ -12,11 +12,11 @@ from math import isfinite
 from typing import Callable
 
 from agent.bridges import hil_messages as hil
-from agent.bridges.injector import Injection, Injector
+from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.samples import Vector3
+from agent.fcu.vehicle_state import Vector3
 from agent.options import Options, OptionsError
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
@@ -38,7 +38,7 @@ class HilMessages(Injector):
     title = "HIL messages"
 
     def __init__(self, vehicle: VehicleLink, unix_s: Callable[[], float] = time.time) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self._vehicle = vehicle
         self._unix_s = unix_s
         self._told: dict[str, float] = {}  # last by the script, of its own life and not of a run
@@ -55,7 +55,7 @@ class HilMessages(Injector):
     # -- the role's side
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self._clock = clock
         self._say = say
         self._readings = SensorReadings(lockstep, self._unix_s)
@@ -66,15 +66,15 @@ class HilMessages(Injector):
         self._waiting_since_ns: int | None = None
         self._silent = False
 
-    def take(self, message: Message, now_ns: int) -> None:
+    def handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, mav.MAVLink_xitl_imu_message):
             self._on_imu(message)
         elif isinstance(message, mav.MAVLink_xitl_gnss_message):
             self._on_gnss(message)
         elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            if self._readings.take_field(message):
+            if self._readings.handle_field(message):
                 self._updated |= hil.FIELD
-        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.take_pressure(message):
+        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.handle_pressure(message):
             self._updated |= hil.PRESSURE | hil.TEMPERATURE
         self.counts.refused = self._readings.refused
 
@@ -102,7 +102,7 @@ class HilMessages(Injector):
 
     def _on_imu(self, message: Message) -> None:
         readings = self._readings
-        imu = readings.imu(message)
+        imu = readings.handle_imu(message)
         if imu is None:
             return
         stamp_ns = imu.stamp_ns
@@ -123,12 +123,12 @@ class HilMessages(Injector):
             self.counts.imu_out += self._send(hil.sensor_message(sample, updated))
         readings.solve(imu)
         if self._pace.is_due(stamp_ns):
-            navigation = readings.newest()
+            navigation = readings.solution()
             if navigation is not None:
                 self.counts.solution_out += self._send(hil.state_message(navigation, imu.gyro_frd_radps))
 
     def _on_gnss(self, message: Message) -> None:
-        fix = self._readings.fix(message)
+        fix = self._readings.handle_fix(message)
         if fix is None:
             return
         self.counts.gnss_out += self._send(hil.gps_message(fix))

@@ -9,7 +9,7 @@ from agent.timing.clock import Clock
 from agent.wire.codec import Message
 
 
-class Injection:
+class InjectorCounters:
     """Counts since the run began, as XITL_BRIDGE_STATUS tells them.
 
     imu_out, solution_out, gnss_out: frames that the line took, not those counted as `unsent`. refused: messages of the
@@ -44,13 +44,13 @@ class Injector:
     """
 
     title: str
-    counts: Injection
+    counts: InjectorCounters
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         """A run starts on this clock; `say` brings a sentence, with a MAV_SEVERITY, to the host."""
         raise NotImplementedError
 
-    def take(self, message: Message, now_ns: int) -> None:
+    def handle(self, message: Message, now_ns: int) -> None:
         """A sensor sample or the truth from the host, as it comes; passed over where it is of no use here."""
         raise NotImplementedError
 

@@ -17,10 +17,10 @@ from time import monotonic
 from typing import Callable, NamedTuple
 from urllib.parse import urlsplit
 
-from agent.bridges.injector import Injection
-from agent.timing.waiting import wait_readable
+from agent.bridges.injector import InjectorCounters
+from agent.timing.clock import wait_readable
 from agent.wire.transport import BadUrlError
-from agent.wire.urls import Address, address_url, explained, resolve
+from agent.wire.urls import Address, address_url, resolve, transport_error
 
 SLOWEST_HZ, FASTEST_HZ = 11, 20_000  # ArduPilot passes over steps of 0.1 s and more
 RANGEFINDERS = 6
@@ -42,7 +42,7 @@ class ServoHead(NamedTuple):
     frame: int
 
 
-def head_of(packet: bytes) -> ServoHead | None:
+def parse_servo_head(packet: bytes) -> ServoHead | None:
     """None for what is no servo packet."""
     if len(packet) < _HEAD.size:
         return None
@@ -52,7 +52,7 @@ def head_of(packet: bytes) -> ServoHead | None:
     return ServoHead(rate_hz, count)
 
 
-def pulses_of(packet: bytes) -> tuple[int, ...]:
+def read_pulses_us(packet: bytes) -> tuple[int, ...]:
     """Pulse widths in us, channel 1 first, of a packet that has a head."""
     magic = packet[0] | packet[1] << 8
     return _PULSES[magic].unpack_from(packet, _HEAD.size)
@@ -78,7 +78,7 @@ def frame_text(time_s: float, imu: str, motion: tuple[float, ...], extras: str) 
     return _FRAME % (time_s, imu, *motion, extras)
 
 
-def datagrams(texts: Sequence[str]) -> list[bytes]:
+def pack_datagrams(texts: Sequence[str]) -> list[bytes]:
     """The answers as they are sent: all of one length, so that one call can send them."""
     if not texts:
         return []
@@ -114,9 +114,9 @@ class JsonLine:
             self._socket.bind(target)
         except OSError as error:
             self._socket.close()
-            raise explained(error, parts, True) from None
+            raise transport_error(error, parts, True) from None
         self.address = address_url("udp", self._socket.getsockname())
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self.asked: int | None = None
         self.served = 0
         self.rate_hz = 0
@@ -182,7 +182,7 @@ class JsonLine:
         self._unread = True
 
     def _on_packet(self, packet: bytes, sender: Address) -> None:
-        head = head_of(packet)
+        head = parse_servo_head(packet)
         if head is None:
             self.counts.junk += len(packet)
             return
@@ -264,7 +264,7 @@ class JsonLine:
         if not self._unread:
             return None
         self._unread = False
-        return pulses_of(self._newest)
+        return read_pulses_us(self._newest)
 
     def close(self) -> None:
         """Stop serving."""

@@ -13,9 +13,9 @@ from math import isfinite, sqrt
 from time import monotonic
 from typing import Callable, NamedTuple
 
-from agent.bridges.injector import Injection, Injector
-from agent.bridges.json_line import RANGEFINDERS, JsonLine, datagrams, extras_text, frame_text, imu_text
-from agent.bridges.readings import imu_of
+from agent.bridges.injector import Injector, InjectorCounters
+from agent.bridges.json_line import RANGEFINDERS, JsonLine, extras_text, frame_text, imu_text, pack_datagrams
+from agent.bridges.readings import imu_sample_from
 from agent.bridges.vehicle_link import VehicleLink
 from agent.options import Options
 from agent.timing.clock import Clock
@@ -42,7 +42,7 @@ class FrameTimes:
         if rate_hz != self._rate_hz:
             self._rate_hz, self._base_us, self._index = rate_hz, self.last_us, 0
 
-    def up_to(self, end_us: int, most: int) -> list[tuple[int, float]]:
+    def next_frames(self, end_us: int, most: int) -> list[tuple[int, float]]:
         """The next frames that are not after `end_us`, at most so many: instant in us, and the seconds to tell."""
         base_us, rate_hz, index, total = self._base_us, self._rate_hz, self._index, self._total
         found: list[tuple[int, float]] = []
@@ -60,11 +60,11 @@ class FrameTimes:
 
 GRAVITY_MPS2 = 9.80665
 
-Motion = tuple[float, float, float, float, float, float, float, float, float, float]
+MotionValues = tuple[float, float, float, float, float, float, float, float, float, float]
 """Position NED in m, quaternion body FRD to NED (w first), velocity NED in m/s."""
 
 
-class Truth(NamedTuple):
+class TruthSample(NamedTuple):
     """The motion of the body origin at an instant of the sensor clock."""
 
     stamp_us: int
@@ -74,24 +74,24 @@ class Truth(NamedTuple):
     gyro_frd_radps: tuple[float, float, float]
 
 
-def truth_of(message: Message) -> Truth | None:
+def truth_sample_from(message: Message) -> TruthSample | None:
     """An XITL_TRUTH; None when not all of it are numbers, or the attitude is none."""
     w, x, y, z = message.quat
     length = sqrt(w * w + x * x + y * y + z * z)
     if not isfinite(sum(message.pos_ned) + sum(message.vel_ned) + sum(message.gyro) + length) or length < 0.5:
         return None
     quat = (w / length, x / length, y / length, z / length)
-    return Truth(message.time_usec, tuple(message.pos_ned), tuple(message.vel_ned), quat, tuple(message.gyro))
+    return TruthSample(message.time_usec, tuple(message.pos_ned), tuple(message.vel_ned), quat, tuple(message.gyro))
 
 
-class Path:
+class MotionInterpolator:
     """The motion from one truth to the next, and on from there at constant velocity.
 
     Position is the cubic with the positions and velocities of both ends (Hermite), velocity goes straight from one to
     the other, attitude too, normalised.
     """
 
-    def __init__(self, start: Truth, end: Truth) -> None:
+    def __init__(self, start: TruthSample, end: TruthSample) -> None:
         self._end = end
         self._start_us = start.stamp_us
         self._length_us = end.stamp_us - start.stamp_us
@@ -109,7 +109,7 @@ class Path:
         sign = 1.0 if same else -1.0
         self._turn = tuple(sign * b - a for a, b in zip(start.quat_ned_frd, end.quat_ned_frd))
 
-    def at(self, stamp_us: int) -> Motion:
+    def motion_at(self, stamp_us: int) -> MotionValues:
         """Motion at an instant; before the start it is that of the start."""
         length_us = self._length_us
         if length_us <= 0 or stamp_us >= self._start_us + length_us:
@@ -134,7 +134,7 @@ class Path:
             vd + u * wd,
         )
 
-    def _beyond(self, stamp_us: int) -> Motion:
+    def _beyond(self, stamp_us: int) -> MotionValues:
         end = self._end
         after_s = max(stamp_us - end.stamp_us, 0) * 1e-6
         (n, e, d), (vn, ve, vd) = end.pos_ned_m, end.vel_ned_mps
@@ -186,11 +186,11 @@ class JsonWorld(Injector):
         self._begin(clock.now_ns())
 
     def _begin(self, start_ns: int) -> None:
-        self.counts = self._line.counts = Injection()
+        self.counts = self._line.counts = InjectorCounters()
         self.counts.world_rate = self._line.rate_hz
         self._times = FrameTimes(start_ns // 1000)
-        self._truth: Truth | None = None
-        self._path: Path | None = None
+        self._truth: TruthSample | None = None
+        self._path: MotionInterpolator | None = None
         self._imu: deque[tuple[int, str]] = deque(maxlen=SAMPLES)
         self._imu_text: str | None = None
         self._ranges_m: list[float | None] = [None] * RANGEFINDERS
@@ -202,11 +202,11 @@ class JsonWorld(Injector):
 
     # -- the host's side
 
-    def take(self, message: Message, now_ns: int) -> None:
+    def handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, mav.MAVLink_xitl_truth_message):
             self._take_truth(message)
         elif isinstance(message, mav.MAVLink_xitl_imu_message):
-            sample = imu_of(message)
+            sample = imu_sample_from(message)
             if sample is None:
                 self.counts.refused += 1
             else:
@@ -217,13 +217,13 @@ class JsonWorld(Injector):
             self._extras = extras_text(self._ranges_m, self._wind)
 
     def _take_truth(self, message: Message) -> None:
-        truth = truth_of(message)
+        truth = truth_sample_from(message)
         if truth is None:
             self.counts.refused += 1
             return
         if self._truth is not None and truth.stamp_us <= self._truth.stamp_us:  # repeated or overtaken on the way
             return
-        self._path = Path(truth if self._truth is None else self._truth, truth)
+        self._path = MotionInterpolator(truth if self._truth is None else self._truth, truth)
         self._truth = truth
         known = message.wind_speed >= 0.0 and isfinite(message.wind_speed + message.wind_direction)
         wind = (message.wind_direction, message.wind_speed) if known else None
@@ -266,7 +266,7 @@ class JsonWorld(Injector):
             return True
         while True:
             self._times.set_rate(line.rate_hz)
-            times = self._times.up_to(self._now_us, WINDOW - line.behind)
+            times = self._times.next_frames(self._now_us, WINDOW - line.behind)
             if times:
                 line.answer(self._answers(self._path, times))
             if len(times) < WINDOW // 2:
@@ -274,7 +274,7 @@ class JsonWorld(Injector):
             if not line.wait(WINDOW // 2, until_s):
                 return False
 
-    def _answers(self, path: Path, times: list[tuple[int, float]]) -> list[bytes]:
+    def _answers(self, path: MotionInterpolator, times: list[tuple[int, float]]) -> list[bytes]:
         samples, text, extras = self._imu, self._imu_text, self._extras
         if text is None and not samples:
             assert self._truth is not None
@@ -284,9 +284,9 @@ class JsonWorld(Injector):
             while samples and (samples[0][0] <= at_us or text is None):
                 text = self._imu_text = samples.popleft()[1]
             assert text is not None
-            texts.append(frame_text(time_s, text, path.at(at_us), extras))
+            texts.append(frame_text(time_s, text, path.motion_at(at_us), extras))
         self.counts.solution_out += len(texts)
-        return datagrams(texts)
+        return pack_datagrams(texts)
 
     def _on_start(self, sender: str, anew: bool) -> None:
         if anew:

@@ -46,7 +46,7 @@ def checksum(content: bytes) -> bytes:
     return bytes((sum(content) & 0xFF, sum(accumulate(content)) & 0xFF))
 
 
-def inertial_frame(sample: InertialSample) -> bytes:
+def pack_inertial_frame(sample: InertialSample) -> bytes:
     """Pressure (mbar), field (gauss), specific force (standard gravity) and rate (rad/s), FRD."""
     fx, fy, fz = sample.accel_frd_mps2
     g = STANDARD_GRAVITY_MPS2
@@ -69,7 +69,7 @@ def inertial_frame(sample: InertialSample) -> bytes:
     return packet(SENSORS, fields)
 
 
-def solution_frame(navigation: Navigation) -> bytes:
+def pack_solution_frame(navigation: Navigation) -> bytes:
     """State of the filter, place (deg, m), velocity (m/s), attitude, and the uncertainties of place and velocity.
 
     The height is given as above the ellipsoid; mean sea level is taken for it. The time is that of the newest fix and
@@ -114,7 +114,7 @@ def solution_frame(navigation: Navigation) -> bytes:
     return packet(FILTER, _time(n.fix_gps_ns) + fields)
 
 
-def receiver_frame(fix: ReceiverFix, receiver: int = RECEIVER_1) -> bytes:
+def pack_receiver_frame(fix: ReceiverFix, receiver: int = RECEIVER_1) -> bytes:
     """A fix: kind and satellites, place with one sigma (deg, m), velocity (m/s), dilutions of precision."""
     d = fix.dilution
     north, east, down = fix.vel_ned_mps
@@ -186,21 +186,21 @@ class MicroStrain7(Ahrs):
             )
         return cls(open_line(url))
 
-    def hear(self, chunk: bytes) -> bool:
+    def handle_bytes(self, chunk: bytes) -> bool:
         self.counts.junk += len(chunk)
         return False
 
-    def taken(self) -> bool:
+    def is_accepted(self) -> bool:
         return self._line.connected
 
-    def absent(self) -> str:
+    def hint(self) -> str:
         return "check EAHRS_TYPE 7, SERIALn_PROTOCOL 36, and that this is port n"
 
-    def inertial(self, sample: InertialSample) -> bytes | None:
-        return inertial_frame(sample) if self._line.connected else None
+    def inertial_frame(self, sample: InertialSample) -> bytes | None:
+        return pack_inertial_frame(sample) if self._line.connected else None
 
-    def solution(self, navigation: Navigation) -> bytes | None:
-        return solution_frame(navigation) if self._line.connected else None
+    def solution_frame(self, navigation: Navigation) -> bytes | None:
+        return pack_solution_frame(navigation) if self._line.connected else None
 
-    def fix(self, fix: ReceiverFix) -> bytes | None:
-        return receiver_frame(fix) if self._line.connected else None
+    def receiver_frame(self, fix: ReceiverFix) -> bytes | None:
+        return pack_receiver_frame(fix) if self._line.connected else None

@@ -20,11 +20,11 @@ from time import monotonic
 from typing import Callable
 
 from agent.bridges import hil_messages as hil
-from agent.bridges.injector import Injection, Injector
+from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SensorReadings
 from agent.bridges.samples import InertialSample
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.samples import ImuSample, Vector3
+from agent.fcu.vehicle_state import ImuMeasurement, Vector3
 from agent.options import Options
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
@@ -90,7 +90,7 @@ class Px4Line:
         """What came and was no MAVLink 2."""
         return self._link.counters.dropped
 
-    def word(self) -> str:
+    def take_warning(self) -> str:
         """A sentence for people, once."""
         word, self._word = self._word, ""
         return word
@@ -159,9 +159,9 @@ class Px4Line:
     def receive(self, timeout_s: float) -> list[Message]:
         """What has come, waiting for it at most so long."""
         self._listen(timeout_s)
-        return self.taken()
+        return self.take_received()
 
-    def taken(self) -> list[Message]:
+    def take_received(self) -> list[Message]:
         """What came while something else was waited for."""
         heard, self._heard = self._heard, []
         return heard
@@ -211,13 +211,13 @@ _NO_FIELD: Vector3 = (0.0, 0.0, 0.0)
 _ERROR, _WARNING, _NOTICE = 3, 4, 5  # MAV_SEVERITY
 
 
-class Px4(Injector):
+class Px4Injector(Injector):
     """`line` to a program, None for a board at the other end of `vehicle`."""
 
     title = "PX4 simulator messages"
 
     def __init__(self, vehicle: VehicleLink, line: Px4Line | None, unix_s: Callable[[], float] = time.time) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self._vehicle = vehicle
         self._line = line
         self._unix_s = unix_s
@@ -225,14 +225,14 @@ class Px4(Injector):
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
     @classmethod
-    def make(cls, options: Options, vehicle: VehicleLink) -> Px4:
+    def make(cls, options: Options, vehicle: VehicleLink) -> Px4Injector:
         """With `sensor_link` a program calls there, without it is a board. Raises TransportError."""
         return cls(vehicle, Px4Line(options.sensor_link) if options.sensor_link else None)
 
     # -- the role's side
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self._clock = clock
         self._lockstep = lockstep
         self._say = say
@@ -250,19 +250,19 @@ class Px4(Injector):
         elif lockstep:
             say(_ERROR, "PX4 on a board keeps its own time; use clock.mode=realtime, or a simulator link for its SITL")
 
-    def take(self, message: Message, now_ns: int) -> None:
+    def handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, mav.MAVLink_xitl_imu_message):
-            imu = self._readings.imu(message)
+            imu = self._readings.handle_imu(message)
             if imu is not None:
                 self._send(self._sensor_message(imu))
         elif isinstance(message, mav.MAVLink_xitl_gnss_message):
-            fix = self._readings.fix(message)
+            fix = self._readings.handle_fix(message)
             if fix is not None:
                 self._send(hil.gps_message(fix))
         elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            if self._readings.take_field(message):
+            if self._readings.handle_field(message):
                 self._updated |= hil.FIELD
-        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.take_pressure(message):
+        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.handle_pressure(message):
             self._updated |= hil.PRESSURE | hil.TEMPERATURE
         self.counts.refused = self._readings.refused
 
@@ -292,7 +292,7 @@ class Px4(Injector):
         queue = self._queue
         while queue:
             if not line.settle(until_s):
-                self._note(line.taken())
+                self._note(line.take_received())
                 return False
             if self._handed_on(line, queue[0]):
                 queue.popleft()
@@ -301,7 +301,7 @@ class Px4(Injector):
             if monotonic() > until_s or not line.connected:
                 return False
         followed = line.settle(until_s)
-        self._note(line.taken())
+        self._note(line.take_received())
         return followed
 
     def commands(self) -> tuple[float, ...]:
@@ -353,7 +353,7 @@ class Px4(Injector):
         else:
             self.counts.imu_out += 1
 
-    def _sensor_message(self, imu: ImuSample) -> Message:
+    def _sensor_message(self, imu: ImuMeasurement) -> Message:
         updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
         field, pressure = self._readings.field, self._readings.pressure
         sample = InertialSample(
@@ -413,7 +413,7 @@ class Px4(Injector):
             self._outputs = (0.0,) * OUTPUTS
             self.counts.outputs_in += 1
             self._say(_WARNING, f"PX4 has left {line.address}; its outputs are taken for 0 until it is back")
-        word = line.word()
+        word = line.take_warning()
         if word:
             self._say(_WARNING, word)
 

@@ -7,9 +7,9 @@ from typing import Callable
 
 from agent.bridges.declination import declination_rad
 from agent.bridges.samples import GpsTime, Navigation, ReceiverFix
+from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import BarometerSample, GnssSample, ImuSample, MagnetometerSample
-from agent.fcu.sensing.estimator import Estimator
+from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.wire.codec import Message
 
 TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # what the estimator keeps at sea; it has no covariance of attitude
@@ -27,22 +27,22 @@ class NavigationSolution:
         self._estimator = Estimator(self._parameters)
         self._fix: ReceiverFix | None = None
 
-    def on_imu(self, sample: ImuSample) -> None:
+    def on_imu(self, sample: ImuMeasurement) -> None:
         """A sample that cannot be true is passed over, as by the others."""
         self._estimator.on_imu(sample)
 
-    def on_magnetometer(self, sample: MagnetometerSample) -> None:
+    def on_magnetometer(self, sample: MagnetometerMeasurement) -> None:
         """Field, FRD."""
         self._estimator.on_magnetometer(sample)
 
-    def on_barometer(self, sample: BarometerSample) -> None:
+    def on_barometer(self, sample: BarometerMeasurement) -> None:
         """Pressure."""
         self._estimator.on_barometer(sample)
 
     def on_fix(self, fix: ReceiverFix) -> None:
         """A fix of the receiver, as late as it comes."""
         accepted = self._estimator.on_gnss(
-            GnssSample(
+            GnssMeasurement(
                 fix.stamp_ns,
                 fix.lat_deg,
                 fix.lon_deg,
@@ -63,7 +63,7 @@ class NavigationSolution:
             self._estimator.configure()
         self._fix = fix
 
-    def newest(self) -> Navigation | None:
+    def solution(self) -> Navigation | None:
         """None before attitude and place are known, and while they are lost."""
         frame, fix = self._estimator.frame, self._fix
         if frame is None or fix is None:
@@ -94,29 +94,33 @@ LATEST_US = (1 << 62) // 1000
 LARGEST = 1e7  # of any value in its unit: a sensor that says more, or no number, has measured nothing
 
 
-def imu_of(message: Message) -> ImuSample | None:
+def imu_sample_from(message: Message) -> ImuMeasurement | None:
     """An XITL_IMU; None for what no sensor measures."""
     gx, gy, gz = message.gyro
     fx, fy, fz = message.accel
     if not _is_measured(message.time_usec, gx, gy, gz, fx, fy, fz, message.temperature):
         return None
-    return ImuSample(message.time_usec * 1000, (gx, gy, gz), (fx, fy, fz), message.temperature)
+    return ImuMeasurement(message.time_usec * 1000, (gx, gy, gz), (fx, fy, fz), message.temperature)
 
 
-def field_of(message: Message) -> MagnetometerSample | None:
+def magnetometer_sample_from(message: Message) -> MagnetometerMeasurement | None:
     """An XITL_MAGNETOMETER; None for what no sensor measures."""
     x, y, z = message.field
-    return MagnetometerSample(message.time_usec * 1000, (x, y, z)) if _is_measured(message.time_usec, x, y, z) else None
+    return (
+        MagnetometerMeasurement(message.time_usec * 1000, (x, y, z))
+        if _is_measured(message.time_usec, x, y, z)
+        else None
+    )
 
 
-def pressure_of(message: Message) -> BarometerSample | None:
+def barometer_sample_from(message: Message) -> BarometerMeasurement | None:
     """An XITL_BAROMETER; None for what no sensor measures."""
     if not _is_measured(message.time_usec, message.pressure, message.temperature):
         return None
-    return BarometerSample(message.time_usec * 1000, message.pressure, message.temperature)
+    return BarometerMeasurement(message.time_usec * 1000, message.pressure, message.temperature)
 
 
-def fix_of(message: Message, time: GpsTime) -> ReceiverFix | None:
+def receiver_fix_from(message: Message, time: GpsTime) -> ReceiverFix | None:
     """An XITL_GNSS; None for what no receiver says."""
     vn, ve, vd = message.velocity
     if not _is_measured(message.time_usec, vn, ve, vd, message.h_acc, message.v_acc, message.s_acc):
@@ -171,8 +175,8 @@ class SensorReadings:
     """
 
     def __init__(self, lockstep: bool, unix_s: Callable[[], float], solves: bool = True) -> None:
-        self.field: MagnetometerSample | None = None
-        self.pressure: BarometerSample | None = None
+        self.field: MagnetometerMeasurement | None = None
+        self.pressure: BarometerMeasurement | None = None
         self.refused = 0
         self._lockstep = lockstep
         self._unix_s = unix_s
@@ -180,9 +184,9 @@ class SensorReadings:
         self._solves = solves
         self._solver: NavigationSolution | None = None
 
-    def imu(self, message: Message) -> ImuSample | None:
+    def handle_imu(self, message: Message) -> ImuMeasurement | None:
         """The sample, None when it is refused."""
-        sample = imu_of(message)
+        sample = imu_sample_from(message)
         if sample is None:
             self.refused += 1
         elif self._time is None:
@@ -190,15 +194,15 @@ class SensorReadings:
             self._solver = NavigationSolution(self._time) if self._solves else None
         return sample
 
-    def fix(self, message: Message) -> ReceiverFix | None:
+    def handle_fix(self, message: Message) -> ReceiverFix | None:
         """The fix, None when it is refused."""
-        fix = fix_of(message, self._time or GpsTime.fixed())
+        fix = receiver_fix_from(message, self._time or GpsTime.fixed())
         self.refused += fix is None
         return fix
 
-    def take_field(self, message: Message) -> bool:
+    def handle_field(self, message: Message) -> bool:
         """Whether there is a new field."""
-        sample = field_of(message)
+        sample = magnetometer_sample_from(message)
         if sample is None:
             self.refused += 1
             return False
@@ -207,9 +211,9 @@ class SensorReadings:
             self._solver.on_magnetometer(sample)
         return True
 
-    def take_pressure(self, message: Message) -> bool:
+    def handle_pressure(self, message: Message) -> bool:
         """Whether there is a new pressure."""
-        sample = pressure_of(message)
+        sample = barometer_sample_from(message)
         if sample is None:
             self.refused += 1
             return False
@@ -218,15 +222,15 @@ class SensorReadings:
             self._solver.on_barometer(sample)
         return True
 
-    def solve(self, sample: ImuSample | ReceiverFix) -> None:
+    def solve(self, sample: ImuMeasurement | ReceiverFix) -> None:
         """Let the estimator have a sample; it takes a while, so that what is urgent goes out before."""
         if self._solver is None:
             return
-        if isinstance(sample, ImuSample):
+        if isinstance(sample, ImuMeasurement):
             self._solver.on_imu(sample)
         else:
             self._solver.on_fix(sample)
 
-    def newest(self) -> Navigation | None:
+    def solution(self) -> Navigation | None:
         """The solution at the newest inertial sample, None while there is none."""
-        return None if self._solver is None else self._solver.newest()
+        return None if self._solver is None else self._solver.solution()

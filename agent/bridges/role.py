@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Callable
 
-from agent.bridges.injector import Injection, Injector
+from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.vehicle_link import VehicleLink
 from agent.mavlink.commands import StatusTextSender
-from agent.role import Role, Traffic
+from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
 from agent.wire import dialect
@@ -22,7 +22,7 @@ MOTORS_ON_WIRE = 8
 
 
 @dataclass(frozen=True)
-class Outputs:
+class MotorOutputs:
     """Which channels drive the motors, 1 the lowest, in the order of the motors.
 
     A command is (pulse - trim_us) / span_us, limited to [-1, 1]; a pulse of 0 is no output, which commands 0.
@@ -32,7 +32,7 @@ class Outputs:
     trim_us: float = 1500.0
     span_us: float = 400.0
 
-    def of_pulses(self, pulses_us: Sequence[int]) -> tuple[float, ...]:
+    def commands_from_pulses(self, pulses_us: Sequence[int]) -> tuple[float, ...]:
         """Commands of pulse widths by channel, from channel 1 on; a channel that is not among them commands 0."""
         trim_us, span_us, known = self.trim_us, self.span_us, len(pulses_us)
         commands = []
@@ -41,13 +41,13 @@ class Outputs:
             commands.append(max(-1.0, min(1.0, (pulse_us - trim_us) / span_us)) if pulse_us else 0.0)
         return tuple(commands)
 
-    def of_values(self, values: Sequence[float]) -> tuple[float, ...]:
+    def commands_from_values(self, values: Sequence[float]) -> tuple[float, ...]:
         """The same channels of outputs that are normalised already."""
         known = len(values)
         return tuple(max(-1.0, min(1.0, values[n - 1])) if n <= known else 0.0 for n in self.channels)
 
 
-def pulses_of(message: Message, before: Sequence[int]) -> tuple[int, ...]:
+def updated_pulses_us(message: Message, before: Sequence[int]) -> tuple[int, ...]:
     """Pulse widths of all channels, in us, after a SERVO_OUTPUT_RAW: one set of 16 of them is new."""
     new = tuple(getattr(message, f"servo{number}_raw") for number in range(1, CHANNELS_OF_A_MESSAGE + 1))
     start = message.port * CHANNELS_OF_A_MESSAGE
@@ -58,7 +58,7 @@ def pulses_of(message: Message, before: Sequence[int]) -> tuple[int, ...]:
     return (*before[:start], *(0,) * (start - len(before)), *new)
 
 
-def actuators(
+def actuators_message(
     commands: Sequence[float], armed: bool, imu_stamp_us: int, imu_received_us: int, now_ns: int, count: int
 ) -> Message:
     """XITL_ACTUATORS of these commands; `count` is the tick that it answers, or counts up."""
@@ -75,8 +75,8 @@ HEARD, TAKEN, SCRIPT = 1, 2, 4
 _MOST = 0xFFFFFFFF
 
 
-def bridge_status(
-    now_ns: int, counts: Sequence[Injection], vehicle: VehicleLink, outputs_in: int, unsent: int
+def bridge_status_message(
+    now_ns: int, counts: Sequence[InjectorCounters], vehicle: VehicleLink, outputs_in: int, unsent: int
 ) -> Message:
     """What all ways together have done since the run began; `outputs_in` sets of outputs were taken.
 
@@ -149,7 +149,7 @@ class BridgeRole(Role):
     telemetry_hz = TELEMETRY_HZ
 
     def __init__(
-        self, send: Callable[..., bool], vehicle: VehicleLink, injectors: Sequence[Injector], outputs: Outputs
+        self, send: Callable[..., bool], vehicle: VehicleLink, injectors: Sequence[Injector], outputs: MotorOutputs
     ) -> None:
         self._send = send
         self._vehicle = vehicle
@@ -192,7 +192,7 @@ class BridgeRole(Role):
             disarm = mav.MAV_CMD_COMPONENT_ARM_DISARM
             self._vehicle.send(mav.MAVLink_command_long_message(1, 1, disarm, 0, 0, _FORCED, 0, 0, 0, 0, 0))
         neutral = (0.0,) * len(self._outputs.channels)
-        last = actuators(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
+        last = actuators_message(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
         waiting, self._waiting = self._waiting, []
         return (*waiting, self._status(now_ns), last)
 
@@ -208,7 +208,7 @@ class BridgeRole(Role):
             taken = self._vehicle.send(message)
             self._unsent += self._vehicle.heard and not taken
         for injector in self._injectors:
-            injector.take(message, now_ns)
+            injector.handle(message, now_ns)
         return ()
 
     def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
@@ -268,7 +268,7 @@ class BridgeRole(Role):
         if isinstance(message, mav.MAVLink_local_position_ned_message):
             self._estimates += 1
         elif isinstance(message, mav.MAVLink_servo_output_raw_message):
-            self._pulses_us = pulses_of(message, self._pulses_us)
+            self._pulses_us = updated_pulses_us(message, self._pulses_us)
             self._raw_is_new = True
 
     def _take_outputs(self) -> None:
@@ -276,15 +276,15 @@ class BridgeRole(Role):
         for injector in self._injectors:
             values = injector.commands()
             if values is not None:
-                self._note(self._outputs.of_values(values), injector.counts.outputs_in)
+                self._note(self._outputs.commands_from_values(values), injector.counts.outputs_in)
                 return
             pulses_us = injector.pulses()
             if pulses_us is not None:
-                self._note(self._outputs.of_pulses(pulses_us), injector.counts.outputs_in)
+                self._note(self._outputs.commands_from_pulses(pulses_us), injector.counts.outputs_in)
                 return
         if self._raw_is_new:
             self._raw_is_new = False
-            self._note(self._outputs.of_pulses(self._pulses_us), self._efforts + 1)
+            self._note(self._outputs.commands_from_pulses(self._pulses_us), self._efforts + 1)
 
     def _note(self, commands: tuple[float, ...], count: int) -> None:
         if count != self._efforts:
@@ -293,7 +293,7 @@ class BridgeRole(Role):
             self._commands = commands
 
     def _actuators(self, now_ns: int) -> Message:
-        return actuators(
+        return actuators_message(
             self._commands, self._vehicle.armed, self._imu_stamp_us, self._imu_received_us, now_ns, self._count
         )
 
@@ -313,7 +313,7 @@ class BridgeRole(Role):
 
     def _status(self, now_ns: int) -> Message:
         counts = [injector.counts for injector in self._injectors]
-        return bridge_status(now_ns, counts, self._vehicle, self._efforts, self._unsent)
+        return bridge_status_message(now_ns, counts, self._vehicle, self._efforts, self._unsent)
 
     @property
     def traffic(self) -> Traffic:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from agent.fcu.samples import Quaternion, Vector3
+from agent.fcu.vehicle_state import Quaternion, Vector3
 
 SECOND_NS = 1_000_000_000
 WEEK_S = 7 * 86_400

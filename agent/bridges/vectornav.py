@@ -51,7 +51,7 @@ def framed(content: bytes) -> bytes:
     return SYNC + content + crc_hqx(content, 0).to_bytes(2, "big")
 
 
-def inertial_frame(sample: InertialSample) -> bytes:
+def pack_inertial_frame(sample: InertialSample) -> bytes:
     """Rate (rad/s), specific force (m/s²), field (gauss) in FRD, temperature (degC), pressure (kPa).
 
     Compensated and uncompensated values are the same: what the unit would take off is not simulated.
@@ -70,7 +70,7 @@ def inertial_frame(sample: InertialSample) -> bytes:
     return framed(INERTIAL_HEADER + values)
 
 
-def solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
+def pack_solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
     """Attitude (deg, and as a quaternion), place (deg, m) and velocity (m/s) with their uncertainty (deg, m, m/s)."""
     w, x, y, z = navigation.quat_ned_frd
     yaw, pitch, roll = (math.degrees(angle) for angle in reversed(navigation.euler_rad))
@@ -98,7 +98,7 @@ def solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
     return framed(SOLUTION_HEADER + values)
 
 
-def receiver_frame(fix: ReceiverFix) -> bytes:
+def pack_receiver_frame(fix: ReceiverFix) -> bytes:
     """A fix of the receiver: place (deg, m), velocity (m/s), one sigma of both, dilutions of precision.
 
     The second antenna of the unit has the same satellites and the same kind of fix.
@@ -351,7 +351,7 @@ class VectorNav(Ahrs):
         self._commands_before = self._port.commands
         self._junk_before = self._port.junk
 
-    def hear(self, chunk: bytes) -> bool:
+    def handle_bytes(self, chunk: bytes) -> bool:
         port = self._port
         refused_before = port.refused
         answers = port.feed(chunk)
@@ -363,20 +363,20 @@ class VectorNav(Ahrs):
         counts.junk = port.junk - self._junk_before
         return len(answers) > port.refused - refused_before
 
-    def taken(self) -> bool:
+    def is_accepted(self) -> bool:
         return self._port.set_up and self._line.connected
 
-    def asked_hz(self) -> float:
+    def requested_hz(self) -> float:
         divisor = self._port.divisors.get(INERTIAL)
         return 0.0 if divisor is None else RATE_HZ / divisor
 
-    def absent(self) -> str:
+    def hint(self) -> str:
         return "check EAHRS_TYPE 1, SERIALn_PROTOCOL 36, and that this is port n"
 
-    def inertial(self, sample: InertialSample) -> bytes | None:
-        return inertial_frame(sample) if self._flows(INERTIAL) else None
+    def inertial_frame(self, sample: InertialSample) -> bytes | None:
+        return pack_inertial_frame(sample) if self._flows(INERTIAL) else None
 
-    def solution(self, navigation: Navigation) -> bytes | None:
+    def solution_frame(self, navigation: Navigation) -> bytes | None:
         if not self._flows(SOLUTION):
             return None
         field, pressure = self._readings.field, self._readings.pressure
@@ -387,10 +387,10 @@ class VectorNav(Ahrs):
             or navigation.stamp_ns - min(field.stamp_ns, pressure.stamp_ns) > _STALE_NS
         ):
             faults = FIELD_FAULT
-        return solution_frame(navigation, faults)
+        return pack_solution_frame(navigation, faults)
 
-    def fix(self, fix: ReceiverFix) -> bytes | None:
-        return receiver_frame(fix) if self._flows(RECEIVER) else None
+    def receiver_frame(self, fix: ReceiverFix) -> bytes | None:
+        return pack_receiver_frame(fix) if self._flows(RECEIVER) else None
 
     def _flows(self, output: int) -> bool:
         return self._port.on and output in self._port.divisors

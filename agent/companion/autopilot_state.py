@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.companion.mission_copy import MissionCopy, Place
+from agent.companion.mission_copy import MissionCopy, MissionPosition
 from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.geodetic import LocalProjection
+from agent.mavlink.commands import command_long
+from agent.mavlink.exchange import Messages, text_of
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
@@ -26,17 +28,15 @@ _QUATERNION_NS = 1_000_000_000  # ATTITUDE counts when no quaternion came for so
 _DELAYS_KEPT = 200
 _RESTART_NS = 2_000_000_000  # an autopilot's clock that jumped back so far was started again
 
-Messages = list[Any]
 
-
-class Way(NamedTuple):
+class PathAhead(NamedTuple):
     """Where the mission goes: (north, east) in metres, from where the leg under way began. Speed over ground."""
 
     points_ne_m: tuple[tuple[float, float], ...]
     speed_mps: float | None
 
 
-class VehicleView:
+class AutopilotState:
     """Takes what the autopilot sends; `poll` says what it is asked for.
 
     Its instants are brought to the companion's clock by the quickest of the last messages: what came sooner after it
@@ -56,18 +56,18 @@ class VehicleView:
         self._boot_ns = 0
         self._quaternion_ns: int | None = None
         self._asked_ns: int | None = None
-        self._origin: LocalFrame | None = None
+        self._origin: LocalProjection | None = None
         self._origin_told = False
         self._leg_start: tuple[float, float] | None = None
         self._leg_seq = 0
 
     def pose_at(self, stamp_ns: int) -> VehiclePose | None:
         """The pose at an instant of the companion's clock, None where it is not known."""
-        return self.history.at(stamp_ns)
+        return self.history.pose_at(stamp_ns)
 
     # -- what it says
 
-    def take(self, message: Any, now_ns: int) -> Messages:
+    def handle(self, message: Any, now_ns: int) -> Messages:
         """One message; returns the next request of the mission's download."""
         kind = message.get_msgId()
         if kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
@@ -85,7 +85,7 @@ class VehicleView:
         elif kind == mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
             pos_ned_m = np.array((message.x, message.y, message.z), dtype=float)
             vel_ned_mps = np.array((message.vx, message.vy, message.vz), dtype=float)
-            self.history.placed(self._stamp_ns(message, now_ns), pos_ned_m, vel_ned_mps)
+            self.history.add_position(self._stamp_ns(message, now_ns), pos_ned_m, vel_ned_mps)
         elif kind == mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
             self._on_global(message, now_ns)
         elif kind == mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
@@ -93,10 +93,10 @@ class VehicleView:
         elif kind == mav.MAVLINK_MSG_ID_MISSION_CURRENT:
             self._on_current(message)
         elif kind == mav.MAVLINK_MSG_ID_PARAM_VALUE:
-            if bytes(_characters(message.param_id)).rstrip(b"\0") == b"WP_SPEED" and 0.0 < message.param_value < 30.0:
+            if text_of(message.param_id) == "WP_SPEED" and 0.0 < message.param_value < 30.0:
                 self.wp_speed_mps = float(message.param_value)
         else:
-            return self.mission.take(message, self.target, now_ns)
+            return self.mission.handle(message, now_ns)
         return []
 
     def _on_heartbeat(self, message: Any) -> None:
@@ -110,9 +110,9 @@ class VehicleView:
         if source != self.target:
             return
         armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        self.changed_to(int(message.custom_mode), armed)
+        self.set_mode(int(message.custom_mode), armed)
 
-    def changed_to(self, mode: int, armed: bool | None = None) -> None:
+    def set_mode(self, mode: int, armed: bool | None = None) -> None:
         """The autopilot is in a mode now: by a heartbeat, or as it acknowledged."""
         armed = self.armed if armed is None else armed
         if mode == AUTO and armed and not (self.mode == AUTO and self.armed):
@@ -124,18 +124,18 @@ class VehicleView:
 
     def _here(self) -> tuple[float, float] | None:
         newest_ns = self.history.newest_ns
-        pose = None if newest_ns is None else self.history.at(newest_ns)
+        pose = None if newest_ns is None else self.history.pose_at(newest_ns)
         return None if pose is None else (float(pose.pos_ned_m[0]), float(pose.pos_ned_m[1]))
 
     def _on_current(self, message: Any) -> None:
-        self.mission.total_is(int(getattr(message, "total", 0)))
+        self.mission.note_total(int(getattr(message, "total", 0)))
         if message.seq != self.current:
             self.current = int(message.seq)
 
     def _turned(self, stamp_ns: int, quat: Any, message: Any) -> None:
         rates = np.array((message.rollspeed, message.pitchspeed, message.yawspeed), dtype=float)
         self.yaw_rate_radps = float(message.yawspeed)
-        self.history.turned(stamp_ns, quat, rates)
+        self.history.add_attitude(stamp_ns, quat, rates)
 
     def _stamp_ns(self, message: Any, now_ns: int) -> int:
         boot_ns = int(message.time_boot_ms) * 1_000_000
@@ -150,29 +150,29 @@ class VehicleView:
 
     def _on_origin(self, message: Any) -> None:
         if abs(message.latitude) <= 900_000_000:
-            self._origin = LocalFrame(message.latitude * 1e-7, message.longitude * 1e-7, 0.0)
+            self._origin = LocalProjection(message.latitude * 1e-7, message.longitude * 1e-7, 0.0)
             self._origin_told = True
 
     def _on_global(self, message: Any, now_ns: int) -> None:
         """Without GPS_GLOBAL_ORIGIN the origin follows from a place that is told both ways."""
-        pose = self.history.at(self._stamp_ns(message, now_ns))
+        pose = self.history.pose_at(self._stamp_ns(message, now_ns))
         if self._origin_told or pose is None or (message.lat == 0 and message.lon == 0):
             return
-        here = LocalFrame(message.lat * 1e-7, message.lon * 1e-7, 0.0)
-        self._origin = LocalFrame(*here.to_geodetic(-float(pose.pos_ned_m[0]), -float(pose.pos_ned_m[1])), 0.0)
+        here = LocalProjection(message.lat * 1e-7, message.lon * 1e-7, 0.0)
+        self._origin = LocalProjection(*here.to_geodetic(-float(pose.pos_ned_m[0]), -float(pose.pos_ned_m[1])), 0.0)
 
-    def _local(self, place: Place) -> tuple[float, float]:
+    def _local(self, place: MissionPosition) -> tuple[float, float]:
         assert self._origin is not None
         return self._origin.to_local(place.lat_e7 * 1e-7, place.lon_e7 * 1e-7)
 
-    def way(self) -> Way | None:
+    def path_ahead(self) -> PathAhead | None:
         """The leg under way and those after it, None while that is not known."""
         if self._origin is None or self.mission.items is None:
             return None
-        ahead = self.mission.places_from(self.current)
+        ahead = self.mission.positions_from(self.current)
         if not ahead:
             return None
-        before = self.mission.place_before(ahead[0].seq)
+        before = self.mission.position_before(ahead[0].seq)
         if self._leg_start is not None and (before is None or self._leg_seq == self.current):
             start: tuple[float, float] | None = self._leg_start
         else:
@@ -185,7 +185,7 @@ class VehicleView:
         if before is None:
             self._leg_start, self._leg_seq = start, self.current
         speed_mps = self.mission.speed_mps(ahead[0].seq) or self.wp_speed_mps
-        return Way((start, *points), speed_mps)
+        return PathAhead((start, *points), speed_mps)
 
     # -- what it is asked for
 
@@ -194,7 +194,7 @@ class VehicleView:
         if self.target is None:
             return []
         messages = self.mission.poll(self.target, now_ns)
-        if self._asked_ns is None or (self._lacks(now_ns) and now_ns - self._asked_ns > _ASK_AGAIN_NS):
+        if self._asked_ns is None or (self._is_incomplete(now_ns) and now_ns - self._asked_ns > _ASK_AGAIN_NS):
             self._asked_ns = now_ns
             messages.extend(
                 command_long(self.target, mav.MAV_CMD_SET_MESSAGE_INTERVAL, float(number), 1e6 / rate_hz)
@@ -203,23 +203,13 @@ class VehicleView:
             messages.append(mav.MAVLink_param_request_read_message(*self.target, b"WP_SPEED", -1))
         return messages
 
-    def _lacks(self, now_ns: int) -> bool:
+    def _is_incomplete(self, now_ns: int) -> bool:
         newest_ns = self.history.newest_ns
         return (
             newest_ns is None or now_ns - newest_ns > 500_000_000 or self._origin is None or self.wp_speed_mps is None
         )
 
 
-def command_long(target: tuple[int, int], command: int, *parameters: float) -> Any:
-    """COMMAND_LONG with the parameters that count; the others are 0."""
-    padded = (*parameters, *([0.0] * (7 - len(parameters))))
-    return mav.MAVLink_command_long_message(*target, command, 0, *padded)
-
-
 def heading_rad(pose: VehiclePose) -> float:
     """Of the bow, clockwise from north."""
     return math.atan2(float(pose.rot_ned_frd[1, 0]), float(pose.rot_ned_frd[0, 0]))
-
-
-def _characters(text: Any) -> bytes:
-    return text.encode("ascii", "replace") if isinstance(text, str) else bytes(text)

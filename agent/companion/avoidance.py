@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.tracking import Track
+from agent.companion.tracking import ObstacleTrack
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _RECKONED_MPS = 0.3  # a current that counts in full
 _SLOWEST_TURN = 0.25  # of the speed asked for, with the bow far off
 
 
-class Legs:
+class PathLegs:
     """The way: legs joined end to end, (north, east) of their ends (m + 1, 2)."""
 
     def __init__(self, points_ne_m: Array) -> None:
@@ -45,13 +45,13 @@ class Legs:
         self.last = len(self.length_m) - 1
         self.total_m = float(self.length_m.sum())
 
-    def off(self, leg: NDArray[np.int64], pos: Array) -> tuple[Array, Array]:
+    def offsets_m(self, leg: NDArray[np.int64], pos: Array) -> tuple[Array, Array]:
         """How far along its leg and to the right of it each position (c, 2) is."""
         off, along = pos - self.start_m[leg], self.along[leg]
         return (off * along).sum(axis=1), off[:, 1] * along[:, 0] - off[:, 0] * along[:, 1]
 
 
-class Sailed(NamedTuple):
+class SimulatedCourses(NamedTuple):
     """C candidates over T instants: pos_ne_m (c, t, 2), progress_m (c,) along the legs at the end.
 
     off_m (c,) is the mean distance off the legs, lee_m (c,) the part of it that lies down the current.
@@ -63,8 +63,8 @@ class Sailed(NamedTuple):
     lee_m: Array
 
 
-def sail(
-    legs: Legs,
+def simulate_courses(
+    legs: PathLegs,
     pos_ne_m: Array,
     vel_ne_mps: Array,
     bow_rad: float,
@@ -73,7 +73,7 @@ def sail(
     speed_mps: Array,
     horizon_s: float,
     current_ne_mps: Array | None = None,
-) -> Sailed:
+) -> SimulatedCourses:
     """Hold course_rad (c,) for hold_s (c,), then follow the legs by line of sight, at speed_mps (c,) over ground."""
     number = len(course_rad)
     steps = round(horizon_s / STEP_S)
@@ -87,11 +87,11 @@ def sail(
     set_ne = np.zeros(2) if current_ne_mps is None else _set_of(current_ne_mps)
     to_right = legs.along[:, 0] * set_ne[1] - legs.along[:, 1] * set_ne[0]  # how much of the set is across each leg
     for step in range(steps):
-        along_m, cross_m = legs.off(leg, pos)
+        along_m, cross_m = legs.offsets_m(leg, pos)
         reached = (along_m > legs.length_m[leg] - _REACHED_M) & (leg < legs.last)
         if reached.any():
             leg = np.where(reached, leg + 1, leg)
-            along_m, cross_m = legs.off(leg, pos)
+            along_m, cross_m = legs.offsets_m(leg, pos)
         done = (leg == legs.last) & (along_m > legs.length_m[leg] - 1.0)
         direction = np.arctan2(legs.along[leg, 1], legs.along[leg, 0])
         wanted = np.where(step * STEP_S < hold_s, course_rad, direction - np.arctan(cross_m / _LOOKAHEAD_M))
@@ -104,9 +104,9 @@ def sail(
         out[:, step] = pos
         off_sum += np.abs(cross_m)
         lee_sum += np.maximum(cross_m * to_right[leg], 0.0)
-    along_m, _ = legs.off(leg, pos)
+    along_m, _ = legs.offsets_m(leg, pos)
     progress_m = legs.before_m[leg] + np.minimum(along_m, legs.length_m[leg])
-    return Sailed(out, progress_m, off_sum / max(steps, 1), lee_sum / max(steps, 1))
+    return SimulatedCourses(out, progress_m, off_sum / max(steps, 1), lee_sum / max(steps, 1))
 
 
 def _set_of(current_ne_mps: Array) -> Array:
@@ -116,7 +116,7 @@ def _set_of(current_ne_mps: Array) -> Array:
     return set_ne
 
 
-def crabbing_rad(course_rad: float, speed_mps: float, current_ne_mps: Array) -> float:
+def crab_heading_rad(course_rad: float, speed_mps: float, current_ne_mps: Array) -> float:
     """The heading that makes good a course over ground at a speed over ground in a current."""
     north, east = (
         speed_mps * math.cos(course_rad) - float(current_ne_mps[0]),
@@ -125,9 +125,9 @@ def crabbing_rad(course_rad: float, speed_mps: float, current_ne_mps: Array) -> 
     return math.atan2(east, north)
 
 
-def leg_course_rad(legs: Legs, pos_ne_m: Array) -> tuple[float, float]:
+def leg_course_rad(legs: PathLegs, pos_ne_m: Array) -> tuple[float, float]:
     """The course back to the first leg and along it, and how far off it the vessel is (right positive)."""
-    _, cross = legs.off(np.zeros(1, dtype=np.int64), pos_ne_m[None])
+    _, cross = legs.offsets_m(np.zeros(1, dtype=np.int64), pos_ne_m[None])
     direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
     return direction - math.atan(float(cross[0]) / _LOOKAHEAD_M), float(cross[0])
 
@@ -153,7 +153,7 @@ _STRAYS_MPS, _STRAYS_MOST_M = 0.15, 1.5  # of one that is out of view
 _MOST_STRUCTURE = 400
 
 
-class Choice(NamedTuple):
+class AvoidanceChoice(NamedTuple):
     """What to do: FREE follow the legs, AROUND hold a course and speed over ground, STAY. clearance_m of it."""
 
     what: int
@@ -162,7 +162,7 @@ class Choice(NamedTuple):
     clearance_m: float
 
 
-class Ahead(NamedTuple):
+class CollisionCheck(NamedTuple):
     """The least clearance on the way, whether that is too little, and how soon it is."""
 
     clearance_m: float
@@ -170,7 +170,7 @@ class Ahead(NamedTuple):
     after_s: float
 
 
-class Things(NamedTuple):
+class Obstacles(NamedTuple):
     """What is in the way: boxes that move, points that do not. middle_ne_m, vel_ne_mps (o, 2) now; sizes (o,)."""
 
     middle_ne_m: Array
@@ -181,16 +181,16 @@ class Things(NamedTuple):
     points_ne_m: Array
 
 
-def things(now_ns: int, tracks: Sequence[Track], points_ne_m: Array, pos_ne_m: Array) -> Things:
+def obstacles_near(now_ns: int, tracks: Sequence[ObstacleTrack], points_ne_m: Array, pos_ne_m: Array) -> Obstacles:
     """Tracks and structure as they are at `now_ns`, those near the vessel."""
-    near = [track for track in tracks if math.hypot(*(track.at(now_ns) - pos_ne_m).tolist()) < _FAR_M]
+    near = [track for track in tracks if math.hypot(*(track.position_at(now_ns) - pos_ne_m).tolist()) < _FAR_M]
     if len(points_ne_m) > _MOST_STRUCTURE:
         off = points_ne_m - pos_ne_m
         nearest = np.argsort(np.hypot(off[:, 0], off[:, 1]), kind="stable")[:_MOST_STRUCTURE]
         points_ne_m = points_ne_m[nearest]
     stray_m = [min(_STRAYS_MPS * (now_ns - track.seen_ns) * 1e-9, _STRAYS_MOST_M) for track in near]
-    return Things(
-        np.array([track.at(now_ns) for track in near]).reshape(-1, 2),
+    return Obstacles(
+        np.array([track.position_at(now_ns) for track in near]).reshape(-1, 2),
         np.array([track.state[2:] for track in near]).reshape(-1, 2),
         np.array([0.5 * track.length_m + strays for track, strays in zip(near, stray_m)]),
         np.array([0.5 * track.width_m + strays for track, strays in zip(near, stray_m)]),
@@ -199,12 +199,12 @@ def things(now_ns: int, tracks: Sequence[Track], points_ne_m: Array, pos_ne_m: A
     )
 
 
-def clearance_m(sailed: Array, around: Things, hull_m: float) -> Array:
+def clearance_m(sailed: Array, around: Obstacles, hull_m: float) -> Array:
     """Water between the hull, a circle of radius hull_m, and the nearest thing, (c, t), for positions (c, t, 2)."""
     return np.minimum(_from_tracks_m(sailed, around), _from_points_m(sailed, around.points_ne_m)) - hull_m
 
 
-def _from_tracks_m(sailed: Array, around: Things) -> Array:
+def _from_tracks_m(sailed: Array, around: Obstacles) -> Array:
     steps = sailed.shape[1]
     after_s = STEP_S * np.arange(1, steps + 1)
     nearest = np.full(sailed.shape[:2], 1e3)
@@ -227,7 +227,7 @@ def _from_points_m(sailed: Array, points_ne_m: Array) -> Array:
     return gap
 
 
-class Planner:
+class AvoidancePlanner:
     """margin_m: water to keep; a way with less than begin_m is blocked. horizon_s: how far ahead is looked.
 
     hull_m: radius of the circle around the hull.
@@ -239,29 +239,31 @@ class Planner:
         self._horizon_s = horizon_s
         self._hull_m = hull_m
 
-    def along(
-        self, legs: Legs, pos_ne_m: Array, vel_ne_mps: Array, bow_rad: float, speed_mps: float, around: Things
-    ) -> Ahead:
+    def check_collision(
+        self, legs: PathLegs, pos_ne_m: Array, vel_ne_mps: Array, bow_rad: float, speed_mps: float, around: Obstacles
+    ) -> CollisionCheck:
         """How near it comes to things when the vessel follows its mission."""
         none, speed = np.zeros(1), np.array((speed_mps,))
-        sailed = sail(legs, pos_ne_m, vel_ne_mps, bow_rad, none, none, speed, self._horizon_s)
+        sailed = simulate_courses(legs, pos_ne_m, vel_ne_mps, bow_rad, none, none, speed, self._horizon_s)
         clear = clearance_m(sailed.pos_ne_m, around, self._hull_m)
         least_m = float(_least(clear)[0])
         close = np.flatnonzero(clear[0] < self._begin_m)
-        return Ahead(least_m, least_m < self._begin_m, STEP_S * float(close[0] + 1 if len(close) else clear.shape[1]))
+        return CollisionCheck(
+            least_m, least_m < self._begin_m, STEP_S * float(close[0] + 1 if len(close) else clear.shape[1])
+        )
 
-    def choose(
+    def choose_course(
         self,
-        legs: Legs,
+        legs: PathLegs,
         pos_ne_m: Array,
         vel_ne_mps: Array,
         bow_rad: float,
         speed_mps: float,
-        around: Things,
+        around: Obstacles,
         last_rad: float | None,
         stays: bool,
         current_ne_mps: Array,
-    ) -> Choice:
+    ) -> AvoidanceChoice:
         """The best of all candidates; `last_rad` is the course held so far, which is kept unless another is better.
 
         Things are passed up the current where that goes: down there is what the current sets them and the vessel onto.
@@ -279,7 +281,7 @@ class Planner:
         speeds = np.concatenate((speed_mps * np.array(_SPEEDS), speeds))
         # Farther than collisions are looked for: else what lies just beyond is steered for, or dawdled before.
         ahead_s = _FARTHER * self._horizon_s
-        sailed = sail(legs, pos_ne_m, vel_ne_mps, bow_rad, courses, holds, speeds, ahead_s, current_ne_mps)
+        sailed = simulate_courses(legs, pos_ne_m, vel_ne_mps, bow_rad, courses, holds, speeds, ahead_s, current_ne_mps)
         standing = np.repeat(_from_points_m(sailed.pos_ne_m[:, ::2], around.points_ne_m), 2, axis=1)
         standing = standing[:, : sailed.pos_ne_m.shape[1]]
         clear = np.minimum(_from_tracks_m(sailed.pos_ne_m, around), standing) - self._hull_m
@@ -288,20 +290,20 @@ class Planner:
         cost = self._cost(sailed, least, lee_m, courses, holds, last_rad)
         best = int(np.argmin(cost))
         stay_m = self._staying(pos_ne_m, vel_ne_mps, around)
-        along_m = float(legs.off(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
+        along_m = float(legs.offsets_m(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
         worth_m = (_LEAVING_WORTH if stays else _WORTH) * speed_mps * ahead_s
         wanted_m = min(worth_m, _GAIN_SHARE * (legs.total_m - along_m))
         no_use = float(sailed.progress_m[best]) - along_m < wanted_m and stay_m > 0.5 * self._margin_m
         if no_use or (least[best] < _TOUCH_M and stay_m > least[best]):
-            return Choice(STAY, bow_rad, 0.0, stay_m)
+            return AvoidanceChoice(STAY, bow_rad, 0.0, stay_m)
         if least[best] < _TOUCH_M:
             best = int(np.argmax(least))
         what = FREE if best < 2 else AROUND
-        return Choice(what, float(courses[best]), float(speeds[best]), float(least[best]))
+        return AvoidanceChoice(what, float(courses[best]), float(speeds[best]), float(least[best]))
 
     def _cost(
         self,
-        sailed: Sailed,
+        sailed: SimulatedCourses,
         least: Array,
         lee_m: Array | None,
         courses: Array,
@@ -319,7 +321,7 @@ class Planner:
             cost = cost + np.where(holds > 0.0, 1.5 * np.minimum(turned, 1.5), 0.0)
         return cost
 
-    def place_to_stay(self, pos_ne_m: Array, vel_ne_mps: Array, around: Things, current_ne_mps: Array) -> Array:
+    def waiting_position(self, pos_ne_m: Array, vel_ne_mps: Array, around: Obstacles, current_ne_mps: Array) -> Array:
         """Where to wait, (2,): where the vessel comes to rest, or as far up the current as there is water around it."""
         speed = math.hypot(*vel_ne_mps.tolist())
         rest = pos_ne_m + vel_ne_mps * (0.5 * speed / 0.7)
@@ -341,7 +343,7 @@ class Planner:
         best: Array = places[good[0] if len(good) else int(np.argmax(least))]
         return best
 
-    def _staying(self, pos_ne_m: Array, vel_ne_mps: Array, around: Things) -> float:
+    def _staying(self, pos_ne_m: Array, vel_ne_mps: Array, around: Obstacles) -> float:
         """The least clearance when the vessel stops as it can and stays."""
         steps = round(self._horizon_s / STEP_S)
         speed = math.hypot(*vel_ne_mps.tolist())

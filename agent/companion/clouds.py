@@ -30,7 +30,7 @@ _KINDS = frozenset(
 )
 
 
-class Cloud(NamedTuple):
+class PointCloud(NamedTuple):
     """n points of one frame, or what has come of it.
 
     kind: of XITL_CLOUD_KIND, which also says in which axes points_m (n, 3) float32 is. Each point was taken
@@ -53,7 +53,7 @@ class Cloud(NamedTuple):
         return self.stamp_ns + round(float(self.offset_s.max(initial=0.0)) * 1e9)
 
 
-def sendable(cloud: Cloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArray[np.bool_]:
+def sendable(cloud: PointCloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArray[np.bool_]:
     """(n,) which points the wire can carry: numbers, within 327.67 m of the origin and 0.655 s of the stamp."""
     around = np.abs(cloud.points_m - np.asarray(origin_m, dtype=np.float32))
     possible: NDArray[np.bool_] = np.all(around <= REACH_M, axis=1)  # false for NaN
@@ -61,7 +61,7 @@ def sendable(cloud: Cloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> NDArr
     return possible
 
 
-def cloud_messages(cloud: Cloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> list[Message]:
+def cloud_messages(cloud: PointCloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> list[Message]:
     """The chunks; one without points for an empty cloud. Points that are not `sendable` are left out.
 
     origin_m: what the wire counts the points from; for a map, a place near them.
@@ -100,7 +100,7 @@ def cloud_messages(cloud: Cloud, origin_m: Sequence[float] = (0.0, 0.0, 0.0)) ->
     ]
 
 
-class Clouds:
+class CloudReassembler:
     """Clouds out of chunks, of each kind on its own; in any order, some twice, some never.
 
     Counted, with the names of XITL_COMPANION_STATUS where it has one: clouds (whole), clouds_partial, chunks_lost,
@@ -120,14 +120,14 @@ class Clouds:
         self.points_refused = 0
         self._coming: dict[int, _Coming] = {}
 
-    def take(self, message: Message) -> list[Cloud]:
+    def handle(self, message: Message) -> list[PointCloud]:
         """Of an XITL_CLOUD: what it completes or puts an end to, oldest first; mostly nothing."""
         fault = _fault(message)
         if fault is not None:
             self.chunks_refused += 1
             self.points_refused += fault
             return []
-        done: list[Cloud] = []
+        done: list[PointCloud] = []
         coming = self._coming.get(message.kind)
         if coming is None:
             coming = self._coming[message.kind] = _Coming(message)
@@ -152,11 +152,11 @@ class Clouds:
                 done.append(self._give(coming))
         return done
 
-    def end(self) -> list[Cloud]:
+    def flush(self) -> list[PointCloud]:
         """What has come of clouds that nothing follows any more."""
         return [self._give(coming) for coming in self._coming.values() if not coming.given]
 
-    def _give(self, coming: _Coming) -> Cloud:
+    def _give(self, coming: _Coming) -> PointCloud:
         cloud = coming.cloud()
         coming.given = True
         coming.parts = {}
@@ -187,7 +187,7 @@ class _Coming:
             return bool(message.time_usec > time_us)
         return bool((message.cloud - number) & 0xFFFF < 0x8000)
 
-    def cloud(self) -> Cloud:
+    def cloud(self) -> PointCloud:
         packed = np.frombuffer(b"".join(self.parts[chunk] for chunk in sorted(self.parts)), dtype=POINT)
         points_m = packed["xyz"].astype(np.float32)
         points_m *= np.float32(1.0 / METRE)
@@ -196,7 +196,7 @@ class _Coming:
         offset_s *= np.float32(1.0 / SECOND)
         time_us, number = self.of
         lost = self.chunks - len(self.parts)
-        return Cloud(self.kind, number, time_us * 1000, points_m, offset_s, packed["intensity"].copy(), lost)
+        return PointCloud(self.kind, number, time_us * 1000, points_m, offset_s, packed["intensity"].copy(), lost)
 
 
 def _fault(message: Message) -> int | None:

@@ -13,14 +13,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.autopilot_state import VehicleView, command_long, heading_rad
-from agent.companion.avoidance import FREE, STAY, Choice, Legs, Planner, Things, crabbing_rad, leg_course_rad
+from agent.companion.autopilot_state import AutopilotState, heading_rad
+from agent.companion.avoidance import (
+    FREE,
+    STAY,
+    AvoidanceChoice,
+    AvoidancePlanner,
+    Obstacles,
+    PathLegs,
+    crab_heading_rad,
+    leg_course_rad,
+)
 from agent.companion.pose_history import VehiclePose
+from agent.mavlink.commands import command_long
+from agent.mavlink.exchange import Messages
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
 Array = NDArray[np.float64]
-Messages = list[Any]
 
 NONE, DETOUR, STOP, RETURN = (
     int(mav.XITL_MANOEUVRE_NONE),
@@ -42,10 +52,10 @@ _VELOCITY_AND_YAW = 0x9C7  # POSITION_TARGET_TYPEMASK: all but vx, vy, vz and ya
 _POSITION_ONLY = 0xDF8
 
 
-class Helm:
+class CommandOutput:
     """`steer` says what goes to the autopilot. begin_m: a way with less clearance than this is blocked."""
 
-    def __init__(self, planner: Planner, begin_m: float, speed_mps: float) -> None:
+    def __init__(self, planner: AvoidancePlanner, begin_m: float, speed_mps: float) -> None:
         self.manoeuvre = NONE
         self.detours = 0
         self.stops = 0
@@ -62,23 +72,23 @@ class Helm:
         self._course_rad: float | None = None
         self._stay_ne_m: Array | None = None
 
-    def acknowledged(self, message: Any, vehicle: VehicleView) -> None:
+    def handle_acknowledgement(self, message: Any, vehicle: AutopilotState) -> None:
         """COMMAND_ACK."""
         if message.command != mav.MAV_CMD_DO_SET_MODE or self._wanted is None:
             return
         wanted, self._wanted = self._wanted, None
         if message.result == mav.MAV_RESULT_ACCEPTED:
-            vehicle.changed_to(wanted)
+            vehicle.set_mode(wanted)
         else:
             self.refused += 1
         if vehicle.mode != GUIDED:
             self._release()
 
-    def steer(
-        self, vehicle: VehicleView, pose: VehiclePose | None, around: Things, current_ne_mps: Array, now_ns: int
+    def update(
+        self, vehicle: AutopilotState, pose: VehiclePose | None, around: Obstacles, current_ne_mps: Array, now_ns: int
     ) -> Messages:
         """Called some 5 times a second; current_ne_mps as far as it is known."""
-        way = vehicle.way()
+        way = vehicle.path_ahead()
         if vehicle.target is None or not vehicle.armed or vehicle.mode not in (AUTO, GUIDED):
             self._release()
             return []
@@ -93,7 +103,7 @@ class Helm:
         pos, vel, bow = pose.pos_ned_m[:2], pose.vel_ned_mps[:2], heading_rad(pose)
         legs = _legs(way.points_ne_m, pos)
         speed = way.speed_mps or self._speed_mps
-        ahead = self._planner.along(legs, pos, vel, bow, speed, around)
+        ahead = self._planner.check_collision(legs, pos, vel, bow, speed, around)
         if not self._engaged:
             self._blocked = self._blocked + 1 if ahead.blocked else 0
             if self._blocked < (_BLOCKED_PLANS if ahead.after_s < _SOON_S else _FAR_PLANS):
@@ -101,7 +111,9 @@ class Helm:
             self._engaged = True
             return self._ask(vehicle.target, GUIDED, now_ns)
         stays = self._stay_ne_m is not None
-        choice = self._planner.choose(legs, pos, vel, bow, speed, around, self._course_rad, stays, current_ne_mps)
+        choice = self._planner.choose_course(
+            legs, pos, vel, bow, speed, around, self._course_rad, stays, current_ne_mps
+        )
         course_rad, off_m = leg_course_rad(legs, pos)
         self._free = self._free + 1 if choice.what == FREE and ahead.clearance_m >= self._begin_m + _FREER_M else 0
         made_good = math.atan2(vel[1], vel[0]) if math.hypot(*vel.tolist()) > 0.7 else bow
@@ -131,16 +143,16 @@ class Helm:
             command_long(target, mav.MAV_CMD_DO_SET_MODE, float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode))
         ]
 
-    def _stay(self, target: tuple[int, int], pos: Array, vel: Array, around: Things, current_ne_mps: Array) -> Any:
+    def _stay(self, target: tuple[int, int], pos: Array, vel: Array, around: Obstacles, current_ne_mps: Array) -> Any:
         """A place is held, as no speed is none over ground: the current takes along what does not steer."""
-        place = self._planner.place_to_stay(pos, vel, around, current_ne_mps)
+        place = self._planner.waiting_position(pos, vel, around, current_ne_mps)
         if self._stay_ne_m is None or math.hypot(*(place - self._stay_ne_m).tolist()) > _MOVED_M:
             self._stay_ne_m = place
         self._enter(STOP)
         self._course_rad = None
         return _target_message(target, _POSITION_ONLY, self._stay_ne_m, np.zeros(2), 0.0)
 
-    def _go(self, target: tuple[int, int], choice: Choice, leg_rad: float, current_ne_mps: Array) -> Any:
+    def _go(self, target: tuple[int, int], choice: AvoidanceChoice, leg_rad: float, current_ne_mps: Array) -> Any:
         """A velocity, and the heading for it: autopilots differ in whether they make up for the current themselves."""
         self._stay_ne_m = None
         free = choice.what == FREE
@@ -148,7 +160,7 @@ class Helm:
         self._course_rad = None if free else course_rad
         self._enter(RETURN if free else DETOUR)
         vel_ne_mps = choice.speed_mps * np.array((math.cos(course_rad), math.sin(course_rad)))
-        yaw_rad = crabbing_rad(course_rad, choice.speed_mps, current_ne_mps)
+        yaw_rad = crab_heading_rad(course_rad, choice.speed_mps, current_ne_mps)
         return _target_message(target, _VELOCITY_AND_YAW, np.zeros(2), vel_ne_mps, yaw_rad)
 
     def _enter(self, manoeuvre: int) -> None:
@@ -160,20 +172,20 @@ class Helm:
         self.manoeuvre = manoeuvre
 
 
-def _is_past(legs: Legs, pos: Array) -> bool:
+def _is_past(legs: PathLegs, pos: Array) -> bool:
     """Whether the end of the first leg is hard by: there is no leg left to come back to."""
-    along_m, _ = legs.off(np.zeros(1, dtype=np.int64), pos[None])
+    along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])
     return float(legs.length_m[0] - along_m[0]) < _END_M
 
 
-def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> Legs:
+def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> PathLegs:
     """The legs ahead; from here when the vessel is past the end of the first: the autopilot goes back to it."""
     points = np.array(points_ne_m)
-    legs = Legs(points)
-    along_m, _ = legs.off(np.zeros(1, dtype=np.int64), pos[None])
+    legs = PathLegs(points)
+    along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])
     if float(along_m[0]) > float(legs.length_m[0]):
         points[0] = pos - 1e-3 * legs.along[0]
-        return Legs(points)
+        return PathLegs(points)
     return legs
 
 

@@ -43,7 +43,7 @@ _LEVEL_S = 15.0
 _LEVEL_OFF_M = 0.4
 
 
-class Frame(NamedTuple):
+class DetectionFrame(NamedTuple):
     """What one cloud hit. cells (k,), points_ne_m (k, 2) means over each cell, top_m (k,), hits (k,) points.
 
     bright (k,): points among them that are brighter than water.
@@ -57,11 +57,11 @@ class Frame(NamedTuple):
     bright: NDArray[np.int64]
 
 
-class Sighting:
+class ObstacleDetector:
     """`look` at each cloud; `frames` of the last `window_s`, oldest first."""
 
     def __init__(self, range_m: float, waterline_m: float, window_s: float = 0.8) -> None:
-        self.frames: deque[Frame] = deque()
+        self.frames: deque[DetectionFrame] = deque()
         self.refused = 0  # points that are not numbers
         self.unplaced = 0  # clouds without a pose
         self.water_reach_m = _REACH_M
@@ -75,7 +75,7 @@ class Sighting:
         self._level_m: float | None = None  # of the vessel's origin, down, mean of the last seconds
         self._level_ns = 0
 
-    def look(
+    def add_cloud(
         self,
         history: PoseHistory,
         stamp_ns: int,
@@ -120,7 +120,7 @@ class Sighting:
         """Points at their own instants: NED (n, 3), and height above the mean water (n,)."""
         last_s = float(offset_s.max()) if len(offset_s) else 0.0
         knots_s = np.linspace(0.0, max(last_s, 1e-3), _KNOTS)
-        poses = [history.at(stamp_ns + round(float(s) * 1e9)) for s in knots_s]
+        poses = [history.pose_at(stamp_ns + round(float(s) * 1e9)) for s in knots_s]
         if any(pose is None for pose in poses):
             return None
         known = [pose for pose in poses if pose is not None]
@@ -182,7 +182,7 @@ class Sighting:
         top_m = np.full(len(cells), -np.inf)
         np.maximum.at(top_m, where, height_m)
         bright = np.bincount(where[is_bright], minlength=len(cells))
-        self.frames.append(Frame(stamp_ns, cells, points, top_m, count, bright))
+        self.frames.append(DetectionFrame(stamp_ns, cells, points, top_m, count, bright))
         while self.frames and stamp_ns - self.frames[0].stamp_ns > self._window_ns:
             self.frames.popleft()
 
@@ -226,7 +226,7 @@ class Cluster(NamedTuple):
     bright: int = 0
 
 
-def clusters(frames: Sequence[Frame], pos_ne_m: Array, doubtful_m: float) -> list[Cluster]:
+def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m: float) -> list[Cluster]:
     """Things among the frames, any order. What too few frames saw is left out.
 
     Nearer to pos_ne_m (2,) than doubtful_m a crest may gleam now and then: what is thinly strewn there is left out too.

@@ -24,14 +24,14 @@ _BITS = 20
 _HALF = 1 << (_BITS - 1)
 
 
-class Added(NamedTuple):
+class MapPoints(NamedTuple):
     """What is new in the map: points_odom_m (k, 3), intensity (k,)."""
 
     points_odom_m: Points
     intensity: Intensity
 
 
-SIGHTINGS = {LIDAR: 2, SONAR: 1}
+HITS_NEEDED = {LIDAR: 2, SONAR: 1}
 """Clouds, or pings, that must have seen a cell."""
 
 
@@ -51,7 +51,7 @@ class CloudMap:
     def __len__(self) -> int:
         return len(self._cells)
 
-    def add(self, pose_odom: Array, points_frd_m: Points, intensity: Intensity, source: int = LIDAR) -> Added:
+    def add(self, pose_odom: Array, points_frd_m: Points, intensity: Intensity, source: int = LIDAR) -> MapPoints:
         """Points (n, 3) seen from the body, whose pose (4, 4) is that of the same instant."""
         with np.errstate(invalid="ignore", over="ignore"):
             near = np.einsum("ij,ij->i", points_frd_m, points_frd_m) <= self._far_m**2
@@ -63,12 +63,12 @@ class CloudMap:
         points, intensity, whole = points[inside], intensity[inside], cell[inside].astype(np.int64) + _HALF
         keys = ((source << _BITS | whole[:, 0]) << _BITS | whole[:, 1]) << _BITS | whole[:, 2]
         unique, first = np.unique(keys, return_index=True)
-        added = self._sighted(unique.tolist(), points[first], intensity[first], SIGHTINGS[source])
+        added = self._sighted(unique.tolist(), points[first], intensity[first], HITS_NEEDED[source])
         if len(added.intensity):
             self._parts.append((*added, source))
         return added
 
-    def _sighted(self, keys: list[int], points: Points, intensity: Intensity, needed: int) -> Added:
+    def _sighted(self, keys: list[int], points: Points, intensity: Intensity, needed: int) -> MapPoints:
         """The cells that count from now on, of those that one cloud saw: a point each, the first in its cell."""
         rows, places = [], []
         for row, (key, place) in enumerate(zip(keys, points.tolist())):
@@ -83,11 +83,11 @@ class CloudMap:
             self._cells.add(key)
             rows.append(row)
             places.append(place)
-        return Added(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])
+        return MapPoints(np.array(places, dtype=np.float32).reshape(-1, 3), intensity[rows])
 
-    def whole(self, source: int = LIDAR) -> Added:
+    def points_by(self, source: int = LIDAR) -> MapPoints:
         """All points by one source, in the order they came."""
         parts = [(points, intensity) for points, intensity, by in self._parts if by == source]
         if not parts:
-            return Added(np.empty((0, 3), dtype=np.float32), np.empty(0, dtype=np.uint8))
-        return Added(np.concatenate([points for points, _ in parts]), np.concatenate([each for _, each in parts]))
+            return MapPoints(np.empty((0, 3), dtype=np.float32), np.empty(0, dtype=np.uint8))
+        return MapPoints(np.concatenate([points for points, _ in parts]), np.concatenate([each for _, each in parts]))

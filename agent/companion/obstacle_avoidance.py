@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.autopilot_state import VehicleView, heading_rad
-from agent.companion.avoidance import Planner, things
-from agent.companion.command_output import Helm
-from agent.companion.detection import Sighting, clusters
+from agent.companion.autopilot_state import AutopilotState, heading_rad
+from agent.companion.avoidance import AvoidancePlanner, obstacles_near
+from agent.companion.command_output import CommandOutput
+from agent.companion.detection import ObstacleDetector, find_clusters
 from agent.companion.pose_history import VehiclePose
-from agent.companion.tracking import CurrentGuess, Track, Tracks
+from agent.companion.tracking import CurrentEstimator, ObstacleTrack, ObstacleTracker
 from agent.wire import dialect as mav
 
 Array = NDArray[np.float64]
@@ -36,7 +36,9 @@ _VIEW_SECTORS = 6  # to either side of the bow
 _LEAST_CM = 50
 
 
-def proximity_messages(points_ne_m: Array, pose: VehiclePose, stamp_ns: int, bow_m: float, range_m: float) -> list[Any]:
+def make_proximity_messages(
+    points_ne_m: Array, pose: VehiclePose, stamp_ns: int, bow_m: float, range_m: float
+) -> list[Any]:
     """OBSTACLE_DISTANCE from the body's origin, and DISTANCE_SENSOR from the bow, bow_m before it.
 
     Sectors in view without a thing are one centimetre beyond the range; those out of view and empty are not known.
@@ -79,7 +81,7 @@ _BEGIN = 0.6  # of the margin
 _DOUBTFUL = 1.6  # of how far water returns
 
 
-class Watch:
+class ObstacleAvoidance:
     """Sees, tracks and avoids, in the autopilot's local NED.
 
     margin_m: water kept between hull and obstacle. horizon_s: how far ahead collisions are looked for. speed_mps: of
@@ -103,12 +105,12 @@ class Watch:
         avoids: bool = True,
         view_yaw_rad: float = 0.0,
     ) -> None:
-        self.vehicle = VehicleView()
-        self.tracks = Tracks()
-        self._sighting = Sighting(range_m, waterline_m)
-        self._current = CurrentGuess()
-        planner = Planner(margin_m, _BEGIN * margin_m, horizon_s, 0.5 * math.hypot(length_m, width_m))
-        self._helm = Helm(planner, _BEGIN * margin_m, speed_mps)
+        self.vehicle = AutopilotState()
+        self.tracker = ObstacleTracker()
+        self._sighting = ObstacleDetector(range_m, waterline_m)
+        self._current = CurrentEstimator()
+        planner = AvoidancePlanner(margin_m, _BEGIN * margin_m, horizon_s, 0.5 * math.hypot(length_m, width_m))
+        self._helm = CommandOutput(planner, _BEGIN * margin_m, speed_mps)
         self._bow_m = 0.5 * length_m
         self._range_m = range_m
         self._avoids = avoids
@@ -119,7 +121,7 @@ class Watch:
 
     @property
     def obstacles(self) -> int:
-        return self.tracks.total
+        return self.tracker.total
 
     @property
     def detours(self) -> int:
@@ -141,14 +143,14 @@ class Watch:
     def points_refused(self) -> int:
         return self._sighting.refused
 
-    def take(self, message: Any, now_ns: int) -> Messages:
+    def handle(self, message: Any, now_ns: int) -> Messages:
         """One message of the autopilot; returns what to answer (requests for the mission and for rates)."""
-        replies = self.vehicle.take(message, now_ns)
+        replies = self.vehicle.handle(message, now_ns)
         if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_ACK:
-            self._helm.acknowledged(message, self.vehicle)
+            self._helm.handle_acknowledgement(message, self.vehicle)
         return replies
 
-    def cloud(
+    def add_cloud(
         self,
         stamp_ns: int,
         points_frd_m: NDArray[np.float32],
@@ -169,7 +171,7 @@ class Watch:
             if not known and not final and len(self._waiting) <= _WAITING:
                 return
             self._waiting.pop(0)
-            if self._sighting.look(self.vehicle.history, stamp_ns, points, offset_s, intensity):
+            if self._sighting.add_cloud(self.vehicle.history, stamp_ns, points, offset_s, intensity):
                 self._cloud_ns = stamp_ns
                 self._look(stamp_ns)
 
@@ -178,14 +180,14 @@ class Watch:
         if pose is None:
             return
         bow_rad = heading_rad(pose)
-        self._current.add(stamp_ns, pose.vel_ned_mps, bow_rad, self.vehicle.yaw_rate_radps)
+        self._current.update(stamp_ns, pose.vel_ned_mps, bow_rad, self.vehicle.yaw_rate_radps)
         if 0 <= stamp_ns - self._looked_ns < _LOOK_NS:
             return
         self._looked_ns = stamp_ns
-        found = clusters(self._sighting.frames, pose.pos_ned_m[:2], _DOUBTFUL * self._sighting.water_reach_m)
+        found = find_clusters(self._sighting.frames, pose.pos_ned_m[:2], _DOUBTFUL * self._sighting.water_reach_m)
         drift = self._current.current_ne_mps
         view_rad = bow_rad + self._view_yaw_rad
-        self.tracks.update(stamp_ns, found, pose.pos_ned_m[:2], view_rad, self._sighting.water_reach_m, drift)
+        self.tracker.update(stamp_ns, found, pose.pos_ned_m[:2], view_rad, self._sighting.water_reach_m, drift)
 
     def plan(self, now_ns: int) -> Messages:
         """To the autopilot: mode changes, targets, requests. Nothing while the way is free."""
@@ -196,32 +198,32 @@ class Watch:
         if pose is None:
             return messages
         pos = pose.pos_ned_m[:2]
-        around = things(now_ns, self.tracks.confirmed, self.tracks.structure.within(pos, _STRUCTURE_M), pos)
-        messages.extend(self._helm.steer(self.vehicle, pose, around, self._current.current_ne_mps, now_ns))
+        around = obstacles_near(now_ns, self.tracker.confirmed, self.tracker.structure.within(pos, _STRUCTURE_M), pos)
+        messages.extend(self._helm.update(self.vehicle, pose, around, self._current.current_ne_mps, now_ns))
         return messages
 
     def _is_blind(self, now_ns: int) -> bool:
         return self._cloud_ns is None or now_ns - self._cloud_ns > _STALE_NS
 
-    def proximity(self, now_ns: int) -> Messages:
+    def proximity_messages(self, now_ns: int) -> Messages:
         """OBSTACLE_DISTANCE and DISTANCE_SENSOR; nothing without clouds or pose."""
         pose = None if self._is_blind(now_ns) else self.vehicle.pose_at(now_ns)
         if pose is None or not self._sighting.frames:
             return []
         points = [frame.points_ne_m for frame in self._sighting.frames]
-        points.append(self.tracks.structure.within(pose.pos_ned_m[:2], self._range_m))
-        points.extend(_outline(track, now_ns) for track in self.tracks.confirmed)
-        return proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)
+        points.append(self.tracker.structure.within(pose.pos_ned_m[:2], self._range_m))
+        points.extend(_outline(track, now_ns) for track in self.tracker.confirmed)
+        return make_proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)
 
     def obstacle_messages(self, now_ns: int) -> Messages:
         """An XITL_OBSTACLE of every confirmed track."""
         pose = self.vehicle.pose_at(now_ns)
         if pose is None:
             return []
-        return [self._obstacle(track, pose, now_ns) for track in self.tracks.confirmed]
+        return [self._obstacle(track, pose, now_ns) for track in self.tracker.confirmed]
 
-    def _obstacle(self, track: Track, pose: VehiclePose, now_ns: int) -> Any:
-        north, east = track.at(now_ns).tolist()
+    def _obstacle(self, track: ObstacleTrack, pose: VehiclePose, now_ns: int) -> Any:
+        north, east = track.position_at(now_ns).tolist()
         vn, ve = track.state[2:].tolist()
         bow = pose.pos_ned_m[:2] + self._bow_m * pose.rot_ned_frd[:2, 0]
         off = _outline(track, now_ns) - bow
@@ -243,12 +245,12 @@ class Watch:
         )
 
 
-def _outline(track: Track, now_ns: int) -> NDArray[np.float64]:
+def _outline(track: ObstacleTrack, now_ns: int) -> NDArray[np.float64]:
     """Points along the edge of its box, (n, 2)."""
     along = np.array((math.cos(track.heading_rad), math.sin(track.heading_rad)))
     across = np.array((-along[1], along[0]))
     forward, right = 0.5 * track.length_m, 0.5 * track.width_m
     steps = np.linspace(-1.0, 1.0, 7)
     sides = [forward * s * along + r * right * across for s in steps for r in (-1.0, 1.0)]
-    points: NDArray[np.float64] = track.at(now_ns) + np.array(sides)
+    points: NDArray[np.float64] = track.position_at(now_ns) + np.array(sides)
     return points

@@ -16,13 +16,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.odometry_filters import Estimate, Filter, Inertial, LidarOnly, Motion
+from agent.companion.odometry_filters import (
+    AidedFilter,
+    AutopilotMotion,
+    LidarOnlyFilter,
+    OdometryFilter,
+    OdometryState,
+)
 from agent.companion.rigid_motion import drifted, exponential
 from agent.companion.water_plane import WaterPlane
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
-MotionOf = Callable[["int | None", int, int], "Motion | None"]
+MotionSource = Callable[["int | None", int, int], "AutopilotMotion | None"]
 """Of the end of the cloud before and begin and end of this one, on the sensors' clock; None where it is not known."""
 
 LEAST_POINTS = 30
@@ -38,7 +44,7 @@ MOST_TURNS = 20
 """Of ICP a cloud. What they are after that is below the noise of a pose, and there may be hundreds."""
 
 
-def no_motion(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
+def no_motion(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
     """Of an odometry by clouds alone."""
     return None
 
@@ -47,7 +53,7 @@ class OdometryError(Exception):
     """One sentence for the user: what is wrong with the odometry and what to do."""
 
 
-class Placed(NamedTuple):
+class RegisteredCloud(NamedTuple):
     """A cloud in its place.
 
     stamp_ns: of the cloud's last point. pose_odom: (4, 4), body FRD at that instant to the frame `odom`, which is body
@@ -78,7 +84,7 @@ class LidarOdometry:
         max_range_m: float = 150.0,
         voxel_m: float = 1.0,
         min_range_m: float = 1.0,
-        motion: MotionOf = no_motion,
+        motion: MotionSource = no_motion,
     ) -> None:
         try:
             from kiss_icp.config import KISSConfig  # type: ignore[import-untyped]
@@ -103,14 +109,14 @@ class LidarOdometry:
         self._range_m = (min_range_m, max_range_m)
         self._motion = motion
         self._water = WaterPlane()
-        self._inertial, self._lidar_only = Inertial(self._water), LidarOnly(self._water)
-        self._filter: Filter = self._lidar_only
+        self._inertial, self._lidar_only = AidedFilter(self._water), LidarOnlyFilter(self._water)
+        self._filter: OdometryFilter = self._lidar_only
         self.poses = self.poses_refused = self.unaided = self.points_refused = self.restarts = 0
         self._refused_on_end = 0
         self._stamp_ns: int | None = None
-        self._at: Estimate | None = None
+        self._at: OdometryState | None = None
 
-    def register(self, stamp_ns: int, points_frd_m: Points, offset_s: Points) -> Placed | None:
+    def register(self, stamp_ns: int, points_frd_m: Points, offset_s: Points) -> RegisteredCloud | None:
         """Place a cloud that began at `stamp_ns`: (n, 3), each point offset_s (n,) later. None if it fits nowhere."""
         kept = self._good(points_frd_m, offset_s)
         points, offset = points_frd_m[kept], offset_s[kept]
@@ -123,35 +129,35 @@ class LidarOdometry:
             return None
         motion = self._motion(before_ns, stamp_ns, end_ns)
         self.unaided += motion is None
-        wet = self._water.of(points, lag_s)
+        wet = self._water.water_mask(points, lag_s)
         if motion is not None:
-            wet |= self._water.crests(points, lag_s, motion.attitude_ned[2], motion.rate_frd_radps)
+            wet |= self._water.crest_mask(points, lag_s, motion.attitude_ned[2], motion.rate_frd_radps)
         few = np.count_nonzero(~wet) < LEAST_POINTS
         if few and (motion is None or self._at is None):
             self.poses_refused += 1
             return None
         dt_s = 0.0 if before_ns is None else (end_ns - before_ns) * 1e-9
-        guess = self._chosen(motion).predicted(self._at, dt_s, motion)
+        guess = self._chosen(motion).predict(self._at, dt_s, motion)
         if few:
             self._carry_on(end_ns, guess, motion)
             return None
         here = drifted(points, lag_s, guess.twist_frd)
         solid, level = here[~wet].astype(np.float64), here[wet].astype(np.float64)
-        found: Estimate | None = guess
+        found: OdometryState | None = guess
         if self._at is not None:
             thin = self._thin(solid, 0.15 * self._voxel_m)
             aligned = self._aligned(thin, level, guess.pose_odom)
-            found = self._filter.corrected(guess, aligned, thin, dt_s)
+            found = self._filter.correct(guess, aligned, thin, dt_s)
         if found is None:
             self._doubt(end_ns, guess, motion, solid)
             return None
-        self._stamp_ns, self._at = end_ns, self._filter.levelled(found, motion)
+        self._stamp_ns, self._at = end_ns, self._filter.hold_level(found, motion)
         self._map.update(self._kept_of(solid, level), self._at.pose_odom)
         self._refused_on_end = 0
         self.poses += 1
         kept[np.flatnonzero(kept)[wet]] = False
         there = drifted(points[~wet], lag_s[~wet], self._at.twist_frd)
-        return Placed(end_ns, self._at.pose_odom.copy(), self._at.twist_frd[:3].copy(), there, kept)
+        return RegisteredCloud(end_ns, self._at.pose_odom.copy(), self._at.twist_frd[:3].copy(), there, kept)
 
     def pose_at(self, stamp_ns: int) -> Array | None:
         """(4, 4) at another instant, as if the vessel moved on as it does; None before the first pose."""
@@ -160,11 +166,11 @@ class LidarOdometry:
         pose: Array = self._at.pose_odom @ exponential(self._at.twist_frd * ((stamp_ns - self._stamp_ns) * 1e-9))
         return pose
 
-    def _chosen(self, motion: Motion | None) -> Filter:
-        chosen: Filter = self._lidar_only if motion is None else self._inertial
+    def _chosen(self, motion: AutopilotMotion | None) -> OdometryFilter:
+        chosen: OdometryFilter = self._lidar_only if motion is None else self._inertial
         if chosen is not self._filter:
             self._filter = chosen
-            chosen.taken_up()
+            chosen.resume()
         return chosen
 
     def _good(self, points_frd_m: Points, offset_s: Points) -> NDArray[np.bool_]:
@@ -191,13 +197,13 @@ class LidarOdometry:
         """What of a cloud goes into the local map."""
         return np.concatenate([self._thin(solid, 0.1 * self._voxel_m), self._thin(level, 0.75 * self._voxel_m)])
 
-    def _carry_on(self, end_ns: int, guess: Estimate, motion: Motion | None) -> None:
+    def _carry_on(self, end_ns: int, guess: OdometryState, motion: AutopilotMotion | None) -> None:
         """A cloud that says nothing of where the vessel is; the autopilot's motion does for a while."""
         self.poses_refused += 1
         if motion is not None:
-            self._stamp_ns, self._at = end_ns, self._filter.levelled(guess, motion)
+            self._stamp_ns, self._at = end_ns, self._filter.hold_level(guess, motion)
 
-    def _doubt(self, end_ns: int, guess: Estimate, motion: Motion | None, solid: Array) -> None:
+    def _doubt(self, end_ns: int, guess: OdometryState, motion: AutopilotMotion | None, solid: Array) -> None:
         """A cloud that does not fit; after many of them it is the map that does not."""
         self._carry_on(end_ns, guess, motion)
         self._refused_on_end += 1

@@ -24,7 +24,7 @@ from agent.companion.water_plane import WaterPlane
 Array = NDArray[np.float64]
 
 
-class Motion(NamedTuple):
+class AutopilotMotion(NamedTuple):
     """How the autopilot says the body moved from one cloud's end to the next.
 
     turned (3, 3): the body now seen from the body then. rate_frd_radps (3,): mean of the cloud's own time.
@@ -38,26 +38,26 @@ class Motion(NamedTuple):
     gained_ned_mps: Array
 
 
-class Estimate(NamedTuple):
+class OdometryState(NamedTuple):
     """pose_odom (4, 4): body FRD to the odometry's frame. twist_frd (6,): velocity and rates in the body."""
 
     pose_odom: Array
     twist_frd: Array
 
 
-class Filter(Protocol):
+class OdometryFilter(Protocol):
     """Weighs what a cloud says against what was to be expected. Called in this order for each cloud."""
 
-    def taken_up(self) -> None:
+    def resume(self) -> None:
         """The cloud before was not this filter's, or there was none."""
 
-    def predicted(self, before: Estimate | None, dt_s: float, motion: Motion | None) -> Estimate:
+    def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
         """At the cloud's end; before is None for the first cloud."""
 
-    def corrected(self, guess: Estimate, aligned: Array, solid_frd_m: Array, dt_s: float) -> Estimate | None:
+    def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
         """With the pose (4, 4) that registration found for the points (n, 3); None where that cannot be."""
 
-    def levelled(self, estimate: Estimate, motion: Motion | None) -> Estimate:
+    def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
         """Held to the water, and to what is known of down."""
 
 
@@ -91,7 +91,7 @@ class _Told(NamedTuple):
     pose: VehiclePose
 
 
-class Motions:
+class AutopilotMotionSource:
     """What an autopilot's history says of each cloud's time. own_ns: from the sensors' clock to the history's.
 
     Each motion begins where the one before ended, as that was told: what an extrapolation was off by is made up for.
@@ -102,9 +102,9 @@ class Motions:
         self._own_ns = own_ns
         self._last: _Told | None = None
 
-    def of(self, before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
+    def motion_between(self, before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
         """From the end of the cloud before (None: there was none) to this one's end; None where it is not known."""
-        told, began = self._told(end_ns), self._history.steady_at(self._own_ns(begin_ns))
+        told, began = self._told(end_ns), self._history.steady_attitude_at(self._own_ns(begin_ns))
         if told is None or began is None:
             return None
         then: _Told | None = told
@@ -118,17 +118,17 @@ class Motions:
         rate = _turn_of(began.T @ told.steady) / max((end_ns - begin_ns) * 1e-9, 1e-3)
         vel_mps = told.pose.vel_ned_mps
         gained_mps = vel_mps - then.pose.vel_ned_mps
-        return Motion(then.steady.T @ told.steady, rate, told.pose.rot_ned_frd, vel_mps, gained_mps)
+        return AutopilotMotion(then.steady.T @ told.steady, rate, told.pose.rot_ned_frd, vel_mps, gained_mps)
 
     def _told(self, stamp_ns: int) -> _Told | None:
         own_ns = self._own_ns(stamp_ns)
-        pose, steady = self._history.at(own_ns), self._history.steady_at(own_ns)
+        pose, steady = self._history.pose_at(own_ns), self._history.steady_attitude_at(own_ns)
         if pose is None or steady is None:
             return None
         return _Told(self._history.epoch, stamp_ns, steady, pose)
 
 
-class Inertial:
+class AidedFilter:
     """water: what the cloud in hand shows of it."""
 
     def __init__(self, water: WaterPlane) -> None:
@@ -139,16 +139,16 @@ class Inertial:
         self._height_m = 0.0
         self._heights = 0
 
-    def taken_up(self) -> None:
+    def resume(self) -> None:
         """How far off the estimate is, is not known from before."""
         self._covariance = RESUMED
 
-    def predicted(self, before: Estimate | None, dt_s: float, motion: Motion | None) -> Estimate:
+    def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
         """Turned and sped up as the autopilot says."""
         assert motion is not None
         if before is None:
             self._covariance = INITIAL
-            return Estimate(np.eye(4), _twist(np.eye(3), motion.attitude_ned.T @ motion.vel_ned_mps, motion))
+            return OdometryState(np.eye(4), _twist(np.eye(3), motion.attitude_ned.T @ motion.vel_ned_mps, motion))
         earlier = before.pose_odom[:3, :3]
         pose = before.pose_odom.copy()
         pose[:3, :3] = earlier @ motion.turned
@@ -165,9 +165,9 @@ class Inertial:
         self._covariance = transition @ self._covariance @ transition.T + PROCESS * dt_s
         if doubted:
             self._covariance[6:, 6:] += DOUBTED_MPS**2 * np.eye(3)
-        return Estimate(pose, _twist(pose[:3, :3], vel_mps + gained_mps, motion))
+        return OdometryState(pose, _twist(pose[:3, :3], vel_mps + gained_mps, motion))
 
-    def corrected(self, guess: Estimate, aligned: Array, solid_frd_m: Array, dt_s: float) -> Estimate | None:
+    def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
         """As much as the points bear that were to be joined."""
         turn = _turn_of(aligned[:3, :3] @ guess.pose_odom[:3, :3].T)
         residual = np.concatenate([aligned[:3, 3] - guess.pose_odom[:3, 3], turn])
@@ -181,7 +181,7 @@ class Inertial:
         noise = (POINT_M**2 * np.linalg.inv(information) + REGISTRATION).astype(np.float64)
         return self._observed(guess, np.eye(6, 9), residual, noise)
 
-    def levelled(self, estimate: Estimate, motion: Motion | None) -> Estimate:
+    def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
         """Down is where the autopilot says, and the water at its height."""
         assert motion is not None
         down = estimate.pose_odom[:3, :3] @ motion.attitude_ned.T @ _DOWN
@@ -204,7 +204,7 @@ class Inertial:
         jacobian[0, :3] = reference
         return self._observed(estimate, jacobian, np.array([self._height_m - height_m]), HEIGHT_M**2 * np.eye(1))
 
-    def _observed(self, estimate: Estimate, jacobian: Array, residual: Array, noise: Array) -> Estimate:
+    def _observed(self, estimate: OdometryState, jacobian: Array, residual: Array, noise: Array) -> OdometryState:
         """After an observation (k,) of covariance noise (k, k); jacobian (k, 9) of it by the errors."""
         before = self._covariance
         gain = np.linalg.solve(jacobian @ before @ jacobian.T + noise, jacobian @ before).T
@@ -216,10 +216,10 @@ class Inertial:
         pose[:3, 3] += error[:3]
         pose[:3, :3] = exponential(np.concatenate([np.zeros(3), error[3:6]]))[:3, :3] @ pose[:3, :3]
         twist[:3] = pose[:3, :3].T @ vel_mps
-        return Estimate(pose, twist)
+        return OdometryState(pose, twist)
 
 
-def _twist(rot_odom_frd: Array, vel_odom_mps: Array, motion: Motion) -> Array:
+def _twist(rot_odom_frd: Array, vel_odom_mps: Array, motion: AutopilotMotion) -> Array:
     return np.concatenate([rot_odom_frd.T @ vel_odom_mps, motion.rate_frd_radps])
 
 
@@ -261,7 +261,7 @@ HEIGHT_GAIN = 0.4
 """Share of the tilt and of the height off the water that is taken back with every cloud; waves are averaged out."""
 
 
-class LidarOnly:
+class LidarOnlyFilter:
     """water: what the cloud in hand shows of it."""
 
     def __init__(self, water: WaterPlane) -> None:
@@ -271,27 +271,27 @@ class LidarOnly:
         self._levels = 0
         self._surface: tuple[Array, float] | None = None
 
-    def taken_up(self) -> None:
+    def resume(self) -> None:
         """Where the water was last is not known."""
         self._surface = None
 
-    def predicted(self, before: Estimate | None, dt_s: float, motion: Motion | None) -> Estimate:
+    def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
         """Even motion, rocking as the water shows."""
         if before is None:
-            return Estimate(np.eye(4), self._rocked(np.zeros(6)))
+            return OdometryState(np.eye(4), self._rocked(np.zeros(6)))
         pose = self._floated(before.pose_odom @ exponential(before.twist_frd * dt_s))
         self._surface = None
-        return Estimate(pose, self._rocked(before.twist_frd))
+        return OdometryState(pose, self._rocked(before.twist_frd))
 
-    def corrected(self, guess: Estimate, aligned: Array, solid_frd_m: Array, dt_s: float) -> Estimate | None:
+    def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
         """By fixed shares of the surprise."""
         surprise = logarithm(inverse(guess.pose_odom) @ aligned)
         if not float(np.linalg.norm(surprise[:3])) <= MOST_SURPRISE_MPS * dt_s:  # also when it is not a number
             return None
         pose = guess.pose_odom @ exponential(GAIN * surprise)
-        return Estimate(pose, self._rocked(guess.twist_frd + RATE_GAIN * surprise / dt_s))
+        return OdometryState(pose, self._rocked(guess.twist_frd + RATE_GAIN * surprise / dt_s))
 
-    def levelled(self, estimate: Estimate, motion: Motion | None) -> Estimate:
+    def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
         """Height and tilt a little nearer to what the water says, whose plane stays where it was."""
         level = self._water.level
         if level is None:
@@ -311,7 +311,7 @@ class LidarOnly:
         levelled[:3, 3] += HEIGHT_GAIN * (self._height_m - down_m - float(reference @ pose[:3, 3])) * reference
         normal = levelled[:3, :3] @ level.normal_frd
         self._surface = (normal, down_m + float(normal @ levelled[:3, 3]))
-        return Estimate(levelled, estimate.twist_frd)
+        return OdometryState(levelled, estimate.twist_frd)
 
     def _rocked(self, twist: Array) -> Array:
         """(6,) a twist that rolls and pitches as this cloud's water says, where it shows any, and does not heave.

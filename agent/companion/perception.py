@@ -8,14 +8,14 @@ from typing import Any, Callable, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.clouds import Cloud, Clouds, cloud_messages
-from agent.companion.mapping import LIDAR, SONAR, Added, CloudMap
-from agent.companion.obstacle_avoidance import Watch
-from agent.companion.odometry import LidarOdometry, OdometryError, Placed, no_motion
-from agent.companion.odometry_filters import Motions
+from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
+from agent.companion.mapping import LIDAR, SONAR, CloudMap, MapPoints
+from agent.companion.obstacle_avoidance import ObstacleAvoidance
+from agent.companion.odometry import LidarOdometry, OdometryError, RegisteredCloud, no_motion
+from agent.companion.odometry_filters import AutopilotMotionSource
 from agent.companion.pose_history import AHEAD_NS
-from agent.companion.settings import Settings
-from agent.companion.sonar import Ping, Pings, echo_points
+from agent.companion.settings import CompanionParameters
+from agent.companion.sonar import PingReassembler, SonarPing, echo_points
 from agent.wire import dialect as mav
 
 WINDOW_NS = 20_000_000_000
@@ -33,7 +33,7 @@ class SensorClock:
         self._least_ns: int | None = None
         self._before_ns: int | None = None
 
-    def arrived(self, stamp_ns: int, now_ns: int) -> None:
+    def note_arrival(self, stamp_ns: int, now_ns: int) -> None:
         """Something that was whole at `stamp_ns` came at `now_ns`."""
         took_ns = now_ns - stamp_ns
         if self._since_ns is None or now_ns - self._since_ns > WINDOW_NS:
@@ -70,31 +70,33 @@ class _Tally(NamedTuple):
     latency_s: float
 
 
-class Perceiver:
+class Perception:
     """One run's. `say(text)` is for people.
 
     settings: as they are now. watch: what looks out for obstacles, on this machine's clock.
     """
 
-    def __init__(self, settings: Settings, watch: Watch, lockstep: bool, say: Callable[[str], None]) -> None:
-        self.watch = watch
-        self._clouds = Clouds()
-        self._pings = Pings()
+    def __init__(
+        self, settings: CompanionParameters, watch: ObstacleAvoidance, lockstep: bool, say: Callable[[str], None]
+    ) -> None:
+        self.avoidance = watch
+        self._clouds = CloudReassembler()
+        self._pings = PingReassembler()
         self._clock = SensorClock(lockstep)
-        self._waiting: deque[Cloud] = deque()
-        self._seen: deque[Cloud] = deque()  # by the watch; the odometry waits for the autopilot
+        self._waiting: deque[PointCloud] = deque()
+        self._seen: deque[PointCloud] = deque()  # by the watch; the odometry waits for the autopilot
         self._aided = bool(settings["ODO_AIDED"])
         self._say = say
         self._said_alone = False
-        self._echoes: deque[Ping] = deque()
+        self._echoes: deque[SonarPing] = deque()
         self._tally = _Tally(0, 0, 0.0)
         self._numbers = {LIDAR: 0, SONAR: 0}
         self._odometry: LidarOdometry | None = None
         self._map: CloudMap | None = None
         if settings["ODO_ENABLE"]:
             try:
-                motions = Motions(watch.vehicle.history, self._clock.own_ns)
-                motion = motions.of if self._aided else no_motion
+                motions = AutopilotMotionSource(watch.vehicle.history, self._clock.own_ns)
+                motion = motions.motion_between if self._aided else no_motion
                 self._odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=motion)
             except OdometryError as error:
                 say(str(error))
@@ -106,32 +108,34 @@ class Perceiver:
         """Clouds taken in so far, whole or in part."""
         return self._clouds.clouds + self._clouds.clouds_partial
 
-    def take(self, message: Any, now_ns: int) -> bool:
+    def handle(self, message: Any, now_ns: int) -> bool:
         """Keep a chunk of a cloud or a ping; False for a message that is neither."""
         if isinstance(message, mav.MAVLink_xitl_cloud_message):
-            for cloud in self._clouds.take(message):
+            for cloud in self._clouds.handle(message):
                 if cloud.kind == mav.XITL_CLOUD_KIND_LIDAR:
                     self._queue(cloud, now_ns)
             return True
         if isinstance(message, mav.MAVLink_xitl_ping_message):
-            self._echoes.extend(self._pings.take(message))
+            self._echoes.extend(self._pings.handle(message))
             return True
         return False
 
-    def _queue(self, cloud: Cloud, now_ns: int) -> None:
+    def _queue(self, cloud: PointCloud, now_ns: int) -> None:
         if len(cloud.offset_s):
-            self._clock.arrived(cloud.end_ns, now_ns)
+            self._clock.note_arrival(cloud.end_ns, now_ns)
         if len(self._waiting) == MOST_WAITING:
             self._waiting.popleft()
             self._tally = self._tally._replace(clouds_dropped=self._tally.clouds_dropped + 1)
         self._waiting.append(cloud)
 
-    def work(self, now_ns: Callable[[], int]) -> Messages:
+    def process(self, now_ns: Callable[[], int]) -> Messages:
         """Work through what waits; returns what the host is told of it."""
         told: Messages = []
         while self._waiting:
             cloud = self._waiting.popleft()
-            self.watch.cloud(self._clock.own_ns(cloud.stamp_ns), cloud.points_m, cloud.offset_s, cloud.intensity)
+            self.avoidance.add_cloud(
+                self._clock.own_ns(cloud.stamp_ns), cloud.points_m, cloud.offset_s, cloud.intensity
+            )
             self._seen.append(cloud)
         while self._seen and self._is_due(self._seen[0], now_ns()):
             cloud = self._seen.popleft()
@@ -143,8 +147,8 @@ class Perceiver:
             told += self._hear(self._echoes.popleft())
         return told
 
-    def _is_due(self, cloud: Cloud, now_ns: int) -> bool:
-        told_ns = self.watch.vehicle.history.newest_ns
+    def _is_due(self, cloud: PointCloud, now_ns: int) -> bool:
+        told_ns = self.avoidance.vehicle.history.newest_ns
         if self._odometry is None or not self._aided or told_ns is None:
             return True
         end_ns = self._clock.own_ns(cloud.end_ns)
@@ -156,7 +160,7 @@ class Perceiver:
         """Whether a cloud that waits will say where the body was."""
         return bool(self._seen) and self._seen[0].stamp_ns <= stamp_ns
 
-    def _place(self, cloud: Cloud) -> Messages:
+    def _place(self, cloud: PointCloud) -> Messages:
         if self._odometry is None:
             return []
         placed = self._odometry.register(cloud.stamp_ns, cloud.points_m, cloud.offset_s)
@@ -171,7 +175,7 @@ class Perceiver:
             told += self._map_messages(placed.stamp_ns, added, LIDAR)
         return told
 
-    def _hear(self, ping: Ping) -> Messages:
+    def _hear(self, ping: SonarPing) -> Messages:
         self._tally = self._tally._replace(pings=self._tally.pings + 1)
         if self._odometry is None or self._map is None:
             return []
@@ -181,7 +185,7 @@ class Perceiver:
         points_frd_m, intensity = echo_points(ping)
         return self._map_messages(ping.stamp_ns, self._map.add(pose, points_frd_m, intensity, SONAR), SONAR)
 
-    def _map_messages(self, stamp_ns: int, added: Added, source: int) -> Messages:
+    def _map_messages(self, stamp_ns: int, added: MapPoints, source: int) -> Messages:
         points = added.points_odom_m
         if not len(points):
             return []
@@ -189,11 +193,11 @@ class Perceiver:
         origin = tuple(np.round(points.mean(axis=0)).tolist())
         still = np.zeros(len(points), dtype=np.float32)
         kind = source + 1
-        return cloud_messages(Cloud(kind, self._numbers[source], stamp_ns, points, still, added.intensity), origin)
+        return cloud_messages(PointCloud(kind, self._numbers[source], stamp_ns, points, still, added.intensity), origin)
 
     def status(self, now_ns: int) -> Any:
         """XITL_COMPANION_STATUS."""
-        clouds, odometry, watch = self._clouds, self._odometry, self.watch
+        clouds, odometry, watch = self._clouds, self._odometry, self.avoidance
         return mav.MAVLink_xitl_companion_status_message(
             now_ns // 1000,
             clouds.clouds,
@@ -214,7 +218,7 @@ class Perceiver:
         )
 
 
-def _odometry_message(placed: Placed) -> Any:
+def _odometry_message(placed: RegisteredCloud) -> Any:
     """ODOMETRY at the cloud's last point, on the sensors' clock; quality is not known."""
     x, y, z = placed.pose_odom[:3, 3].tolist()
     return mav.MAVLink_odometry_message(

@@ -54,7 +54,7 @@ class PoseHistory:
         self._turned.clear()
         self._placed.clear()
 
-    def turned(self, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> None:
+    def add_attitude(self, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> None:
         """An attitude as a quaternion (4,) of any length, and body rates (3,)."""
         length = float(np.linalg.norm(quat))
         if not (math.isfinite(length) and length > 0.5 and np.isfinite(rate_frd_radps).all()):
@@ -70,7 +70,7 @@ class PoseHistory:
         while self._turned[0].stamp_ns < stamp_ns - KEPT_NS:
             self._turned.popleft()
 
-    def placed(self, stamp_ns: int, pos_ned_m: Array, vel_ned_mps: Array) -> None:
+    def add_position(self, stamp_ns: int, pos_ned_m: Array, vel_ned_mps: Array) -> None:
         """A position and a velocity, both (3,)."""
         if not (np.isfinite(pos_ned_m).all() and np.isfinite(vel_ned_mps).all()):
             return
@@ -87,14 +87,14 @@ class PoseHistory:
             return None
         return min(self._turned[-1].stamp_ns, self._placed[-1].stamp_ns)
 
-    def at(self, stamp_ns: int) -> VehiclePose | None:
+    def pose_at(self, stamp_ns: int) -> VehiclePose | None:
         """The pose at an instant; a little past the newest sample by its rates, None farther off or before all."""
         turned, place = self._turned_at(stamp_ns), self._place_at(stamp_ns)
         if turned is None or place is None:
             return None
         return VehiclePose(place[0], rotation(turned.quat), place[1])
 
-    def steady_at(self, stamp_ns: int) -> Array | None:
+    def steady_attitude_at(self, stamp_ns: int) -> Array | None:
         """(3, 3) the body's axes as it turned, in a frame that stays as long as the epoch; None where not known.
 
         An estimator that corrects itself at a stroke, as it does when it finds north, has not turned the body.

@@ -9,16 +9,16 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Callable
 
-from agent.companion.settings import Settings
+from agent.companion.settings import CompanionParameters
 from agent.mavlink.commands import StatusTextSender
-from agent.role import Role, Traffic
+from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock
 from agent.timing.tasks import Executor
 from agent.wire import dialect
 from agent.wire.codec import Message
 
 if TYPE_CHECKING:
-    from agent.companion.perception import Perceiver
+    from agent.companion.perception import Perception
 
 WATCH_HZ = 10.0
 PERCEIVE_HZ = 25.0
@@ -46,7 +46,7 @@ class CompanionRole(Role):
 
     def __init__(self) -> None:
         self._texts = StatusTextSender()
-        self._settings = Settings()
+        self._settings = CompanionParameters(lambda problem: self.say(_WARNING, problem))
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
         self._clock = clock
@@ -54,7 +54,7 @@ class CompanionRole(Role):
         self._beat_ns: int | None = None
         self._silent = False
         self._waiting: list[Message] = []
-        self._perceiver: Perceiver | None = None
+        self._perceiver: Perception | None = None
         self._blind = False
         self._orders = 0
 
@@ -66,10 +66,7 @@ class CompanionRole(Role):
         executor.add("tell", TELL_HZ, self._tell)
 
     def take(self, message: Message, now_ns: int) -> Sequence[Message]:
-        refused: list[str] = []
-        answers = self._settings.take(message, refused)
-        for text in refused:
-            self.say(_WARNING, text)
+        answers = self._settings.handle(message)
         perceiver = self._perceiver
         if perceiver is None:
             kind = type(message)
@@ -78,20 +75,20 @@ class CompanionRole(Role):
             perceiver = self._perceiver = self._begin_to_perceive()
             if perceiver is None:
                 return answers
-        if not perceiver.take(message, now_ns):
-            answers += perceiver.watch.take(message, now_ns)
+        if not perceiver.handle(message, now_ns):
+            answers += perceiver.avoidance.handle(message, now_ns)
         return answers
 
-    def _begin_to_perceive(self) -> Perceiver | None:
+    def _begin_to_perceive(self) -> Perception | None:
         try:
-            from agent.companion.obstacle_avoidance import Watch
-            from agent.companion.perception import Perceiver
+            from agent.companion.obstacle_avoidance import ObstacleAvoidance
+            from agent.companion.perception import Perception
         except ImportError as error:
             self._blind = True
             self.say(_WARNING, f"No perception: {error}; pip install numpy kiss-icp")
             return None
         settings = self._settings
-        watch = Watch(
+        watch = ObstacleAvoidance(
             margin_m=settings["AVD_MARGIN"],
             horizon_s=settings["AVD_HORIZON"],
             speed_mps=settings["WP_SPEED"],
@@ -102,7 +99,7 @@ class CompanionRole(Role):
             avoids=bool(settings["AVD_ENABLE"]),
             view_yaw_rad=math.radians(settings["LIDAR_YAW"]),
         )
-        return Perceiver(settings, watch, self._lockstep, lambda text: self.say(_WARNING, text))
+        return Perception(settings, watch, self._lockstep, lambda text: self.say(_WARNING, text))
 
     def _watch(self, now_ns: int) -> None:
         silent = self._silent_s() > SILENCE_S
@@ -112,19 +109,19 @@ class CompanionRole(Role):
 
     def _perceive(self, now_ns: int) -> None:
         if self._perceiver is not None:
-            self._waiting += self._perceiver.work(self._clock.now_ns)
+            self._waiting += self._perceiver.process(self._clock.now_ns)
 
     def _plan(self, now_ns: int) -> None:
         if self._perceiver is not None:
-            watch = self._perceiver.watch
+            watch = self._perceiver.avoidance
             orders = watch.plan(now_ns)
             self._orders += sum(type(order) in _ORDERS for order in orders)
             self._waiting += orders
-            self._waiting += watch.proximity(now_ns)
+            self._waiting += watch.proximity_messages(now_ns)
 
     def _tell(self, now_ns: int) -> None:
         if self._perceiver is not None:
-            self._waiting += self._perceiver.watch.obstacle_messages(now_ns)
+            self._waiting += self._perceiver.avoidance.obstacle_messages(now_ns)
             self._waiting.append(self._perceiver.status(now_ns))
 
     @property

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Callable
 
 from agent.fcu.parameters import Parameter, ParameterError, within
-from agent.wire import dialect as mav
-
-Messages = list[Any]
+from agent.mavlink.exchange import Messages
+from agent.mavlink.parameters import ParameterServer
 
 TABLE = (
     Parameter("AVD_ENABLE", 1, 0, 1, "", "1 steers around what is in the way"),
@@ -31,7 +30,7 @@ TABLE = (
 _INDEX = {row.name: index for index, row in enumerate(TABLE)}
 
 
-def checked(name: str, value: float) -> float:
+def checked_parameter(name: str, value: float) -> float:
     """The value as it would be kept. Raises ParameterError for an unknown name, NaN or a value out of range."""
     index = _INDEX.get(name)
     if index is None:
@@ -39,11 +38,18 @@ def checked(name: str, value: float) -> float:
     return within(TABLE[index], value)
 
 
-class Settings:
-    """Values by name; what is set holds from the next run's first cloud, or at once before it."""
+class CompanionParameters:
+    """Values by name; what is set holds from the next run's first cloud, or at once before it.
 
-    def __init__(self) -> None:
+    refused: hears why a value is refused.
+    """
+
+    def __init__(self, refused: Callable[[str], object] = lambda problem: None) -> None:
         self._values = {row.name: float(row.default) for row in TABLE}
+        self._refused = refused
+        self._server = ParameterServer(
+            tuple(_INDEX), self._values.__getitem__, self._set, self._on_refused, per_poll=len(TABLE)
+        )
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]
@@ -51,24 +57,14 @@ class Settings:
     def __iter__(self) -> Iterator[str]:
         return iter(self._values)
 
-    def take(self, message: Any, texts: list[str]) -> Messages:
-        """Answers to PARAM_SET, PARAM_REQUEST_READ and PARAM_REQUEST_LIST; why one is refused goes to `texts`."""
-        kind = type(message)
-        if kind is mav.MAVLink_param_set_message:
-            index = _INDEX.get(message.param_id, -1)
-            try:
-                self._values[message.param_id] = checked(message.param_id, message.param_value)
-            except ParameterError as error:
-                texts.append(str(error))
-            return [self._value(index)] if index >= 0 else []
-        if kind is mav.MAVLink_param_request_list_message:
-            return [self._value(index) for index in range(len(TABLE))]
-        if kind is mav.MAVLink_param_request_read_message:
-            index = message.param_index if message.param_index >= 0 else _INDEX.get(message.param_id, -1)
-            return [self._value(index)] if 0 <= index < len(TABLE) else []
-        return []
+    def handle(self, message: Any) -> Messages:
+        """Answers to PARAM_SET, PARAM_REQUEST_READ and PARAM_REQUEST_LIST."""
+        handler = self._server.handlers.get(message.get_msgId())
+        return [] if handler is None else [*handler(message, 0), *self._server.poll()]
 
-    def _value(self, index: int) -> Any:
-        name = TABLE[index].name
-        kind = mav.MAV_PARAM_TYPE_REAL32
-        return mav.MAVLink_param_value_message(name.encode("ascii"), self._values[name], kind, len(TABLE), index)
+    def _set(self, name: str, value: float) -> None:
+        self._values[name] = checked_parameter(name, value)
+
+    def _on_refused(self, problem: str) -> Messages:
+        self._refused(problem)
+        return []

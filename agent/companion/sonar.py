@@ -26,7 +26,7 @@ TURN_GRAD = 400
 _ROUND = 1 << 16
 
 
-class Ping(NamedTuple):
+class SonarPing(NamedTuple):
     """The echo of one ping. number: counts up, round after 65536. stamp_ns: sensor clock when it went out.
 
     angle_grad: direction of the beam clockwise from the bow, 400 to the turn. position_frd_m: of the transducer.
@@ -52,7 +52,7 @@ class Ping(NamedTuple):
         return np.asarray((np.arange(len(self.intensity)) + 0.5) * self.sample_m)
 
 
-def ping_messages(ping: Ping) -> list[Message]:
+def ping_messages(ping: SonarPing) -> list[Message]:
     """XITL_PING messages of a ping, in order."""
     data, samples = ping.intensity.tobytes(), len(ping.intensity)
     return [
@@ -72,7 +72,7 @@ def ping_messages(ping: Ping) -> list[Message]:
     ]
 
 
-class Pings:
+class PingReassembler:
     """Puts pings together again.
 
     pings: handed on. chunks_lost: never came. late: chunks of a ping that was handed on, or repeated. refused: chunks
@@ -84,16 +84,16 @@ class Pings:
         self.chunks_lost = 0
         self.late = 0
         self.refused = 0
-        self._open: Ping | None = None
+        self._open: SonarPing | None = None
         self._missing: set[int] = set()
         self._newest: int | None = None
 
-    def take(self, message: Message) -> list[Ping]:
+    def handle(self, message: Message) -> list[SonarPing]:
         """The pings that are through with this chunk, oldest first: none, one, or the one before given up as well."""
         if not _can_be(message):
             self.refused += 1
             return []
-        done: list[Ping] = []
+        done: list[SonarPing] = []
         number = int(message.ping)
         if self._newest is None or 0 < (number - self._newest) % _ROUND < _ROUND // 2:
             done += self._given_up()
@@ -116,7 +116,7 @@ class Pings:
         x_m, y_m, z_m = (float(value) for value in message.position)
         self._newest = int(message.ping)
         self._missing = set(range(0, message.samples, CHUNK))
-        self._open = Ping(
+        self._open = SonarPing(
             self._newest,
             int(message.time_usec) * 1000,
             int(message.angle),
@@ -126,14 +126,14 @@ class Pings:
             np.zeros(message.samples, uint8),
         )
 
-    def _given_up(self) -> list[Ping]:
+    def _given_up(self) -> list[SonarPing]:
         if self._open is None:
             return []
         lost = len(self._missing)
         self.chunks_lost += lost
         return [self._hand_on(self._open._replace(chunks_lost=lost))]
 
-    def _hand_on(self, ping: Ping) -> Ping:
+    def _hand_on(self, ping: SonarPing) -> SonarPing:
         self._open = None
         self._missing = set()
         self.pings += 1
@@ -166,7 +166,7 @@ _LEAST_TRAINING = 12
 
 
 def echo_points(
-    ping: Ping, rise: float = RISE, nearest_m: float = NEAREST_M
+    ping: SonarPing, rise: float = RISE, nearest_m: float = NEAREST_M
 ) -> tuple[NDArray[float32], NDArray[uint8]]:
     """Echoes of a ping as points_frd_m (k, 3), in the plane of the beam's axis, and their intensity (k,).
 
@@ -179,7 +179,7 @@ def echo_points(
     return points.astype(float32), ping.intensity[samples]
 
 
-def echo_samples(ping: Ping, rise: float, nearest_m: float) -> NDArray[int64]:
+def echo_samples(ping: SonarPing, rise: float, nearest_m: float) -> NDArray[int64]:
     """Numbers of the samples (k,) where echoes begin that stand out, the highest of their surroundings by `rise`.
 
     A surface that the beam meets at a slant answers for a while, in speckle, and what is nearest of it answers first.

@@ -26,7 +26,7 @@ _STRUCTURE_VIEW_RAD = np.radians(28.0)
 _FAR_M = 100.0
 
 
-class Structure:
+class StructureMap:
     """Cells by number, with where they were hit, when they were first and last seen, and how often.
 
     A cell counts once it was seen again and again over a while: crests that gleam in a row are elsewhere soon.
@@ -52,7 +52,7 @@ class Structure:
         wet = (self._hits >= _STRUCTURE_WET_HITS) & (seen_ns >= _WET_NS) & (seen_ns < self._hits * WET_HIT_NS)
         return wet | ((self._dry >= _SETTLED_HITS) & (seen_ns >= _SETTLED_NS))
 
-    def see(self, stamp_ns: int, points_ne_m: Array, pos_ne_m: Array, water_reach_m: float) -> None:
+    def add_hits(self, stamp_ns: int, points_ne_m: Array, pos_ne_m: Array, water_reach_m: float) -> None:
         """Cells that were hit now, from pos_ne_m (2,). Where water returns, within water_reach_m, that says little."""
         cells, one_each = np.unique(cells_of(points_ne_m), return_index=True)
         known = np.searchsorted(self._cells, cells)
@@ -77,7 +77,7 @@ class Structure:
         self._hits = np.concatenate((self._hits, np.ones(number, dtype=np.int64)))[order]
         self._dry = np.concatenate((self._dry, dry[new]))[order]
 
-    def forget(self, now_ns: int, pos_ne_m: Array, bow_rad: float, clear_m: tuple[float, float]) -> None:
+    def prune(self, now_ns: int, pos_ne_m: Array, bow_rad: float, clear_m: tuple[float, float]) -> None:
         """Drop what is old or far, and what would be seen if it were there: ahead, between `clear_m` of the vessel."""
         if not len(self._cells):
             return
@@ -128,7 +128,7 @@ _SHRINKS = 0.99  # of the remembered length, a look
 _FASTEST_MPS = 2.5
 
 
-class Track:
+class ObstacleTrack:
     """One thing. state: north, east in m and their rates in m/s at `stamp_ns`; a box `length_m` along `heading_rad`."""
 
     def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
@@ -145,12 +145,12 @@ class Track:
         self.confirmed = False
         self.counted = False
 
-    def at(self, stamp_ns: int) -> Array:
+    def position_at(self, stamp_ns: int) -> Array:
         """Where its middle is at an instant, (2,)."""
         where: Array = self.state[:2] + self.state[2:] * ((stamp_ns - self.stamp_ns) * 1e-9)
         return where
 
-    def seen(self, cluster: Cluster, among_water: bool) -> None:
+    def correct(self, cluster: Cluster, among_water: bool) -> None:
         """The thing again; among returns of water its size is not what is seen."""
         self._predict(cluster.stamp_ns)
         # Looks overlap: four times the variance of one. Of a long thing now one part is seen, now another, so that its
@@ -194,18 +194,18 @@ class Track:
         self.stamp_ns = max(stamp_ns, self.stamp_ns)
 
 
-class Tracks:
+class ObstacleTracker:
     """`update` with the things of each look; `confirmed` are those to count on."""
 
     def __init__(self) -> None:
-        self.structure = Structure()
+        self.structure = StructureMap()
         self.total = 0  # confirmed so far
-        self._tracks: list[Track] = []
+        self._tracks: list[ObstacleTrack] = []
         self._next = 1
         self._looked_ns: int | None = None
 
     @property
-    def confirmed(self) -> list[Track]:
+    def confirmed(self) -> list[ObstacleTrack]:
         """Oldest first."""
         return [track for track in self._tracks if track.confirmed]
 
@@ -222,14 +222,14 @@ class Tracks:
         small: list[Cluster] = []
         for cluster in found:
             if cluster.length_m > _LONGEST_M:
-                self.structure.see(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
+                self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
             else:
                 small.append(cluster)
-        self.structure.forget(now_ns, pos_ne_m, bow_rad, (water_reach_m + 2.0, 30.0))
+        self.structure.prune(now_ns, pos_ne_m, bow_rad, (water_reach_m + 2.0, 30.0))
         left: list[Cluster] = []
         for cluster in small:
             if self.structure.covers(cluster.middle_ne_m, _BESIDE_M + 0.5 * cluster.width_m):
-                self.structure.see(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
+                self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
             else:
                 left.append(cluster)
         self._match(left, drift_ne_mps, pos_ne_m, water_reach_m)
@@ -246,7 +246,7 @@ class Tracks:
         for index, track in enumerate(self._tracks):
             gate_m = _GATE_M + 0.4 * track.length_m
             for other, thing in enumerate(things):
-                off_m = float(np.hypot(*(thing.middle_ne_m - track.at(thing.stamp_ns))))
+                off_m = float(np.hypot(*(thing.middle_ne_m - track.position_at(thing.stamp_ns))))
                 if off_m < gate_m:
                     pairs.append((off_m - (1.0 if track.confirmed else 0.0), index, other))
         taken: set[int] = set()
@@ -259,7 +259,7 @@ class Tracks:
             track, thing = self._tracks[index], things[other]
             if thing.stamp_ns > track.seen_ns + 20_000_000:
                 range_m = math.hypot(*(thing.middle_ne_m - pos_ne_m).tolist())
-                track.seen(thing, range_m < water_reach_m)
+                track.correct(thing, range_m < water_reach_m)
                 self._confirm(track, drift_ne_mps)
         near_known = {other for _, _, other in pairs}
         for other, thing in enumerate(things):
@@ -268,10 +268,10 @@ class Tracks:
                 if range_m < _BORN_M:
                     continue
                 hits_needed = _WET_HITS if range_m < STREWN * water_reach_m else _CONFIRMED_HITS
-                self._tracks.append(Track(self._next, thing, drift_ne_mps, hits_needed))
+                self._tracks.append(ObstacleTrack(self._next, thing, drift_ne_mps, hits_needed))
                 self._next = self._next % 65535 + 1
 
-    def _confirm(self, track: Track, drift_ne_mps: Array) -> None:
+    def _confirm(self, track: ObstacleTrack, drift_ne_mps: Array) -> None:
         wet = track.hits_needed >= _WET_HITS
         off_mps = math.hypot(*(track.state[2:] - drift_ne_mps).tolist())
         hits = track.hits_needed + (_ODD_HITS if off_mps > (_ODD_WET_MPS if wet else _ODD_MPS) else 0)
@@ -287,25 +287,25 @@ class Tracks:
         self.total += not track.counted
         track.confirmed = track.counted = True
 
-    def _is_lost(self, track: Track, now_ns: int) -> bool:
+    def _is_lost(self, track: ObstacleTrack, now_ns: int) -> bool:
         unseen_ns = now_ns - track.seen_ns
         if not track.confirmed:
             return unseen_ns > (_DOUBTFUL_NS if track.hits_needed >= _WET_HITS else _DOUBTFUL_FAR_NS)
-        if unseen_ns > _DOUBTFUL_NS and self.structure.covers(track.at(now_ns), 1.0):
+        if unseen_ns > _DOUBTFUL_NS and self.structure.covers(track.position_at(now_ns), 1.0):
             return True
         if track.missed_ns > min(_LOST_NS + track.hits * _LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS):
             return True
         return unseen_ns > min(_COASTED_NS, _LOST_NS + track.hits * _COASTS_NS)
 
 
-def _is_in_view(track: Track, now_ns: int, pos_ne_m: Array, view_rad: float, water_reach_m: float) -> bool:
+def _is_in_view(track: ObstacleTrack, now_ns: int, pos_ne_m: Array, view_rad: float, water_reach_m: float) -> bool:
     """Whether it would be seen where it is taken to be, beyond where water returns."""
-    off = track.at(now_ns) - pos_ne_m
+    off = track.position_at(now_ns) - pos_ne_m
     bearing = math.remainder(math.atan2(off[1], off[0]) - view_rad, math.tau)
     return abs(bearing) < _VIEW_RAD and STREWN * water_reach_m < math.hypot(*off.tolist()) < _VIEW_M
 
 
-class CurrentGuess:
+class CurrentEstimator:
     """The current, from how the vessel is set sideways: what it makes good across its keel is not of its own doing.
 
     Least squares with forgetting, from nothing known but that it is about as fast as rivers are.
@@ -316,7 +316,7 @@ class CurrentGuess:
         self._covariance: Array = np.eye(2) * 0.5
         self._stamp_ns: int | None = None
 
-    def add(self, stamp_ns: int, vel_ned_mps: Array, heading_rad: float, yaw_rate_radps: float) -> None:
+    def update(self, stamp_ns: int, vel_ned_mps: Array, heading_rad: float, yaw_rate_radps: float) -> None:
         """The velocity over ground and the heading, not in a turn."""
         if self._stamp_ns is not None and stamp_ns - self._stamp_ns < 200_000_000:
             return

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 NEAR_M = 12.0
 """Level water returns no light from farther away, at so flat an angle."""
@@ -29,7 +30,7 @@ _TRIMS_M = (0.5, 0.25, 0.15)
 _STEEPEST = 0.4
 
 
-class Level(NamedTuple):
+class WaterLevel(NamedTuple):
     """The water seen from the body at a cloud's end: unit normal (3,) down, and how far along it the water is.
 
     turn_frd_radps (3,): how the body turns against the water, which tells nothing of yaw.
@@ -50,9 +51,9 @@ class WaterPlane:
     def __init__(self) -> None:
         self._plane: Array = np.zeros(6)
         self._height_m: float | None = None
-        self.level: Level | None = None
+        self.level: WaterLevel | None = None
 
-    def of(self, points_frd_m: Points, lag_s: Points) -> NDArray[np.bool_]:
+    def water_mask(self, points_frd_m: Points, lag_s: Points) -> NDArray[np.bool_]:
         """(n,) whether each of the points (n, 3), seen from the body lag_s (n,) after the cloud's end, is of the water.
 
         Or under it. lag_s is not above 0. `level` is what this cloud says of the water, None where it shows none.
@@ -71,7 +72,9 @@ class WaterPlane:
         wet[near] = above_m < CREST_M
         return wet
 
-    def crests(self, points_frd_m: Points, lag_s: Points, down_frd: Array, rate_frd_radps: Array) -> NDArray[np.bool_]:
+    def crest_mask(
+        self, points_frd_m: Points, lag_s: Points, down_frd: Array, rate_frd_radps: Array
+    ) -> NDArray[np.bool_]:
         """(n,) which of the same points are of waves beyond NEAR_M: where is down (3,), and how the body turns (3,)."""
         if self.level is not None:
             before_m = self.level.down_m if self._height_m is None else self._height_m
@@ -103,7 +106,7 @@ class WaterPlane:
         moving = np.array([-a_rate, -b_rate, 0.0]) / length
         moving -= normal * (normal @ moving)
         self._plane = plane
-        self.level = Level(normal, c / length, np.cross(moving, normal))
+        self.level = WaterLevel(normal, c / length, np.cross(moving, normal))
 
 
 def _sides(points_frd_m: Points, lag_s: Points) -> Points:

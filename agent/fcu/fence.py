@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 
 RETURN_POINT = 5000  # MAV_CMD_NAV_FENCE_RETURN_POINT
@@ -64,7 +64,7 @@ class Fence:
         self.items: tuple[FenceItem, ...] = ()
         self.breach = FenceBreach()
         self._parameters = parameters
-        self._frame: LocalFrame | None = None
+        self._frame: LocalProjection | None = None
         self._areas: tuple[_Area, ...] = ()
 
     @property
@@ -78,7 +78,7 @@ class Fence:
         self.items = tuple(items)
         self._frame = None
 
-    def clearance_m(self, frame: LocalFrame, home: Point | None, lat_deg: float, lon_deg: float) -> float:
+    def clearance_m(self, frame: LocalProjection, home: Point | None, lat_deg: float, lon_deg: float) -> float:
         """How far inside a place is, negative outside, infinite without a boundary; `home` in degrees."""
         kinds = int(self._parameters["FENCE_TYPE"])
         place = frame.to_local(lat_deg, lon_deg)
@@ -146,7 +146,7 @@ def _length(item: FenceItem) -> int:
     return max(1, item.vertex_count) if item.command in (POLYGON_IN, POLYGON_OUT) else 1
 
 
-def _areas(items: tuple[FenceItem, ...], frame: LocalFrame) -> tuple[_Area, ...]:
+def _areas(items: tuple[FenceItem, ...], frame: LocalProjection) -> tuple[_Area, ...]:
     areas = []
     at = 0
     while at < len(items):

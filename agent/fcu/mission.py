@@ -89,7 +89,7 @@ def item_parameters(item: MissionItem) -> tuple[float, float, float, float]:
     return item.hold_s, 0.0, 0.0, 0.0
 
 
-class Mission(NamedTuple):
+class MissionSequence(NamedTuple):
     """A checked sequence; `items[0]` is home and is never sailed to. Build it with `mission`."""
 
     items: tuple[MissionItem, ...] = ()
@@ -106,7 +106,7 @@ class Mission(NamedTuple):
         return None
 
 
-def mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> Mission:
+def make_mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> MissionSequence:
     """Check the items, home first; raises MissionError. One item or none is the empty mission."""
     if len(items) > MOST_ITEMS:
         raise MissionError(f"mission has {len(items)} items; at most {MOST_ITEMS} fit")
@@ -114,7 +114,7 @@ def mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> Mission:
         problem = item_problem(item, len(items))
         if problem and seq > 0:
             raise MissionError(f"mission item {seq}: {problem}")
-    return Mission(tuple(items) if len(items) > 1 else ())
+    return MissionSequence(tuple(items) if len(items) > 1 else ())
 
 
 def item_problem(item: MissionItem, count: int = MOST_ITEMS) -> str:

@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+RC_CHANNELS = 4  # those that a stick can be mapped to
+
 
 class Parameter(NamedTuple):
     """One row of the table; `low` and `high` are inclusive."""
@@ -21,8 +23,6 @@ class Parameter(NamedTuple):
     unit: str
     meaning: str
 
-
-RC_CHANNELS = 4  # those that a stick can be mapped to
 
 _ROWS: tuple[Parameter, ...] = (
     Parameter("ACRO_TURN_RATE", 30.0, 1.0, 360.0, "deg/s", "turn rate at full steering stick in ACRO and STEERING"),

@@ -125,7 +125,7 @@ class MissionDownload:
     """An exchange that brings a plan: asks for what comes next, and again every REPEAT_NS, for as long as it is polled.
 
     items: MISSION_ITEM_INT messages, the whole plan once `done`; of a plan longer than `most` the first ones. asked_ns:
-    when it asked last; tries: how often in vain since something last came.
+    when it asked last; tries: how often in vain since something last came; answered: whether that was after it asked.
     """
 
     def __init__(self, target: Target, mission_type: int = MISSION, most: int = 65535) -> None:
@@ -137,15 +137,15 @@ class MissionDownload:
         self._mission_type = mission_type
         self._most = most
         self._count: int | None = None
-        self._answered = False
+        self.answered = False
 
     def poll(self, now_ns: int) -> Messages:
         waits = self.asked_ns is not None and 0 <= now_ns - self.asked_ns < REPEAT_NS
-        if self.done or (waits and not self._answered):
+        if self.done or (waits and not self.answered):
             return []
         self.asked_ns = now_ns
-        self.tries += not self._answered
-        self._answered = False
+        self.tries += not self.answered
+        self.answered = False
         if self._count is None:
             return [mav.MAVLink_mission_request_list_message(*self._target, self._mission_type)]
         return [mav.MAVLink_mission_request_int_message(*self._target, len(self.items), self._mission_type)]
@@ -161,7 +161,7 @@ class MissionDownload:
             self.items.append(message)
         else:
             return []
-        self._answered = True
+        self.answered = True
         self.tries = 0
         self.done = len(self.items) == self._count
         if not self.done:

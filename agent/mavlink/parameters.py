@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections import deque
 from collections.abc import Sequence
@@ -211,3 +212,16 @@ def bytewise_field(value: float, param_type: int) -> float:
         return float(struct.unpack("<f", struct.pack(layout, int(value)))[0])
     except (struct.error, ValueError, OverflowError):
         raise ValueError(f"{value:g} is no value of this whole-number parameter; use a whole number") from None
+
+
+def as_float32(value: float) -> float:
+    """The value as a message carries it, a 32-bit float."""
+    try:
+        return float(struct.unpack("<f", struct.pack("<f", value))[0])
+    except OverflowError:
+        return math.copysign(math.inf, value)
+
+
+def same_value(one: float, other: float) -> bool:
+    """Whether two values are the same 32-bit float."""
+    return as_float32(one) == as_float32(other)

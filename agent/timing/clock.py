@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import select
 import time
+from collections.abc import Sequence
 from typing import Protocol
+
+_MOST_FOR_SELECT = 1024  # FD_SETSIZE
 
 
 class Clock(Protocol):
@@ -73,3 +77,18 @@ class SteppedClock:
         self.offset_ns = offset_ns
         self._since_ns, self._skew = now_ns, skew_ppm * 1e-6
         return True
+
+
+def wait_readable(descriptors: Sequence[int], timeout_s: float) -> None:
+    """Return once one of the descriptors is readable, or after timeout_s.
+
+    select() ends on the microsecond where poll() and epoll round up to whole milliseconds, but cannot take a descriptor
+    from 1024 on.
+    """
+    if max(descriptors) < _MOST_FOR_SELECT:
+        select.select(descriptors, (), (), timeout_s)
+        return
+    poll = select.poll()
+    for descriptor in descriptors:
+        poll.register(descriptor, select.POLLIN)
+    poll.poll(timeout_s * 1000.0)

@@ -19,7 +19,7 @@ SWITCH_S = 0.001  # how long a thread that writes a log may hold up the one with
 _CAP_IPC_LOCK = 14
 
 
-class Standing(NamedTuple):
+class RealtimeState(NamedTuple):
     """How the process runs. priority: of SCHED_FIFO, 0 for none. said: what was asked for and is not so."""
 
     priority: int = 0
@@ -28,7 +28,7 @@ class Standing(NamedTuple):
     said: tuple[str, ...] = ()
 
 
-def set_up(priority: int, cpus: Sequence[int]) -> Standing:
+def set_up(priority: int, cpus: Sequence[int]) -> RealtimeState:
     """Pin to `cpus` if any; with a priority above 0, lock memory and schedule by SCHED_FIFO.
 
     For all threads there are and those started later. Call it when all that stays has been loaded.
@@ -39,7 +39,7 @@ def set_up(priority: int, cpus: Sequence[int]) -> Standing:
     pinned = pin(cpus) if cpus else ""
     locked = lock_memory() if priority else ""
     scheduled = schedule(priority) if priority else ""
-    return Standing(
+    return RealtimeState(
         priority=priority if priority and not scheduled else 0,
         memory_locked=bool(priority and not locked),
         pinned=bool(cpus and not pinned),

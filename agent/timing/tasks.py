@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Callable
+from typing import Callable, NamedTuple
 
 from agent.timing.clock import Clock
-from agent.timing.histogram import BINS, EMPTY, bin_of
-from agent.timing.misses import Miss, Misses
+
+BINS = 16
+EMPTY = (0,) * BINS
+MOST_KEPT = 64
 
 
 @dataclass(frozen=True)
@@ -19,7 +23,7 @@ class TaskStats:
 
     cycles: cycles run. missed: cycles that were skipped, or ended after the next was due. skipped: the skipped ones
     among them. start_jitter: from the instant a cycle was due to its start. worst_run_ns: start of the longest run.
-    worst_start_ns: the most delayed start. The histograms are those of `agent.timing.histogram`.
+    worst_start_ns: the most delayed start. The histograms are those of `agent.timing.tasks`.
     """
 
     name: str
@@ -62,7 +66,7 @@ class _Task:
         self.start_ns += by_ns
         self.due_ns += by_ns
 
-    def run(self, clock: Clock, misses: Misses) -> None:
+    def run(self, clock: Clock, misses: DeadlineMisses) -> None:
         begin_ns = clock.now_ns()
         due_ns, first = self.due_ns, self.index
         index = first
@@ -84,17 +88,17 @@ class _Task:
         self.jitter_sum_ns += jitter_ns
         if jitter_ns > self.jitter_max_ns or not cycles:
             self.jitter_max_ns, self.worst_start_ns = jitter_ns, begin_ns
-        self.jitter_bins[bin_of(jitter_ns)] += 1
+        self.jitter_bins[histogram_bin(jitter_ns)] += 1
         run_ns = end_ns - begin_ns
         if run_ns < 0:
             run_ns = 0
         self.run_sum_ns += run_ns
         if run_ns > self.run_max_ns or not cycles:
             self.run_max_ns, self.worst_run_ns = run_ns, begin_ns
-        self.run_bins[bin_of(run_ns)] += 1
+        self.run_bins[histogram_bin(run_ns)] += 1
         if end_ns > next_ns or index != first:
             self.missed += end_ns > next_ns
-            misses.note(Miss(self.name, first, due_ns, begin_ns, end_ns, index - first))
+            misses.note(DeadlineMiss(self.name, first, due_ns, begin_ns, end_ns, index - first))
 
     def stats(self) -> TaskStats:
         cycles = max(self.cycles, 1)
@@ -127,7 +131,7 @@ class Executor:
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
-        self.misses = Misses()
+        self.misses = DeadlineMisses()
         self.steps_back = 0
         self._tasks: list[_Task] = []
         self._urgent: list[_Task] = []
@@ -191,3 +195,70 @@ class Executor:
     def stats(self) -> list[TaskStats]:
         """One per task, in the order added."""
         return [task.stats() for task in self._tasks]
+
+
+def histogram_bin(duration_ns: int) -> int:
+    """Which bin a time belongs to; below 0 to the first."""
+    number = (duration_ns // 1000).bit_length() - 1 if duration_ns >= 2000 else 0
+    return number if number < BINS else BINS - 1
+
+
+def quantile_us(histogram: Sequence[int], share: float, longest_us: int) -> int:
+    """The time that `share` of all counted did not exceed, as far as the bins tell: the upper edge of its bin.
+
+    At most `longest_us`, the longest time counted; 0 when nothing was.
+    """
+    wanted = share * sum(histogram)
+    counted = 0
+    for number, count in enumerate(histogram):
+        counted += count
+        if count and counted >= wanted:
+            return longest_us if number == BINS - 1 else min(2 << number, longest_us)
+    return 0
+
+
+class DeadlineMiss(NamedTuple):
+    """A task that came late by a cycle or more, or took longer than it had.
+
+    cycle, due_ns: the cycle that was due, counted from 0 in periods since the start, and when. start_ns, end_ns: of the
+    run it got. skipped: cycles that were due after it before it started; they are never made up for. All on the
+    executor's clock.
+    """
+
+    task: str
+    cycle: int
+    due_ns: int
+    start_ns: int
+    end_ns: int
+    skipped: int
+
+
+class DeadlineMisses:
+    """The misses nobody has taken yet, at most `MOST_KEPT`: the first ones, as they tell how it began.
+
+    unreported: misses for which there was no room.
+    """
+
+    def __init__(self) -> None:
+        self.unreported = 0
+        self._kept: deque[DeadlineMiss] = deque()
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def note(self, miss: DeadlineMiss) -> None:
+        """Keep it, if there is room."""
+        if len(self._kept) < MOST_KEPT:
+            self._kept.append(miss)
+        else:
+            self.unreported += 1
+
+    def take(self, most: int) -> list[DeadlineMiss]:
+        """The oldest ones, at most so many."""
+        kept = self._kept
+        return [kept.popleft() for _ in range(min(most, len(kept)))]
+
+    def clear(self) -> None:
+        """As at the start."""
+        self.unreported = 0
+        self._kept.clear()

@@ -29,17 +29,17 @@ from agent.wire.transport import (
     AddressUnavailableError,
     BadUrlError,
     DatagramTooLongError,
-    Line,
+    LineOccupancy,
     Transport,
     TransportClosedError,
     TransportError,
 )
-from agent.wire.urls import Value, query, switch, text_of, whole
+from agent.wire.urls import Value, parse_query, true_or_false, url_text, whole_number
 
 CHUNK_BYTES = 4096
 
 
-class Adapter:
+class CanAdapter:
     """What a bus does not tell of itself: nothing, as far as is known."""
 
     def has_room(self) -> bool:
@@ -51,7 +51,7 @@ class Adapter:
         return False
 
 
-class SlcanPort(Adapter):
+class SlcanPort(CanAdapter):
     """Takes the place of the pyserial port, with the names that python-can looks up."""
 
     def __init__(self, port: Any) -> None:
@@ -135,9 +135,9 @@ class CanSettings:
         return f"can://{self.interface}/{str(self.channel).lstrip('/')}?node={node}"
 
 
-def can_settings(url: SplitResult, listen: bool) -> CanSettings:
+def read_can_settings(url: SplitResult, listen: bool) -> CanSettings:
     """The settings in a URL. Raises BadUrlError."""
-    where = text_of(url)
+    where = url_text(url)
     channel = unquote(url.path).lstrip("/")
     if not url.netloc or "@" in url.netloc or ":" in url.netloc:
         raise BadUrlError(where, "the interface is missing", EXAMPLE)
@@ -145,15 +145,15 @@ def can_settings(url: SplitResult, listen: bool) -> CanSettings:
         raise BadUrlError(where, "the channel is missing", EXAMPLE)
     if url.fragment:
         raise BadUrlError(where, f"can:// takes no fragment ({url.fragment})", EXAMPLE)
-    keys = query(url, EXAMPLE)
-    fd = switch(url, "fd", keys.pop("fd", False))
-    bitrate = whole(url, "bitrate", keys.pop("bitrate", None), 5_000, 1_000_000, EXAMPLE)
-    data_bitrate = whole(url, "data_bitrate", keys.pop("data_bitrate", bitrate), bitrate, 20_000_000, EXAMPLE)
+    keys = parse_query(url, EXAMPLE)
+    fd = true_or_false(url, "fd", keys.pop("fd", False))
+    bitrate = whole_number(url, "bitrate", keys.pop("bitrate", None), 5_000, 1_000_000, EXAMPLE)
+    data_bitrate = whole_number(url, "data_bitrate", keys.pop("data_bitrate", bitrate), bitrate, 20_000_000, EXAMPLE)
     if not fd and data_bitrate != bitrate:
         raise BadUrlError(where, "data_bitrate is for CAN FD alone", "add fd=true or drop it")
     default = (LISTENER, CALLER) if listen else (CALLER, LISTENER)
-    node = whole(url, "node", keys.pop("node", default[0]), 0, NODES - 1, EXAMPLE)
-    peer = whole(url, "peer", keys.pop("peer", default[1]), 0, NODES - 1, EXAMPLE)
+    node = whole_number(url, "node", keys.pop("node", default[0]), 0, NODES - 1, EXAMPLE)
+    peer = whole_number(url, "peer", keys.pop("peer", default[1]), 0, NODES - 1, EXAMPLE)
     if node == peer:
         raise BadUrlError(where, f"node and peer are both {node}", "give each end a number of its own")
     if url.netloc == "udp_multicast":
@@ -178,7 +178,7 @@ VIRTUAL_QUEUE = 4096
 BUFFER_BYTES = 1 << 20  # half a second of a busy bus while the reader is held up; the kernel caps it
 
 
-def opened(settings: CanSettings, where: str) -> tuple[Any, Adapter]:
+def open_bus(settings: CanSettings, where: str) -> tuple[Any, CanAdapter]:
     """The python-can bus, and what says more of it than python-can does.
 
     Raises a TransportError that names `where`.
@@ -205,7 +205,7 @@ def opened(settings: CanSettings, where: str) -> tuple[Any, Adapter]:
     if settings.interface in ("socketcan", "udp_multicast"):
         with socket.socket(fileno=os.dup(bus.fileno())) as sock:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-    return bus, Adapter()
+    return bus, CanAdapter()
 
 
 def _arguments(settings: CanSettings) -> dict[str, Any]:
@@ -287,7 +287,7 @@ class CanTransport(Transport):
         self._peer = settings.url(settings.peer)
         self._seconds_of = settings.line.frame_s
         self.capacity_bps = settings.line.capacity_bps
-        self._line = Line()
+        self._line = LineOccupancy()
         self._segmenter = Segmenter(settings.node, settings.peer, settings.line.fd)
         self._reassembler = Reassembler(settings.peer, settings.node)
         self._rest: deque[CanFrame] = deque()
@@ -295,13 +295,13 @@ class CanTransport(Transport):
         self._retry_s = FIRST_RETRY_S
         self._next_try_s = 0.0
         self._bus: Any = None
-        self._use(*opened(settings, where))
+        self._use(*open_bus(settings, where))
 
     @classmethod
     def open(cls, url: SplitResult, listen: bool) -> CanTransport:
-        return cls(can_settings(url, listen), text_of(url))
+        return cls(read_can_settings(url, listen), url_text(url))
 
-    def _use(self, bus: Any, adapter: Adapter) -> None:
+    def _use(self, bus: Any, adapter: CanAdapter) -> None:
         import can
 
         self._bus = bus
@@ -338,7 +338,7 @@ class CanTransport(Transport):
             if self._write(frames[0]):
                 self._rest.extend(frames[1:])
                 for frame in frames:
-                    self._line.took(self._seconds_of(len(frame.data)))
+                    self._line.add(self._seconds_of(len(frame.data)))
                 self._flush()
                 return True
         self.unsent += 1
@@ -400,7 +400,7 @@ class CanTransport(Transport):
                     continue  # one that the interface passes over
                 return
             if self._line.backlog_s() > 0.0:
-                self._line.took(self._seconds_of(min(message.dlc, self._settings.line.part_bytes)))
+                self._line.add(self._seconds_of(min(message.dlc, self._settings.line.part_bytes)))
             if message.is_error_frame:
                 self.errors += 1
                 continue
@@ -434,7 +434,7 @@ class CanTransport(Transport):
             raise TransportClosedError(self.address)
         if self._bus is None and monotonic() >= self._next_try_s:
             try:
-                self._use(*opened(self._settings, self._where))
+                self._use(*open_bus(self._settings, self._where))
                 self._retry_s = FIRST_RETRY_S
             except TransportError:
                 self._next_try_s = monotonic() + self._retry_s

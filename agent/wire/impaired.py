@@ -9,7 +9,7 @@ from time import monotonic
 from typing import Callable
 from urllib.parse import SplitResult
 
-from agent.wire.transport import BadUrlError, Standing, Transport
+from agent.wire.transport import BadUrlError, SenderStatus, Transport
 
 MOST_DELAYED = 4096  # frames: two seconds of the busiest link there is
 OVERTAKEN_S = 0.1  # a frame that is to be overtaken waits so long for another one to do it
@@ -178,8 +178,8 @@ class ImpairedTransport(Transport):
     def peer(self) -> str:
         return self.inner.peer
 
-    def credit(self, index: int, standing: Standing) -> bool:
-        return self.inner.credit(index, standing)
+    def accept_sender(self, index: int, standing: SenderStatus) -> bool:
+        return self.inner.accept_sender(index, standing)
 
     def fileno(self) -> int | None:
         return self.inner.fileno()

@@ -12,7 +12,7 @@ from agent.wire.dialect import XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP, MA
 from agent.wire.framing import Framer, is_known
 from agent.wire.priority import WaitingMessages
 from agent.wire.signing import Signing
-from agent.wire.transport import DATAGRAM_BYTES, Standing, Transport
+from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport
 
 SENDERS = 64  # more than any link has; bounds what invented sender ids can cost
 AHEAD = 128
@@ -90,14 +90,14 @@ __all__ = ["DATAGRAM_BYTES", "Link", "LinkCounters", "Tap"]
 
 Tap = Callable[[str, bytes], None]
 
-_STANDING = {XITL_RUN_COMMAND_START: Standing.STARTS, XITL_RUN_COMMAND_STOP: Standing.LEAVES}
+_STANDING = {XITL_RUN_COMMAND_START: SenderStatus.STARTS, XITL_RUN_COMMAND_STOP: SenderStatus.LEAVES}
 
 
-def _standing(messages: list[Message]) -> Standing:
+def _standing(messages: list[Message]) -> SenderStatus:
     for message in messages:
         if isinstance(message, MAVLink_xitl_run_message):
-            return _STANDING.get(message.command, Standing.HEARD)
-    return Standing.HEARD
+            return _STANDING.get(message.command, SenderStatus.HEARD)
+    return SenderStatus.HEARD
 
 
 @dataclass(frozen=True)
@@ -282,7 +282,7 @@ class Link:
                     self.passed += len(frames) - len(heard)
                 else:
                     heard = list(map(decode, frames))
-                if frames and transport.learns_peer and not transport.credit(index, _standing(heard)):
+                if frames and transport.learns_peer and not transport.accept_sender(index, _standing(heard)):
                     self._strangers += len(frames)
                     continue
                 for frame in frames:

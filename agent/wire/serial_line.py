@@ -19,12 +19,12 @@ from agent.wire.transport import (
     AddressInUseError,
     AddressUnavailableError,
     BadUrlError,
-    Line,
+    LineOccupancy,
     Transport,
     TransportClosedError,
     TransportError,
 )
-from agent.wire.urls import query, text_of, whole
+from agent.wire.urls import parse_query, url_text, whole_number
 
 BITS_PER_BYTE = 10  # with start and stop bit
 CHUNK_BYTES = 4096
@@ -47,13 +47,13 @@ class SerialTransport(Transport):
     stream = True
 
     def __init__(self, url: SplitResult) -> None:
-        super().__init__(text_of(url))
+        super().__init__(url_text(url))
         self.losses = 0
         self._device, baud = device_and_baud(url)
         self._baud = baud
         self.capacity_bps = baud / BITS_PER_BYTE
         self._byte_s = BITS_PER_BYTE / baud
-        self._line = Line()
+        self._line = LineOccupancy()
         self._rest = b""
         self._closed = False
         self._port: Any = _opened(self._device, baud, self.address)
@@ -74,7 +74,7 @@ class SerialTransport(Transport):
             taken = self._write(data)
             if taken or not data:
                 self._rest = data[taken:]
-                self._line.took(len(data) * self._byte_s)
+                self._line.add(len(data) * self._byte_s)
                 return True
         self.unsent += 1
         return False
@@ -171,7 +171,7 @@ class SerialTransport(Transport):
 
 def device_and_baud(url: SplitResult) -> tuple[str, int]:
     """What a serial URL says. Raises BadUrlError."""
-    where = text_of(url)
+    where = url_text(url)
     if url.netloc:
         raise BadUrlError(where, f"{url.netloc} stands where nothing may stand", EXAMPLE)
     device = unquote(url.path)
@@ -179,8 +179,8 @@ def device_and_baud(url: SplitResult) -> tuple[str, int]:
         raise BadUrlError(where, "the device is missing", EXAMPLE)
     if url.fragment:
         raise BadUrlError(where, f"serial:// takes no fragment ({url.fragment})", EXAMPLE)
-    keys = query(url, EXAMPLE)
-    baud = whole(url, "baud", keys.pop("baud", None), 300, 100_000_000, EXAMPLE)
+    keys = parse_query(url, EXAMPLE)
+    baud = whole_number(url, "baud", keys.pop("baud", None), 300, 100_000_000, EXAMPLE)
     if keys:
         raise BadUrlError(where, f"serial:// takes no {next(iter(keys))}", EXAMPLE)
     return device, baud

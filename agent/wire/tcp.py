@@ -14,7 +14,7 @@ from time import monotonic
 from urllib.parse import SplitResult
 
 from agent.wire.transport import Transport, TransportClosedError
-from agent.wire.urls import Address, address_url, explained, interface_of, keep_to, resolve
+from agent.wire.urls import Address, address_url, bind_to_interface, interface_named_by, resolve, transport_error
 
 BUFFER_BYTES = 1 << 16  # what may lie unread at the other end: a second or two of telemetry, not minutes of it
 CHUNK_BYTES = 1 << 16
@@ -208,14 +208,14 @@ class TcpListener:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait a minute
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)  # those accepted inherit it
-            interface = interface_of(url)
+            interface = interface_named_by(url)
             if interface is not None:
-                keep_to(self._socket, interface)
+                bind_to_interface(self._socket, interface)
             self._socket.bind(target)
             self._socket.listen(WAITING)
         except OSError as error:
             self._socket.close()
-            raise explained(error, url, True) from None
+            raise transport_error(error, url, True) from None
         self.address = address_url("tcp", self._socket.getsockname())
         self._closed = False
 

@@ -29,14 +29,14 @@ from typing import Callable, TypeVar, cast
 from urllib.parse import SplitResult, urlsplit
 
 
-class Line:
+class LineOccupancy:
     """A line that carries one thing after the other, each for a known time."""
 
     def __init__(self, clock_s: Callable[[], float] = monotonic) -> None:
         self._clock_s = clock_s
         self._free_at_s = 0.0
 
-    def took(self, busy_s: float) -> None:
+    def add(self, busy_s: float) -> None:
         """It was given something that keeps it busy for so long."""
         self._free_at_s = max(self._free_at_s, self._clock_s()) + busy_s
 
@@ -57,7 +57,7 @@ DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tun
 Self = TypeVar("Self", bound="Transport")
 
 
-class Standing(Enum):
+class SenderStatus(Enum):
     """What the sender of a chunk with a good frame is to this end."""
 
     HEARD = 0  # somebody who speaks the dialect
@@ -158,7 +158,7 @@ class Transport(ABC):
         """The other end as a URL, or an empty text while it is not known."""
         return ""
 
-    def credit(self, index: int, standing: Standing) -> bool:
+    def accept_sender(self, index: int, standing: SenderStatus) -> bool:
         """Chunk `index` of the last `receive` held a good frame, which makes its sender what `standing` says.
 
         A transport that takes bytes from anybody learns its peer from this, so that stray bytes never redirect the

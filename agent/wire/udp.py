@@ -9,9 +9,9 @@ from time import monotonic
 from typing import Callable
 from urllib.parse import SplitResult
 
-from agent.timing.waiting import wait_readable
-from agent.wire.transport import DatagramTooLongError, Standing, Transport, TransportClosedError
-from agent.wire.urls import Address, address_url, explained, interface_of, keep_to, resolve
+from agent.timing.clock import wait_readable
+from agent.wire.transport import DatagramTooLongError, SenderStatus, Transport, TransportClosedError
+from agent.wire.urls import Address, address_url, bind_to_interface, interface_named_by, resolve, transport_error
 
 # A second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max.
 BUFFER_BYTES = 1 << 20
@@ -61,15 +61,15 @@ class UdpTransport(Transport):
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
             if listen:
-                interface = interface_of(url)
+                interface = interface_named_by(url)
                 if interface is not None:
-                    keep_to(sock, interface)
+                    bind_to_interface(sock, interface)
                 sock.bind(target)
             else:
                 sock.connect(target)
         except OSError as error:
             sock.close()
-            raise explained(error, url, listen) from None
+            raise transport_error(error, url, listen) from None
         return cls(sock, address_url("udp", sock.getsockname()) if listen else url.geturl(), listen)
 
     @property
@@ -128,11 +128,11 @@ class UdpTransport(Transport):
             sources.append(source)
         return chunks
 
-    def credit(self, index: int, standing: Standing) -> bool:
+    def accept_sender(self, index: int, standing: SenderStatus) -> bool:
         source, now_s = self._sources[index], self._clock_s()
         if source == self._peer:
-            self._peer_heard_s = now_s if standing is not Standing.LEAVES else -inf
-        elif self._peer is None or standing is Standing.STARTS or now_s - self._peer_heard_s > PEER_SILENCE_S:
+            self._peer_heard_s = now_s if standing is not SenderStatus.LEAVES else -inf
+        elif self._peer is None or standing is SenderStatus.STARTS or now_s - self._peer_heard_s > PEER_SILENCE_S:
             self.peer_changes += self._peer is not None
             self._peer, self._peer_heard_s = source, now_s
         else:

@@ -22,27 +22,27 @@ from agent.wire.transport import (
 Value = Union[int, float, bool, str]
 
 
-def text_of(url: SplitResult) -> str:
+def url_text(url: SplitResult) -> str:
     """The URL as it was written; geturl() drops the slashes of schemes it does not know."""
     query_text = f"?{url.query}" if url.query else ""
     return f"{url.scheme}://{url.netloc}{url.path}{query_text}" + (f"#{url.fragment}" if url.fragment else "")
 
 
-def query(url: SplitResult, example: str) -> dict[str, Value]:
+def parse_query(url: SplitResult, example: str) -> dict[str, Value]:
     """The keys and values of a URL's query. Raises BadUrlError for a key that is there twice or has no value."""
     found: dict[str, Value] = {}
     try:
         pairs = parse_qsl(url.query, keep_blank_values=True, strict_parsing=bool(url.query), max_num_fields=64)
     except ValueError:
-        raise BadUrlError(text_of(url), f"the query {url.query} is not key=value&key=value", example) from None
+        raise BadUrlError(url_text(url), f"the query {url.query} is not key=value&key=value", example) from None
     for key, text in pairs:
         if key in found:
-            raise BadUrlError(text_of(url), f"{key} is there twice", "drop one")
-        found[key] = natural(text)
+            raise BadUrlError(url_text(url), f"{key} is there twice", "drop one")
+        found[key] = parse_value(text)
     return found
 
 
-def natural(text: str) -> Value:
+def parse_value(text: str) -> Value:
     """true and false, whole numbers (0x too) and other numbers as such, the rest as text."""
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
@@ -56,21 +56,21 @@ def natural(text: str) -> Value:
         return text
 
 
-def whole(url: SplitResult, key: str, value: Value | None, lowest: int, highest: int, example: str) -> int:
+def whole_number(url: SplitResult, key: str, value: Value | None, lowest: int, highest: int, example: str) -> int:
     """A whole number of the query. Raises BadUrlError when it is missing, none, or out of range."""
     if value is None:
-        raise BadUrlError(text_of(url), f"{key} is missing", example)
+        raise BadUrlError(url_text(url), f"{key} is missing", example)
     if isinstance(value, bool) or not isinstance(value, int):
-        raise BadUrlError(text_of(url), f"{key} = {value} is not a whole number", example)
+        raise BadUrlError(url_text(url), f"{key} = {value} is not a whole number", example)
     if not lowest <= value <= highest:
-        raise BadUrlError(text_of(url), f"{key} = {value} is out of range", f"use {lowest} to {highest}")
+        raise BadUrlError(url_text(url), f"{key} = {value} is out of range", f"use {lowest} to {highest}")
     return value
 
 
-def switch(url: SplitResult, key: str, value: Value) -> bool:
+def true_or_false(url: SplitResult, key: str, value: Value) -> bool:
     """A true or false of the query. Raises BadUrlError when it is neither."""
     if not isinstance(value, bool):
-        raise BadUrlError(text_of(url), f"{key} = {value} is neither true nor false", f"write {key}=true")
+        raise BadUrlError(url_text(url), f"{key} = {value} is neither true nor false", f"write {key}=true")
     return value
 
 
@@ -79,14 +79,14 @@ _SO_BINDTODEVICE = 25  # asm-generic/socket.h
 _IF_INET6 = Path("/proc/net/if_inet6")
 
 
-def interface_of(url: SplitResult) -> str | None:
+def interface_named_by(url: SplitResult) -> str | None:
     """The interface that stands in place of the host, None when the host is none of this machine's interfaces."""
     host = url.hostname
     names = [name for _, name in socket.if_nameindex()] if host else []
     return next((name for name in names if name.lower() == host), None)  # a split URL's host is lower case
 
 
-def address_of(interface: str, where: str) -> str:
+def interface_address(interface: str, where: str) -> str:
     """An address of an interface, IPv4 if it has one. Raises AddressUnavailableError when it has none."""
     address = _ipv4(interface) or _ipv6(interface)
     if address is None:
@@ -98,7 +98,7 @@ def address_of(interface: str, where: str) -> str:
     return address
 
 
-def keep_to(sock: socket.socket, interface: str) -> None:
+def bind_to_interface(sock: socket.socket, interface: str) -> None:
     """Take nothing that comes in elsewhere, where the system permits to ask for that."""
     with suppress(OSError):
         sock.setsockopt(socket.SOL_SOCKET, _SO_BINDTODEVICE, interface.encode() + b"\0")
@@ -138,9 +138,9 @@ def resolve(url: SplitResult, listen: bool, kind: socket.SocketKind) -> tuple[An
     has no address, AddressUnavailableError.
     """
     host, port = host_port(url, listen)
-    interface = interface_of(url) if listen else None
+    interface = interface_named_by(url) if listen else None
     if interface is not None:
-        host = address_of(interface, url.geturl())
+        host = interface_address(interface, url.geturl())
     try:
         return socket.getaddrinfo(host, port, type=kind)[0]
     except (socket.gaierror, UnicodeError):
@@ -174,7 +174,7 @@ def host_port(url: SplitResult, listen: bool) -> tuple[str, int]:
     return url.hostname, port
 
 
-def explained(error: OSError, url: SplitResult, listen: bool) -> TransportError:
+def transport_error(error: OSError, url: SplitResult, listen: bool) -> TransportError:
     """The error of an open or bind as one of the TransportErrors."""
     where = url.geturl()
     if error.errno == errno.EADDRINUSE:

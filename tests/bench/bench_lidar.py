@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy import float32
 
-from agent.companion.clouds import Cloud, cloud_messages
+from agent.companion.clouds import PointCloud, cloud_messages
 from agent.wire.codec import Packer
 from sim_core.environment.environment import Environment
 from sim_core.environment.waves import FlatWater
@@ -115,7 +115,7 @@ def packing_ms() -> list[float]:
     rng = np.random.default_rng(1)
     points = rng.uniform(-90.0, 90.0, (10_000, 3)).astype(float32)
     offset_s = np.arange(10_000, dtype=float32) * float32(1e-5)
-    cloud = Cloud(0, 1, 0, points, offset_s, rng.integers(0, 150, 10_000, dtype=np.uint8))
+    cloud = PointCloud(0, 1, 0, points, offset_s, rng.integers(0, 150, 10_000, dtype=np.uint8))
     packer, took = Packer(1, 1), []
     for _ in range(5):
         began = time.perf_counter()

@@ -23,7 +23,7 @@ from agent.wire.link import Link
 from agent.wire.transport import open_transport
 from sim_core.simulation import kinematics, step
 from xitl_cli.profile import load_profile
-from xitl_cli.run.links.setup import Setup, mission_of, parameters_of
+from xitl_cli.run.links.setup import embedded_parameters, mission_places, set_parameters, upload_mission
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.sensing import Sensing, local_frame
 from xitl_cli.run.world.world import build
@@ -82,9 +82,9 @@ class Rig:
         self._motors = np.zeros((1, 2))
         self.link.send(dialect.MAVLink_xitl_run_message(0, b"bench", 1, 1, PROTOCOL))
         self.link.receive(1.0)
-        setup = Setup(self.link.send, self.link.receive, 1, 1)
-        setup.set_parameters(parameters_of(profile))
-        setup.upload_mission(mission_of(profile, local_frame(profile.site)))
+        ends = self.link.send, self.link.receive
+        set_parameters((1, 1), embedded_parameters(profile), *ends)
+        upload_mission((1, 1), mission_places(profile, local_frame(profile.site)), *ends)
 
     def messages(self) -> list[Any]:
         """One physics step: what its sensors say, and the tick."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import resource
+import struct
 import sys
 import tempfile
 import time
@@ -22,9 +23,8 @@ from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from tests.bench.bench_logs import timed, xitl
 from xitl_cli.logs.formats.mcap.file import McapLog
-from xitl_cli.record.cdr import Layout
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import Estimate, LinkState, MotorCommand, Task
+from xitl_cli.record.topics import LinkState, MotionEstimate, MotorCommand, TaskTiming
 
 RUNS = 5
 POINTS = 9000
@@ -54,11 +54,11 @@ class Clock:
 def write(path: Path, size_bytes: int, cloud: bool = True) -> None:
     """A run in real time until the file is as large."""
     clock, random = Clock(), np.random.default_rng(1)
-    recorder = Recorder(path, "lz4", motors=2)
+    recorder = Recorder(path, "lz4")
     recorder._file._now_s = clock  # a run takes this long
     recorder._file._flushed_s = 0.0
     clouds = recorder._file.ros_channel("/cloud", "xitl_msgs/msg/Cloud", _CLOUD) if cloud else None
-    head = Layout("u32", "u32")
+    head = struct.Struct("<4siIII")
     points = [random.bytes(12 * POINTS) for _ in range(8)]
     frames = [b"\xfd" + random.bytes(54) for _ in range(64)]
     recorder.metadata("xitl", {"version": "0", "profile": "bench", "seed": "1", "started_utc": "2026-01-01T00:00:00"})
@@ -70,12 +70,15 @@ def write(path: Path, size_bytes: int, cloud: bool = True) -> None:
         if tick % (ticks_per_s // TRUTH_HZ) == 0:
             _state(recorder, stamp_ns, random.normal(size=24))
         if clouds is not None and tick % (ticks_per_s // CLOUD_HZ) == 0:
-            clouds(head.pack(stamp_ns, POINTS, 12 * POINTS) + points[tick % len(points)], stamp_ns)
+            clouds(
+                head.pack(b"\0\1\0\0", *divmod(stamp_ns, 10**9), POINTS, 12 * POINTS) + points[tick % len(points)],
+                stamp_ns,
+            )
         if tick % ticks_per_s == 0:
-            recorder.link(stamp_ns, LinkState("sensors", tick, tick))
-            recorder.task(stamp_ns, Task("LC", "control", 50.0, tick, 0))
+            recorder.write(stamp_ns, LinkState("sensors", tick, tick))
+            recorder.write(stamp_ns, TaskTiming("LC", "control", 50.0, tick, 0))
             if tick % (60 * ticks_per_s) == 0:
-                recorder.say(stamp_ns, 6, "bench", "one minute more")
+                recorder.log(stamp_ns, 6, "bench", "one minute more")
         recorder.flush_if_due()
         tick += 1
     recorder.close()
@@ -97,7 +100,7 @@ def _state(recorder: Recorder, stamp_ns: int, noise: np.ndarray) -> None:
     recorder.actuators(stamp_ns, MotorCommand((float(noise[20]), float(noise[21])), armed=True))
     recorder.frame_received(stamp_ns, b"\xfd" + noise[:8].tobytes())
     recorder.environment(stamp_ns, noise[3:6], noise[6:9], 0.0)
-    recorder.estimate(stamp_ns, Estimate(noise[3:6], noise[6:9], quat[0], noise[12:15]))
+    recorder.estimate(stamp_ns, MotionEstimate(noise[3:6], noise[6:9], quat[0], noise[12:15]))
 
 
 def measured(what: str, action: Callable[[], object]) -> Cost:

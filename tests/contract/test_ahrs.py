@@ -71,7 +71,7 @@ class Vessel:
             messages.append(mav.MAVLink_xitl_gnss_message(at_us, lat, lon, alt_mm, VEL_NED_MPS, 0.5, 1.0, 0.05, 3, 14))
         for message in messages:
             for unit in self.units:
-                unit.take(message, self.now_ns)
+                unit.handle(message, self.now_ns)
         for unit in self.units:
             unit.serve(self.now_ns)
 
@@ -193,7 +193,7 @@ def test_in_lockstep_a_real_ekf_works_on_our_sensors(tmp_path: Path) -> None:
             truth = mav.MAVLink_xitl_truth_message(
                 vessel.now_ns // 1000, pos, VEL_NED_MPS, quat, (0.0, 0.0, 0.0), -1.0, 0.0
             )
-            world.take(truth, vessel.now_ns)
+            world.handle(truth, vessel.now_ns)
             for _ in range(40):
                 if world.advance(vessel.now_ns):
                     break

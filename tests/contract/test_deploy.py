@@ -17,7 +17,7 @@ import pytest
 from pythons import python
 from ssh_server import SshServer
 
-from agent.board.install import places
+from agent.board.install import install_places
 
 pytestmark = pytest.mark.slow
 
@@ -55,7 +55,7 @@ class BoardDouble:
         environment = {"DESTDIR": self.root, "RECORD": self.record, "TMPDIR": self.record, "HOME": self.home}
         path = f"{self.programs}:/usr/bin:/bin"
         self.server = SshServer(directory / "ssh", {"PATH": path, **{key: str(it) for key, it in environment.items()}})
-        where = places(os.geteuid() == 0, self.home, str(self.root))
+        where = install_places(os.geteuid() == 0, self.home, str(self.root))
         self.settings, self.state = where.settings, where.state
         self.archive = where.staged(where.programs) / "xitl-agent.pyz"
         self.configuration = where.staged(where.settings) / "agent.conf"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from agent.assembly import assemble
+from agent.mavlink.ftp import checksum
 from agent.node import PROTOCOL
 from agent.options import BRIDGE, Options
 from agent.wire import dialect as mav
@@ -19,12 +20,10 @@ from agent.wire.memory import memory_pair
 from sim_core.geodesy import normal_gravity_mps2
 from sim_core.sensors.magnetometer import local_field_ned_gauss
 from tests.ardupilot import Rover
-from xitl_cli.params.bring import bring
-from xitl_cli.params.check import findings, firmware
-from xitl_cli.params.ftp import Files, checksum
-from xitl_cli.params.script import shipped_script
-from xitl_cli.params.source import read_file
-from xitl_cli.params.vehicle import connected
+from xitl_cli.params.check import check_parameters, firmware_name
+from xitl_cli.params.push import push, shipped_script
+from xitl_cli.params.values import read_file
+from xitl_cli.params.vehicle import VehicleFiles, connect
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.slow]
 LAT_DEG, LON_DEG, ALT_M = -8.8, -63.95, 60.0
@@ -116,16 +115,16 @@ def test_the_script_and_the_sensors_reach_stock_firmware(tmp_path: Path) -> None
     with ExitStack() as opened:
         rover = opened.enter_context(Rover(tmp_path))
         # From a vehicle that knows nothing of scripts, over restarts, to one that is as it should be.
-        done = bring(rover.mavlink, None, wanted, shipped_script(), reboot=True)
+        done = push(rover.mavlink, None, wanted, shipped_script(), reboot=True)
         assert [change for change in done.changes if change.reason] == []
         assert (done.script, done.written) == ("scripts/xitl_hil.lua", True)
         assert (tmp_path / "scripts" / "xitl_hil.lua").read_bytes() == shipped_script()
-        with connected(rover.mavlink) as vehicle:
-            assert findings(wanted, vehicle.read_all()).fine
-            assert firmware(vehicle).startswith("ArduPilot Rover")
-            assert Files(vehicle).checksum(done.script) == checksum(shipped_script())
-            assert Files(vehicle).checksum("scripts/none.lua") is None
-        again = bring(rover.mavlink, None, wanted, shipped_script(), reboot=True)
+        with connect(rover.mavlink) as vehicle:
+            assert check_parameters(wanted, vehicle.read_all()).fine
+            assert firmware_name(vehicle).startswith("ArduPilot Rover")
+            assert VehicleFiles(vehicle).checksum(done.script) == checksum(shipped_script())
+            assert VehicleFiles(vehicle).checksum("scripts/none.lua") is None
+        again = push(rover.mavlink, None, wanted, shipped_script(), reboot=True)
         assert (again.changes, again.written, again.restarts) == ((), False, 0)
 
         boat = Boat(rover.mavlink, opened)

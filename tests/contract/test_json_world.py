@@ -50,10 +50,10 @@ class Host:
         now_ns = at_us * 1000
         for back_us in (5000, 0):
             imu = mav.MAVLink_xitl_imu_message(max(at_us - back_us, 0), gyro, force, 20.0)
-            self.world.take(imu, now_ns)
+            self.world.handle(imu, now_ns)
         speed_mps, direction_rad = wind.get("speed", -1.0), wind.get("direction", 0.0)
         truth = mav.MAVLink_xitl_truth_message(at_us, pos, vel, quat, gyro, speed_mps, direction_rad)
-        self.world.take(truth, now_ns)
+        self.world.handle(truth, now_ns)
 
     def tick(self, tries: int = 10) -> int:
         """One exchange, repeated as a host does; returns how often it took none."""
@@ -292,9 +292,9 @@ def test_of_a_long_exchange_every_inertial_sample_is_told(world: JsonWorld) -> N
     host = Host(world)
     for stamp_us in range(2500, 500_001, 2500):
         gyro = (stamp_us * 1e-6, 0.0, 0.0)
-        world.take(mav.MAVLink_xitl_imu_message(stamp_us, gyro, (0.0, 0.0, -9.8), 20.0), 0)
+        world.handle(mav.MAVLink_xitl_imu_message(stamp_us, gyro, (0.0, 0.0, -9.8), 20.0), 0)
     pos, vel, quat = host.motion(500_000)
-    world.take(mav.MAVLink_xitl_truth_message(500_000, pos, vel, quat, (0.0, 0.0, 0.1), -1.0, 0.0), 0)
+    world.handle(mav.MAVLink_xitl_truth_message(500_000, pos, vel, quat, (0.0, 0.0, 0.1), -1.0, 0.0), 0)
     while not world.advance(500_000_000):
         pass
     while not world.advance(500_001_000):
@@ -326,7 +326,7 @@ def test_rangefinders_and_wind_vane(world: JsonWorld) -> None:
     host.run(0.1)
     for number, distance_cm in ((0, 250), (5, 1234), (6, 99)):
         distance: Any = mav.MAVLink_distance_sensor_message(0, 20, 4000, distance_cm, 0, number, 25, 0)
-        world.take(distance, 0)
+        world.handle(distance, 0)
     host.tell(host.now_us, speed=3.25, direction=0.5)
     world.advance(host.now_us * 1000)
     host.now_us += TICK_US

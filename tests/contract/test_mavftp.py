@@ -12,11 +12,12 @@ from typing import Any
 
 import pytest
 
+from agent.mavlink import ftp
+from agent.mavlink.ftp import FtpRefusedError, checksum
 from tests.doubles.ftp_vehicle import FtpVehicle, crc32, listening
 from xitl_cli.errors import UserError
-from xitl_cli.params import ftp, script
-from xitl_cli.params.ftp import Files, RefusedError, checksum
-from xitl_cli.params.vehicle import connected
+from xitl_cli.params.push import install_script
+from xitl_cli.params.vehicle import VehicleFiles, connect
 
 CONTENT = bytes(random.Random(3).randbytes(2000))
 
@@ -28,7 +29,7 @@ def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def client(vehicle: FtpVehicle) -> Iterator[Any]:
-    with listening(vehicle) as url, connected(url) as reached:
+    with listening(vehicle) as url, connect(url) as reached:
         yield reached
 
 
@@ -41,7 +42,7 @@ def test_the_checksum_is_that_of_the_protocol(content: bytes) -> None:
 def test_a_file_arrives_whole_though_messages_are_lost(lose: int) -> None:
     vehicle = FtpVehicle(folders={"/scripts"}, lose=lose)
     with client(vehicle) as reached:
-        files = Files(reached)
+        files = VehicleFiles(reached)
         heard: list[float] = []
         files.write("scripts/a.lua", CONTENT, heard.append)
         assert files.checksum("scripts/a.lua") == checksum(CONTENT)
@@ -57,39 +58,39 @@ def test_the_script_goes_where_the_vehicle_keeps_its_scripts() -> None:
     board, plain = FtpVehicle(folders={"/APM"}), FtpVehicle()
     for vehicle, path in ((board, "/APM/scripts/xitl_hil.lua"), (plain, "/scripts/xitl_hil.lua")):
         with client(vehicle) as reached:
-            where, written = script.install(reached, CONTENT)
+            where, written = install_script(reached, CONTENT)
             assert written
             assert f"/{where.lstrip('/')}" == path
             assert vehicle.files == {path: CONTENT}
-            assert script.install(reached, CONTENT) == (where, False)
-            assert script.install(reached, CONTENT + b"new") == (where, True)
+            assert install_script(reached, CONTENT) == (where, False)
+            assert install_script(reached, CONTENT + b"new") == (where, True)
         assert vehicle.done.count(ftp.CREATE) == 2
 
 
 def test_a_vehicle_whose_files_another_client_has_is_asked_again() -> None:
     vehicle = FtpVehicle(folders={"/scripts"}, busy=2)
     with client(vehicle) as reached:
-        assert Files(reached).checksum("scripts/a.lua") is None
+        assert VehicleFiles(reached).checksum("scripts/a.lua") is None
 
 
 def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ftp, "BUSY_S", 0.15)
     with (
         client(FtpVehicle(busy=10_000)) as reached,
-        pytest.raises(RefusedError, match="another client is busy with its files"),
+        pytest.raises(FtpRefusedError, match="another client is busy with its files"),
     ):
-        Files(reached).checksum("scripts/a.lua")
+        VehicleFiles(reached).checksum("scripts/a.lua")
     with (
         client(FtpVehicle(busy=10_000)) as reached,
         pytest.raises(UserError, match="could not be brought to the vehicle: another client is busy"),
     ):
-        script.install(reached, CONTENT)
+        install_script(reached, CONTENT)
 
 
 def test_an_answer_that_comes_late_is_not_taken_for_the_next() -> None:
     vehicle = FtpVehicle(folders={"/scripts"}, files={"/scripts/a.lua": b"a"}, late=True)
     with client(vehicle) as reached:
-        files = Files(reached)
+        files = VehicleFiles(reached)
         assert files.checksum("scripts/a.lua") == checksum(b"a")
         files.write("scripts/b.lua", CONTENT)
         assert files.checksum("scripts/b.lua") == checksum(CONTENT)
@@ -98,7 +99,7 @@ def test_an_answer_that_comes_late_is_not_taken_for_the_next() -> None:
 
 def test_a_folder_may_be_empty() -> None:
     with client(FtpVehicle(folders={"/APM"})) as reached:
-        files = Files(reached)
+        files = VehicleFiles(reached)
         assert (files.has_folder("/APM"), files.has_folder("/elsewhere")) == (True, False)
 
 
@@ -108,7 +109,7 @@ def test_what_goes_wrong_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> Non
         (FtpVehicle(spoil=True), "came out damaged on the vehicle"),
     ):
         with client(vehicle) as reached, pytest.raises(UserError, match=words):
-            script.install(reached, CONTENT)
+            install_script(reached, CONTENT)
     monkeypatch.setattr(ftp, "TRIES", 2)
     with client(FtpVehicle(deaf=True)) as reached, pytest.raises(UserError, match="does not answer to MAVLink FTP"):
-        script.install(reached, CONTENT)
+        install_script(reached, CONTENT)

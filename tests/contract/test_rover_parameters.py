@@ -19,7 +19,7 @@ from sim_core.sensors.gnss import GnssSample
 from sim_core.sensors.rangefinder import RangefinderSample
 from tests.ardupilot import Rover
 from xitl_cli.profile.schema.sensors import Rangefinder
-from xitl_cli.run.nodes.autopilot_parameters import file_values
+from xitl_cli.run.links.setup import parameter_file_values
 from xitl_cli.run.sensors import sensor_messages as standard_messages
 
 pytestmark = [pytest.mark.ardupilot, pytest.mark.slow]
@@ -65,7 +65,7 @@ def values_held(link: Any, names: list[str]) -> dict[str, float]:
 
 @pytest.mark.parametrize("files", COMBINATIONS.values(), ids=COMBINATIONS.keys())
 def test_it_has_every_name_and_holds_every_value(tmp_path: Path, files: tuple[str, ...]) -> None:
-    values = file_values(files)
+    values = parameter_file_values(files)
     values.pop("EAHRS_TYPE", None)  # with it, a start waits for the unit
     with connected(tmp_path, values) as link:
         held = values_held(link, list(values))

@@ -22,7 +22,7 @@ from agent.wire.transport import (
     AddressUnavailableError,
     BadUrlError,
     DatagramTooLongError,
-    Standing,
+    SenderStatus,
     TransportClosedError,
     UnknownHostError,
     open_transport,
@@ -230,12 +230,12 @@ def test_udp_a_second_sender_does_not_take_the_answers_away(strangers: Strangers
 def test_udp_the_peer_gives_way(strangers: Strangers, how: str) -> None:
     if how == "peer left":
         strangers.host.send(b"stop")
-        take(strangers.listening, 1, Standing.LEAVES)
+        take(strangers.listening, 1, SenderStatus.LEAVES)
         assert strangers.answered() == [True, False]  # the last words still go to the one who left
     if how == "peer silent":
         strangers.now_s += 1.1
     strangers.stranger.send(b"mine now")
-    take(strangers.listening, 1, Standing.STARTS if how == "starts a run" else Standing.HEARD)
+    take(strangers.listening, 1, SenderStatus.STARTS if how == "starts a run" else SenderStatus.HEARD)
     assert strangers.answered() == [False, True]
     assert strangers.listening.peer_changes == 1
 

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from agent.wire.can_transfer import LARGEST_CHUNK, CanLine
 from agent.wire.impaired import ImpairedTransport
 from agent.wire.memory import memory_pair
-from agent.wire.transport import Standing, Transport, open_transport
+from agent.wire.transport import SenderStatus, Transport, open_transport
 from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback
 
 WAIT_S = 5.0  # only ever waited out by a failure
@@ -90,7 +90,7 @@ def largest(transport: Transport) -> int:
 
 
 def take(
-    transport: Transport, count: int, standing: Standing = Standing.HEARD, sender: Transport | None = None
+    transport: Transport, count: int, standing: SenderStatus = SenderStatus.HEARD, sender: Transport | None = None
 ) -> list[bytes]:
     """The next `count` chunks, as a link takes them: each credited to its sender, which is served meanwhile."""
     chunks: list[bytes] = []
@@ -98,7 +98,7 @@ def take(
     while len(chunks) < count and time.monotonic() < until_s:
         new = transport.receive(0.2 if sender is None else 0.001)
         for index in range(len(new)):
-            transport.credit(index, standing)
+            transport.accept_sender(index, standing)
         chunks += new
         if sender is not None:
             assert sender.receive() == []

@@ -67,7 +67,7 @@ def deploy(
     from rich.console import Console
     from rich.text import Text
 
-    from agent.board.install import to_json
+    from agent.board.install import settings_to_json
     from xitl_cli.deploy.package import build
     from xitl_cli.deploy.ssh import Board, run_there, settings
 
@@ -82,7 +82,7 @@ def deploy(
         {key: path for key, path in files.items() if path is not None},
     )
     made = build()
-    outcome = run_there(board, made, ["install"], to_json(wanted))
+    outcome = run_there(board, made, ["install"], settings_to_json(wanted))
     console = Console(highlight=False, soft_wrap=True)
     console.print(Text.assemble((destination, "cyan"), f"  {outcome['machine']}, Python {outcome['python']}"))
     console.print(Text(f"sha256  {made.sha256}, checked there", style="dim"))

@@ -11,7 +11,7 @@ import typer
 from xitl_cli.commands.agent import Identity, Port, SshConfig
 
 if TYPE_CHECKING:
-    from agent.board.doctor import Finding
+    from agent.board.doctor import DoctorFinding
     from xitl_cli.deploy.ssh import Board
 
 HOST_PYTHON = (3, 11)
@@ -43,7 +43,7 @@ def doctor(
     raise typer.Exit(exit_code(findings))
 
 
-def _examined_there(board: Board, link: str | None) -> list[Finding]:
+def _examined_there(board: Board, link: str | None) -> list[DoctorFinding]:
     from agent.board.doctor import findings_from_objects
     from xitl_cli.deploy.package import build
     from xitl_cli.deploy.ssh import run_there

@@ -17,7 +17,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.errors import LogError
 
 if TYPE_CHECKING:
-    from xitl_cli.params.ftp import Files
+    from xitl_cli.params.vehicle import VehicleFiles
 
 _ASK_AGAIN_S = 2.0
 _TRIES = 9
@@ -42,7 +42,7 @@ def info(
     Exit code 2 when one of them cannot be read; the others are shown.
     """
     from xitl_cli.commands.logs_info import summary_lines
-    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs import open_log
     from xitl_cli.logs.summary import summary_of
 
     summaries, refusals = [], []
@@ -88,10 +88,8 @@ def dump(
     an element of an array.
     """
     from xitl_cli.commands.logs_dump import Asked, row_lines
-    from xitl_cli.logs.opening import open_log
-    from xitl_cli.logs.query.conditions import Condition
-    from xitl_cli.logs.query.names import tables_named
-    from xitl_cli.logs.query.times import stamps_between
+    from xitl_cli.logs import open_log
+    from xitl_cli.logs.query import Condition, stamps_between, tables_named
     from xitl_cli.logs.text import optional_seconds
 
     condition = Condition(where) if where.strip() else None
@@ -114,7 +112,8 @@ def export(
     ] = None,
     file_format: Annotated[str, typer.Option("--format", help="csv, parquet or mcap.")] = "csv",
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap the file itself.")
+        Path | None,
+        typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap the file itself."),
     ] = None,
     from_time: From = None,
     until_time: Until = None,
@@ -126,16 +125,15 @@ def export(
 
     PlotJuggler reads all three, Foxglove and Lichtblick the MCAP.
     """
-    from xitl_cli.logs.export.exporting import Wanted, export_log
-    from xitl_cli.logs.opening import open_log
-    from xitl_cli.logs.query.names import tables_named
-    from xitl_cli.logs.query.times import stamps_between
+    from xitl_cli.logs import open_log
+    from xitl_cli.logs.export.exporting import ExportSelection, export_log
+    from xitl_cli.logs.query import stamps_between, tables_named
     from xitl_cli.logs.text import optional_seconds
 
     with open_log(file) as log:
         tables = tables_named(log, messages or list(log.tables))
         from_ns, until_ns = stamps_between(log, optional_seconds(from_time), optional_seconds(until_time))
-        done = export_log(log, Wanted(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
+        done = export_log(log, ExportSelection(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
     if as_json:
         typer.echo(json.dumps(done.as_json(), ensure_ascii=False))
         return
@@ -159,9 +157,9 @@ def tasks(
 
     The vehicle then counts until it restarts: bit 0 of its SCHED_OPTIONS is set.
     """
-    from xitl_cli.logs.export.safe_file import part_of, refuse_present
-    from xitl_cli.logs.tasks_file import counted, parse
-    from xitl_cli.params.source import is_vehicle
+    from xitl_cli.logs.export.files import part_of, refuse_present
+    from xitl_cli.logs.system_files import parse_tasks, tasks_counted
+    from xitl_cli.params.values import is_vehicle
     from xitl_cli.signing import read_key_file
 
     if not is_vehicle(vehicle):
@@ -172,10 +170,10 @@ def tasks(
     if out is not None:
         with part_of(out, overwrite) as part:
             part.write_text(text, encoding="utf-8")
-    found = parse(text)
+    found = parse_tasks(text)
     if as_json:
         rows = [asdict(task) for task in found]
-        typer.echo(json.dumps({"vehicle": vehicle, "counted": counted(found), "tasks": rows}, ensure_ascii=False))
+        typer.echo(json.dumps({"vehicle": vehicle, "counted": tasks_counted(found), "tasks": rows}, ensure_ascii=False))
         return
     width = max(len("task"), *(len(task.name) for task in found))
     typer.echo(f"{'task':<{width}} {'fast':>4} {'min us':>7} {'mean us':>7} {'max us':>7} {'overruns':>8} {'share':>7}")
@@ -184,7 +182,7 @@ def tasks(
             f"{task.name:<{width}} {'yes' if task.fast else '':>4} {task.least_us:>7} {task.mean_us:>7} "
             f"{task.most_us:>7} {task.overruns:>8} {task.share_percent:>6.2f}%"
         )
-    if not counted(found):
+    if not tasks_counted(found):
         typer.echo("nothing was counted: the clock of a simulator stands still while a task runs", err=True)
 
 
@@ -194,28 +192,29 @@ def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
     Sets bit 0 of SCHED_OPTIONS on the vehicle until it restarts, as asking for the file does. Raises UserError when
     the vehicle does not answer, has no such file, or does not count.
     """
-    from xitl_cli.params.ftp import Files
-    from xitl_cli.params.vehicle import connected
+    from xitl_cli.params.vehicle import VehicleFiles, connect
 
-    with connected(url, signing_key) as vehicle:
-        return read_tasks(Files(vehicle), url)
+    with connect(url, signing_key) as vehicle:
+        return read_tasks(VehicleFiles(vehicle), url)
 
 
-def read_tasks(files: Files, url: str, again_s: float = _ASK_AGAIN_S) -> str:
+def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> str:
     """The file once it lists tasks, which it does from the vehicle's next PM record on, up to 10 s later."""
-    from xitl_cli.logs.tasks_file import MOST_BYTES, PATH, parse
-    from xitl_cli.params.ftp import RefusedError
+    from agent.mavlink.ftp import FtpRefusedError
+    from xitl_cli.logs.system_files import TASKS_MOST_BYTES, TASKS_PATH, parse_tasks
 
     for attempt in range(_TRIES):
         if attempt:
             time.sleep(again_s)
         try:
-            text = files.read(PATH, MOST_BYTES).decode("utf-8", "replace")
-        except RefusedError as refusal:
-            raise UserError(f"{url}: {PATH} cannot be read: {refusal}; it needs ArduPilot 4.1 or newer") from refusal
-        if parse(text):
+            text = files.read(TASKS_PATH, TASKS_MOST_BYTES).decode("utf-8", "replace")
+        except FtpRefusedError as refusal:
+            raise UserError(
+                f"{url}: {TASKS_PATH} cannot be read: {refusal}; it needs ArduPilot 4.1 or newer"
+            ) from refusal
+        if parse_tasks(text):
             return text
-    raise UserError(f"{url}: {PATH} lists no tasks; set SCHED_OPTIONS to 1 and try again after 10 s")
+    raise UserError(f"{url}: {TASKS_PATH} lists no tasks; set SCHED_OPTIONS to 1 and try again after 10 s")
 
 
 def _width() -> int | None:

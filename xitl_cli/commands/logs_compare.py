@@ -79,8 +79,8 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Hold one log against another: paths, errors, profiles, channels, events, scheduler, time bases."""
+    from xitl_cli.logs import open_log
     from xitl_cli.logs.compare.comparison import compare as compared
-    from xitl_cli.logs.opening import open_log
     from xitl_cli.logs.text import optional_seconds
 
     if report is None and open_page:

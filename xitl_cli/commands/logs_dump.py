@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query.cells import plain, texts
-from xitl_cli.logs.query.conditions import TIME, Condition
-from xitl_cli.logs.query.merged import merged, rows_at_once
-from xitl_cli.logs.query.names import column_named
-from xitl_cli.logs.query.times import zero_ns
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.query import TIME, Condition, merged, rows_at_once
+from xitl_cli.logs.table import Table, column_named, json_cells, text_cells
 
 _LINES = 2048
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0))}
@@ -44,7 +40,7 @@ class Asked:
 
 def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
     """Pieces of text, each some whole lines. Raises LogError for a field that none of the messages has."""
-    zero, at_once = zero_ns(log), rows_at_once(log, tables)
+    zero, at_once = log.zero_ns, rows_at_once(log, tables)
     columns = _columns(tables, asked.fields)
     left = asked.limit
     layout: _Layout | None = None
@@ -125,7 +121,7 @@ class _Columns:
         columns = [stretch.table.columns[name] for name in stretch.columns]
         names = [TIME, *stretch.columns]
         units = ["s", *((column.raw_unit if raw else column.unit) for column in columns)]
-        cells = [stretch.times, *map(texts, stretch.values)]
+        cells = [stretch.times, *map(text_cells, stretch.values)]
         widths = [max(map(len, [name, unit, *column])) for name, unit, column in zip(names, units, cells, strict=True)]
         return cls(names, units, widths, [False, *(column.kind == "text" for column in columns)])
 
@@ -138,7 +134,7 @@ class _Columns:
         return self._line(self.names) + self._line(self.units)
 
     def lines(self, stretch: _Stretch) -> list[str]:
-        return [self._line(row) for row in zip(stretch.times, *map(texts, stretch.values), strict=True)]
+        return [self._line(row) for row in zip(stretch.times, *map(text_cells, stretch.values), strict=True)]
 
     def _line(self, cells: Sequence[str]) -> str:
         placed = (
@@ -175,7 +171,7 @@ class _Named:
 
 def _quoted(values: NDArray[Any]) -> list[str]:
     """Texts in quotes where they would run into what follows."""
-    shown = texts(values)
+    shown = text_cells(values)
     if values.dtype.kind != "U":
         return shown
     return [json.dumps(text, ensure_ascii=False) if not text or not text.isalnum() else text for text in shown]
@@ -186,7 +182,7 @@ class _Json:
     head: str = ""
 
     def lines(self, stretch: _Stretch) -> list[str]:
-        columns = [plain(values) for values in stretch.values]
+        columns = [json_cells(values) for values in stretch.values]
         name, names = stretch.table.name, stretch.columns
         rows = (
             {TIME: since_ns / 1e9, "message": name, "fields": dict(zip(names, row, strict=True))}

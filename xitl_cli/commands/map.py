@@ -26,7 +26,7 @@ def map_command(
 
     Writes map.ply (or .pcd), trajectory.tum, truth.tum, online.tum and map.json; earlier ones are replaced.
     """
-    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs import open_log
     from xitl_cli.mapping.rebuild import measure, written
 
     if kind not in _FORMATS:

@@ -17,8 +17,8 @@ from rich.table import Table
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
-    from xitl_cli.params.check import Findings
-    from xitl_cli.params.compare import Change
+    from xitl_cli.params.check import ParameterFindings
+    from xitl_cli.params.push import ParameterChange
 
 SourceArgument = Annotated[
     str,
@@ -46,8 +46,7 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show parameters: value, unit, default and meaning."""
-    from xitl_cli.params.source import read_source
-    from xitl_cli.params.text import TABLE_BY_NAME, shown
+    from xitl_cli.params.values import TABLE_BY_NAME, format_value, read_source
 
     found = read_source(source, _key(signing_key))
     values = {name: value for name, value in found.values.items() if fnmatchcase(name, pattern.upper())}
@@ -70,7 +69,9 @@ def show(
     table = _table("name", "value", "unit", "default", "meaning")
     for name, row in rows.items():
         table.add_row(
-            name, shown(values[name]), *((row.unit, shown(row.default), row.meaning) if row else ("", "", ""))
+            name,
+            format_value(values[name]),
+            *((row.unit, format_value(row.default), row.meaning) if row else ("", "", "")),
         )
     Console(highlight=False).print(table)
 
@@ -82,9 +83,7 @@ def diff(
     as_json: Json = False,
 ) -> None:
     """Show what differs. Exit code: 0 nothing, 1 something, 2 something to put right."""
-    from xitl_cli.params.compare import differences
-    from xitl_cli.params.source import read_source
-    from xitl_cli.params.text import shown
+    from xitl_cli.params.values import differences, format_value, read_source
 
     key = _key(signing_key)
     found = differences(read_source(one, key), read_source(other, key))
@@ -95,7 +94,7 @@ def diff(
         table = _table("name", one, other)
         for difference in found:
             values = (difference.one, difference.other)
-            table.add_row(difference.name, *("–" if value is None else shown(value) for value in values))
+            table.add_row(difference.name, *("–" if value is None else format_value(value) for value in values))
         console.print(table if found else "no differences")
     raise typer.Exit(1 if found else 0)
 
@@ -107,13 +106,13 @@ def set_values(
     as_json: Json = False,
 ) -> None:
     """Set parameters of a vehicle and read them back."""
-    from xitl_cli.params.compare import push as push_values
-    from xitl_cli.params.vehicle import connected
+    from xitl_cli.params.push import set_differing
+    from xitl_cli.params.vehicle import connect
 
     wanted = dict(_assignment(text) for text in assignments)
-    with connected(_vehicle(vehicle), _key(signing_key)) as reached:
+    with connect(_vehicle(vehicle), _key(signing_key)) as reached:
         present = {name: value for name in wanted if (value := reached.read(name)) is not None}
-        changes = push_values(reached, wanted, present, complete=False)
+        changes = set_differing(reached, wanted, present, complete=False)
     _report(vehicle, changes, len(wanted), as_json)
 
 
@@ -132,18 +131,18 @@ def push(
     as_json: Json = False,
 ) -> None:
     """Set on a vehicle what differs from a file or a profile, each value read back."""
-    from xitl_cli.params.bring import bring
-    from xitl_cli.params.script import shipped_script
-    from xitl_cli.params.source import wanted_of
+    from xitl_cli.params.push import push as push_parameters
+    from xitl_cli.params.push import shipped_script
+    from xitl_cli.params.values import read_wanted
 
-    wanted = wanted_of(source)
+    wanted = read_wanted(source)
     script = shipped_script() if with_script else None
     with Console(stderr=True).status("parameters") as status:
-        done = bring(_vehicle(vehicle), _key(signing_key), wanted, script, reboot, status.update)
+        done = push_parameters(_vehicle(vehicle), _key(signing_key), wanted, script, reboot, status.update)
     more = {"script": done.script or None, "script_written": done.written, "restarts": done.restarts}
-    told = [f"{done.script} {'written' if done.written else 'is there already'}"] if done.script else []
-    told += ["a restart is due: --reboot, or its power off and on"] if done.restart_due and (reboot or script) else []
-    _report(vehicle, list(done.changes), len(wanted), as_json, more if with_script or reboot else {}, told)
+    notes = [f"{done.script} {'written' if done.written else 'is there already'}"] if done.script else []
+    notes += ["a restart is due: --reboot, or its power off and on"] if done.restart_due and (reboot or script) else []
+    _report(vehicle, list(done.changes), len(wanted), as_json, more if with_script or reboot else {}, notes)
 
 
 def check(
@@ -158,14 +157,14 @@ def check(
 
     Exit code: 0 nothing, 1 something, 2 something to put right.
     """
-    from xitl_cli.params.check import findings, firmware
-    from xitl_cli.params.source import wanted_of
-    from xitl_cli.params.vehicle import connected
+    from xitl_cli.params.check import check_parameters, firmware_name
+    from xitl_cli.params.values import read_wanted
+    from xitl_cli.params.vehicle import connect
 
-    wanted = wanted_of(source)
-    with connected(_vehicle(vehicle), _key(signing_key)) as reached:
-        version = firmware(reached)
-        found = findings(wanted, reached.read_all())
+    wanted = read_wanted(source)
+    with connect(_vehicle(vehicle), _key(signing_key)) as reached:
+        version = firmware_name(reached)
+        found = check_parameters(wanted, reached.read_all())
     if as_json:
         _print_json({"source": source, "vehicle": vehicle, "firmware": version, **asdict(found)})
     else:
@@ -181,8 +180,7 @@ def pull(
     as_json: Json = False,
 ) -> None:
     """Write all parameters of a vehicle into a file, each with what it means."""
-    from xitl_cli.params.source import read_source
-    from xitl_cli.params.text import parm_text
+    from xitl_cli.params.values import parm_text, read_source
 
     if file.exists() and not overwrite:
         raise UserError(f"{file}: exists; choose another name or add --overwrite")
@@ -199,30 +197,32 @@ def pull(
         Console(highlight=False, soft_wrap=True).print(f"{file}: {len(found.values)} parameters", markup=False)
 
 
-def _show_findings(version: str, found: Findings) -> None:
-    from xitl_cli.params.text import shown
+def _show_findings(version: str, found: ParameterFindings) -> None:
+    from xitl_cli.params.values import format_value
 
     console = Console(highlight=False, soft_wrap=True)
     console.print(version, markup=False)
     if found.differs:
         table = _table("name", "wanted", "vehicle")
         for difference in found.differs:
-            table.add_row(difference.name, shown(difference.wanted), shown(difference.kept))
+            table.add_row(difference.name, format_value(difference.wanted), format_value(difference.kept))
         console.print(table)
     for missing in found.absent:
-        console.print(f"{missing.name} = {shown(missing.wanted)}: {missing.sentence(shown)}", markup=False)
+        console.print(
+            f"{missing.name} = {format_value(missing.wanted)}: {missing.sentence(format_value)}", markup=False
+        )
     console.print(f"{found.same} as they should be, {len(found.differs)} differ, {len(found.absent)} are not there")
 
 
 def _report(
     vehicle: str,
-    changes: list[Change],
+    changes: list[ParameterChange],
     asked: int,
     as_json: bool,
     also: dict[str, Any] | None = None,
-    told: Sequence[str] = (),
+    notes: Sequence[str] = (),
 ) -> None:
-    from xitl_cli.params.text import shown
+    from xitl_cli.params.values import format_value
 
     refused = [change for change in changes if change.reason]
     if as_json:
@@ -245,12 +245,12 @@ def _report(
     else:
         console = Console(highlight=False, soft_wrap=True)
         for change in changes:
-            before = "" if change.before is None else f"{shown(change.before)} → "
+            before = "" if change.before is None else f"{format_value(change.before)} → "
             if change.reason:
-                console.print(f"{change.name} = {shown(change.wanted)} refused: {change.reason}", markup=False)
+                console.print(f"{change.name} = {format_value(change.wanted)} refused: {change.reason}", markup=False)
             else:
-                console.print(f"{change.name} = {before}{shown(change.wanted)}", markup=False)
-        for line in told:
+                console.print(f"{change.name} = {before}{format_value(change.wanted)}", markup=False)
+        for line in notes:
             console.print(line, markup=False)
         console.print(
             f"{len(changes) - len(refused)} set, {len(refused)} refused, {asked - len(changes)} were so already"
@@ -258,7 +258,7 @@ def _report(
     if refused:
         first, more = refused[0], len(refused) - 1
         raise UserError(
-            f"{vehicle}: {first.name} = {shown(first.wanted)} was refused, {first.reason}"
+            f"{vehicle}: {first.name} = {format_value(first.wanted)} was refused, {first.reason}"
             + (f" (and {more} more)" if more else "")
             + "; see `xitl params show` for names and values"
         )
@@ -276,7 +276,7 @@ def _assignment(text: str) -> tuple[str, float]:
 
 
 def _vehicle(url: str) -> str:
-    from xitl_cli.params.source import is_vehicle
+    from xitl_cli.params.values import is_vehicle
 
     if not is_vehicle(url):
         raise UserError(f"{url!r} is no vehicle; write tcp://host:port, udp://host:port or serial:///dev/ttyACM0")

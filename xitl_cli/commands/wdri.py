@@ -6,11 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
-    from xitl_cli.graph.wdri import Vertices
+    from xitl_cli.graph.wdri import VertexCount, Wdri
+    from xitl_cli.run.run_graph import MeasuredRun
 
 
 def wdri(
@@ -34,9 +39,9 @@ def wdri(
 
     Of a run's directory: the nodes that were there and the links that carried something.
     """
-    from xitl_cli.graph.of_profile import wdri_of
-    from xitl_cli.graph.of_run import is_run, measured_run
-    from xitl_cli.profile import load_with_origins
+    from xitl_cli.graph.wdri import profile_wdri
+    from xitl_cli.profile import load_profile
+    from xitl_cli.run.run_graph import is_run, measured_run
 
     count = _count(vertices)
     run = None
@@ -46,18 +51,22 @@ def wdri(
                 f"{name}: is a run that is over, --set changes nothing in it; give a profile, or drop --set"
             )
         run = measured_run(Path(name), reference, count)
-    result = wdri_of(load_with_origins(name, overrides or ()).profile, reference, count) if run is None else run.wdri
+        result = run.wdri
+    else:
+        result = profile_wdri(load_profile(name, overrides or ()), reference, count)
     if as_json:
         import json
 
-        typer.echo(json.dumps((result if run is None else run).as_json(), ensure_ascii=False))
+        typer.echo(json.dumps((run or result).as_json(), ensure_ascii=False))
         return
-    from xitl_cli.commands.wdri_report import show
+    console = Console(highlight=False)
+    for table in (_node_table(result), _link_table(result), _index_table(result)):
+        console.print(table)
+    if run is not None:
+        console.print(_difference_table(run))
 
-    show(result, run)
 
-
-def _count(text: str | None) -> Vertices | None:
+def _count(text: str | None) -> VertexCount | None:
     if text is None:
         return None
     if text == "architecture":
@@ -67,3 +76,57 @@ def _count(text: str | None) -> Vertices | None:
     if text.isascii() and text.isdigit() and 0 < int(text[:6]) <= 1000:
         return int(text)
     raise UserError(f"--vertices = {text!r} is not a count of vertices; write architecture, present or 1 to 1000")
+
+
+def _node_table(result: Wdri) -> Table:
+    from xitl_cli.profile.schema.graph import node_meaning
+
+    table = Table(title="Nodes", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("node", no_wrap=True)
+    table.add_column("is", ratio=3)
+    table.add_column("kind", no_wrap=True)
+    table.add_column("runs on", ratio=2)
+    table.add_column("weight", justify="right", no_wrap=True)
+    table.add_column("degree", justify="right", no_wrap=True)
+    for vertex, degree in zip(result.graph.vertices, result.graph.degrees(), strict=True):
+        table.add_row(
+            vertex.name,
+            Text(vertex.does or node_meaning(vertex.name)),
+            vertex.kind,
+            Text(vertex.runs_on or "-"),
+            f"{vertex.weight:g}",
+            str(degree),
+            style="dim" if vertex.kind == "absent" else None,
+        )
+    return table
+
+
+def _link_table(result: Wdri) -> Table:
+    table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for vertex in result.graph.vertices:
+        table.add_column(vertex.name, justify="right", no_wrap=True)
+    for vertex, row in zip(result.graph.vertices, result.graph.adjacency, strict=True):
+        table.add_row(vertex.name, *("1" if linked else "·" for linked in row))
+    return table
+
+
+def _index_table(result: Wdri) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column()
+    table.add_row("weighted degree", f"{result.d_w_sim:.4f}", f"over n = {result.n} vertices")
+    table.add_row(
+        "of the reference", f"{result.d_w_ref:.4f}", Text(f"over n = {result.n_ref} vertices: {result.reference}")
+    )
+    table.add_row(Text("WDRI", style="bold"), Text(f"{result.wdri:.4f}", style="bold"), "1 - |sim - ref| / ref")
+    return table
+
+
+def _difference_table(run: MeasuredRun) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_row("claimed by the profile", f"{run.claimed_wdri:.4f}")
+    table.add_row("claimed, but nothing was carried", Text(", ".join(run.missing) or "-"))
+    table.add_row("carried, but not claimed", Text(", ".join(run.unclaimed) or "-"))
+    return table

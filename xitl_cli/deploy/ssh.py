@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import agent
-from agent.board.install import Settings, SettingsError, checked_options
+from agent.board.install import DeploySettings, DeploySettingsError, checked_options
 from agent.board.receive import MARK
 from xitl_cli.deploy.package import Package
 from xitl_cli.errors import UserError
@@ -26,7 +26,7 @@ SECTION = "agent"
 
 def settings(
     service: bool, config: Path | None, options: Mapping[str, Sequence[str]], files: Mapping[str, Path]
-) -> Settings:
+) -> DeploySettings:
     """Put together what to send. Raises UserError.
 
     Options that name files in `config` mean files on the board; `files` are brought along from here.
@@ -35,10 +35,10 @@ def settings(
     merged.update({key: tuple(values) for key, values in options.items()})
     try:
         checked = checked_options(dict(merged))
-    except SettingsError as error:
+    except DeploySettingsError as error:
         raise UserError(str(error)) from None
     contents = {key: _text(f"--{key}", path) for key, path in files.items()}
-    return Settings(service, checked if checked or contents or config is not None else None, contents)
+    return DeploySettings(service, checked if checked or contents or config is not None else None, contents)
 
 
 def _read(path: Path) -> dict[str, tuple[str, ...]]:

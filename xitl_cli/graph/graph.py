@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from xitl_cli.graph.nodes import architecture
+from xitl_cli.profile.schema.graph import architecture
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +33,16 @@ class Graph:
     def present(self) -> int:
         """How many vertices weigh more than 0."""
         return sum(vertex.weight > 0 for vertex in self.vertices)
+
+    def link_names(self) -> list[str]:
+        """Every link once, as `PS1-LS`, in the architecture's order."""
+        names = [vertex.name for vertex in self.vertices]
+        return [
+            f"{name}-{other}"
+            for row, name in enumerate(names)
+            for column, other in enumerate(names)
+            if column >= row and self.adjacency[row][column]
+        ]
 
     def weighted_degree(self, n: int) -> float:
         """Weighted average degree `sum(w (d - 1)) / n` over `n` vertices (eq 22 of the paper)."""

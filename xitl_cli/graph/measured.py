@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from agent.wire import dialect
 from xitl_cli.graph.graph import Graph, Vertex, build_graph
-from xitl_cli.graph.nodes import KIND_WEIGHTS, is_node_name
+from xitl_cli.profile.schema.graph import KIND_WEIGHTS, is_node_name
 
 Pair = tuple[str, str]
 
@@ -76,7 +76,7 @@ FROM_AGENT = _table(
 
 
 @dataclass(frozen=True, slots=True)
-class AgentSeen:
+class AgentTraffic:
     """What was seen of one agent in a run.
 
     nodes: the kinds it announced, as `LS,LC,LA`; kind: `real` or `virtual`. to_agent, from_agent: frames received at
@@ -92,7 +92,7 @@ class AgentSeen:
     efforts: int = 0
 
 
-def measured_graph(agents: Sequence[AgentSeen], host: Iterable[Pair]) -> Graph:
+def measured_graph(agents: Sequence[AgentTraffic], host: Iterable[Pair]) -> Graph:
     """The graph of what was seen. `host`: links inside this machine that carried something, as PS1-M.
 
     Nodes of the host are virtual and there when one of their links was used; those of an agent are there when it
@@ -118,14 +118,3 @@ def measured_graph(agents: Sequence[AgentSeen], host: Iterable[Pair]) -> Graph:
     for name in {end for link in links for end in link} - set(vertices):
         vertices[name] = Vertex(name, "virtual", KIND_WEIGHTS["virtual"], runs_on="this machine")
     return build_graph(vertices.values(), links)
-
-
-def link_names(graph: Graph) -> list[str]:
-    """Every link once, as `PS1-LS`, in the architecture's order."""
-    names = [vertex.name for vertex in graph.vertices]
-    return [
-        f"{name}-{other}"
-        for row, name in enumerate(names)
-        for column, other in enumerate(names)
-        if column >= row and graph.adjacency[row][column]
-    ]

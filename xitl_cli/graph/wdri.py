@@ -1,4 +1,4 @@
-"""WDRI: how close the weighted degree of a simulation comes to that of a reference."""
+"""WDRI: how close the weighted degree of a simulation's graph comes to that of a reference."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from xitl_cli.errors import UserError
-from xitl_cli.graph.graph import Graph
+from xitl_cli.graph.graph import Graph, Vertex, build_graph, complete_graph
+from xitl_cli.profile import Profile, RunProfile, load_profile
+from xitl_cli.profile.schema.graph import COMPLETE, KIND_WEIGHTS, NodeGraph
 
-Vertices: TypeAlias = Literal["architecture", "present"] | int
+VertexCount: TypeAlias = Literal["architecture", "present"] | int
 """Which count of vertices averages the degrees: all of the architecture, those that weigh, or a number."""
 
 
@@ -49,21 +51,67 @@ class Wdri:
         }
 
 
-def vertex_count(graph: Graph, vertices: Vertices, of: str) -> int:
-    """`vertices` as a number for `graph`; UserError, naming the graph as `of`, for one that makes no sense."""
+def profile_wdri(
+    profile: Profile | RunProfile, reference: str | None = None, vertices: VertexCount | None = None
+) -> Wdri:
+    """The WDRI of `profile` against `reference`: a profile's name or path, or `complete` (default: the profile's own).
+
+    `vertices` is the count that averages the degrees of `profile` (default: as the profile says); a reference profile
+    keeps its own. Raises UserError where a graph is missing or the index is undefined.
+    """
+    if profile.graph is None:
+        raise UserError(f"{profile.name}: has no graph; add a `graph:` group with nodes and links")
+    count = profile.graph.vertices if vertices is None else vertices
+    reference = profile.graph.reference if reference is None else reference
+    return graph_wdri(graph_from_profile(profile.graph), reference, count, profile.name)
+
+
+def graph_wdri(graph: Graph, reference: str, vertices: VertexCount, name: str) -> Wdri:
+    """The WDRI of a graph, called `name` in errors, against `reference`; see profile_wdri."""
+    n = count_vertices(graph, vertices, name)
+    if reference == COMPLETE:
+        names = tuple(vertex.name for vertex in graph.vertices)
+        reference_graph, n_ref = complete_graph(names), len(names)
+    else:
+        other = load_profile(reference)
+        if other.graph is None:
+            raise UserError(f"{other.name}: has no graph to be held against; name a profile that has, or {COMPLETE!r}")
+        reference = other.name
+        reference_graph = graph_from_profile(other.graph)
+        n_ref = count_vertices(reference_graph, other.graph.vertices, other.name)
+    d_w_sim, d_w_ref = graph.weighted_degree(n), reference_graph.weighted_degree(n_ref)
+    try:
+        value = realism_index(d_w_sim, d_w_ref)
+    except ValueError as error:
+        raise UserError(f"{reference}: {error}; choose a reference with more links") from None
+    return Wdri(value, d_w_sim, d_w_ref, n, n_ref, reference, graph)
+
+
+def graph_from_profile(group: NodeGraph) -> Graph:
+    """The graph that a profile's `graph` group describes."""
+    vertices = []
+    for name, node in group.nodes.items():
+        kind = node.kind or "absent"
+        weight = KIND_WEIGHTS[kind] if node.weight is None else node.weight
+        vertices.append(Vertex(name, kind, weight, node.runs_on, node.does))
+    return build_graph(vertices, [(one, other) for one, others in group.links.items() for other in others])
+
+
+def count_vertices(graph: Graph, vertices: VertexCount, name: str) -> int:
+    """`vertices` as a number for `graph`; UserError, naming the graph, for one that makes no sense."""
     present = graph.present()
     if present == 0:
-        raise UserError(f"{of}: no node of its graph is present; give one under graph.nodes a kind: real or virtual")
+        raise UserError(f"{name}: no node of its graph is present; give one under graph.nodes a kind: real or virtual")
     if vertices == "architecture":
         return len(graph.vertices)
     if vertices == "present":
         return present
     if vertices < present:
-        raise UserError(f"{of}: n = {vertices} is fewer than the {present} nodes present; use {present} or more")
+        raise UserError(f"{name}: n = {vertices} is fewer than the {present} nodes present; use {present} or more")
     return vertices
 
 
-def index(d_w_sim: float, d_w_ref: float) -> float:
+def realism_index(d_w_sim: float, d_w_ref: float) -> float:
     """`1 - |d_w_sim - d_w_ref| / d_w_ref`, not below 0 (eq 23 of the paper); `d_w_ref` must be positive."""
     if not d_w_ref > 0:
         raise ValueError(f"the reference's weighted degree is {d_w_ref:g}; the index needs one above 0")

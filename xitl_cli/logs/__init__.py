@@ -4,6 +4,6 @@ opening → Log (formats/) → signals/, clocks/ → analyses/, compare/ → rep
 """
 
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.opening import open_log
+from xitl_cli.logs.formats import open_log
 
 __all__ = ["LogError", "open_log"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Self
 
 from xitl_cli.logs.table import Table
+from xitl_cli.logs.text import resolve_name
 
 Format = Literal["dataflash", "mcap", "tlog"]
 
@@ -16,6 +18,7 @@ Base = Literal["boot", "simulation", "utc", "unknown"]
 
 
 _MOST_DAMAGE = 1000
+_LONGEST_UPTIME_NS = 40 * 86_400 * 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +31,7 @@ class Damage:
 
 
 @dataclass(frozen=True, slots=True)
-class Health:
+class LogHealth:
     """How whole a log is. Every count that is not 0 is told to the user.
 
     suspect: records that were kept although what follows them is damaged. truncated_bytes: of a last record that was
@@ -66,7 +69,7 @@ class Health:
 
 @dataclass(slots=True)
 class Losses:
-    """What of a file could not be read, noted while it is read; the counts are those of `Health`."""
+    """What of a file could not be read, noted while it is read; the counts are those of `LogHealth`."""
 
     damaged: int = 0
     damage: list[Damage] = field(default_factory=list)
@@ -90,9 +93,9 @@ class Losses:
         replaced_stamps: int = 0,
         redefined: int = 0,
         undecoded: Mapping[str, tuple[int, str]],
-    ) -> Health:
+    ) -> LogHealth:
         """With what the reader has counted besides."""
-        return Health(
+        return LogHealth(
             size_bytes,
             records,
             self.damaged,
@@ -108,39 +111,86 @@ class Losses:
         )
 
 
-class Log(Protocol):
+class Log(ABC):
     """An open log. Close it, or use it in a `with`; its tables cannot be read afterwards.
 
-    facts: what the format itself says (library, profile, seed …), for `xitl logs info`.
+        with open_log("flight.bin") as log:
+            list(log)               names of messages or topics
+            log["ATT"]["Roll"]      (N,) degrees
+
+    path, format: of the file.
     """
 
-    @property
-    def path(self) -> Path: ...
+    path: Path
+    format: Format
 
     @property
-    def format(self) -> Format: ...
+    @abstractmethod
+    def base(self) -> Base:
+        """What its stamps count from."""
 
     @property
-    def base(self) -> Base: ...
-
-    @property
+    @abstractmethod
     def tables(self) -> Mapping[str, Table]:
         """By name of message or topic, sorted by name; none is empty."""
-        ...
 
     @property
+    @abstractmethod
     def span_ns(self) -> tuple[int, int] | None:
         """Earliest and latest stamp; None without a stamped row. Cheap: it reads no column but time."""
-        ...
 
     @property
-    def health(self) -> Health: ...
+    @abstractmethod
+    def health(self) -> LogHealth: ...
 
     @property
-    def facts(self) -> Mapping[str, str]: ...
+    @abstractmethod
+    def facts(self) -> Mapping[str, str]:
+        """What the format itself says (library, profile, seed …), for `xitl logs info`."""
 
+    @abstractmethod
     def close(self) -> None: ...
 
-    def __enter__(self) -> Log: ...
+    def __getitem__(self, name: str) -> Table:
+        """The table of a message or topic, its name in any case. Raises UnknownNameError, which has the nearest."""
+        topic, _, message = name.rpartition(":")
+        if topic in self.tables and f"{topic}:{message.upper()}" in self.tables:  # in frames that a recording keeps
+            return self.tables[f"{topic}:{message.upper()}"]
+        return self.tables[
+            resolve_name(name, self.tables, f"{self.path}: has no message", "`xitl logs info` lists them")
+        ]
 
-    def __exit__(self, *_: object) -> None: ...
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.tables)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.tables
+
+    def __len__(self) -> int:
+        """How many tables."""
+        return len(self.tables)
+
+    def frame_tables(self, topic: str) -> Mapping[str, Table]:
+        """The messages in the raw MAVLink frames of a topic, by "topic:MESSAGE"; only recordings keep such."""
+        raise KeyError(topic)
+
+    @property
+    def zero_ns(self) -> int:
+        """The stamp from which seconds count: the log's own zero, or its first row where that zero is years away."""
+        if self.span_ns is None:
+            return 0
+        first = self.span_ns[0]
+        return first if self.base in ("utc", "unknown") or not 0 <= first <= _LONGEST_UPTIME_NS else 0
+
+    @property
+    def zero_in_words(self) -> str:
+        """What second 0 is, to follow "seconds since"."""
+        if self.span_ns is not None and self.zero_ns:
+            return "the first row"
+        return {"boot": "the autopilot started", "simulation": "the run began"}.get(self.base, "the first row")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

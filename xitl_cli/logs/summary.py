@@ -7,28 +7,16 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
-from xitl_cli.logs.log import Base, Format, Health, Log
-from xitl_cli.logs.query.times import zero_ns
+from xitl_cli.logs.log import Base, Format, Log, LogHealth
 from xitl_cli.logs.sections import Fact
 from xitl_cli.logs.table import Column, Table
 
 _SHORTEST_S = 0.1
 _READ_WHOLE_BYTES = 16 << 20
-
-
-@runtime_checkable
-class _KeepsFrames(Protocol):
-    def frame_tables(self, topic: str) -> Mapping[str, Table]: ...
-
-
-@runtime_checkable
-class _KnowsEnds(Protocol):
-    @property
-    def ends_ns(self) -> tuple[int, int] | None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +48,7 @@ class Summary:
     start_utc: str | None
     about: tuple[Fact, ...]
     facts: Mapping[str, str]
-    health: Health
+    health: LogHealth
     messages: tuple[MessageSummary, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -92,7 +80,7 @@ class Summary:
 
 def summary_of(log: Log, *, every_field: bool = False) -> Summary:
     """Of a large recording only what its index tells, unless `every_field`: its fields are known when it was read."""
-    span, zero = log.span_ns, zero_ns(log)
+    span, zero = log.span_ns, log.zero_ns
     indexed = log.format == "mcap" and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field
     about = () if indexed else _about(log)
     messages = tuple(_indexed(table, span) for table in log.tables.values()) if indexed else _messages(log)
@@ -117,7 +105,7 @@ def _messages(log: Log) -> tuple[MessageSummary, ...]:
     found = []
     for name, table in log.tables.items():
         found.append(_message(table))
-        if name.startswith("/") and "frame" in table.columns and isinstance(log, _KeepsFrames):
+        if name.startswith("/") and "frame" in table.columns:
             with suppress(KeyError):
                 found += [_message(inner) for inner in log.frame_tables(name).values()]
     return tuple(found)
@@ -125,18 +113,11 @@ def _messages(log: Log) -> tuple[MessageSummary, ...]:
 
 def _message(table: Table) -> MessageSummary:
     instances = None if table.instance is None else _distinct(table, table.instance)
-    first_ns, last_ns = _ends_ns(table) or (0, 0)
+    first_ns, last_ns = table.ends_ns or (0, 0)
     length_s = (last_ns - first_ns) * 1e-9
     each = len(table) / (instances or 1)
     rate_hz = (each - 1) / length_s if each > 1 and length_s >= _SHORTEST_S else None
     return MessageSummary(table.name, len(table), rate_hz, instances, tuple(table.columns.values()))
-
-
-def _ends_ns(table: Table) -> tuple[int, int] | None:
-    if isinstance(table, _KnowsEnds):
-        return table.ends_ns
-    stamps = table.stamp_ns
-    return int(stamps[0]), int(stamps[-1])
 
 
 def _indexed(table: Table, span_ns: tuple[int, int] | None) -> MessageSummary:

@@ -1,19 +1,23 @@
 """The one model behind every format: a log holds tables, a table has columns, a column is an array.
 
-    Log.tables["ATT"].values("Roll")          (N,) degrees
-    Log.tables["/truth/state"].stamp_ns       (N,) nanoseconds since the log's own zero
+    log["ATT"]["Roll"]                (N,) degrees
+    log["/truth/state"].stamp_ns      (N,) nanoseconds since the log's own zero
 
 Nothing is read before it is asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from xitl_cli.logs.text import listed, resolve_name
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -39,63 +43,87 @@ class Column:
     shape: tuple[int, ...] = ()
 
 
-class Table(Protocol):
-    """All messages of one type, in the order of the file."""
+class Table(ABC):
+    """All messages of one type, in the order of the file. Going over it gives the names of its columns.
+
+        table["Roll"]                                 (N,) in the unit of table.columns["Roll"]
+        table.values("Roll", slice(10), raw=True)     the first ten, as stored
+        table.stamp_ns                                (N,) when, in ns since the log's own zero
+
+    name: of the message or topic. instance: the column that tells the instances of a message apart (of IMU, GPS …),
+    None when there is none.
+    """
+
+    name: str
+    instance: str | None = None
 
     @property
-    def name(self) -> str: ...
-
-    @property
+    @abstractmethod
     def columns(self) -> Mapping[str, Column]:
-        """In the log's order."""
-        ...
+        """By name, in the log's order."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many rows."""
 
     @property
-    def instance(self) -> str | None:
-        """The column that tells the instances of a message apart (of IMU, GPS …)."""
-        ...
-
-    def __len__(self) -> int: ...
-
-    @property
+    @abstractmethod
     def stamp_ns(self) -> NDArray[np.int64]:
         """(N,) since the log's own zero (`Log.base`), as logged: it may repeat or go back. Read-only.
 
-        A time that cannot be, which is damage, is that of the row before (`Health.replaced_stamps`).
+        A time that cannot be, which is damage, is that of the row before (`LogHealth.replaced_stamps`).
         """
-        ...
 
     @property
-    def place(self) -> NDArray[np.int64]:
+    @abstractmethod
+    def file_offset(self) -> NDArray[np.int64]:
         """(N,) increasing: where in the file each row is, in bytes. Orders rows across tables."""
-        ...
 
+    @abstractmethod
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         """(n, *shape) numbers in the column's unit, or as stored (whole numbers stay whole numbers) with `raw`.
 
         Text is an array of str, bytes one of object. Raises KeyError when there is no such column.
         """
-        ...
+
+    @property
+    def ends_ns(self) -> tuple[int, int] | None:
+        """Stamps of the first and the last row; None where rows do not say when they were written."""
+        stamps = self.stamp_ns
+        return (int(stamps[0]), int(stamps[-1])) if len(stamps) else None
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        """As `values`, all rows. Raises UnknownNameError, which names the nearest column."""
+        return self.values(column_named(self, column))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def __contains__(self, column: object) -> bool:
+        return column in self.columns
+
+    def to_pandas(self, *, raw: bool = False) -> Any:
+        """A pandas.DataFrame of all rows by `time_s`, seconds since the log's own zero.
+
+        An array of k numbers is k columns, `name[0]` and on; one of more than 1024 is left out. The units are in
+        `frame.attrs["units"]`, by column. Raises LogError when pandas is not installed.
+        """
+        from xitl_cli.logs.export.tabular import data_frame
+
+        return data_frame(self, raw)
 
 
-class Selection:
+class Selection(Table):
     """Some rows of a table, itself a table."""
 
     def __init__(self, table: Table, rows: Rows) -> None:
         self._table = table
         self._index: NDArray[np.intp] = np.arange(len(table), dtype=np.intp)[rows]
-
-    @property
-    def name(self) -> str:
-        return self._table.name
+        self.name, self.instance = table.name, table.instance
 
     @property
     def columns(self) -> Mapping[str, Column]:
         return self._table.columns
-
-    @property
-    def instance(self) -> str | None:
-        return self._table.instance
 
     def __len__(self) -> int:
         return len(self._index)
@@ -105,8 +133,8 @@ class Selection:
         return self._table.stamp_ns[self._index]
 
     @property
-    def place(self) -> NDArray[np.int64]:
-        return self._table.place[self._index]
+    def file_offset(self) -> NDArray[np.int64]:
+        return self._table.file_offset[self._index]
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         return self._table.values(column, self._index[rows], raw=raw)
@@ -128,3 +156,38 @@ def steps_back(stamp_ns: NDArray[np.int64]) -> int:
 def first_of(table: Table, names: Sequence[str]) -> str | None:
     """The first of these columns that the table has: a field that was renamed."""
     return next((name for name in names if name in table.columns), None)
+
+
+def column_named(table: Table, wanted: str) -> str:
+    """The column that is meant, in any case. Raises UnknownNameError."""
+    return resolve_name(wanted, table.columns, f"{table.name} has no field", f"it has {listed(table.columns)}")
+
+
+def text_cells(values: NDArray[Any]) -> list[str]:
+    """Of values of a column, one a row: the shortest digits that give the same number, arrays in brackets, bytes as
+    hexadecimal digits."""
+    if values.ndim > 1:
+        flat = text_cells(values.ravel())
+        count = values.size // len(values) if len(values) else 0
+        return ["[" + " ".join(flat[row * count : (row + 1) * count]) + "]" for row in range(len(values))]
+    if values.dtype.kind == "f":
+        return [_shortest(value) for value in values]
+    if values.dtype.kind == "O":
+        return [value.hex() if isinstance(value, bytes) else str(value) for value in values]
+    return [str(value) for value in values.tolist()]
+
+
+def json_cells(values: NDArray[Any]) -> list[Any]:
+    """One a row: numbers, text_cells, lists; None for what is no finite number; bytes as hexadecimal digits."""
+    if values.ndim > 1:
+        return [json_cells(row) for row in values]
+    if values.dtype.kind == "f":
+        # As many digits as the stored precision has, not those of a double made of it.
+        return [float(_shortest(value)) if math.isfinite(value) else None for value in values]
+    if values.dtype.kind == "O":
+        return [value.hex() if isinstance(value, bytes) else str(value) for value in values]
+    return list(values.tolist())
+
+
+def _shortest(value: np.floating[Any]) -> str:
+    return str(value).removesuffix(".0")

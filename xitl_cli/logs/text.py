@@ -1,10 +1,13 @@
-"""Instants and durations as people write them, and back; text from outside, made fit for a terminal."""
+"""Instants, durations and names as people write them, and back; text from outside, made fit for a terminal."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.errors import LogError, UnknownNameError
+
+_LISTED = 12
 
 
 def clock_text(at_s: float, decimals: int = 1) -> str:
@@ -53,3 +56,27 @@ def optional_seconds(text: str | None) -> float | None:
 def printable(text: str) -> str:
     """Without control characters: the text of a log or the name of a file may hold commands to a terminal."""
     return text if text.isprintable() else "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def resolve_name(wanted: str, known: Collection[str], lacks: str, advice: str) -> str:
+    """The name of `known` that is meant, in any case.
+
+    Raises UnknownNameError, which begins with `lacks`, has the nearest name, and ends with `advice`.
+    """
+    from difflib import get_close_matches
+
+    if wanted in known:
+        return wanted
+    folded = {name.casefold(): name for name in reversed(list(known))}
+    if (found := folded.get(wanted.casefold())) is not None:
+        return found
+    near = get_close_matches(wanted.casefold(), folded, n=1)
+    suggestion = f"did you mean {folded[near[0]]!r}? " if near else ""
+    raise UnknownNameError(f"{lacks} {wanted!r}; {suggestion}{advice}")
+
+
+def listed(names: Collection[str]) -> str:
+    """Roll, Pitch, Yaw; the first dozen of many."""
+    shown = [name for name in names if not name.startswith("_")][:_LISTED]
+    more = len(names) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.clouds import Cloud
-from agent.companion.sonar import Ping
+from agent.companion.clouds import PointCloud
+from agent.companion.sonar import SonarPing
 from agent.wire import dialect
 from agent.wire.codec import Message, decode
 from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC
@@ -18,7 +18,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.table import Table
-from xitl_cli.record.perception import LIDAR_POINT, MAP_POINT, SOURCES, Source
+from xitl_cli.record.topics import LIDAR_POINT, MAP_POINT, MAP_SOURCES, MapSource
 
 LIDAR, PING, MAP = "/lidar/points", "/sonar/ping", "/companion/map"
 AUTOPILOT = "/link/companion/tx"
@@ -32,12 +32,12 @@ _QUAT_FRD = np.array([1.0, 1.0, -1.0, -1.0])
 Points = NDArray[np.float32]
 
 
-def clouds(log: Log) -> Iterator[Cloud]:
+def clouds(log: Log) -> Iterator[PointCloud]:
     """Frames of the lidar in the order of the file. Raises UserError when there are none or of another make."""
     if LIDAR not in log.tables:
         raise UserError(f"{log.path}: has no {LIDAR}; record a run with sensors.lidar in its profile")
     for number, (stamp_ns, packed) in enumerate(_packed(log, LIDAR, LIDAR_POINT)):
-        yield Cloud(
+        yield PointCloud(
             dialect.XITL_CLOUD_KIND_LIDAR,
             number & 0xFFFF,
             stamp_ns,
@@ -47,7 +47,7 @@ def clouds(log: Log) -> Iterator[Cloud]:
         )
 
 
-def pings(log: Log) -> list[Ping]:
+def pings(log: Log) -> list[SonarPing]:
     """Echoes of the sonar; none where nothing was recorded of it."""
     table = log.tables.get(PING)
     if table is None:
@@ -56,7 +56,7 @@ def pings(log: Log) -> list[Ping]:
     stamps = table.stamp_ns.tolist()
     rows = zip(stamps, *(table.values(name, raw=True) for name in names), strict=True)
     return [
-        Ping(
+        SonarPing(
             int(number), stamp_ns, int(angle), tuple(np.asarray(place, dtype=float).tolist()), float(period_s),
             float(speed), _bytes(echo),
         )
@@ -76,12 +76,12 @@ def told(log: Log) -> Iterator[tuple[int, Message]]:
                 yield stamp_ns, message
 
 
-def map_points(log: Log) -> dict[Source, Points]:
+def map_points(log: Log) -> dict[MapSource, Points]:
     """What the companion said of its map during the run, (n, 3) FRD of its odometry's frame, by source."""
-    parts: dict[Source, list[Points]] = {source: [] for source in SOURCES}
+    parts: dict[MapSource, list[Points]] = {source: [] for source in MAP_SOURCES}
     if MAP in log.tables:
         for _, packed in _packed(log, MAP, MAP_POINT):
-            for number, source in enumerate(SOURCES):
+            for number, source in enumerate(MAP_SOURCES):
                 parts[source].append(_frd(packed[packed["source"] == number]))
     return {source: np.concatenate([np.empty((0, 3), np.float32), *part]) for source, part in parts.items()}
 

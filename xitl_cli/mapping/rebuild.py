@@ -16,20 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from agent.companion.autopilot_state import VehicleView
-from agent.companion.clouds import Cloud, Clouds, cloud_messages
+from agent.companion.autopilot_state import AutopilotState
+from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.mapping import LIDAR, SONAR, CloudMap
-from agent.companion.odometry import LidarOdometry, OdometryError, Placed
-from agent.companion.odometry_filters import Motions
+from agent.companion.odometry import LidarOdometry, OdometryError, RegisteredCloud
+from agent.companion.odometry_filters import AutopilotMotionSource
 from agent.companion.perception import PATIENCE_NS
 from agent.companion.pose_history import AHEAD_NS
-from agent.companion.settings import Settings, checked
-from agent.companion.sonar import Ping, echo_points
+from agent.companion.settings import CompanionParameters, checked_parameter
+from agent.companion.sonar import SonarPing, echo_points
 from agent.wire.codec import Message
 from sim_core import frames
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory, tum_text
-from xitl_cli.logs.export.safe_file import make_directory, part_of
+from xitl_cli.logs.export.files import make_directory, part_of
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
@@ -141,11 +141,11 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     settings = _settings(profile)
     autopilot = _Autopilot(told(log) if settings["ODO_AIDED"] else iter(()), profile)
     try:
-        odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=autopilot.motions.of)
+        odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=autopilot.motions.motion_between)
     except OdometryError as error:
         raise UserError(f"{log.path}: {error}") from error
     cloud_map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
-    wire, placed, count = Clouds(), list[Placed](), 0
+    wire, placed, count = CloudReassembler(), list[RegisteredCloud](), 0
     echoes = pings(log)
     heard = 0
     for cloud in clouds(log):
@@ -159,7 +159,7 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
         while heard < len(echoes) and echoes[heard].stamp_ns <= cloud.end_ns:
             _hear(cloud_map, odometry, echoes[heard])
             heard += 1
-    parts = [cloud_map.whole(source) for source in (LIDAR, SONAR)]
+    parts = [cloud_map.points_by(source) for source in (LIDAR, SONAR)]
     return Rebuilt(
         trajectory_of(placed),
         np.concatenate([part.points_odom_m for part in parts]),
@@ -179,8 +179,8 @@ class _Autopilot:
     """
 
     def __init__(self, said: Iterator[tuple[int, Message]], profile: RunProfile | None) -> None:
-        self._view = VehicleView()
-        self.motions = Motions(self._view.history, lambda stamp_ns: stamp_ns)
+        self._view = AutopilotState()
+        self.motions = AutopilotMotionSource(self._view.history, lambda stamp_ns: stamp_ns)
         self._told = said
         self._next = next(said, None)
         self._begun = False
@@ -197,11 +197,11 @@ class _Autopilot:
             stamp_ns, message = self._next
             if self._begun or stamp_ns > end_ns:
                 self._begun = True
-                self._view.take(message, stamp_ns - self._behind_ns)
+                self._view.handle(message, stamp_ns - self._behind_ns)
             self._next = next(self._told, None)
 
 
-def trajectory_of(placed: list[Placed]) -> Trajectory:
+def trajectory_of(placed: list[RegisteredCloud]) -> Trajectory:
     """Poses by their instants."""
     if not placed:
         return Trajectory(np.empty(0, dtype=np.int64), np.empty((0, 3)), np.empty((0, 4)))
@@ -223,19 +223,19 @@ def profile_of(log: Log) -> RunProfile | None:
 
 
 def _settings(profile: RunProfile | None) -> dict[str, float]:
-    defaults = Settings()
+    defaults = CompanionParameters()
     values = {name: defaults[name] for name in defaults}
     companion = None if profile is None else profile.companion
     if companion is not None:
-        values |= {name: checked(name, value) for name, value in companion.parameters.items()}
+        values |= {name: checked_parameter(name, value) for name, value in companion.parameters.items()}
     return values
 
 
-def _over_the_wire(wire: Clouds, cloud: Cloud) -> list[Cloud]:
-    return [whole for message in cloud_messages(cloud) for whole in wire.take(message)]
+def _over_the_wire(wire: CloudReassembler, cloud: PointCloud) -> list[PointCloud]:
+    return [whole for message in cloud_messages(cloud) for whole in wire.handle(message)]
 
 
-def _hear(cloud_map: CloudMap, odometry: LidarOdometry, ping: Ping) -> None:
+def _hear(cloud_map: CloudMap, odometry: LidarOdometry, ping: SonarPing) -> None:
     pose = odometry.pose_at(ping.stamp_ns)
     if pose is not None:
         points_frd_m, intensity = echo_points(ping)

@@ -1,23 +1,76 @@
-"""How a live vehicle stands to the parameters that it should have."""
+"""How a live vehicle stands to the parameters that it should have, by names that changed between versions too."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
+from agent.mavlink.parameters import same_value
 from agent.wire import dialect
-from xitl_cli.params.renames import Rename, other_name
-from xitl_cli.params.text import same
-from xitl_cli.params.vehicle import Vehicle
+from xitl_cli.params.vehicle import VehicleConnection
 
 NEAREST = 3
 _STAGES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}  # FIRMWARE_VERSION_TYPE
 _VEHICLES = {10: "Rover", 11: "Rover (boat)"}
 
 
+# -- names that changed from one version of ArduPilot Rover to the next: from its release notes and the conversions in
+# -- its source, which name old and new
+
+
 @dataclass(frozen=True, slots=True)
-class Differs:
+class ParameterRename:
+    """`new` since `version`. The value carries over; `note` where it does not simply."""
+
+    old: str
+    new: str
+    version: str
+    note: str = ""
+
+
+def _receivers() -> Iterator[ParameterRename]:
+    for number, suffix in ((1, ""), (2, "2")):
+        yield ParameterRename(f"GPS_TYPE{suffix}", f"GPS{number}_TYPE", "4.6")
+        yield ParameterRename(f"GPS_GNSS_MODE{suffix}", f"GPS{number}_GNSS_MODE", "4.6")
+        yield ParameterRename(f"GPS_RATE_MS{suffix}", f"GPS{number}_RATE_MS", "4.6")
+        yield ParameterRename(f"GPS_DELAY_MS{suffix}", f"GPS{number}_DELAY_MS", "4.6")
+        yield ParameterRename(f"GPS_COM_PORT{suffix}", f"GPS{number}_COM_PORT", "4.6")
+        yield ParameterRename(f"GPS_CAN_NODEID{number}", f"GPS{number}_CAN_NODEID", "4.6")
+        yield ParameterRename(f"GPS_MB{number}_TYPE", f"GPS{number}_MB_TYPE", "4.6")
+        for axis in "XYZ":
+            yield ParameterRename(f"GPS_POS{number}_{axis}", f"GPS{number}_POS_{axis}", "4.6")
+            yield ParameterRename(f"GPS_MB{number}_OFS_{axis}", f"GPS{number}_MB_OFS_{axis}", "4.6")
+
+
+_STREAMS = ("RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "PARAMS", "ADSB")
+
+RENAMES: tuple[ParameterRename, ...] = (
+    *_receivers(),
+    ParameterRename("COMPASS_TYPEMASK", "COMPASS_DISBLMSK", "4.5"),
+    ParameterRename("BRD_SAFETYENABLE", "BRD_SAFETY_DEFLT", "4.4"),
+    ParameterRename("SYSID_THISMAV", "MAV_SYSID", "4.7"),
+    ParameterRename("SYSID_MYGCS", "MAV_GCS_SYSID", "4.7"),
+    ParameterRename("SYSID_ENFORCE", "MAV_OPTIONS", "4.7", "bit 0"),
+    ParameterRename("TELEM_DELAY", "MAV_TELEM_DELAY", "4.7"),
+    *(ParameterRename(f"SR{port}_{name}", f"MAV{port + 1}_{name}", "4.7") for port in range(7) for name in _STREAMS),
+    ParameterRename("ARMING_CHECK", "ARMING_SKIPCHK", "4.7", "it names the checks that are left out: 1 becomes 0"),
+)
+
+
+def other_name(name: str, present: Mapping[str, float]) -> ParameterRename | None:
+    """The rename by which `present` has the parameter, though not by this name; None where there is none."""
+    for rename in RENAMES:
+        if (rename.old == name and rename.new in present) or (rename.new == name and rename.old in present):
+            return rename
+    return None
+
+
+# -- what a vehicle has, held against what it should have
+
+
+@dataclass(frozen=True, slots=True)
+class DifferingParameter:
     """A parameter that the vehicle has at another value."""
 
     name: str
@@ -26,7 +79,7 @@ class Differs:
 
 
 @dataclass(frozen=True, slots=True)
-class Absent:
+class AbsentParameter:
     """A name that this version does not have, with the nearest that it has.
 
     `rename` when it has the parameter by another name; `kept` is then the value there. `behind` names a parameter that
@@ -36,28 +89,28 @@ class Absent:
     name: str
     wanted: float
     nearest: tuple[str, ...] = ()
-    rename: Rename | None = None
+    rename: ParameterRename | None = None
     kept: float | None = None
     behind: str = ""
 
-    def sentence(self, shown: Callable[[float], str]) -> str:
+    def sentence(self, format_value: Callable[[float], str]) -> str:
         """Why it is not there, and what to do."""
         if self.rename is not None and self.kept is not None:
             note = f", {self.rename.note}" if self.rename.note else ""
             since = f"{self.rename.new} since {self.rename.version}{note}"
-            return f"this version has it as {self.nearest[0]} = {shown(self.kept)} ({since})"
+            return f"this version has it as {self.nearest[0]} = {format_value(self.kept)} ({since})"
         if self.behind:
             return f"appears after a restart with {self.behind} on"
         return f"this version has none; nearest: {', '.join(self.nearest)}" if self.nearest else "this version has none"
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class ParameterFindings:
     """`same` parameters are as they should be."""
 
     same: int = 0
-    differs: tuple[Differs, ...] = ()
-    absent: tuple[Absent, ...] = field(default=())
+    differs: tuple[DifferingParameter, ...] = ()
+    absent: tuple[AbsentParameter, ...] = ()
 
     @property
     def fine(self) -> bool:
@@ -76,23 +129,23 @@ _BEHIND = (
 )
 
 
-def findings(wanted: Mapping[str, float], present: Mapping[str, float]) -> Findings:
+def check_parameters(wanted: Mapping[str, float], present: Mapping[str, float]) -> ParameterFindings:
     """Hold what should be against all that the vehicle has."""
     alike = 0
-    differs: list[Differs] = []
-    absent: list[Absent] = []
+    differs: list[DifferingParameter] = []
+    absent: list[AbsentParameter] = []
     for name, value in wanted.items():
         kept = present.get(name)
         if kept is None:
             absent.append(_absent(name, value, wanted, present))
-        elif same(kept, value):
+        elif same_value(kept, value):
             alike += 1
         else:
-            differs.append(Differs(name, value, kept))
-    return Findings(alike, tuple(differs), tuple(absent))
+            differs.append(DifferingParameter(name, value, kept))
+    return ParameterFindings(alike, tuple(differs), tuple(absent))
 
 
-def hidden(name: str, wanted: Mapping[str, float], present: Mapping[str, float]) -> str:
+def hiding_parameter(name: str, wanted: Mapping[str, float], present: Mapping[str, float]) -> str:
     """The parameter that hides another one on this vehicle as it stands; empty where none does."""
     for prefix, switch in _BEHIND:
         is_off = switch not in present or present[switch] <= 0.0
@@ -103,21 +156,21 @@ def hidden(name: str, wanted: Mapping[str, float], present: Mapping[str, float])
     return ""
 
 
-def _absent(name: str, value: float, wanted: Mapping[str, float], present: Mapping[str, float]) -> Absent:
+def _absent(name: str, value: float, wanted: Mapping[str, float], present: Mapping[str, float]) -> AbsentParameter:
     rename = other_name(name, present)
     if rename is not None:
         has = rename.new if rename.old == name else rename.old
-        return Absent(name, value, (has,), rename, present[has])
-    behind = hidden(name, wanted, present)
+        return AbsentParameter(name, value, (has,), rename, present[has])
+    behind = hiding_parameter(name, wanted, present)
     if behind:
-        return Absent(name, value, behind=behind)
-    return Absent(name, value, tuple(difflib.get_close_matches(name, present, n=NEAREST, cutoff=0.75)))
+        return AbsentParameter(name, value, behind=behind)
+    return AbsentParameter(name, value, tuple(difflib.get_close_matches(name, present, n=NEAREST, cutoff=0.75)))
 
 
-def firmware(vehicle: Vehicle) -> str:
+def firmware_name(vehicle: VehicleConnection) -> str:
     """Its kind and version, such as `ArduPilot Rover 4.6.2`; without a version where it does not tell."""
     kind = _VEHICLES.get(vehicle.kind, f"vehicle of MAV_TYPE {vehicle.kind}")
-    message = vehicle.request(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+    message = vehicle.request_message(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     if message is None:
         return f"ArduPilot {kind}"
     number = int(message.flight_sw_version)

@@ -81,8 +81,8 @@ def bytes_per_s(flows: Iterable[Flow]) -> float:
 
 def load_of(sensors: Sensors, signed: bool = False, imu_rate_hz: float | None = None) -> Load:
     """The traffic of these sensors and of an embedded autopilot; `imu_rate_hz` in place of the sensor's own."""
-    from agent.fcu.autopilot import LOOP_HZ
     from agent.fcu.mavlink.telemetry import RATES_HZ
+    from agent.fcu.vehicle.autopilot import LOOP_HZ
     from agent.wire import dialect
 
     sizes = {kind.msgname: kind.unpacker.size for kind in dialect.mavlink_map.values()}

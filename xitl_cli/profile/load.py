@@ -14,6 +14,7 @@ from xitl_cli.profile import parameter_files
 from xitl_cli.profile.catalogue import SUFFIXES, find_profile
 from xitl_cli.profile.checks import check
 from xitl_cli.profile.compose import compose, override
+from xitl_cli.profile.derived_graph import complete_graph_group
 from xitl_cli.profile.entry import Entry, Key, KeyPath, Origin
 from xitl_cli.profile.problems import Problem, ProfileError
 from xitl_cli.profile.schema import Profile, RunProfile
@@ -74,6 +75,7 @@ def _validated(entry: Entry, name: str) -> Profile:
         profile = Profile.model_validate(entry.plain())
     except ValidationError as error:
         raise ProfileError(problems_of(error, entry), name) from None
+    profile = profile.model_copy(update={"graph": complete_graph_group(profile)})
     problems = [Problem(entry.nearest(path)[0].origin, sentence) for path, sentence in check(profile)]
     if problems:
         raise ProfileError(problems, name)

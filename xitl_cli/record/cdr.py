@@ -1,52 +1,152 @@
-"""ROS 2 CDR payloads of messages whose strings and array lengths are known beforehand: one struct each."""
+"""ROS 2 CDR messages: a class whose annotations are the fields gives the encoder and the definition text."""
 
 from __future__ import annotations
 
+import math
+import re
 import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
 
-_LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
-_CODES = {"f64": "d", "f32": "f", "i64": "q", "u64": "Q", "u32": "I", "u8": "B"}
+Uint8: TypeAlias = Annotated[int, "uint8"]
+Bool: TypeAlias = Annotated[bool, "uint8"]
+Uint32: TypeAlias = Annotated[int, "uint32"]
+Int64: TypeAlias = Annotated[int, "int64"]
+Float64: TypeAlias = Annotated[float, "float64"]
+String: TypeAlias = Annotated[str, "string"]
+Bytes: TypeAlias = Annotated[bytes, "uint8[]"]
+Float64Sequence: TypeAlias = Annotated[Sequence[float], "float64[]"]
+Float64x3: TypeAlias = Annotated[Sequence[float], "float64[3]"]
+Float64x4: TypeAlias = Annotated[Sequence[float], "float64[4]"]
+Float64x6: TypeAlias = Annotated[Sequence[float], "float64[6]"]
+Float64x36: TypeAlias = Annotated[Sequence[float], "float64[36]"]
 
-Field = str | tuple[str, int] | tuple[str, str]
+SEPARATOR = "=" * 80
+TIME_DEFINITION = f"{SEPARATOR}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+
+_HEADER = b"\x00\x01\x00\x00"  # little-endian CDR
+_BYTES_HEAD = struct.Struct("<4siII")
+_CODES = {"float64": "d", "float32": "f", "int64": "q", "uint32": "I", "uint8": "B", "string": "s"}
+_TYPE = re.compile(r"(?P<base>[a-z0-9]+)(?P<array>\[(?P<count>[0-9]*)\])?")
+_NUMBER, _ARRAY, _SEQUENCE, _BYTES, _TEXT = range(5)
+
+_UNITS = {
+    "m": "m", "s": "s", "ns": "ns", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "radps": "rad/s", "n": "N", "hz": "Hz",
+    "grad": "gon", "ppm": "ppm", "percent": "%", "mib": "MiB", "c": "°C",
+}  # fmt: skip
+_FRAMES = {"ned": "NED", "frd": "FRD", "enu": "ENU", "flu": "FLU"}
 
 
-class Layout:
-    """A stamped message as a flat struct.
+@dataclass(frozen=True, slots=True)
+class MessageField:
+    """One field of a message: `type` as ROS 2 writes it, `meaning` where the name leaves something to say."""
 
-    Every message starts with its stamp, a builtin_interfaces/Time. `fields` are what follows, in order: `"f64"` one
-    number, `("f64", 3)` a fixed array, `("f64[]", 2)` a sequence of known length, `("string", "map")` a constant text.
+    name: str
+    type: str
+    meaning: str = ""
+
+    @property
+    def unit(self) -> str:
+        """As the end of the name has it; empty for counts and shares."""
+        return _UNITS.get(self.name.rpartition("_")[2], "")
+
+    @property
+    def frame(self) -> str:
+        """As the name has it; of an attitude from which to which: `quaternion_ned_frd` turns FRD into NED."""
+        return " ← ".join(_FRAMES[part] for part in self.name.split("_") if part in _FRAMES)
+
+
+class MessageType:
+    """A stamped message: its definition text and its encoder.
+
+    `declaration` is a class whose annotations are the fields, in order; the stamp, a builtin_interfaces/Time, comes
+    before them. Its class attribute `definition`, if any, is the definition of a message with messages inside.
     """
 
-    def __init__(self, *fields: Field) -> None:
-        self._format = "<4siI"
-        self._size = 8  # alignment counts from behind the encapsulation header
-        self._template: list[float | bytes] = [_LITTLE_ENDIAN_CDR, 0, 0]
-        self._places: list[int] = []
-        for field in fields:
-            kind, argument = field if isinstance(field, tuple) else (field, 1)
-            if kind == "string":
-                data = str(argument).encode() + b"\0"
-                self._append("I", len(data))
-                self._append(f"{len(data)}s", data)
-                continue
-            if kind.endswith("[]"):
-                self._append("I", int(argument))
-            for _ in range(int(argument)):
-                self._places.append(len(self._template))
-                self._append(_CODES[kind.removesuffix("[]")], 0)
-        self._struct = struct.Struct(self._format)
+    def __init__(self, declaration: type) -> None:
+        self.fields = tuple(_fields(declaration))
+        lines = "".join(f"{field.type} {field.name}\n" for field in self.fields)
+        own: str | None = getattr(declaration, "definition", None)
+        self.definition = f"builtin_interfaces/Time stamp\n{lines}{TIME_DEFINITION}" if own is None else own
+        self._plan = [_plan(field.type) for field in self.fields]
+        self._structs: dict[tuple[int, ...], struct.Struct] = {}
+        raw = [kind for kind, _ in self._plan] == [_BYTES]  # most messages of a recording are such
+        self.encode: Callable[..., bytes] = _encode_bytes if raw else self._encode
+        """Payload with its encapsulation header, of `stamp_ns` and one value a field.
 
-    def pack(self, stamp_ns: int, *values: float) -> bytes:
-        """Payload with its encapsulation header; one value for each number of the layout."""
-        items = self._template.copy()
-        items[1], items[2] = divmod(stamp_ns, 1_000_000_000)
-        for place, value in zip(self._places, values, strict=True):
-            items[place] = value
-        return self._struct.pack(*items)
+        None is NaN of a float and -1 of an integer; an empty array of fixed length is all zero.
+        """
 
-    def _append(self, code: str, value: float | bytes) -> None:
-        size = struct.calcsize(f"<{code}")
-        padding = 0 if code.endswith("s") else -self._size % size
-        self._format += f"{padding}x{code}" if padding else code
-        self._size += padding + size
-        self._template.append(value)
+    def _encode(self, stamp_ns: int, *values: Any) -> bytes:
+        items: list[Any] = [_HEADER, *divmod(stamp_ns, 1_000_000_000)]
+        lengths: list[int] = []
+        for (kind, filler), value in zip(self._plan, values, strict=True):
+            if kind == _NUMBER:
+                items.append(filler if value is None else value)
+            elif kind == _ARRAY:
+                items.extend(value or filler)
+            else:
+                data = value.encode() + b"\0" if kind == _TEXT else value
+                lengths.append(len(data))
+                items.append(len(data))
+                if kind == _SEQUENCE:
+                    items.extend(data)
+                else:
+                    items.append(data)
+        layout = self._structs.get(key := tuple(lengths))
+        if layout is None:
+            layout = self._structs[key] = self._struct(lengths)
+        return layout.pack(*items)
+
+    def _struct(self, lengths: list[int]) -> struct.Struct:
+        """The flat struct with texts and sequences of `lengths`."""
+        layout, size = "<4siI", 8  # alignment counts from behind the encapsulation header
+        remaining = iter(lengths)
+        for field, (kind, filler) in zip(self.fields, self._plan, strict=True):
+            base = _TYPE.fullmatch(field.type)
+            assert base is not None
+            parts = [(_CODES[base["base"]], 1)]
+            if kind == _ARRAY:
+                parts = [(parts[0][0], len(filler))]
+            elif kind != _NUMBER:
+                count = next(remaining)
+                parts = [("I", 1), ("s" if kind == _BYTES else parts[0][0], count)]
+            for code, count in parts:
+                width = struct.calcsize(f"<{code}")
+                padding = -size % width if count else 0
+                layout += f"{padding}x{count}{code}"
+                size += padding + count * width
+        return struct.Struct(layout)
+
+
+def _encode_bytes(stamp_ns: int, *values: Any) -> bytes:
+    (data,) = values
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    payload: bytes = _BYTES_HEAD.pack(_HEADER, seconds, nanoseconds, len(data)) + data
+    return payload
+
+
+def _fields(declaration: type) -> list[MessageField]:
+    fields = []
+    for name, hint in get_type_hints(declaration, include_extras=True).items():
+        alternatives = get_args(hint) if not hasattr(hint, "__metadata__") else (hint,)
+        annotated = next((each for each in alternatives if hasattr(each, "__metadata__")), None)
+        if annotated is not None:
+            fields.append(MessageField(name, *annotated.__metadata__))
+    return fields
+
+
+def _plan(type_name: str) -> tuple[int, Any]:
+    """How a field is encoded, and what stands for a value that is not known."""
+    match = _TYPE.fullmatch(type_name)
+    assert match is not None
+    assert match["base"] in _CODES
+    if match["base"] == "string":
+        return _TEXT, None
+    nothing = math.nan if match["base"].startswith("float") else -1
+    if match["array"] is None:
+        return _NUMBER, nothing
+    if match["count"]:
+        return _ARRAY, (0,) * int(match["count"])
+    return (_BYTES if match["base"] == "uint8" else _SEQUENCE), None

@@ -32,7 +32,7 @@ _Message = tuple[int, int, bytes, int]
 """Channel, log time, payload, publish time, as Writer.add_message takes them."""
 
 
-class Log(Protocol):
+class PayloadWriter(Protocol):
     """Writes one payload, received at `stamp_ns` and sent at `sent_ns` (None: the same instant)."""
 
     def __call__(self, payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None: ...
@@ -68,15 +68,14 @@ class McapFile:
         self._writer.start("xitl", "xitl")
         self._whole_bytes = self._file.tell()
 
-    def ros_channel(self, topic: str, schema_name: str, definition: str) -> Log:
+    def ros_channel(self, topic: str, schema_name: str, definition: str) -> PayloadWriter:
         """A writer of ROS 2 CDR payloads."""
         return self._channel(topic, "cdr", schema_name, "ros2msg", definition.encode())
 
-    def foxglove_channel(self, topic: str, message_type: Any) -> Callable[[Any, int], None]:
-        """A writer `log(message, stamp_ns)` of one of foxglove.messages."""
+    def foxglove_channel(self, topic: str, message_type: Any) -> PayloadWriter:
+        """A writer of encoded messages of one type of foxglove.messages."""
         schema = message_type.get_schema()
-        log = self._channel(topic, "protobuf", schema.name, schema.encoding, schema.data)
-        return lambda message, stamp_ns: log(message.encode(), stamp_ns)
+        return self._channel(topic, "protobuf", schema.name, schema.encoding, schema.data)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file inside the recording."""
@@ -106,7 +105,9 @@ class McapFile:
             if self._refused_once and self.path.is_file():
                 os.truncate(self.path, min(self._whole_bytes, self.path.stat().st_size))
 
-    def _channel(self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes) -> Log:
+    def _channel(
+        self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
+    ) -> PayloadWriter:
         schema = self._writer.register_schema(schema_name, schema_encoding, definition)
         channel = self._writer.register_channel(topic, encoding, schema)
 

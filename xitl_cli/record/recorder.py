@@ -1,11 +1,17 @@
-"""The recorder: what a run tells it, turned into topics. docs/recording.md is the table of topics."""
+"""The recorder of a run: converts to the axes that tools expect and writes to the topics of `topics`.
+
+Odometry is in ENU with a FLU body (REP 103), and so are clouds: x forward, y left, z up of the body in `base_link`, and
+in `odom`, which is the body's place when the companion's odometry began. What comes in is NED and FRD.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from foxglove import messages
@@ -13,263 +19,226 @@ from numpy.typing import NDArray
 
 from sim_core import frames
 from sim_core.kinematics import Kinematics
-from xitl_cli.record import schemas
-from xitl_cli.record.cdr import Field, Layout
-from xitl_cli.record.mcap_file import McapFile
-from xitl_cli.record.perception import PerceptionRecorder
-from xitl_cli.record.records import (
-    ActuatorAge,
-    Clock,
-    Estimate,
-    LinkState,
-    Miss,
+from xitl_cli.record.mcap_file import McapFile, PayloadWriter
+from xitl_cli.record.topics import (
+    ESTIMATE_FRAME,
+    LIDAR_POINT,
+    MAP_FRAME,
+    MAP_POINT,
+    MAP_SOURCES,
+    ODOM_FRAME,
+    SONAR_POINT,
+    TOPICS,
+    VESSEL_FRAME,
+    MapSource,
+    MotionEstimate,
     MotorCommand,
-    NodeState,
-    Takeover,
-    Task,
+    Topic,
+    body_frame,
+    frame_name,
+    topic_name,
 )
 
-MAP_FRAME = "map"
-VESSEL_FRAME = "base_link"
-ESTIMATE_FRAME = "base_link_estimate"
-_ZEROS = (0.0,) * 36
-_BINS = 16
-_NO_BINS = (0,) * _BINS
+Array = NDArray[np.float64]
+Points = NDArray[np.float32]
+Intensity = NDArray[np.uint8]
+Channel = tuple[Callable[..., bytes], PayloadWriter]
+"""Encodes a stamp and one value a field; writes the payload."""
 
-_Log = messages.LogLevel
-_LEVELS = (_Log.Fatal, _Log.Fatal, _Log.Fatal, _Log.Error, _Log.Warning, _Log.Info, _Log.Info, _Log.Debug)
+_NO_COVARIANCE = (0.0,) * 36
+_NO_ROTATION = (0.0, 0.0, 0.0)
+_FLU = np.array([1.0, -1.0, -1.0], dtype=np.float32)
+_FRD_FLU = np.diag([1.0, -1.0, -1.0, 1.0])
+_Level = messages.LogLevel
+_LEVELS = (
+    *(_Level.Fatal, _Level.Fatal, _Level.Fatal, _Level.Error),
+    *(_Level.Warning, _Level.Info, _Level.Info, _Level.Debug),
+)
+_Element = messages.PackedElementFieldNumericType
+_ELEMENTS = {np.dtype("<f4"): _Element.Float32, np.dtype("u1"): _Element.Uint8}
+_COMPANION_FIELDS = attrgetter(
+    *(field.name.removesuffix("_s") for field in TOPICS["/companion/status"].message_type().fields)
+)
+
+
+def _records() -> dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]]:
+    """Topic and values of each record that is written as it is."""
+    return {
+        topic.fields: (topic.name, attrgetter(*(field.name for field in fields(topic.fields))))
+        for topic in TOPICS.values()
+        if topic.fields is not None and is_dataclass(topic.fields)
+    }
+
+
+_RECORDS = _records()
+
+
+class SonarPing(Protocol):
+    """One ping of a scanning sonar. angle_grad: of the beam, clockwise from the bow, 400 to the turn."""
+
+    @property
+    def number(self) -> int: ...
+    @property
+    def angle_grad(self) -> int: ...
+    @property
+    def position_frd_m(self) -> Sequence[float]: ...
+    @property
+    def sample_period_s(self) -> float: ...
+    @property
+    def sound_speed_mps(self) -> float: ...
+    @property
+    def intensity(self) -> Intensity: ...
+
+
+class TopicWriter:
+    """Writes messages to the topics of one vessel in `file`; `links` name those whose raw frames are kept.
+
+    vessel: its name in front of topics and frames, where there is more than one; empty with one.
+    """
+
+    def __init__(self, file: McapFile, links: Sequence[str] = (), vessel: str = "") -> None:
+        self._file = file
+        self._links = tuple(links)
+        self._vessel = vessel
+        self._channels: dict[str, Channel] = {}
+        for topic in TOPICS.values():
+            if topic.from_start:
+                for link in self._links if topic.per_link else ("",):
+                    self._open(topic, link)
+
+    def write(self, topic: str, stamp_ns: int, *values: Any) -> None:
+        """A ROS 2 message, one value a field, or a message of foxglove's."""
+        encode, write = self._channels.get(topic) or self._open(TOPICS[topic])
+        write(encode(stamp_ns, *values), stamp_ns)
+
+    def link_channels(self, direction: str) -> dict[str, Channel]:
+        """Encoder and writer of raw frames by link; `direction`: `tx` from host to agent, `rx` back."""
+        return {link: self._channels[f"/link/{link}/{direction}"] for link in self._links}
+
+    def frame(self, frame: str) -> str:
+        """The name in the file of a frame that belongs to the vessel."""
+        return frame_name(frame, self._vessel)
+
+    def transform(self, stamp_ns: int, child: str, position: Sequence[float], quat_wxyz: Sequence[float]) -> None:
+        """Place and attitude of the frame `child` in the map: ENU, FLU to ENU."""
+        transform = messages.FrameTransform(
+            timestamp=timestamp(stamp_ns),
+            parent_frame_id=MAP_FRAME,
+            child_frame_id=child,
+            translation=_vector(position),
+            rotation=_quaternion(quat_wxyz),
+        )
+        self.write("/tf", stamp_ns, messages.FrameTransforms(transforms=[transform]))
+
+    def _open(self, topic: Topic, link: str = "") -> Channel:
+        name = topic_name(topic, self._vessel, link)
+        encode: Callable[..., bytes]
+        if topic.fields is None:
+            encode = _encode_foxglove
+            writer = self._file.foxglove_channel(name, getattr(messages, topic.schema.removeprefix("foxglove.")))
+        else:
+            kind = topic.message_type()
+            encode, writer = kind.encode, self._file.ros_channel(name, topic.schema, kind.definition)
+        return self._channels.setdefault(topic.name.format(link=link), (encode, writer))
 
 
 class Recorder:
-    """Records into one MCAP file; `links` name the links whose raw frames are kept.
+    """Records a run into one MCAP file. What is not known is NaN among the numbers and -1 among counts and instants."""
 
-    What is not known is NaN among the numbers and -1 among counts and instants.
-    """
-
-    def __init__(self, path: Path, compression: str, motors: int, links: Sequence[str] = ("agent",)) -> None:
-        self._file = file = McapFile(path, compression)
-        self._state_layout = Layout(("f64", 3), ("f64", 3), ("f64", 3), ("f64", 4), ("f64", 3), ("f64[]", motors))
-        self._odometry_layout, self._estimate_layout = (
-            Layout(("string", MAP_FRAME), ("string", child), ("f64", 7), ("f64", 36), ("f64", 6), ("f64", 36))
-            for child in (VESSEL_FRAME, ESTIMATE_FRAME)
-        )
-        self._environment_layout = Layout(("f64", 3), ("f64", 3), "f64")
-        self._actuators_layout = Layout(("f64[]", motors), "u8", "u8", "f64")
-        self._frame_head = Layout("u32")
-        self._state = file.ros_channel("/truth/state", "xitl_msgs/msg/VesselState", schemas.VESSEL_STATE)
-        self._odometry = file.ros_channel("/truth/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
-        self._estimate = file.ros_channel("/estimate/odometry", "nav_msgs/msg/Odometry", schemas.ODOMETRY)
-        self._environment = file.ros_channel("/environment", "xitl_msgs/msg/Environment", schemas.ENVIRONMENT)
-        self._actuators = file.ros_channel("/actuators", "xitl_msgs/msg/Actuators", schemas.ACTUATORS)
-        self._actuator_ages = file.ros_channel("/actuators/age", "xitl_msgs/msg/ActuatorAge", schemas.ACTUATOR_AGE)
-        self._tasks = file.ros_channel("/tasks", "xitl_msgs/msg/Task", schemas.TASK)
-        self._misses = file.ros_channel("/misses", "xitl_msgs/msg/Miss", schemas.MISS)
-        self._clocks = file.ros_channel("/clocks", "xitl_msgs/msg/Clock", schemas.CLOCK)
-        self._links = file.ros_channel("/links", "xitl_msgs/msg/Link", schemas.LINK)
-        self._nodes = file.ros_channel("/nodes", "xitl_msgs/msg/Node", schemas.NODE)
-        self._bridges = file.ros_channel("/bridge", "xitl_msgs/msg/Bridge", schemas.BRIDGE)
-        self._takeovers = file.ros_channel("/takeovers", "xitl_msgs/msg/Takeover", schemas.TAKEOVER)
-        self._faults = file.ros_channel("/faults", "xitl_msgs/msg/Fault", schemas.FAULT)
-        self._sent, self._received = (
-            {
-                link: file.ros_channel(f"/link/{link}/{way}", "xitl_msgs/msg/MavlinkFrame", schemas.MAVLINK_FRAME)
-                for link in links
-            }
-            for way in ("tx", "rx")
-        )
-        self._tf = file.foxglove_channel("/tf", messages.FrameTransforms)
-        self._pose = file.foxglove_channel("/truth/pose", messages.PoseInFrame)
-        self._fix = file.foxglove_channel("/truth/fix", messages.LocationFix)
-        self._scene = file.foxglove_channel("/scene", messages.SceneUpdate)
-        self._log = file.foxglove_channel("/log", messages.Log)
+    def __init__(self, path: Path, compression: str, links: Sequence[str] = ("agent",), vessel: str = "") -> None:
+        self._file = McapFile(path, compression)
+        self._topics = TopicWriter(self._file, links, vessel)
+        self._sent, self._received = self._topics.link_channels("tx"), self._topics.link_channels("rx")
 
     @cached_property
     def perception(self) -> PerceptionRecorder:
-        """For what a companion computer sees and says, bodies adrift and contacts."""
-        return PerceptionRecorder(self._file, self._transform)
+        """Records sensors and results of a companion, drifting bodies and contacts."""
+        return PerceptionRecorder(self._topics)
 
-    def truth(self, stamp_ns: int, motion: Kinematics, rotor: NDArray[np.float64]) -> None:
+    def write(self, stamp_ns: int, record: Any) -> None:
+        """One of the records of `topics`: TaskTiming, DeadlineMiss, ClockExchange, LinkState, FaultEvent, ..."""
+        topic, values = _RECORDS[type(record)]
+        self._topics.write(topic, stamp_ns, *values(record))
+
+    def truth(self, stamp_ns: int, motion: Kinematics, rotor: Array) -> None:
         """The true state of the first vessel: state, odometry, pose and transform."""
-        gyro_frd = motion.gyro_frd_radps[0]
-        self._state(
-            self._state_layout.pack(
-                stamp_ns,
-                *motion.pos_ned_m[0].tolist(),
-                *motion.vel_ned_mps[0].tolist(),
-                *motion.acc_ned_mps2[0].tolist(),
-                *motion.quat_ned_frd[0].tolist(),
-                *gyro_frd.tolist(),
-                *rotor[0].tolist(),
-            ),
+        pos_ned_m, quat, gyro_frd = motion.pos_ned_m[0], motion.quat_ned_frd[0], motion.gyro_frd_radps[0]
+        self._topics.write(
+            "/truth/state",
             stamp_ns,
+            pos_ned_m.tolist(),
+            motion.vel_ned_mps[0].tolist(),
+            motion.acc_ned_mps2[0].tolist(),
+            quat.tolist(),
+            gyro_frd.tolist(),
+            rotor[0].tolist(),
         )
-        position, attitude = motion.pos_ned_m[0], motion.quat_ned_frd[0]
-        payload, (x, y, z), (qw, qx, qy, qz) = self._odometry_payload(
-            self._odometry_layout,
-            stamp_ns,
-            position,
-            motion.vel_ned_mps[0] @ motion.rot_ned_frd[0],
-            attitude,
-            gyro_frd,
+        velocity = motion.vel_ned_mps[0] @ motion.rot_ned_frd[0]
+        position, attitude = self._odometry(
+            "/truth/odometry", VESSEL_FRAME, stamp_ns, pos_ned_m, velocity, quat, gyro_frd
         )
-        self._odometry(payload, stamp_ns)
-        stamp = _timestamp(stamp_ns)
-        translation = messages.Vector3(x=x, y=y, z=z)
-        rotation = messages.Quaternion(x=qx, y=qy, z=qz, w=qw)
-        self._pose(
-            messages.PoseInFrame(
-                timestamp=stamp, frame_id=MAP_FRAME, pose=messages.Pose(position=translation, orientation=rotation)
-            ),
-            stamp_ns,
-        )
-        self._transform(stamp_ns, VESSEL_FRAME, translation, rotation)
+        pose = messages.Pose(position=_vector(position), orientation=_quaternion(attitude))
+        stamped = messages.PoseInFrame(timestamp=timestamp(stamp_ns), frame_id=MAP_FRAME, pose=pose)
+        self._topics.write("/truth/pose", stamp_ns, stamped)
+        self._topics.transform(stamp_ns, self._topics.frame(VESSEL_FRAME), position, attitude)
 
     def fix(self, stamp_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
-        """The true place on the map."""
+        """The true place on the Earth."""
         fix = messages.LocationFix(
-            timestamp=_timestamp(stamp_ns), frame_id=VESSEL_FRAME, latitude=lat_deg, longitude=lon_deg, altitude=alt_m
+            timestamp=timestamp(stamp_ns),
+            frame_id=self._topics.frame(VESSEL_FRAME),
+            latitude=lat_deg,
+            longitude=lon_deg,
+            altitude=alt_m,
         )
-        self._fix(fix, stamp_ns)
+        self._topics.write("/truth/fix", stamp_ns, fix)
 
-    def environment(
-        self, stamp_ns: int, current_ned_mps: NDArray[np.float64], wind_ned_mps: NDArray[np.float64], surface_m: float
-    ) -> None:
-        """What surrounds the first vessel."""
-        payload = self._environment_layout.pack(stamp_ns, *current_ned_mps.tolist(), *wind_ned_mps.tolist(), surface_m)
-        self._environment(payload, stamp_ns)
+    def environment(self, stamp_ns: int, current_ned_mps: Array, wind_ned_mps: Array, surface_m: float) -> None:
+        """Current (3,), wind (3,) and surface elevation at the first vessel."""
+        self._topics.write("/environment", stamp_ns, current_ned_mps.tolist(), wind_ned_mps.tolist(), surface_m)
 
-    def estimate(self, stamp_ns: int, estimate: Estimate) -> None:
-        """What the autopilot believes, at the instant its belief arrived."""
-        payload, (x, y, z), (qw, qx, qy, qz) = self._odometry_payload(
-            self._estimate_layout,
+    def estimate(self, stamp_ns: int, estimate: MotionEstimate) -> None:
+        """The autopilot's estimate; `stamp_ns` is the instant it is of."""
+        position, attitude = self._odometry(
+            "/estimate/odometry",
+            ESTIMATE_FRAME,
             stamp_ns,
             estimate.pos_ned_m,
             estimate.vel_ned_mps @ frames.quat_to_matrix(estimate.quat_ned_frd),
             estimate.quat_ned_frd,
             estimate.gyro_frd_radps,
         )
-        self._estimate(payload, stamp_ns)
-        self._transform(
-            stamp_ns, ESTIMATE_FRAME, messages.Vector3(x=x, y=y, z=z), messages.Quaternion(x=qx, y=qy, z=qz, w=qw)
-        )
+        self._topics.transform(stamp_ns, self._topics.frame(ESTIMATE_FRAME), position, attitude)
 
     def actuators(self, stamp_ns: int, command: MotorCommand) -> None:
         """The motor commands in force."""
-        age_s = math.nan if command.age_s is None else command.age_s
-        payload = self._actuators_layout.pack(stamp_ns, *command.motors, command.armed, command.failsafe, age_s)
-        self._actuators(payload, stamp_ns)
-
-    def actuator_age(self, stamp_ns: int, age: ActuatorAge) -> None:
-        """How old the motor commands in use were so far."""
-        payload = _layout("u32", "u32", "u32", ("f64", 3)).pack(
-            stamp_ns,
-            age.exchanges,
-            age.stale,
-            age.longest_stale,
-            *_numbers(age.age_p50_s, age.age_p99_s, age.age_max_s),
-        )
-        self._actuator_ages(payload, stamp_ns)
+        self._topics.write("/actuators", stamp_ns, command.motors, command.armed, command.failsafe, command.age_s)
 
     def frame_sent(self, stamp_ns: int, frame: bytes, link: str = "agent") -> None:
         """A raw MAVLink frame from host to agent."""
-        self._sent[link](self._frame_head.pack(stamp_ns, len(frame)) + frame, stamp_ns)
+        encode, write = self._sent[link]
+        write(encode(stamp_ns, frame), stamp_ns)
 
     def frame_received(self, stamp_ns: int, frame: bytes, sent_ns: int | None = None, link: str = "agent") -> None:
         """A raw MAVLink frame from agent to host; `sent_ns` is when the agent says it sent it, in simulation time."""
-        self._received[link](self._frame_head.pack(stamp_ns, len(frame)) + frame, stamp_ns, sent_ns)
+        encode, write = self._received[link]
+        write(encode(stamp_ns, frame), stamp_ns, sent_ns)
 
-    def task(self, stamp_ns: int, task: Task) -> None:
-        """How a periodic task kept its deadlines so far."""
-        layout = _layout(
-            ("string", task.node),
-            ("string", task.task),
-            *("f64", "u32", "u32", "f64", "f64", "f64"),
-            *("u32", "f64", "i64", "i64", ("u32", _BINS), ("u32", _BINS)),
-        )
-        payload = layout.pack(
-            stamp_ns,
-            task.rate_hz,
-            task.cycles,
-            task.missed,
-            task.start_jitter_max_s,
-            task.run_mean_s,
-            task.run_max_s,
-            task.skipped,
-            task.start_jitter_mean_s,
-            *_counts(task.worst_run_ns, task.worst_start_ns),
-            *(task.start_histogram or _NO_BINS),
-            *(task.run_histogram or _NO_BINS),
-        )
-        self._tasks(payload, stamp_ns)
-
-    def miss(self, stamp_ns: int, miss: Miss) -> None:
-        """One deadline that was missed."""
-        layout = _layout(("string", miss.node), ("string", miss.task), "u32", ("i64", 3), "u32")
-        payload = layout.pack(stamp_ns, miss.cycle, miss.due_ns, miss.start_ns, miss.end_ns, miss.skipped)
-        self._misses(payload, stamp_ns)
-
-    def clock(self, stamp_ns: int, clock: Clock) -> None:
-        """One exchange of time stamps with a node."""
-        layout = _layout(("string", clock.node), "u32", "i64", "i64", ("f64", 6), "u32")
-        payload = layout.pack(
-            stamp_ns,
-            clock.sample,
-            clock.host_ns,
-            clock.node_ns,
-            clock.round_trip_s,
-            clock.offset_s,
-            clock.drift_ppm,
-            *_numbers(clock.residual_s, clock.path_delay_s, clock.asymmetry_bound_s),
-            clock.steps,
-        )
-        self._clocks(payload, stamp_ns)
-
-    def link(self, stamp_ns: int, state: LinkState) -> None:
-        """One direction of a link so far."""
-        payload = _layout(("string", state.name), ("i64", 10), ("f64", 3)).pack(
-            stamp_ns,
-            *_counts(state.sent, state.received, state.lost, state.gaps, state.late, state.repeated),
-            *_counts(state.dropped, state.unsent, state.refused, state.impaired),
-            *_numbers(state.latency_p50_s, state.latency_p99_s, state.latency_max_s),
-        )
-        self._links(payload, stamp_ns)
-
-    def node(self, stamp_ns: int, state: NodeState) -> None:
-        """How a machine in the loop is."""
-        texts = (state.node, state.nodes, state.kind, state.machine, state.kernel, state.version)
-        layout = _layout(*(("string", text) for text in texts), ("f64", 4), "u8", ("string", state.flags))
-        numbers = _numbers(state.memory_mib, state.cpu_percent, state.load, state.temperature_c)
-        self._nodes(layout.pack(stamp_ns, *numbers, state.running), stamp_ns)
-
-    def bridge(self, stamp_ns: int, counts: Mapping[str, int]) -> None:
-        """What a bridge to another autopilot has done, by the names of `schemas.BRIDGE_COUNTS`."""
-        values = [counts[name] for name in schemas.BRIDGE_COUNTS]
-        self._bridges(_layout(("i64", len(values))).pack(stamp_ns, *values), stamp_ns)
-
-    def takeover(self, stamp_ns: int, takeover: Takeover) -> None:
-        """One agent stepped in for another."""
-        layout = _layout(("string", takeover.from_node), ("string", takeover.to_node), "f64", "f64")
-        self._takeovers(layout.pack(stamp_ns, takeover.silent_s, takeover.step), stamp_ns)
-
-    def fault(self, stamp_ns: int, fault: str, active: bool) -> None:
-        """A fault on purpose comes into force or ends."""
-        self._faults(_layout(("string", fault), "u8").pack(stamp_ns, active), stamp_ns)
-
-    def say(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
-        """A sentence from a node; `severity` is MAV_SEVERITY."""
+    def log(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
+        """A message of a node for people; `severity` is MAV_SEVERITY."""
         level = _LEVELS[min(max(severity, 0), 7)]
-        entry = messages.Log(timestamp=_timestamp(stamp_ns), level=level, name=source, message=text)
-        self._log(entry, stamp_ns)
+        entry = messages.Log(timestamp=timestamp(stamp_ns), level=level, name=source, message=text)
+        self._topics.write("/log", stamp_ns, entry)
 
     def scene(self, update: messages.SceneUpdate, stamp_ns: int = 0) -> None:
         """Surroundings to draw, once, from an instant on."""
-        self._scene(update, stamp_ns)
+        self._topics.write("/scene", stamp_ns, update)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file inside the recording."""
         self._file.attach(name, media_type, data)
 
-    def metadata(self, name: str, values: dict[str, str]) -> None:
+    def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Keep named texts inside the recording."""
         self._file.metadata(name, values)
 
@@ -281,48 +250,177 @@ class Recorder:
         """Write the index and close."""
         self._file.close()
 
-    def _transform(
-        self, stamp_ns: int, child: str, translation: messages.Vector3, rotation: messages.Quaternion
-    ) -> None:
-        transform = messages.FrameTransform(
-            timestamp=_timestamp(stamp_ns),
-            parent_frame_id=MAP_FRAME,
-            child_frame_id=child,
-            translation=translation,
-            rotation=rotation,
-        )
-        self._tf(messages.FrameTransforms(transforms=[transform]), stamp_ns)
-
-    @staticmethod
-    def _odometry_payload(
-        layout: Layout,
+    def _odometry(
+        self,
+        topic: str,
+        frame: str,
         stamp_ns: int,
-        pos_ned_m: NDArray[np.float64],
-        vel_frd_mps: NDArray[np.float64],
-        quat_ned_frd: NDArray[np.float64],
-        gyro_frd_radps: NDArray[np.float64],
-    ) -> tuple[bytes, list[float], list[float]]:
-        """nav_msgs/Odometry in ENU with a FLU body, as REP 103 asks; twist in the body frame."""
+        pos_ned_m: Array,
+        vel_frd_mps: Array,
+        quat_ned_frd: Array,
+        gyro_frd_radps: Array,
+    ) -> tuple[list[float], list[float]]:
+        """Write nav_msgs/Odometry; return position (ENU) and attitude (FLU to ENU, w x y z)."""
         position = frames.ned_to_enu(pos_ned_m).tolist()
         w, x, y, z = attitude = frames.quat_ned_frd_to_enu_flu(quat_ned_frd).tolist()
-        linear = frames.frd_to_flu(vel_frd_mps).tolist()
-        angular = frames.frd_to_flu(gyro_frd_radps).tolist()
-        payload = layout.pack(stamp_ns, *position, x, y, z, w, *_ZEROS, *linear, *angular, *_ZEROS)
-        return payload, position, attitude
+        twist = frames.frd_to_flu(vel_frd_mps).tolist() + frames.frd_to_flu(gyro_frd_radps).tolist()
+        child = self._topics.frame(frame)
+        self._topics.write(
+            topic, stamp_ns, MAP_FRAME, child, position, (x, y, z, w), _NO_COVARIANCE, twist, _NO_COVARIANCE
+        )
+        return position, attitude
 
 
-def _timestamp(stamp_ns: int) -> messages.Timestamp:
+class PerceptionRecorder:
+    """Sensors and results of a companion, drifting bodies and contacts; a topic begins with its first message."""
+
+    def __init__(self, topics: TopicWriter) -> None:
+        self._topics = topics
+
+    def lidar_points(self, stamp_ns: int, points_frd_m: Points, offset_s: Points, intensity: Intensity) -> None:
+        """One frame of the lidar that began at `stamp_ns`: (n, 3) in body FRD, each at its own instant."""
+        packed = _packed(LIDAR_POINT, points_frd_m, intensity)
+        packed["t"] = offset_s
+        self._topics.write("/lidar/points", stamp_ns, _cloud(stamp_ns, self._topics.frame(VESSEL_FRAME), packed))
+
+    def ping(self, stamp_ns: int, ping: SonarPing) -> None:
+        """One ping of the sonar that went out at `stamp_ns`."""
+        self._topics.write(
+            "/sonar/ping",
+            stamp_ns,
+            ping.number,
+            ping.angle_grad,
+            [float(value) for value in ping.position_frd_m],
+            ping.sample_period_s,
+            ping.sound_speed_mps,
+            np.asarray(ping.intensity, dtype=np.uint8).tobytes(),
+        )
+
+    def sonar_points(self, stamp_ns: int, points_frd_m: Points, intensity: Intensity) -> None:
+        """Points that stand out of the pings: (n, 3) in body FRD."""
+        packed = _packed(SONAR_POINT, points_frd_m, intensity)
+        self._topics.write("/sonar/points", stamp_ns, _cloud(stamp_ns, self._topics.frame(VESSEL_FRAME), packed))
+
+    def odom_frame(self, stamp_ns: int, pos_ned_m: Array, quat_ned_frd: Array) -> None:
+        """True place of the body when the odometry began: (3,), (4,). So that tools draw its map in its place."""
+        position = frames.ned_to_enu(np.asarray(pos_ned_m, dtype=np.float64)).tolist()
+        attitude = frames.quat_ned_frd_to_enu_flu(np.asarray(quat_ned_frd, dtype=np.float64)).tolist()
+        self._topics.transform(stamp_ns, self._topics.frame(ODOM_FRAME), position, attitude)
+
+    def odometry(self, stamp_ns: int, pose_odom: Array, vel_frd_mps: Array) -> None:
+        """A pose (4, 4) of the odometry, body FRD to FRD where it began, and the velocity (3,) in the body."""
+        pose = _FRD_FLU @ np.asarray(pose_odom, dtype=np.float64) @ _FRD_FLU
+        w, x, y, z = frames.matrix_to_quat(pose[:3, :3]).tolist()
+        linear = frames.frd_to_flu(np.asarray(vel_frd_mps, dtype=np.float64)).tolist()
+        self._topics.write(
+            "/companion/odometry",
+            stamp_ns,
+            self._topics.frame(ODOM_FRAME),
+            self._topics.frame(VESSEL_FRAME),
+            pose[:3, 3].tolist(),
+            (x, y, z, w),
+            _NO_COVARIANCE,
+            (*linear, *_NO_ROTATION),
+            _NO_COVARIANCE,
+        )
+
+    def map_points(self, stamp_ns: int, points_odom_m: Points, intensity: Intensity, source: MapSource) -> None:
+        """Points (n, 3) new in the companion's map, in its odometry's frame (FRD where it began)."""
+        packed = _packed(MAP_POINT, points_odom_m, intensity)
+        packed["source"] = MAP_SOURCES.index(source)
+        self._topics.write("/companion/map", stamp_ns, _cloud(stamp_ns, self._topics.frame(ODOM_FRAME), packed))
+
+    def obstacle(self, stamp_ns: int, message: Any) -> None:
+        """XITL_OBSTACLE as received."""
+        self._topics.write(
+            "/companion/obstacles",
+            stamp_ns,
+            message.id,
+            message.points,
+            message.hits,
+            message.time_usec * 1000,
+            message.pos_ned,
+            message.vel_ned,
+            message.size,
+            message.heading,
+            message.range,
+            message.closing_speed,
+        )
+
+    def companion(self, stamp_ns: int, message: Any) -> None:
+        """XITL_COMPANION_STATUS as received."""
+        self._topics.write("/companion/status", stamp_ns, *_COMPANION_FIELDS(message))
+
+    def bodies(
+        self,
+        stamp_ns: int,
+        kinds: Sequence[str],
+        lengths_m: Array,
+        pos_ned_m: Array,
+        quat_ned_frd: Array,
+        vel_ned_mps: Array,
+    ) -> None:
+        """The drifting bodies: (B,), (B,), (B, 3), (B, 4), (B, 3). Their number is their place in these.
+
+        Each has a frame of its own, `body_frame`, in which it is drawn.
+        """
+        numbers = (np.asarray(each).tolist() for each in (lengths_m, pos_ned_m, quat_ned_frd, vel_ned_mps))
+        rows = zip(kinds, *numbers, strict=True)
+        for number, (kind, length_m, place, quat, velocity) in enumerate(rows):
+            self._topics.write("/truth/bodies", stamp_ns, kind, number, length_m, place, quat, velocity)
+            position = frames.ned_to_enu(np.array(place)).tolist()
+            attitude = frames.quat_ned_frd_to_enu_flu(np.array(quat)).tolist()
+            self._topics.transform(stamp_ns, body_frame(number), position, attitude)
+
+    def contact(
+        self, stamp_ns: int, what: str, pos_ned_m: Array, force_n: float, speed_mps: float, began: bool
+    ) -> None:
+        """The hull touches `what` at a place (3,); `began`: it did not before."""
+        place = np.asarray(pos_ned_m, dtype=np.float64).tolist()
+        self._topics.write("/contacts", stamp_ns, what, place, float(force_n), float(speed_mps), bool(began))
+
+
+def timestamp(stamp_ns: int) -> messages.Timestamp:
+    """Of a foxglove message."""
     return messages.Timestamp(*divmod(stamp_ns, 1_000_000_000))
 
 
-@lru_cache(maxsize=256)
-def _layout(*fields: Field) -> Layout:
-    return Layout(*fields)
+def _encode_foxglove(stamp_ns: int, message: Any) -> bytes:
+    payload: bytes = message.encode()
+    return payload
 
 
-def _numbers(*values: float | None) -> list[float]:
-    return [math.nan if value is None else value for value in values]
+def _vector(values: Sequence[float]) -> messages.Vector3:
+    x, y, z = values
+    return messages.Vector3(x=x, y=y, z=z)
 
 
-def _counts(*values: int | None) -> list[int]:
-    return [-1 if value is None else value for value in values]
+def _quaternion(quat_wxyz: Sequence[float]) -> messages.Quaternion:
+    w, x, y, z = quat_wxyz
+    return messages.Quaternion(x=x, y=y, z=z, w=w)
+
+
+def _packed(kind: np.dtype[Any], points_m: Points, intensity: Intensity) -> NDArray[Any]:
+    """(n,) of a point's dtype, in axes forward, left, up."""
+    packed = np.zeros(len(points_m), dtype=kind)
+    points_flu_m = np.asarray(points_m, dtype=np.float32).reshape(-1, 3) * _FLU
+    for axis, name in enumerate("xyz"):
+        packed[name] = points_flu_m[:, axis]
+    packed["intensity"] = intensity
+    return packed
+
+
+def _cloud(stamp_ns: int, frame: str, packed: NDArray[Any]) -> messages.PointCloud:
+    kinds = packed.dtype.fields
+    assert kinds is not None
+    return messages.PointCloud(
+        timestamp=timestamp(stamp_ns),
+        frame_id=frame,
+        pose=messages.Pose(position=_vector((0.0, 0.0, 0.0)), orientation=_quaternion((1.0, 0.0, 0.0, 0.0))),
+        point_stride=packed.dtype.itemsize,
+        fields=[
+            messages.PackedElementField(name=name, offset=kind[1], type=_ELEMENTS[kind[0]])
+            for name, kind in kinds.items()
+        ],
+        data=packed.tobytes(),
+    )

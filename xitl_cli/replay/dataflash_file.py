@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.log import Log
 from xitl_cli.replay.pulses import PulseLog, is_pulse
@@ -21,7 +22,11 @@ def read_dataflash(path: Path) -> PulseLog:
 
     A record that jumps back in time is dropped. Raises UserError when the file is no log or holds no outputs.
     """
-    with DataFlashLog(path) as log:
+    try:
+        opened = DataFlashLog(path)
+    except LogError as error:
+        raise UserError(str(error)) from error
+    with opened as log:
         outputs = log.tables.get("RCOU")
         if outputs is None or "TimeUS" not in outputs.columns:
             raise UserError(f"{path}: holds no motor outputs (RCOU); log with bit RC OUT of LOG_BITMASK set")

@@ -22,6 +22,7 @@ from xitl_cli.profile.schema.faults import (
     SensorFault,
 )
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import FaultEvent
 from xitl_cli.run.pilot import FaultReport
 from xitl_cli.run.seeds import Seeds
 
@@ -154,12 +155,12 @@ class FaultSchedule:
         for timed in self._timed:
             if not timed.begun and timed.from_ns <= sim_ns:
                 timed.begun = True
-                recorder.fault(sim_ns, timed.name, active=True)
-                recorder.say(sim_ns, _NOTICE, "run", f"fault {timed.name} begins: {words_of(timed.fault)}")
+                recorder.write(sim_ns, FaultEvent(timed.name, active=True))
+                recorder.log(sim_ns, _NOTICE, "run", f"fault {timed.name} begins: {words_of(timed.fault)}")
             if timed.begun and not timed.ended and timed.until_ns <= sim_ns:
                 timed.ended = True
-                recorder.fault(sim_ns, timed.name, active=False)
-                recorder.say(sim_ns, _NOTICE, "run", f"fault {timed.name} ends")
+                recorder.write(sim_ns, FaultEvent(timed.name, active=False))
+                recorder.log(sim_ns, _NOTICE, "run", f"fault {timed.name} ends")
         edges = [edge for timed in self._timed for edge in timed.edges_ns if edge > sim_ns]
         self._next_said_ns = min(edges, default=NEVER_NS)
 

@@ -14,10 +14,9 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, kinematics, step
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import PaceReport
 from xitl_cli.run.nodes.findings import NoFindings
 from xitl_cli.run.nodes.score import MissionScore
-from xitl_cli.run.pace import Pace
+from xitl_cli.run.pace import Pace, PaceReport
 from xitl_cli.run.pilot import Pilot
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.perception import NoPerception
@@ -82,7 +81,7 @@ class Loop:
             pace.wait_until(self.state.time_ns + simulation.dt_ns, pilot.idle)
             if pace.slips != slips:
                 slips = pace.slips
-                recorder.say(self.state.time_ns, WARNING, "run", _slipped(pace.report()))
+                recorder.log(self.state.time_ns, WARNING, "run", _slipped(pace.report()))
             if pilot.command is not command:
                 command = pilot.command
                 motors = np.array([command.motors])
@@ -123,9 +122,9 @@ class Loop:
                 recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
                 point = pace.clock(number, now_ns)
                 if point is not None:
-                    recorder.clock(now_ns, point)
+                    recorder.write(now_ns, point)
             if number % every_task == 0:
-                recorder.task(now_ns, pace.task(clock.physics_rate_hz))
+                recorder.write(now_ns, pace.task(clock.physics_rate_hz))
             if number % every_exchange == 0:
                 if progress.finished:
                     return Ending.FINISHED

@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
-from xitl_cli.record.records import Clock, PaceReport, Task
+from xitl_cli.record.topics import ClockExchange, TaskTiming
 from xitl_cli.run.statistics import Histogram, Slope, TimeBase
 
 SLIP_NS = 500_000_000
@@ -15,6 +16,14 @@ ANCHORS_KEPT = 64
 TIME_BASE_HZ = 10.0
 
 Idle = Callable[[float], object]
+
+
+@dataclass(frozen=True, slots=True)
+class PaceReport:
+    """How often the world stood still because the machine that simulates it did, and for how long in all."""
+
+    slips: int = 0
+    slipped_s: float = 0.0
 
 
 class Pace(Protocol):
@@ -31,13 +40,13 @@ class Pace(Protocol):
     def now_sim_ns(self, sim_ns: int) -> int:
         """Simulation time right now, while the step that ended at `sim_ns` is being worked on."""
 
-    def task(self, rate_hz: float) -> Task:
+    def task(self, rate_hz: float) -> TaskTiming:
         """How the physics kept its deadlines."""
 
     def slope(self, rate_hz: float) -> Slope:
         """The host's clock against the number of the step."""
 
-    def clock(self, step: int, sim_ns: int) -> Clock | None:
+    def clock(self, step: int, sim_ns: int) -> ClockExchange | None:
         """A point of that curve: when the step that ended at `sim_ns` began. None where time is simulation time."""
 
     def report(self) -> PaceReport:
@@ -60,13 +69,13 @@ class Lockstep:
     def now_sim_ns(self, sim_ns: int) -> int:
         return sim_ns
 
-    def task(self, rate_hz: float) -> Task:
-        return Task("PS1", "physics", rate_hz, self._cycles, 0)
+    def task(self, rate_hz: float) -> TaskTiming:
+        return TaskTiming("PS1", "physics", rate_hz, self._cycles, 0)
 
     def slope(self, rate_hz: float) -> Slope:
         return Slope(1.0 / rate_hz, 0.0) if self._cycles > 1 else Slope()
 
-    def clock(self, step: int, sim_ns: int) -> Clock | None:
+    def clock(self, step: int, sim_ns: int) -> ClockExchange | None:
         return None
 
     def report(self) -> PaceReport:
@@ -146,8 +155,8 @@ class Realtime:
     def now_sim_ns(self, sim_ns: int) -> int:
         return self.sim_of_host(self._clock_ns())
 
-    def task(self, rate_hz: float) -> Task:
-        return Task(
+    def task(self, rate_hz: float) -> TaskTiming:
+        return TaskTiming(
             "PS1",
             "physics",
             rate_hz,
@@ -161,9 +170,11 @@ class Realtime:
     def slope(self, rate_hz: float) -> Slope:
         return self._time_base.slope
 
-    def clock(self, step: int, sim_ns: int) -> Clock:
+    def clock(self, step: int, sim_ns: int) -> ClockExchange:
         late_ns = self._began_ns - self._start_ns - sim_ns
-        return Clock("PS1", step, self._began_ns, sim_ns, 0.0, -self._start_ns * 1e-9, 0.0, residual_s=-late_ns * 1e-9)
+        return ClockExchange(
+            "PS1", step, self._began_ns, sim_ns, 0.0, -self._start_ns * 1e-9, 0.0, residual_s=-late_ns * 1e-9
+        )
 
     def report(self) -> PaceReport:
         return PaceReport(self.slips, self._slipped_s)

@@ -1,20 +1,44 @@
-"""The graph that a run had beside the one its profile claims."""
+"""The measured graph of a run beside the one its profile claims: written into summary.json, and read from there."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from xitl_cli.graph.graph import Graph
-from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentSeen, Pair, link_names, measured_graph
-from xitl_cli.graph.of_profile import wdri_of, wdri_of_graph
-from xitl_cli.graph.wdri import Vertices, Wdri
-from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.nodes.bridge import AutopilotReport
-from xitl_cli.run.pilot import LinkReport, NodeReport, Traffic
+from xitl_cli.errors import UserError
+from xitl_cli.graph.graph import Graph, Vertex, build_graph
+from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic, Pair, measured_graph
+from xitl_cli.graph.wdri import VertexCount, Wdri, graph_wdri, profile_wdri
+from xitl_cli.profile import RunProfile, load_profile
+from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.run.directory import PROFILE, SUMMARY
+
+if TYPE_CHECKING:
+    from xitl_cli.run.nodes.bridge import AutopilotReport
+    from xitl_cli.run.pilot import LinkReport, NodeReport, Traffic
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredRun:
+    """The WDRI of a run as it was, the one its profile claims, and the links in which they differ."""
+
+    wdri: Wdri
+    claimed_wdri: float
+    missing: tuple[str, ...]
+    unclaimed: tuple[str, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """As Wdri, with the rest beside it."""
+        return {
+            **self.wdri.as_json(),
+            "claimed_wdri": self.claimed_wdri,
+            "missing": list(self.missing),
+            "unclaimed": list(self.unclaimed),
+        }
 
 
 def graph_section(
@@ -30,13 +54,13 @@ def graph_section(
 
     `autopilot`: the one of another make, to which the agent was a bridge.
     """
-    claimed = wdri_of(profile)
+    claimed = profile_wdri(profile)
     agents = list(_agents(links, nodes, traffic))
     if autopilot is not None:
         agents = [_behind(profile, autopilot, bridge) for bridge in agents]
     graph = measured_graph(agents, _inside_host(profile, duration_s, moored_s))
     measured = _measured_wdri(graph, profile)
-    claimed_links, measured_links = link_names(claimed.graph), link_names(graph)
+    claimed_links, measured_links = claimed.graph.link_names(), graph.link_names()
     return {
         "reference": claimed.reference,
         "claimed": {"wdri": claimed.wdri, "links": claimed_links},
@@ -63,18 +87,18 @@ def _measured_wdri(graph: Graph, profile: RunProfile) -> Wdri | None:
     present = graph.present()
     if present == 0:
         return None
-    vertices: Vertices = profile.graph.vertices
+    vertices: VertexCount = profile.graph.vertices
     if isinstance(vertices, int):
         vertices = max(vertices, present)
-    return wdri_of_graph(graph, profile.graph.reference, vertices, f"{profile.name} as it ran")
+    return graph_wdri(graph, profile.graph.reference, vertices, f"{profile.name} as it ran")
 
 
-def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: Traffic) -> Iterator[AgentSeen]:
+def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: Traffic) -> Iterator[AgentTraffic]:
     received = {link.name: link.received for link in links}
     for node in nodes:
         ways: Mapping[str, Mapping[int, int]] = traffic.get(node.link, {})
         sensors = "sensors" if node.link == "agent" else f"{node.link} sensors"
-        yield AgentSeen(
+        yield AgentTraffic(
             nodes=node.nodes,
             kind=node.kind,
             machine=node.machine,
@@ -85,7 +109,7 @@ def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: T
         )
 
 
-def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentSeen) -> AgentSeen:
+def _behind(profile: RunProfile, autopilot: AutopilotReport, bridge: AgentTraffic) -> AgentTraffic:
     """The autopilot behind a bridge: there when it was heard, reached by what the bridge could hand on to it."""
     if autopilot.milestones.heartbeat_s is None:
         return replace(bridge, nodes="", to_agent={}, from_agent={}, estimates=0, efforts=0)
@@ -119,3 +143,55 @@ def _inside_host(profile: RunProfile, duration_s: float, moored_s: float) -> Ite
             yield "D", "M"
     elif profile.driver.kind == "ground-station" and moored_s < duration_s:
         yield "D", "LC"  # it let the vessel go by arming it, past this machine's link
+
+
+def is_run(name: str) -> bool:
+    """Whether `name` is a directory that a run left behind, and not the name of a shipped profile."""
+    try:
+        return (Path(name) / SUMMARY).is_file() and name not in shipped_profiles()
+    except (OSError, ValueError):
+        return False
+
+
+def measured_run(folder: Path, reference: str | None = None, vertices: VertexCount | None = None) -> MeasuredRun:
+    """The measured graph in `folder`; `reference` and `vertices` as in `profile_wdri`, by default those of its profile.
+
+    Raises UserError when the folder holds no measured graph.
+    """
+    section = _section(folder / SUMMARY)
+    try:
+        graph = _graph(section["measured"])
+        claimed = float(section["claimed"]["wdri"])
+        missing, unclaimed = (tuple(str(link) for link in section[key]) for key in ("missing", "unclaimed"))
+    except (KeyError, TypeError, ValueError) as error:
+        raise UserError(f"{folder / SUMMARY}: its graph cannot be read ({error}); run again with this xitl") from None
+    if graph.present() == 0:
+        raise UserError(f"{folder}: nothing was measured, the run ended before it began; {SUMMARY} says why")
+    profile = load_profile(str(folder / PROFILE))
+    if profile.graph is None:
+        raise UserError(f"{folder / PROFILE}: has no graph to compare with; name one with --reference")
+    count = profile.graph.vertices if vertices is None else vertices
+    if vertices is None and isinstance(count, int):
+        count = max(count, graph.present())
+    reference = profile.graph.reference if reference is None else reference
+    return MeasuredRun(graph_wdri(graph, reference, count, str(folder)), claimed, missing, unclaimed)
+
+
+def _section(path: Path) -> dict[str, Any]:
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UserError(f"{path}: cannot be read ({error}); run again") from None
+    section = summary.get("graph") if isinstance(summary, dict) else None
+    if not isinstance(section, dict):
+        raise UserError(f"{path}: holds no graph, it is of an older xitl; run again")
+    return section
+
+
+def _graph(measured: dict[str, Any]) -> Graph:
+    vertices = [
+        Vertex(str(node["name"]), str(node["kind"]), float(node["weight"]), str(node["runs_on"]))
+        for node in measured["nodes"]
+    ]
+    links = [str(link).split("-") for link in measured["links"]]
+    return build_graph(vertices, [(one, other) for one, other in links])

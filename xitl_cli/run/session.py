@@ -75,8 +75,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
         directory.create(out, overwrite)
         with directory.reserve(out):
             directory.write_profile(out, resolved_yaml(profile))
-            motors, links = ready.vehicle.commands, links_of(ready)
-            recorder = Recorder(out / directory.RECORDING, ready.recording.compression, motors, links)
+            recorder = Recorder(out / directory.RECORDING, ready.recording.compression, links_of(ready))
             pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(simulation.dt_s)
             with closing(make_view()) as view, _interrupts() as interrupted:
                 if isinstance(pilot, AgentPilot):

@@ -6,12 +6,13 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from agent import __version__
-from xitl_cli.graph.of_profile import wdri_of
+from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.records import PaceReport, Task
+from xitl_cli.record.topics import TaskTiming
 from xitl_cli.run.loop import Ending
 from xitl_cli.run.nodes.bridge import AutopilotReport, autopilot_section
 from xitl_cli.run.nodes.score import EstimationScore, MissionScore
+from xitl_cli.run.pace import PaceReport
 from xitl_cli.run.pilot import (
     ActuatorReport,
     ClockReport,
@@ -46,7 +47,7 @@ class Outcome:
     moored_s: float
     estimation: EstimationScore | None
     links: list[LinkReport]
-    tasks: list[Task]
+    tasks: list[TaskTiming]
     clocks: list[ClockReport]
     nodes: list[NodeReport]
     stale_exchanges: int
@@ -74,7 +75,7 @@ def summary_of(profile: RunProfile, outcome: Outcome) -> dict[str, Any]:
         "started_utc": outcome.started_utc,
         "ended": outcome.ending.value,
         "error": outcome.error,
-        "wdri": wdri_of(profile).wdri,
+        "wdri": profile_wdri(profile).wdri,
         "duration_s": outcome.duration_s,
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
@@ -151,7 +152,7 @@ def _actuators(actuators: ActuatorReport) -> dict[str, Any]:
     }
 
 
-def _task(task: Task) -> dict[str, Any]:
+def _task(task: TaskTiming) -> dict[str, Any]:
     return {
         "node": task.node,
         "task": task.task,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from agent.fcu.control.controller import Demand, Motors
 from agent.fcu.parameters import Parameters
 
 NEUTRAL = (0.0, 0.0)
@@ -66,3 +67,33 @@ def _command(gains: AllocationGains, thrust: float) -> float:
 
 def _stepped(last: float, wanted: float, step: float) -> float:
     return min(max(wanted, last - step), last + step)
+
+
+class ThrustAllocator:
+    """Allocation of demands with what it remembers. `efforts` counts them."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self.efforts = 0
+        self.configure()
+        self.restart()
+
+    def configure(self) -> None:
+        """Take changed parameters over."""
+        self._gains = AllocationGains.of(self._parameters)
+
+    def restart(self) -> None:
+        """The last command was neutral."""
+        self.last = Allocation()
+
+    def take(self, motors: Motors) -> tuple[float, float]:
+        """Commands that were made elsewhere."""
+        self.efforts += 1
+        self.last = Allocation((motors.port, motors.starboard))
+        return self.last.command
+
+    def drive(self, demand: Demand, dt_s: float) -> tuple[float, float]:
+        """Commands (port, starboard) in [-1, 1]."""
+        self.efforts += 1
+        self.last = allocate(self._gains, self.last, demand.thrust, demand.steering, dt_s)
+        return self.last.command

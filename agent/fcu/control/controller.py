@@ -1,7 +1,7 @@
 """The controller: what steers toward the heading and speed that the modes ask for. It can be replaced.
 
 A controller is a class built with the Parameters; see `Controller` for its methods and docs/controller.md for how to
-write one. The autopilot's own is `agent.fcu.control.helm.Helm`.
+write one. The autopilot's own is `agent.fcu.control.heading_speed.HeadingSpeedController`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, NamedTuple, Protocol, Union
 
-from agent.fcu.events import CRITICAL, NOTICE, Events
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import Estimate
+from agent.fcu.vehicle_state import CRITICAL, NOTICE, EventQueue, StateEstimate
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -53,7 +52,7 @@ class Motors(NamedTuple):
     starboard: float
 
 
-Answer = Union[Demand, Motors]
+ControllerOutput = Union[Demand, Motors]
 STILL = Demand(0.0, 0.0)
 
 
@@ -66,7 +65,7 @@ class Controller(Protocol):
     def restart(self) -> None:
         """It steered, and does not now: forget integrals."""
 
-    def control(self, order: Order, estimate: Estimate, dt_s: float) -> Answer:
+    def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> ControllerOutput:
         """One step. Raising or a number that is not finite makes the outputs neutral for this step."""
 
 
@@ -77,7 +76,7 @@ class ControllerError(ValueError):
     """A controller cannot be used; the message says which, why and what to write instead."""
 
 
-def load(spec: str) -> MakeController:
+def load_controller(spec: str) -> MakeController:
     """The class that `module:Class` or `path/to/file.py:Class` names; raises ControllerError."""
     where, colon, name = spec.rpartition(":")
     if not (colon and where and name.isidentifier()):
@@ -134,13 +133,13 @@ def _is_controller(value: object) -> bool:
     return inspect.isclass(value) and value is not Controller and all(hasattr(value, method) for method in METHODS)
 
 
-class Guard:
+class ControllerGuard:
     """Stands between the autopilot and a controller: what it does wrong costs neutral outputs, nothing else.
 
     `failures` counts; each spell of them is said once, and its end. `problem` says why there is no controller at all.
     """
 
-    def __init__(self, make: MakeController, parameters: Parameters, events: Events) -> None:
+    def __init__(self, make: MakeController, parameters: Parameters, events: EventQueue) -> None:
         self.failures = 0
         self.problem = ""
         self._events = events
@@ -163,7 +162,7 @@ class Guard:
             self._used = False
             self._call("restart")
 
-    def control(self, order: Order, estimate: Estimate, dt_s: float) -> Answer:
+    def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> ControllerOutput:
         """The controller's answer, limited to [-1, 1]; neutral when it has none that can be used."""
         if self._controller is None:
             return STILL

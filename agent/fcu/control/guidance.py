@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 
 _GRAVITY_MPS2 = 9.80665
@@ -18,6 +19,7 @@ _BRAKING_LAG_S = 0.6  # from the wish to slow down to slowing down: propellers a
 # Speed against how far the bow is off: the leg's up to 20 degrees, WP_SPEED_MIN from 60 to 90, none from 120.
 _FULL_RAD, _SLOW_RAD = math.radians(20.0), math.radians(60.0)
 _TURNING_RAD, _PIVOT_RAD = math.radians(90.0), math.radians(120.0)
+BOW_OR_STERN, BOW, STERN = 0, 1, 2  # LOIT_TYPE
 
 
 class GuidanceGains(NamedTuple):
@@ -51,7 +53,7 @@ class GuidanceGains(NamedTuple):
         )
 
 
-class Leg(NamedTuple):
+class GuidanceLeg(NamedTuple):
     """A straight line from start to end, metres north and east of the origin; precomputed by `leg`.
 
     `turn_rad` is the change of course at the end, in [-pi, pi], None when there is nothing after it.
@@ -83,7 +85,7 @@ class GuidanceOutput(NamedTuple):
     reached: bool
 
 
-def leg(start: tuple[float, float], end: tuple[float, float], after: tuple[float, float] | None) -> Leg:
+def make_leg(start: tuple[float, float], end: tuple[float, float], after: tuple[float, float] | None) -> GuidanceLeg:
     """The leg between two (north, east) points; `after` is where the next leg goes. A leg of no length heads north."""
     north_m, east_m = end[0] - start[0], end[1] - start[1]
     course_rad = math.atan2(east_m, north_m)
@@ -91,14 +93,14 @@ def leg(start: tuple[float, float], end: tuple[float, float], after: tuple[float
     if after is not None:
         turn_rad = 0.0
         if after != end:
-            turn_rad = wrapped(math.atan2(after[1] - end[1], after[0] - end[0]) - course_rad)
-    return Leg(start[0], start[1], end[0], end[1], course_rad, math.hypot(north_m, east_m), turn_rad)
+            turn_rad = wrap_angle(math.atan2(after[1] - end[1], after[0] - end[0]) - course_rad)
+    return GuidanceLeg(start[0], start[1], end[0], end[1], course_rad, math.hypot(north_m, east_m), turn_rad)
 
 
-def guide(
+def follow_leg(
     gains: GuidanceGains,
     state: GuidanceState,
-    line: Leg,
+    line: GuidanceLeg,
     pos_ne_m: tuple[float, float],
     yaw_rad: float,
     speed_mps: float,
@@ -124,18 +126,18 @@ def guide(
         integral_s = min(max(integral_s, -limit_s), limit_s)
 
     allowed_mps = min(desired_speed_mps, _approach_speed_mps(gains, line.turn_rad, to_go_m, desired_speed_mps))
-    allowed_mps = _turning_speed_mps(gains, abs(wrapped(heading_rad - yaw_rad)), allowed_mps)
+    allowed_mps = _turning_speed_mps(gains, abs(wrap_angle(heading_rad - yaw_rad)), allowed_mps)
     reached = distance_m <= gains.radius_m or to_go_m <= 0.0
-    output = GuidanceOutput(wrapped(heading_rad), allowed_mps, cross_m, distance_m, bearing_rad, reached)
+    output = GuidanceOutput(wrap_angle(heading_rad), allowed_mps, cross_m, distance_m, bearing_rad, reached)
     return GuidanceState(integral_s), output
 
 
-def carried_over(state: GuidanceState, turn_rad: float) -> GuidanceState:
+def carry_integral(state: GuidanceState, turn_rad: float) -> GuidanceState:
     """The integral for the next leg: the same crosswise push, seen from a course `turn_rad` further on."""
     return GuidanceState(state.integral_s * math.cos(turn_rad))
 
 
-def wrapped(angle_rad: float) -> float:
+def wrap_angle(angle_rad: float) -> float:
     """The same angle in [-pi, pi]."""
     return math.remainder(angle_rad, 2.0 * math.pi)
 
@@ -166,3 +168,113 @@ def _turning_speed_mps(gains: GuidanceGains, off_rad: float, allowed_mps: float)
     if off_rad <= _SLOW_RAD:
         return slow_mps + (allowed_mps - slow_mps) * (_SLOW_RAD - off_rad) / (_SLOW_RAD - _FULL_RAD)
     return slow_mps * min(1.0, max(0.0, (_PIVOT_RAD - off_rad) / (_PIVOT_RAD - _TURNING_RAD)))
+
+
+class StationKeeping:
+    """Keeps within LOIT_RADIUS of a place, as ArduRover's boats do: drift near it, beyond that drive back.
+
+    ArduRover starts back at the radius and so stays a little outside of it in a current; here it is at half the radius.
+    """
+
+    def __init__(self, lat_deg: float, lon_deg: float) -> None:
+        self.lat_deg = lat_deg
+        self.lon_deg = lon_deg
+        self._heading_rad: float | None = None
+
+    def steer(
+        self,
+        gains: GuidanceGains,
+        frame: LocalProjection,
+        pos_ne_m: tuple[float, float],
+        yaw_rad: float,
+        most_mps: float,
+    ) -> GuidanceOutput:
+        """Heading and speed, negative astern, no faster than `most_mps`."""
+        north_m, east_m = frame.to_local(self.lat_deg, self.lon_deg)
+        north_m, east_m = north_m - pos_ne_m[0], east_m - pos_ne_m[1]
+        distance_m = math.hypot(north_m, east_m)
+        bearing_rad = math.atan2(east_m, north_m)
+        heading_rad = yaw_rad if self._heading_rad is None else self._heading_rad
+        speed_mps = 0.0
+        adrift_m = distance_m - 0.5 * gains.loiter_radius_m
+        if adrift_m > 0.0:
+            heading_rad = bearing_rad
+            speed_mps = min(gains.loiter_per_s * adrift_m, most_mps)
+            behind = abs(wrap_angle(bearing_rad - yaw_rad)) > 0.5 * math.pi
+            if gains.loiter_type == STERN or (gains.loiter_type == BOW_OR_STERN and behind):
+                heading_rad, speed_mps = wrap_angle(bearing_rad + math.pi), -speed_mps
+            off = min(abs(wrap_angle(heading_rad - yaw_rad)) / (0.5 * math.pi), 1.0)
+            speed_mps *= 1.0 - 0.5 * off
+        self._heading_rad = heading_rad
+        return GuidanceOutput(heading_rad, speed_mps, 0.0, distance_m, bearing_rad, False)
+
+
+class PointTransit:
+    """A straight way to a place from wherever the vessel is, then station keeping there. `arrived` says which."""
+
+    def __init__(self, lat_deg: float, lon_deg: float) -> None:
+        self.station = StationKeeping(lat_deg, lon_deg)
+        self.arrived = False
+        self._frame: LocalProjection | None = None
+        self._leg: GuidanceLeg | None = None
+        self._guidance = GuidanceState()
+
+    @property
+    def under_way(self) -> bool:
+        """Whether it was steered along and is not there yet."""
+        return self._leg is not None and not self.arrived
+
+    def steer(
+        self,
+        gains: GuidanceGains,
+        frame: LocalProjection,
+        pos_ne_m: tuple[float, float],
+        yaw_rad: float,
+        speed_mps: float,
+        desired_mps: float,
+        dt_s: float,
+    ) -> GuidanceOutput:
+        """Heading and speed."""
+        if self.arrived:
+            return self.station.steer(gains, frame, pos_ne_m, yaw_rad, desired_mps)
+        if self._leg is None or frame is not self._frame:
+            self._frame = frame
+            self._leg = make_leg(pos_ne_m, frame.to_local(self.station.lat_deg, self.station.lon_deg), None)
+        self._guidance, output = follow_leg(
+            gains, self._guidance, self._leg, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s
+        )
+        self.arrived = output.reached
+        return output
+
+
+class CourseOverGround:
+    """Finds the heading that makes good a course: line of sight along a line that moves with the target.
+
+    The distance off the line is summed up from the velocity, so that a target repeated many times a second does not
+    start it again; a new direction keeps what still counts.
+    """
+
+    def __init__(self) -> None:
+        self._course_rad: float | None = None
+        self._cross_m = 0.0
+        self._integral_s = 0.0
+
+    def heading_rad(
+        self, gains: GuidanceGains, course_rad: float, vel_ne_mps: tuple[float, float], dt_s: float
+    ) -> float:
+        """The heading for a course, rad."""
+        if self._course_rad is not None and course_rad != self._course_rad:
+            kept = math.cos(course_rad - self._course_rad)
+            self._cross_m *= kept
+            self._integral_s *= kept
+        self._course_rad = course_rad
+        side_mps = vel_ne_mps[1] * math.cos(course_rad) - vel_ne_mps[0] * math.sin(course_rad)
+        ahead_m, kappa_mps = gains.lookahead_m, gains.kappa_mps
+        # What lies more than a look-ahead off is not made good any more.
+        self._cross_m = min(max(self._cross_m + side_mps * dt_s, -ahead_m), ahead_m)
+        aim_m = self._cross_m + kappa_mps * self._integral_s
+        if kappa_mps > 0.0:
+            limit_s = ahead_m / kappa_mps
+            grown_s = self._integral_s + dt_s * ahead_m * self._cross_m / (ahead_m * ahead_m + aim_m * aim_m)
+            self._integral_s = min(max(grown_s, -limit_s), limit_s)
+        return wrap_angle(course_rad - math.atan(aim_m / ahead_m))

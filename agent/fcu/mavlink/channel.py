@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from agent.fcu.autopilot import Autopilot
 from agent.fcu.mavlink.commands import CommandHandlers, SetpointHandlers
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.plans import FencePlan, MissionPlan
 from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, TelemetryStreams
 from agent.fcu.parameters import TABLE
-from agent.fcu.samples import BarometerSample, GnssSample, ImuSample, MagnetometerSample
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.mavlink.commands import CommandServer, StatusTextSender
 from agent.mavlink.exchange import Messages
 from agent.mavlink.missions import FENCE, MISSION, MissionServer, Plan
@@ -152,11 +152,11 @@ class MavlinkChannel:
     # -- samples
 
     def _on_imu(self, m: Any) -> bool:
-        return self.hub.on_imu(ImuSample(m.time_usec * 1000, m.gyro, m.accel, m.temperature))
+        return self.hub.on_imu(ImuMeasurement(m.time_usec * 1000, m.gyro, m.accel, m.temperature))
 
     def _on_gnss(self, m: Any) -> bool:
         return self.hub.on_gnss(
-            GnssSample(
+            GnssMeasurement(
                 m.time_usec * 1000,
                 m.lat / 1e7,
                 m.lon / 1e7,
@@ -171,10 +171,10 @@ class MavlinkChannel:
         )
 
     def _on_magnetometer(self, m: Any) -> bool:
-        return self.hub.on_magnetometer(MagnetometerSample(m.time_usec * 1000, m.field))
+        return self.hub.on_magnetometer(MagnetometerMeasurement(m.time_usec * 1000, m.field))
 
     def _on_barometer(self, m: Any) -> bool:
-        return self.hub.on_barometer(BarometerSample(m.time_usec * 1000, m.pressure, m.temperature))
+        return self.hub.on_barometer(BarometerMeasurement(m.time_usec * 1000, m.pressure, m.temperature))
 
     # -- who is there
 

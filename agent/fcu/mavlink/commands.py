@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any, Callable
 
-from agent.fcu import modes
-from agent.fcu.control.guided import place_problem
+from agent.fcu.geodetic import position_problem
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.telemetry import TelemetryStreams
+from agent.fcu.vehicle import modes
 from agent.mavlink.commands import FORCE_ARM, Answer, Command, command_ack
 from agent.mavlink.exchange import Messages
 from agent.wire import dialect as mav
@@ -115,7 +115,7 @@ class CommandHandlers:
     def _reposition(self, c: Command, now_ns: int) -> Answer:
         if c.frame is not None and c.frame not in _GLOBAL_FRAMES:
             return self._wrong_frame(c)
-        problem = place_problem(c.lat_deg, c.lon_deg)
+        problem = position_problem(c.lat_deg, c.lon_deg)
         if problem:
             self._hub.warn(f"Reposition refused: {problem}")
             return _accepted(False)

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol
 
-from agent.fcu.autopilot import WARNING, Autopilot, Event
-from agent.fcu.samples import Actuators, BarometerSample, GnssSample, ImuSample, MagnetometerSample
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import (
+    WARNING,
+    Actuators,
+    BarometerMeasurement,
+    Event,
+    GnssMeasurement,
+    ImuMeasurement,
+    MagnetometerMeasurement,
+)
 
 _MOST_WAITING = 128
 _SAME_AGAIN_NS = 1_000_000_000
@@ -16,13 +24,13 @@ _TEXTS_KEPT = 32
 class SampleLog(Protocol):
     """The part of the flight log that takes samples."""
 
-    def imu(self, sample: ImuSample) -> None: ...
+    def imu(self, sample: ImuMeasurement) -> None: ...
 
-    def gnss(self, sample: GnssSample) -> None: ...
+    def gnss(self, sample: GnssMeasurement) -> None: ...
 
-    def magnetometer(self, sample: MagnetometerSample) -> None: ...
+    def magnetometer(self, sample: MagnetometerMeasurement) -> None: ...
 
-    def barometer(self, sample: BarometerSample) -> None: ...
+    def barometer(self, sample: BarometerMeasurement) -> None: ...
 
 
 class SettingsStorage(Protocol):
@@ -62,17 +70,17 @@ class MavlinkHub:
         self.storage: SettingsStorage | None = None
         self.log: SampleLog | None = None
         self.actuators = Actuators()
-        self.imu: ImuSample | None = None
-        self.gnss: GnssSample | None = None
-        self.magnetometer: MagnetometerSample | None = None
-        self.barometer: BarometerSample | None = None
+        self.imu: ImuMeasurement | None = None
+        self.gnss: GnssMeasurement | None = None
+        self.magnetometer: MagnetometerMeasurement | None = None
+        self.barometer: BarometerMeasurement | None = None
         self.reboot_asked = False
         self._outboxes: list[Outbox] = []
         self._warned_ns: dict[str, int] = {}
 
     # -- samples
 
-    def on_imu(self, sample: ImuSample) -> bool:
+    def on_imu(self, sample: ImuMeasurement) -> bool:
         """Pass a sample on; False when it was refused, as with the other three."""
         accepted = self.autopilot.on_imu(sample)
         if accepted:
@@ -81,7 +89,7 @@ class MavlinkHub:
                 self.log.imu(sample)
         return accepted
 
-    def on_gnss(self, sample: GnssSample) -> bool:
+    def on_gnss(self, sample: GnssMeasurement) -> bool:
         accepted = self.autopilot.on_gnss(sample)
         if accepted:
             self.gnss = sample
@@ -89,7 +97,7 @@ class MavlinkHub:
                 self.log.gnss(sample)
         return accepted
 
-    def on_magnetometer(self, sample: MagnetometerSample) -> bool:
+    def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:
         accepted = self.autopilot.on_magnetometer(sample)
         if accepted:
             self.magnetometer = sample
@@ -97,7 +105,7 @@ class MavlinkHub:
                 self.log.magnetometer(sample)
         return accepted
 
-    def on_barometer(self, sample: BarometerSample) -> bool:
+    def on_barometer(self, sample: BarometerMeasurement) -> bool:
         accepted = self.autopilot.on_barometer(sample)
         if accepted:
             self.barometer = sample

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Callable
 
-from agent.fcu.autopilot import Autopilot
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, FenceItem
 from agent.fcu.fence import MOST_ITEMS as MOST_FENCE_ITEMS
 from agent.fcu.mission import (
@@ -16,9 +15,10 @@ from agent.fcu.mission import (
     MissionItem,
     item_parameters,
     item_problem,
-    mission,
+    make_mission,
     mission_item,
 )
+from agent.fcu.vehicle.autopilot import Autopilot
 from agent.mavlink.missions import PlanItem, RefusedItem
 from agent.wire import dialect as mav
 
@@ -74,7 +74,7 @@ class MissionPlan:
         """One that was changed in part goes on where the vessel is."""
         current = self.current()
         try:
-            self._autopilot.set_mission(mission(items))
+            self._autopilot.set_mission(make_mission(items))
         except MissionError as error:
             return str(error)
         if in_part and current > 0:

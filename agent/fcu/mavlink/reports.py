@@ -11,12 +11,11 @@ from collections.abc import Mapping
 from typing import Any, Callable
 
 import agent
-from agent.fcu import modes
-from agent.fcu.control import guided
 from agent.fcu.control.allocation import pulse_width_us
-from agent.fcu.local_frame import STANDARD_GRAVITY_MPS2
+from agent.fcu.geodetic import STANDARD_GRAVITY_MPS2
 from agent.fcu.mavlink.hub import MavlinkHub
-from agent.fcu.pilot import COMPLETE, UNDER_WAY
+from agent.fcu.vehicle import modes, navigation
+from agent.fcu.vehicle.navigation import COMPLETE, UNDER_WAY
 from agent.wire import dialect as mav
 
 Report = Callable[[MavlinkHub, int], Any]
@@ -255,12 +254,12 @@ def _target(hub: MavlinkHub) -> tuple[int, float, float, float, float, float, fl
     if target is None:
         return None
     yaw_rad = 0.0 if target.heading_rad is None else target.heading_rad
-    if target.kind == guided.POSITION:
+    if target.kind == navigation.POSITION:
         return _MASK_POSITION, target.lat_deg, target.lon_deg, 0.0, 0.0, 0.0, 0.0
-    if target.kind == guided.VELOCITY:
+    if target.kind == navigation.VELOCITY:
         mask = _MASK_VELOCITY if target.heading_rad is None else _MASK_COURSE
         return mask, 0.0, 0.0, target.north_mps, target.east_mps, yaw_rad, 0.0
-    if target.kind == guided.COURSE:
+    if target.kind == navigation.COURSE:
         north_mps, east_mps = target.speed_mps * math.cos(yaw_rad), target.speed_mps * math.sin(yaw_rad)
         return _MASK_COURSE, 0.0, 0.0, north_mps, east_mps, yaw_rad, 0.0
     yaw_rad = hub.autopilot.estimate.yaw_rad

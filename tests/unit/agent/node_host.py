@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from agent.autopilot_role import AutopilotRole
-from agent.faults import Faults
-from agent.fcu.autopilot import Autopilot
-from agent.fcu.log.hooks import NullFlightLog
+from agent.faults import AgentFaults
+from agent.fcu.dataflash.flight_log import NullFlightLog
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.parameters import Parameters
+from agent.fcu.vehicle.autopilot import Autopilot
 from agent.machine import Machine
 from agent.node import AgentNode
 from agent.reports import Identity
-from agent.role import Role
+from agent.roles.autopilot import AutopilotRole
+from agent.roles.role import Role
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
@@ -42,7 +42,7 @@ class Host:
         self.frames: list[bytes] = []
         self.link = Link(here, 255, 190, tap=lambda way, frame: self.frames.append(frame) if way == "rx" else None)
         self.clock = HandClock()
-        faults = Faults(self.clock)
+        faults = AgentFaults(self.clock)
         own = Link(faults.wrap(there), 1, 1)
         if role is None:
             role = AutopilotRole(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from node_host import LOCKSTEP, START, STOP, Host, of, texts
 
-from agent.companion.clouds import Cloud, Clouds, cloud_messages
+from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.role import CompanionRole
 from agent.wire import dialect as mav
 
@@ -18,7 +18,7 @@ pytest.importorskip("kiss_icp", reason="KISS-ICP is not installed")
 CLOUD_NS = 100_000_000
 
 
-def walls(number: int, forward_m: float) -> Cloud:
+def walls(number: int, forward_m: float) -> PointCloud:
     """2000 points of two walls to the sides and one ahead, from a vessel that has gone so far."""
     rng = np.random.default_rng(number)
     along, up = rng.uniform(2.0, 40.0, 900), rng.uniform(-3.0, 0.5, 900)
@@ -27,7 +27,7 @@ def walls(number: int, forward_m: float) -> Cloud:
     points = np.concatenate([*sides, end]).astype(np.float32)
     offset = np.sort(rng.uniform(0.0, 0.0999, len(points))).astype(np.float32)
     intensity = np.full(len(points), 50, dtype=np.uint8)
-    return Cloud(mav.XITL_CLOUD_KIND_LIDAR, number, number * CLOUD_NS, points, offset, intensity)
+    return PointCloud(mav.XITL_CLOUD_KIND_LIDAR, number, number * CLOUD_NS, points, offset, intensity)
 
 
 class Companion:
@@ -65,7 +65,7 @@ def test_clouds_become_poses_and_a_map() -> None:
     poses = of("ODOMETRY", companion.said)
     assert [pose.time_usec for pose in poses] == sorted(pose.time_usec for pose in poses)
     assert (poses[0].frame_id, poses[0].child_frame_id) == (20, 12)
-    mapped = [cloud for message in of("XITL_CLOUD", companion.said) for cloud in Clouds().take(message)]
+    mapped = [cloud for message in of("XITL_CLOUD", companion.said) for cloud in CloudReassembler().handle(message)]
     assert {cloud.kind for cloud in mapped} <= {mav.XITL_CLOUD_KIND_LIDAR_MAP}
     # 18 000 points fall on 26 600 cells of the side walls; Poisson says that 15 % of these are seen twice.
     assert 1_000 < status.map_points < 0.15 * 26_600 + 1_000

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from agent.cpu_load import CpuLoad
+from agent.faults import CpuLoad
 
 
 def is_alive(pid: int) -> bool:
@@ -64,7 +64,7 @@ def test_it_takes_time() -> None:
 def test_it_ends_with_who_started_it_even_by_a_kill() -> None:
     program = """
 import os, signal, sys
-from agent.cpu_load import CpuLoad
+from agent.faults import CpuLoad
 load = CpuLoad()
 load.set(0.2)
 print(*load.processes, flush=True)

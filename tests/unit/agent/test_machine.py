@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from agent.machine import REAL, VIRTUAL, HealthMonitor, look_around, resident_kib
+from agent.machine import REAL, VIRTUAL, HealthMonitor, read_machine, resident_kib
 
 
 def made(root: Path, **files: str) -> Path:
@@ -27,7 +27,7 @@ def test_a_board_is_called_by_its_model(tmp_path: Path) -> None:
         proc__cpuinfo="model name\t: ARMv7 Processor rev 2 (v7l)\n",
         sys__kernel__realtime="1\n",
     )
-    board = look_around(tmp_path)
+    board = read_machine(tmp_path)
     assert (board.kind, board.name, board.memory_mib) == (REAL, "TI AM335x BeagleBone Black", 484)
     assert board.preempt_rt
     system = os.uname()
@@ -37,23 +37,23 @@ def test_a_board_is_called_by_its_model(tmp_path: Path) -> None:
 
 def test_a_desktop_by_its_processor(tmp_path: Path) -> None:
     made(tmp_path, proc__cpuinfo="processor\t: 0\nmodel name\t: Fast CPU @ 3 GHz\n", sys__kernel__realtime="0\n")
-    desktop = look_around(tmp_path)
+    desktop = read_machine(tmp_path)
     assert (desktop.kind, desktop.name, desktop.memory_mib) == (VIRTUAL, "Fast CPU @ 3 GHz", 0)
     assert desktop.preempt_rt == ("PREEMPT_RT" in os.uname().version)
 
 
 def test_a_machine_that_tells_nothing(tmp_path: Path) -> None:
-    assert look_around(tmp_path).name == os.uname().machine
+    assert read_machine(tmp_path).name == os.uname().machine
 
 
 def test_an_emulated_board_stands_in_for_one(tmp_path: Path) -> None:
     made(tmp_path, proc__device_dash_tree__model="linux,dummy-virt\0")
-    assert look_around(tmp_path).kind == VIRTUAL
+    assert read_machine(tmp_path).kind == VIRTUAL
 
 
 @pytest.mark.parametrize("junk", ["MemTotal:\n", "MemTotal: many kB\n", "\xff\xfe"])
 def test_junk_is_unknown(tmp_path: Path, junk: str) -> None:
-    assert look_around(made(tmp_path, proc__meminfo=junk)).memory_mib == 0
+    assert read_machine(made(tmp_path, proc__meminfo=junk)).memory_mib == 0
 
 
 def test_the_temperature_is_the_processors(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ import pytest
 from node_host import BOARD, HELLO, LOCKSTEP, MS, REALTIME, START, STOP, Host, of
 
 import agent
-from agent.fcu.log.hooks import NullFlightLog
-from agent.timing.misses import MOST_KEPT, Miss
+from agent.fcu.dataflash.flight_log import NullFlightLog
+from agent.timing.tasks import MOST_KEPT, DeadlineMiss
 from agent.wire import dialect as mav
 
 
@@ -116,9 +116,9 @@ def test_task_statistics_have_their_histograms() -> None:
 
 class Missed(NullFlightLog):
     def __init__(self) -> None:
-        self.misses: list[Miss] = []
+        self.misses: list[DeadlineMiss] = []
 
-    def missed(self, now_ns: int, misses: Sequence[Miss]) -> None:
+    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
         self.misses += misses
 
 
@@ -143,7 +143,7 @@ def test_of_many_misses_ten_a_cycle_are_told() -> None:
     host.run(START)
     misses = host.node.executor.misses
     for cycle in range(MOST_KEPT + 3):
-        misses.note(Miss("control", cycle, 0, 0, 0, 0))
+        misses.note(DeadlineMiss("control", cycle, 0, 0, 0, 0))
     told = [len(of("XITL_TASK_MISS", host.live(0.02))) for _ in range(8)]
     assert told == [10] * 6 + [4, 0]
     assert of("XITL_NODE_STATUS", host.live(1.0))[-1].misses_unreported == 3

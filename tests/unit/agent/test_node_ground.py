@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.autopilot_role import AutopilotRole
-from agent.fcu.autopilot import Autopilot
-from agent.fcu.log.hooks import NullFlightLog
+from agent.fcu.dataflash.flight_log import NullFlightLog
 from agent.fcu.mavlink.channel import MavlinkChannel
-from agent.ground.stations import MOST_CLIENTS, GroundStations
+from agent.fcu.vehicle.autopilot import Autopilot
 from agent.node import AgentNode
-from agent.storage import Storage
+from agent.roles.autopilot import AutopilotRole
+from agent.roles.ground_stations import MOST_CLIENTS, GroundStations
+from agent.roles.storage import Storage
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair

@@ -6,7 +6,7 @@ import pytest
 from node_host import START, STOP, Host, of
 
 from agent.companion.role import CompanionRole
-from agent.role import Role
+from agent.roles.role import Role
 from agent.wire import dialect as mav
 
 FOR_OTHERS = (

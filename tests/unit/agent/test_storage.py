@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from agent.fcu.autopilot import Autopilot
 from agent.fcu.fence import CIRCLE_IN, FenceItem
-from agent.fcu.mission import change_speed, mission, waypoint
-from agent.storage import Storage, StorageError
+from agent.fcu.mission import change_speed, make_mission, waypoint
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.roles.storage import Storage, StorageError
 
-PLAN = mission([waypoint(-8.8, -63.95), waypoint(-8.79, -63.95, hold_s=3.0), change_speed(2.0)])
+PLAN = make_mission([waypoint(-8.8, -63.95), waypoint(-8.79, -63.95, hold_s=3.0), change_speed(2.0)])
 FENCE = [FenceItem(CIRCLE_IN, -8.8, -63.95, 100.0)]
 
 

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from agent.companion.obstacle_avoidance import Watch
+from agent.companion.obstacle_avoidance import ObstacleAvoidance
 from agent.companion.pose_history import quaternion, rotation
-from agent.fcu.control.guidance import GuidanceGains, GuidanceState, guide, leg, wrapped
-from agent.fcu.control.guided import CourseOverGround
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.control.guidance import CourseOverGround, GuidanceGains, GuidanceState, follow_leg, make_leg, wrap_angle
+from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 from agent.wire import dialect as mav
 from sim_core.environment.environment import Environment
@@ -31,7 +30,7 @@ from sim_core.world.rays import Bodies, Scene, caster_of
 FRAME_S, STEP_S = 0.1, 0.02
 AUTO, GUIDED, HOLD = 10, 15, 4
 GAINS = GuidanceGains.of(Parameters())
-ORIGIN = LocalFrame(-8.8, -63.95, 0.0)
+ORIGIN = LocalProjection(-8.8, -63.95, 0.0)
 HULL_M = (2.3, 1.6)
 WATERLINE_M = 0.15
 _STRAYS_M, _STRAYS_RAD = 0.3, math.radians(0.3)
@@ -67,9 +66,9 @@ class River:
 class Trial:
     """One run; afterwards `least_m` (hull to each body), `seen_at_m` (bow to each body), `modes`, `watch`."""
 
-    def __init__(self, river: River, watch: Watch | None = None) -> None:
+    def __init__(self, river: River, watch: ObstacleAvoidance | None = None) -> None:
         self.river = river
-        self.watch = Watch() if watch is None else watch
+        self.watch = ObstacleAvoidance() if watch is None else watch
         self.rng = np.random.default_rng(river.seed)
         waves: Any = FlatWater()
         if river.wave_height_m:
@@ -137,7 +136,7 @@ class Trial:
         points = self.river.waypoints_ne_m
         number = self.current_item - 1
         after = points[number + 1] if number + 1 < len(points) else None
-        self.line = leg(start, points[number], after)
+        self.line = make_leg(start, points[number], after)
 
     def _step(self) -> None:
         current = np.array(self.river.current_ne_mps)
@@ -146,7 +145,7 @@ class Trial:
         speed = float(vel @ bow)
         heading, wanted = self.yaw, 0.0
         if self.mode == AUTO:
-            self.guidance, output = guide(
+            self.guidance, output = follow_leg(
                 GAINS, self.guidance, self.line, tuple(self.pos), self.yaw, speed, self.river.speed_mps, STEP_S
             )
             heading, wanted = output.heading_rad, output.speed_mps
@@ -170,9 +169,9 @@ class Trial:
                 if distance > 2.0:
                     heading = math.atan2(off[1], off[0])
                     wanted = min(0.4 * distance, 1.5) * max(math.cos(heading - self.yaw), 0.0)
-        rate = min(max(1.5 * wrapped(heading - self.yaw), -0.45), 0.45)
+        rate = min(max(1.5 * wrap_angle(heading - self.yaw), -0.45), 0.45)
         self.turn += min(max(rate - self.turn, -1.57 * STEP_S), 1.57 * STEP_S)
-        self.yaw = wrapped(self.yaw + self.turn * STEP_S)
+        self.yaw = wrap_angle(self.yaw + self.turn * STEP_S)
         self.through_mps += min(max(2.0 * (wanted - speed), -0.9), 0.7) * STEP_S
         self.through_mps = max(self.through_mps, -0.5)
         self.pos = self.pos + vel * STEP_S
@@ -246,7 +245,7 @@ class Trial:
         """To the companion, which may answer."""
         for message in messages:
             message._header.srcSystem = message._header.srcComponent = 1
-            for answer in self.watch.take(message, round(self.time_s * 1e9)):
+            for answer in self.watch.handle(message, round(self.time_s * 1e9)):
                 self.say(self.order(answer))
 
     # -- a run
@@ -275,7 +274,7 @@ class Trial:
         track = Track(np.array(stamps), np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
         water = WaterSeen.of(self.environment, began_s, poses[0][0])
         scan = self.lidar.scan(track, self.caster, water, self.rng, self.bodies_at(began_s))
-        self.watch.cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
+        self.watch.add_cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
         if tick % 10 == 0:
             for message in self.watch.plan(round(self.time_s * 1e9)):
                 self.say(self.order(message))
@@ -283,7 +282,7 @@ class Trial:
 
     def _judge(self) -> None:
         now_ns = round(self.time_s * 1e9)
-        tracks = self.watch.tracks.confirmed
+        tracks = self.watch.tracker.confirmed
         bow = self.pos + 0.5 * HULL_M[0] * np.array((math.cos(self.yaw), math.sin(self.yaw)))
         near = [False] * len(tracks)
         for number, one in enumerate(self.river.adrift):
@@ -296,7 +295,7 @@ class Trial:
                 self.least_m[number], float(_hull_gap(self.pos, self.yaw, axis).min()) - one.body.radius_m
             )
             for index, track in enumerate(tracks):
-                if np.hypot(*(track.at(now_ns) - place)) < 2.0 + 0.5 * one.body.length_m:
+                if np.hypot(*(track.position_at(now_ns) - place)) < 2.0 + 0.5 * one.body.length_m:
                     near[index] = True
                     if self.seen_at_m[number] is None:
                         gap = np.hypot(*(axis - bow).T).min() - one.body.radius_m

@@ -10,15 +10,15 @@ from agent.companion.odometry_filters import (
     DOWN_RAD,
     HEIGHT_M,
     INITIAL,
-    Estimate,
-    Inertial,
-    Motion,
-    Motions,
+    AidedFilter,
+    AutopilotMotion,
+    AutopilotMotionSource,
+    OdometryState,
     _information,
 )
 from agent.companion.pose_history import PoseHistory, quaternion, rotation
 from agent.companion.rigid_motion import exponential, logarithm
-from agent.companion.water_plane import Level, WaterPlane
+from agent.companion.water_plane import WaterLevel, WaterPlane
 from tests.unit.companion import river_scans
 
 STEP_NS = 100_000_000
@@ -34,7 +34,7 @@ def turning(t_s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     return place, np.array([rotation(quaternion(*row)) for row in angles])
 
 
-def told(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion:
+def told(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion:
     """The true motion of it."""
 
     def velocity(stamp_ns: int) -> np.ndarray:
@@ -46,7 +46,7 @@ def told(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion:
     motion = np.eye(4)
     motion[:3, :3] = attitudes[1].T @ attitudes[2]
     rate = logarithm(motion)[3:] / ((end_ns - begin_ns) * 1e-9)
-    return Motion(
+    return AutopilotMotion(
         attitudes[0].T @ attitudes[2], rate, attitudes[2], velocity(end_ns), velocity(end_ns) - velocity(then_ns)
     )
 
@@ -106,7 +106,7 @@ def test_a_ping_in_a_blind_spell_is_placed_by_the_autopilots_motion(drive: Drive
 def test_an_autopilot_that_falls_silent_and_speaks_again_leaves_the_clouds_in_between(
     drives: tuple[Drive, Drive],
 ) -> None:
-    def now_and_then(before_ns: int | None, begin_ns: int, end_ns: int) -> Motion | None:
+    def now_and_then(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
         return None if 20 * STEP_NS < end_ns < 40 * STEP_NS else told(before_ns, begin_ns, end_ns)
 
     odometry = LidarOdometry(motion=now_and_then)
@@ -135,8 +135,8 @@ def test_points_bear_what_their_jacobian_says() -> None:
     np.testing.assert_allclose(_information(points), jacobian.T @ jacobian + 1e-3 * np.eye(6), rtol=1e-4, atol=1e-2)
 
 
-def motion(gained: np.ndarray) -> Motion:
-    return Motion(np.eye(3), np.zeros(3), np.eye(3), gained, gained)
+def motion(gained: np.ndarray) -> AutopilotMotion:
+    return AutopilotMotion(np.eye(3), np.zeros(3), np.eye(3), gained, gained)
 
 
 def test_many_points_are_believed_and_few_are_not() -> None:
@@ -146,12 +146,12 @@ def test_many_points_are_believed_and_few_are_not() -> None:
     aligned[0, 3] = 0.3
     moved = []
     for count in (40, 4000):
-        inertial = Inertial(WaterPlane())
-        before = Estimate(np.eye(4), np.zeros(6))
-        inertial.predicted(None, 0.0, motion(np.zeros(3)))
-        guess = inertial.predicted(before, 1.0, motion(np.zeros(3)))
+        inertial = AidedFilter(WaterPlane())
+        before = OdometryState(np.eye(4), np.zeros(6))
+        inertial.predict(None, 0.0, motion(np.zeros(3)))
+        guess = inertial.predict(before, 1.0, motion(np.zeros(3)))
         points = rng.uniform(-20.0, 20.0, (count, 3))
-        found = inertial.corrected(guess, aligned, points - points.mean(axis=0), 1.0)
+        found = inertial.correct(guess, aligned, points - points.mean(axis=0), 1.0)
         assert found is not None
         moved.append(found.pose_odom[0, 3])
         prior = INITIAL[0, 0] + INITIAL[6, 6] + 0.02**2
@@ -161,37 +161,37 @@ def test_many_points_are_believed_and_few_are_not() -> None:
 
 @pytest.mark.parametrize(("place_m", "turn_rad"), [(9.0, 0.0), (0.0, 0.9), (np.nan, 0.0)])
 def test_a_registration_that_found_something_else_is_refused(place_m: float, turn_rad: float) -> None:
-    inertial = Inertial(WaterPlane())
-    guess = inertial.predicted(Estimate(np.eye(4), np.zeros(6)), 0.1, motion(np.zeros(3)))
+    inertial = AidedFilter(WaterPlane())
+    guess = inertial.predict(OdometryState(np.eye(4), np.zeros(6)), 0.1, motion(np.zeros(3)))
     aligned = exponential(np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn_rad]))
     aligned[0, 3] = place_m
-    assert inertial.corrected(guess, aligned, np.ones((50, 3)), 0.1) is None
+    assert inertial.correct(guess, aligned, np.ones((50, 3)), 0.1) is None
 
 
 def test_a_velocity_that_jumps_is_not_believed_and_what_it_was_before_is_doubted() -> None:
-    inertial = Inertial(WaterPlane())
-    guess = inertial.predicted(Estimate(np.eye(4), np.zeros(6)), 0.1, motion(np.array([40.0, 0.0, 0.0])))
+    inertial = AidedFilter(WaterPlane())
+    guess = inertial.predict(OdometryState(np.eye(4), np.zeros(6)), 0.1, motion(np.array([40.0, 0.0, 0.0])))
     np.testing.assert_array_equal(guess.twist_frd, np.zeros(6))
     assert inertial._covariance[6, 6] > 1.0
 
 
 def test_a_registration_that_joined_nothing_says_nothing() -> None:
-    inertial = Inertial(WaterPlane())
-    guess = inertial.predicted(Estimate(np.eye(4), np.zeros(6)), 1.0, motion(np.zeros(3)))
+    inertial = AidedFilter(WaterPlane())
+    guess = inertial.predict(OdometryState(np.eye(4), np.zeros(6)), 1.0, motion(np.zeros(3)))
     before = inertial._covariance.copy()
-    assert inertial.corrected(guess, guess.pose_odom.copy(), np.ones((50, 3)), 1.0) is guess
+    assert inertial.correct(guess, guess.pose_odom.copy(), np.ones((50, 3)), 1.0) is guess
     np.testing.assert_array_equal(inertial._covariance, before)
 
 
 def test_what_was_observed_is_known_better_and_its_covariance_stays_one() -> None:
-    inertial, rng = Inertial(WaterPlane()), np.random.default_rng(8)
-    estimate = inertial.predicted(None, 0.0, motion(np.zeros(3)))
+    inertial, rng = AidedFilter(WaterPlane()), np.random.default_rng(8)
+    estimate = inertial.predict(None, 0.0, motion(np.zeros(3)))
     for _ in range(200):
-        estimate = inertial.predicted(estimate, 0.1, motion(np.zeros(3)))
+        estimate = inertial.predict(estimate, 0.1, motion(np.zeros(3)))
         before = np.diag(inertial._covariance).copy()
         aligned = np.eye(4)
         aligned[:3, 3] += rng.normal(0.0, 0.02, 3)
-        found = inertial.corrected(estimate, aligned, rng.uniform(-20.0, 20.0, (100, 3)), 0.1)
+        found = inertial.correct(estimate, aligned, rng.uniform(-20.0, 20.0, (100, 3)), 0.1)
         assert found is not None
         assert (np.diag(inertial._covariance) < before).all()
         assert np.linalg.eigvalsh(inertial._covariance)[0] > 0.0
@@ -202,15 +202,15 @@ def test_what_was_observed_is_known_better_and_its_covariance_stays_one() -> Non
 @pytest.mark.parametrize("tilt_rad", [-0.1, 0.1])
 def test_it_is_levelled_to_where_the_autopilot_says_that_down_is(tilt_rad: float) -> None:
     """It begins level for as long as down is learnt; then the estimate is tilted, and the autopilot's is not."""
-    inertial = Inertial(WaterPlane())
-    estimate = inertial.predicted(None, 0.0, motion(np.zeros(3)))
+    inertial = AidedFilter(WaterPlane())
+    estimate = inertial.predict(None, 0.0, motion(np.zeros(3)))
     for _ in range(60):
-        estimate = inertial.levelled(inertial.predicted(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
+        estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
     tilted = exponential(np.array([0.0, 0.0, 0.0, tilt_rad, -tilt_rad, 0.2]))
-    inertial.taken_up()
-    estimate = Estimate(tilted, np.zeros(6))
+    inertial.resume()
+    estimate = OdometryState(tilted, np.zeros(6))
     for _ in range(100):
-        estimate = inertial.levelled(inertial.predicted(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
+        estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
     down = estimate.pose_odom[:3, 2]
     assert np.linalg.norm(down[:2]) < DOWN_RAD
     heading = np.arctan2(estimate.pose_odom[1, 0], estimate.pose_odom[0, 0])
@@ -220,24 +220,24 @@ def test_it_is_levelled_to_where_the_autopilot_says_that_down_is(tilt_rad: float
 @pytest.mark.parametrize("lifted_m", [-0.8, 0.8])
 def test_its_height_is_held_to_the_water(lifted_m: float) -> None:
     water = WaterPlane()
-    water.level = Level(np.array([0.0, 0.0, 1.0]), 0.15, np.zeros(3))
-    inertial = Inertial(water)
-    estimate = inertial.predicted(None, 0.0, motion(np.zeros(3)))
+    water.level = WaterLevel(np.array([0.0, 0.0, 1.0]), 0.15, np.zeros(3))
+    inertial = AidedFilter(water)
+    estimate = inertial.predict(None, 0.0, motion(np.zeros(3)))
     for step in range(200):
         if step == 60:
             pose = estimate.pose_odom.copy()
             pose[2, 3] += lifted_m
-            inertial.taken_up()
-            estimate = Estimate(pose, np.zeros(6))
-        estimate = inertial.levelled(inertial.predicted(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
+            inertial.resume()
+            estimate = OdometryState(pose, np.zeros(6))
+        estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
     assert abs(estimate.pose_odom[2, 3]) < HEIGHT_M
 
 
 def test_speed_is_gained_in_the_frame_of_the_odometry() -> None:
     """The odometry began with the bow to the east: what is gained to the north is gained to port."""
     east = rotation(quaternion(0.0, 0.0, np.pi / 2.0))
-    gained = Motion(np.eye(3), np.zeros(3), east, np.zeros(3), np.array([0.5, 0.0, 0.0]))
-    guess = Inertial(WaterPlane()).predicted(Estimate(np.eye(4), np.zeros(6)), 0.1, gained)
+    gained = AutopilotMotion(np.eye(3), np.zeros(3), east, np.zeros(3), np.array([0.5, 0.0, 0.0]))
+    guess = AidedFilter(WaterPlane()).predict(OdometryState(np.eye(4), np.zeros(6)), 0.1, gained)
     np.testing.assert_allclose(guess.twist_frd[:3], [0.0, -0.5, 0.0], atol=1e-12)
     np.testing.assert_allclose(guess.pose_odom[:3, 3], [0.0, -0.025, 0.0], atol=1e-12)
 
@@ -252,14 +252,16 @@ def history(yaw_step_rad: float) -> PoseHistory:
     for number in range(100):
         t_s = 0.04 * number
         yaw = 0.3 * t_s + (yaw_step_rad if t_s >= 2.0 else 0.0)
-        kept.turned(number * 40_000_000, quaternion(0.02, -0.01, yaw), np.array([0.003, 0.006, 0.3]))
-        kept.placed(number * 40_000_000, np.zeros(3), np.array([1.0 + 0.5 * t_s, 0.0, 0.0]))
+        kept.add_attitude(number * 40_000_000, quaternion(0.02, -0.01, yaw), np.array([0.003, 0.006, 0.3]))
+        kept.add_position(number * 40_000_000, np.zeros(3), np.array([1.0 + 0.5 * t_s, 0.0, 0.0]))
     return kept
 
 
 @pytest.mark.parametrize("step_rad", [0.0, 0.6, -2.5])
 def test_an_estimator_that_finds_north_has_not_turned_the_body(step_rad: float) -> None:
-    found = Motions(history(step_rad), as_it_is).of(1_900_000_000, 2_000_000_000, 2_100_000_000)
+    found = AutopilotMotionSource(history(step_rad), as_it_is).motion_between(
+        1_900_000_000, 2_000_000_000, 2_100_000_000
+    )
     assert found is not None
     yaw = float(np.arctan2(found.turned[1, 0], found.turned[0, 0]))
     assert yaw == pytest.approx(0.06, abs=1e-3)
@@ -269,22 +271,22 @@ def test_an_estimator_that_finds_north_has_not_turned_the_body(step_rad: float) 
 
 
 def test_what_the_autopilot_has_not_told_is_not_made_up() -> None:
-    assert Motions(PoseHistory(), as_it_is).of(0, 100, 200) is None
-    motions = Motions(history(0.0), as_it_is)
-    assert motions.of(1_900_000_000, 2_000_000_000, 9_000_000_000) is None
-    assert motions.of(-900_000_000, 2_000_000_000, 2_100_000_000) is None
+    assert AutopilotMotionSource(PoseHistory(), as_it_is).motion_between(0, 100, 200) is None
+    motions = AutopilotMotionSource(history(0.0), as_it_is)
+    assert motions.motion_between(1_900_000_000, 2_000_000_000, 9_000_000_000) is None
+    assert motions.motion_between(-900_000_000, 2_000_000_000, 2_100_000_000) is None
 
 
 def test_what_comes_late_is_made_up_for() -> None:
     """Velocities twice a second, clouds ten times: what is gained adds up to what was gained, 0.5 m/s each second."""
     kept, motions, gained, end_ns = PoseHistory(), [], 0.0, None
-    source = Motions(kept, as_it_is)
+    source = AutopilotMotionSource(kept, as_it_is)
     for number in range(50):
         stamp_ns = number * STEP_NS
-        kept.turned(stamp_ns, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+        kept.add_attitude(stamp_ns, quaternion(0.0, 0.0, 0.0), np.zeros(3))
         if number % 5 == 0:
-            kept.placed(stamp_ns, np.zeros(3), np.array([0.5 * stamp_ns * 1e-9, 0.0, 0.0]))
-        motions.append(source.of(end_ns, stamp_ns, stamp_ns))
+            kept.add_position(stamp_ns, np.zeros(3), np.array([0.5 * stamp_ns * 1e-9, 0.0, 0.0]))
+        motions.append(source.motion_between(end_ns, stamp_ns, stamp_ns))
         end_ns = stamp_ns
     gained = sum(one.gained_ned_mps[0] for one in motions if one is not None)
     assert None not in motions
@@ -293,21 +295,21 @@ def test_what_comes_late_is_made_up_for() -> None:
 
 def test_a_long_silence_is_bridged_by_what_was_told_last() -> None:
     kept = PoseHistory()
-    source = Motions(kept, as_it_is)
-    kept.turned(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
-    kept.placed(0, np.zeros(3), np.array([2.0, 0.0, 0.0]))
-    assert source.of(None, 0, 0) is not None
-    assert source.of(0, 3_000_000_000, 3_000_000_000) is None
+    source = AutopilotMotionSource(kept, as_it_is)
+    kept.add_attitude(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+    kept.add_position(0, np.zeros(3), np.array([2.0, 0.0, 0.0]))
+    assert source.motion_between(None, 0, 0) is not None
+    assert source.motion_between(0, 3_000_000_000, 3_000_000_000) is None
     for stamp_ns in (8_000_000_000, 8_040_000_000):
-        kept.turned(stamp_ns, quaternion(0.0, 0.0, 1.0), np.zeros(3))
-        kept.placed(stamp_ns, np.zeros(3), np.zeros(3))
-    found = source.of(0, 8_000_000_000, 8_040_000_000)
+        kept.add_attitude(stamp_ns, quaternion(0.0, 0.0, 1.0), np.zeros(3))
+        kept.add_position(stamp_ns, np.zeros(3), np.zeros(3))
+    found = source.motion_between(0, 8_000_000_000, 8_040_000_000)
     assert found is not None
     np.testing.assert_allclose(found.gained_ned_mps, [-2.0, 0.0, 0.0])
     kept.clear()
-    kept.turned(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
-    kept.placed(0, np.zeros(3), np.zeros(3))
-    assert source.of(8_040_000_000, 0, 0) is None  # of an autopilot that began anew
+    kept.add_attitude(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+    kept.add_position(0, np.zeros(3), np.zeros(3))
+    assert source.motion_between(8_040_000_000, 0, 0) is None  # of an autopilot that began anew
 
 
 def test_crests_are_told_from_what_stands_where_down_is_known() -> None:
@@ -321,11 +323,11 @@ def test_crests_are_told_from_what_stands_where_down_is_known() -> None:
     points = (np.concatenate([water, pole]) @ heel).astype(np.float32)
     lag = np.zeros(len(points), dtype=np.float32)
     plane = WaterPlane()
-    wet = plane.of(points, lag)
+    wet = plane.water_mask(points, lag)
     # seen 0.1 s before the cloud's end, from a body that rolls: by then it has rolled into where `heel` is
     rolls = np.array([0.5, 0.0, 0.0])
     earlier = rotation(quaternion(-0.05, 0.0, 0.0))
-    crests = plane.crests((points @ earlier).astype(np.float32), lag - np.float32(0.1), heel[2], rolls)
+    crests = plane.crest_mask((points @ earlier).astype(np.float32), lag - np.float32(0.1), heel[2], rolls)
     assert wet[:2000].all()
     assert crests[2000:3000].all()
     assert not crests[:2000].any()

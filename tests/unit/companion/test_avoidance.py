@@ -81,7 +81,7 @@ def test_a_boom_beside_the_leg_is_passed(seed: int, side: float) -> None:
     )
     trial = Trial(river).run(60.0)
     assert trial.watch.detours == trial.watch.stops == 0
-    assert len(trial.watch.tracks.structure.points_ne_m) > 20
+    assert len(trial.watch.tracker.structure.points_ne_m) > 20
 
 
 @pytest.mark.slow

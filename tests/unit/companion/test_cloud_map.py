@@ -17,7 +17,7 @@ def test_a_cell_keeps_the_first_point_of_each_source() -> None:
     assert len(cloud_map.add(np.eye(4), points, intensity).points_odom_m) == 0
     assert len(cloud_map.add(np.eye(4), points, intensity, SONAR).points_odom_m) == 2
     assert len(cloud_map) == 4
-    assert len(cloud_map.whole(LIDAR).points_odom_m) == len(cloud_map.whole(SONAR).intensity) == 2
+    assert len(cloud_map.points_by(LIDAR).points_odom_m) == len(cloud_map.points_by(SONAR).intensity) == 2
 
 
 def test_points_go_where_the_pose_says() -> None:

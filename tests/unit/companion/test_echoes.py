@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agent.companion.sonar import Ping, echo_points
+from agent.companion.sonar import SonarPing, echo_points
 
 SAMPLES = 600
 PERIOD_S = 2.0 * 30.0 / 1500.0 / SAMPLES  # 5 cm a sample
 STEPS_PER_DB = 3.0
 
 
-def ping(level_db: NDArray[np.float64], angle_grad: int = 0) -> Ping:
+def ping(level_db: NDArray[np.float64], angle_grad: int = 0) -> SonarPing:
     intensity = np.clip(np.rint(level_db * STEPS_PER_DB), 0, 255).astype(np.uint8)
-    return Ping(0, 0, angle_grad, (0.5, -0.2, 0.3), PERIOD_S, 1500.0, intensity)
+    return SonarPing(0, 0, angle_grad, (0.5, -0.2, 0.3), PERIOD_S, 1500.0, intensity)
 
 
 def noise_db(rng: np.random.Generator, samples: int = SAMPLES, level_db: float = 15.0) -> NDArray[np.float64]:

@@ -122,7 +122,7 @@ def test_the_water_is_told_from_a_wall_beside_it() -> None:
     flat[:, 2] = 0.3 + 0.03 * flat[:, 0] - 0.02 * flat[:, 1] + rng.normal(0, 0.04, 500)
     wall = np.column_stack([rng.uniform(3, 15, 300), np.full(300, 6.0), rng.uniform(-3, 0.0, 300)])
     points = np.concatenate([flat, wall]).astype(np.float32)
-    wet = WaterPlane().of(points, np.zeros(len(points), dtype=np.float32))
+    wet = WaterPlane().water_mask(points, np.zeros(len(points), dtype=np.float32))
     assert wet[:500].mean() > 0.99
     assert wet[500:].mean() < 0.1
 
@@ -136,7 +136,7 @@ def test_the_water_of_one_cloud_says_how_the_body_rolls() -> None:
     # down in the body, to the first order of angles: those of the sum are below 1e-3
     down = 0.5 - 0.1 * lag - 0.4 * lag * right - 0.2 * lag * forward
     plane = WaterPlane()
-    assert plane.of(np.column_stack([forward, right, down]).astype(np.float32), lag.astype(np.float32)).all()
+    assert plane.water_mask(np.column_stack([forward, right, down]).astype(np.float32), lag.astype(np.float32)).all()
     assert plane.level is not None
     np.testing.assert_allclose(plane.level.turn_frd_radps, [0.4, -0.2, 0.0], atol=2e-3)
     assert plane.level.down_m == pytest.approx(0.5, abs=1e-3)

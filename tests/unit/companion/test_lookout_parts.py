@@ -8,19 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.companion.avoidance import STEP_S, Legs, Things, clearance_m, leg_course_rad, sail
-from agent.companion.detection import Cluster, Frame, Sighting, cells_of, clusters
-from agent.companion.obstacle_avoidance import SECTORS, Watch, proximity_messages
+from agent.companion.avoidance import STEP_S, Obstacles, PathLegs, clearance_m, leg_course_rad, simulate_courses
+from agent.companion.detection import Cluster, DetectionFrame, ObstacleDetector, cells_of, find_clusters
+from agent.companion.obstacle_avoidance import SECTORS, ObstacleAvoidance, make_proximity_messages
 from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion, rotation
-from agent.companion.tracking import CurrentGuess, Structure, Tracks
+from agent.companion.tracking import CurrentEstimator, ObstacleTracker, StructureMap
 
 HERE = np.zeros(2)
 TENTH_NS = 100_000_000
 
 
-def frame(stamp_ns: int, points: np.ndarray) -> Frame:
+def frame(stamp_ns: int, points: np.ndarray) -> DetectionFrame:
     cells, first, count = np.unique(cells_of(points), return_index=True, return_counts=True)
-    return Frame(stamp_ns, cells, points[first], np.full(len(cells), 0.2), count, np.zeros(len(cells), dtype=np.int64))
+    return DetectionFrame(
+        stamp_ns, cells, points[first], np.full(len(cells), 0.2), count, np.zeros(len(cells), dtype=np.int64)
+    )
 
 
 def thing(stamp_ns: int, middle: tuple[float, float], length_m: float = 3.0) -> Cluster:
@@ -34,7 +36,7 @@ def test_two_logs_are_two_clusters_and_one_drop_is_none() -> None:
     second = np.array((30.0, -8.0)) + np.outer(along, (1.0, 0.0))
     drop = np.array([[20.0, 0.0]])
     frames = [frame(n * TENTH_NS, np.concatenate([first, second] + [drop] * (n == 3))) for n in range(8)]
-    found = sorted(clusters(frames, HERE, 0.0), key=lambda one: one.middle_ne_m[1])
+    found = sorted(find_clusters(frames, HERE, 0.0), key=lambda one: one.middle_ne_m[1])
     assert len(found) == 2
     for one, middle, turned in zip(found, [(30.0, -8.0), (30.0, 3.0)], [0.0, heading], strict=True):
         np.testing.assert_allclose(one.middle_ne_m, middle, atol=0.3)  # half a cell
@@ -44,11 +46,13 @@ def test_two_logs_are_two_clusters_and_one_drop_is_none() -> None:
 
 
 def test_no_frames_and_empty_frames_are_nothing() -> None:
-    assert clusters([], HERE, 0.0) == []
-    assert clusters([frame(0, np.empty((0, 2)))], HERE, 0.0) == []
+    assert find_clusters([], HERE, 0.0) == []
+    assert find_clusters([frame(0, np.empty((0, 2)))], HERE, 0.0) == []
 
 
-def drifted(tracks: Tracks, seconds: float, vel: tuple[float, float], noise_m: float, since_s: float = 0.0) -> None:
+def drifted(
+    tracks: ObstacleTracker, seconds: float, vel: tuple[float, float], noise_m: float, since_s: float = 0.0
+) -> None:
     rng = np.random.default_rng(7)
     for tick in range(round(since_s * 5), round((since_s + seconds) * 5)):
         time_s = 0.2 * tick
@@ -59,17 +63,17 @@ def drifted(tracks: Tracks, seconds: float, vel: tuple[float, float], noise_m: f
 
 def test_a_track_finds_the_velocity_and_keeps_its_name() -> None:
     """After 8 s with looks of 0.2 m noise the velocity is known to some 0.1 m/s; its prior was zero."""
-    tracks = Tracks()
+    tracks = ObstacleTracker()
     drifted(tracks, 8.0, (-0.3, 0.7), 0.2)
     (track,) = tracks.confirmed
     np.testing.assert_allclose(track.state[2:], (-0.3, 0.7), atol=0.15)
-    np.testing.assert_allclose(track.at(8_000_000_000), (40.0 - 2.4, 5.6), atol=0.4)
+    np.testing.assert_allclose(track.position_at(8_000_000_000), (40.0 - 2.4, 5.6), atol=0.4)
     assert (track.number, tracks.total) == (1, 1)
 
 
 def test_a_track_out_of_view_is_carried_on_and_in_view_is_lost() -> None:
     for bow_rad, kept in ((math.pi / 2, True), (0.0, False)):
-        tracks = Tracks()
+        tracks = ObstacleTracker()
         drifted(tracks, 6.0, (0.0, 0.0), 0.05)
         tracks.update(13_000_000_000, [], HERE, bow_rad, 8.0, np.zeros(2))
         assert bool(tracks.confirmed) is kept
@@ -79,7 +83,7 @@ def test_a_track_out_of_view_is_carried_on_and_in_view_is_lost() -> None:
 
 def test_time_out_of_view_does_not_count_as_looked_for_in_vain() -> None:
     """Turned away for 4 s and back for less than a second: it would have been forgotten after 5 s of looking."""
-    tracks = Tracks()
+    tracks = ObstacleTracker()
     drifted(tracks, 4.0, (0.0, 0.0), 0.05)
     for tick in range(21, 46):
         away = math.pi / 2 if tick < 41 else 0.0
@@ -90,7 +94,7 @@ def test_time_out_of_view_does_not_count_as_looked_for_in_vain() -> None:
 def test_crests_among_water_are_no_thing_and_what_stays_is() -> None:
     """Seen at every third look, or at every one, 15 m off where water returns up to 12 m."""
     for every, counts in ((3, False), (1, True)):
-        tracks = Tracks()
+        tracks = ObstacleTracker()
         for tick in range(0, 120):
             stamp_ns = tick * 200_000_000
             found = [thing(stamp_ns, (15.0, 0.0), 1.0)] if tick % every == 0 else []
@@ -99,7 +103,7 @@ def test_crests_among_water_are_no_thing_and_what_stays_is() -> None:
 
 
 def test_what_is_long_is_structure_and_remembered_behind() -> None:
-    tracks = Tracks()
+    tracks = ObstacleTracker()
     wall = np.column_stack([np.full(60, 30.0), np.linspace(-15.0, 15.0, 60)])
     for tick in range(15):
         stamp_ns = tick * 200_000_000
@@ -113,44 +117,44 @@ def test_what_is_long_is_structure_and_remembered_behind() -> None:
 
 
 def test_a_cell_that_was_hit_once_is_no_structure() -> None:
-    structure, cell = Structure(), np.array([[10.0, 0.0]])
-    structure.see(0, cell, HERE, 5.0)
+    structure, cell = StructureMap(), np.array([[10.0, 0.0]])
+    structure.add_hits(0, cell, HERE, 5.0)
     assert not len(structure.points_ne_m)
-    structure.forget(4_000_000_000, HERE, math.pi, (5.0, 30.0))
-    structure.see(4_000_000_000, cell, HERE, 5.0)
+    structure.prune(4_000_000_000, HERE, math.pi, (5.0, 30.0))
+    structure.add_hits(4_000_000_000, cell, HERE, 5.0)
     assert not len(structure.points_ne_m)
 
 
 def test_crests_close_by_take_longer_to_be_structure() -> None:
     cell = np.array([[10.0, 0.0]])
     for reach_m, counts in ((5.0, True), (20.0, False)):
-        structure = Structure()
+        structure = StructureMap()
         for look_number in range(12):
-            structure.see(look_number * 200_000_000, cell, HERE, reach_m)
+            structure.add_hits(look_number * 200_000_000, cell, HERE, reach_m)
         assert bool(len(structure.points_ne_m)) is counts
 
 
 def test_among_water_what_stands_is_hit_at_every_look() -> None:
     cell = np.array([[10.0, 0.0]])
     for every, counts in ((1, True), (2, False)):
-        structure = Structure()
+        structure = StructureMap()
         for look_number in range(0, 200, every):
-            structure.see(look_number * 200_000_000, cell, HERE, 20.0)
+            structure.add_hits(look_number * 200_000_000, cell, HERE, 20.0)
         assert bool(len(structure.points_ne_m)) is counts
 
 
 def test_the_current_is_found_from_two_headings() -> None:
-    guess, current, rng = CurrentGuess(), np.array((-0.4, 0.6)), np.random.default_rng(2)
+    guess, current, rng = CurrentEstimator(), np.array((-0.4, 0.6)), np.random.default_rng(2)
     for tick in range(300):
         heading = 0.3 if tick < 150 else 1.6
         vel = 3.0 * np.array((math.cos(heading), math.sin(heading))) + current + 0.05 * rng.normal(size=2)
-        guess.add(tick * 200_000_000, np.append(vel, 0.0), heading, 0.0)
+        guess.update(tick * 200_000_000, np.append(vel, 0.0), heading, 0.0)
     np.testing.assert_allclose(guess.current_ne_mps, current, atol=0.1)
 
 
 def test_sailing_ahead_keeps_to_the_legs_around_a_corner() -> None:
-    legs = Legs(np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 60.0)]))
-    sailed = sail(legs, HERE, np.array((3.0, 0.0)), 0.0, np.zeros(1), np.zeros(1), np.array((3.0,)), 16.0)
+    legs = PathLegs(np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 60.0)]))
+    sailed = simulate_courses(legs, HERE, np.array((3.0, 0.0)), 0.0, np.zeros(1), np.zeros(1), np.array((3.0,)), 16.0)
     end = sailed.pos_ne_m[0, -1]
     assert end[0] == pytest.approx(20.0, abs=1.5)
     assert sailed.progress_m[0] == pytest.approx(48.0, abs=8.0)  # less what the corner takes
@@ -161,7 +165,7 @@ def test_clearance_is_that_of_a_box_that_drifts() -> None:
     """A boat that stays, a box 4 m by 2 m, headed east, that comes at 1 m/s: its side is 1 m before its middle."""
     steps = 10
     sailed = np.zeros((1, steps, 2))
-    around = Things(
+    around = Obstacles(
         np.array([[20.0, 0.0]]), np.array([[-1.0, 0.0]]), np.array([2.0]), np.array([1.0]), np.array([math.pi / 2]),
         np.array([[0.0, -15.0]]),
     )  # fmt: skip
@@ -178,7 +182,7 @@ def test_proximity_counts_sectors_from_the_bow_clockwise() -> None:
     yaw = 0.4
     right_abeam = np.array((5.0 * math.cos(yaw + math.pi / 2), 5.0 * math.sin(yaw + math.pi / 2)))
     ahead = np.array((12.0 * math.cos(yaw), 12.0 * math.sin(yaw)))
-    distance, sensor = proximity_messages(np.array([right_abeam, ahead]), pose(yaw), 1_000_000_000, 1.15, 60.0)
+    distance, sensor = make_proximity_messages(np.array([right_abeam, ahead]), pose(yaw), 1_000_000_000, 1.15, 60.0)
     assert len(distance.distances) == SECTORS
     assert (distance.distances[0], distance.distances[18]) == (1200, 500)
     assert distance.distances[2] == 6001, "in view and empty"
@@ -189,21 +193,21 @@ def test_proximity_counts_sectors_from_the_bow_clockwise() -> None:
 
 def still(history: PoseHistory, ticks: range = range(40)) -> None:
     for tick in ticks:
-        history.turned(tick * TENTH_NS, quaternion(0.0, 0.0, 0.0), np.zeros(3))
-        history.placed(tick * TENTH_NS, np.zeros(3), np.zeros(3))
+        history.add_attitude(tick * TENTH_NS, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+        history.add_position(tick * TENTH_NS, np.zeros(3), np.zeros(3))
 
 
 def look(
-    sighting: Sighting, history: PoseHistory, tick: int, points: np.ndarray, intensity: np.ndarray | None = None
+    sighting: ObstacleDetector, history: PoseHistory, tick: int, points: np.ndarray, intensity: np.ndarray | None = None
 ) -> Any:
     offset_s = np.linspace(0.0, 0.099, len(points)).astype(np.float32)
     shine = np.ones(len(points)) if intensity is None else intensity
-    return sighting.look(history, tick * TENTH_NS, points.astype(np.float32), offset_s, shine.astype(np.uint8))
+    return sighting.add_cloud(history, tick * TENTH_NS, points.astype(np.float32), offset_s, shine.astype(np.uint8))
 
 
 def test_water_close_by_is_learnt_and_a_low_trunk_beyond_it_is_seen() -> None:
     """Water returns up to 10 m, at all bearings in view; 30 m off something stands a hand out of it."""
-    history, sighting, rng = PoseHistory(), Sighting(60.0, 0.15), np.random.default_rng(4)
+    history, sighting, rng = PoseHistory(), ObstacleDetector(60.0, 0.15), np.random.default_rng(4)
     still(history)
     for tick in range(50):
         still(history, range(tick + 1, tick + 3))
@@ -213,14 +217,14 @@ def test_water_close_by_is_learnt_and_a_low_trunk_beyond_it_is_seen() -> None:
         trunk = np.column_stack([np.full(9, 30.0), np.linspace(-2.0, 2.0, 9), np.full(9, 0.05)])
         assert look(sighting, history, tick, np.concatenate([water, trunk]))
     assert 10.0 < sighting.water_reach_m < 20.5
-    (found,) = clusters(sighting.frames, HERE, 0.0)
+    (found,) = find_clusters(sighting.frames, HERE, 0.0)
     np.testing.assert_allclose(found.middle_ne_m, (30.0, 0.0), atol=0.3)
 
 
 @pytest.mark.parametrize(("reflects", "is_seen"), [(1, False), (8, True)])
 def test_what_lies_awash_is_told_from_water_by_what_it_reflects(reflects: int, is_seen: bool) -> None:
     """A trunk at 12 m whose top is no higher than the waves, where water returns out to 16 m; 8 of 150 is wet wood."""
-    history, sighting, tracks = PoseHistory(), Sighting(60.0, 0.15), Tracks()
+    history, sighting, tracks = PoseHistory(), ObstacleDetector(60.0, 0.15), ObstacleTracker()
     still(history)
     rng = np.random.default_rng(7)
     for tick in range(60):
@@ -232,14 +236,16 @@ def test_what_lies_awash_is_told_from_water_by_what_it_reflects(reflects: int, i
         glint = rng.integers(0, 7, 1500) * (range_m < 6.0)  # close by, water glints
         shine = np.concatenate([rng.integers(0, 3, 1500) + glint, np.full(9, reflects)])
         assert look(sighting, history, tick, np.concatenate([water, trunk]), shine)
-        found = clusters(sighting.frames, HERE, 1.6 * sighting.water_reach_m)
+        found = find_clusters(sighting.frames, HERE, 1.6 * sighting.water_reach_m)
         tracks.update(tick * TENTH_NS, found, HERE, 0.0, sighting.water_reach_m, np.zeros(2))
-    assert [track.at(60 * TENTH_NS)[0] for track in tracks.confirmed] == ([pytest.approx(12.0, abs=0.5)] * is_seen)
+    assert [track.position_at(60 * TENTH_NS)[0] for track in tracks.confirmed] == (
+        [pytest.approx(12.0, abs=0.5)] * is_seen
+    )
 
 
 def test_a_wall_across_the_view_is_no_water_at_once() -> None:
     """Low all over the view, 12 to 25 m off for 3 s, as a boom is to a vessel that turns: water reaches no farther."""
-    history, sighting, rng = PoseHistory(), Sighting(60.0, 0.15), np.random.default_rng(5)
+    history, sighting, rng = PoseHistory(), ObstacleDetector(60.0, 0.15), np.random.default_rng(5)
     still(history)
     reach = []
     for tick in range(330):
@@ -253,7 +259,7 @@ def test_a_wall_across_the_view_is_no_water_at_once() -> None:
 
 
 def test_a_cloud_with_what_is_no_number_is_used_and_counted() -> None:
-    history, sighting = PoseHistory(), Sighting(60.0, 0.15)
+    history, sighting = PoseHistory(), ObstacleDetector(60.0, 0.15)
     still(history)
     points = np.array([[30.0, 0.0, 0.0], [math.nan, 0.0, 0.0], [0.0, math.inf, 0.0]])
     assert look(sighting, history, 3, points)
@@ -264,7 +270,7 @@ def test_a_cloud_with_what_is_no_number_is_used_and_counted() -> None:
 
 
 def test_a_lookout_that_has_heard_nothing_says_nothing() -> None:
-    watch = Watch()
-    watch.cloud(0, np.zeros((3, 3), dtype=np.float32), np.zeros(3, dtype=np.float32), np.zeros(3, dtype=np.uint8))
-    assert watch.plan(0) == watch.proximity(0) == watch.obstacle_messages(0) == []
+    watch = ObstacleAvoidance()
+    watch.add_cloud(0, np.zeros((3, 3), dtype=np.float32), np.zeros(3, dtype=np.float32), np.zeros(3, dtype=np.uint8))
+    assert watch.plan(0) == watch.proximity_messages(0) == watch.obstacle_messages(0) == []
     assert (watch.obstacles, watch.detours, watch.stops, watch.manoeuvre) == (0, 0, 0, 0)

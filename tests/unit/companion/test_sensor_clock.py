@@ -11,7 +11,7 @@ S = 1_000_000_000
 
 def test_in_lockstep_they_are_one() -> None:
     clock = SensorClock(lockstep=True)
-    clock.arrived(5 * S, 7 * S)
+    clock.note_arrival(5 * S, 7 * S)
     assert clock.own_ns(5 * S) == 5 * S
 
 
@@ -20,7 +20,7 @@ def test_the_quickest_of_many_tells() -> None:
     offset_ns = 123 * S
     for number in range(100):
         late_ns = (number * 7919 % 50) * 1_000_000  # 0 to 49 ms
-        clock.arrived(number * S // 10, number * S // 10 + offset_ns + late_ns)
+        clock.note_arrival(number * S // 10, number * S // 10 + offset_ns + late_ns)
     assert clock.own_ns(3 * S) == 3 * S + offset_ns
 
 
@@ -29,7 +29,7 @@ def test_it_follows_clocks_that_drift(drift_ppm: float) -> None:
     clock = SensorClock(lockstep=False)
     for number in range(6000):  # ten minutes
         stamp_ns = number * S // 10
-        clock.arrived(stamp_ns, round(stamp_ns * (1.0 + drift_ppm * 1e-6)))
+        clock.note_arrival(stamp_ns, round(stamp_ns * (1.0 + drift_ppm * 1e-6)))
     last_ns = 5999 * S // 10
     # What came within two windows of 20 s counts: 200 ppm of 40 s is 8 ms.
     assert abs(clock.own_ns(last_ns) - last_ns * (1.0 + drift_ppm * 1e-6)) <= 8.1e6

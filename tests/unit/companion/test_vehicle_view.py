@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.companion.autopilot_state import VehicleView, heading_rad
+from agent.companion.autopilot_state import AutopilotState, heading_rad
 from agent.companion.pose_history import PoseHistory, quaternion, rotation
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.geodetic import LocalProjection
 from agent.mavlink.modes import AUTO
 from agent.wire import dialect as mav
 
 MS = 1_000_000
-ORIGIN = LocalFrame(-8.8, -63.95, 0.0)
+ORIGIN = LocalProjection(-8.8, -63.95, 0.0)
 
 
 def sent(message: Any, system: int = 1, component: int = 1) -> Any:
@@ -48,21 +48,21 @@ def test_poses_between_samples_lie_on_the_turn() -> None:
     history = PoseHistory()
     for tick in range(11):
         time_s = 0.1 * tick
-        history.turned(tick * 100 * MS, quaternion(0.0, 0.0, 0.5 * time_s), np.array((0.0, 0.0, 0.5)))
-        history.placed(tick * 100 * MS, np.array((3.0 * time_s, 0.0, 0.1)), np.array((3.0, 0.0, 0.0)))
+        history.add_attitude(tick * 100 * MS, quaternion(0.0, 0.0, 0.5 * time_s), np.array((0.0, 0.0, 0.5)))
+        history.add_position(tick * 100 * MS, np.array((3.0 * time_s, 0.0, 0.1)), np.array((3.0, 0.0, 0.0)))
     for at_ns in (0, 130 * MS, 555 * MS, 1000 * MS, 1200 * MS):
-        pose = history.at(at_ns)
+        pose = history.pose_at(at_ns)
         assert pose is not None
         assert heading_rad(pose) == pytest.approx(0.5 * at_ns * 1e-9, abs=1e-4)
         np.testing.assert_allclose(pose.pos_ned_m, (3.0 * at_ns * 1e-9, 0.0, 0.1), atol=1e-9)
-    assert history.at(-1) is None
-    assert history.at(1600 * MS) is None
+    assert history.pose_at(-1) is None
+    assert history.pose_at(1600 * MS) is None
 
 
 def test_what_is_no_number_is_no_pose() -> None:
     history = PoseHistory()
-    history.turned(0, np.array((math.nan, 0.0, 0.0, 0.0)), np.zeros(3))
-    history.placed(0, np.array((math.inf, 0.0, 0.0)), np.zeros(3))
+    history.add_attitude(0, np.array((math.nan, 0.0, 0.0, 0.0)), np.zeros(3))
+    history.add_position(0, np.array((math.inf, 0.0, 0.0)), np.zeros(3))
     assert history.newest_ns is None
 
 
@@ -91,12 +91,12 @@ class Autopilot:
         return []
 
 
-def bring(view: VehicleView, autopilot: Autopilot, seconds: float = 20.0) -> None:
+def bring(view: AutopilotState, autopilot: Autopilot, seconds: float = 20.0) -> None:
     for now_ns in range(0, round(seconds * 1e9), 200 * MS):
         waiting = view.poll(now_ns)
         while waiting:
             for answer in autopilot.answer(waiting.pop(0)):
-                waiting += view.take(answer, now_ns)
+                waiting += view.handle(answer, now_ns)
 
 
 MISSION = [(16, 0.0, 0.0, 0.0), (178, 0.0, 0.0, 2.5), (16, 50.0, 0.0, 0.0), (16, 50.0, 30.0, 0.0), (20, 0.0, 0.0, 0.0)]
@@ -104,14 +104,14 @@ MISSION = [(16, 0.0, 0.0, 0.0), (178, 0.0, 0.0, 2.5), (16, 50.0, 0.0, 0.0), (16,
 
 @pytest.mark.parametrize("loses", [False, True])
 def test_the_way_is_that_of_the_mission(loses: bool) -> None:
-    view = VehicleView()
-    view.take(heartbeat(), 0)
+    view = AutopilotState()
+    view.handle(heartbeat(), 0)
     lat, lon = (round(1e7 * degrees) for degrees in ORIGIN.to_geodetic(0.0, 0.0))
-    view.take(sent(mav.MAVLink_gps_global_origin_message(lat, lon, 0, 0)), 0)
-    view.take(sent(mav.MAVLink_mission_current_message(3, 4)), 0)
-    assert view.way() is None
+    view.handle(sent(mav.MAVLink_gps_global_origin_message(lat, lon, 0, 0)), 0)
+    view.handle(sent(mav.MAVLink_mission_current_message(3, 4)), 0)
+    assert view.path_ahead() is None
     bring(view, Autopilot(MISSION, loses))
-    way = view.way()
+    way = view.path_ahead()
     assert way is not None
     assert way.speed_mps == 2.5
     # 1e-7 degrees are 11 mm.
@@ -119,52 +119,52 @@ def test_the_way_is_that_of_the_mission(loses: bool) -> None:
 
 
 def test_the_origin_follows_from_a_place_told_both_ways() -> None:
-    view = VehicleView()
-    view.take(heartbeat(), 0)
+    view = AutopilotState()
+    view.handle(heartbeat(), 0)
     lat, lon = (round(1e7 * degrees) for degrees in ORIGIN.to_geodetic(40.0, -7.0))
-    view.take(sent(mav.MAVLink_attitude_message(100, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)), 100 * MS)
-    view.take(sent(mav.MAVLink_local_position_ned_message(100, 40.0, -7.0, 0.0, 0.0, 0.0, 0.0)), 100 * MS)
-    view.take(sent(mav.MAVLink_global_position_int_message(100, lat, lon, 0, 0, 0, 0, 0, 0)), 100 * MS)
-    view.take(sent(mav.MAVLink_mission_current_message(3, 4)), 100 * MS)
+    view.handle(sent(mav.MAVLink_attitude_message(100, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)), 100 * MS)
+    view.handle(sent(mav.MAVLink_local_position_ned_message(100, 40.0, -7.0, 0.0, 0.0, 0.0, 0.0)), 100 * MS)
+    view.handle(sent(mav.MAVLink_global_position_int_message(100, lat, lon, 0, 0, 0, 0, 0, 0)), 100 * MS)
+    view.handle(sent(mav.MAVLink_mission_current_message(3, 4)), 100 * MS)
     bring(view, Autopilot(MISSION))
-    way = view.way()
+    way = view.path_ahead()
     assert way is not None
     np.testing.assert_allclose(way.points_ne_m[1], (50.0, 30.0), atol=0.05)
 
 
 def test_only_its_own_autopilot_counts() -> None:
-    view = VehicleView()
-    view.take(sent(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), 255, 190), 0)
-    view.take(sent(mav.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), 1, 191), 0)
+    view = AutopilotState()
+    view.handle(sent(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), 255, 190), 0)
+    view.handle(sent(mav.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3), 1, 191), 0)
     assert view.target is None
-    view.take(heartbeat(), 0)
+    view.handle(heartbeat(), 0)
     assert view.target == (1, 1)
-    view.take(sent(mav.MAVLink_heartbeat_message(11, 3, 0, 4, 4, 3), 2, 1), 0)
+    view.handle(sent(mav.MAVLink_heartbeat_message(11, 3, 0, 4, 4, 3), 2, 1), 0)
     assert view.mode == AUTO
     assert view.armed
 
 
 def test_its_clock_is_that_of_the_quickest_message() -> None:
     """Stamps 5 s behind this clock, delays of 3 to 40 ms: what is known is the pose 3 ms late, wherever it came."""
-    view = VehicleView()
-    view.take(heartbeat(), 0)
+    view = AutopilotState()
+    view.handle(heartbeat(), 0)
     rng = np.random.default_rng(3)
     for tick in range(60):
         delay_ns = 3 * MS if tick == 10 else round(rng.uniform(4, 40) * MS)
         now_ns = 5_000_000_000 + tick * 50 * MS + delay_ns
-        view.take(sent(mav.MAVLink_attitude_message(tick * 50, 0, 0, 0.1 * tick * 0.05, 0, 0, 0.1)), now_ns)
-        view.take(sent(mav.MAVLink_local_position_ned_message(tick * 50, 3.0 * tick * 0.05, 0, 0, 3, 0, 0)), now_ns)
+        view.handle(sent(mav.MAVLink_attitude_message(tick * 50, 0, 0, 0.1 * tick * 0.05, 0, 0, 0.1)), now_ns)
+        view.handle(sent(mav.MAVLink_local_position_ned_message(tick * 50, 3.0 * tick * 0.05, 0, 0, 3, 0, 0)), now_ns)
     pose = view.pose_at(5_000_000_000 + 2_500 * MS)
     assert pose is not None
     assert pose.pos_ned_m[0] == pytest.approx(3.0 * (2.5 - 0.003), abs=1e-6)
 
 
 def test_an_autopilot_that_starts_again_is_followed() -> None:
-    view = VehicleView()
-    view.take(heartbeat(), 0)
+    view = AutopilotState()
+    view.handle(heartbeat(), 0)
     for boot_ms, now_s in ((60_000, 60.0), (60_100, 60.1), (500, 65.0), (600, 65.1)):
-        view.take(sent(mav.MAVLink_attitude_message(boot_ms, 0, 0, 0.0, 0, 0, 0)), round(now_s * 1e9))
-        view.take(sent(mav.MAVLink_local_position_ned_message(boot_ms, now_s, 0, 0, 0, 0, 0)), round(now_s * 1e9))
+        view.handle(sent(mav.MAVLink_attitude_message(boot_ms, 0, 0, 0.0, 0, 0, 0)), round(now_s * 1e9))
+        view.handle(sent(mav.MAVLink_local_position_ned_message(boot_ms, now_s, 0, 0, 0, 0, 0)), round(now_s * 1e9))
     pose = view.pose_at(65_100 * MS)
     assert pose is not None
     assert pose.pos_ned_m[0] == pytest.approx(65.1)

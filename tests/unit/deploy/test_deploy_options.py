@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from agent.board.install import Settings
+from agent.board.install import DeploySettings
 from xitl_cli.deploy.ssh import REMOTE, Board, settings
 from xitl_cli.errors import UserError
 
@@ -14,7 +14,7 @@ from xitl_cli.errors import UserError
 def test_the_command_line_wins_over_the_file(tmp_path: Path) -> None:
     config = tmp_path / "a.conf"
     config.write_text("[agent]\nlink = udp://a:1\nlog-dir = logs\ngcs = udp://b:1\n  udp://c:1\n")
-    assert settings(True, config, {"link": ["udp://z:9"]}, {}) == Settings(
+    assert settings(True, config, {"link": ["udp://z:9"]}, {}) == DeploySettings(
         True, {"link": ("udp://z:9",), "log-dir": ("logs",), "gcs": ("udp://b:1", "udp://c:1")}, {}
     )
 

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xitl_cli.graph.graph import Vertex, build_graph, complete_graph
-from xitl_cli.graph.nodes import architecture, is_node_name
-from xitl_cli.graph.wdri import index
+from xitl_cli.graph.wdri import realism_index
+from xitl_cli.profile.schema.graph import architecture, is_node_name
 
 
 def _real(*names: str) -> list[Vertex]:
@@ -74,15 +74,15 @@ def test_graphs_that_cannot_be_built() -> None:
 
 
 def test_the_index_by_hand_and_its_clamp() -> None:
-    assert index(4, 8) == 0.5
-    assert index(8, 8) == 1.0
-    assert index(12, 8) == 0.5
-    assert index(16, 8) == 0.0
-    assert index(17, 8) == 0.0
-    assert index(-1, 8) == 0.0
+    assert realism_index(4, 8) == 0.5
+    assert realism_index(8, 8) == 1.0
+    assert realism_index(12, 8) == 0.5
+    assert realism_index(16, 8) == 0.0
+    assert realism_index(17, 8) == 0.0
+    assert realism_index(-1, 8) == 0.0
     for reference in (0.0, -1.0, float("nan")):
         with pytest.raises(ValueError, match="the index needs one above 0"):
-            index(1, reference)
+            realism_index(1, reference)
 
 
 NAMES = architecture(["PS1", "PS2"])

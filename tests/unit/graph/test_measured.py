@@ -11,14 +11,13 @@ import pytest
 from agent.wire import dialect
 from xitl_cli.commands.wdri import wdri
 from xitl_cli.errors import UserError
-from xitl_cli.graph.measured import FROM_AGENT, TO_AGENT, AgentSeen, link_names, measured_graph
-from xitl_cli.graph.nodes import is_node_name
-from xitl_cli.graph.of_profile import wdri_of
-from xitl_cli.graph.of_run import measured_run
+from xitl_cli.graph.measured import FROM_AGENT, TO_AGENT, AgentTraffic, measured_graph
+from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile import load_profile, resolved_yaml
+from xitl_cli.profile.schema.graph import is_node_name
 from xitl_cli.run.nodes.bridge import AutopilotReport, Milestones
 from xitl_cli.run.pilot import LinkReport, NodeReport
-from xitl_cli.run.run_graph import graph_section
+from xitl_cli.run.run_graph import graph_section, measured_run
 
 IMU, COMMAND, RUN = (
     dialect.MAVLINK_MSG_ID_XITL_IMU,
@@ -33,9 +32,9 @@ ACTUATORS, ATTITUDE, HEARTBEAT = (
 EVERYTHING = {"tx": {IMU: 9, COMMAND: 1, RUN: 2}, "rx": {ACTUATORS: 5, ATTITUDE: 3, HEARTBEAT: 1}}
 
 
-def seen(nodes: str = "LS,LC,LA", kind: str = "virtual", **other: Any) -> AgentSeen:
+def seen(nodes: str = "LS,LC,LA", kind: str = "virtual", **other: Any) -> AgentTraffic:
     values = {"to_agent": EVERYTHING["tx"], "from_agent": EVERYTHING["rx"], "estimates": 4, "efforts": 4, **other}
-    return AgentSeen(nodes, kind, "board", **values)
+    return AgentTraffic(nodes, kind, "board", **values)
 
 
 def links(reports: list[LinkReport] | None = None) -> list[LinkReport]:
@@ -54,15 +53,15 @@ def section(name: str = "sitl", traffic: Any = None, nodes: Any = None, reports:
 
 def test_a_whole_run_measures_what_it_claims() -> None:
     graph = measured_graph([seen()], [("PS1", "M")])
-    assert link_names(graph) == ["D-LC", "PS1-LS", "PS1-LA", "PS1-M", "LS-LC", "LS-M", "LC-LA", "LC-M", "LA-M"]
+    assert graph.link_names() == ["D-LC", "PS1-LS", "PS1-LA", "PS1-M", "LS-LC", "LS-M", "LC-LA", "LC-M", "LA-M"]
     found = section()
     assert (found["missing"], found["unclaimed"]) == ([], [])
-    assert found["measured"]["wdri"] == found["claimed"]["wdri"] == wdri_of(load_profile("sitl")).wdri
+    assert found["measured"]["wdri"] == found["claimed"]["wdri"] == profile_wdri(load_profile("sitl")).wdri
 
 
 def test_what_keeps_the_link_going_is_no_traffic() -> None:
     graph = measured_graph([seen(to_agent={RUN: 5}, from_agent={}, estimates=0, efforts=0)], [])
-    assert link_names(graph) == []
+    assert graph.link_names() == []
     assert graph.present() == 3  # the nodes said that they are there
 
 
@@ -80,8 +79,8 @@ def test_what_keeps_the_link_going_is_no_traffic() -> None:
     ],
 )
 def test_a_link_that_carried_nothing_is_not_there(lacks: dict[str, Any], missing: str) -> None:
-    whole = link_names(measured_graph([seen()], [("PS1", "M")]))
-    without = link_names(measured_graph([seen(**lacks)], [("PS1", "M")]))
+    whole = measured_graph([seen()], [("PS1", "M")]).link_names()
+    without = measured_graph([seen(**lacks)], [("PS1", "M")]).link_names()
     assert [link for link in whole if link not in without] == missing.split()
 
 
@@ -99,7 +98,7 @@ def test_kinds_come_from_what_the_board_announced() -> None:
 def test_a_companion_is_the_high_level() -> None:
     companion = seen("HS,HC,HA", "real", to_agent={}, from_agent={HEARTBEAT: 3}, estimates=0, efforts=0)
     graph = measured_graph([seen(), companion], [])
-    assert "HC-M" in link_names(graph)
+    assert "HC-M" in graph.link_names()
     assert {vertex.name: vertex.kind for vertex in graph.vertices}["HC"] == "real"
 
 
@@ -226,7 +225,7 @@ def test_the_graph_of_a_run_directory(tmp_path: Path) -> None:
     assert run.missing == ("D-LC",)
     assert run.wdri.wdri == found["measured"]["wdri"]
     assert run.wdri.d_w_sim == found["measured"]["d_w_sim"]
-    assert run.claimed_wdri == wdri_of(load_profile("hitl-beaglebone")).wdri
+    assert run.claimed_wdri == profile_wdri(load_profile("hitl-beaglebone")).wdri
     assert run.wdri.wdri < run.claimed_wdri
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from xitl_cli.errors import UserError
-from xitl_cli.graph.of_profile import wdri_of
-from xitl_cli.graph.wdri import Vertices
+from xitl_cli.graph.wdri import VertexCount, profile_wdri
 from xitl_cli.profile import ProfileError, load_profile
 
 
@@ -27,20 +26,20 @@ from xitl_cli.profile import ProfileError, load_profile
     ],
 )
 def test_the_eight_values_of_the_paper(name: str, value: float, d_w_sim: float, d_w_ref: float, n: int) -> None:
-    result = wdri_of(load_profile(name))
+    result = profile_wdri(load_profile(name))
     assert (round(result.wdri, 4), round(result.d_w_sim, 4), round(result.d_w_ref, 4)) == (value, d_w_sim, d_w_ref)
     assert result.n == n
 
 
 def test_eq26_over_the_nine_vertices_of_the_architecture() -> None:
-    result = wdri_of(load_profile("paper/eq26-simple-sitl"), vertices="architecture")
+    result = profile_wdri(load_profile("paper/eq26-simple-sitl"), vertices="architecture")
     assert (result.n, result.d_w_sim, result.n_ref) == (9, pytest.approx(4 / 9), 9)
     assert result.wdri == pytest.approx(1 / 9)
 
 
 @pytest.mark.parametrize(("vertices", "n"), [("architecture", 9), ("present", 6), (6, 6), (12, 12)])
-def test_choices_of_n(vertices: Vertices, n: int) -> None:
-    result = wdri_of(load_profile("sitl"), reference="complete", vertices=vertices)
+def test_choices_of_n(vertices: VertexCount, n: int) -> None:
+    result = profile_wdri(load_profile("sitl"), reference="complete", vertices=vertices)
     assert result.n == n
     assert result.d_w_sim == pytest.approx(6 / n)  # half of (1 + 3 + 3 + 4 + 3 + 4) - 6
     assert result.d_w_ref == 8.0
@@ -48,17 +47,17 @@ def test_choices_of_n(vertices: Vertices, n: int) -> None:
 
 
 def test_a_profile_is_as_real_as_itself() -> None:
-    assert wdri_of(load_profile("paper/eq35-full-hitl"), reference="paper/eq35-full-hitl").wdri == 1.0
+    assert profile_wdri(load_profile("paper/eq35-full-hitl"), reference="paper/eq35-full-hitl").wdri == 1.0
 
 
 def test_the_index_does_not_go_below_zero() -> None:
-    result = wdri_of(load_profile("paper/eq24-general-use"), reference="mitl")
+    result = profile_wdri(load_profile("paper/eq24-general-use"), reference="mitl")
     assert result.d_w_sim > 2 * result.d_w_ref
     assert result.wdri == 0.0
 
 
 def test_moving_nodes_to_a_board_raises_the_index() -> None:
-    values = [wdri_of(load_profile(name)).wdri for name in ("mitl", "sitl", "hitl-loopback", "hitl-beaglebone")]
+    values = [profile_wdri(load_profile(name)).wdri for name in ("mitl", "sitl", "hitl-loopback", "hitl-beaglebone")]
     assert values[0] < values[1] == values[2] < values[3]
 
 
@@ -69,13 +68,13 @@ def test_two_simulators_make_ten_vertices(tmp_path: Path) -> None:
         "  links: {PS1: [PS2, M], PS2: [M]}\n",
         encoding="utf-8",
     )
-    result = wdri_of(load_profile(str(path)))
+    result = profile_wdri(load_profile(str(path)))
     assert (result.n, result.n_ref, result.d_w_ref) == (10, 10, 9.0)
     assert result.d_w_sim == (0.5 + 0.5 + 1.0) / 10
 
 
 def test_what_json_carries_is_not_rounded() -> None:
-    result = wdri_of(load_profile("paper/eq31-sitl-own-sensors"))
+    result = profile_wdri(load_profile("paper/eq31-sitl-own-sensors"))
     document = result.as_json()
     assert document["wdri"] == result.wdri == pytest.approx(10 / 36, abs=1e-15)
     assert document["reference"] == "paper/eq24-general-use"
@@ -112,9 +111,9 @@ def test_what_json_carries_is_not_rounded() -> None:
         ),
     ],
 )
-def test_what_has_no_index(name: str, reference: str | None, vertices: Vertices | None, sentence: str) -> None:
+def test_what_has_no_index(name: str, reference: str | None, vertices: VertexCount | None, sentence: str) -> None:
     with pytest.raises(UserError) as caught:
-        wdri_of(load_profile(name), reference, vertices)
+        profile_wdri(load_profile(name), reference, vertices)
     assert str(caught.value).startswith(sentence)
 
 
@@ -122,7 +121,7 @@ def test_a_graph_with_nothing_present_has_no_index(tmp_path: Path) -> None:
     path = tmp_path / "empty.yaml"
     path.write_text("graph:\n  nodes: {D: {kind: absent}}\n", encoding="utf-8")
     with pytest.raises(UserError, match="no node of its graph is present"):
-        wdri_of(load_profile(str(path)))
+        profile_wdri(load_profile(str(path)))
 
 
 def test_a_link_to_an_absent_node_is_refused_with_its_line(tmp_path: Path) -> None:

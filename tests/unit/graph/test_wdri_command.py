@@ -8,7 +8,7 @@ import pytest
 
 from xitl_cli.commands.wdri import wdri
 from xitl_cli.errors import UserError
-from xitl_cli.graph.of_profile import wdri_of
+from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile import load_profile
 
 
@@ -16,7 +16,7 @@ def test_json_is_one_object_of_unrounded_numbers(capsys: pytest.CaptureFixture[s
     wdri("paper/eq35-full-hitl", as_json=True)
     document = json.loads(capsys.readouterr().out)
     assert {"wdri", "d_w_sim", "d_w_ref", "n", "reference", "nodes", "adjacency"} <= set(document)
-    assert document == wdri_of(load_profile("paper/eq35-full-hitl")).as_json()
+    assert document == profile_wdri(load_profile("paper/eq35-full-hitl")).as_json()
 
 
 @pytest.mark.parametrize("name", ["sitl", "paper/eq33-hitl-injected", "paper/eq24-general-use"])
@@ -28,7 +28,7 @@ def test_tables_fit_80_columns_and_need_no_colour(
         monkeypatch.delenv(variable, raising=False)
     wdri(name)
     text = capsys.readouterr().out
-    result = wdri_of(load_profile(name))
+    result = profile_wdri(load_profile(name))
     assert "\x1b" not in text
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= 80

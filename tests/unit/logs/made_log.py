@@ -10,15 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from xitl_cli.logs.log import Base, Format, Health
-from xitl_cli.logs.table import ALL, Column, Rows
+from xitl_cli.logs.log import Base, Format, Log, LogHealth
+from xitl_cli.logs.table import ALL, Column, Rows, Table
 
 
-class MadeTable:
+class MadeTable(Table):
     """Columns as given; `instance` names one of them. What is in cdeg as stored is given in deg.
 
     columns: what these are; without, their kind and shape is that of the values.
     """
+
+    columns: Any = None
+    stamp_ns: Any = None
+    file_offset: Any = None
 
     def __init__(
         self,
@@ -31,8 +35,8 @@ class MadeTable:
         columns: Mapping[str, Column] | None = None,
     ) -> None:
         self.name, self.instance = name, instance
-        self.stamp_ns: NDArray[np.int64] = np.asarray(stamp_ns, dtype=np.int64)
-        self.place = np.arange(len(self.stamp_ns)) if place is None else np.asarray(place, dtype=np.int64)
+        self.stamp_ns = np.asarray(stamp_ns, dtype=np.int64)
+        self.file_offset = np.arange(len(self.stamp_ns)) if place is None else np.asarray(place, dtype=np.int64)
         self._values = {column: np.asarray(each) for column, each in values.items()}
         self.columns = (
             columns
@@ -55,13 +59,18 @@ class MadeTable:
         return (found * 100).astype(np.int32) if raw and self.columns[column].raw_unit == "cdeg" else found
 
 
-class MadeLog:
+class MadeLog(Log):
+    base: Any = None
+    tables: Any = None
+    health: Any = None
+    facts: Any = None
+
     def __init__(
         self, *tables: MadeTable, kind: Format = "dataflash", base: Base = "boot", path: str = "made.bin"
     ) -> None:
         self.path, self.format, self.base = Path(path), kind, base
         self.tables = {table.name: table for table in sorted(tables, key=lambda table: table.name)}
-        self.health = Health(0, sum(len(table) for table in tables))
+        self.health = LogHealth(0, sum(len(table) for table in tables))
         self.facts: dict[str, str] = {}
 
     @property
@@ -70,8 +79,3 @@ class MadeLog:
         return (min(int(one.min()) for one in stamps), max(int(one.max()) for one in stamps)) if stamps else None
 
     def close(self) -> None: ...
-
-    def __enter__(self) -> MadeLog:
-        return self
-
-    def __exit__(self, *_: object) -> None: ...

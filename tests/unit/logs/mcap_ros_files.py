@@ -10,7 +10,7 @@ import numpy as np
 from mcap.writer import CompressionType
 from mcap_ros2.writer import Writer
 
-from xitl_cli.record import schemas
+from xitl_cli.record.topics import OdometryMessage
 
 _LINE = "=" * 80
 _STD = f"""
@@ -129,7 +129,7 @@ int32[] b
 string c
 {_VECTOR}"""
 SCHEMAS = {
-    "/odom": ("nav_msgs/msg/Odometry", schemas.ODOMETRY),
+    "/odom": ("nav_msgs/msg/Odometry", OdometryMessage.definition),
     "/imu": ("sensor_msgs/msg/Imu", IMU),
     "/fix": ("sensor_msgs/msg/NavSatFix", FIX),
     "/cloud": ("sensor_msgs/msg/PointCloud2", CLOUD),

@@ -80,7 +80,7 @@ def is_equal(path: Path, extra: frozenset[str] = frozenset()) -> int:
             table = log.tables[topic]
             assert len(table) == len(messages)
             np.testing.assert_array_equal(table.stamp_ns, [stamp for stamp, _, _ in messages])
-            assert (np.diff(table.place) > 0).all()
+            assert (np.diff(table.file_offset) > 0).all()
             if topic not in extra:
                 compared += table_is_equal(table, [decoded for _, _, decoded in messages])
     return compared

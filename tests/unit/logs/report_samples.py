@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.log import Damage, Health
+from xitl_cli.logs.log import Damage, LogHealth
 from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
 
@@ -16,7 +16,7 @@ SECONDS = 60.0
 AT_S = np.arange(0.0, SECONDS, 0.005)
 AT_NS = (AT_S * 1e9).astype(np.int64)
 
-DAMAGED = Health(1000, 90, damaged=2, damage=(Damage(417, 17, "no record begins here"),), lost_bytes=34)
+DAMAGED = LogHealth(1000, 90, damaged=2, damage=(Damage(417, 17, "no record begins here"),), lost_bytes=34)
 
 
 def scheduler_section() -> Section:
@@ -92,7 +92,7 @@ def sample_overview() -> Overview:
     )
 
 
-def sample_report(health: Health = DAMAGED) -> Report:
+def sample_report(health: LogHealth = DAMAGED) -> Report:
     file = FileReport(
         f"boat{HOSTILE.replace('/', '_')}.bin",
         Path("boat.bin"),

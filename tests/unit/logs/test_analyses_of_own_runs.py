@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from xitl_cli.logs.opening import open_log
+from xitl_cli.logs import open_log
 from xitl_cli.logs.sections import Section, Severity
 
 PROFILE = """

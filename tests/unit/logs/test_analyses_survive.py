@@ -11,7 +11,7 @@ from made_log import MadeLog, MadeTable
 from sound_sections import sound_sections
 
 from tests.recorded import CALM
-from xitl_cli.logs.opening import open_log
+from xitl_cli.logs import open_log
 
 ANALYSES = ("vehicle", "modes", "arming", "events", "missions", "parameters", "estimator")
 TABLES: dict[str, tuple[str, ...]] = {

@@ -12,8 +12,8 @@ from recorded_run import recorded_run
 from typer.testing import CliRunner
 
 from tests.recorded import CALM, GUST, LOGS
+from xitl_cli.logs import open_log
 from xitl_cli.logs.compare.comparison import Comparison, compare
-from xitl_cli.logs.opening import open_log
 from xitl_cli.main import _app
 
 pytestmark = pytest.mark.slow

@@ -40,7 +40,7 @@ def starts_of(records: list[bytes]) -> list[int]:
 
 
 def places(log: DataFlashLog) -> set[int]:
-    every = [place for table in log.tables.values() for place in table.place.tolist()]
+    every = [place for table in log.tables.values() for place in table.file_offset.tolist()]
     assert len(every) == len(set(every))
     return set(every)
 
@@ -137,7 +137,7 @@ def test_what_pymavlink_reads_of_a_damaged_log_is_read(
     reader = DFReader.DFReader_binary(str(path), zero_time_base=True)
     compared = 0
     with DataFlashLog(path) as log:
-        row = {place: (t, at) for t in log.tables.values() for at, place in enumerate(t.place.tolist())}
+        row = {place: (t, at) for t in log.tables.values() for at, place in enumerate(t.file_offset.tolist())}
         while (message := reader.recv_msg()) is not None:
             start = reader.offset - message.fmt.len
             length = lengths.get(start)
@@ -201,7 +201,7 @@ def test_two_logs_in_one_file(records: list[bytes], tmp_path: Path) -> None:
             for column in table.columns:
                 once, again = (table.values(column, rows) for rows in (slice(half), slice(half, None)))
                 np.testing.assert_array_equal(once, again)
-            assert (np.diff(table.place) > 0).all()
+            assert (np.diff(table.file_offset) > 0).all()
 
 
 def test_a_log_twice_in_one_file_describes_nothing_anew(records: list[bytes], tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def hold_against_pymavlink(path: Path, theirs: Callable[[list[Any], int, str], l
     with DataFlashLog(path) as log:
         assert log.health.records == len(wanted)
         assert list(log.tables) == sorted(by_name)
-        place = np.concatenate([table.place for table in log.tables.values()])
+        place = np.concatenate([table.file_offset for table in log.tables.values()])
         name = np.repeat(list(log.tables), [len(table) for table in log.tables.values()])
         assert name[np.argsort(place)].tolist() == [message.get_type() for message in wanted]
         everything = log.read(raw=True)

@@ -12,13 +12,12 @@ from dataflash_records import CODES, FMT, ITSELF, described, record
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from agent.dataflash.format import header
-from agent.dataflash.messages import FORMATS
+from agent.fcu.dataflash.format import FORMATS, header
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash import index
-from xitl_cli.logs.formats.dataflash.embedded import embedded_files, files
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Heads, find_heads
+from xitl_cli.logs.system_files import embedded_contents, embedded_files
 
 BITS = {"b": 8, "B": 8, "M": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
 BITS |= {"c": 16, "C": 16, "e": 32, "E": 32, "L": 32, "a": 16}
@@ -284,7 +283,7 @@ def test_embedded_files_are_put_together(tmp_path: Path) -> None:
         + piece(b"c.bin", 4_000_000_000, b"far") + piece(b"b.lua", 0, b"new", 200) + piece(b"b.lua", 0, b"new!")
     )  # fmt: skip
     with DataFlashLog(path) as log:
-        assert files(log) == {"a.txt": b"x" * 64 + b"y\0z", "b.lua": b"new!", "c.bin": bytes(128) + b"tail"}
+        assert embedded_contents(log) == {"a.txt": b"x" * 64 + b"y\0z", "b.lua": b"new!", "c.bin": bytes(128) + b"tail"}
         found = embedded_files(log)
         assert (found["a.txt"].gaps, found["b.lua"].refused) == (0, 1)
         assert (found["c.bin"].gaps, found["c.bin"].lost_bytes, found["c.bin"].refused) == (1, 128, 1)
@@ -328,7 +327,7 @@ def test_no_bytes_raise_anything_but_a_sentence(tmp_path: Path, parts: list[byte
     with log:
         rows = 0
         for table in log.tables.values():
-            assert len(table) == len(table.place) == len(table.stamp_ns) > 0
+            assert len(table) == len(table.file_offset) == len(table.stamp_ns) > 0
             at_once = table.read()
             for name, column in table.columns.items():
                 values = table.values(name)
@@ -337,7 +336,7 @@ def test_no_bytes_raise_anything_but_a_sentence(tmp_path: Path, parts: list[byte
         health = log.health
         assert health.records == rows + sum(n for name, (n, _) in health.undecoded.items() if "." not in name)
         assert 0 <= health.lost_bytes + health.truncated_bytes <= health.size_bytes
-        assert files(log) is not None
+        assert embedded_contents(log) is not None
         log.span_ns  # noqa: B018
 
 
@@ -363,7 +362,7 @@ def test_a_log_of_more_than_2_gb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         table = log.tables["X"]
         assert table.values("N").tolist() == list(range(100))
         assert table.stamp_ns.tolist() == [10**9 * n for n in range(100)]
-        assert int(table.place[-1]) == begin + hole + 49 * 15
+        assert int(table.file_offset[-1]) == begin + hole + 49 * 15
         assert (log.health.damage[0].place, log.health.damage[0].lost) == (begin, hole)
         assert table.read()["N"].tolist() == list(range(100))
         assert log.read()["X"]["N"].tolist() == list(range(100))

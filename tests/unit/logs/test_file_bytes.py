@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.recorded import CALM
+from xitl_cli.logs import open_log
 from xitl_cli.logs.formats import file_bytes
 from xitl_cli.logs.formats.file_bytes import FileBytes
-from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.summary import summary_of
 
 

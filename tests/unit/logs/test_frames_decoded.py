@@ -37,7 +37,7 @@ def test_every_message_is_read_as_pymavlink_reads_it(form: str) -> None:
         row = rows[name] = rows.get(name, -1) + 1
         table = found[name]
         assert table.stamp_ns[row] == place * 1_000_000
-        assert table.place[row] == place * 100
+        assert table.file_offset[row] == place * 100
         assert list(table.columns)[:-3] == list(truth._fieldnames)
         for column in truth._fieldnames:
             value = table.values(column, slice(row, row + 1), raw=True).tolist()[0]

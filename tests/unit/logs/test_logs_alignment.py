@@ -136,7 +136,7 @@ def test_clock_records_place_a_log_through_a_step_and_a_drift() -> None:
 
 
 def test_logs_of_two_runs_are_told_apart_by_utc() -> None:
-    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs import open_log
 
     with open_log(CALM) as one, open_log(GUST) as other:
         _, placed = align_logs([one, other])

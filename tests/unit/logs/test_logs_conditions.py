@@ -12,12 +12,8 @@ from made_log import MadeLog, MadeTable
 from made_table import made_table
 
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.query.cells import plain, texts
-from xitl_cli.logs.query.conditions import Condition
-from xitl_cli.logs.query.merged import merged
-from xitl_cli.logs.query.names import tables_named
-from xitl_cli.logs.query.times import stamps_between, zero_ns
-from xitl_cli.logs.table import ALL, Column
+from xitl_cli.logs.query import Condition, merged, stamps_between, tables_named
+from xitl_cli.logs.table import ALL, Column, json_cells, text_cells
 
 
 def att(name: str = "ATT") -> MadeTable:
@@ -145,18 +141,18 @@ def test_names_in_any_case_and_near_ones() -> None:
 
 def test_second_zero_is_the_first_row_where_the_logs_own_is_years_away() -> None:
     late = made_table("A", {"x": (Column("x"), [1, 2])}, [1_700_000_000_000_000_000, 1_700_000_001_000_000_000], [0, 1])
-    assert zero_ns(MadeLog(late, base="utc")) == 1_700_000_000_000_000_000
+    assert MadeLog(late, base="utc").zero_ns == 1_700_000_000_000_000_000
     assert stamps_between(MadeLog(late, base="utc"), 0.5, None) == (1_700_000_000_500_000_000, None)
-    assert zero_ns(MadeLog(att())) == 0
+    assert MadeLog(att()).zero_ns == 0
     for from_s, until_s in ((2.0, 1.0), (math.nan, None), (None, math.inf), (1e300, None)):
         with pytest.raises(LogError):
             stamps_between(MadeLog(att()), from_s, until_s)
 
 
 def test_values_are_told_in_the_digits_they_were_stored_with() -> None:
-    assert texts(np.array([0.1, 2.0, np.nan], dtype=np.float32)) == ["0.1", "2", "nan"]
-    assert plain(np.array([0.1, np.nan, -np.inf], dtype=np.float32)) == [0.1, None, None]
-    assert texts(np.array([[1, 2], [3, 4]])) == ["[1 2]", "[3 4]"]
-    assert plain(np.array([[1.5, np.nan]])) == [[1.5, None]]
-    assert texts(np.zeros((2, 0))) == ["[]", "[]"]
-    assert texts(np.array([b"\x01\xff", b""], dtype=object)) == ["01ff", ""]
+    assert text_cells(np.array([0.1, 2.0, np.nan], dtype=np.float32)) == ["0.1", "2", "nan"]
+    assert json_cells(np.array([0.1, np.nan, -np.inf], dtype=np.float32)) == [0.1, None, None]
+    assert text_cells(np.array([[1, 2], [3, 4]])) == ["[1 2]", "[3 4]"]
+    assert json_cells(np.array([[1.5, np.nan]])) == [[1.5, None]]
+    assert text_cells(np.zeros((2, 0))) == ["[]", "[]"]
+    assert text_cells(np.array([b"\x01\xff", b""], dtype=object)) == ["01ff", ""]

@@ -18,16 +18,17 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from tests.recorded import CALM, MISSION_TLOG
+from xitl_cli.logs import open_log
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.export.exporting import Exported, Wanted, export_log
-from xitl_cli.logs.export.naming import field_names, file_names, type_names
+from xitl_cli.logs.export.exporting import ExportResult, ExportSelection, export_log
+from xitl_cli.logs.export.files import file_names
+from xitl_cli.logs.export.mcap_export import field_names, type_names
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.table import Column, Table
 
 
-def exported(log: Log, out: Path, file_format: str = "csv", **wanted: Any) -> Exported:
-    return export_log(log, Wanted(tuple(log.tables.values()), **wanted), file_format, out, False)
+def exported(log: Log, out: Path, file_format: str = "csv", **wanted: Any) -> ExportResult:
+    return export_log(log, ExportSelection(tuple(log.tables.values()), **wanted), file_format, out, False)
 
 
 def read_csv(path: Path) -> dict[str, list[str]]:
@@ -204,7 +205,7 @@ def test_stamps_before_the_zero_are_told(tmp_path: Path) -> None:
 def test_a_real_log(tmp_path: Path, path: Path) -> None:
     with open_log(path) as log:
         looked_at = ("ATT", "GPS", "MSG", "ISBD", "FILE", "ATTITUDE", "STATUSTEXT", "RC_CHANNELS")
-        wanted = Wanted(tuple(log.tables[name] for name in looked_at if name in log.tables))
+        wanted = ExportSelection(tuple(log.tables[name] for name in looked_at if name in log.tables))
         export_log(log, wanted, "mcap", tmp_path / "out.mcap", False)
         export_log(log, wanted, "csv", tmp_path, False)
         told = read_mcap(tmp_path / "out.mcap")
@@ -223,7 +224,7 @@ def test_what_is_there_stays(tmp_path: Path) -> None:
         with pytest.raises(LogError, match=r"is there already; .*--overwrite"):
             exported(log, place, file_format)
         assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()} == before
-        export_log(log, Wanted(tuple(log.tables.values())), file_format, place, True)
+        export_log(log, ExportSelection(tuple(log.tables.values())), file_format, place, True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["KIND.csv", "columns.csv", "out.mcap"]
 
 
@@ -247,7 +248,7 @@ def test_the_log_is_not_written_over(tmp_path: Path) -> None:
     exported(MadeLog(every_kind()), path, "mcap")
     before = path.read_bytes()
     with open_log(path) as log, pytest.raises(LogError, match="is the log itself"):
-        export_log(log, Wanted(tuple(log.tables.values())), "mcap", path, True)
+        export_log(log, ExportSelection(tuple(log.tables.values())), "mcap", path, True)
     assert path.read_bytes() == before
 
 

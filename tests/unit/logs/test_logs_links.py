@@ -10,10 +10,10 @@ import pytest
 from made_log import MadeLog, MadeTable
 from recorded_run import recorded_run
 
+from xitl_cli.logs import open_log
 from xitl_cli.logs.analyses import faults, links, scheduler, time_bases
 from xitl_cli.logs.analyses.link_sequences import missing_frames
 from xitl_cli.logs.clocks.alignment import align_logs
-from xitl_cli.logs.opening import open_log
 from xitl_cli.logs.sections import Section, Severity
 
 SECOND = 1_000_000_000

@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from telemetry import START_US, frame, record
 
 from tests.recorded import LOGS, MISSION_TLOG
+from xitl_cli.logs import open_log
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.opening import open_log
 
 
 def attitudes(count: int, *, stamped: bool = True) -> bytes:
@@ -176,6 +176,6 @@ def test_any_bytes_are_opened_or_refused_in_a_sentence(tmp_path: Path, beginning
     with log:
         assert log.health.size_bytes == len(beginning + rest)
         for table in log.tables.values():
-            assert len(table.stamp_ns) == len(table.place)
+            assert len(table.stamp_ns) == len(table.file_offset)
             for column in table.columns:
                 assert len(table.values(column)) == len(table)

@@ -121,7 +121,7 @@ def test_every_missed_deadline_has_its_delay_and_company() -> None:
 
 
 def test_the_start_of_a_real_autopilot_is_seen() -> None:
-    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs import open_log
 
     with open_log(LINUX) as log:
         section = analyse(log)

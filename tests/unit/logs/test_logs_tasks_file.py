@@ -14,8 +14,8 @@ from agent.wire import dialect
 from xitl_cli.commands.logs import read_tasks
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses.tasks import analyse
-from xitl_cli.logs.tasks_file import TaskTime, counted, parse
-from xitl_cli.params.ftp import Files
+from xitl_cli.logs.system_files import TaskTime, parse_tasks, tasks_counted
+from xitl_cli.params.vehicle import VehicleFiles
 
 CAPTURED = Path(__file__).parents[2] / "data/captures/linux-tasks.txt"
 IDLE = "AP_GyroFFT::sample_gyros*        MIN=   0 MAX=   0 AVG=   0 OVR=  0 SLP=  0, TOT= 0.0%\n"
@@ -24,24 +24,24 @@ LATE = "GCS::update_send                 MIN=  12 MAX=9999 AVG=  40 OVR=  7 SLP=
 
 def test_a_real_file_is_read_to_the_last_task() -> None:
     text = CAPTURED.read_text()
-    tasks = parse(text)
+    tasks = parse_tasks(text)
     assert len(tasks) == len(text.splitlines()) - 1  # all but the header
-    assert counted(tasks)
+    assert tasks_counted(tasks)
     by_name = {task.name: task for task in tasks}
     assert by_name["Rover::ahrs_update"] == TaskTime("Rover::ahrs_update", False, 70, 218, 100, 0, 57.5)
     assert sum(task.share_percent for task in tasks) == pytest.approx(100.0, abs=0.05 * len(tasks))  # each rounded
 
 
 def test_fast_tasks_and_a_simulator_that_counts_nothing() -> None:
-    (task,) = parse("TasksV2\n" + IDLE)
+    (task,) = parse_tasks("TasksV2\n" + IDLE)
     assert (task.name, task.fast) == ("AP_GyroFFT::sample_gyros", True)
-    assert not counted([task])
+    assert not tasks_counted([task])
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.text(max_size=300))
 def test_whatever_it_holds_is_no_error(text: str) -> None:
-    for task in parse(f"TasksV2\n{text}\n{LATE}{text}"):
+    for task in parse_tasks(f"TasksV2\n{text}\n{LATE}{text}"):
         assert task.most_us >= 0
 
 
@@ -99,11 +99,11 @@ class _Vehicle:
 def test_fetching_waits_until_something_is_counted() -> None:
     whole = CAPTURED.read_bytes()
     vehicle = _Vehicle(b"TasksV2\n", b"TasksV2\n", whole)
-    assert read_tasks(Files(vehicle), "udp://it", again_s=0.0) == whole.decode()  # type: ignore[arg-type]
+    assert read_tasks(VehicleFiles(vehicle), "udp://it", again_s=0.0) == whole.decode()  # type: ignore[arg-type]
     assert vehicle.closed == 3
 
 
 def test_a_vehicle_that_never_counts_is_a_sentence() -> None:
     vehicle = _Vehicle(*[b"TasksV2\n"] * 20)
     with pytest.raises(UserError, match="SCHED_OPTIONS"):
-        read_tasks(Files(vehicle), "udp://it", again_s=0.0)  # type: ignore[arg-type]
+        read_tasks(VehicleFiles(vehicle), "udp://it", again_s=0.0)  # type: ignore[arg-type]

@@ -28,7 +28,7 @@ def everything(log: McapLog) -> Values:
     for name, table in log.tables.items():
         found[name] = {column: table.values(column) for column in table.columns}
         found[name]["stamp_ns"] = table.stamp_ns
-        assert (np.diff(table.place) > 0).all()
+        assert (np.diff(table.file_offset) > 0).all()
         assert all(len(values) == len(table) for values in found[name].values())
     assert log.base in ("simulation", "utc", "unknown")
     assert log.span_ns is None or log.span_ns[0] <= log.span_ns[1]

@@ -14,7 +14,7 @@ from mcap_ros_files import SCHEMAS, write
 from mcap_truth import is_equal, payloads_of, table_is_equal
 
 from xitl_cli.logs.formats.mcap.file import McapLog
-from xitl_cli.logs.log import Health
+from xitl_cli.logs.log import LogHealth
 from xitl_cli.logs.table import Column
 
 
@@ -47,7 +47,7 @@ def test_and_with_any_index_or_none(tmp_path: Path, recorded: Path, keep: dict[s
                 writer.add_message(channels[topic], stamp_ns, payload, stamp_ns)
         writer.finish()
     with McapLog(path) as log:
-        assert log.health == Health(path.stat().st_size, 360)
+        assert log.health == LogHealth(path.stat().st_size, 360)
         for topic, (name, text) in SCHEMAS.items():
             decode = generate_dynamic(name, text)[name]
             payloads = [payload for _, payload in payloads_of(recorded)[topic]]

@@ -16,7 +16,7 @@ from report_samples import AT_NS, HOSTILE, sample_report
 
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import Health
+from xitl_cli.logs.log import LogHealth
 from xitl_cli.logs.report import html
 from xitl_cli.logs.report.page import report_page
 from xitl_cli.logs.report.plots import json_text, plot_payload
@@ -127,7 +127,9 @@ def test_damage_and_refused_files_are_told(text: str) -> None:
 
 
 def test_a_whole_log_says_so() -> None:
-    assert "<strong>Whole</strong>: every record was read." in html.html(report_page(sample_report(Health(1000, 90))))
+    assert "<strong>Whole</strong>: every record was read." in html.html(
+        report_page(sample_report(LogHealth(1000, 90)))
+    )
 
 
 def test_an_earlier_page_is_replaced_and_no_scrap_is_left(tmp_path: Path) -> None:

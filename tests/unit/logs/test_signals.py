@@ -10,8 +10,7 @@ from pymavlink import DFReader, mavutil
 from recorded_run import recorded_run
 
 from tests.recorded import GUST, MISSION_TLOG
-from xitl_cli.logs import signals
-from xitl_cli.logs.opening import open_log
+from xitl_cli.logs import open_log, signals
 from xitl_cli.logs.signals.series import make_series
 
 

@@ -119,7 +119,7 @@ def test_a_batch_with_a_row_lost_is_left_out_and_counted():
     keep = np.ones(len(rows), dtype=bool)
     keep[40] = False
     columns = {name: rows.values(name)[keep] for name in rows.columns}
-    cut = MadeTable("ISBD", rows.stamp_ns[keep], columns, place=rows.place[keep])
+    cut = MadeTable("ISBD", rows.stamp_ns[keep], columns, place=rows.file_offset[keep])
     every = read_batches(MadeLog(heads, cut))
     assert (len(every.whole), every.broken) == (3, 1)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from agent.companion.clouds import Cloud, Clouds, cloud_messages
+from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.mapping import CloudMap
 from agent.companion.odometry import LidarOdometry
 from agent.wire import dialect
@@ -19,15 +19,16 @@ from tests.unit.companion import river_scans
 from xitl_cli.errors import UserError
 from xitl_cli.main import _app
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import FaultEvent
 
 CLOUDS = 25
 
 
 def recorded(path: Path) -> None:
     """A run whose companion got every cloud."""
-    recorder = Recorder(path, "lz4", motors=2)
+    recorder = Recorder(path, "lz4")
     rng, stands = np.random.default_rng(3), river_scans.poles()
-    wire, odometry, cloud_map = Clouds(), LidarOdometry(), CloudMap()
+    wire, odometry, cloud_map = CloudReassembler(), LidarOdometry(), CloudMap()
     zero = np.zeros((1, 3))
     for number in range(CLOUDS):
         stamp_ns = number * 100_000_000
@@ -37,10 +38,10 @@ def recorded(path: Path) -> None:
             recorder.truth(stamp_ns + 20_000_000 * step, motion, np.zeros((1, 2)))
         points, offset = river_scans.scan(stamp_ns * 1e-9, stands, rng)
         intensity = np.full(len(points), 40, np.uint8)
-        recorder.perception.cloud(stamp_ns, points, offset, intensity)
-        cloud = Cloud(dialect.XITL_CLOUD_KIND_LIDAR, number, stamp_ns, points, offset, intensity)
+        recorder.perception.lidar_points(stamp_ns, points, offset, intensity)
+        cloud = PointCloud(dialect.XITL_CLOUD_KIND_LIDAR, number, stamp_ns, points, offset, intensity)
         for message in cloud_messages(cloud):
-            for got in wire.take(message):
+            for got in wire.handle(message):
                 placed = odometry.register(got.stamp_ns, got.points_m, got.offset_s)
                 assert placed is not None
                 added = cloud_map.add(placed.pose_odom, placed.points_frd_m, got.intensity[placed.kept])
@@ -80,8 +81,8 @@ def test_it_is_said_to_a_person_too(run: Path, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_mapped_is_said(run: Path, tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "dry.mcap", "lz4", motors=2)
-    recorder.fault(1, "link-cut", active=True)
+    recorder = Recorder(tmp_path / "dry.mcap", "lz4")
+    recorder.write(1, FaultEvent("link-cut", active=True))
     recorder.close()
     with pytest.raises(UserError, match=r"dry.mcap: has no /lidar/points; record a run with sensors.lidar"):
         CliRunner().invoke(_app(["map"]), ["map", str(tmp_path / "dry.mcap")], catch_exceptions=False)

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from vehicle_double import VehicleDouble, over_tcp
 
-from xitl_cli.params import bring, script
+from agent.mavlink import parameters as protocol
+from xitl_cli.params import push as pushing
 from xitl_cli.params import vehicle as live
-from xitl_cli.params.check import Absent, Differs, findings
-from xitl_cli.params.renames import RENAMES, other_name
+from xitl_cli.params.check import RENAMES, AbsentParameter, DifferingParameter, check_parameters, other_name
 
 Params = Any  # of conftest.py: `xitl params ARGUMENTS`, in this process
 BOAT = {"WP_SPEED": 2.0, "WP_RADIUS": 2.0, "CRUISE_SPEED": 0.1, "GPS1_TYPE": 1.0, "ARMING_SKIPCHK": 0.0}
@@ -22,25 +22,25 @@ SCRIPTS = {"SCR_ENABLE": 0.0, "EAHRS_TYPE": 0.0}
 @pytest.fixture(autouse=True)
 def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "CONNECT_S", 0.8)
-    monkeypatch.setattr(live, "QUIET_S", 0.08)
+    monkeypatch.setattr(protocol, "QUIET_S", 0.08)
     monkeypatch.setattr(live, "ANSWER_S", 0.1)
     monkeypatch.setattr(live, "TRIES", 2)
 
 
 def test_what_is_as_it_should_be_is_counted_in_single_precision() -> None:
-    found = findings({"CRUISE_SPEED": 0.1, "WP_SPEED": 2.0}, {"CRUISE_SPEED": 0.10000000149, "WP_SPEED": 2.0})
+    found = check_parameters({"CRUISE_SPEED": 0.1, "WP_SPEED": 2.0}, {"CRUISE_SPEED": 0.10000000149, "WP_SPEED": 2.0})
     assert (found.same, found.fine) == (2, True)
 
 
 def test_what_differs_has_both_values() -> None:
-    assert findings({"WP_SPEED": 3.0}, BOAT).differs == (Differs("WP_SPEED", 3.0, 2.0),)
+    assert check_parameters({"WP_SPEED": 3.0}, BOAT).differs == (DifferingParameter("WP_SPEED", 3.0, 2.0),)
 
 
 def test_a_misspelt_name_gets_the_nearest() -> None:
-    (missing,) = findings({"WP_SPED": 3.0}, BOAT).absent
+    (missing,) = check_parameters({"WP_SPED": 3.0}, BOAT).absent
     assert missing.nearest[0] == "WP_SPEED"
     assert missing.sentence(str).startswith("this version has none; nearest: WP_SPEED")
-    (missing,) = findings({"ZZ_TOP": 3.0}, BOAT).absent
+    (missing,) = check_parameters({"ZZ_TOP": 3.0}, BOAT).absent
     assert missing.sentence(str) == "this version has none"
 
 
@@ -55,13 +55,13 @@ def test_a_misspelt_name_gets_the_nearest() -> None:
     ],
 )
 def test_a_name_of_another_version_is_known(wanted: str, present: dict[str, float], name: str) -> None:
-    (missing,) = findings({wanted: 1.0}, present).absent
+    (missing,) = check_parameters({wanted: 1.0}, present).absent
     assert missing.nearest == (name,)
     assert missing.sentence(str).startswith(f"this version has it as {name} = 1.0 (")
 
 
 def test_a_rename_whose_value_means_otherwise_says_so() -> None:
-    (missing,) = findings({"ARMING_CHECK": 1.0}, BOAT).absent
+    (missing,) = check_parameters({"ARMING_CHECK": 1.0}, BOAT).absent
     assert "1 becomes 0" in missing.sentence(str)
 
 
@@ -77,8 +77,8 @@ def test_renames_are_of_names_that_fit_the_wire() -> None:
 )
 def test_what_a_switch_hides_is_told_from_what_is_not_there(name: str, behind: str) -> None:
     wanted = {"SCR_ENABLE": 1.0, "SCR_SDEV_EN": 1.0, "EAHRS_TYPE": 1.0, name: 36.0}
-    assert Absent(name, 36.0, behind=behind) in findings(wanted, BOAT | SCRIPTS).absent
-    (missing,) = findings({"SCR_NO_SUCH": 1.0}, BOAT | {"SCR_ENABLE": 1.0, "SCR_HEAP_SIZE": 1.0}).absent
+    assert AbsentParameter(name, 36.0, behind=behind) in check_parameters(wanted, BOAT | SCRIPTS).absent
+    (missing,) = check_parameters({"SCR_NO_SUCH": 1.0}, BOAT | {"SCR_ENABLE": 1.0, "SCR_HEAP_SIZE": 1.0}).absent
     assert missing.behind == ""
 
 
@@ -200,9 +200,9 @@ class RestartingVehicle(VehicleDouble):
 
 @pytest.fixture
 def quick_restarts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(script, "SETTLE_S", 0.0)
-    monkeypatch.setattr(script, "RETRY_S", 0.5)
-    monkeypatch.setattr(script, "LOST_MS", 10_000.0)  # the double loses 200 s; an answer may be late
+    monkeypatch.setattr(pushing, "SETTLE_S", 0.0)
+    monkeypatch.setattr(pushing, "RETRY_S", 0.5)
+    monkeypatch.setattr(pushing, "LOST_MS", 10_000.0)  # the double loses 200 s; an answer may be late
 
 
 @pytest.mark.usefixtures("quick_restarts")
@@ -225,14 +225,14 @@ def test_a_vehicle_that_keeps_nothing_is_not_restarted_for_ever(params: Params, 
     double = RestartingVehicle(forgets=True)
     with over_tcp(double) as url:
         params("push", str(file), url, "--reboot")
-    assert double.restarts == bring.MOST_RESTARTS
+    assert double.restarts == pushing.MOST_RESTARTS
 
 
 @pytest.mark.usefixtures("quick_restarts")
 def test_a_restart_that_does_not_happen_is_noticed(
     params: Params, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(script, "RESTART_S", 0.3)
+    monkeypatch.setattr(pushing, "RESTART_S", 0.3)
     file = tmp_path / "speed.parm"
     file.write_text("WP_SPEED 1.5\n")
     with over_tcp(RestartingVehicle(deaf=True)) as url:

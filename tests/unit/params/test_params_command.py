@@ -14,10 +14,10 @@ from pymavlink.mavparm import MAVParmDict
 from vehicle_double import VehicleDouble, over_tcp, over_udp
 
 from agent.fcu.parameters import TABLE
+from agent.mavlink import parameters as protocol
+from agent.mavlink.parameters import as_float32
 from xitl_cli.params import vehicle as live
-from xitl_cli.params.compare import Difference, differences
-from xitl_cli.params.source import ParameterSet
-from xitl_cli.params.text import parm_text, shown, single
+from xitl_cli.params.values import ParameterDifference, ParameterSet, differences, format_value, parm_text
 
 Params = Callable[..., Any]
 
@@ -31,7 +31,7 @@ ROVER = {f"PAR_{number:03d}": number * 0.37 for number in range(150)} | {
 @pytest.fixture(autouse=True)
 def _patient_for_less(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live, "CONNECT_S", 0.8)
-    monkeypatch.setattr(live, "QUIET_S", 0.08)
+    monkeypatch.setattr(protocol, "QUIET_S", 0.08)
     monkeypatch.setattr(live, "ANSWER_S", 0.1)
 
 
@@ -77,14 +77,14 @@ def test_what_a_file_leaves_out_is_no_difference_but_a_name_that_does_not_exist_
 
 def test_values_are_compared_as_they_go_over_the_wire() -> None:
     one = ParameterSet("a", {"A": 0.1, "B": 16777217.0, "C": 1.0}, complete=True)
-    other = ParameterSet("b", {"A": single(0.1), "B": 16777216.0, "C": 1.0000002}, complete=True)
-    assert differences(one, other) == [Difference("C", 1.0, 1.0000002)]
+    other = ParameterSet("b", {"A": as_float32(0.1), "B": 16777216.0, "C": 1.0000002}, complete=True)
+    assert differences(one, other) == [ParameterDifference("C", 1.0, 1.0000002)]
 
 
 @pytest.mark.parametrize("value", [0.1, 1 / 3, 1e-9, 123456.789, 16777216.0, -0.0, 3.4e38])
 def test_a_value_is_written_so_that_it_comes_back(value: float) -> None:
-    assert single(float(shown(single(value)))) == single(value)
-    assert len(shown(single(0.1))) == 3
+    assert as_float32(float(format_value(as_float32(value)))) == as_float32(value)
+    assert len(format_value(as_float32(0.1))) == 3
 
 
 def test_a_written_file_reads_in_pymavlink(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from agent.fcu.parameters import parm_lines
 from xitl_cli.profile import load_profile
-from xitl_cli.run.nodes.autopilot_parameters import file_values
+from xitl_cli.run.links.setup import parameter_file_values
 from xitl_cli.shipped import firmware_params_dir
 
 FILES = sorted(firmware_params_dir().glob("rover-*.parm"))
@@ -53,7 +53,7 @@ def test_vessels_set_the_same_things() -> None:
 @pytest.mark.parametrize(("profile", "motors"), [("sitl-ardupilot", (73, 74)), ("sitl-ardupilot-steered", (70, 26))])
 def test_outputs_of_a_profile_are_those_of_its_frame(profile: str, motors: tuple[int, ...]) -> None:
     autopilot = load_profile(profile).runnable().autopilot
-    values, bridge = file_values(autopilot.parameter_files), autopilot.bridge
+    values, bridge = parameter_file_values(autopilot.parameter_files), autopilot.bridge
     for channel, function in zip(bridge.outputs, motors, strict=True):
         assert values[f"SERVO{channel}_FUNCTION"] == function
         assert values[f"SERVO{channel}_TRIM"] == bridge.trim_us
@@ -65,12 +65,12 @@ def test_the_gear_of_the_steered_vessel_turns_as_far_as_its_frame_says() -> None
     ready = load_profile("sitl-ardupilot-steered").runnable()
     gear = ready.vehicle.propellers[0].steering
     assert gear is not None
-    assert file_values(ready.autopilot.parameter_files)["MOT_VEC_ANGLEMAX"] == gear.max_angle_deg
+    assert parameter_file_values(ready.autopilot.parameter_files)["MOT_VEC_ANGLEMAX"] == gear.max_angle_deg
 
 
 @pytest.mark.parametrize("way", WAYS_IN)
 def test_no_check_before_arming_is_switched_off_for_good(way: str) -> None:
     """All of them (1), or named ones left out: never none at all (0)."""
-    values = file_values([way])
+    values = parameter_file_values([way])
     assert values.get("ARMING_CHECK", 1) != 0
     assert values.get("ARMING_REQUIRE", 1) == 1

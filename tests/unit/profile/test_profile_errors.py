@@ -431,7 +431,7 @@ def test_huge_numbers_are_refused(write: Write) -> None:
         (
             "calm",
             "environments/calm: is a part of a profile; a run also needs technique, site, vehicle, mission, driver, "
-            "autopilot, graph; `xitl profiles list` marks those that run",
+            "autopilot; `xitl profiles list` marks those that run",
         ),
     ],
 )

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from agent.companion.sonar import Ping
+from agent.companion.sonar import SonarPing
 from agent.wire import dialect as mav
-from xitl_cli.logs.opening import open_log
+from xitl_cli.logs import open_log
 from xitl_cli.mapping import clouds as recorded
-from xitl_cli.record.perception_schemas import COMPANION_COUNTS
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import CompanionMessage, FaultEvent
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.0, -5.0, -6.0]], np.float32)
 INTENSITY = np.array([7, 200], np.uint8)
@@ -32,8 +33,8 @@ def ros(path: Path) -> dict[str, list]:
 
 def test_topics_are_there_only_when_used(tmp_path: Path) -> None:
     for name, touch in (("one", False), ("two", True)):
-        recorder = Recorder(tmp_path / name, "lz4", motors=2)
-        recorder.fault(1, "x", active=True)
+        recorder = Recorder(tmp_path / name, "lz4")
+        recorder.write(1, FaultEvent("x", active=True))
         if touch:
             assert recorder.perception is recorder.perception
         recorder.close()
@@ -41,9 +42,9 @@ def test_topics_are_there_only_when_used(tmp_path: Path) -> None:
 
 
 def test_clouds_are_forward_left_up_with_their_fields(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
     offset = np.array([0.0, 0.05], np.float32)
-    recorder.perception.cloud(5_000_000_000, POINTS, offset, INTENSITY)
+    recorder.perception.lidar_points(5_000_000_000, POINTS, offset, INTENSITY)
     recorder.perception.sonar_points(6, POINTS, INTENSITY)
     recorder.perception.map_points(7, POINTS, INTENSITY, "sonar")
     recorder.perception.map_points(8, POINTS[:1], INTENSITY[:1], "lidar")
@@ -67,9 +68,10 @@ def test_clouds_are_forward_left_up_with_their_fields(tmp_path: Path) -> None:
 
 def test_pings_read_back(tmp_path: Path) -> None:
     pings = [
-        Ping(n, 10 + n, 399 - n, (0.5, 0.0, 0.4), 1e-5, 1480.0, np.arange(200 + n, dtype=np.uint8)) for n in range(3)
+        SonarPing(n, 10 + n, 399 - n, (0.5, 0.0, 0.4), 1e-5, 1480.0, np.arange(200 + n, dtype=np.uint8))
+        for n in range(3)
     ]
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
     for ping in pings:
         recorder.perception.ping(ping.stamp_ns, ping)
     recorder.close()
@@ -86,7 +88,7 @@ def test_pings_read_back(tmp_path: Path) -> None:
 def test_a_pose_is_turned_into_the_axes_that_are_drawn_and_back(tmp_path: Path) -> None:
     c, s = np.cos(0.3), np.sin(0.3)
     pose = np.array([[c, -s, 0, 1.0], [s, c, 0, 2.0], [0, 0, 1, 3.0], [0, 0, 0, 1]])  # turns right, seen from above
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
     recorder.perception.odometry(4, np.eye(4), np.zeros(3))
     recorder.perception.odometry(5, pose, np.array([1.0, 0.5, 0.25]))
     recorder.perception.odom_frame(5, np.zeros(3), np.array([1.0, 0, 0, 0]))
@@ -104,7 +106,7 @@ def test_a_pose_is_turned_into_the_axes_that_are_drawn_and_back(tmp_path: Path) 
 
 
 def test_bodies_contacts_obstacles_and_status_read_back(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
     perception = recorder.perception
     quat = np.array([[1.0, 0, 0, 0], [0, 0, 0, 1.0]])
     perception.bodies(1, ["trunk", "animal"], np.array([5.0, 1.2]), np.eye(3)[:2], quat, np.ones((2, 3)))
@@ -113,7 +115,8 @@ def test_bodies_contacts_obstacles_and_status_read_back(tmp_path: Path) -> None:
         9, [1.0, 2.0, 3.0], [0.1, 0.2, 0.3], [5.0, 0.5, 0.4], 0.7, 21.0, 2.5, 4, 33, 12
     )
     perception.obstacle(3, obstacle)
-    counts = range(1, 1 + len(COMPANION_COUNTS))
+    names = list(get_type_hints(CompanionMessage))[:13]
+    counts = range(1, 14)
     perception.companion(4, mav.MAVLink_xitl_companion_status_message(8, *counts, 0.25, 1))
     recorder.close()
     topics = ros(tmp_path / "run.mcap")
@@ -130,5 +133,5 @@ def test_bodies_contacts_obstacles_and_status_read_back(tmp_path: Path) -> None:
     assert (seen.id, seen.points, seen.hits, seen.seen_ns) == (4, 33, 12, 9000)
     assert (seen.range_m, seen.closing_speed_mps, seen.size_m[0]) == (21.0, 2.5, 5.0)
     _, status = topics["/companion/status"][0]
-    assert [getattr(status, name) for name in COMPANION_COUNTS] == list(counts)
+    assert [getattr(status, name) for name in names] == list(counts)
     assert (status.latency_s, status.manoeuvre) == (0.25, 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -18,18 +19,19 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.record.mcap_file import McapFile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import (
+from xitl_cli.record.topics import (
     ActuatorAge,
-    Clock,
-    Estimate,
+    BridgeCounts,
+    ClockExchange,
+    DeadlineMiss,
+    FaultEvent,
     LinkState,
-    Miss,
+    MotionEstimate,
     MotorCommand,
     NodeState,
-    Takeover,
-    Task,
+    TakeoverEvent,
+    TaskTiming,
 )
-from xitl_cli.record.schemas import BRIDGE_COUNTS
 
 
 def motion(north: float = 3.0) -> Kinematics:
@@ -51,14 +53,14 @@ def everything(recorder: Recorder, stamp_ns: int = 2_500_000_000) -> None:
     recorder.fix(stamp_ns, -8.8, -63.95, 70.0)
     recorder.environment(stamp_ns, np.array([0.5, 0.0, 0.0]), np.array([-3.0, 1.0, 0.0]), 0.07)
     recorder.estimate(
-        stamp_ns, Estimate(np.array([3.1, 4.0, -0.5]), np.zeros(3), motion().quat_ned_frd[0], np.zeros(3))
+        stamp_ns, MotionEstimate(np.array([3.1, 4.0, -0.5]), np.zeros(3), motion().quat_ned_frd[0], np.zeros(3))
     )
     recorder.actuators(stamp_ns, MotorCommand((0.3, -0.6), armed=True, failsafe=False, age_s=0.02))
     recorder.frame_sent(stamp_ns, b"\xfd123")
     recorder.frame_received(stamp_ns, b"\xfd45")
-    recorder.task(stamp_ns, Task("LC", "control", 50.0, 100, 2, 0.001, 0.0002, 0.0009))
-    recorder.clock(stamp_ns, Clock("LC", 7, 11, 12, 0.0005, 0.25, -3.5))
-    recorder.say(stamp_ns, 4, "autopilot", "GNSS lost")
+    recorder.write(stamp_ns, TaskTiming("LC", "control", 50.0, 100, 2, 0.001, 0.0002, 0.0009))
+    recorder.write(stamp_ns, ClockExchange("LC", 7, 11, 12, 0.0005, 0.25, -3.5))
+    recorder.log(stamp_ns, 4, "autopilot", "GNSS lost")
     recorder.flush_if_due()
 
 
@@ -78,7 +80,7 @@ class _Raw:
 
 
 def test_every_topic_reads_back_with_its_values(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
     everything(recorder)
     recorder.close()
     topics = read_all(tmp_path / "run.mcap")
@@ -108,27 +110,29 @@ def test_every_topic_reads_back_with_its_values(tmp_path: Path) -> None:
 
 
 def test_an_age_that_cannot_be_told_is_not_zero(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
     recorder.actuators(5, MotorCommand((0.0, 0.0), age_s=None))
     recorder.close()
     assert np.isnan(read_all(tmp_path / "run.mcap")["/actuators"][0][1].age_s)
 
 
 def test_what_a_board_and_its_link_report_reads_back(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2, links=("agent", "standby"))
+    recorder = Recorder(tmp_path / "run.mcap", "lz4", links=("agent", "standby"))
     histogram = tuple(range(16))
-    recorder.task(1, Task("LC", "control", 50.0, 9, 3, 0.1, 0.2, 0.3, 2, 0.05, 7, None, histogram, histogram[::-1]))
-    recorder.miss(2, Miss("LC", "control", 41, 10, 20, 30, 2))
-    recorder.clock(3, Clock("LC", 7, 11, 12, 0.5, 0.25, -3.5, 1e-6, 2e-4, 3e-4, 1))
-    recorder.link(4, LinkState("standby sensors", 10, 8, 2, 1, 3, 4, 5, 6, 7, 9, 0.001, 0.002, 0.003))
-    recorder.link(5, LinkState("actuators", 10, None))
-    recorder.actuator_age(6, ActuatorAge(100, 3, 2, 0.004, 0.005, 0.006))
-    recorder.node(
+    recorder.write(
+        1, TaskTiming("LC", "control", 50.0, 9, 3, 0.1, 0.2, 0.3, 2, 0.05, 7, None, histogram, histogram[::-1])
+    )
+    recorder.write(2, DeadlineMiss("LC", "control", 41, 10, 20, 30, 2))
+    recorder.write(3, ClockExchange("LC", 7, 11, 12, 0.5, 0.25, -3.5, 1e-6, 2e-4, 3e-4, 1))
+    recorder.write(4, LinkState("standby sensors", 10, 8, 2, 1, 3, 4, 5, 6, 7, 9, 0.001, 0.002, 0.003))
+    recorder.write(5, LinkState("actuators", 10, None))
+    recorder.write(6, ActuatorAge(100, 3, 2, 0.004, 0.005, 0.006))
+    recorder.write(
         7, NodeState("agent", "LS,LC,LA", "real", "BeagleBone", "6.1-rt", "1.2", 31.5, 8.0, 0.3, 51.0, True, "rt")
     )
-    recorder.node(8, NodeState("agent", "HC", "virtual", "x86_64", "6.1", "1.2"))
-    recorder.takeover(9, Takeover("agent", "standby", 0.31, 0.05))
-    recorder.fault(10, "link-cut", active=True)
+    recorder.write(8, NodeState("agent", "HC", "virtual", "x86_64", "6.1", "1.2"))
+    recorder.write(9, TakeoverEvent("agent", "standby", 0.31, 0.05))
+    recorder.write(10, FaultEvent("link-cut", active=True))
     recorder.frame_sent(11, b"\xfd1", link="standby")
     recorder.frame_received(12, b"\xfd2", link="standby", sent_ns=9)
     recorder.close()
@@ -168,17 +172,18 @@ def test_what_a_board_and_its_link_report_reads_back(tmp_path: Path) -> None:
 
 
 def test_the_counts_of_a_bridge_read_back_by_name(tmp_path: Path) -> None:
-    counts = {name: 10 + number for number, name in enumerate(BRIDGE_COUNTS)}
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
-    recorder.bridge(7, counts)
+    names = [field.name for field in fields(BridgeCounts)]
+    counts = {name: 10 + number for number, name in enumerate(names)}
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
+    recorder.write(7, BridgeCounts(**counts))
     recorder.close()
     ((stamp_ns, bridge),) = read_all(tmp_path / "run.mcap")["/bridge"]
     assert stamp_ns == 7
-    assert {name: getattr(bridge, name) for name in BRIDGE_COUNTS} == counts
+    assert {name: getattr(bridge, name) for name in names} == counts
 
 
 def test_a_frame_keeps_when_it_was_sent_beside_when_it_came(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.mcap", "lz4", motors=2)
+    recorder = Recorder(tmp_path / "run.mcap", "lz4")
     recorder.frame_received(50, b"\xfd1", sent_ns=20)
     recorder.frame_received(60, b"\xfd1", sent_ns=-5)  # sent before simulation time 0
     recorder.frame_received(70, b"\xfd1")

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from pymavlink import DFReader
 
-from agent.dataflash.format import header
-from agent.dataflash.messages import FORMATS
+from agent.fcu.dataflash.format import FORMATS, header
 from tests.recorded import CALM
 from xitl_cli.errors import UserError
 from xitl_cli.replay.csv_file import read_csv

@@ -8,6 +8,7 @@ import pytest
 
 from agent.wire.impaired import NO_FAULTS, LinkFaults
 from xitl_cli.profile.schema.faults import Fault
+from xitl_cli.record.topics import FaultEvent
 from xitl_cli.run.faults import Faults, FaultSchedule
 from xitl_cli.run.seeds import Seeds
 
@@ -19,10 +20,10 @@ class Recorder:
         self.faults: list[tuple[int, str, bool]] = []
         self.said: list[str] = []
 
-    def fault(self, stamp_ns: int, fault: str, active: bool) -> None:
-        self.faults.append((stamp_ns, fault, active))
+    def write(self, stamp_ns: int, event: FaultEvent) -> None:
+        self.faults.append((stamp_ns, event.fault, event.active))
 
-    def say(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
+    def log(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
         assert (severity, source) == (5, "run")
         self.said.append(text)
 

@@ -12,11 +12,12 @@ from rich.console import Console
 
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
-from xitl_cli.record.records import PaceReport, Task
+from xitl_cli.record.topics import TaskTiming
 from xitl_cli.run.loop import Ending
 from xitl_cli.run.nodes.bridge import AutopilotReport
 from xitl_cli.run.nodes.findings import NOTHING
 from xitl_cli.run.nodes.score import MissionScore
+from xitl_cli.run.pace import PaceReport
 from xitl_cli.run.pilot import (
     ActuatorReport,
     ClockReport,
@@ -63,8 +64,8 @@ def eventful() -> Outcome:
             LinkReport("standby sensors", 70_000, None, None, 0, 0),
         ],
         tasks=[
-            Task("PS1", "physics", 400.0, 80_000, 0, 0.00011, 0.00008, 0.0009),
-            Task("LC", "control", 50.0, 1000, 2, 0.0005, 6e-5, 0.0004, 1, 4e-5, 31_000_000_000, 5, bins, bins),
+            TaskTiming("PS1", "physics", 400.0, 80_000, 0, 0.00011, 0.00008, 0.0009),
+            TaskTiming("LC", "control", 50.0, 1000, 2, 0.0005, 6e-5, 0.0004, 1, 4e-5, 31_000_000_000, 5, bins, bins),
         ],
         clocks=[
             ClockReport("PS1", None, None, slope_s=0.0025, slope_std_s=1e-6),
@@ -142,9 +143,9 @@ def test_quantiles_of_bins_never_exceed_the_maximum() -> None:
     last = (0,) * 15 + (4,)
     one = (4,) + (0,) * 15
     tasks = [
-        Task("LC", "a", 1.0, 4, 0, start_jitter_max_s=1.0, start_histogram=last),
-        Task("LC", "b", 1.0, 4, 0, start_jitter_max_s=1e-6, start_histogram=one),
-        Task("LC", "c", 1.0, 0, 0, start_histogram=(0,) * 16),
+        TaskTiming("LC", "a", 1.0, 4, 0, start_jitter_max_s=1.0, start_histogram=last),
+        TaskTiming("LC", "b", 1.0, 4, 0, start_jitter_max_s=1e-6, start_histogram=one),
+        TaskTiming("LC", "c", 1.0, 0, 0, start_histogram=(0,) * 16),
     ]
     summary = summary_of(load_profile("hitl-beaglebone").runnable(), outcome(tasks=tasks))
     assert [task["start_jitter_p99_us"] for task in summary["tasks"]] == [1e6, 1.0, None]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from lidar_scenes import PlaneCaster, moving
 
-from agent.companion.clouds import Cloud, Clouds
+from agent.companion.clouds import CloudReassembler, PointCloud
 from sim_core.environment.environment import Environment
 from sim_core.environment.water import Water
 from sim_core.sensors.lidar import Lidar
@@ -32,20 +32,20 @@ class Kept:
         self.clouds.append((stamp_ns, points, offset_s, intensity))
 
 
-def run(steps: int, latency_s: float = 0.0) -> tuple[list[tuple[int, Cloud]], Kept, LidarInstrument, PlaneCaster]:
+def run(steps: int, latency_s: float = 0.0) -> tuple[list[tuple[int, PointCloud]], Kept, LidarInstrument, PlaneCaster]:
     """Clouds as a companion gets them, with the instants."""
     caster = PlaneCaster((1.0, 0.0, 0.0), 40.0)
     instrument = LidarInstrument(
         Lidar(), caster, SIMULATION, every=40, latency_ns=round(latency_s * 1e9), rng=np.random.default_rng(5)
     )
-    kept, clouds, came = Kept(), Clouds(), []
+    kept, clouds, came = Kept(), CloudReassembler(), []
     instrument.begin(kept)
     track = moving(velocity_ned_mps=(2.0, 0.0, 0.0), turning_degps=(0.0, 0.0, 10.0), steps=steps)
     for step in range(1, steps + 1):
         motion: Any = SimpleNamespace(pos_ned_m=track.pos_ned_m[step, None], rot_ned_frd=track.rot_ned_frd[step, None])
         state: Any = SimpleNamespace(afloat=STILL, time_ns=step * STEP_NS)
         for message in instrument.look(step, step * STEP_NS, state, motion):
-            came += [(step * STEP_NS, cloud) for cloud in clouds.take(message)]
+            came += [(step * STEP_NS, cloud) for cloud in clouds.handle(message)]
     instrument.close()
     return came, kept, instrument, caster
 

@@ -135,7 +135,7 @@ def senders(log: Log) -> list[Sender]:
         for who in np.unique(system * 256 + component).tolist():
             mine = system * 256 + component == who
             key = (who // 256, who % 256)
-            parts.setdefault(key, []).append((table.place[mine], table.stamp_ns[mine], sequence[mine]))
+            parts.setdefault(key, []).append((table.file_offset[mine], table.stamp_ns[mine], sequence[mine]))
     found = []
     for (system_id, component_id), tables in parts.items():
         place, stamps, sequence = (np.concatenate(each) for each in zip(*tables, strict=True))

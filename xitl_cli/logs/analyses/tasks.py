@@ -9,7 +9,15 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, Value, make_grid, rounded
 from xitl_cli.logs.signals.deadlines import TaskTotal, clock_stood_still, simulated_clock_reason, task_totals
-from xitl_cli.logs.tasks_file import MOST_BYTES, MOST_OVERRUNS, MOST_US, PATH, TaskTime, counted, parse
+from xitl_cli.logs.system_files import (
+    MOST_OVERRUNS,
+    MOST_US,
+    TASKS_MOST_BYTES,
+    TASKS_PATH,
+    TaskTime,
+    parse_tasks,
+    tasks_counted,
+)
 
 FILE_NAME = "tasks.txt"
 NAMED = 5
@@ -39,7 +47,7 @@ def analyse(log: Log) -> Section | None:
         grids.append(_own_grid(own, clock))
     if found is not None:
         times, source = found
-        if counted(times):
+        if tasks_counted(times):
             facts += _file_facts(times)
             findings += _file_findings(times, source)
             grids.append(_file_grid(times, source))
@@ -52,7 +60,7 @@ def analyse(log: Log) -> Section | None:
 def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
     """The tasks and where they are from: the log itself, else a file beside it. None where there is none."""
     for text, source in (*_embedded(log), *_beside(log.path)):
-        tasks = parse(text)
+        tasks = parse_tasks(text)
         if tasks:
             return tasks, source
     return None
@@ -61,11 +69,11 @@ def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
 def _embedded(log: Log) -> list[tuple[str, str]]:
     if log.format != "dataflash" or "FILE" not in log.tables:
         return []
-    from xitl_cli.logs.formats.dataflash.embedded import files
+    from xitl_cli.logs.system_files import embedded_contents
 
     return [
-        (bytes(content[:MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")
-        for name, content in files(log).items()
+        (bytes(content[:TASKS_MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")
+        for name, content in embedded_contents(log).items()
         if Path(name).name == FILE_NAME
     ]
 
@@ -80,7 +88,7 @@ def _beside(path: Path) -> list[tuple[str, str]]:
     ):
         try:
             with candidate.open("rb") as file:
-                found.append((file.read(MOST_BYTES).decode("utf-8", "replace"), candidate.name))
+                found.append((file.read(TASKS_MOST_BYTES).decode("utf-8", "replace"), candidate.name))
         except OSError:
             continue
     return found
@@ -176,5 +184,5 @@ def _file_grid(times: list[TaskTime], source: str) -> Grid:
     ]
     columns = ("task", "every loop", "of all tasks (%)", "mean (us)", "longest (us)", "shortest (us)", "overruns")
     return make_grid(
-        "task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({PATH})", columns, rows
+        "task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({TASKS_PATH})", columns, rows
     )

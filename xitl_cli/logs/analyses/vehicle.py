@@ -10,7 +10,6 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value, rounded
 from xitl_cli.logs.signals.states import (
     autopilot_heartbeats,
@@ -106,7 +105,7 @@ def _mav_type(log: Log) -> str | None:
 def _times(log: Log, clock: LogClock) -> Iterator[Fact]:
     length_s = (clock.end_ns - clock.start_ns) * 1e-9
     yield Fact("duration_s", "Duration", rounded(length_s, 1), "s")
-    if log.base == "boot" and not zero_ns(log):
+    if log.base == "boot" and not log.zero_ns:
         yield Fact("uptime_start_s", "Uptime at the start", rounded(clock.start_ns * 1e-9, 1), "s")
         yield Fact("uptime_end_s", "Uptime at the end", rounded(clock.end_ns * 1e-9, 1), "s")
     start, source = _utc_at_start(log, clock)

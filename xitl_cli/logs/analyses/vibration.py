@@ -56,7 +56,7 @@ def read_batches(log: Log) -> SampleBatches:
     if number is None or seqno is None or any(values is None for values in head.values()):
         return SampleBatches((), 0)
     # Numbers go round after 65536: rows of a header are those after it in the file and before the next of its number.
-    places, head_places = rows.place, heads.place
+    places, head_places = rows.file_offset, heads.file_offset
     found: list[SampleBatch] = []
     broken = 0
     chosen = np.unique(np.linspace(0, len(heads) - 1, min(len(heads), _MOST_BATCHES)).astype(np.intp))

@@ -368,7 +368,7 @@ def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
     for link, table in _booted(log):
         for system, mine in _by_system(table):
             boot_ns = _whole(mine, "time_boot_ms") * 1_000_000
-            parts.setdefault((link, system), []).append((boot_ns, mine.stamp_ns, mine.place))
+            parts.setdefault((link, system), []).append((boot_ns, mine.stamp_ns, mine.file_offset))
     for (link, system), found in sorted(parts.items()):
         boot_ns, at_ns, place = (np.concatenate(each) for each in zip(*found, strict=True))
         order = np.argsort(place, kind="stable")

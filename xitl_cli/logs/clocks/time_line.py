@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.logs.log import Base, Format, Health, Log
-from xitl_cli.logs.query.times import zero_ns
+from xitl_cli.logs.log import Base, Log, LogHealth
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import armed
 from xitl_cli.logs.table import Floats, Stamps, Table
@@ -129,20 +127,13 @@ class TimeLine:
         return float(self.seconds(np.array([within], dtype=np.int64))[0])
 
 
-class AlignedLog:
+class AlignedLog(Log):
     """The log, its stamps as they are, that knows how they lie on the time line of the report."""
 
     def __init__(self, log: Log, time_line: TimeLine) -> None:
         self.inner = log
+        self.path, self.format = log.path, log.format
         self.time_line = time_line
-
-    @property
-    def path(self) -> Path:
-        return self.inner.path
-
-    @property
-    def format(self) -> Format:
-        return self.inner.format
 
     @property
     def base(self) -> Base:
@@ -157,7 +148,7 @@ class AlignedLog:
         return self.inner.span_ns
 
     @property
-    def health(self) -> Health:
+    def health(self) -> LogHealth:
         return self.inner.health
 
     @property
@@ -166,12 +157,6 @@ class AlignedLog:
 
     def close(self) -> None:
         self.inner.close()
-
-    def __enter__(self) -> Log:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class LogClock:
@@ -183,7 +168,7 @@ class LogClock:
     def __init__(self, log: Log) -> None:
         self.start_ns, self.end_ns = log.span_ns or (0, 0)
         self.armed = [(span.from_ns, span.until_ns) for span in armed(log)]
-        self._line = log.time_line if isinstance(log, AlignedLog) else TimeLine(zero_ns(log))
+        self._line = log.time_line if isinstance(log, AlignedLog) else TimeLine(log.zero_ns)
 
     def second(self, at_ns: int) -> float:
         """For tables and facts, to a millisecond."""

@@ -1,4 +1,4 @@
-"""Which files an export makes, and what is said of it."""
+"""The files that an export makes, their names, and what is reported of them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.export.csv_files import COLUMNS_FILE, write_columns, write_csv
-from xitl_cli.logs.export.flat import FlatColumn, stretches
-from xitl_cli.logs.export.naming import file_names
-from xitl_cli.logs.export.safe_file import make_directory, part_of, refuse_present
+from xitl_cli.logs.export.files import file_names, make_directory, part_of, refuse_present
+from xitl_cli.logs.export.tabular import COLUMNS_FILE, FlatColumn, stretches, write_columns, write_csv
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query.merged import inside, rows_at_once
-from xitl_cli.logs.query.times import zero_in_words, zero_ns
+from xitl_cli.logs.query import inside, rows_at_once
 from xitl_cli.logs.report.wording import plural
 from xitl_cli.logs.table import Table
 
@@ -25,7 +22,7 @@ FORMATS = ("csv", "parquet", "mcap")
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class ExportSelection:
     """from_ns, until_ns: stamps, both included; None: no limit."""
 
     tables: tuple[Table, ...]
@@ -35,7 +32,7 @@ class Wanted:
 
 
 @dataclass(frozen=True, slots=True)
-class Exported:
+class ExportResult:
     """notes: whatever of the log is not in the files as it is in the log, a sentence each."""
 
     files: tuple[str, ...]
@@ -47,7 +44,7 @@ class Exported:
         return asdict(self)
 
 
-def export_log(log: Log, wanted: Wanted, file_format: str, out: Path | None, overwrite: bool) -> Exported:
+def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | None, overwrite: bool) -> ExportResult:
     """Raises LogError for a format that is none, a place that takes no files, and a file that is there already."""
     if file_format not in FORMATS:
         raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join(FORMATS)}")
@@ -56,7 +53,7 @@ def export_log(log: Log, wanted: Wanted, file_format: str, out: Path | None, ove
     return _as_files(log, wanted, file_format, out or Path(f"{log.path.stem}-{file_format}"), overwrite)
 
 
-def _as_mcap(log: Log, wanted: Wanted, out: Path | None, overwrite: bool) -> Exported:
+def _as_mcap(log: Log, wanted: ExportSelection, out: Path | None, overwrite: bool) -> ExportResult:
     from xitl_cli.logs.export.mcap_export import write_mcap
 
     path = out or Path(f"{log.path.stem}-export.mcap")
@@ -68,10 +65,10 @@ def _as_mcap(log: Log, wanted: Wanted, out: Path | None, overwrite: bool) -> Exp
     with part_of(path, overwrite) as part:
         rows, early = write_mcap(part, log, wanted.tables, (wanted.from_ns, wanted.until_ns), wanted.raw)
     notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
-    return Exported((str(path),), rows, f"{path}: {_of(rows, wanted)}", notes)
+    return ExportResult((str(path),), rows, f"{path}: {_of(rows, wanted)}", notes)
 
 
-def _as_files(log: Log, wanted: Wanted, file_format: str, directory: Path, overwrite: bool) -> Exported:
+def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Path, overwrite: bool) -> ExportResult:
     write = _writer(file_format)
     reserved = (COLUMNS_FILE.removesuffix(".csv"),)
     names = {
@@ -82,7 +79,7 @@ def _as_files(log: Log, wanted: Wanted, file_format: str, directory: Path, overw
     _refuse_itself(log, paths)
     make_directory(directory)
     refuse_present([*paths, *also], overwrite)
-    utc, zero, rows_written = log.base == "utc", zero_ns(log), 0
+    utc, zero, rows_written = log.base == "utc", log.zero_ns, 0
     notes: list[str] = []
     described: list[tuple[str, str, list[FlatColumn]]] = []
     for table, path in zip(wanted.tables, paths, strict=True):
@@ -98,8 +95,8 @@ def _as_files(log: Log, wanted: Wanted, file_format: str, directory: Path, overw
         with part_of(path, overwrite) as part:
             write_columns(part, described, wanted.raw)
     what = f"{_of(rows_written, wanted)}, a file each"
-    sentence = f"{directory}: {what}; time_s counts seconds since {zero_in_words(log)}"
-    return Exported(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
+    sentence = f"{directory}: {what}; time_s counts seconds since {log.zero_in_words}"
+    return ExportResult(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
 
 
 _Writer = Callable[[Path, Table, list[NDArray[np.intp]], int, bool, bool], tuple[list[FlatColumn], list[str]]]
@@ -108,7 +105,7 @@ _Writer = Callable[[Path, Table, list[NDArray[np.intp]], int, bool, bool], tuple
 def _writer(file_format: str) -> _Writer:
     if file_format == "csv":
         return write_csv
-    from xitl_cli.logs.export.parquet_files import require_parquet, write_parquet
+    from xitl_cli.logs.export.tabular import require_parquet, write_parquet
 
     require_parquet()
     return write_parquet
@@ -121,5 +118,5 @@ def _refuse_itself(log: Log, paths: list[Path]) -> None:
             raise LogError(f"{path}: is the log itself; choose another place with --out")
 
 
-def _of(rows: int, wanted: Wanted) -> str:
+def _of(rows: int, wanted: ExportSelection) -> str:
     return f"{plural(rows, 'row')} of {plural(len(wanted.tables), 'message')}"

@@ -1,22 +1,156 @@
-"""One MCAP of ROS 2 messages, a topic a message, in the order of the log.
+"""One MCAP of ROS 2 messages (CDR), a topic a message, in the order of the log.
 
-A message with much to say in a batch gets chunks of its own, as in a recording: a reader of one topic unpacks little.
+Each message gets a definition of its own: names and units of the log stand in its comments. A message with much to say
+in a batch gets chunks of its own, as in a recording: a reader of one topic unpacks little.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from xitl_cli.logs.export.naming import type_names
-from xitl_cli.logs.export.ros_message import RosMessage
+from xitl_cli.logs.export.files import unique_names
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query.merged import merged, rows_at_once
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.query import merged, rows_at_once
+from xitl_cli.logs.table import Column, Table
+
+_HEADER = b"\x00\x01\x00\x00"  # CDR, little-endian
+_TYPES = {
+    "b1": "uint8",
+    "i1": "int8",
+    "u1": "uint8",
+    "i2": "int16",
+    "u2": "uint16",
+    "i4": "int32",
+    "u4": "uint32",
+    "i8": "int64",
+    "u8": "uint64",
+    "f4": "float32",
+    "f8": "float64",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    """count: of a fixed array; None for a single number; -1 for a sequence."""
+
+    name: str
+    column: Column
+    dtype: np.dtype[Any]
+    count: int | None
+
+    @property
+    def declared(self) -> str:
+        if self.column.kind == "text":
+            return "string"
+        if self.column.kind == "bytes":
+            return "uint8[]"
+        suffix = "" if self.count is None else "[]" if self.count < 0 else f"[{self.count}]"
+        return _TYPES[self.dtype.str[1:]] + suffix
+
+
+class RosMessage:
+    """Of a table that has rows. definition: in ros2msg."""
+
+    def __init__(self, table: Table, raw: bool) -> None:
+        self._table, self._raw = table, raw
+        names = field_names(table.columns)
+        self._fields = [self._field(column, names[column.name]) for column in table.columns.values()]
+        self.definition = "".join(
+            f"{field.declared} {field.name}  # {self._said(field.column)}\n" for field in self._fields
+        )
+
+    def payloads(self, rows: NDArray[np.intp]) -> Iterator[bytes]:
+        """One a row."""
+        values = [self._values(field, rows) for field in self._fields]
+        if all(field.column.kind == "number" and field.count != -1 for field in self._fields):
+            return self._fixed(values, len(rows))
+        return self._varying(values, len(rows))
+
+    def _fixed(self, values: Sequence[NDArray[Any]], count: int) -> Iterator[bytes]:
+        names, formats, offsets, size = [], [], [], 0
+        for field in self._fields:
+            size += -size % field.dtype.itemsize
+            names.append(field.name)
+            formats.append((field.dtype, () if field.count is None else (field.count,)))
+            offsets.append(len(_HEADER) + size)
+            size += field.dtype.itemsize * (1 if field.count is None else field.count)
+        layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(_HEADER) + size})
+        packed = np.zeros(count, dtype=layout)
+        for name, column in zip(names, values, strict=True):
+            packed[name] = column
+        packed.view(np.uint8).reshape(count, layout.itemsize)[:, :4] = np.frombuffer(_HEADER, np.uint8)
+        data = packed.tobytes()
+        return (data[at : at + layout.itemsize] for at in range(0, len(data), layout.itemsize))
+
+    def _varying(self, values: Sequence[NDArray[Any]], count: int) -> Iterator[bytes]:
+        for row in range(count):
+            payload = bytearray(_HEADER)
+            for field, column in zip(self._fields, values, strict=True):
+                _append(payload, field, column[row])
+            yield bytes(payload)
+
+    def _field(self, column: Column, name: str) -> _Field:
+        if column.kind != "number":
+            return _Field(name, column, np.dtype("u1"), None)
+        one = self._table.values(column.name, slice(0, 1), raw=self._raw)
+        dtype = np.dtype(np.float32) if one.dtype == np.float16 else one.dtype.newbyteorder("<")
+        if not column.shape:
+            return _Field(name, column, dtype, None)
+        return _Field(name, column, dtype, -1 if -1 in column.shape else int(np.prod(column.shape)))
+
+    def _values(self, field: _Field, rows: NDArray[np.intp]) -> NDArray[Any]:
+        values = self._table.values(field.column.name, rows, raw=self._raw)
+        if field.count is not None and len(values):
+            values = values.reshape(len(values), -1)
+        return values if field.column.kind != "number" else values.astype(field.dtype)
+
+    def _said(self, column: Column) -> str:
+        unit = column.raw_unit if self._raw else column.unit
+        said = f"{column.name}, {unit}" if unit else column.name
+        return said.replace("\n", " ")
+
+
+def _append(payload: bytearray, field: _Field, value: Any) -> None:
+    if field.column.kind == "text":
+        text = str(value).replace("\0", "").encode("utf-8", errors="replace")
+        _pad(payload, 4)
+        payload += struct.pack("<I", len(text) + 1) + text + b"\0"
+    elif field.column.kind == "bytes":
+        data = bytes(value)
+        _pad(payload, 4)
+        payload += struct.pack("<I", len(data)) + data
+    elif field.count is None or field.count >= 0:
+        _pad(payload, field.dtype.itemsize)
+        payload += value.tobytes()
+    else:
+        items = value[: _used(value)]
+        _pad(payload, 4)
+        payload += struct.pack("<I", len(items))
+        if len(items):
+            _pad(payload, field.dtype.itemsize)
+            payload += items.tobytes()
+
+
+def _pad(payload: bytearray, size: int) -> None:
+    payload += bytes(-(len(payload) - len(_HEADER)) % size)
+
+
+def _used(value: NDArray[Any]) -> int:
+    """Without the NaN that stands behind a row shorter than others."""
+    if value.dtype.kind != "f":
+        return len(value)
+    there = np.flatnonzero(~np.isnan(value))
+    return int(there[-1]) + 1 if len(there) else 0
+
 
 _CHUNK_BYTES = 1 << 20
 _APART_BYTES = 32 << 10
@@ -68,3 +202,24 @@ def write_mcap(
 
 def _topic(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
+
+
+def field_names(columns: Iterable[str]) -> dict[str, str]:
+    """As ROS 2 wants them, of small letters, digits and single underscores: "GyrX" → "gyrx", "pose.x" → "pose_x"."""
+
+    def named(column: str) -> str:
+        name = re.sub(r"[^a-z0-9]+", "_", column.lower()).strip("_")
+        return name if name[:1].isalpha() else f"f_{name}".rstrip("_")
+
+    return unique_names(columns, named)
+
+
+def type_names(messages: Iterable[str]) -> dict[str, str]:
+    """Of letters and digits, with a capital first: "GPS_RAW_INT" → "GpsRawInt", "ATT" → "ATT"."""
+
+    def named(message: str) -> str:
+        parts = re.findall(r"[A-Za-z0-9]+", message)
+        name = parts[0] if len(parts) == 1 else "".join(part.capitalize() for part in parts)
+        return name[0].upper() + name[1:] if name[:1].isalpha() else f"M{name}"
+
+    return unique_names(messages, named, joined="")

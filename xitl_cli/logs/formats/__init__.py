@@ -1,1 +1,146 @@
-"""Readers of the three log formats. Each gives tables with the attributes of `logs/table.py`."""
+"""The log formats: `open_log` tells them apart by what is in a file, not by its name."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from xitl_cli.logs.errors import LogError
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.log import Log
+
+_LOOKED_AT_BYTES = 64 << 10
+_DATAFLASH_START = b"\xa3\x95"
+_DATAFLASH_OWN_FORMAT = b"\xa3\x95\x80\x80\x59FMT\0"
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+
+_OTHERS: tuple[tuple[bytes, str], ...] = (
+    (b"FMT, ", "a DataFlash log as text; give the .bin itself, as the autopilot wrote it"),
+    (b"ULog\x01\x12\x35", "a ULog of PX4, which is not read here; look at it with pyulog or PlotJuggler"),
+    (b"#ROSBAG V2.0", "a ROS 1 bag; convert it with `mcap convert FILE.bag FILE.mcap`"),
+    (b"SQLite format 3\0", "an SQLite database, as ROS 2 bags were; convert it with `mcap convert FILE.db3 FILE.mcap`"),
+    (b"\x1f\x8b", "packed with gzip; unpack it with `gunzip` and give what comes out"),
+    (b"PK\x03\x04", "a ZIP archive; unpack it and give the log inside"),
+    (b"\x28\xb5\x2f\xfd", "packed with Zstandard; unpack it with `unzstd` and give what comes out"),
+    (b"\xfd7zXZ\0", "packed with xz; unpack it with `unxz` and give what comes out"),
+    (b"BZh", "packed with bzip2; unpack it with `bunzip2` and give what comes out"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive; unpack it and give the log inside"),
+    (b"\xd4\xc3\xb2\xa1", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
+    (b"\xa1\xb2\xc3\xd4", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
+    (b"\x4d\x3c\xb2\xa1", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
+    (b"\x0a\x0d\x0d\x0a", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
+)
+"""How a file begins that is something else, and what to do with it."""
+
+_ENDINGS = (".mcap", ".bin", ".tlog")
+_WANTED = "give a DataFlash .bin, a .tlog or an .mcap"
+
+
+def open_log(path: str | Path) -> Log:
+    """The log at `path`; damaged ones too, their `health` says how much of them is left.
+
+    Raises LogError when there is no file, when it cannot be read, and when it is no log.
+    """
+    path = Path(path)
+    head, size = _head(path)
+    try:
+        if head.startswith(_MCAP_MAGIC):
+            from xitl_cli.logs.formats.mcap.file import McapLog
+
+            return McapLog(path)
+        if head.startswith(_DATAFLASH_START):
+            return _dataflash(path)
+        other = next((what for magic, what in _OTHERS if head.startswith(magic)), None)
+        if other is not None:
+            raise LogError(f"{path}: is {other}")
+        if _is_telemetry(head, size):
+            from xitl_cli.logs.formats.tlog.file import TelemetryLog
+
+            return TelemetryLog(path)
+        if _DATAFLASH_OWN_FORMAT in head:  # only now: an archive or a telemetry log may hold one of these
+            return _dataflash(path)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    raise LogError(f"{path}: is no log: {_looks_like(head)}; {_WANTED}")
+
+
+def _dataflash(path: Path) -> Log:
+    from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+
+    return DataFlashLog(path)
+
+
+def _head(path: Path) -> tuple[bytes, int]:
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise LogError(f"{path}: is a directory; {_inside(path)}")
+        if not stat.S_ISREG(mode):  # a pipe would wait for its writer
+            raise LogError(f"{path}: is no regular file; save what comes from it to a file and give that")
+        with path.open("rb") as file:
+            head = file.read(_LOOKED_AT_BYTES)
+            size = path.stat().st_size
+    except FileNotFoundError as error:
+        raise LogError(f"{path}: there is no such file; {_WANTED}") from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise _unreadable(path, error) from error
+    if not head:
+        raise LogError(f"{path}: is empty: whatever was to write it has written nothing; {_WANTED}")
+    return head, size
+
+
+def _unreadable(path: Path, error: OSError | ValueError) -> LogError:
+    reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return LogError(f"{path}: cannot be read ({reason}); check the path and its permissions")
+
+
+def _inside(directory: Path) -> str:
+    try:
+        names = sorted(
+            entry.name for entry in directory.iterdir() if entry.suffix.lower() in (".mcap", ".bin", ".tlog")
+        )
+    except OSError:
+        names = []
+    if not names:
+        return _WANTED
+    return f"give a file of it, such as {directory / next((n for n in names if n == 'run.mcap'), names[0])}"
+
+
+def _is_telemetry(head: bytes, size: int) -> bool:
+    """Two records that check out, or one and nothing else."""
+    import numpy as np
+
+    from xitl_cli.logs.formats.tlog.file import index_frames
+
+    if not any(magic in head for magic in (b"\xfd", b"\xfe")):
+        return False
+    found = index_frames(np.frombuffer(head, dtype=np.uint8))
+    if len(found.start) >= 2:
+        return bool(found.stamped.any())
+    return len(found.start) == 1 and int(found.start[0]) == 8 and len(head) == size
+
+
+def _looks_like(head: bytes) -> str:
+    if head[:1] in (b"\xfd", b"\xfe") and _is_bare_mavlink(head):
+        return "it holds MAVLink without the time stamps of a .tlog"
+    if not head.strip(b"\0"):
+        return "it begins with nothing but zeros, as after a crash of the file system or a full disk"
+    try:
+        text = head[:4096].decode("utf-8", errors="strict" if len(head) < 4096 else "ignore")
+    except UnicodeDecodeError:
+        text = "\0"
+    if text and all(character.isprintable() or character in "\t\r\n" for character in text):
+        first = text.strip().split("\n", 1)[0].strip()
+        return f"it is text that begins with {first[:40]!r}"
+    return f"it begins with {' '.join(f'{byte:02x}' for byte in head[:8])}"
+
+
+def _is_bare_mavlink(head: bytes) -> bool:
+    import numpy as np
+
+    from xitl_cli.logs.formats.tlog.frames import intact, parse_headers
+
+    data = np.frombuffer(head, dtype=np.uint8)
+    return bool(intact(data, parse_headers(data, np.array([0], dtype=np.int64)))[0])

@@ -17,14 +17,13 @@ from xitl_cli.logs.analyses.catalogue import AnalysisFailure, analysis_failure
 from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query.names import match
-from xitl_cli.logs.query.times import zero_ns
 from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
 from xitl_cli.logs.report.plots import thin
 from xitl_cli.logs.report.wording import vehicle_line
 from xitl_cli.logs.sections import Mark, Plot, Section, Trace
 from xitl_cli.logs.signals import Series, StateSpan
 from xitl_cli.logs.table import Floats, Stamps
+from xitl_cli.logs.text import resolve_name
 
 _MOST_TRACK_POINTS = 3000
 _MOST_WAYPOINTS = 500
@@ -243,7 +242,7 @@ def build_report(paths: Sequence[Path], only: Collection[str] = (), told: Progre
 
 def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[RefusedFile]]:
     """In their order; a file that was given twice is opened once."""
-    from xitl_cli.logs.opening import open_log
+    from xitl_cli.logs import open_log
 
     logs: list[Log] = []
     refusals = []
@@ -258,14 +257,14 @@ def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[
 def time_lines(logs: Sequence[Log]) -> list[TimeLine]:
     """The time line of each log. One that could not be aligned counts from its own beginning, and says so."""
     if len(logs) < 2:
-        return [TimeLine(zero_ns=zero_ns(log)) for log in logs]
+        return [TimeLine(zero_ns=log.zero_ns) for log in logs]
     from xitl_cli.logs.clocks.alignment import align_logs as align
 
     placements = align(logs)
-    zero = next(zero_ns(place.log) for place in placements if place.reference)
+    zero = next(place.log.zero_ns for place in placements if place.reference)
     return [
         TimeLine(
-            zero if place.aligned else zero_ns(place.log),
+            zero if place.aligned else place.log.zero_ns,
             place.stretches if place.aligned else (),
             place.offset_ns,
             place.drift_ppm,
@@ -293,7 +292,7 @@ def short_names(paths: Sequence[Path]) -> list[str]:
 
 def sections_named(only: Collection[str]) -> list[str]:
     """Of SECTIONS; none means all. Raises LogError for one that does not exist."""
-    named = {match(name, SECTIONS, "there is no section", f"choose from {', '.join(SECTIONS)}") for name in only}
+    named = {resolve_name(name, SECTIONS, "there is no section", f"choose from {', '.join(SECTIONS)}") for name in only}
     return [name for name in SECTIONS if not named or name in named]
 
 

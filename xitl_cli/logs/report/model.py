@@ -8,7 +8,7 @@ from pathlib import Path
 
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.log import Base, Format, LogHealth
 from xitl_cli.logs.report.wording import damage_sentences
 from xitl_cli.logs.sections import Finding, Mark, Plot, Section, Severity
 from xitl_cli.logs.table import Floats
@@ -26,7 +26,7 @@ class FileReport:
     format: Format
     base: Base
     span_ns: tuple[int, int] | None
-    health: Health
+    health: LogHealth
     facts: Mapping[str, str]
     sections: tuple[Section, ...]
     time_line: TimeLine

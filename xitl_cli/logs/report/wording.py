@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.log import Health
+from xitl_cli.logs.log import LogHealth
 from xitl_cli.logs.sections import Evidence, Grid, Section, Severity, Value
 from xitl_cli.logs.text import clock_text
 
@@ -63,7 +63,7 @@ def vehicle_line(sections: Sequence[Section]) -> str:
     return ", ".join(part for part in (vehicle, firmware) if part)
 
 
-def damage_sentences(health: Health) -> tuple[str, ...]:
+def damage_sentences(health: LogHealth) -> tuple[str, ...]:
     """Every count that is not 0."""
     told = []
     if health.damaged:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from agent.companion.settings import checked
+from agent.companion.settings import checked_parameter
 from agent.fcu.parameters import ParameterError
 from xitl_cli.profile.checks.link import misplaced, problem_of_url
 from xitl_cli.profile.entry import KeyPath
@@ -30,7 +30,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from _link(profile, companion)
     for name, value in companion.parameters.items():
         try:
-            checked(name, value)
+            checked_parameter(name, value)
         except ParameterError as error:
             yield ("companion", "parameters", name), f"companion.parameters: {error}"
 

@@ -6,13 +6,11 @@ import difflib
 from collections.abc import Iterator
 
 from xitl_cli.errors import UserError
-from xitl_cli.graph.nodes import MEANINGS, architecture, is_node_name
 from xitl_cli.profile.catalogue import find_profile
 from xitl_cli.profile.entry import KeyPath, dotted
 from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
-
-COMPLETE = "complete"
+from xitl_cli.profile.schema.graph import COMPLETE, MEANINGS, architecture, is_node_name
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
@@ -24,6 +22,8 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         path = ("graph", "nodes", name)
         if not is_node_name(name):
             yield path, f"{dotted(path)} is not a node; {_suggestion(name)}"
+        elif node.kind is None:
+            yield path, f"{dotted(path)} needs 'kind'; add it"
         elif node.kind == "absent" and node.weight:
             yield (
                 (*path, "weight"),

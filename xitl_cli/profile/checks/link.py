@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from urllib.parse import SplitResult, urlsplit
 
-from agent.wire.can_bus import can_settings
+from agent.wire.can_bus import read_can_settings
 from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import device_and_baud
 from agent.wire.transport import SCHEMES, BadUrlError
@@ -72,7 +72,7 @@ def problem_of_url(link: str) -> str | None:
         elif scheme == "serial":
             device_and_baud(_without_pty(url))
         else:
-            can_settings(url, listen=False)
+            read_can_settings(url, listen=False)
     except BadUrlError as error:
         return f"cannot be used: {error.what}; {error.fix}"
     except ValueError:
@@ -123,7 +123,7 @@ def _too_much(profile: Profile, autopilot: Autopilot, url: SplitResult) -> str |
     if url.scheme == "serial":
         _, baud = device_and_baud(_without_pty(url))
         return _too_much_for_baud(load, baud, lower)
-    return _too_much_for_bus(load, _agents_on(autopilot, url), can_settings(url, listen=False).line, lower)
+    return _too_much_for_bus(load, _agents_on(autopilot, url), read_can_settings(url, listen=False).line, lower)
 
 
 def _agents_on(autopilot: Autopilot, bus: SplitResult) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from xitl_cli.errors import UserError
+from xitl_cli.profile.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.companion import Companion
 from xitl_cli.profile.schema.environment import Environment
 from xitl_cli.profile.schema.faults import Fault
@@ -42,14 +43,14 @@ class Profile(Group):
 
     def missing_for_run(self) -> tuple[str, ...]:
         """The groups a run needs and this profile lacks."""
-        needed = ["technique", "site", "vehicle", "environment", "mission", "driver", "autopilot", "graph"]
+        needed = ["technique", "site", "vehicle", "environment", "mission", "driver", "autopilot"]
         if self.autopilot is not None and self.autopilot.kind != "none":
             needed.append("sensors")
         return tuple(group for group in needed if getattr(self, group) is None)
 
     def runnable(self) -> RunProfile:
         """The same profile with every group in place; UserError naming what is missing for a run."""
-        missing = self.missing_for_run()
+        missing, graph = self.missing_for_run(), complete_graph_group(self)
         if (
             missing
             or self.technique is None
@@ -59,7 +60,7 @@ class Profile(Group):
             or self.mission is None
             or self.driver is None
             or self.autopilot is None
-            or self.graph is None
+            or graph is None
         ):
             raise UserError(f"{self.name}: {self._lack(missing)}; `xitl profiles list` marks those that run")
         return RunProfile(
@@ -78,7 +79,7 @@ class Profile(Group):
             clock=self.clock or Clock(),
             recording=self.recording or Recording(),
             faults=self.faults or {},
-            graph=self.graph,
+            graph=graph,
         )
 
     def role(self) -> Literal["runs", "graph only", "part"]:

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from agent.mavlink.commands import StatusTextReceiver
+from agent.mavlink.exchange import text_of
 from agent.mavlink.modes import mode_name
 from agent.wire import dialect
 from sim_core.frames import Array
 from sim_core.geodesy import GeodeticPoint, LocalFrame, ardupilot_geodetic
-from xitl_cli.record.records import Estimate, Miss, Task
+from xitl_cli.record.topics import DeadlineMiss, MotionEstimate, TaskTiming
 
 ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
-STATUSTEXT_BYTES = 50
 
 
 class AgentView:
@@ -33,7 +34,7 @@ class AgentView:
         self,
         frame: LocalFrame,
         on_text: Callable[[int, str], None],
-        on_estimate: Callable[[int, Estimate], None],
+        on_estimate: Callable[[int, MotionEstimate], None],
         node: str = "LC",
         sim_ns: Callable[[int], int | None] = lambda agent_us: None,
     ) -> None:
@@ -50,12 +51,12 @@ class AgentView:
         self.target_seq: int | None = None
         self.reached_seqs: set[int] = set()
         self.acks: dict[int, int] = {}
-        self.tasks: dict[str, Task] = {}
+        self.tasks: dict[str, TaskTiming] = {}
         self.texts: deque[str] = deque(maxlen=RECENT_TEXTS)
         self._frame = frame
         self._node = node
         self._sim_ns = sim_ns
-        self._chunks: dict[int, str] = {}
+        self._text = StatusTextReceiver()
         self._on_text = on_text
         self._on_estimate = on_estimate
         self._origin: GeodeticPoint | None = None
@@ -99,17 +100,13 @@ class AgentView:
         self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)
 
     def _statustext(self, message: Any) -> None:
-        """A sentence may come in chunks of 50 characters; the one that is not full ends it."""
-        sentence = message.id
-        chunk = _text(message.text)
-        whole = self._chunks.pop(sentence, "") + chunk if sentence else chunk
-        if sentence and len(chunk) == STATUSTEXT_BYTES:
-            self._chunks = {sentence: whole}
+        text = self._text.handle(message)
+        if text is None:
             return
-        self.texts.append(whole)
-        if whole.endswith(ORIGIN_SET):
+        self.texts.append(text)
+        if text.endswith(ORIGIN_SET):
             self.has_origin = True
-        self._on_text(message.severity, whole)
+        self._on_text(message.severity, text)
 
     def _command_ack(self, message: Any) -> None:
         self.acks[message.command] = message.result
@@ -133,7 +130,7 @@ class AgentView:
             return
         if not 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
             return
-        estimate = Estimate(
+        estimate = MotionEstimate(
             pos_ned_m=self._ned(self._origin, np.array([[message.x, message.y, message.z]]))[0],
             vel_ned_mps=np.array([message.vx, message.vy, message.vz]),
             quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
@@ -152,11 +149,11 @@ class AgentView:
     def _node_info(self, message: Any) -> None:
         self.info = message
 
-    def task(self, message: Any) -> Task:
+    def task(self, message: Any) -> TaskTiming:
         """XITL_TASK_STATS as a record, kept too."""
-        name = _text(message.task)
+        name = text_of(message.task)
         cycles = message.cycles > 0
-        self.tasks[name] = task = Task(
+        self.tasks[name] = task = TaskTiming(
             node=self._node,
             task=name,
             rate_hz=message.rate_hz,
@@ -174,14 +171,9 @@ class AgentView:
         )
         return task
 
-    def miss(self, message: Any) -> Miss | None:
+    def miss(self, message: Any) -> DeadlineMiss | None:
         """XITL_TASK_MISS as a record, None while its instants have no simulation time."""
         due_ns, start_ns, end_ns = map(self._sim_ns, (message.due_usec, message.start_usec, message.end_usec))
         if due_ns is None or start_ns is None or end_ns is None:
             return None
-        return Miss(self._node, _text(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)
-
-
-def _text(raw: bytes | str) -> str:
-    data = raw if isinstance(raw, str) else raw.decode("utf-8", "replace")
-    return data.rstrip("\0")
+        return DeadlineMiss(self._node, text_of(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)

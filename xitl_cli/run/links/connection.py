@@ -21,7 +21,7 @@ from xitl_cli.run.faults import Faults
 from xitl_cli.run.links.inbox import AgentInbox
 from xitl_cli.run.links.link_accounts import node_report, state_of
 from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
-from xitl_cli.run.links.setup import Setup
+from xitl_cli.run.links.setup import set_parameters, upload_mission
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import LinkReport, NodeReport
 
@@ -246,11 +246,10 @@ class AgentConnection:
         self.inbox.record_to(recorder, pace, now_ns)
         self.link.tap = self.inbox.tap
         self._start()
-        component_id = self._terms.component_id
-        setup = Setup(self.link.send, self.receive, AGENT_SYSTEM_ID, component_id, self._terms.key)
-        setup.set_parameters(parameters)
+        target = (AGENT_SYSTEM_ID, self._terms.component_id)
+        set_parameters(target, parameters, self.link.send, self.receive, self._terms.key)
         if mission:
-            setup.upload_mission(mission)
+            upload_mission(target, mission, self.link.send, self.receive)
         if not self._lockstep:
             for _ in range(SYNC_BURST):
                 self.request_time()
@@ -422,7 +421,7 @@ class AgentConnection:
     def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
         """Keep how the link has done so far."""
         for report in self.links():
-            recorder.link(stamp_ns, state_of(report))
+            recorder.write(stamp_ns, state_of(report))
 
     def node(self) -> NodeReport | None:
         """What it says of its machine, None when it never did."""

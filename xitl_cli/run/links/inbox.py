@@ -9,7 +9,7 @@ from typing import Any
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import Estimate, MotorCommand
+from xitl_cli.record.topics import MotionEstimate, MotorCommand
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.link_accounts import LinkAccounts, node_state
 from xitl_cli.run.links.link_timing import LinkTiming, LockstepTiming
@@ -48,7 +48,7 @@ OWN_IDS = dialect.MAVLINK_MSG_ID_XITL_RUN  # and above: between host and agent, 
 _NODES = {"agent": "LC", "companion": "HC"}
 _SPEAKERS = {"agent": "autopilot", "companion": "companion"}
 
-OnEstimate = Callable[[int | None, Estimate], None]
+OnEstimate = Callable[[int | None, MotionEstimate], None]
 
 
 class AgentInbox:
@@ -144,7 +144,7 @@ class AgentInbox:
     def say(self, severity: int, source: str, text: str) -> None:
         """A sentence for the log."""
         if self._recorder is not None:
-            self._recorder.say(self._now_ns(), severity, source, text)
+            self._recorder.log(self._now_ns(), severity, source, text)
 
     # One message each
 
@@ -164,17 +164,17 @@ class AgentInbox:
     def _on_timesync(self, message: Any) -> None:
         clock = self.timing.answered(message)
         if clock is not None and self._recorder is not None:
-            self._recorder.clock(self._now_ns(), clock)
+            self._recorder.write(self._now_ns(), clock)
 
     def _on_task_stats(self, message: Any) -> None:
         task = self.view.task(message)
         if self._recorder is not None:
-            self._recorder.task(self._now_ns(), task)
+            self._recorder.write(self._now_ns(), task)
 
     def _on_task_miss(self, message: Any) -> None:
         miss = self.view.miss(message)
         if miss is not None and self._recorder is not None:
-            self._recorder.miss(self._now_ns(), miss)
+            self._recorder.write(self._now_ns(), miss)
 
     def _on_node_status(self, message: Any) -> None:
         self.view.take(message)
@@ -182,9 +182,9 @@ class AgentInbox:
         if not message.running:
             self.no_run = message
         if self._recorder is not None and self.view.info is not None:
-            self._recorder.node(self._now_ns(), node_state(self._name, self.view.info, message))
+            self._recorder.write(self._now_ns(), node_state(self._name, self.view.info, message))
 
-    def _on_belief(self, agent_us: int, estimate: Estimate) -> None:
+    def _on_belief(self, agent_us: int, estimate: MotionEstimate) -> None:
         if self._recorder is not None:  # an agent may still be at the run of a host that was killed
             self._on_estimate(self.vehicle_sim_ns(agent_us), estimate)
 

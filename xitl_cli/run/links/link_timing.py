@@ -9,7 +9,7 @@ from typing import Any
 
 from agent.timing.sync import ClockSync
 from agent.wire import dialect
-from xitl_cli.record.records import Clock
+from xitl_cli.record.topics import ClockExchange
 from xitl_cli.run.pilot import ClockReport
 from xitl_cli.run.statistics import DriftWindows, Histogram, TimeBase
 
@@ -75,7 +75,7 @@ class LinkTiming:
         self._requests += 1
         return dialect.MAVLink_xitl_timesync_message(self._clock_ns(), 0, 0, self._requests)
 
-    def answered(self, message: Any) -> Clock | None:
+    def answered(self, message: Any) -> ClockExchange | None:
         """XITL_TIMESYNC that came back, as a record; None when no clocks could give such stamps."""
         t1_ns, t2_ns, t3_ns, t4_ns = message.t1_ns, message.t2_ns, message.t3_ns, self._clock_ns()
         if not self._sync.add(t1_ns, t2_ns, t3_ns, t4_ns):
@@ -90,7 +90,7 @@ class LinkTiming:
             self.settle()
         if message.sequence > self._time_base_from:
             self._time_base.add(message.sequence, t2_ns)
-        return Clock(
+        return ClockExchange(
             node=self._node,
             sample=message.sequence,
             host_ns=t1_ns,

@@ -13,7 +13,7 @@ from contextlib import suppress
 from typing import NamedTuple, Protocol
 from urllib.parse import urlsplit
 
-from agent.wire.can_bus import can_settings
+from agent.wire.can_bus import read_can_settings
 from agent.wire.can_transfer import FD_LENGTHS, CanLine
 from agent.wire.serial_line import BITS_PER_BYTE, device_and_baud
 from agent.wire.transport import BadUrlError
@@ -228,7 +228,7 @@ def loopback_of(link: str) -> Loopback | None:
         if url.scheme == "serial" and url.netloc == "pty":
             return SerialLoopback(device_and_baud(url._replace(netloc="", path="/pty"))[1])
         if url.scheme == "can" and url.netloc == "slcan" and url.path == "/pty":
-            return CanLoopback(can_settings(url, listen=False).line)
+            return CanLoopback(read_can_settings(url, listen=False).line)
     except BadUrlError as error:
         raise UserError(f"autopilot.link: {error}") from error
     return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from agent.timing.waiting import wait_readable
+from agent.timing.clock import wait_readable
 from agent.wire.link import Link
 
 POLL_S = 0.001  # where a link has no descriptor to wait for

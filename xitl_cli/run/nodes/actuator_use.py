@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from xitl_cli.record.records import ActuatorAge
+from xitl_cli.record.topics import ActuatorAge
 from xitl_cli.run.pilot import ActuatorReport
 
 

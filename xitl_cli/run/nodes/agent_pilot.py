@@ -11,7 +11,7 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import Estimate, Task
+from xitl_cli.record.topics import MotionEstimate, TaskTiming
 from xitl_cli.run.faults import FaultSchedule
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, tick_and_wait
@@ -24,7 +24,7 @@ from xitl_cli.run.links.peer import (
     missing_addresses,
     open_peer,
 )
-from xitl_cli.run.links.setup import mission_of, parameters_of
+from xitl_cli.run.links.setup import embedded_parameters, mission_places
 from xitl_cli.run.links.waiting import wait_for_any
 from xitl_cli.run.nodes.actuator_use import ActuatorUse
 from xitl_cli.run.nodes.bridge import Attended, AutopilotReport
@@ -121,7 +121,7 @@ class AgentPilot:
         profile = self._profile
         autopilot = profile.autopilot
 
-        def on_estimate(stamp_ns: int | None, estimate: Estimate) -> None:
+        def on_estimate(stamp_ns: int | None, estimate: MotionEstimate) -> None:
             if agent is self._active:
                 self._on_estimate(stamp_ns, estimate)
 
@@ -172,8 +172,8 @@ class AgentPilot:
         parameters: dict[str, float] = {}
         mission: list[tuple[float, float, float]] = []
         if self._attended is None:
-            parameters = parameters_of(self._profile)
-            mission = mission_of(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
+            parameters = embedded_parameters(self._profile)
+            mission = mission_places(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
         for agent in self._agents:
             agent.begin(recorder, pace, self._now_ns, parameters, mission)
         self.companion.begin(recorder, pace, self._now_ns)
@@ -181,7 +181,7 @@ class AgentPilot:
             self._attended.begin(recorder, pace, self._now_ns, self._agents[0].inbox)
             self._attended.start(self._agents[0].receive)
         for address in missing_addresses(self._profile, self._options):
-            recorder.say(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
+            recorder.log(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
 
     # In the run
 
@@ -213,7 +213,7 @@ class AgentPilot:
                 agent.record_links(self._recorder, sim_ns)
             self.companion.record_links(self._recorder, sim_ns)
             if not self._lockstep:
-                self._recorder.actuator_age(sim_ns, self._use.record())
+                self._recorder.write(sim_ns, self._use.record())
 
     def _take_in(self, sim_ns: int) -> None:
         """Real time: what has come since, whoever sent it."""
@@ -277,7 +277,7 @@ class AgentPilot:
             if agent.gone is None:
                 agent.send(message)
 
-    def _on_estimate(self, stamp_ns: int | None, estimate: Estimate) -> None:
+    def _on_estimate(self, stamp_ns: int | None, estimate: MotionEstimate) -> None:
         self._recorder.estimate(self._now_ns() if stamp_ns is None else stamp_ns, estimate)
         self._check.add_estimate(stamp_ns, estimate, self._view.armed)
 
@@ -313,7 +313,7 @@ class AgentPilot:
     def links(self) -> list[LinkReport]:
         return [*(report for agent in self._agents for report in agent.links()), *self.companion.links()]
 
-    def tasks(self) -> list[Task]:
+    def tasks(self) -> list[TaskTiming]:
         return [*(task for agent in self._agents for task in agent.inbox.view.tasks.values()), *self.companion.tasks()]
 
     def clocks(self) -> list[ClockReport]:

@@ -23,19 +23,17 @@ from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import MotorCommand, Task
+from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run import directory
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.inbox import AgentInbox
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
-from xitl_cli.run.links.setup import mission_of
-from xitl_cli.run.nodes.autopilot_parameters import own_values
+from xitl_cli.run.links.setup import live_parameters, mission_places
 from xitl_cli.run.nodes.bridge_clock import SIMULATED_GRAIN_NS, AutopilotClock
 from xitl_cli.run.nodes.drivers import Driver
-from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
 from xitl_cli.run.nodes.firmware_launch import Launch, resolved_bridge
 from xitl_cli.run.nodes.orders import Send
-from xitl_cli.run.nodes.preparation import Preparation
+from xitl_cli.run.nodes.preparation import CalibrationStep, MissionStep, ParameterStep, Preparation
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import ClockReport
 
@@ -162,7 +160,7 @@ class AutopilotReport:
     utc_offset_s: float | None = None
 
 
-def autopilot_section(report: AutopilotReport, tasks: Sequence[Task]) -> dict[str, Any]:
+def autopilot_section(report: AutopilotReport, tasks: Sequence[TaskTiming]) -> dict[str, Any]:
     """`autopilot` of summary.json; docs/recording.md explains the keys."""
     times, agent = report.milestones, [task for task in tasks if task.node != HOST]
     return {
@@ -231,7 +229,7 @@ class Attended:
     def preparation(self, driver: Driver, view: AgentView, send: Send, frame: LocalFrame) -> Preparation:
         """What goes before the driver."""
         profile, autopilot, target = self._profile, self._profile.autopilot, (AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
-        places = mission_of(profile, frame) if profile.mission.waypoints_ned_m else []
+        places = mission_places(profile, frame) if profile.mission.waypoints_ned_m else []
         self._view = view
         simulated = self._launch is not None and autopilot.firmware_build == "sitl"
         grain_ns = SIMULATED_GRAIN_NS if simulated else 0
@@ -239,9 +237,9 @@ class Attended:
         return Preparation(
             driver,
             view,
-            ParameterSetting(send, target, own_values(profile), autopilot.kind == "px4"),
-            MissionUpload(send, target, places),
-            CalibrationAcceptance(send, target, self._launch is not None and autopilot.firmware_build == "linux"),
+            ParameterStep(send, target, live_parameters(profile), autopilot.kind == "px4"),
+            MissionStep(send, target, places),
+            CalibrationStep(send, target, self._launch is not None and autopilot.firmware_build == "linux"),
             autopilot.moored_until_armed,
             self.bridge.mavlink,
             autopilot.connect_timeout_s,
@@ -287,7 +285,7 @@ class Attended:
         if number == dialect.MAVLINK_MSG_ID_XITL_BRIDGE_STATUS:
             self._status = message
             if self._recorder is not None:
-                self._recorder.bridge(self._now_ns(), _counts(message))
+                self._recorder.write(self._now_ns(), BridgeCounts(**_counts(message)))
         elif number == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             self._version = version_words(message.flight_sw_version, bytes(message.flight_custom_version))
         elif number == dialect.MAVLINK_MSG_ID_HEARTBEAT:

@@ -9,7 +9,7 @@ from typing import Any
 
 from agent.wire import dialect
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import Clock
+from xitl_cli.record.topics import ClockExchange
 from xitl_cli.run.links.link_timing import LinkTiming
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import ClockReport
@@ -104,13 +104,13 @@ class AutopilotClock:
         if sequence is None:
             return
         if self._lockstep:
-            clock: Clock | None = self._exchange(sequence, message.ts1, message.tc1, self._local_ns())
+            clock: ClockExchange | None = self._exchange(sequence, message.ts1, message.tc1, self._local_ns())
         else:
             clock = self._measured(sequence, message.ts1, message.tc1)
         if clock is not None and self._recorder is not None:
-            self._recorder.clock(self._now_ns(), clock)
+            self._recorder.write(self._now_ns(), clock)
 
-    def _measured(self, sequence: int, sent_ns: int, node_ns: int) -> Clock | None:
+    def _measured(self, sequence: int, sent_ns: int, node_ns: int) -> ClockExchange | None:
         """An uneven clock makes an exchange as uncertain as one that took so much longer on both ways."""
         grain_ns = self._grain_ns
         clock = self._timing.answered(
@@ -120,13 +120,13 @@ class AutopilotClock:
             return None
         return replace(clock, host_ns=sent_ns, round_trip_s=clock.round_trip_s - 2e-9 * grain_ns)
 
-    def _exchange(self, sequence: int, sent_ns: int, node_ns: int, returned_ns: int) -> Clock:
+    def _exchange(self, sequence: int, sent_ns: int, node_ns: int, returned_ns: int) -> ClockExchange:
         self._samples += 1
         self._trip_ns = returned_ns - sent_ns
         self._offset_ns = node_ns - sent_ns
         self._ahead_ns = self._offset_ns if abs(self._offset_ns) > SETTLING_NS else 0
         trip_s, offset_s = self._trip_ns * 1e-9, self._offset_ns * 1e-9
-        return Clock(NODE, sequence, sent_ns, node_ns, trip_s, offset_s, 0.0, asymmetry_bound_s=trip_s)
+        return ClockExchange(NODE, sequence, sent_ns, node_ns, trip_s, offset_s, 0.0, asymmetry_bound_s=trip_s)
 
     def _local_ns(self) -> int:
         return self._now_ns() if self._lockstep else time.monotonic_ns()

@@ -17,7 +17,7 @@ from sim_core.vessel.buoyancy import floating_draft_m
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import Estimate, Task
+from xitl_cli.record.topics import MotionEstimate, TaskTiming
 from xitl_cli.run.faults import Faults, FaultSchedule
 from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, terms_of_companion
 from xitl_cli.run.links.inbox import AgentInbox
@@ -149,7 +149,7 @@ def _id_of(frame: bytes) -> int:
     return frame[7] | frame[8] << 8 | frame[9] << 16
 
 
-def _pass_over(stamp_ns: int | None, estimate: Estimate) -> None:
+def _pass_over(stamp_ns: int | None, estimate: MotionEstimate) -> None:
     """A companion has no estimate of the kind that an autopilot has."""
 
 
@@ -353,7 +353,7 @@ class CompanionLine:
     def links(self) -> list[LinkReport]:
         return list(self._agent.links())
 
-    def tasks(self) -> list[Task]:
+    def tasks(self) -> list[TaskTiming]:
         return list(self.inbox.view.tasks.values())
 
     def clocks(self) -> list[ClockReport]:
@@ -412,7 +412,7 @@ class NoCompanion:
     def links(self) -> list[LinkReport]:
         return []
 
-    def tasks(self) -> list[Task]:
+    def tasks(self) -> list[TaskTiming]:
         return []
 
     def clocks(self) -> list[ClockReport]:

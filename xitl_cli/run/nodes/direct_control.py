@@ -5,25 +5,24 @@ from __future__ import annotations
 import math
 import time
 
-from agent.fcu.control.allocation import NEUTRAL
-from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load
+from agent.fcu.control.allocation import NEUTRAL, ThrustAllocator
+from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load_controller
 from agent.fcu.control.guidance import GuidanceGains
-from agent.fcu.control.helm import Helm, Propellers
-from agent.fcu.control.loops import ground_speed_mps
-from agent.fcu.local_frame import LocalFrame
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
+from agent.fcu.geodetic import LocalProjection
+from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.pilot import COMPLETE
-from agent.fcu.pilot import Pilot as MissionPilot
-from agent.fcu.samples import Estimate
+from agent.fcu.vehicle.navigation import COMPLETE
+from agent.fcu.vehicle.navigation import MissionProgress as MissionPilot
+from agent.fcu.vehicle_state import StateEstimate
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import MotorCommand, Task
+from xitl_cli.record.topics import MotorCommand, TaskTiming
 from xitl_cli.replay.track import Track
-from xitl_cli.run.links.setup import mission_of, parameters_of
+from xitl_cli.run.links.setup import embedded_parameters, mission_places
 from xitl_cli.run.nodes.score import EstimationScore
 from xitl_cli.run.pace import Pace
 from xitl_cli.run.pilot import (
@@ -71,7 +70,7 @@ class DirectPilot:
     def links(self) -> list[LinkReport]:
         return []
 
-    def tasks(self) -> list[Task]:
+    def tasks(self) -> list[TaskTiming]:
         return []
 
     def clocks(self) -> list[ClockReport]:
@@ -101,14 +100,14 @@ class IdealPilot(DirectPilot):
 
     def __init__(self, profile: RunProfile) -> None:
         super().__init__(NEUTRAL)
-        parameters = Parameters(parameters_of(profile))
+        parameters = Parameters(embedded_parameters(profile))
         site = profile.site
-        places = mission_of(profile, local_frame(site))
-        self._mission = MissionPilot(mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
+        places = mission_places(profile, local_frame(site))
+        self._mission = MissionPilot(make_mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
         self._gains = GuidanceGains.of(parameters)
         self._controller = _controller(profile)(parameters)
-        self._propellers = Propellers(parameters)
-        self._frame = LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
+        self._propellers = ThrustAllocator(parameters)
+        self._frame = LocalProjection(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:
@@ -145,21 +144,21 @@ class IdealPilot(DirectPilot):
 def _controller(profile: RunProfile) -> MakeController:
     """The controller that the profile names, else the autopilot's own."""
     if profile.autopilot.controller is None:
-        return Helm
+        return HeadingSpeedController
     try:
-        return load(profile.autopilot.controller)
+        return load_controller(profile.autopilot.controller)
     except ControllerError as error:
         raise UserError(f"autopilot.controller: {error}") from error
 
 
-def _truth(sim_ns: int, motion: Kinematics) -> Estimate:
+def _truth(sim_ns: int, motion: Kinematics) -> StateEstimate:
     """What an estimator without errors would say."""
     rotation = motion.rot_ned_frd[0].tolist()
     w, x, y, z = motion.quat_ned_frd[0].tolist()
     p, q, r = motion.gyro_frd_radps[0].tolist()
     north_m, east_m, down_m = motion.pos_ned_m[0].tolist()
     vn, ve, vd = motion.vel_ned_mps[0].tolist()
-    return Estimate(
+    return StateEstimate(
         sim_ns,
         (w, x, y, z),
         math.atan2(rotation[2][1], rotation[2][2]),

@@ -15,7 +15,6 @@ from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import ScriptStep
 from xitl_cli.replay.track import Track, track_of_file
-from xitl_cli.run.nodes.mission_download import MissionDownload
 from xitl_cli.run.nodes.orders import REPEAT_S, Orders
 from xitl_cli.run.pilot import Progress
 
@@ -289,6 +288,7 @@ def _place(frame: LocalFrame, goto_ned_m: tuple[float, float] | None) -> tuple[f
     return float(lat[0]), float(lon[0]), float(alt[0])
 
 
+DOWNLOAD_S = 10.0  # a download that takes longer is given up silently
 FAREWELL_S = 2.0  # after the last waypoint, for the ground station to hear of it
 
 
@@ -304,7 +304,9 @@ class GroundStationDriver:
         self._frame = frame
         self._addresses = addresses
         self._stay = stay
-        self._download: MissionDownload = orders.download()
+        self._orders = orders
+        self._download = orders.download()
+        self._download_ns: int | None = None
         self._seqs: tuple[int, ...] = ()
         self._places: tuple[tuple[float, float], ...] | None = None
         self._over_ns: int | None = None
@@ -322,15 +324,16 @@ class GroundStationDriver:
         self._was_armed = self._was_armed or view.armed
         auto = view.armed and view.mode == "AUTO"
         if auto and not self._was_auto:
-            self._download.start(sim_ns)
+            self._download, self._download_ns = self._orders.download(), sim_ns
             if self._reached() == len(self._seqs):
                 view.reached_seqs.clear()  # sailed before: this is another time
         self._was_auto = auto
-        self._download.update(sim_ns)
+        if self._download_ns is not None and sim_ns - self._download_ns <= DOWNLOAD_S * 1e9:
+            self._orders.send(self._download.poll(sim_ns))
 
     def take(self, message: Any) -> None:
         was_done = self._download.done
-        self._download.take(message)
+        self._orders.send(self._download.handle(message, self._now_ns))
         if self._download.done and not was_done:
             self._adopt()
 
@@ -360,7 +363,8 @@ class GroundStationDriver:
         items = [item for item in self._download.items if item.seq > 0 and item.command == dialect.MAV_CMD_NAV_WAYPOINT]
         seqs = tuple(item.seq for item in items)
         alt_m = np.full(len(items), self._frame.altitude_m)
-        lat, lon = (np.array([item[column] for item in items], dtype=float) for column in (2, 3))
+        lat = np.array([item.x * 1e-7 for item in items], dtype=float)
+        lon = np.array([item.y * 1e-7 for item in items], dtype=float)
         ned = self._frame.ned(lat, lon, alt_m) if items else np.empty((0, 3))
         places = tuple((north, east) for north, east, _ in ned.tolist())
         if self._places is not None and places != self._places:

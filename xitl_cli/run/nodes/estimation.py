@@ -6,7 +6,7 @@ import math
 from collections import deque
 
 from sim_core.kinematics import Kinematics
-from xitl_cli.record.records import Estimate
+from xitl_cli.record.topics import MotionEstimate
 from xitl_cli.run.nodes.score import EstimationScore
 
 KEPT_S = 1.0
@@ -43,7 +43,7 @@ class EstimateCheck:
         """After every physics step."""
         self._history.add(sim_ns, motion)
 
-    def add_estimate(self, stamp_ns: int | None, estimate: Estimate, armed: bool) -> None:
+    def add_estimate(self, stamp_ns: int | None, estimate: MotionEstimate, armed: bool) -> None:
         """Of the instant `stamp_ns`; passed over where that is not known, or too long ago."""
         truth = None if stamp_ns is None else self._history.at(stamp_ns)
         if truth is None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.clouds import Clouds
+from agent.companion.clouds import CloudReassembler
 from agent.wire import dialect
 from sim_core import frames
 from sim_core.frames import Array
@@ -25,8 +25,8 @@ from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
 from xitl_cli.mapping.rebuild import points_of, write_map, write_tum
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.perception import SOURCES, Source
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import MAP_SOURCES, MapSource
 from xitl_cli.run import directory
 from xitl_cli.run.nodes.companion import CompanionLine, NoCompanion
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
@@ -42,7 +42,10 @@ _MANOEUVRES = {
     dialect.XITL_MANOEUVRE_STOP: "stop",
     dialect.XITL_MANOEUVRE_RETURN: "return",
 }
-_SOURCES: dict[int, Source] = {dialect.XITL_CLOUD_KIND_LIDAR_MAP: "lidar", dialect.XITL_CLOUD_KIND_SONAR_MAP: "sonar"}
+_SOURCES: dict[int, MapSource] = {
+    dialect.XITL_CLOUD_KIND_LIDAR_MAP: "lidar",
+    dialect.XITL_CLOUD_KIND_SONAR_MAP: "sonar",
+}
 _ZEROS = (0,) * len(dialect.MAVLink_xitl_companion_status_message.fieldnames)
 _UNCOUNTED = ("time_usec", "latency", "manoeuvre")
 
@@ -86,7 +89,7 @@ class Findings(NoFindings):
     def __init__(self, frame: LocalFrame, score: ObstacleScore, physics_rate_hz: float) -> None:
         self.status: Any = None
         self.score = score
-        self.clouds = Clouds()
+        self.clouds = CloudReassembler()
         self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
         self._frame = frame
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
@@ -136,7 +139,7 @@ class Findings(NoFindings):
         """The body's true poses at the same instants, in NED, as far as they were told of in time."""
         return self._truth.trajectory()
 
-    def map_points(self, source: Source) -> tuple[Array, NDArray[np.uint8]]:
+    def map_points(self, source: MapSource) -> tuple[Array, NDArray[np.uint8]]:
         """(k, 3) in `odom` and their intensity (k,)."""
         points, intensity = self.maps[source]
         return (
@@ -185,7 +188,7 @@ class Findings(NoFindings):
 
     def _on_cloud(self, message: Any) -> None:
         assert self._recorder is not None
-        for cloud in self.clouds.take(message):
+        for cloud in self.clouds.handle(message):
             source = _SOURCES.get(cloud.kind)
             if source is not None:
                 points, intensity = self.maps[source]
@@ -243,7 +246,7 @@ def write(findings: NoFindings, folder: Path) -> None:
     odometry = findings.odometry()
     if not len(odometry.stamp_ns):
         return
-    parts = [findings.map_points(source) for source in SOURCES]
+    parts = [findings.map_points(source) for source in MAP_SOURCES]
     packed = points_of(
         np.concatenate([points for points, _ in parts]).astype(np.float32),
         np.concatenate([intensity for _, intensity in parts]),

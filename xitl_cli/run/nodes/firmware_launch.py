@@ -16,7 +16,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import Bridge
 from xitl_cli.run.directory import AUTOPILOT
 from xitl_cli.run.links.peer import is_free
-from xitl_cli.run.nodes.autopilot_parameters import EXTERNAL_AHRS_PROTOCOL, parm_text, serial_port_of, start_values
+from xitl_cli.run.links.setup import EXTERNAL_AHRS_PROTOCOL, parameter_file_text, serial_port_with, start_parameters
 from xitl_cli.shipped import firmware_params_dir
 
 PARAMETERS = "parameters.parm"
@@ -45,7 +45,7 @@ class Launch:
         self.program = find_firmware("rover", autopilot.firmware_build, autopilot.firmware)
         self._profile = profile
         self._bridge = bridge
-        self._values = start_values(profile)
+        self._values = start_parameters(profile)
         if bridge.sensors == "hil":
             self._check_scripting()
 
@@ -55,7 +55,7 @@ class Launch:
         try:
             shutil.rmtree(directory, ignore_errors=True)
             directory.mkdir(parents=True)
-            (directory / PARAMETERS).write_text(parm_text(self._values))
+            (directory / PARAMETERS).write_text(parameter_file_text(self._values))
             if self._bridge.sensors == "hil":
                 shutil.copytree(firmware_params_dir() / "lua", directory / SCRIPTS)
         except OSError as error:
@@ -117,12 +117,12 @@ class Launch:
         addresses = ground_stations_of(self._profile)
         if self._profile.autopilot.ground_stations is None:
             addresses = tuple(url for url in addresses if is_free(url))
-        taken = serial_port_of(self._values)
+        taken = serial_port_with(self._values)
         ports = (port for port in STATION_PORTS if port != taken)
         return zip(ports, map(urlsplit, addresses), strict=False)
 
     def _sensor_port(self) -> int:
-        port = serial_port_of(self._values)
+        port = serial_port_with(self._values)
         if port is None:
             raise UserError(
                 f"autopilot.parameter_files: no serial port of the autopilot has SERIALn_PROTOCOL = "

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from agent.mavlink.commands import command_long
+from agent.mavlink.missions import MissionDownload
 from agent.mavlink.modes import set_mode_parameters
 from agent.wire import dialect
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.mission_download import MissionDownload
 
 REPEAT_S = 1.0
 IGNORE_CHANNEL = 65535
@@ -29,8 +30,13 @@ class Orders:
         self._sent_ns: dict[int, int] = {}
 
     def download(self) -> MissionDownload:
-        """A download of the mission over the same link."""
-        return MissionDownload(self._send, *self._target)
+        """A download of the mission, whose messages go out by `send`."""
+        return MissionDownload(self._target)
+
+    def send(self, messages: Iterable[Any]) -> None:
+        """Send messages of a protocol over the same link."""
+        for message in messages:
+            self._send(message)
 
     def forget(self) -> None:
         """The next order is a new one, even when it is the same command again."""
@@ -80,6 +86,5 @@ class Orders:
         if sent_ns is None or sim_ns - sent_ns >= REPEAT_S * 1e9:
             self._sent_ns[command] = sim_ns
             self.view.acks.pop(command, None)
-            values = [*parameters, *[0.0] * (7 - len(parameters))]
-            self._send(dialect.MAVLink_command_long_message(*self._target, command, 0, *values))
+            self._send(command_long(self._target, command, *parameters))
         return False

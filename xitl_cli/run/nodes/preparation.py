@@ -2,17 +2,185 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from agent.mavlink.commands import CommandClient
+from agent.mavlink.exchange import Request, Target, Timer
+from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
+from agent.mavlink.parameters import ParameterClient
+from agent.wire import dialect
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.setup import Place, Send
 from xitl_cli.run.nodes.drivers import Driver
-from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
 from xitl_cli.run.pilot import Progress
 
 SHORTEST_HEARTBEAT_S = 20.0
+ANSWER_S = 1.0
+TRIES = 5
+MISSION_S = 20.0
+REFUSED_S = 10.0  # an autopilot that has just been started has no room for a mission yet
+PREFLIGHT_CALIBRATION = 241  # MAV_CMD_PREFLIGHT_CALIBRATION
+ACCEPT_AS_IS = 76.0  # its parameter 5, as ArduPilot reads it
+NOT_TAKEN = "the link may lose too much: check the cable, and autopilot.bridge.mavlink"
+WALL_SHARE = 0.25
+"""Of the seconds of simulation time, so many have to have passed on the wall too: see PatientTimer."""
+
+
+class PatientTimer(Timer):
+    """Over when simulation time and the wall say so; in real time that is the one of the simulation.
+
+    In lockstep simulation time runs many times faster than a line and a process can.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._wall_s = 0.0
+
+    def start(self, now_ns: int) -> None:
+        super().start(now_ns)
+        self._wall_s = time.monotonic()
+
+    def is_over(self, now_ns: int, seconds: float) -> bool:
+        return super().is_over(now_ns, seconds) and time.monotonic() - self._wall_s >= seconds * WALL_SHARE
+
+
+class ParameterStep:
+    """Sets what differs, one after the other, and sees that it took.
+
+    `update` is called at every exchange, `handle` for every message. Raises UserError from `update` when the autopilot
+    does not know a parameter or keeps another value. changed: names of what was set.
+    """
+
+    def __init__(self, send: Send, target: Target, values: Mapping[str, float], px4: bool = False) -> None:
+        self.changed: list[str] = []
+        self._send = send
+        self._client = ParameterClient(target, px4, tries=TRIES, answer_s=ANSWER_S, new_timer=PatientTimer)
+        self._left = list(values.items())
+        self._request: Request | None = None
+        self._set = False
+        self._refusal: str | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether all are as they should be."""
+        return not self._left
+
+    def update(self, sim_ns: int) -> None:
+        """Ask what is due."""
+        if self._refusal is not None:
+            raise UserError(self._refusal)
+        if not self._left:
+            return
+        name, value = self._left[0]
+        if self._request is None:
+            try:
+                self._request = self._client.set(name, value) if self._set else self._client.read(name)
+            except ValueError as error:
+                raise UserError(f"autopilot.parameters.{name}: {error}") from None
+        for message in self._request.poll(sim_ns):
+            self._send(message)
+        if self._request.done:
+            raise UserError(
+                f"autopilot.parameters.{name}: the autopilot did not answer {TRIES} times; its firmware may not have "
+                f"it (see `xitl params check`), or {NOT_TAKEN}"
+            )
+
+    def handle(self, message: Any) -> None:
+        """A message of the autopilot."""
+        if self._request is None:
+            return
+        self._request.handle(message, 0)
+        if self._request.answer is None:
+            return
+        name, value = self._left[0]
+        kept = self._client.value(self._request.answer)
+        self._request = None
+        if math.isclose(kept, value, rel_tol=1e-5, abs_tol=1e-7):
+            if self._set:
+                self.changed.append(name)
+            self._left.pop(0)
+            self._set = False
+        elif self._set:
+            self._refusal = (
+                f"autopilot.parameters.{name} = {value:g}: the autopilot keeps {kept:g}; use a value that it takes"
+            )
+        else:
+            self._set = True
+
+
+class MissionStep:
+    """Hands over the mission; item 0 is home. `update` and `handle` as above.
+
+    Raises UserError from `update` when the autopilot refuses it or does not finish taking it.
+    """
+
+    def __init__(self, send: Send, target: Target, places: Sequence[Place]) -> None:
+        self._send = send
+        self._target = target
+        self._upload = MissionUpload(
+            target,
+            waypoint_items(places),
+            repeat_s=ANSWER_S,
+            give_up_s=MISSION_S,
+            refused_s=REFUSED_S,
+            new_timer=PatientTimer,
+        )
+        self._now_ns = 0
+        self.done = not places
+
+    def update(self, sim_ns: int) -> None:
+        """Announce it, and again while nobody asks for it."""
+        self._now_ns = sim_ns
+        upload = self._upload
+        for message in upload.poll(sim_ns):
+            self._send(message)
+        if self.done or not upload.done:
+            return
+        if upload.result is None:
+            raise UserError(f"mission: the autopilot did not finish taking it in {MISSION_S:.0f} s; {NOT_TAKEN}")
+        raise UserError(f"mission: the autopilot refused it ({result_name(upload.result)})")
+
+    def handle(self, message: Any) -> None:
+        """A message of the autopilot."""
+        for reply in self._upload.handle(message, self._now_ns):
+            self._send(reply)
+        if self._upload.accepted and not self.done:
+            self.done = True
+            self._send(dialect.MAVLink_mission_set_current_message(*self._target, 1))  # it may be from a run before
+
+
+class CalibrationStep:
+    """Has the accelerometer offsets in the parameters accepted as a calibration; `update` and `handle` as above.
+
+    An autopilot whose storage is empty takes no accelerometer for calibrated, whatever the parameters say. A SITL build
+    does. Refused or not known, it is left at that: the pre-arm checks then say what is missing.
+    """
+
+    def __init__(self, send: Send, target: Target, wanted: bool) -> None:
+        self._send = send
+        client = CommandClient(target, TRIES, ANSWER_S, PatientTimer)
+        self._request = client.command(PREFLIGHT_CALIBRATION, 0.0, 0.0, 0.0, 0.0, ACCEPT_AS_IS)
+        self._wanted = wanted
+
+    @property
+    def done(self) -> bool:
+        """Whether it was answered, or not in the end."""
+        return not self._wanted or self._request.done
+
+    def update(self, sim_ns: int) -> None:
+        """Ask, and again while nobody answers."""
+        if self._wanted:
+            for message in self._request.poll(sim_ns):
+                self._send(message)
+
+    def handle(self, message: Any) -> None:
+        """A message of the autopilot."""
+        self._request.handle(message, 0)
 
 
 class Preparation:
@@ -27,9 +195,9 @@ class Preparation:
         self,
         driver: Driver,
         view: AgentView,
-        parameters: ParameterSetting,
-        mission: MissionUpload,
-        calibration: CalibrationAcceptance,
+        parameters: ParameterStep,
+        mission: MissionStep,
+        calibration: CalibrationStep,
         moored: bool,
         where: str,
         heartbeat_s: float,
@@ -68,9 +236,9 @@ class Preparation:
                 raise UserError(f"{error}{self._complained()}") from error
 
     def take(self, message: Any) -> None:
-        self._parameters.take(message)
-        self._mission.take(message)
-        self._calibration.take(message)
+        self._parameters.handle(message)
+        self._mission.handle(message)
+        self._calibration.handle(message)
         self._driver.take(message)
 
     def progress(self) -> Progress:

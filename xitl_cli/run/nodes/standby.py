@@ -10,7 +10,7 @@ from math import copysign
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
 from xitl_cli.profile.schema.operation import Standby
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.records import Takeover
+from xitl_cli.record.topics import TakeoverEvent
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import WARNING, AgentConnection
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
@@ -169,16 +169,16 @@ class Redundancy:
         motors = self._ramp.next(self.active.inbox.command.motors)
         if switch is not None:
             silent_s, step = switch.silent_ns * 1e-9, self._ramp.largest
-            self._keep(sim_ns, recorder, Takeover(before.name, self.active.name, silent_s, step))
+            self._keep(sim_ns, recorder, TakeoverEvent(before.name, self.active.name, silent_s, step))
         speaks = time.monotonic_ns() - self.active.inbox.command_ns < SPEAKS_NS
         for number, agent in enumerate(self._agents):
             if agent is not self.active and agent.gone is None:
                 self._followers[number].update(sim_ns, self._view, speaks)
         return motors
 
-    def _keep(self, sim_ns: int, recorder: Recorder, takeover: Takeover) -> None:
-        recorder.takeover(sim_ns, takeover)
-        recorder.say(
+    def _keep(self, sim_ns: int, recorder: Recorder, takeover: TakeoverEvent) -> None:
+        recorder.write(sim_ns, takeover)
+        recorder.log(
             sim_ns,
             WARNING,
             "run",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from agent.companion.clouds import Cloud, cloud_messages
+from agent.companion.clouds import PointCloud, cloud_messages
 from agent.wire import dialect
 from agent.wire.codec import Message
 from sim_core.frames import Array
@@ -20,7 +20,7 @@ from sim_core.simulation import Simulation, SimulationState, bodies_of
 from sim_core.world.rays import RayCaster
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.perception import PerceptionRecorder
+from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.world.scenery import Scenery
 
@@ -99,7 +99,7 @@ class LidarInstrument:
         for name, count in asdict(scan.fates).items():
             self._fates[name] += count
         if self._recorder is not None:
-            self._recorder.cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
+            self._recorder.lidar_points(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
         self._waiting.append((end_ns + self._latency_ns, cloud_messages(_cloud(self._frames, scan))))
         self._frames += 1
 
@@ -131,5 +131,7 @@ def lidar_of(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Si
     )
 
 
-def _cloud(number: int, scan: Scan) -> Cloud:
-    return Cloud(dialect.XITL_CLOUD_KIND_LIDAR, number, scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
+def _cloud(number: int, scan: Scan) -> PointCloud:
+    return PointCloud(
+        dialect.XITL_CLOUD_KIND_LIDAR, number, scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity
+    )

@@ -68,10 +68,10 @@ class Perception(NoPerception):
 
     def begin(self, recorder: Recorder) -> None:
         for text in self._warnings():
-            recorder.say(0, WARNING, SOURCE, text)
+            recorder.log(0, WARNING, SOURCE, text)
         for name, instrument in self._instruments.items():
             if instrument.address is not None:
-                recorder.say(0, INFO, SOURCE, f"{name} answers its own protocol at {instrument.address}")
+                recorder.log(0, INFO, SOURCE, f"{name} answers its own protocol at {instrument.address}")
             instrument.begin(recorder.perception)
 
     def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> None:

@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 from numpy import uint8
 from numpy.typing import NDArray
 
-from agent.wire.transport import Standing, Transport, TransportClosedError, TransportError, open_transport
+from agent.wire.transport import SenderStatus, Transport, TransportClosedError, TransportError, open_transport
 from agent.wire.udp import UdpTransport
 from sim_core.sensors.sonar import OVERHEAD_S, PingSettings, Sector, turning_s
 from xitl_cli.errors import UserError
@@ -277,7 +277,7 @@ class Ping360Port:
         with suppress(TransportClosedError):
             for index, chunk in enumerate(self._transport.receive()):
                 frames = self.device.frames_in(chunk)
-                if frames and self._transport.credit(index, Standing.HEARD):
+                if frames and self._transport.accept_sender(index, SenderStatus.HEARD):
                     self.device.order(frames)
             for frame in self.device.advance(now_ns, echo):
                 self._transport.send(frame)

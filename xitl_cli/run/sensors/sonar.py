@@ -11,7 +11,7 @@ from numpy import uint8
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
-from agent.companion.sonar import TURN_GRAD, Ping, echo_points, ping_messages
+from agent.companion.sonar import TURN_GRAD, SonarPing, echo_points, ping_messages
 from agent.wire.codec import Message
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import (
@@ -25,7 +25,7 @@ from sim_core.sensors.sonar import (
 from sim_core.simulation import Simulation, SimulationState, bodies_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.perception import Sonar
-from xitl_cli.record.perception import PerceptionRecorder
+from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.ping360 import Ping360Port
 from xitl_cli.run.world.scenery import Scenery
@@ -67,7 +67,7 @@ class SonarInstrument:
         self._recorder: PerceptionRecorder | None = None
         self._offset_grad, self._forward = 0, True
         self._ping_ns: int | None = None
-        self._heard: deque[tuple[int, Ping]] = deque()
+        self._heard: deque[tuple[int, SonarPing]] = deque()
         self._pings = self._echoes = 0
 
     @property
@@ -95,7 +95,7 @@ class SonarInstrument:
     def _send_out(self, sim_ns: int, due_ns: int, state: SimulationState, motion: Kinematics) -> None:
         angle_grad = self._sector.angle_grad(self._offset_grad)
         settings = self._ping.at(angle_grad)
-        ping = Ping(
+        ping = SonarPing(
             self._pings % 65536,
             sim_ns,
             (angle_grad + self._heading_grad) % TURN_GRAD,

@@ -8,7 +8,7 @@ from foxglove import messages
 
 from sim_core import frames
 from sim_core.world.debris import Body, BodyKind
-from xitl_cli.record.perception import body_frame
+from xitl_cli.record.topics import body_frame
 
 _COLORS = {
     BodyKind.TRUNK: messages.Color(r=0.4, g=0.26, b=0.13, a=1.0),

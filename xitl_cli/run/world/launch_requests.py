@@ -16,7 +16,7 @@ from agent.wire.codec import Packer, decode
 from agent.wire.framing import Framer
 from agent.wire.link import Link
 from agent.wire.transport import Transport, TransportError, open_transport
-from agent.wire.urls import Address, address_url, explained, resolve
+from agent.wire.urls import Address, address_url, resolve, transport_error
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID
@@ -56,7 +56,7 @@ class ControlPort:
             self._socket.bind(target)
         except OSError as error:
             self._socket.close()
-            raise UserError(f"world.debris.control: {explained(error, parts, True)}") from None
+            raise UserError(f"world.debris.control: {transport_error(error, parts, True)}") from None
         self.address = address_url("udp", self._socket.getsockname())
         self.counts = Counts()
         self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)

@@ -79,7 +79,7 @@ class River(OpenRiver):
         """The run starts; what happens is recorded and said there."""
         self._recorder = recorder
         if self._control is not None:
-            recorder.say(0, INFO, SOURCE, f"hears launches at {self._control.address}")
+            recorder.log(0, INFO, SOURCE, f"hears launches at {self._control.address}")
 
     def exchange(self, state: SimulationState, motion: Kinematics, target: int | None) -> SimulationState:
         """The state with what is launched now that the vessel is where it is and heads for waypoint `target`."""
@@ -110,7 +110,7 @@ class River(OpenRiver):
         if len(state.contacts) and not moored:
             for begun in self._collisions.add(state.time_ns, state.contacts):
                 text = f"the hull hit {_article(begun.what)} at {begun.impact_mps:.2f} m/s"
-                recorder.say(state.time_ns, WARNING, SOURCE, text)
+                recorder.log(state.time_ns, WARNING, SOURCE, text)
                 self._record_contact(recorder, state.time_ns, begun.what, began=True)
         if len(state.debris.bodies) > self._told:
             self._tell(recorder, state)
@@ -166,7 +166,7 @@ class River(OpenRiver):
             text = (
                 f"{kind} {number} of {body.length_m:.1f} m in the water at {north:.1f} N {east:.1f} E, {heading:.0f}°"
             )
-            recorder.say(state.time_ns, INFO, SOURCE, text)
+            recorder.log(state.time_ns, INFO, SOURCE, text)
         if self._drawn:
             recorder.scene(debris_scene(debris.bodies, self._told), state.time_ns)
         self._told = len(debris.bodies)

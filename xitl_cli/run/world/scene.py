@@ -13,7 +13,7 @@ from sim_core.world.structures import LogBoom
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.place import Dam
 from xitl_cli.profile.schema.vehicle import Vehicle
-from xitl_cli.record.recorder import MAP_FRAME, VESSEL_FRAME
+from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
 from xitl_cli.run.world.scene_land import land_of
 from xitl_cli.run.world.scenery import Scenery
 

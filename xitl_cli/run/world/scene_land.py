@@ -9,7 +9,7 @@ from sim_core import frames
 from sim_core.world.geometry import MATERIALS, Mesh
 from sim_core.world.river import RiverBed
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.recorder import MAP_FRAME
+from xitl_cli.record.topics import MAP_FRAME
 from xitl_cli.run.world.scenery import Scenery
 
 _CELL_M = 8.0

@@ -11,7 +11,7 @@ from agent.board.doctor import (
     OK,
     PROBLEM,
     WARNING,
-    Finding,
+    DoctorFinding,
     exit_code,
     findings_from_objects,
     findings_text,
@@ -196,9 +196,9 @@ def test_network_interfaces(tmp_path: Path) -> None:
 
 def test_findings_for_people_and_programs() -> None:
     findings = [
-        Finding("a", OK, "fine"),
-        Finding("b", WARNING, "so so", "do this"),
-        Finding("c", PROBLEM, "bad", "fix"),
+        DoctorFinding("a", OK, "fine"),
+        DoctorFinding("b", WARNING, "so so", "do this"),
+        DoctorFinding("c", PROBLEM, "bad", "fix"),
     ]
     assert [exit_code(findings[:count]) for count in (0, 1, 2, 3)] == [0, 0, 0, 1]
     assert len(findings_text(findings).splitlines()) == 5

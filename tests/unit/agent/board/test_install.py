@@ -11,10 +11,19 @@ from typing import NoReturn
 
 import pytest
 
-from agent.board.install import ARCHIVE, InstallError, Settings, SettingsError, from_json, install, places, to_json
-from agent.board.service import ServiceError, quoted, unit
+from agent.board.install import (
+    ARCHIVE,
+    DeploySettings,
+    DeploySettingsError,
+    InstallError,
+    install,
+    install_places,
+    settings_from_json,
+    settings_to_json,
+)
+from agent.board.service import ServiceError, quoted, unit_text
 
-NOTHING = Settings(service=False, options=None, files={})
+NOTHING = DeploySettings(service=False, options=None, files={})
 
 
 def archive(program: str = "print('xitl agent 1')") -> bytes:
@@ -25,8 +34,10 @@ def archive(program: str = "print('xitl agent 1')") -> bytes:
 
 
 def test_a_second_time_changes_nothing(tmp_path: Path) -> None:
-    where = places(True, tmp_path, str(tmp_path))
-    settings = Settings(False, {"link": ("udp://usb0:14660",), "gcs": ("udp://a:1", "udp://b:2")}, {"link-key": "k"})
+    where = install_places(True, tmp_path, str(tmp_path))
+    settings = DeploySettings(
+        False, {"link": ("udp://usb0:14660",), "gcs": ("udp://a:1", "udp://b:2")}, {"link-key": "k"}
+    )
     first = install(archive(), settings, where)
     assert first["changed"] == ["/usr/local/bin/xitl-agent.pyz", "/etc/xitl/link.key", "/etc/xitl/agent.conf"]
     assert first["command"][1:] == ["/usr/local/bin/xitl-agent.pyz", "--config", "/etc/xitl/agent.conf"]
@@ -44,10 +55,10 @@ def test_a_second_time_changes_nothing(tmp_path: Path) -> None:
 def test_what_the_agent_reads_back_is_what_was_asked_for(tmp_path: Path) -> None:
     from agent.options import parse
 
-    where = places(False, tmp_path)
+    where = install_places(False, tmp_path)
     options = {"link": ("udp://127.0.0.1:1",), "gcs": ("udp://a:1", "tcp://b:2"), "realtime": ("40",), "cpu": ("0",)}
     files = {"link-key": "secret", "parameters": "CRUISE_SPEED 1"}
-    outcome = install(archive(), Settings(False, {**options, "log-dir": ("logs",)}, files), where)
+    outcome = install(archive(), DeploySettings(False, {**options, "log-dir": ("logs",)}, files), where)
     read = parse(outcome["command"][2:], "test")
     assert (read.link, read.ground, read.realtime, read.cpus) == (
         "udp://127.0.0.1:1",
@@ -61,7 +72,7 @@ def test_what_the_agent_reads_back_is_what_was_asked_for(tmp_path: Path) -> None
 
 
 def test_one_that_does_not_start_leaves_the_old_one(tmp_path: Path) -> None:
-    where = places(False, tmp_path)
+    where = install_places(False, tmp_path)
     install(archive(), NOTHING, where)
     before = (where.programs / ARCHIVE).read_bytes()
     with pytest.raises(InstallError, match=r"does not start with Python .*no such thing.*untouched"):
@@ -71,7 +82,7 @@ def test_one_that_does_not_start_leaves_the_old_one(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    where = places(False, tmp_path)
+    where = install_places(False, tmp_path)
     install(archive(), NOTHING, where)
 
     def full(descriptor: int) -> NoReturn:
@@ -84,9 +95,9 @@ def test_a_full_disk_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_settings_come_through_as_they_were() -> None:
-    settings = Settings(True, {"link": ("udp://a:1",), "gcs": ("b", "c")}, {"signing-key": "x"})
-    assert from_json(to_json(settings)) == settings
-    assert from_json(to_json(NOTHING)) == NOTHING
+    settings = DeploySettings(True, {"link": ("udp://a:1",), "gcs": ("b", "c")}, {"signing-key": "x"})
+    assert settings_from_json(settings_to_json(settings)) == settings
+    assert settings_from_json(settings_to_json(NOTHING)) == NOTHING
 
 
 @pytest.mark.parametrize(
@@ -106,8 +117,8 @@ def test_settings_come_through_as_they_were() -> None:
     ],
 )
 def test_settings_that_cannot_be_are_refused(given: bytes) -> None:
-    with pytest.raises(SettingsError):
-        from_json(given)
+    with pytest.raises(DeploySettingsError):
+        settings_from_json(given)
 
 
 def test_words_of_a_unit_are_taken_literally() -> None:
@@ -118,7 +129,7 @@ def test_words_of_a_unit_are_taken_literally() -> None:
 
 
 def test_a_units_kind() -> None:
-    system, user = (unit(["/usr/bin/python3"], "/var/lib/xitl", system=kind) for kind in (True, False))
+    system, user = (unit_text(["/usr/bin/python3"], "/var/lib/xitl", system=kind) for kind in (True, False))
     assert "WantedBy=multi-user.target" in system
     assert "WantedBy=default.target" in user
     assert "CapabilityBoundingSet" not in user  # a user's manager may not set it

@@ -15,7 +15,7 @@ from agent.bridges.vectornav import VectorNav, sentence
 from agent.options import Options, OptionsError
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
-from agent.wire.transport import Standing, Transport
+from agent.wire.transport import SenderStatus, Transport
 
 LAT_DEG, LON_DEG, ALT_M = -8.8, -63.95, 60.0
 FIELD_FRD_GAUSS = (0.25, -0.0637, -0.05)  # of that place, level and pointing north
@@ -70,7 +70,7 @@ class Wire(Transport):
         chunks, self.coming = self.coming, []
         return chunks
 
-    def credit(self, index: int, standing: Standing) -> bool:
+    def accept_sender(self, index: int, standing: SenderStatus) -> bool:
         self.credited += 1
         return True
 
@@ -104,13 +104,13 @@ class Bench:
         for _ in range(round(seconds * self.imu_hz)):
             self.step += 1
             at_us, now_ns = self.now_ns // 1000, self.now_ns
-            self.unit.take(mav.MAVLink_xitl_imu_message(at_us, (0.0, 0.0, 0.0), (0.0, 0.0, -9.78), 21.0), now_ns)
+            self.unit.handle(mav.MAVLink_xitl_imu_message(at_us, (0.0, 0.0, 0.0), (0.0, 0.0, -9.78), 21.0), now_ns)
             if self.step % (self.imu_hz // 50) == 0 and "field" not in without:
-                self.unit.take(mav.MAVLink_xitl_magnetometer_message(at_us, FIELD_FRD_GAUSS), now_ns)
+                self.unit.handle(mav.MAVLink_xitl_magnetometer_message(at_us, FIELD_FRD_GAUSS), now_ns)
             if self.step % (self.imu_hz // 50) == 0:
-                self.unit.take(mav.MAVLink_xitl_barometer_message(at_us, 100_600.0, 21.0), now_ns)
+                self.unit.handle(mav.MAVLink_xitl_barometer_message(at_us, 100_600.0, 21.0), now_ns)
             if self.step % (self.imu_hz // 5) == 0 and "gnss" not in without:
-                self.unit.take(self.gnss(at_us), now_ns)
+                self.unit.handle(self.gnss(at_us), now_ns)
             self.unit.serve(now_ns)
 
     @staticmethod
@@ -317,7 +317,7 @@ def test_samples_that_cannot_be_do_no_harm(make: Callable[[SensorLine], Ahrs]) -
         mav.MAVLink_xitl_gnss_message(at_us + 1, 2**31 - 1, -(2**31), 0, (bad, bad, bad), bad, math.inf, bad, 255, 255),
     ]
     for message in messages:
-        bench.unit.take(message, bench.now_ns)
+        bench.unit.handle(message, bench.now_ns)
     bench.run(1.0)
     assert bench.unit.counts.solution_out - before == 50
     assert (bench.unit.counts.gnss_out, bench.unit.counts.refused) == (50 + 5, 4)

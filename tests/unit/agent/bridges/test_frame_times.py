@@ -19,7 +19,7 @@ def its_clock(clock_us: int, last_s: float, told_s: float) -> int:
 def test_its_clock_keeps_to_ours(rate_hz: int, start_us: int) -> None:
     times = FrameTimes(start_us)
     times.set_rate(rate_hz)
-    frames = times.up_to(start_us + 2_000_000, 100_000)
+    frames = times.next_frames(start_us + 2_000_000, 100_000)
     assert len(frames) == 2 * rate_hz
     assert frames[-1][0] == start_us + 2_000_000
     clock_us, last_s = start_us, start_us * 1e-6
@@ -32,28 +32,28 @@ def test_its_clock_keeps_to_ours(rate_hz: int, start_us: int) -> None:
 def test_at_most_so_many_and_on_from_there() -> None:
     times = FrameTimes(0)
     times.set_rate(1000)
-    first, rest = times.up_to(10_000, 4), times.up_to(10_000, 100)
+    first, rest = times.next_frames(10_000, 4), times.next_frames(10_000, 100)
     assert [at_us for at_us, _ in first + rest] == list(range(1000, 11_000, 1000))
-    assert times.up_to(10_000, 100) == []
+    assert times.next_frames(10_000, 100) == []
 
 
 def test_a_new_rate_counts_from_the_last_frame() -> None:
     times = FrameTimes(0)
     times.set_rate(1000)
-    times.up_to(2000, 100)
+    times.next_frames(2000, 100)
     times.set_rate(400)
-    assert [at_us for at_us, _ in times.up_to(8000, 100)] == [4500, 7000]
+    assert [at_us for at_us, _ in times.next_frames(8000, 100)] == [4500, 7000]
     assert times.last_us == 7000
 
 
 def test_slower_than_the_exchanges() -> None:
     times = FrameTimes(0)
     times.set_rate(50)
-    assert [len(times.up_to(end_us, 10)) for end_us in (10_000, 20_000, 30_000, 40_000)] == [0, 1, 0, 1]
+    assert [len(times.next_frames(end_us, 10)) for end_us in (10_000, 20_000, 30_000, 40_000)] == [0, 1, 0, 1]
 
 
 def test_what_it_is_told_stays_near() -> None:
     times = FrameTimes(0)
     times.set_rate(1200)
-    at_us, told_s = times.up_to(600_000_000, 10_000_000)[-1]
+    at_us, told_s = times.next_frames(600_000_000, 10_000_000)[-1]
     assert told_s == pytest.approx(at_us * 1e-6, abs=1e-3)

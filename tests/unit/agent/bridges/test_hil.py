@@ -63,7 +63,7 @@ class Bridge:
 
     def take(self, message: Message, now_ns: int) -> None:
         self.clock.advance_to(now_ns)
-        self.injector.take(message, now_ns)
+        self.injector.handle(message, now_ns)
         self.injector.serve(now_ns)
 
     def imu(self, at_ns: int, accel: tuple[float, ...] = ACCEL, gyro: tuple[float, ...] = GYRO) -> None:
@@ -185,10 +185,10 @@ def test_a_slow_line_makes_samples_few_and_not_late() -> None:
     vehicle = VehicleLink(f"serial://{os.ttyname(theirs)}?baud=9600")
     injector = HilMessages(vehicle)
     injector.reset(TickClock(), False, lambda severity, text: None)
-    injector.take(mav.MAVLink_xitl_magnetometer_message(0, FIELD), 0)
-    injector.take(mav.MAVLink_xitl_barometer_message(0, 100_650.0, 24.5), 0)
+    injector.handle(mav.MAVLink_xitl_magnetometer_message(0, FIELD), 0)
+    injector.handle(mav.MAVLink_xitl_barometer_message(0, 100_650.0, 24.5), 0)
     for step in range(1, 101):
-        injector.take(mav.MAVLink_xitl_imu_message(step * 5000, GYRO, ACCEL, 21.5), step * 5 * MS)
+        injector.handle(mav.MAVLink_xitl_imu_message(step * 5000, GYRO, ACCEL, 21.5), step * 5 * MS)
     counts = injector.counts
     assert counts.imu_out + counts.unsent == 100
     assert vehicle._link.waiting <= SAMPLES_WAITING

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.bridges.json_line import datagrams, extras_text, frame_text, head_of, imu_text, pulses_of
+from agent.bridges.json_line import extras_text, frame_text, imu_text, pack_datagrams, parse_servo_head, read_pulses_us
 
 MOTION = (1.0, -2.0, 0.5, 0.8, 0.0, 0.0, 0.6, 3.0, -0.25, 0.0)
 IMU = imu_text((0.1, -0.2, 0.3), (0.0, 0.5, -9.81))
@@ -22,8 +22,8 @@ def packet(magic: int, channels: int, rate_hz: int = 1200, frame: int = 7) -> by
 @pytest.mark.parametrize(("magic", "channels"), [(18458, 16), (29569, 32)])
 def test_servo_packets(magic: int, channels: int) -> None:
     data = packet(magic, channels)
-    assert head_of(data) == (1200, 7)
-    assert pulses_of(data) == tuple(range(1000, 1000 + channels))
+    assert parse_servo_head(data) == (1200, 7)
+    assert read_pulses_us(data) == tuple(range(1000, 1000 + channels))
 
 
 @pytest.mark.parametrize(
@@ -42,17 +42,17 @@ def test_servo_packets(magic: int, channels: int) -> None:
     ],
 )
 def test_what_is_no_servo_packet(data: bytes) -> None:
-    assert head_of(data) is None
+    assert parse_servo_head(data) is None
 
 
 @given(st.binary(max_size=100))
 def test_garbage_never_raises(data: bytes) -> None:
-    head_of(data)
+    parse_servo_head(data)
 
 
 def test_an_answer_is_json_without_space_before_values() -> None:
     text = frame_text(12.000833001, IMU, MOTION, extras_text([None, 2.5, None, None, None, 0.25], (1.5, 3.0)))
-    (data,) = datagrams([text])
+    (data,) = pack_datagrams([text])
     assert json.loads(data) == {
         "timestamp": 12.000833001,
         "imu": {"gyro": [0.1, -0.2, 0.3], "accel_body": [0.0, 0.5, -9.81]},
@@ -71,8 +71,8 @@ def test_an_answer_is_json_without_space_before_values() -> None:
 
 def test_answers_are_of_one_length() -> None:
     texts = [frame_text(time_s, IMU, MOTION, "") for time_s in (9.999, 10.0, 1234.5)]
-    made = datagrams(texts)
+    made = pack_datagrams(texts)
     assert len({len(data) for data in made}) == 1
     assert [json.loads(data)["timestamp"] for data in made] == [9.999, 10.0, 1234.5]
     assert all(data.startswith(b"\n{") and data.endswith(b"\n") for data in made)
-    assert datagrams([]) == []
+    assert pack_datagrams([]) == []

@@ -53,7 +53,7 @@ def test_a_checksum_of_the_manual() -> None:
 
 
 def test_an_inertial_packet() -> None:
-    found = fields(microstrain.inertial_frame(SAMPLE), 0x80)
+    found = fields(microstrain.pack_inertial_frame(SAMPLE), 0x80)
     assert set(found) == {0x17, 0x06, 0x04, 0x05}
     assert struct.unpack(">f", found[0x17])[0] == pytest.approx(1013.25)  # mbar
     assert struct.unpack(">3f", found[0x06]) == (0.25, -0.125, 0.0625)  # gauss
@@ -62,7 +62,7 @@ def test_an_inertial_packet() -> None:
 
 
 def test_a_filter_packet() -> None:
-    found = fields(microstrain.solution_frame(NAVIGATION), 0x82)
+    found = fields(microstrain.pack_solution_frame(NAVIGATION), 0x82)
     assert struct.unpack(">dHH", found[0xD3]) == (100_000.25, 2_371, 3)
     assert struct.unpack(">3H", found[0x10]) == (4, 3, 0)
     assert struct.unpack(">3dH", found[0x01]) == (-8.8, -63.95, 60.5, 1)
@@ -73,7 +73,7 @@ def test_a_filter_packet() -> None:
 
 
 def test_a_receiver_packet() -> None:
-    found = fields(microstrain.receiver_frame(FIX), 0x91)
+    found = fields(microstrain.pack_receiver_frame(FIX), 0x91)
     assert struct.unpack(">dHH", found[0xD3])[:2] == (100_000.25, 2_371)
     assert struct.unpack(">BBHH", found[0x0B])[:2] == (0, 14)
     assert struct.unpack(">4d2fH", found[0x03])[:6] == (-8.8, -63.95, 60.5, 60.5, 0.75, 1.5)
@@ -86,4 +86,4 @@ def test_a_receiver_packet() -> None:
 @pytest.mark.parametrize(("fix_type", "kind"), [(3, 0), (2, 1), (1, 3), (0, 3), (4, 0), (5, 5), (6, 6)])
 def test_kinds_of_fix(fix_type: int, kind: int) -> None:
     """GPS_FIX_TYPE, where 1 is no fix, to the unit's."""
-    assert fields(microstrain.receiver_frame(FIX._replace(fix_type=fix_type)), 0x91)[0x0B][0] == kind
+    assert fields(microstrain.pack_receiver_frame(FIX._replace(fix_type=fix_type)), 0x91)[0x0B][0] == kind

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from agent.bridges.role import Outputs, actuators, pulses_of
+from agent.bridges.role import MotorOutputs, actuators_message, updated_pulses_us
 from agent.wire import dialect as mav
 
 US = [1900, 1100, 1300, 0, 2200, 700, 1500, 1501]
@@ -15,19 +15,20 @@ US = [1900, 1100, 1300, 0, 2200, 700, 1500, 1501]
     [((1, 3), (1.0, -0.5)), ((3, 1), (-0.5, 1.0)), ((4,), (0.0,)), ((5, 6), (1.0, -1.0)), ((8, 9), (0.0025, 0.0))],
 )
 def test_commands_of_pulses(channels: tuple[int, ...], wanted: tuple[float, ...]) -> None:
-    assert Outputs(channels).of_pulses(US) == pytest.approx(wanted)
+    assert MotorOutputs(channels).commands_from_pulses(US) == pytest.approx(wanted)
 
 
 def test_trim_and_span_are_the_profiles() -> None:
-    assert Outputs((1, 2), trim_us=1450.0, span_us=500.0).of_pulses([1700, 1200]) == pytest.approx((0.5, -0.5))
+    outputs = MotorOutputs((1, 2), trim_us=1450.0, span_us=500.0)
+    assert outputs.commands_from_pulses([1700, 1200]) == pytest.approx((0.5, -0.5))
 
 
 def test_nothing_heard_commands_nothing() -> None:
-    assert Outputs((1, 3)).of_pulses(()) == (0.0, 0.0)
+    assert MotorOutputs((1, 3)).commands_from_pulses(()) == (0.0, 0.0)
 
 
 def test_normalised_outputs_are_limited() -> None:
-    assert Outputs((2, 1, 5)).of_values([0.25, -3.0]) == (-1.0, 0.25, 0.0)
+    assert MotorOutputs((2, 1, 5)).commands_from_values([0.25, -3.0]) == (-1.0, 0.25, 0.0)
 
 
 def servo(port: int, *pulses: int) -> mav.MAVLink_servo_output_raw_message:
@@ -35,17 +36,17 @@ def servo(port: int, *pulses: int) -> mav.MAVLink_servo_output_raw_message:
 
 
 def test_the_second_set_of_outputs_is_behind_the_first() -> None:
-    first = pulses_of(servo(0, 1500, 1600), ())
+    first = updated_pulses_us(servo(0, 1500, 1600), ())
     assert (len(first), first[:2]) == (16, (1500, 1600))
-    both = pulses_of(servo(1, 1900), first)
+    both = updated_pulses_us(servo(1, 1900), first)
     assert (len(both), both[:2], both[16]) == (32, (1500, 1600), 1900)
-    assert pulses_of(servo(0, 1510), both)[16] == 1900
-    assert pulses_of(servo(1, 1900), ())[16] == 1900
-    assert pulses_of(servo(7, 1900), both) == both
+    assert updated_pulses_us(servo(0, 1510), both)[16] == 1900
+    assert updated_pulses_us(servo(1, 1900), ())[16] == 1900
+    assert updated_pulses_us(servo(7, 1900), both) == both
 
 
 def test_on_the_wire() -> None:
-    message = actuators((0.5, -0.5), True, 11, 12, 13_000, 14)
+    message = actuators_message((0.5, -0.5), True, 11, 12, 13_000, 14)
     assert (message.time_usec, message.imu_time_usec, message.imu_receive_usec, message.tick) == (13, 11, 12, 14)
     assert (message.count, message.flags, list(message.command)) == (2, 1, [0.5, -0.5] + [0.0] * 6)
-    assert len(actuators((0.1,) * 12, False, 0, 0, 0, 0).command) == 8
+    assert len(actuators_message((0.1,) * 12, False, 0, 0, 0, 0).command) == 8

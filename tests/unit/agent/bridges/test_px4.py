@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent.bridges import px4
-from agent.bridges.px4 import FIRST_US, Px4, Px4Line
+from agent.bridges.px4 import FIRST_US, Px4Injector, Px4Line
 from agent.bridges.vehicle_link import VehicleLink
 from agent.options import Options
 from agent.timing.clock import TickClock
@@ -23,7 +23,7 @@ IMU_NS, TICK_NS = 5 * MS, 10 * MS
 class Bridge:
     """The injector in lockstep, as the role drives it, with a vessel whose motion is told by its samples."""
 
-    def __init__(self, injector: Px4) -> None:
+    def __init__(self, injector: Px4Injector) -> None:
         self.injector = injector
         self.said: list[str] = []
         self.begin()
@@ -44,7 +44,7 @@ class Bridge:
         return int(self.injector.addresses[0].rpartition(":")[2])
 
     def sample(self, stamp_ns: int) -> None:
-        self.injector.take(imu(stamp_ns), stamp_ns)
+        self.injector.handle(imu(stamp_ns), stamp_ns)
 
     def tick(self) -> bool:
         """An exchange: samples up to it, then the tick, asked for again as the host does."""
@@ -67,9 +67,9 @@ def imu(stamp_ns: int) -> Any:
     )
 
 
-def listening() -> Px4:
+def listening() -> Px4Injector:
     vehicle = VehicleLink("udp://127.0.0.1:9")
-    return Px4(vehicle, Px4Line("tcp://127.0.0.1:0"))
+    return Px4Injector(vehicle, Px4Line("tcp://127.0.0.1:0"))
 
 
 @pytest.fixture
@@ -222,7 +222,7 @@ def test_a_stopped_px4_holds_the_world(bridge: Bridge, monkeypatch: pytest.Monke
     monkeypatch.setattr(px4, "PATIENCE_S", 0.0)
     with socket.create_connection(("127.0.0.1", bridge.port), 5.0):
         for number in range(60_000):
-            bridge.injector.take(imu(number * IMU_NS), 0)
+            bridge.injector.handle(imu(number * IMU_NS), 0)
         assert not bridge.injector.advance(60_000 * IMU_NS)
         counts = bridge.injector.counts
         assert counts.unsent == 0
@@ -244,16 +244,16 @@ def test_noise_is_counted(bridge: Bridge) -> None:
 def test_sensors_as_px4_reads_them(bridge: Bridge) -> None:
     injector = bridge.injector
     with calling(Px4Double(), bridge.port) as double:
-        injector.take(imu(1 * IMU_NS), 0)
-        injector.take(mav.MAVLink_xitl_magnetometer_message(5_000, [0.21, -0.03, 0.41]), 0)
-        injector.take(mav.MAVLink_xitl_barometer_message(5_000, 101_325.0, 24.5), 0)
-        injector.take(imu(2 * IMU_NS), 0)
-        injector.take(imu(3 * IMU_NS), 0)
+        injector.handle(imu(1 * IMU_NS), 0)
+        injector.handle(mav.MAVLink_xitl_magnetometer_message(5_000, [0.21, -0.03, 0.41]), 0)
+        injector.handle(mav.MAVLink_xitl_barometer_message(5_000, 101_325.0, 24.5), 0)
+        injector.handle(imu(2 * IMU_NS), 0)
+        injector.handle(imu(3 * IMU_NS), 0)
         gnss = mav.MAVLink_xitl_gnss_message(
             15_000, -88_000_000, -639_500_000, 61_500, [1.5, -2.0, 0.25], 0.8, 1.2, 0.1, 3, 14
         )
-        injector.take(gnss, 0)
-        injector.take(imu(4 * IMU_NS), 0)
+        injector.handle(gnss, 0)
+        injector.handle(imu(4 * IMU_NS), 0)
         assert bridge.injector.advance(20 * MS)
         bridge.now_ns = 20 * MS
         bridge.tick()
@@ -293,7 +293,7 @@ def test_in_real_time_samples_go_out_as_they_come() -> None:
             while not injector.counts.taken and monotonic() < until_s:
                 injector.serve(0)
             for number in range(1, 11):
-                injector.take(imu(number * IMU_NS), number * IMU_NS)
+                injector.handle(imu(number * IMU_NS), number * IMU_NS)
             while injector.counts.outputs_in < 10 and monotonic() < until_s:
                 injector.serve(0)
         assert [message.time_usec for message in double.sensors] == [FIRST_US + 5_000 * n for n in range(1, 11)]
@@ -312,7 +312,7 @@ class Board:
         self.socket.settimeout(5.0)
         self.vehicle = VehicleLink(f"udp://127.0.0.1:{self.socket.getsockname()[1]}", outputs_wanted=False)
         self.said: list[str] = []
-        self.injector = Px4.make(Options(role="bridge", sensors="px4"), self.vehicle)
+        self.injector = Px4Injector.make(Options(role="bridge", sensors="px4"), self.vehicle)
         self.begin(lockstep=False)
         self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self.vehicle.keep(0)
@@ -353,7 +353,7 @@ def board() -> Iterator[Board]:
 
 def test_a_board_gets_its_sensors_over_its_mavlink(board: Board) -> None:
     board.say(board.heartbeat(simulates=True))
-    board.injector.take(imu(IMU_NS), IMU_NS)
+    board.injector.handle(imu(IMU_NS), IMU_NS)
     sensor = board.receive()
     assert sensor.get_type() == "HIL_SENSOR"
     assert sensor.time_usec == 5_000

@@ -15,8 +15,15 @@ from agent.bridges.hil import HilMessages
 from agent.bridges.injector import Injector
 from agent.bridges.json_world import JsonWorld
 from agent.bridges.microstrain import MicroStrain7
-from agent.bridges.px4 import Px4
-from agent.bridges.readings import LARGEST, SensorReadings, field_of, fix_of, imu_of, pressure_of
+from agent.bridges.px4 import Px4Injector
+from agent.bridges.readings import (
+    LARGEST,
+    SensorReadings,
+    barometer_sample_from,
+    imu_sample_from,
+    magnetometer_sample_from,
+    receiver_fix_from,
+)
 from agent.bridges.samples import GpsTime
 from agent.bridges.vectornav import VectorNav, sentence
 from agent.timing.clock import TickClock
@@ -36,7 +43,7 @@ def gnss(time_us: int = 0, velocity: Any = (1.0, -2.0, 0.5), h_acc: float = 0.8)
 
 
 def test_a_fix_in_the_units_of_its_name() -> None:
-    fix = fix_of(gnss(250_000), GpsTime.fixed())
+    fix = receiver_fix_from(gnss(250_000), GpsTime.fixed())
     assert fix is not None
     assert (fix.lat_deg, fix.lon_deg, fix.alt_m) == pytest.approx((-8.8012345, -63.9512345, 61.23))
     assert fix.gps_ns == GpsTime.fixed().zero_ns + 250 * MS
@@ -45,22 +52,22 @@ def test_a_fix_in_the_units_of_its_name() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, LARGEST])
 def test_what_is_no_number_or_beyond_all_sense_is_no_measurement(bad: float) -> None:
-    assert imu_of(mav.MAVLink_xitl_imu_message(0, (0.0, bad, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
-    assert imu_of(mav.MAVLink_xitl_imu_message(0, (0.0, 0.0, 0.0), (0.0, 0.0, bad), 20.0)) is None
-    assert field_of(mav.MAVLink_xitl_magnetometer_message(0, (0.0, 0.0, bad))) is None
-    assert pressure_of(mav.MAVLink_xitl_barometer_message(0, bad, 20.0)) is None
-    assert fix_of(gnss(velocity=(0.0, 0.0, bad)), GpsTime.fixed()) is None
-    assert fix_of(gnss(h_acc=bad), GpsTime.fixed()) is None
-    assert fix_of(gnss(2**64 - 1), GpsTime.fixed()) is None
+    assert imu_sample_from(mav.MAVLink_xitl_imu_message(0, (0.0, bad, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
+    assert imu_sample_from(mav.MAVLink_xitl_imu_message(0, (0.0, 0.0, 0.0), (0.0, 0.0, bad), 20.0)) is None
+    assert magnetometer_sample_from(mav.MAVLink_xitl_magnetometer_message(0, (0.0, 0.0, bad))) is None
+    assert barometer_sample_from(mav.MAVLink_xitl_barometer_message(0, bad, 20.0)) is None
+    assert receiver_fix_from(gnss(velocity=(0.0, 0.0, bad)), GpsTime.fixed()) is None
+    assert receiver_fix_from(gnss(h_acc=bad), GpsTime.fixed()) is None
+    assert receiver_fix_from(gnss(2**64 - 1), GpsTime.fixed()) is None
 
 
 def test_what_is_refused_is_counted_and_the_last_good_one_stays() -> None:
     readings = SensorReadings(True, lambda: 0.0)
-    assert readings.take_field(mav.MAVLink_xitl_magnetometer_message(1, (0.2, 0.0, 0.1)))
-    assert not readings.take_field(mav.MAVLink_xitl_magnetometer_message(2, (math.nan, 0.0, 0.1)))
-    assert not readings.take_pressure(mav.MAVLink_xitl_barometer_message(2, math.nan, 20.0))
-    assert readings.fix(gnss(velocity=(math.nan, 0.0, 0.0))) is None
-    assert readings.imu(mav.MAVLink_xitl_imu_message(0, (math.nan, 0.0, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
+    assert readings.handle_field(mav.MAVLink_xitl_magnetometer_message(1, (0.2, 0.0, 0.1)))
+    assert not readings.handle_field(mav.MAVLink_xitl_magnetometer_message(2, (math.nan, 0.0, 0.1)))
+    assert not readings.handle_pressure(mav.MAVLink_xitl_barometer_message(2, math.nan, 20.0))
+    assert readings.handle_fix(gnss(velocity=(math.nan, 0.0, 0.0))) is None
+    assert readings.handle_imu(mav.MAVLink_xitl_imu_message(0, (math.nan, 0.0, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
     assert readings.refused == 4
     assert readings.field is not None
     assert readings.field.stamp_ns == 1000
@@ -91,7 +98,7 @@ def _ways_in() -> Iterator[tuple[Injector, MemoryTransport | None]]:
         yield unit, theirs
     vehicle: Any = Vehicle()
     yield HilMessages(vehicle), None
-    yield Px4(vehicle, None), None
+    yield Px4Injector(vehicle, None), None
     yield JsonWorld("udp://127.0.0.1:0", lambda: None), None
 
 
@@ -127,7 +134,7 @@ def test_whatever_the_host_says_nothing_breaks(said: list[Message]) -> None:
                 theirs.send(sentence(command))
             injector.serve(0)
         for step, message in enumerate(said):
-            injector.take(message, step * 5 * MS)
+            injector.handle(message, step * 5 * MS)
             injector.serve(step * 5 * MS)
         injector.close()
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from bridged_vehicle import ARMED, VehicleDouble, until
 
-from agent.bridges.injector import Injection, Injector
-from agent.bridges.role import BridgeRole, Outputs
+from agent.bridges.injector import Injector, InjectorCounters
+from agent.bridges.role import BridgeRole, MotorOutputs
 from agent.bridges.vehicle_link import VehicleLink
 from agent.node import PROTOCOL, AgentNode
 from agent.timing.clock import Clock
@@ -27,7 +27,7 @@ class Way(Injector):
     title = "way"
 
     def __init__(self, pulses_us: Sequence[int] | None = None, values: Sequence[float] | None = None) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self.taken: list[str] = []
         self.follows = True
         self.advanced_ns: list[int] = []
@@ -36,10 +36,10 @@ class Way(Injector):
         self.closed = False
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
-        self.counts = Injection()
+        self.counts = InjectorCounters()
         self.say = say
 
-    def take(self, message: Any, now_ns: int) -> None:
+    def handle(self, message: Any, now_ns: int) -> None:
         self.taken.append(message.get_type())
 
     def advance(self, now_ns: int) -> bool:
@@ -69,7 +69,7 @@ class Bench:
         self.host, own = Link(here, 255, 190), Link(there, 1, 1)
         self.double = VehicleDouble()
         self.vehicle = VehicleLink(self.double.url)
-        self.role = BridgeRole(own.send, self.vehicle, ways, Outputs((1, 3)))
+        self.role = BridgeRole(own.send, self.vehicle, ways, MotorOutputs((1, 3)))
         self.node = AgentNode(own, self.role)
         assert self.vehicle.reach(2.0)
         self.double.link.receive(0.01)

@@ -160,7 +160,7 @@ def test_both_ways_of_calling(scheme: str, calls: bool, opened: ExitStack) -> No
             return bool(got)
 
         eventually(arrived)
-        line.heard(0)
+        line.accept_sender(0)
         assert got[0].startswith(b"$hello")
     eventually(lambda: line.receive() is not None and line.connected and (calls or bool(line.descriptors())))
     received: list[bytes] = []

@@ -40,7 +40,7 @@ def contents(frame: bytes, header: bytes) -> bytes:
 
 
 def test_an_inertial_frame() -> None:
-    values = contents(vectornav.inertial_frame(SAMPLE), bytes.fromhex("012107"))
+    values = contents(vectornav.pack_inertial_frame(SAMPLE), bytes.fromhex("012107"))
     assert len(values) == 76
     assert values[:8] == (5_000_000).to_bytes(8, "little")
     numbers = struct.unpack("<17f", values[8:])
@@ -57,11 +57,11 @@ def test_an_inertial_frame() -> None:
 def test_a_frame_byte_for_byte() -> None:
     zeros = InertialSample(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1000.0, 0.0)
     expected = "fa012107" + "0100000000000000" + 64 * "00" + "0000803f"  # 1 ns, 1 kPa
-    assert vectornav.inertial_frame(zeros)[:-2].hex() == expected
+    assert vectornav.pack_inertial_frame(zeros)[:-2].hex() == expected
 
 
 def test_a_solution_frame() -> None:
-    values = contents(vectornav.solution_frame(NAVIGATION), bytes.fromhex("31010006011306"))
+    values = contents(vectornav.pack_solution_frame(NAVIGATION), bytes.fromhex("31010006011306"))
     time_ns, *rest = struct.unpack("<Q10fH3d5f", values)
     assert time_ns == 11
     assert rest[:3] == pytest.approx((90.0, math.degrees(-0.2), math.degrees(0.1)))  # yaw, pitch, roll
@@ -74,12 +74,12 @@ def test_a_solution_frame() -> None:
 
 
 def test_a_solution_frame_tells_of_a_dead_compass() -> None:
-    values = contents(vectornav.solution_frame(NAVIGATION, vectornav.FIELD_FAULT), bytes.fromhex("31010006011306"))
+    values = contents(vectornav.pack_solution_frame(NAVIGATION, vectornav.FIELD_FAULT), bytes.fromhex("31010006011306"))
     assert struct.unpack_from("<H", values, 8 + 40)[0] == 0b100_0110
 
 
 def test_a_receiver_frame() -> None:
-    values = contents(vectornav.receiver_frame(FIX), bytes.fromhex("490300b8261800"))
+    values = contents(vectornav.pack_receiver_frame(FIX), bytes.fromhex("490300b8261800"))
     stamp_ns, gps_ns, satellites, kind, *rest = struct.unpack("<QQBB3d3f3f1f7fBB", values)
     assert (stamp_ns, gps_ns, satellites, kind) == (7, 9, 14, 3)
     assert rest[:3] == [-8.8, -63.95, 60.5]

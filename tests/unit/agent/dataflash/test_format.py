@@ -13,8 +13,7 @@ from dataflash_reader import described, rows_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.dataflash.format import Format, formats, header
-from agent.dataflash.messages import FORMATS, FORMATS_IN_LOCKSTEP
+from agent.fcu.dataflash.format import FORMATS, FORMATS_IN_LOCKSTEP, RecordFormat, formats, header
 from tests.recorded import CALM
 
 # What a reader shows must be within half a step of what went in; a float32 has 24 bits.
@@ -187,11 +186,11 @@ def clamped(letter: str, value: float) -> float:
 
 def test_a_wrong_table_is_refused() -> None:
     with pytest.raises(ValueError, match=r"XYZ.*no such.*~"):
-        Format(1, "XYZ", "Q~", "TimeUS,A", "s-", "F-")
+        RecordFormat(1, "XYZ", "Q~", "TimeUS,A", "s-", "F-")
     with pytest.raises(ValueError, match=r"XYZ.*each"):
-        Format(1, "XYZ", "QB", "TimeUS,A", "s", "F-")
+        RecordFormat(1, "XYZ", "QB", "TimeUS,A", "s", "F-")
     with pytest.raises(ValueError, match="characters of name"):
-        Format(1, "LONGER", "Q", "TimeUS", "s", "F")
+        RecordFormat(1, "LONGER", "Q", "TimeUS", "s", "F")
     with pytest.raises(ValueError, match="twice"):
         formats((("EV", "Q", "TimeUS", "s", "F"), ("EV", "Q", "TimeUS", "s", "F")))
 

@@ -13,11 +13,9 @@ from pathlib import Path
 import pytest
 from dataflash_reader import rows_of
 
-from agent.dataflash import writer as writer_module
-from agent.dataflash.files import LAST, at, in_directory
-from agent.dataflash.format import header
-from agent.dataflash.messages import FORMATS
-from agent.dataflash.writer import Writer
+from agent.fcu.dataflash import writer as writer_module
+from agent.fcu.dataflash.format import FORMATS, header
+from agent.fcu.dataflash.writer import LAST, LogWriter, fixed_log_opener, numbered_log_opener
 
 ROOT = Path(__file__).parents[4]
 PERIOD_S = 0.01
@@ -57,7 +55,7 @@ def disk(monkeypatch: pytest.MonkeyPatch) -> Disk:
 
 
 def test_records_come_out_in_order(tmp_path: Path) -> None:
-    writer = Writer(at(tmp_path / "new" / "log.bin"), period_s=PERIOD_S)
+    writer = LogWriter(fixed_log_opener(tmp_path / "new" / "log.bin"), period_s=PERIOD_S)
     assert writer.put(header(FORMATS, 0), True)
     assert all(writer.put(record(number)) for number in range(10_000))
     assert writer.close(record(10_000))
@@ -70,7 +68,7 @@ def test_records_come_out_in_order(tmp_path: Path) -> None:
 def test_a_stuck_disk_drops_and_counts_and_does_not_block(tmp_path: Path, disk: Disk) -> None:
     """Single-threaded proof: the disk is let go only after all puts have returned."""
     disk.open.clear()
-    writer = Writer(at(tmp_path / "log.bin"), capacity_bytes=1200, period_s=PERIOD_S)
+    writer = LogWriter(fixed_log_opener(tmp_path / "log.bin"), capacity_bytes=1200, period_s=PERIOD_S)
     writer.put(record(0))
     assert disk.entered.wait(30.0)
     results = [writer.put(record(number)) for number in range(1, 1000)]
@@ -89,7 +87,7 @@ def test_a_stuck_disk_drops_and_counts_and_does_not_block(tmp_path: Path, disk: 
 
 def test_waiting_is_for_lockstep_only_and_loses_nothing(tmp_path: Path, disk: Disk) -> None:
     disk.most = 100
-    writer = Writer(at(tmp_path / "log.bin"), lossless=True, capacity_bytes=600, period_s=PERIOD_S)
+    writer = LogWriter(fixed_log_opener(tmp_path / "log.bin"), lossless=True, capacity_bytes=600, period_s=PERIOD_S)
     assert all(writer.put(record(number)) for number in range(2000))
     assert writer.close(timeout_s=30.0)
     assert (tmp_path / "log.bin").read_bytes() == b"".join(map(record, range(2000)))
@@ -101,7 +99,7 @@ def test_a_stuck_disk_is_waited_for_once_in_lockstep(
 ) -> None:
     monkeypatch.setattr(writer_module, "_PATIENCE_S", 0.05)
     disk.open.clear()
-    writer = Writer(at(tmp_path / "log.bin"), lossless=True, capacity_bytes=600, period_s=PERIOD_S)
+    writer = LogWriter(fixed_log_opener(tmp_path / "log.bin"), lossless=True, capacity_bytes=600, period_s=PERIOD_S)
     waited: list[float] = []
     wait = writer._room.wait
     monkeypatch.setattr(writer._room, "wait", lambda seconds: (waited.append(seconds), wait(seconds))[1])
@@ -114,7 +112,7 @@ def test_a_stuck_disk_is_waited_for_once_in_lockstep(
 
 def test_a_full_disk_is_said_and_tried_again_from_the_byte_it_stopped_at(tmp_path: Path, disk: Disk) -> None:
     disk.full = True
-    writer = Writer(at(tmp_path / "log.bin"), capacity_bytes=1200, period_s=PERIOD_S)
+    writer = LogWriter(fixed_log_opener(tmp_path / "log.bin"), capacity_bytes=1200, period_s=PERIOD_S)
     writer.put(header(FORMATS, 0)[:500])  # any bytes: a stream that must not be torn
     for _ in range(3):
         assert disk.failed.acquire(timeout=30.0)
@@ -135,7 +133,7 @@ def test_a_full_disk_is_said_and_tried_again_from_the_byte_it_stopped_at(tmp_pat
 
 def test_closing_on_a_full_disk_gives_up_and_says_what_is_missing(tmp_path: Path, disk: Disk) -> None:
     disk.full = True
-    writer = Writer(at(tmp_path / "log.bin"), period_s=30.0)
+    writer = LogWriter(fixed_log_opener(tmp_path / "log.bin"), period_s=30.0)
     writer.put(record(1))
     assert not writer.close(record(2), timeout_s=30.0)
     assert writer.unwritten_bytes == 2 * EV.length
@@ -147,7 +145,7 @@ def test_closing_on_a_full_disk_gives_up_and_says_what_is_missing(tmp_path: Path
 
 def test_in_lockstep_a_full_disk_is_not_waited_for(tmp_path: Path, disk: Disk) -> None:
     disk.full = True
-    writer = Writer(at(tmp_path / "log.bin"), lossless=True, capacity_bytes=600, period_s=PERIOD_S)
+    writer = LogWriter(fixed_log_opener(tmp_path / "log.bin"), lossless=True, capacity_bytes=600, period_s=PERIOD_S)
     results = [writer.put(record(number)) for number in range(1000)]
     assert not all(results)
     assert writer.dropped == results.count(False)
@@ -156,7 +154,7 @@ def test_in_lockstep_a_full_disk_is_not_waited_for(tmp_path: Path, disk: Disk) -
 
 def test_a_directory_that_cannot_be_made_is_a_problem_and_no_exception(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    writer = Writer(in_directory(tmp_path / "file" / "logs"), period_s=PERIOD_S)
+    writer = LogWriter(numbered_log_opener(tmp_path / "file" / "logs"), period_s=PERIOD_S)
     assert writer.put(record(1))
     assert not writer.close(timeout_s=30.0)
     assert writer.errors >= 1
@@ -166,7 +164,7 @@ def test_a_directory_that_cannot_be_made_is_a_problem_and_no_exception(tmp_path:
 
 def test_names_are_the_next_free_number(tmp_path: Path) -> None:
     def next_name() -> str:
-        path, descriptor = in_directory(tmp_path)()
+        path, descriptor = numbered_log_opener(tmp_path)()
         os.close(descriptor)
         return path.name
 
@@ -183,7 +181,7 @@ def test_names_are_the_next_free_number(tmp_path: Path) -> None:
 
 def test_a_given_file_is_replaced(tmp_path: Path) -> None:
     for number in (1, 2):
-        writer = Writer(at(tmp_path / "log.bin"))
+        writer = LogWriter(fixed_log_opener(tmp_path / "log.bin"))
         writer.put(record(number))
         assert writer.close(timeout_s=30.0)
     assert (tmp_path / "log.bin").read_bytes() == record(2)
@@ -192,12 +190,12 @@ def test_a_given_file_is_replaced(tmp_path: Path) -> None:
 KILLED = """
 import sys, time
 from pathlib import Path
-from agent.dataflash.files import at
-from agent.dataflash.format import header
-from agent.dataflash.messages import FORMATS
-from agent.dataflash.writer import Writer
+from agent.fcu.dataflash.writer import fixed_log_opener
+from agent.fcu.dataflash.format import header
+from agent.fcu.dataflash.format import FORMATS
+from agent.fcu.dataflash.writer import LogWriter
 
-writer = Writer(at(Path(sys.argv[1])))
+writer = LogWriter(fixed_log_opener(Path(sys.argv[1])))
 writer.put(header(FORMATS, 0))
 start = time.monotonic()
 while True:

@@ -11,8 +11,15 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from agent.fcu.autopilot import Autopilot
-from agent.fcu.samples import Actuators, BarometerSample, GnssSample, ImuSample, MagnetometerSample, Vector3
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import (
+    Actuators,
+    BarometerMeasurement,
+    GnssMeasurement,
+    ImuMeasurement,
+    MagnetometerMeasurement,
+    Vector3,
+)
 
 GRAVITY_MPS2 = 9.7814
 DECLINATION_RAD = math.radians(-14.0)
@@ -160,7 +167,7 @@ class Sensors:
         self.noise = noise
         self.latency_ns = latency_ns
         self.drift = [self.rng.gauss(0.0, noise.gnss_drift_m) for _ in range(3)]
-        self._late: list[GnssSample] = []
+        self._late: list[GnssMeasurement] = []
 
     def feed(self, boat: Boat, autopilot: Autopilot, gnss: bool = True, imu: bool = True) -> None:
         """All samples of this instant: IMU 200 Hz, compass and barometer 50 Hz, GNSS 5 Hz."""
@@ -174,10 +181,10 @@ class Sensors:
         while self._late and boat.time_ns - self._late[0].stamp_ns >= self.latency_ns:
             autopilot.on_gnss(self._late.pop(0))
 
-    def imu(self, boat: Boat) -> ImuSample:
+    def imu(self, boat: Boat) -> ImuMeasurement:
         gauss, noise, root = self.rng.gauss, self.noise, math.sqrt(1e9 / STEP_NS)
         force = boat.to_body((boat.acc_ne_mps2[0], boat.acc_ne_mps2[1], boat.down()[2] - GRAVITY_MPS2))
-        return ImuSample(
+        return ImuMeasurement(
             boat.time_ns,
             tuple(
                 w + b + gauss(0.0, noise.gyro_density * root) for w, b in zip(boat.gyro(), noise.gyro_bias, strict=True)
@@ -185,14 +192,14 @@ class Sensors:
             tuple(f + b + gauss(0.0, noise.accel_density * root) for f, b in zip(force, noise.accel_bias, strict=True)),
         )
 
-    def gnss(self, boat: Boat) -> GnssSample:
+    def gnss(self, boat: Boat) -> GnssMeasurement:
         gauss, noise = self.rng.gauss, self.noise
         keep = math.exp(-0.2 / 60.0)
         spread = noise.gnss_drift_m * math.sqrt(1.0 - keep * keep)
         self.drift = [keep * d + gauss(0.0, spread) for d in self.drift]
         n, e, d = (drift + gauss(0.0, noise.gnss_m) for drift in self.drift)
         down, down_rate, _ = boat.down()
-        return GnssSample(
+        return GnssMeasurement(
             boat.time_ns,
             LAT_DEG + (boat.north_m + n) / NORTH_M_PER_DEG,
             LON_DEG + (boat.east_m + e) / EAST_M_PER_DEG,
@@ -203,14 +210,16 @@ class Sensors:
             speed_accuracy_mps=0.1,
         )
 
-    def magnetometer(self, boat: Boat) -> MagnetometerSample:
+    def magnetometer(self, boat: Boat) -> MagnetometerMeasurement:
         gauss, sigma = self.rng.gauss, self.noise.field_gauss
-        return MagnetometerSample(boat.time_ns, tuple(m + gauss(0.0, sigma) for m in boat.to_body(FIELD_NED_GAUSS)))
+        return MagnetometerMeasurement(
+            boat.time_ns, tuple(m + gauss(0.0, sigma) for m in boat.to_body(FIELD_NED_GAUSS))
+        )
 
-    def barometer(self, boat: Boat) -> BarometerSample:
+    def barometer(self, boat: Boat) -> BarometerMeasurement:
         height_m = ALT_M - boat.down()[0]
         pressure = 101_325.0 * (1.0 - height_m / 44_330.769) ** 5.25588 + self.rng.gauss(0.0, self.noise.pressure_pa)
-        return BarometerSample(boat.time_ns, pressure)
+        return BarometerMeasurement(boat.time_ns, pressure)
 
 
 SILENT = Noise(0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)

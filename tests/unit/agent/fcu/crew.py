@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 from boat import DECLINATION_RAD, Boat, Noise, Sensors, sail
 
-from agent.fcu import modes
-from agent.fcu.autopilot import Autopilot
 from agent.fcu.control.controller import MakeController
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import Actuators
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import Actuators
 
 LEVEL_S = 12.0
 QUIET = Noise(gnss_drift_m=0.0)

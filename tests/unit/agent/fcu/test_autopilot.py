@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, STEP_NS, THIRD, Boat, Hull, Noise, Sensors, degrees, sail
 
-from agent.fcu import modes
-from agent.fcu.autopilot import Autopilot
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import Actuators
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import Actuators
 
 FIRMWARE_PARAMS = Path(__file__).parents[4] / "firmware_params"
 SQUARE = ((0.0, 60.0), (60.0, 60.0), (60.0, 0.0), (0.0, 0.0))
@@ -20,7 +20,7 @@ SQUARE = ((0.0, 60.0), (60.0, 60.0), (60.0, 0.0), (0.0, 0.0))
 
 def ready(points=SQUARE, **parameters: float) -> Autopilot:
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD, **parameters}))
-    autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), *(waypoint(*degrees(*point)) for point in points)]))
+    autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *(waypoint(*degrees(*point)) for point in points)]))
     assert autopilot.set_mode(modes.AUTO) == ""
     return autopilot
 
@@ -174,7 +174,7 @@ def test_unknown_modes_are_refused(mode: int) -> None:
 def test_auto_needs_a_mission_and_clearing_it_holds() -> None:
     assert "needs a mission" in Autopilot().set_mode(modes.AUTO)
     autopilot = ready()
-    autopilot.set_mission(mission([]))
+    autopilot.set_mission(make_mission([]))
     assert autopilot.mode == modes.HOLD
 
 

@@ -11,12 +11,12 @@ import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
 from crew import Ship
 
-from agent.fcu import modes
-from agent.fcu.control.controller import ControllerError, Demand, Motors, Order, load
-from agent.fcu.control.helm import Helm
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.control.controller import ControllerError, Demand, Motors, Order, load_controller
+from agent.fcu.control.heading_speed import HeadingSpeedController
+from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import Estimate
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle_state import StateEstimate
 
 ROOT = Path(__file__).parents[4]
 EXAMPLE = f"{ROOT}/examples/sliding_mode_heading.py:SlidingModeHeading"
@@ -38,7 +38,7 @@ class Scripted:
     def restart(self) -> None:
         pass
 
-    def control(self, order: Order, estimate: Estimate, dt_s: float) -> Any:
+    def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> Any:
         self.orders.append(order)
         answer = self.left.pop(0) if len(self.left) > 1 else self.left[0]
         if isinstance(answer, Exception):
@@ -52,9 +52,11 @@ def scripted(*given: Any) -> Any:
 
 @pytest.mark.parametrize("spec", [None, EXAMPLE], ids=["built in", "example"])
 def test_a_mission_is_flown_in_a_current(spec: str | None) -> None:
-    ship = Ship(Boat(current_ne_mps=(0.3, -0.2), yaw_rad=1.0), None if spec is None else load(spec), WP_SPEED=2.0)
+    ship = Ship(
+        Boat(current_ne_mps=(0.3, -0.2), yaw_rad=1.0), None if spec is None else load_controller(spec), WP_SPEED=2.0
+    )
     items = [waypoint(LAT_DEG, LON_DEG), *(waypoint(*degrees(*place)) for place in SQUARE)]
-    ship.autopilot.set_mission(mission(items))
+    ship.autopilot.set_mission(make_mission(items))
     ship.set_out(modes.AUTO)
     off_m: list[float] = []
 
@@ -73,7 +75,9 @@ def test_a_mission_is_flown_in_a_current(spec: str | None) -> None:
 
 def test_the_example_is_not_the_built_in_one() -> None:
     order, estimate = Order(0.5, 0.0, 1.0), Ship().autopilot.estimate
-    built_in, example = (make(Parameters()).control(order, estimate, 0.02) for make in (Helm, load(EXAMPLE)))
+    built_in, example = (
+        make(Parameters()).control(order, estimate, 0.02) for make in (HeadingSpeedController, load_controller(EXAMPLE))
+    )
     assert isinstance(built_in, Demand)
     assert isinstance(example, Demand)
     assert built_in.thrust == example.thrust
@@ -146,13 +150,16 @@ def test_a_constructor_that_raises_keeps_the_vessel_in_harbour() -> None:
     ("spec", "words"),
     [
         ("", "is not one; write module:Class or path/to/file.py:Class"),
-        ("agent.fcu.control.helm", "is not one; write module:Class"),
-        ("agent.fcu.control.helm:no-name", "is not one"),
-        ("agent.fcu.no_such:Helm", "no module 'agent.fcu.no_such'"),
-        ("no_such.py:Helm", "there is no file no_such.py"),
-        ("agent.fcu.control.helm:Healm", "agent.fcu.control.helm has no Healm; it has Helm"),
-        ("agent.fcu.control.helm:propel", "propel is not a class"),
-        ("agent.fcu.control.helm:Propellers", "Propellers lacks control"),
+        ("agent.fcu.control.heading_speed", "is not one; write module:Class"),
+        ("agent.fcu.control.heading_speed:no-name", "is not one"),
+        ("agent.fcu.no_such:HeadingSpeedController", "no module 'agent.fcu.no_such'"),
+        ("no_such.py:HeadingSpeedController", "there is no file no_such.py"),
+        (
+            "agent.fcu.control.heading_speed:Healm",
+            "agent.fcu.control.heading_speed has no Healm; it has HeadingSpeedController",
+        ),
+        ("agent.fcu.control.heading_speed:speed_control", "speed_control is not a class"),
+        ("agent.fcu.control.allocation:ThrustAllocator", "ThrustAllocator lacks control"),
         ("{file}:NoArguments", "NoArguments has to take (parameters)"),
         ("{file}:WrongControl", "WrongControl.control has to take (order, estimate, dt_s)"),
         ("{broken}:Any", "cannot be loaded (ZeroDivisionError: division by zero)"),
@@ -174,7 +181,7 @@ def test_what_cannot_be_used_is_refused_by_name(spec: str, words: str, tmp_path:
         paths[name].write_text(text)
     spec = spec.format(**paths)
     with pytest.raises(ControllerError, match=re.escape(words)) as refused:
-        load(spec)
+        load_controller(spec)
     assert str(refused.value).startswith(f"controller {spec!r}")
     assert "\n" not in str(refused.value)
 

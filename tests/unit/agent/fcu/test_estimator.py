@@ -7,9 +7,9 @@ import math
 import pytest
 from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, SILENT, STEP_NS, Boat, Noise, Sensors
 
-from agent.fcu.autopilot import Autopilot
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import GnssSample, ImuSample
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import GnssMeasurement, ImuMeasurement
 
 
 def disarmed() -> Autopilot:
@@ -137,7 +137,7 @@ def test_lever_arms_are_taken_off() -> None:
     def cross(a, b):
         return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
-    def gnss(boat: Boat) -> GnssSample:
+    def gnss(boat: Boat) -> GnssMeasurement:
         from boat import EAST_M_PER_DEG, NORTH_M_PER_DEG
 
         fix = fix_of_origin(boat)
@@ -152,7 +152,7 @@ def test_lever_arms_are_taken_off() -> None:
 
     before = [(0.0, 0.0, 0.0)]
 
-    def imu(boat: Boat) -> ImuSample:
+    def imu(boat: Boat) -> ImuMeasurement:
         sample, gyro = imu_of_origin(boat), boat.gyro()
         angular_acc = tuple((w - w0) / (STEP_NS * 1e-9) for w, w0 in zip(gyro, before[0], strict=True))
         before[0] = gyro

@@ -6,14 +6,14 @@ import pytest
 from boat import LAT_DEG, LON_DEG, degrees
 from crew import Ship
 
-from agent.fcu import modes
-from agent.fcu.failsafe import Failsafes
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.estimation.position_filter import InnovationRatios
+from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.sensing.position_filter import InnovationRatios
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle.failsafes import FailsafeMonitor
 
 SECOND = 1_000_000_000
-AFAR = mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(500.0, 0.0))])
+AFAR = make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(500.0, 0.0))])
 
 
 def under_way(mode: int, **parameters: float) -> Ship:
@@ -103,7 +103,7 @@ def test_position_lost_and_found(action: int, mode: str, times: int) -> None:
 
 
 def test_a_compass_and_a_receiver_that_disagree_are_bad_after_a_second() -> None:
-    watches = Failsafes(Parameters())
+    watches = FailsafeMonitor(Parameters())
     good = InnovationRatios(0.3, 0.3, 0.3, 0.3)
     for bad in (
         InnovationRatios(0.7, 0.7, 0.0, 0.0),  # position and velocity over 0.8 squared
@@ -123,7 +123,7 @@ def test_a_compass_and_a_receiver_that_disagree_are_bad_after_a_second() -> None
 
 
 def test_a_clock_that_is_set_back_starts_the_wait_again() -> None:
-    watches = Failsafes(Parameters({"FS_GCS_ENABLE": 1}))
+    watches = FailsafeMonitor(Parameters({"FS_GCS_ENABLE": 1}))
     watches.heard_ground_station(255, 100 * SECOND)
     assert not watches.look_at_gcs(True, 106 * SECOND)
     assert not watches.look_at_gcs(True, 0)
@@ -132,7 +132,7 @@ def test_a_clock_that_is_set_back_starts_the_wait_again() -> None:
 
 
 def test_after_a_silence_of_the_imu_the_first_fix_is_waited_for_but_not_for_ever() -> None:
-    watches = Failsafes(Parameters())
+    watches = FailsafeMonitor(Parameters())
     now_ns, accepted = 0, 1
 
     def look(position_lost: bool) -> bool:

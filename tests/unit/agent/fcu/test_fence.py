@@ -10,12 +10,12 @@ from crew import Ship
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu import modes
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, Fence, FenceError, FenceItem
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
+from agent.fcu.vehicle import modes
 
-FRAME = LocalFrame(LAT_DEG, LON_DEG, 0.0)
+FRAME = LocalProjection(LAT_DEG, LON_DEG, 0.0)
 HOME = (LAT_DEG, LON_DEG)
 
 

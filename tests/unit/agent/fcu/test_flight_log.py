@@ -30,21 +30,24 @@ from boat import (
 from dataflash_reader import rows_of
 from pymavlink import mavutil
 
-from agent.dataflash import writer as writer_module
-from agent.dataflash.files import at, in_directory
-from agent.dataflash.format import header
-from agent.dataflash.messages import FORMATS
-from agent.fcu import modes
-from agent.fcu.autopilot import Autopilot
-from agent.fcu.log.flight_log import FlightLog
-from agent.fcu.log.hooks import NullFlightLog
-from agent.fcu.log.records import health
-from agent.fcu.mission import change_speed, mission, waypoint
+from agent.fcu.dataflash import writer as writer_module
+from agent.fcu.dataflash.flight_log import FlightLog, NullFlightLog
+from agent.fcu.dataflash.format import FORMATS, header
+from agent.fcu.dataflash.records import health
+from agent.fcu.dataflash.writer import fixed_log_opener, numbered_log_opener
+from agent.fcu.estimation.position_filter import InnovationRatios
+from agent.fcu.mission import change_speed, make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.samples import Actuators, BarometerSample, GnssSample, ImuSample, MagnetometerSample
-from agent.fcu.sensing.position_filter import InnovationRatios
-from agent.timing.misses import Miss
-from agent.timing.tasks import TaskStats
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import (
+    Actuators,
+    BarometerMeasurement,
+    GnssMeasurement,
+    ImuMeasurement,
+    MagnetometerMeasurement,
+)
+from agent.timing.tasks import DeadlineMiss, TaskStats
 
 AHEAD_NS = 7_000_000_000  # the agent's clock against the sensors'
 OFFSET_MGAUSS = 12.0
@@ -61,22 +64,22 @@ class Logged(Autopilot):
     def control(self, now_ns: int) -> Actuators:
         return super().control(now_ns + AHEAD_NS)
 
-    def on_imu(self, sample: ImuSample) -> bool:
+    def on_imu(self, sample: ImuMeasurement) -> bool:
         self.log.imu(sample)
         self.samples["imu"].append(sample)
         return super().on_imu(sample)
 
-    def on_gnss(self, sample: GnssSample) -> bool:
+    def on_gnss(self, sample: GnssMeasurement) -> bool:
         self.log.gnss(sample)
         self.samples["gnss"].append(sample)
         return super().on_gnss(sample)
 
-    def on_magnetometer(self, sample: MagnetometerSample) -> bool:
+    def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:
         self.log.magnetometer(sample)
         self.samples["magnetometer"].append(sample)
         return super().on_magnetometer(sample)
 
-    def on_barometer(self, sample: BarometerSample) -> bool:
+    def on_barometer(self, sample: BarometerMeasurement) -> bool:
         self.log.barometer(sample)
         self.samples["barometer"].append(sample)
         return super().on_barometer(sample)
@@ -88,7 +91,7 @@ class Flight:
     def __init__(self, path: Path, lockstep: bool = True, **parameters: float) -> None:
         self.boat = Boat(roll_amplitude_rad=math.radians(4.0), heave_amplitude_m=0.1, yaw_rad=0.4)
         self.sensors = Sensors(5, Noise())
-        self.log = FlightLog(at(path), self.now_ns)
+        self.log = FlightLog(fixed_log_opener(path), self.now_ns)
         self.autopilot = Logged(
             Parameters({"COMPASS_DEC": DECLINATION_RAD, "COMPASS_OFS_X": OFFSET_MGAUSS, **parameters}), self.log
         )
@@ -143,7 +146,7 @@ def fly(path: Path) -> Flight:
         change_speed(2.0),
         waypoint(*degrees(25.0, 35.0)),
     )
-    autopilot.set_mission(mission(items))
+    autopilot.set_mission(make_mission(items))
     assert autopilot.set_mode(modes.AUTO) == ""
     flight.sail(12.0)
     assert autopilot.arm() == ()
@@ -348,7 +351,7 @@ def test_the_bytes_are_the_same_every_time(tmp_path: Path, monkeypatch: pytest.M
 
     first = short(tmp_path / "a.bin")
     monkeypatch.setattr(writer_module, "_CHUNK_BYTES", 100)
-    monkeypatch.setattr(writer_module.Writer.__init__, "__defaults__", (False, 1 << 15, 0.002))
+    monkeypatch.setattr(writer_module.LogWriter.__init__, "__defaults__", (False, 1 << 15, 0.002))
     assert short(tmp_path / "b.bin") == first
 
 
@@ -382,7 +385,7 @@ def test_long_loops_load_and_tasks_in_real_time(tmp_path: Path) -> None:
     log.performance(now + 1_000_000_000, stats)
     later = [replace(stats[0], cycles=1002), stats[1]]
     log.performance(now + 10_000_000_000, later)
-    log.missed(now, [Miss("control", 300, 6_000_000_000, 6_030_000_000, 6_032_500_000, 1)])
+    log.missed(now, [DeadlineMiss("control", 300, 6_000_000_000, 6_030_000_000, 6_032_500_000, 1)])
     log.close()
     rows = rows_of(tmp_path / "log.bin")
     row, second = rows["PM"]
@@ -415,7 +418,7 @@ def test_long_loops_load_and_tasks_in_real_time(tmp_path: Path) -> None:
 def test_losing_position_and_imu_are_errors(tmp_path: Path) -> None:
     flight = Flight(tmp_path / "log.bin")
     autopilot = flight.autopilot
-    autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(200.0, 0.0))]))
+    autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(200.0, 0.0))]))
     autopilot.set_mode(modes.AUTO)
     flight.sail(12.0)
     assert autopilot.arm() == ()
@@ -464,7 +467,7 @@ def test_sticks_ground_station_and_fence(tmp_path: Path) -> None:
 def test_drops_and_a_full_disk_show_in_the_log_and_at_the_ground_station(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(writer_module.Writer.__init__, "__defaults__", (False, 1 << 15, 0.005))
+    monkeypatch.setattr(writer_module.LogWriter.__init__, "__defaults__", (False, 1 << 15, 0.005))
     real_write = writer_module._write
     full = True
 
@@ -496,8 +499,8 @@ def test_drops_and_a_full_disk_show_in_the_log_and_at_the_ground_station(
 
 
 def test_logs_of_one_agent_follow_each_other(tmp_path: Path) -> None:
-    log = FlightLog(in_directory(tmp_path), lambda: 5_000)
-    log.imu(ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))  # before the first: nothing happens
+    log = FlightLog(numbered_log_opener(tmp_path), lambda: 5_000)
+    log.imu(ImuMeasurement(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))  # before the first: nothing happens
     log.event(0, 6, "nobody listens")
     assert log.path is None
     for text in ("first", "second"):
@@ -511,7 +514,7 @@ def test_logs_of_one_agent_follow_each_other(tmp_path: Path) -> None:
 
 
 def test_a_long_sentence_is_whole(tmp_path: Path) -> None:
-    log = FlightLog(at(tmp_path / "log.bin"), lambda: 0)
+    log = FlightLog(fixed_log_opener(tmp_path / "log.bin"), lambda: 0)
     log.begin(0)
     text = "".join(chr(65 + place % 26) for place in range(150))
     log.event(0, 4, text)
@@ -522,7 +525,7 @@ def test_a_long_sentence_is_whole(tmp_path: Path) -> None:
 def test_a_big_mission_is_spread_over_cycles(tmp_path: Path) -> None:
     flight = Flight(tmp_path / "log.bin")
     count = 101
-    flight.autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG + 1e-5 * n) for n in range(count)]))
+    flight.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG + 1e-5 * n) for n in range(count)]))
     flight.drift(0.5)
     flight.log.close()
     rows = rows_of(tmp_path / "log.bin")["CMD"]

@@ -8,9 +8,9 @@ import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
 from crew import Ship
 
-from agent.fcu import modes
-from agent.fcu.control.guided import COURSE, POSITION, TURN, VELOCITY
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.mission import make_mission, waypoint
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle.navigation import COURSE, POSITION, TURN, VELOCITY
 
 CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 
@@ -128,7 +128,7 @@ def test_a_target_given_before_arming_is_kept_and_a_stale_velocity_is_not() -> N
 @pytest.mark.parametrize("mode", [modes.GUIDED, modes.AUTO])
 def test_a_change_of_speed_is_for_the_mode_it_was_asked_in(mode: int) -> None:
     ship = Ship()
-    ship.autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(300.0, 0.0))]))
+    ship.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(300.0, 0.0))]))
     ship.set_out(mode)
     if mode == modes.GUIDED:
         ship.autopilot.go_to(*degrees(300.0, 0.0))

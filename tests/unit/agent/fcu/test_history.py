@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from agent.fcu.samples import ImuSample
-from agent.fcu.sensing.history import History
-from agent.fcu.sensing.inertial import InertialState, propagated, shifted
-from agent.fcu.sensing.position_filter import Correction
+from agent.fcu.estimation.inertial import InertialHistory, InertialState, StateCorrection, propagate, shift_state
+from agent.fcu.vehicle_state import ImuMeasurement
 
 ZERO = (0.0, 0.0, 0.0)
 START = InertialState(0, 1.0, *ZERO, 2.0, 0.0, 0.0, *ZERO, *ZERO, *ZERO, 0.0, 0.0)
@@ -17,18 +15,18 @@ def run(start: InertialState, bias=ZERO) -> list[InertialState]:
     """Half a second of turning and accelerating."""
     states = [start]
     for step in range(1, 101):
-        sample = ImuSample(step * 5_000_000, (0.1, -0.2, 0.5), (0.5, 0.2, -9.7))
-        states.append(propagated(states[-1], sample, ZERO, bias, 9.8))
+        sample = ImuMeasurement(step * 5_000_000, (0.1, -0.2, 0.5), (0.5, 0.2, -9.7))
+        states.append(propagate(states[-1], sample, ZERO, bias, 9.8))
     return states
 
 
 def test_a_correction_in_the_past_equals_integrating_again() -> None:
-    correction = Correction((1.0, -2.0, 0.5), (0.3, 0.1, -0.2), (0.05, -0.02, 0.01))
-    history = History()
+    correction = StateCorrection((1.0, -2.0, 0.5), (0.3, 0.1, -0.2), (0.05, -0.02, 0.01))
+    history = InertialHistory()
     for state in run(START):
         history.append(state)
     newest = history.correct(correction, 0)
-    again = run(shifted(START, correction.vel_ned_mps, correction.pos_ned_m), correction.bias_ned_mps2)
+    again = run(shift_state(START, correction.vel_ned_mps, correction.pos_ned_m), correction.bias_ned_mps2)
     assert newest[:11] == pytest.approx(again[-1][:11], abs=1e-9)
     then = history.at(250_000_000)
     assert then is not None
@@ -36,11 +34,11 @@ def test_a_correction_in_the_past_equals_integrating_again() -> None:
 
 
 def test_only_states_since_the_measurement_are_corrected() -> None:
-    history = History()
+    history = InertialHistory()
     states = run(START)
     for state in states:
         history.append(state)
-    history.correct(Correction((1.0, 0.0, 0.0), ZERO, ZERO), 250_000_000)
+    history.correct(StateCorrection((1.0, 0.0, 0.0), ZERO, ZERO), 250_000_000)
     before, after = history.at(245_000_000), history.at(250_000_000)
     assert before is not None
     assert after is not None
@@ -49,7 +47,7 @@ def test_only_states_since_the_measurement_are_corrected() -> None:
 
 
 def test_the_state_of_an_instant_is_the_last_before_it() -> None:
-    history = History()
+    history = InertialHistory()
     for state in run(START):
         history.append(state)
     got = [history.at(stamp) for stamp in (12_499_999, 10_000_000, -1, 10**12)]

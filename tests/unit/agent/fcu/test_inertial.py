@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from agent.fcu.samples import ImuSample
-from agent.fcu.sensing.inertial import InertialState, euler, frd_to_ned, ned_to_frd, propagated, quaternion
+from agent.fcu.estimation.inertial import InertialState, euler, frd_to_ned, ned_to_frd, propagate, quaternion
+from agent.fcu.vehicle_state import ImuMeasurement
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -22,7 +22,7 @@ def test_a_turn_at_a_constant_rate_is_exact() -> None:
     size = math.sqrt(sum(w * w for w in rate))
     state = at_rest((1.0, 0.0, 0.0, 0.0), rate)
     for step in range(1, 2001):
-        state = propagated(state, ImuSample(step * 5_000_000, rate, ZERO), ZERO, ZERO, 0.0)
+        state = propagate(state, ImuMeasurement(step * 5_000_000, rate, ZERO), ZERO, ZERO, 0.0)
     half = 0.5 * size * 10.0
     expected = (math.cos(half), *(w / size * math.sin(half) for w in rate))
     assert state[1:5] == pytest.approx(expected, abs=1e-9)
@@ -31,7 +31,7 @@ def test_a_turn_at_a_constant_rate_is_exact() -> None:
 def test_a_quaternion_off_unit_length_comes_back() -> None:
     state = at_rest((1.02, 0.0, 0.0, 0.0))
     for step in range(1, 6):
-        state = propagated(state, ImuSample(step * 5_000_000, ZERO, ZERO), ZERO, ZERO, 0.0)
+        state = propagate(state, ImuMeasurement(step * 5_000_000, ZERO, ZERO), ZERO, ZERO, 0.0)
     assert math.sqrt(sum(q * q for q in state[1:5])) == pytest.approx(1.0, abs=1e-12)
 
 
@@ -41,8 +41,8 @@ def test_free_fall_and_rest() -> None:
     fall, rest = at_rest(attitude)._replace(acc_down_mps2=9.8), at_rest(attitude)
     held = ned_to_frd(rest, (0.0, 0.0, -9.8))
     for step in range(1, 201):
-        fall = propagated(fall, ImuSample(step * 5_000_000, ZERO, ZERO), ZERO, ZERO, 9.8)
-        rest = propagated(rest, ImuSample(step * 5_000_000, ZERO, held), ZERO, ZERO, 9.8)
+        fall = propagate(fall, ImuMeasurement(step * 5_000_000, ZERO, ZERO), ZERO, ZERO, 9.8)
+        rest = propagate(rest, ImuMeasurement(step * 5_000_000, ZERO, held), ZERO, ZERO, 9.8)
     assert (fall.down_m, fall.vel_down_mps) == pytest.approx((4.9, 9.8))
     assert rest[5:11] == pytest.approx((0.0,) * 6, abs=1e-12)
 

@@ -7,18 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.fcu.control.allocation import pulse_width_us
-from agent.fcu.control.manual import CENTRED, NONE, Manual
+from agent.fcu.control.manual_control import CENTRED, NONE, ManualControl
 from agent.fcu.parameters import Parameters
 
 SECOND = 1_000_000_000
 IGNORE, RELEASE_HIGH = 65535, 65534
 
 
-def manual(**parameters: float) -> Manual:
-    return Manual(Parameters(parameters))
+def manual(**parameters: float) -> ManualControl:
+    return ManualControl(Parameters(parameters))
 
 
-def override(sticks: Manual, now_ns: int = 0, **widths_us: int) -> str:
+def override(sticks: ManualControl, now_ns: int = 0, **widths_us: int) -> str:
     return sticks.override(tuple(widths_us.get(f"c{n}", IGNORE) for n in range(1, 19)), now_ns)
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.fcu.control.guidance import GuidanceGains
-from agent.fcu.local_frame import LocalFrame
+from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import (
     CHANGE_SPEED,
     FOREVER,
@@ -19,21 +19,21 @@ from agent.fcu.mission import (
     MOST_ITEMS,
     RETURN_HOME,
     WAYPOINT,
-    Mission,
     MissionError,
     MissionItem,
+    MissionSequence,
     change_speed,
     item_parameters,
     item_problem,
     jump,
-    mission,
+    make_mission,
     mission_item,
     waypoint,
 )
 from agent.fcu.parameters import Parameters
-from agent.fcu.pilot import COMPLETE, Pilot
+from agent.fcu.vehicle.navigation import COMPLETE, MissionProgress
 
-FRAME = LocalFrame(-8.8, -63.95, 50.0)
+FRAME = LocalProjection(-8.8, -63.95, 50.0)
 GAINS = GuidanceGains.of(Parameters())
 
 
@@ -61,22 +61,22 @@ def at(north_m: float, east_m: float) -> MissionItem:
 )
 def test_a_bad_item_is_named(item: MissionItem, words: str) -> None:
     with pytest.raises(MissionError, match=words):
-        mission([at(0.0, 0.0), item])
-    mission([item, at(1.0, 1.0)])  # as home it is never sailed to
+        make_mission([at(0.0, 0.0), item])
+    make_mission([item, at(1.0, 1.0)])  # as home it is never sailed to
 
 
 def test_too_many_items() -> None:
     with pytest.raises(MissionError, match="at most"):
-        mission([at(0.0, 0.0)] * (MOST_ITEMS + 1))
+        make_mission([at(0.0, 0.0)] * (MOST_ITEMS + 1))
 
 
 def test_home_alone_is_the_empty_mission() -> None:
-    assert mission([at(0.0, 0.0)]) == mission([]) == Mission()
+    assert make_mission([at(0.0, 0.0)]) == make_mission([]) == MissionSequence()
 
 
 def test_speeds_count_from_their_place_on() -> None:
     items = [at(0, 0), change_speed(2.0), at(10, 0), at(20, 0), change_speed(1.5), change_speed(1.2), at(30, 0)]
-    pilot = Pilot(mission(items), 3.0)
+    pilot = MissionProgress(make_mission(items), 3.0)
     speeds, reached = [], []
     for north in range(31):
         pilot.steer(GAINS, FRAME, (float(north), 0.0), 0.0, 1.0, 0.02)
@@ -88,7 +88,7 @@ def test_speeds_count_from_their_place_on() -> None:
 
 
 def test_legs_join_waypoints_and_the_first_starts_at_the_vessel() -> None:
-    pilot = Pilot(mission([at(0, 0), at(50, 50), at(50, 150)]), 3.0)
+    pilot = MissionProgress(make_mission([at(0, 0), at(50, 50), at(50, 150)]), 3.0)
     output = pilot.steer(GAINS, FRAME, (50.0, 0.0), 0.0, 1.0, 0.02)
     assert output is not None
     assert output.cross_track_m == 0.0
@@ -100,7 +100,7 @@ def test_legs_join_waypoints_and_the_first_starts_at_the_vessel() -> None:
 
 
 def test_waypoints_on_top_of_each_other_are_ticked_off() -> None:
-    pilot = Pilot(mission([at(0, 0), at(5, 5), at(5, 5), at(5, 5)]), 3.0)
+    pilot = MissionProgress(make_mission([at(0, 0), at(5, 5), at(5, 5), at(5, 5)]), 3.0)
     outputs = [pilot.steer(GAINS, FRAME, (5.0, 5.0), 0.0, 0.0, 0.02) for _ in range(4)]
     assert outputs[-1] is None
     assert pilot.take_reached() == [1, 2, 3]
@@ -108,7 +108,7 @@ def test_waypoints_on_top_of_each_other_are_ticked_off() -> None:
 
 def visited(items: list[MissionItem], most: int = 50) -> list[int]:
     """What is sailed to, in order, by a vessel that is always there already."""
-    pilot = Pilot(mission(items), 3.0)
+    pilot = MissionProgress(make_mission(items), 3.0)
     order: list[int] = []
     while len(order) < most and pilot.current:
         order.append(pilot.current)
@@ -133,7 +133,7 @@ def test_jumps_in_a_ring_end_the_mission() -> None:
 
 
 def test_looking_ahead_for_the_corner_makes_no_jump() -> None:
-    pilot = Pilot(mission([at(0, 0), at(50, 0), at(50, 50), jump(1, 1)]), 3.0)
+    pilot = MissionProgress(make_mission([at(0, 0), at(50, 0), at(50, 50), jump(1, 1)]), 3.0)
     for _ in range(10):
         pilot.steer(GAINS, FRAME, (10.0, 0.0), 0.0, 1.0, 0.02)
     assert pilot._jumps == {}
@@ -141,7 +141,7 @@ def test_looking_ahead_for_the_corner_makes_no_jump() -> None:
 
 def test_holding_takes_its_time_and_counts_as_reached_then() -> None:
     items = [at(0, 0), waypoint(*FRAME.to_geodetic(10.0, 0.0), hold_s=2.0), at(20.0, 0.0)]
-    pilot = Pilot(mission(items), 3.0)
+    pilot = MissionProgress(make_mission(items), 3.0)
     seconds = 0.0
     while pilot.current == 1:
         output = pilot.steer(GAINS, FRAME, (10.0, 0.0), 0.3, 0.0, 0.02)
@@ -153,13 +153,13 @@ def test_holding_takes_its_time_and_counts_as_reached_then() -> None:
 
 
 def test_loitering_here_for_ever_and_going_home() -> None:
-    pilot = Pilot(mission([at(0, 0), MissionItem(LOITER_UNLIMITED)]), 3.0)
+    pilot = MissionProgress(make_mission([at(0, 0), MissionItem(LOITER_UNLIMITED)]), 3.0)
     for _ in range(2000):
         output = pilot.steer(GAINS, FRAME, (7.0, 7.0), 0.0, 0.0, 0.02)
         assert output is not None
     assert output.distance_m < 1e-6
     assert pilot.current == 1
-    pilot = Pilot(mission([at(0, 0), MissionItem(RETURN_HOME)]), 3.0)
+    pilot = MissionProgress(make_mission([at(0, 0), MissionItem(RETURN_HOME)]), 3.0)
     assert pilot.steer(GAINS, FRAME, (30.0, 40.0), 0.0, 0.0, 0.02).distance_m == pytest.approx(50.0)
     pilot.depart()
     pilot.home = FRAME.to_geodetic(30.0, 0.0)
@@ -204,7 +204,7 @@ STEPS = st.one_of(
 
 @given(st.lists(STEPS, min_size=5, max_size=12), st.lists(st.integers(1, 5), max_size=4))
 def test_any_mission_can_be_sailed_from_anywhere(items: list[MissionItem], starts: list[int]) -> None:
-    pilot = Pilot(mission([at(0, 0), *items]), 3.0)
+    pilot = MissionProgress(make_mission([at(0, 0), *items]), 3.0)
     for start in (1, *starts):
         pilot.go_on_from(start)
         for _ in range(30):

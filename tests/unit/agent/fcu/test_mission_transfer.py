@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.fcu.autopilot import Autopilot
 from agent.fcu.mavlink.channel import MavlinkChannel
+from agent.fcu.vehicle.autopilot import Autopilot
 from agent.wire import dialect as mav
 
 SECOND = 1_000_000_000

@@ -8,12 +8,11 @@ import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
 from crew import Ship
 
-from agent.fcu import modes
-from agent.fcu.control.guidance import GuidanceGains
-from agent.fcu.control.station import Station
-from agent.fcu.local_frame import LocalFrame
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.control.guidance import GuidanceGains, StationKeeping
+from agent.fcu.geodetic import LocalProjection
+from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
+from agent.fcu.vehicle import modes
 
 CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 
@@ -86,9 +85,9 @@ def test_loiter_keeps_its_place_in_a_current(current: tuple[float, float], loite
 )
 def test_which_end_goes_first(loiter_type: int, yaw_deg: float, heading_deg: float, speed_mps: float) -> None:
     """Five metres north of the vessel, radius two: (5 - 2/2) m at 0.5/s, half of it with the bow 90 degrees off."""
-    frame = LocalFrame(LAT_DEG, LON_DEG, 0.0)
+    frame = LocalProjection(LAT_DEG, LON_DEG, 0.0)
     gains = GuidanceGains.of(Parameters({"LOIT_TYPE": loiter_type, "LOIT_RADIUS": 2.0}))
-    output = Station(*frame.to_geodetic(5.0, 0.0)).steer(gains, frame, (0.0, 0.0), math.radians(yaw_deg), 3.0)
+    output = StationKeeping(*frame.to_geodetic(5.0, 0.0)).steer(gains, frame, (0.0, 0.0), math.radians(yaw_deg), 3.0)
     assert math.cos(output.heading_rad - math.radians(heading_deg)) == pytest.approx(1.0)
     assert output.speed_mps == pytest.approx(speed_mps)
     assert output.distance_m == pytest.approx(5.0)
@@ -135,7 +134,7 @@ def test_modes_that_steer_by_the_position_need_one_when_armed(mode: int) -> None
 @pytest.mark.parametrize(("behave", "mode"), [(0, "HOLD"), (1, "LOITER")])
 def test_what_a_mission_ends_in(behave: int, mode: str) -> None:
     ship = Ship(MIS_DONE_BEHAVE=behave)
-    ship.autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(15.0, 0.0))]))
+    ship.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(15.0, 0.0))]))
     ship.set_out(modes.AUTO)
     ship.sail(30.0)
     assert ship.mode == mode

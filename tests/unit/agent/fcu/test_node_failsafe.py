@@ -8,9 +8,9 @@ import pytest
 from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, STEP_NS, Boat, Noise, Sensors, degrees
 from node_host import LOCKSTEP, MS, REALTIME, START, Host, of, texts
 
-from agent.fcu import modes
-from agent.fcu.mission import mission, waypoint
-from agent.fcu.samples import BarometerSample, GnssSample, ImuSample, MagnetometerSample
+from agent.fcu.mission import make_mission, waypoint
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.wire import dialect as mav
 
 AHEAD_NS = 5_000_000_000  # the agent's clock against the sensors' in real time
@@ -33,10 +33,10 @@ class Sea:
 
     # Sensors.feed takes this for an autopilot.
 
-    def on_imu(self, s: ImuSample) -> None:
+    def on_imu(self, s: ImuMeasurement) -> None:
         self.outgoing.append(mav.MAVLink_xitl_imu_message(s.stamp_ns // 1000, s.gyro_frd_radps, s.accel_frd_mps2, 20.0))
 
-    def on_gnss(self, s: GnssSample) -> None:
+    def on_gnss(self, s: GnssMeasurement) -> None:
         place = round(s.lat_deg * 1e7), round(s.lon_deg * 1e7), round(s.alt_m * 1e3)
         accuracy = s.horizontal_accuracy_m, s.vertical_accuracy_m, s.speed_accuracy_mps
         self.outgoing.append(
@@ -45,10 +45,10 @@ class Sea:
             )
         )
 
-    def on_magnetometer(self, s: MagnetometerSample) -> None:
+    def on_magnetometer(self, s: MagnetometerMeasurement) -> None:
         self.outgoing.append(mav.MAVLink_xitl_magnetometer_message(s.stamp_ns // 1000, s.field_frd_gauss))
 
-    def on_barometer(self, s: BarometerSample) -> None:
+    def on_barometer(self, s: BarometerMeasurement) -> None:
         self.outgoing.append(mav.MAVLink_xitl_barometer_message(s.stamp_ns // 1000, s.pressure_pa, s.temperature_degc))
 
     def sail(self, seconds: float, link: bool = True) -> None:
@@ -73,7 +73,7 @@ class Sea:
     def set_out(self) -> None:
         self.sail(12.0)
         autopilot = self.host.autopilot
-        autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(300.0, 0.0))]))
+        autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(300.0, 0.0))]))
         assert autopilot.set_mode(modes.AUTO) == ""
         assert autopilot.arm() == ()
         self.sail(10.0)

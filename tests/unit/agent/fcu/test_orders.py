@@ -12,10 +12,10 @@ from crew import Ship
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.fcu import modes
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, FenceItem
-from agent.fcu.mission import MissionItem, change_speed, item_problem, jump, mission, waypoint
+from agent.fcu.mission import MissionItem, change_speed, item_problem, jump, make_mission, waypoint
 from agent.fcu.parameters import TABLE
+from agent.fcu.vehicle import modes
 
 ANY = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 3.0, LAT_DEG, LON_DEG])
 NEAR = st.floats(-100.0, 100.0)
@@ -77,7 +77,7 @@ def give(ship: Ship, name: str, values: tuple[Any, ...]) -> None:
     if name == "mission":
         items = [item for item in values[0] if not item_problem(item, len(values[0]) + 1)]
         if all(item.command != 177 or item.jump_seq <= len(items) for item in items):
-            autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), *items]))
+            autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *items]))
     elif name == "parameter":
         row, part = values
         autopilot.parameters.set(row.name, row.low + part * (row.high - row.low))
@@ -92,7 +92,7 @@ def test_any_orders_in_any_sequence_keep_the_outputs_finite(
     ready: Ship, mode: int, armed: bool, orders: list[tuple[Any, ...]]
 ) -> None:
     ship = copy.deepcopy(ready)
-    ship.autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(30.0, 10.0))]))
+    ship.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(30.0, 10.0))]))
     assert ship.autopilot.set_mode(mode) == ""
     if armed:
         assert ship.autopilot.arm() == ()
@@ -148,7 +148,7 @@ def test_a_receiver_without_a_fix_matters_to_modes_that_steer_by_it() -> None:
     for mode in (modes.GUIDED, modes.RTL, modes.LOITER, modes.STEERING):
         ship.autopilot.set_mode(mode)
         assert ship.autopilot.prearm_problems() == ("GPS: no data",)
-    ship.autopilot.set_mission(mission([waypoint(1.0, 1.0)]))
+    ship.autopilot.set_mission(make_mission([waypoint(1.0, 1.0)]))
     ship.autopilot.parameters.set("INITIAL_MODE", modes.AUTO)
     ship.autopilot.reset()
     assert "Mission: no waypoint" in ship.autopilot.prearm_problems()
@@ -184,7 +184,7 @@ def test_home_moves_at_arming_unless_it_was_set() -> None:
 def test_going_on_from_an_item() -> None:
     ship = Ship()
     items = [waypoint(*degrees(north_m, 0.0)) for north_m in (0.0, 10.0, 20.0, 30.0)]
-    ship.autopilot.set_mission(mission([*items[:3], change_speed(2.0), items[3], change_speed(1.0)]))
+    ship.autopilot.set_mission(make_mission([*items[:3], change_speed(2.0), items[3], change_speed(1.0)]))
     assert ship.autopilot.set_current(2) == ""
     assert ship.autopilot.pilot.current == 2
     assert ship.autopilot.set_current(3) == ""

@@ -11,11 +11,11 @@ from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, Boat, Noise, Sensors, sail
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.fcu import modes
-from agent.fcu.autopilot import Autopilot
 from agent.fcu.mavlink.channel import MavlinkChannel
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import TABLE, Parameters
+from agent.fcu.vehicle import modes
+from agent.fcu.vehicle.autopilot import Autopilot
 from agent.wire import dialect as mav
 
 SECOND = 1_000_000_000
@@ -41,7 +41,7 @@ def sailing() -> tuple[MavlinkChannel, Boat]:
     """Armed and under way in AUTO."""
     boat, sensors = Boat(), Sensors(1, Noise())
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD}))
-    autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG), waypoint(LAT_DEG + 0.001, LON_DEG)]))
+    autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(LAT_DEG + 0.001, LON_DEG)]))
     services = MavlinkChannel(autopilot)
     sail(boat, sensors, autopilot, 12.0, lambda _: False)
     services.handle(command(mav.MAV_CMD_MISSION_START), boat.time_ns)

@@ -9,15 +9,14 @@ from typing import Any
 import pytest
 from boat import DECLINATION_RAD, LAT_DEG, LON_DEG, Boat, Noise, Sensors, sail
 
-from agent.fcu import modes
-from agent.fcu.autopilot import Autopilot
-from agent.fcu.control import guided
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.reports import REPORTS
 from agent.fcu.mavlink.telemetry import STREAMS
-from agent.fcu.mission import mission, waypoint
+from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import TABLE, Parameters
+from agent.fcu.vehicle import modes, navigation
+from agent.fcu.vehicle.autopilot import Autopilot
 from agent.wire import dialect as mav
 
 SECOND = 1_000_000_000
@@ -124,7 +123,7 @@ def test_reposition_changes_the_mode_when_it_may(station: MavlinkChannel) -> Non
     assert result(station, whole(mav.MAV_CMD_DO_REPOSITION, **place, p2=1.0)) == ACCEPTED
     target = station.autopilot.guided_target
     assert target is not None
-    assert (station.autopilot.mode, target.kind, target.lat_deg) == (modes.GUIDED, guided.POSITION, lat / 1e7)
+    assert (station.autopilot.mode, target.kind, target.lat_deg) == (modes.GUIDED, navigation.POSITION, lat / 1e7)
     message = station.streams.message(mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 0)
     assert message is not None
     assert (message.lat_int, message.lon_int) == (lat, lon)
@@ -164,7 +163,7 @@ def test_home(station: MavlinkChannel) -> None:
 
 
 def test_mission_start_and_current(station: MavlinkChannel) -> None:
-    station.autopilot.set_mission(mission([waypoint(LAT_DEG, LON_DEG)] + [waypoint(LAT_DEG + 0.001, LON_DEG)] * 3))
+    station.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG)] + [waypoint(LAT_DEG + 0.001, LON_DEG)] * 3))
     assert result(station, long(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 2.0)) == ACCEPTED
     assert station.autopilot.pilot.current == 2
     assert result(station, long(mav.MAV_CMD_MISSION_START)) == ACCEPTED
@@ -363,7 +362,7 @@ def test_a_local_position_in_every_frame(station: MavlinkChannel) -> None:
         assert station.handle(local(POSITION, number, x=10.0, y=5.0), 0) == []
         target = autopilot.guided_target
         assert target is not None
-        assert target.kind == guided.POSITION
+        assert target.kind == navigation.POSITION
         assert frame.to_local(target.lat_deg, target.lon_deg) == pytest.approx(wanted, abs=1e-3)
     message = station.streams.message(mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED, 0)
     assert message is not None
@@ -375,15 +374,15 @@ def test_velocity_heading_and_turn_rate(station: MavlinkChannel) -> None:
     station.handle(local(VELOCITY, vx=1.0, vy=2.0), 0)
     target = autopilot.guided_target
     assert target is not None
-    assert (target.kind, target.north_mps, target.east_mps) == (guided.VELOCITY, 1.0, 2.0)
+    assert (target.kind, target.north_mps, target.east_mps) == (navigation.VELOCITY, 1.0, 2.0)
     station.handle(world(VELOCITY_YAW, vx=1.0, yaw=0.5), 0)
     target = autopilot.guided_target
     assert target is not None
-    assert (target.kind, target.heading_rad) == (guided.VELOCITY, 0.5)
+    assert (target.kind, target.heading_rad) == (navigation.VELOCITY, 0.5)
     station.handle(local(VELOCITY_RATE, 8, vx=-1.0, yaw_rate=0.1), 0)
     target = autopilot.guided_target
     assert target is not None
-    assert (target.kind, target.turn_rate_radps, target.speed_mps) == (guided.TURN, 0.1, -1.0)
+    assert (target.kind, target.turn_rate_radps, target.speed_mps) == (navigation.TURN, 0.1, -1.0)
     station.handle(local(VELOCITY, 8, vx=2.0), 0)
     target = autopilot.guided_target
     assert target is not None
@@ -392,11 +391,11 @@ def test_velocity_heading_and_turn_rate(station: MavlinkChannel) -> None:
     station.handle(local(YAW, yaw=1.0), 0)
     target = autopilot.guided_target
     assert target is not None
-    assert (target.kind, target.heading_rad, target.speed_mps) == (guided.COURSE, 1.0, 0.0)
+    assert (target.kind, target.heading_rad, target.speed_mps) == (navigation.COURSE, 1.0, 0.0)
     station.handle(local(RATE, yaw_rate=-0.2), 0)
     target = autopilot.guided_target
     assert target is not None
-    assert (target.kind, target.turn_rate_radps, target.speed_mps) == (guided.TURN, -0.2, 0.0)
+    assert (target.kind, target.turn_rate_radps, target.speed_mps) == (navigation.TURN, -0.2, 0.0)
 
 
 @pytest.mark.parametrize(

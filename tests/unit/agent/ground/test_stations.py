@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
-from agent.fcu.autopilot import INFO, Autopilot, Event
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import MavlinkHub
-from agent.ground import client as client_module
-from agent.ground.stations import MOST_CLIENTS, GroundStations
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import INFO, Event
+from agent.roles import ground_stations as client_module
+from agent.roles.ground_stations import MOST_CLIENTS, GroundStations
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.signing import Signing

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from agent.timing.waiting import wait_readable
+from agent.timing.clock import wait_readable
 
 
 @pytest.mark.parametrize("least", [3, 1100])

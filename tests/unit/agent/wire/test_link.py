@@ -13,7 +13,7 @@ from agent.wire import dialect
 from agent.wire.codec import MessageRefusedError
 from agent.wire.link import DATAGRAM_BYTES, Link
 from agent.wire.memory import memory_pair
-from agent.wire.transport import Standing, Transport, open_transport
+from agent.wire.transport import SenderStatus, Transport, open_transport
 
 
 def links(capacity: int = 4096) -> tuple[Link, Link]:
@@ -137,7 +137,7 @@ class Credits(Transport):
     def __init__(self, chunks: list[bytes]) -> None:
         super().__init__("credits://")
         self.chunks = chunks
-        self.noted: list[tuple[int, Standing]] = []
+        self.noted: list[tuple[int, SenderStatus]] = []
 
     @classmethod
     def open(cls, url: Any, listen: bool) -> Credits:
@@ -155,7 +155,7 @@ class Credits(Transport):
     def close(self) -> None:
         pass
 
-    def credit(self, index: int, standing: Standing) -> bool:
+    def accept_sender(self, index: int, standing: SenderStatus) -> bool:
         self.noted.append((index, standing))
         return True
 
@@ -178,10 +178,10 @@ def test_only_good_frames_earn_credit_and_runs_claim_the_link() -> None:
     transport = Credits([b"garbage", *good, good[0][:-1]])
     Link(transport, 2, 1).receive()
     assert transport.noted[:4] == [
-        (1, Standing.STARTS),
-        (2, Standing.HEARD),
-        (3, Standing.LEAVES),
-        (4, Standing.HEARD),
+        (1, SenderStatus.STARTS),
+        (2, SenderStatus.HEARD),
+        (3, SenderStatus.LEAVES),
+        (4, SenderStatus.HEARD),
     ]
 
 

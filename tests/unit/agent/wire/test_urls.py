@@ -10,17 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.wire.can_bus import CanSettings, can_settings
+from agent.wire.can_bus import CanSettings, read_can_settings
 from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import device_and_baud
 from agent.wire.transport import AddressUnavailableError, BadUrlError, TransportError, UnknownHostError, open_transport
-from agent.wire.urls import natural
+from agent.wire.urls import parse_value
 
 CAN = "can://socketcan/can0?bitrate=1000000"
 
 
 def settings(url: str, listen: bool = False) -> CanSettings:
-    return can_settings(urlsplit(url), listen)
+    return read_can_settings(urlsplit(url), listen)
 
 
 def test_a_serial_url() -> None:
@@ -54,7 +54,7 @@ def test_multicast_stays_on_this_machine_unless_told_otherwise() -> None:
     [("true", True), ("False", False), ("12", 12), ("0x10", 16), ("-3", -3), ("0.5", 0.5), ("can0", "can0"), ("", "")],
 )
 def test_values_are_read_as_a_person_means_them(text: str, value: object) -> None:
-    read = natural(text)
+    read = parse_value(text)
     assert read == value
     assert type(read) is type(value)
 
@@ -117,7 +117,7 @@ def test_any_text_is_a_url_or_a_sentence(scheme: str, rest: str) -> None:
         if scheme == "serial":
             device_and_baud(url)
         else:
-            can_settings(url, False)
+            read_can_settings(url, False)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from agent.mavlink.commands import StatusTextSender
 from agent.wire import dialect
 from agent.wire.codec import Packer, decode
 from sim_core.geodesy import LocalFrame
-from xitl_cli.record.records import Estimate
+from xitl_cli.record.topics import MotionEstimate
 from xitl_cli.run.links.agent_view import AgentView
 
 
@@ -61,7 +61,7 @@ def test_an_ardupilot_on_the_earth_is_where_it_says_in_degrees(
     expected = site.ned(*np.array([[place[0] * 1e-7], [place[1] * 1e-7], [70.0]]))[0, :2]
     found = {}
     for sphere_metres in (False, True):
-        estimates: list[Estimate] = []
+        estimates: list[MotionEstimate] = []
         view = AgentView(site, lambda *_: None, lambda _, estimate, into=estimates: into.append(estimate))
         view.sphere_metres = sphere_metres
         view.take(dialect.MAVLink_gps_global_origin_message(*origin, 70000))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,7 @@ from sim_core.kinematics import Kinematics
 from xitl_cli.commands.sim_report import autopilot_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.record.records import MotorCommand, Task
-from xitl_cli.record.schemas import BRIDGE_COUNTS
+from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, Attended, SchedulerRecord, autopilot_section
 from xitl_cli.run.nodes.drivers import NoDriver
@@ -39,6 +39,9 @@ EXTERNAL = [
 def at_rest() -> Kinematics:
     zero = np.zeros((1, 3))
     return Kinematics(zero, zero, zero, np.array([[1.0, 0.0, 0.0, 0.0]]), np.eye(3)[None], zero, zero)
+
+
+BRIDGE_COUNTS = [field.name for field in fields(BridgeCounts)]
 
 
 class Case:
@@ -143,7 +146,7 @@ def test_an_agent_that_is_no_bridge_is_found_out() -> None:
 
 
 def test_the_counts_of_the_recording_are_those_of_the_message() -> None:
-    assert set(BRIDGE_COUNTS) == {*dialect.MAVLink_xitl_bridge_status_message.fieldnames} - {"time_usec"}
+    assert {*BRIDGE_COUNTS} == {*dialect.MAVLink_xitl_bridge_status_message.fieldnames} - {"time_usec"}
 
 
 @pytest.mark.parametrize(
@@ -175,7 +178,10 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
     case.update(SECOND)
     report = case.attended.report()
     record = SchedulerRecord(18, ("NLon", "NL", "MaxT", "Load"), 8999, 12, 20_300, 10.2, 31.0)
-    tasks = [Task("PS1", "physics", 400.0, 100, 7, 0.0, 0.0, 0.0), Task("LC", "bridge", 10.0, 50, 2, 0.0, 0.0, 0.0)]
+    tasks = [
+        TaskTiming("PS1", "physics", 400.0, 100, 7, 0.0, 0.0, 0.0),
+        TaskTiming("LC", "bridge", 10.0, 50, 2, 0.0, 0.0, 0.0),
+    ]
     section = autopilot_section(type(report)(**{**_fields(report), "scheduler": record}), tasks)
     assert json.loads(json.dumps(section, allow_nan=False)) == section
     assert section["time_to_heartbeat_s"] == 1.0

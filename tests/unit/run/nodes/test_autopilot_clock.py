@@ -18,7 +18,7 @@ class Recorder:
     def __init__(self) -> None:
         self.clocks: list[Any] = []
 
-    def clock(self, stamp_ns: int, clock: Any) -> None:
+    def write(self, stamp_ns: int, clock: Any) -> None:
         self.clocks.append(clock)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.companion.clouds import Cloud, cloud_messages
+from agent.companion.clouds import PointCloud, cloud_messages
 from agent.wire import dialect as mav
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.geodesy import LocalFrame
@@ -88,7 +88,7 @@ def test_a_map_comes_together_from_its_parts() -> None:
     found, _ = findings()
     points = np.arange(180, dtype=np.float32).reshape(-1, 3) / 4.0
     for number, kind in enumerate((mav.XITL_CLOUD_KIND_LIDAR_MAP, mav.XITL_CLOUD_KIND_SONAR_MAP)):
-        cloud = Cloud(
+        cloud = PointCloud(
             kind, 1, 0, points[: 60 - number], np.zeros(60 - number, np.float32), np.full(60 - number, 7, np.uint8)
         )
         for message in cloud_messages(cloud, (10.0, 10.0, 10.0)):

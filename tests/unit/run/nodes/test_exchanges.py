@@ -9,17 +9,17 @@ import pytest
 
 from agent.wire import dialect
 from xitl_cli.errors import UserError
-from xitl_cli.run.nodes import patience
-from xitl_cli.run.nodes.exchanges import (
+from xitl_cli.run.nodes import preparation
+from xitl_cli.run.nodes.preparation import (
     ACCEPT_AS_IS,
     ANSWER_S,
     MISSION_S,
     PREFLIGHT_CALIBRATION,
     REFUSED_S,
     TRIES,
-    CalibrationAcceptance,
-    MissionUpload,
-    ParameterSetting,
+    CalibrationStep,
+    MissionStep,
+    ParameterStep,
 )
 
 TICK = 10_000_000
@@ -32,7 +32,7 @@ ACCEPTED, NO_SPACE = dialect.MAV_MISSION_ACCEPTED, dialect.MAV_MISSION_NO_SPACE
 @pytest.fixture(autouse=True)
 def _no_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Here all goes by simulation time."""
-    monkeypatch.setattr(patience, "WALL_SHARE", 0.0)
+    monkeypatch.setattr(preparation, "WALL_SHARE", 0.0)
 
 
 class Rover:
@@ -93,12 +93,12 @@ def run(exchange: Any, rover: Rover, seconds: float, start_ns: int = 0) -> None:
     for sim_ns in range(start_ns, start_ns + round(seconds * SECOND), TICK):
         exchange.update(sim_ns)
         for answer in rover.answers():
-            exchange.take(answer)
+            exchange.handle(answer)
 
 
 def test_what_differs_is_set_and_what_is_right_is_left_alone() -> None:
     rover = Rover(WP_SPEED=2.0, WP_RADIUS=3.0)
-    setting = ParameterSetting(rover.take, TARGET, {"WP_RADIUS": 3.0, "WP_SPEED": 3.0})
+    setting = ParameterStep(rover.take, TARGET, {"WP_RADIUS": 3.0, "WP_SPEED": 3.0})
     run(setting, rover, 0.2)
     assert setting.done
     assert rover.parameters == {"WP_SPEED": 3.0, "WP_RADIUS": 3.0}
@@ -108,7 +108,7 @@ def test_what_differs_is_set_and_what_is_right_is_left_alone() -> None:
 
 def test_a_value_that_is_rounded_to_four_bytes_on_the_way_is_right() -> None:
     rover = Rover(INS_POS1_X=0.10000000149011612)
-    setting = ParameterSetting(rover.take, TARGET, {"INS_POS1_X": 0.1})
+    setting = ParameterStep(rover.take, TARGET, {"INS_POS1_X": 0.1})
     run(setting, rover, 0.1)
     assert setting.done
     assert setting.changed == []
@@ -116,7 +116,7 @@ def test_a_value_that_is_rounded_to_four_bytes_on_the_way_is_right() -> None:
 
 def test_what_is_lost_on_the_way_is_asked_for_again() -> None:
     rover = Rover(drops=lambda number: number % 2 == 1, WP_SPEED=2.0)
-    setting = ParameterSetting(rover.take, TARGET, {"WP_SPEED": 3.0})
+    setting = ParameterStep(rover.take, TARGET, {"WP_SPEED": 3.0})
     run(setting, rover, 3 * ANSWER_S)
     assert setting.done
     assert rover.parameters["WP_SPEED"] == 3.0
@@ -125,14 +125,14 @@ def test_what_is_lost_on_the_way_is_asked_for_again() -> None:
 def test_a_parameter_that_the_autopilot_does_not_change_is_named_with_both_values() -> None:
     rover = Rover(WP_SPEED=2.0)
     rover.keeps = {"WP_SPEED"}
-    setting = ParameterSetting(rover.take, TARGET, {"WP_SPEED": 3.0})
+    setting = ParameterStep(rover.take, TARGET, {"WP_SPEED": 3.0})
     with pytest.raises(UserError, match=r"autopilot.parameters.WP_SPEED = 3: the autopilot keeps 2"):
         run(setting, rover, 1.0)
 
 
 def test_a_parameter_that_the_firmware_does_not_have_is_named() -> None:
     rover = Rover()
-    setting = ParameterSetting(rover.take, TARGET, {"WP_SPED": 3.0})
+    setting = ParameterStep(rover.take, TARGET, {"WP_SPED": 3.0})
     with pytest.raises(UserError, match=rf"autopilot.parameters.WP_SPED: the autopilot did not answer {TRIES} times"):
         run(setting, rover, (TRIES + 1) * ANSWER_S)
     assert len(rover.sent) == TRIES
@@ -140,10 +140,10 @@ def test_a_parameter_that_the_firmware_does_not_have_is_named() -> None:
 
 def test_the_parameters_of_others_that_come_in_between_are_passed_over() -> None:
     rover = Rover(WP_SPEED=2.0)
-    setting = ParameterSetting(rover.take, TARGET, {"WP_SPEED": 3.0})
+    setting = ParameterStep(rover.take, TARGET, {"WP_SPEED": 3.0})
     setting.update(0)
-    setting.take(dialect.MAVLink_param_value_message(b"WP_RADIUS", 3.0, 9, 900, 65535))
-    setting.take(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
+    setting.handle(dialect.MAVLink_param_value_message(b"WP_RADIUS", 3.0, 9, 900, 65535))
+    setting.handle(dialect.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3))
     assert not setting.done
     run(setting, rover, 0.1, TICK)
     assert setting.done
@@ -151,7 +151,7 @@ def test_the_parameters_of_others_that_come_in_between_are_passed_over() -> None
 
 def test_the_mission_is_handed_over_item_by_item_with_home_first() -> None:
     rover = Rover()
-    upload = MissionUpload(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLACES)
     run(upload, rover, 0.2)
     assert upload.done
     assert rover.kinds() == ["MISSION_COUNT", *["MISSION_ITEM_INT"] * 3, "MISSION_SET_CURRENT"]
@@ -163,7 +163,7 @@ def test_the_mission_is_handed_over_item_by_item_with_home_first() -> None:
 
 def test_a_mission_that_is_lost_on_the_way_is_announced_again() -> None:
     rover = Rover(drops=lambda number: number in (1, 3))
-    upload = MissionUpload(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLACES)
     run(upload, rover, 3.5)
     assert upload.done
     assert [item.seq for item in rover.items] == [0, 1, 2]
@@ -172,7 +172,7 @@ def test_a_mission_that_is_lost_on_the_way_is_announced_again() -> None:
 def test_an_autopilot_that_has_no_room_yet_gets_the_mission_later() -> None:
     rover = Rover()
     rover.has_room = False
-    upload = MissionUpload(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLACES)
     run(upload, rover, REFUSED_S / 2)
     assert not upload.done
     rover.has_room = True
@@ -183,36 +183,36 @@ def test_an_autopilot_that_has_no_room_yet_gets_the_mission_later() -> None:
 def test_an_autopilot_that_goes_on_refusing_the_mission_ends_the_run_with_its_reason() -> None:
     rover = Rover()
     rover.has_room = False
-    upload = MissionUpload(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLACES)
     with pytest.raises(UserError, match=r"mission: the autopilot refused it \(MAV_MISSION_NO_SPACE\)"):
         run(upload, rover, REFUSED_S + 1.0)
 
 
 def test_an_autopilot_that_does_not_ask_for_the_mission_ends_the_run() -> None:
     rover = Rover(drops=lambda number: True)
-    upload = MissionUpload(rover.take, TARGET, PLACES)
+    upload = MissionStep(rover.take, TARGET, PLACES)
     with pytest.raises(UserError, match="mission: the autopilot did not finish taking it"):
         run(upload, rover, MISSION_S + 1.0)
 
 
 def test_no_mission_is_done_at_once() -> None:
-    assert MissionUpload(Rover().take, TARGET, []).done
+    assert MissionStep(Rover().take, TARGET, []).done
 
 
 def test_the_calibration_is_accepted_by_the_command_that_arducopter_and_rover_know() -> None:
     rover = Rover()
-    acceptance = CalibrationAcceptance(rover.take, TARGET, wanted=True)
+    acceptance = CalibrationStep(rover.take, TARGET, wanted=True)
     acceptance.update(0)
     (command,) = rover.sent
     assert (command.command, command.param5) == (PREFLIGHT_CALIBRATION, ACCEPT_AS_IS)
-    acceptance.take(dialect.MAVLink_command_ack_message(PREFLIGHT_CALIBRATION, 0, 0, 0, 255, 190))
+    acceptance.handle(dialect.MAVLink_command_ack_message(PREFLIGHT_CALIBRATION, 0, 0, 0, 255, 190))
     assert acceptance.done
 
 
 def test_an_autopilot_that_does_not_answer_to_it_is_left_at_that() -> None:
     rover = Rover()
-    acceptance = CalibrationAcceptance(rover.take, TARGET, wanted=True)
+    acceptance = CalibrationStep(rover.take, TARGET, wanted=True)
     run(acceptance, rover, (TRIES + 1) * ANSWER_S)
     assert acceptance.done
     assert len(rover.sent) == TRIES
-    assert CalibrationAcceptance(rover.take, TARGET, wanted=False).done
+    assert CalibrationStep(rover.take, TARGET, wanted=False).done

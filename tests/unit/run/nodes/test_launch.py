@@ -10,7 +10,7 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.run.nodes.autopilot_parameters import parm_text, start_values
+from xitl_cli.run.links.setup import parameter_file_text, start_parameters
 from xitl_cli.run.nodes.firmware_launch import Launch, resolved_bridge
 
 
@@ -62,7 +62,7 @@ def test_sitl_in_lockstep_gets_its_world_its_home_and_no_ports_that_nobody_asked
 
 def test_the_sensors_come_to_the_port_that_the_parameters_give_them(program: Path) -> None:
     made, bridge = launch(program, "sitl-ardupilot-ahrs")
-    number = next(n for n in range(10) if start_values(made._profile).get(f"SERIAL{n}_PROTOCOL") == 36)
+    number = next(n for n in range(10) if start_parameters(made._profile).get(f"SERIAL{n}_PROTOCOL") == 36)
     assert options(made.arguments())[f"--serial{number}"] == f"tcp:{port(bridge.sensor_link)}"
 
 
@@ -118,7 +118,7 @@ def test_it_starts_in_a_folder_of_the_run_with_the_parameters_of_files_mission_a
 
 
 def test_parameters_are_written_with_all_the_digits_that_an_autopilot_keeps() -> None:
-    assert parm_text({"B": 0.1, "A": 16777215.0}) == "A 16777215\nB 0.1\n"
+    assert parameter_file_text({"B": 0.1, "A": 16777215.0}) == "A 16777215\nB 0.1\n"
 
 
 @pytest.mark.parametrize("name", ["SCR_ENABLE", "SCR_SDEV1_PROTO"])

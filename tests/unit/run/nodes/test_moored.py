@@ -10,7 +10,7 @@ import pytest
 from sim_core.geodesy import normal_gravity_mps2
 from sim_core.simulation import kinematics
 from xitl_cli.profile import load_profile
-from xitl_cli.record.records import MotorCommand
+from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.loop import Ending, Loop
 from xitl_cli.run.nodes.score import MissionScore
 from xitl_cli.run.pace import Lockstep

@@ -11,12 +11,17 @@ from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
-from xitl_cli.record.records import MotorCommand
+from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes import patience
+from xitl_cli.run.nodes import preparation
 from xitl_cli.run.nodes.bridge import Milestones
-from xitl_cli.run.nodes.exchanges import CalibrationAcceptance, MissionUpload, ParameterSetting
-from xitl_cli.run.nodes.preparation import SHORTEST_HEARTBEAT_S, Preparation
+from xitl_cli.run.nodes.preparation import (
+    SHORTEST_HEARTBEAT_S,
+    CalibrationStep,
+    MissionStep,
+    ParameterStep,
+    Preparation,
+)
 from xitl_cli.run.pilot import Progress
 
 SECOND = 1_000_000_000
@@ -27,7 +32,7 @@ FRAME = LocalFrame(-8.8, -63.95, 70.0)
 @pytest.fixture(autouse=True)
 def _no_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Here all goes by simulation time."""
-    monkeypatch.setattr(patience, "WALL_SHARE", 0.0)
+    monkeypatch.setattr(preparation, "WALL_SHARE", 0.0)
 
 
 class Orders:
@@ -58,9 +63,9 @@ class Case:
         self.preparation = Preparation(
             self.orders,
             self.view,
-            ParameterSetting(self.sent.append, TARGET, {"WP_SPEED": 3.0}),
-            MissionUpload(self.sent.append, TARGET, [(0.0, 0.0, 0.0)]),
-            CalibrationAcceptance(self.sent.append, TARGET, wanted=False),
+            ParameterStep(self.sent.append, TARGET, {"WP_SPEED": 3.0}),
+            MissionStep(self.sent.append, TARGET, [(0.0, 0.0, 0.0)]),
+            CalibrationStep(self.sent.append, TARGET, wanted=False),
             moored,
             "tcp://127.0.0.1:5760",
             heartbeat_s=1.0,

@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from agent.companion.sonar import Ping, Pings, echo_points
+from agent.companion.sonar import PingReassembler, SonarPing, echo_points
 from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import OVERHEAD_S, TURN_S, Below
@@ -31,10 +31,10 @@ class Kept:
     """A recorder."""
 
     def __init__(self) -> None:
-        self.pings: list[tuple[int, Ping]] = []
+        self.pings: list[tuple[int, SonarPing]] = []
         self.points: list[Any] = []
 
-    def ping(self, stamp_ns: int, ping: Ping) -> None:
+    def ping(self, stamp_ns: int, ping: SonarPing) -> None:
         self.pings.append((stamp_ns, ping))
 
     def sonar_points(self, stamp_ns: int, points_frd_m: Any, intensity: Any) -> None:
@@ -48,12 +48,12 @@ def still(heading_rad: float = 0.0) -> Kinematics:
     return Kinematics(zero, zero, zero, np.array([[1.0, 0.0, 0.0, 0.0]]), rotation, zero, zero)
 
 
-def told(sonar: SonarInstrument, seconds: float, motion: Kinematics | None = None) -> list[tuple[int, Ping]]:
+def told(sonar: SonarInstrument, seconds: float, motion: Kinematics | None = None) -> list[tuple[int, SonarPing]]:
     """(instant, ping) as a companion takes them from the wire."""
-    pings, packer, found = Pings(), Packer(1, 1), []
+    pings, packer, found = PingReassembler(), Packer(1, 1), []
     for step in range(1, round(seconds * 1e9) // STEP_NS + 1):
         for message in sonar.look(step, step * STEP_NS, NOWHERE, motion or still()):
-            found += [(step * STEP_NS, ping) for ping in pings.take(decode(packer.pack(message)))]
+            found += [(step * STEP_NS, ping) for ping in pings.handle(decode(packer.pack(message)))]
     return found
 
 

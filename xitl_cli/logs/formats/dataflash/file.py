@@ -26,7 +26,7 @@ from xitl_cli.logs.formats.dataflash.table import (
     times_in_heads,
 )
 from xitl_cli.logs.formats.file_bytes import FileBytes
-from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.log import Base, Format, Log, LogHealth
 
 _SEARCHES = 8
 """Types whose rows are looked for one by one."""
@@ -34,14 +34,16 @@ _HUGE = 512 << 20
 """Bytes of a log from which on what was searched does not stay mapped, though it is read again."""
 
 
-class DataFlashLog:
+class DataFlashLog(Log):
     """Implements `Log`. Opening finds all records; columns are read when they are asked for.
 
     Raises LogError when the file cannot be read or holds no record that is whole.
     """
 
+    format: Format = "dataflash"
+
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         try:
             self._bytes = FileBytes(path)
         except OSError as error:
@@ -61,14 +63,6 @@ class DataFlashLog:
         """Give the memory of these bytes back, of a file that can be larger than what memory there is."""
         if len(self._data) > _HUGE:
             self._bytes.forget(start, stop)
-
-    @property
-    def path(self) -> Path:
-        return self._path
-
-    @property
-    def format(self) -> Format:
-        return "dataflash"
 
     @property
     def base(self) -> Base:
@@ -141,7 +135,7 @@ class DataFlashLog:
         return self._times.span_ns
 
     @cached_property
-    def health(self) -> Health:
+    def health(self) -> LogHealth:
         found = self._index.found
         return found.losses.health(
             len(self._data),
@@ -178,12 +172,6 @@ class DataFlashLog:
             self.__dict__.pop(name, None)
         self._data = np.empty(0, np.uint8)
         self._bytes.close()
-
-    def __enter__(self) -> DataFlashLog:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 _NUMBER, _TEXT = "bBM", "nNZ"

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from xitl_cli.logs.formats.dataflash.definitions import (
     RecordField,
 )
 from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Places, u64_at
-from xitl_cli.logs.table import ALL, Column, Kind, Rows, steps_back
+from xitl_cli.logs.table import ALL, Column, Kind, Rows, Table, steps_back
 
 FAR_NS = 10_000_000_000
 VERY_FAR_NS = 3_600_000_000_000
@@ -43,15 +43,6 @@ _LATEST_NS = np.iinfo(np.int64).max
 Stamps = NDArray[np.int64]
 Block = tuple[Places, Bytes]
 """(n,) places, rising, and types of rows that tell their time."""
-
-
-class TimedTable(Protocol):
-    """A table of which every row tells its time."""
-
-    @property
-    def place(self) -> Places: ...
-
-    def told_ns(self) -> Stamps: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,13 +147,13 @@ def times_in_heads(data: Bytes, place: Places, type_id: Bytes, timed: NDArray[np
     return Times(blocks, lambda places: stamps_ns(u64_at(data, places + HEAD_BYTES), 1_000))
 
 
-def times_in_columns(tables: Sequence[TimedTable]) -> Times:
+def times_in_columns(tables: Sequence[DataFlashTable]) -> Times:
     """Of any other log. At most 256 tables."""
-    place = np.concatenate([np.empty(0, np.int64), *(table.place for table in tables)])
+    place = np.concatenate([np.empty(0, np.int64), *(table.file_offset for table in tables)])
     order = np.argsort(place, kind="stable")
     place = place[order]
     stamp_ns = np.concatenate([np.empty(0, np.int64), *(table.told_ns() for table in tables)])[order]
-    number = np.repeat(np.arange(len(tables), dtype=np.uint8), [len(table.place) for table in tables])[order]
+    number = np.repeat(np.arange(len(tables), dtype=np.uint8), [len(table.file_offset) for table in tables])[order]
     return Times(lambda: iter([(place, number)]), lambda places: stamp_ns[np.searchsorted(place, places)])
 
 
@@ -364,7 +355,7 @@ class _TypedRows:
     columns: Mapping[str, tuple[RecordField, Measure, Column]]
 
 
-class DataFlashTable:
+class DataFlashTable(Table):
     """Implements `Table`. It has parts where a type was described anew, or two types have one name.
 
     A column is what the first part makes of it; where another part lacks it, or has another kind of it, it is NaN or
@@ -379,14 +370,12 @@ class DataFlashTable:
         meaning: Meaning,
         times: Callable[[], Times],
     ) -> None:
-        self._name = name
+        self.name = name
         self._data = data
         self._parts = [_TypedRows(part, _columns(name, part.definition, meaning)) for part in parts]
         self._times = times
-
-    @property
-    def name(self) -> str:
-        return self._name
+        measures = ((name, measure) for rows in self._parts for name, (_, measure, _) in rows.columns.items())
+        self.instance = next((name for name, measure in measures if measure.instance), None)
 
     @cached_property
     def columns(self) -> Mapping[str, Column]:
@@ -395,12 +384,6 @@ class DataFlashTable:
             for name, (_, _, column) in sense.columns.items():
                 found.setdefault(name, column)
         return MappingProxyType(found)
-
-    @cached_property
-    def instance(self) -> str | None:
-        return next(
-            (name for sense in self._parts for name, (_, measure, _) in sense.columns.items() if measure.instance), None
-        )
 
     def __len__(self) -> int:
         return sum(len(sense.part) for sense in self._parts)
@@ -413,7 +396,7 @@ class DataFlashTable:
         return np.argsort(np.concatenate([sense.part.place for sense in self._parts]), kind="stable")
 
     @cached_property
-    def place(self) -> Places:
+    def file_offset(self) -> Places:
         return self._whole([sense.part.place for sense in self._parts])
 
     @cached_property
@@ -431,7 +414,7 @@ class DataFlashTable:
             return None
         if len(self._parts) > 1:
             return int(self.stamp_ns[0]), int(self.stamp_ns[-1])
-        first_ns, last_ns = self._stamps(self._parts[0].part, self.place[[0, -1]]).tolist()
+        first_ns, last_ns = self._stamps(self._parts[0].part, self.file_offset[[0, -1]]).tolist()
         return first_ns, last_ns
 
     def _whole(self, parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
@@ -457,7 +440,7 @@ class DataFlashTable:
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         known = self.columns[column]
         if self._order is None:
-            return self._values(self._parts[0], self.place[rows], known, raw=raw)
+            return self._values(self._parts[0], self.file_offset[rows], known, raw=raw)
         whole = [self._values(sense, sense.part.place, known, raw=raw) for sense in self._parts]
         return np.concatenate(whole)[self._order][rows]
 

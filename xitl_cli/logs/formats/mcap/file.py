@@ -14,7 +14,7 @@ from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, cl
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, SchemaRecord
 from xitl_cli.logs.formats.mcap.table import Decoder, Room, TopicTable, UndecodableError
 from xitl_cli.logs.formats.mcap.walk import Walk, between
-from xitl_cli.logs.log import Base, Format, Health
+from xitl_cli.logs.log import Base, Format, Log, LogHealth
 from xitl_cli.logs.table import Table
 
 OUR_RECORD = "xitl"
@@ -23,7 +23,7 @@ _YEAR_2000_NS = 946_684_800 * 1_000_000_000
 _MOST_ATTACHMENT = 1 << 28
 
 
-class McapLog:
+class McapLog(Log):
     """Opened by its summary when it has one that holds, else by walking its records, which unpacks every chunk once.
 
     A file with a summary is taken by its word: damage inside of its chunks is found, and added to `health`, when a
@@ -37,8 +37,10 @@ class McapLog:
     Raises LogError when the file cannot be read or is no MCAP file.
     """
 
+    format: Format = "mcap"
+
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self.path = path
         self._source = FileReader(path)
         try:
             if self._source.read(0, len(records.MAGIC)) != records.MAGIC:
@@ -71,14 +73,6 @@ class McapLog:
         self._chunks = Chunks(self._source, index, self._tally)
 
     @property
-    def path(self) -> Path:
-        return self._path
-
-    @property
-    def format(self) -> Format:
-        return "mcap"
-
-    @property
     def base(self) -> Base:
         if OUR_RECORD in self._index.metadata:
             return "simulation"
@@ -94,7 +88,7 @@ class McapLog:
         return self._index.span_ns
 
     @property
-    def health(self) -> Health:
+    def health(self) -> LogHealth:
         tally, undecoded, back = self._tally, dict[str, tuple[int, str]](), 0
         for name, table in self._tables.topics.items():
             seen = table.surveyed
@@ -147,12 +141,6 @@ class McapLog:
     def close(self) -> None:
         self._source.close()
 
-    def __enter__(self) -> McapLog:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def _decoded_frames(self, topic: str) -> dict[str, Table]:
         from xitl_cli.logs.formats.tlog.frames import frame_tables
 
@@ -161,7 +149,7 @@ class McapLog:
         table = self._tables.topics[topic]
         if "frame" not in table.columns:
             return {}
-        tables, counts = frame_tables(topic, table.values("frame").tolist(), table.stamp_ns, table.place)
+        tables, counts = frame_tables(topic, table.values("frame").tolist(), table.stamp_ns, table.file_offset)
         self._frames_left[topic] = counts.frames - counts.decoded
         return tables
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
-from xitl_cli.logs.table import ALL, Column, Kind, Rows, steps_back
+from xitl_cli.logs.table import ALL, Column, Kind, Rows, Table, steps_back
 
 MOST_ELEMENTS = 32
 """Elements of an array of messages or texts that get columns of their own."""
@@ -285,13 +285,13 @@ class Surveyed:
     back_in_time: int
 
 
-class TopicTable:
+class TopicTable(Table):
     """Messages of one topic in the order of the file. Stamps are log times.
 
     distrust: told when there are not `count` messages; whether to look again, without the message indexes.
 
     Its length is that of the file's index until its stamps, places, columns or values are asked for: then all its
-    messages are read once, those that cannot be decoded are left out and counted in `Health.undecoded`.
+    messages are read once, those that cannot be decoded are left out and counted in `LogHealth.undecoded`.
     place: of the message in the file, were nothing packed.
     """
 
@@ -305,7 +305,7 @@ class TopicTable:
         room: Room,
         distrust: Callable[[str], bool],
     ) -> None:
-        self._name = name
+        self.name = name
         self._count = count
         self._batches = batches
         self._make_decoder = decoder
@@ -318,16 +318,8 @@ class TopicTable:
         self._plains: dict[str, NDArray[Any]] | None = None
 
     @property
-    def name(self) -> str:
-        return self._name
-
-    @property
     def columns(self) -> Mapping[str, Column]:
         return self.survey().columns
-
-    @property
-    def instance(self) -> str | None:
-        return None
 
     def __len__(self) -> int:
         return self._count if self._seen is None else len(self._seen.stamp_ns)
@@ -337,7 +329,7 @@ class TopicTable:
         return self.survey().stamp_ns
 
     @property
-    def place(self) -> NDArray[np.int64]:
+    def file_offset(self) -> NDArray[np.int64]:
         return self.survey().place
 
     @property
@@ -412,7 +404,7 @@ class TopicTable:
             stamps.append(batch.stamp_ns)
             places.append(batch.place)
         good = _joined(goods, np.bool_)
-        if len(good) != self._count and self._distrust(f"{self._name} has {len(good)} messages, not {self._count}"):
+        if len(good) != self._count and self._distrust(f"{self.name} has {len(good)} messages, not {self._count}"):
             self._count = len(good)
             return self._survey(decoder, why)
         stamp_ns, place = _joined(stamps, np.int64)[good], _joined(places, np.int64)[good]

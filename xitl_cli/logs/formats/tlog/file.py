@@ -12,6 +12,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from xitl_cli.logs.formats.tlog.frames import (
     parse_headers,
     tables_of,
 )
-from xitl_cli.logs.log import Base, Format, Health, Losses
+from xitl_cli.logs.log import Base, Format, Log, LogHealth, Losses
 from xitl_cli.logs.table import Table, steps_back
 
 BLOCK_BYTES = 1 << 20
@@ -286,7 +287,7 @@ _DAY_US, _MINUTE_US = 86_400_000_000, 60_000_000
 _LARGEST_US = 9_223_372_036_854_775
 
 
-class TelemetryLog:
+class TelemetryLog(Log):
     """Frames by message, stamped by the ground station that received them.
 
     A stamp that is far from those around it, or that damage has taken, is replaced by the one before. base is "utc", or
@@ -299,31 +300,42 @@ class TelemetryLog:
         self.path = path
         self._bytes = FileBytes(path)
         data = self._bytes.data
-        found = index_frames(data)
+        self._found = found = index_frames(data)
         stamp_us, replaced = _trusted(found)
-        stamp_ns = stamp_us * 1000
-        self.base: Base = "utc" if _plausible(stamp_us) else "unknown"
-        self.tables: Mapping[str, Table] = tables_of("", data, found.start, found.kind, stamp_ns, found.start)
-        self.span_ns = (int(stamp_ns.min()), int(stamp_ns.max())) if len(stamp_ns) else None
-        self.health: Health = found.losses.health(
+        self._stamp_ns = stamp_us * 1000
+        self._tables: Mapping[str, Table] = tables_of("", data, found.start, found.kind, self._stamp_ns, found.start)
+        self._health = found.losses.health(
             len(data),
             len(found.start) + sum(found.unknown.values()),
-            back_in_time=sum(steps_back(table.stamp_ns) for table in self.tables.values()),
+            back_in_time=sum(steps_back(table.stamp_ns) for table in self._tables.values()),
             replaced_stamps=replaced,
             undecoded=_undecoded(found.unknown),
         )
-        self.facts: Mapping[str, str] = {"signed frames": str(found.signed)} if found.signed else {}
+
+    @cached_property
+    def base(self) -> Base:
+        return "utc" if _plausible(self._stamp_ns // 1000) else "unknown"
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        return self._tables
+
+    @cached_property
+    def span_ns(self) -> tuple[int, int] | None:
+        return (int(self._stamp_ns.min()), int(self._stamp_ns.max())) if len(self._stamp_ns) else None
+
+    @property
+    def health(self) -> LogHealth:
+        return self._health
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        return {"signed frames": str(self._found.signed)} if self._found.signed else {}
 
     def close(self) -> None:
         """Tables keep the bytes as long as they are held."""
-        self.tables = {}
+        self._tables = {}
         self._bytes.close()
-
-    def __enter__(self) -> TelemetryLog:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def _trusted(found: FrameIndex) -> tuple[NDArray[np.int64], int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -142,7 +142,7 @@ _FROM_HEADER = {"_sysid": (5, 3), "_compid": (6, 4), "_seq": (4, 2)}
 """Where the byte is in a frame of MAVLink 2 and 1."""
 
 
-class FrameTable:
+class FrameTable(Table):
     """Frames of one message, each beginning at `start` of `data`; fields, then `_sysid`, `_compid` and `_seq`.
 
     Bytes that a frame does not carry are 0: MAVLink 2 cuts them off, and fields may be newer than the sender.
@@ -158,15 +158,23 @@ class FrameTable:
         stamp_ns: NDArray[np.int64],
         place: NDArray[np.int64],
     ) -> None:
-        self.name = name
-        self.instance = definition.instance
-        self.stamp_ns, self.place = stamp_ns, place
-        self.stamp_ns.flags.writeable = self.place.flags.writeable = False
+        self.name, self.instance = name, definition.instance
+        self._stamp_ns, self._place = stamp_ns, place
+        stamp_ns.flags.writeable = place.flags.writeable = False
         self._definition, self._data, self._start = definition, data, start
-        self.columns: Mapping[str, Column] = {
-            **{name: field.column for name, field in definition.fields.items()},
-            **{name: Column(name) for name in _FROM_HEADER},
-        }
+
+    @cached_property
+    def columns(self) -> Mapping[str, Column]:
+        own = {name: field.column for name, field in self._definition.fields.items()}
+        return own | {name: Column(name) for name in _FROM_HEADER}
+
+    @property
+    def stamp_ns(self) -> NDArray[np.int64]:
+        return self._stamp_ns
+
+    @property
+    def file_offset(self) -> NDArray[np.int64]:
+        return self._place
 
     def __len__(self) -> int:
         return len(self._start)

@@ -1,0 +1,258 @@
+"""Records of a DataFlash log: A3 95, a type number, a packed little-endian payload. The log describes itself: FMT gives
+each type's letters and columns, FMTU its units and multipliers, UNIT and MULT what their characters mean.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterable, Mapping
+from typing import Any, Callable
+
+FMT_TYPE = 128
+FMT_ROW = ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", "-b---", "-----")
+_HEAD = b"\xa3\x95"
+
+# Letter: struct code, and what a reader divides by.
+_LETTERS: Mapping[str, tuple[str, float]] = {
+    "b": ("b", 1),
+    "B": ("B", 1),
+    "h": ("h", 1),
+    "H": ("H", 1),
+    "i": ("i", 1),
+    "I": ("I", 1),
+    "q": ("q", 1),
+    "Q": ("Q", 1),
+    "f": ("f", 1),
+    "d": ("d", 1),
+    "n": ("4s", 1),
+    "N": ("16s", 1),
+    "Z": ("64s", 1),
+    "M": ("B", 1),
+    "c": ("h", 100),
+    "C": ("H", 100),
+    "e": ("i", 100),
+    "E": ("I", 100),
+    "L": ("i", 1e7),
+}
+_INTEGERS = {
+    code: (-(1 << bits - 1), (1 << bits - 1) - 1) if code.islower() else (0, (1 << bits) - 1)
+    for code, bits in (("b", 8), ("B", 8), ("h", 16), ("H", 16), ("i", 32), ("I", 32), ("q", 64), ("Q", 64))
+}
+_LARGEST_FLOAT = 3.4028234e38
+
+# The characters are ArduPilot's. `#` marks the column that tells instances of a message apart.
+UNITS: Mapping[str, str] = {
+    "-": "",
+    "?": "UNKNOWN",
+    "#": "instance",
+    "%": "%",
+    "b": "B",
+    "d": "deg",
+    "D": "deglatitude",
+    "E": "rad/s",
+    "G": "Gauss",
+    "h": "degheading",
+    "k": "deg/s",
+    "m": "m",
+    "n": "m/s",
+    "o": "m/s/s",
+    "O": "degC",
+    "P": "Pa",
+    "s": "s",
+    "S": "satellites",
+    "U": "deglongitude",
+    "Y": "us",
+    "z": "Hz",
+}
+MULTIPLIERS: Mapping[str, float] = {
+    "-": 0.0,
+    "?": 1.0,
+    "0": 1.0,
+    "A": 1e-1,
+    "B": 1e-2,
+    "C": 1e-3,
+    "F": 1e-6,
+    "G": 1e-7,
+}
+_SERVOS = ",".join(f"C{channel}" for channel in range(1, 15))
+_ROWS = (
+    ("FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds", "s---", "F---"),
+    ("UNIT", "QbZ", "TimeUS,Id,Label", "s--", "F--"),
+    ("MULT", "Qbd", "TimeUS,Id,Mult", "s--", "F--"),
+    ("PARM", "QNff", "TimeUS,Name,Value,Default", "s---", "F---"),
+    ("MSG", "QZ", "TimeUS,Message", "s-", "F-"),
+    ("MODE", "QMBB", "TimeUS,Mode,ModeNum,Rsn", "s---", "F---"),
+    ("ARM", "QBI", "TimeUS,ArmState,ArmChecks", "s--", "F--"),
+    ("EV", "QB", "TimeUS,Id", "s-", "F-"),
+    ("ERR", "QBB", "TimeUS,Subsys,ECode", "s--", "F--"),
+    (
+        "CMD",
+        "QHHHffffLLfB",
+        "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame",
+        "s-------DUm-",
+        "F-------GG0-",
+    ),
+    (  # the item taken up
+        "MISE",
+        "QHHHffffLLfB",
+        "TimeUS,CTot,CNum,CId,Prm1,Prm2,Prm3,Prm4,Lat,Lng,Alt,Frame",
+        "s-------DUm-",
+        "F-------GG0-",
+    ),
+    (
+        "IMU",
+        "QBfffffffQ",
+        "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,T,SampleUS",
+        "s#EEEoooOs",
+        "F-000000-F",
+    ),
+    (  # GMS and GWk are 0 until GPS time is known, which here it never is
+        "GPS",
+        "QBBIHBLLefffBQ",
+        "TimeUS,I,Status,GMS,GWk,NSats,Lat,Lng,Alt,Spd,GCrs,VZ,U,SampleUS",
+        "s#-s-SDUmnhn-s",
+        "F--C-0GGB000-F",
+    ),
+    ("GPA", "QBCCCBIH", "TimeUS,I,HAcc,VAcc,SAcc,VV,SMS,Delta", "s#mmn-ss", "F-BBB-CC"),
+    ("MAG", "QBhhhhhhQ", "TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,SampleUS", "s#GGGGGGs", "F-CCCCCCF"),
+    ("BARO", "QBfcQ", "TimeUS,I,Press,Temp,SampleUS", "s#POs", "F-0BF"),
+    ("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw", "sddddhh", "F000000"),
+    ("POS", "QLLfff", "TimeUS,Lat,Lng,Alt,RelHomeAlt,RelOriginAlt", "sDUmmm", "FGG000"),
+    (
+        "XKF1",
+        "QBccCffffffccce",
+        "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,PN,PE,PD,GX,GY,GZ,OH",
+        "s#ddhnnnmmmkkkm",
+        "F-BBB000000BBBB",
+    ),
+    ("XKF4", "QBccccI", "TimeUS,C,SV,SP,SH,SM,SS", "s#-----", "F------"),
+    ("XKQ", "QBffff", "TimeUS,C,Q1,Q2,Q3,Q4", "s#????", "F-????"),
+    ("ORGN", "QBLLe", "TimeUS,Type,Lat,Lng,Alt", "s#DUm", "F-GGB"),
+    ("RCIN", "Q" + "H" * 14, "TimeUS," + _SERVOS, "s" + "Y" * 14, "F" + "-" * 14),
+    ("RCOU", "Q" + "H" * 14, "TimeUS," + _SERVOS, "s" + "Y" * 14, "F" + "-" * 14),
+    ("NTUN", "QfffHf", "TimeUS,WpDist,WpBrg,DesYaw,Yaw,XTrack", "smhhhm", "F000B0"),
+    ("STER", "Qhff", "TimeUS,SteerIn,LatAcc,TurnRate", "s-ok", "F-00"),
+    ("THR", "Qhff", "TimeUS,ThrIn,DesSpeed,Speed", "s-nn", "F-00"),
+    ("PM", "QHHHIH", "TimeUS,LR,NLon,NL,MaxT,Load", "sz---%", "F----A"),
+    ("DSF", "QII", "TimeUS,Dp,Bytes", "s-b", "F-0"),
+)
+_TASK = (
+    "TASK",
+    "QBNfIIIIfIf",
+    "TimeUS,I,Name,Rate,N,Miss,Skip,JMax,JMean,RMax,RMean",
+    "s#-z---YYYY",
+    "F--0---0000",
+)
+_QUANTILES = (  # J50: half of the starts came no later, as far as the histogram tells; JAtUS: when the worst one was
+    "TSKQ",
+    "QBIIQIIQ",
+    "TimeUS,I,J50,J99,JAtUS,R50,R99,RAtUS",
+    "s#YYsYYs",
+    "F-00F00F",
+)
+_MISS = (  # Late counts from DueUS to the start, Run from there
+    "MISS",
+    "QNIQIII",
+    "TimeUS,Name,Cycle,DueUS,Late,Run,Skip",
+    "s--sYY-",
+    "F--F00-",
+)
+_PM_IN_LOCKSTEP = ("PM", "QHHHI", "TimeUS,LR,NLon,NL,MaxT", "sz---", "F----")
+
+
+class RecordFormat:
+    """One type of record. `units` and `multipliers` have a character a column, as FMTU holds them.
+
+    `pack` takes the values as a reader shows them: degrees for a letter L, whole milligauss for a letter h whose
+    multiplier says milli. A number that does not fit becomes the nearest one that does, NaN in a whole number 0,
+    and text is cut: a log has no use for an exception. A wrong count of values raises struct.error.
+    """
+
+    def __init__(self, type_id: int, name: str, letters: str, columns: str, units: str, multipliers: str) -> None:
+        names = columns.split(",")
+        if not (0 < len(letters) <= 16 and len(names) == len(letters) == len(units) == len(multipliers)):
+            raise ValueError(f"format {name}: give each of at most 16 columns a name, letter, unit and multiplier")
+        if not (len(name) <= 4 and len(columns) <= 64 and 0 <= type_id <= 255):
+            raise ValueError(f"format {name}: 4 characters of name, 64 of columns, and a type up to 255 fit")
+        unknown = [c for c, known in (*_with(letters, _LETTERS), *_with(units, UNITS), *_with(multipliers, MULTIPLIERS))
+                   if not known]  # fmt: skip
+        if unknown:
+            raise ValueError(f"format {name}: no such letter, unit or multiplier: {' '.join(unknown)}")
+        self.type_id = type_id
+        self.name = name
+        self.letters = letters
+        self.columns = columns
+        self.units = units
+        self.multipliers = multipliers
+        self._struct = struct.Struct("<3s" + "".join(_LETTERS[letter][0] for letter in letters))
+        self.length = self._struct.size
+        self.pack = self._packer()
+
+    def _packer(self) -> Callable[..., bytes]:
+        pack, prefix, letters = self._struct.pack, _HEAD + bytes((self.type_id,)), self.letters
+        scaled = [(index, _LETTERS[letter][1]) for index, letter in enumerate(letters) if _LETTERS[letter][1] != 1]
+
+        def plain(*values: Any) -> bytes:
+            try:
+                return pack(prefix, *values)
+            except (struct.error, OverflowError):
+                return pack(prefix, *map(_fitting, letters, values), *values[len(letters) :])
+
+        def scaling(*values: Any) -> bytes:
+            row = list(values)
+            try:
+                for index, factor in scaled:
+                    row[index] = round(row[index] * factor)
+                return pack(prefix, *row)
+            except (struct.error, OverflowError, ValueError, IndexError):
+                return pack(prefix, *map(_fitting, letters, values), *values[len(letters) :])
+
+        return scaling if scaled else plain
+
+
+def formats(rows: Iterable[tuple[str, str, str, str, str]]) -> dict[str, RecordFormat]:
+    """The formats of a log by name, FMT first, each with its type number: the place in the rows."""
+    found = {"FMT": RecordFormat(FMT_TYPE, *FMT_ROW)}
+    for place, row in enumerate(rows, start=1):
+        if row[0] in found:
+            raise ValueError(f"format {row[0]} is there twice")
+        found[row[0]] = RecordFormat(place if place < FMT_TYPE else place + 1, *row)
+    return found
+
+
+def header(known: Mapping[str, RecordFormat], now_us: int) -> bytes:
+    """What a log starts with; `known` has FMT, FMTU, UNIT and MULT among it."""
+    if now_us <= 255:
+        now_us = 0  # pymavlink takes FMTU's first bytes for a type number, and 0 is none of ours
+    fmt, fmtu, unit, mult = (known[name].pack for name in ("FMT", "FMTU", "UNIT", "MULT"))
+    records = [fmt(f.type_id, f.length, f.name, f.letters, f.columns) for f in known.values()]
+    records += [unit(now_us, ord(character), label) for character, label in UNITS.items()]
+    records += [mult(now_us, ord(character), factor) for character, factor in MULTIPLIERS.items()]
+    records += [fmtu(now_us, f.type_id, f.units, f.multipliers) for f in known.values()]
+    return b"".join(records)
+
+
+def _with(characters: str, table: Mapping[str, Any]) -> list[tuple[str, bool]]:
+    return [(character, character in table) for character in characters]
+
+
+def _fitting(letter: str, value: Any) -> Any:
+    """The nearest value that can be packed."""
+    code, factor = _LETTERS[letter]
+    if code.endswith("s"):
+        return value.encode("ascii", "replace") if isinstance(value, str) else value
+    if code == "d":
+        return value
+    if code == "f":
+        return math.copysign(math.inf, value) if abs(value) > _LARGEST_FLOAT else value
+    if value != value:
+        return 0
+    low, high = _INTEGERS[code]
+    if isinstance(value, int) and factor == 1:
+        return min(max(value, low), high)
+    return round(min(max(value * factor, low), high))
+
+
+FORMATS = formats((*_ROWS, _TASK, _QUANTILES, _MISS))
+FORMATS_IN_LOCKSTEP = formats(_PM_IN_LOCKSTEP if row[0] == "PM" else row for row in _ROWS)

@@ -1,0 +1,201 @@
+"""Records of a flight log, each from what it is about. Times in whole microseconds of the agent's clock."""
+
+from __future__ import annotations
+
+import math
+
+from agent.fcu.control.allocation import pulse_width_us
+from agent.fcu.control.guidance import GuidanceOutput
+from agent.fcu.control.manual_control import Sticks
+from agent.fcu.dataflash.format import FORMATS
+from agent.fcu.estimation.position_filter import InnovationRatios
+from agent.fcu.geodetic import Home, LocalProjection
+from agent.fcu.mission import MissionItem, item_parameters
+from agent.fcu.vehicle_state import (
+    Actuators,
+    BarometerMeasurement,
+    GnssMeasurement,
+    ImuMeasurement,
+    MagnetometerMeasurement,
+    StateEstimate,
+    Vector3,
+)
+from agent.timing.tasks import DeadlineMiss, TaskStats, quantile_us
+
+_IMU, _GPS, _GPA, _MAG, _BARO = (FORMATS[name].pack for name in ("IMU", "GPS", "GPA", "MAG", "BARO"))
+_ATT, _POS, _XKF1, _XKF4, _XKQ = (FORMATS[name].pack for name in ("ATT", "POS", "XKF1", "XKF4", "XKQ"))
+_RCIN, _RCOU, _NTUN, _ORGN = (FORMATS[name].pack for name in ("RCIN", "RCOU", "NTUN", "ORGN"))
+_STER, _THR, _TASK, _TSKQ, _MISS = (FORMATS[name].pack for name in ("STER", "THR", "TASK", "TSKQ", "MISS"))
+
+# XKF4.SS, as ArduPilot's filter status: attitude; velocity and position; what is left without a position.
+_ATTITUDE, _POSITION, _CONSTANT_POSITION = 0x01, 0x3E, 0x80
+ORIGIN, HOME = 0, 1  # ORGN.Type
+
+
+def imu(now_us: int, sample: ImuMeasurement) -> bytes:
+    """IMU."""
+    stamp_ns, (gx, gy, gz), (ax, ay, az), temperature_degc = sample
+    return _IMU(now_us, 0, gx, gy, gz, ax, ay, az, temperature_degc, stamp_ns // 1000)
+
+
+def gnss(now_us: int, sample: GnssMeasurement, last_us: int) -> bytes:
+    """GPS and GPA; `last_us` is when the fix before came."""
+    vn, ve, vd = sample.vel_ned_mps
+    fix = _GPS(
+        now_us,
+        0,
+        sample.fix_type,
+        0,
+        0,
+        sample.satellites,
+        sample.lat_deg,
+        sample.lon_deg,
+        sample.alt_m,
+        math.hypot(vn, ve),
+        _compass_deg(math.atan2(ve, vn)),
+        vd,
+        1,
+        sample.stamp_ns // 1000,
+    )
+    return fix + _GPA(
+        now_us,
+        0,
+        sample.horizontal_accuracy_m,
+        sample.vertical_accuracy_m,
+        sample.speed_accuracy_mps,
+        1,
+        now_us // 1000,
+        (now_us - last_us) // 1000,
+    )
+
+
+def magnetometer(now_us: int, sample: MagnetometerMeasurement, offset_mgauss: Vector3) -> bytes:
+    """MAG: as ArduPilot has it, the field with the offsets added, in whole milligauss."""
+    (mx, my, mz), (ox, oy, oz) = sample.field_frd_gauss, offset_mgauss
+    field = (_whole(1e3 * mx + ox), _whole(1e3 * my + oy), _whole(1e3 * mz + oz))
+    return _MAG(now_us, 0, *field, _whole(ox), _whole(oy), _whole(oz), sample.stamp_ns // 1000)
+
+
+def barometer(now_us: int, sample: BarometerMeasurement) -> bytes:
+    """BARO."""
+    return _BARO(now_us, 0, sample.pressure_pa, sample.temperature_degc, sample.stamp_ns // 1000)
+
+
+def attitude(now_us: int, estimate: StateEstimate, desired_yaw_rad: float) -> bytes:
+    """ATT; roll and pitch are wanted level."""
+    roll_deg, pitch_deg = math.degrees(estimate.roll_rad), math.degrees(estimate.pitch_rad)
+    yaw_deg = math.degrees(estimate.yaw_rad) % 360.0
+    return _ATT(now_us, 0.0, roll_deg, 0.0, pitch_deg, math.degrees(desired_yaw_rad) % 360.0, yaw_deg)
+
+
+def outputs(now_us: int, actuators: Actuators) -> bytes:
+    """RCOU: port on channel 1 and starboard on 3, as ArduRover's skid steering has them; 0 where nothing is."""
+    port, starboard = actuators.command[:2]
+    return _RCOU(now_us, pulse_width_us(port), 0, pulse_width_us(starboard), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def inputs(now_us: int, channels_us: tuple[int, ...]) -> bytes:
+    """RCIN: the first 14 channels."""
+    return _RCIN(now_us, *(channels_us + (0,) * 14)[:14])
+
+
+def position(now_us: int, estimate: StateEstimate, frame: LocalProjection, home: Home | None) -> bytes:
+    """POS; without a home the origin stands in for it."""
+    north_m, east_m, down_m = estimate.pos_ned_m
+    lat_deg, lon_deg = frame.to_geodetic(north_m, east_m)
+    alt_m = frame.alt_m - down_m
+    return _POS(now_us, lat_deg, lon_deg, alt_m, alt_m - (frame if home is None else home).alt_m, -down_m)
+
+
+def solution(
+    now_us: int, estimate: StateEstimate, gyro_bias_frd_radps: Vector3, frame: LocalProjection | None
+) -> bytes:
+    """XKF1."""
+    return _XKF1(
+        now_us,
+        0,
+        math.degrees(estimate.roll_rad),
+        math.degrees(estimate.pitch_rad),
+        math.degrees(estimate.yaw_rad) % 360.0,
+        *estimate.vel_ned_mps,
+        *estimate.pos_ned_m,
+        *map(math.degrees, gyro_bias_frd_radps),
+        0.0 if frame is None else frame.alt_m,
+    )
+
+
+def health(now_us: int, estimate: StateEstimate, ratios: InnovationRatios) -> bytes:
+    """XKQ and XKF4: the roots of the ratios, under 1 accepted."""
+    status = _ATTITUDE if estimate.attitude_valid else 0
+    status |= _POSITION if estimate.position_valid else _CONSTANT_POSITION
+    roots = (math.sqrt(ratio) for ratio in (ratios.velocity, ratios.position, ratios.height, ratios.heading))
+    return _XKQ(now_us, 0, *estimate.quat_ned_frd) + _XKF4(now_us, 0, *roots, status)
+
+
+def navigation(now_us: int, output: GuidanceOutput, yaw_rad: float) -> bytes:
+    """NTUN."""
+    bearing_deg, heading_deg = _compass_deg(output.bearing_rad), _compass_deg(output.heading_rad)
+    yaw_cdeg = _whole(100.0 * math.degrees(yaw_rad)) % 36000
+    return _NTUN(now_us, output.distance_m, bearing_deg, heading_deg, yaw_cdeg, output.cross_track_m)
+
+
+def control(now_us: int, sticks: Sticks, speed_mps: float, desired_mps: float, turn_rate_radps: float) -> bytes:
+    """STER and THR; `desired_mps` is NaN when no speed is asked for."""
+    turn_rate_degps = math.degrees(turn_rate_radps)
+    steer = _STER(now_us, _whole(4500.0 * sticks.steering), speed_mps * turn_rate_radps, turn_rate_degps)
+    return steer + _THR(now_us, _whole(100.0 * sticks.throttle), desired_mps, speed_mps)
+
+
+def place(now_us: int, kind: int, lat_deg: float, lon_deg: float, alt_m: float) -> bytes:
+    """ORGN."""
+    return _ORGN(now_us, kind, lat_deg, lon_deg, alt_m)
+
+
+def mission_item(name: str, now_us: int, seq: int, total: int, item: MissionItem) -> bytes:
+    """CMD or MISE."""
+    place = (item.lat_deg, item.lon_deg, item.alt_m, item.frame)
+    return FORMATS[name].pack(now_us, total, seq, item.command, *item_parameters(item), *place)
+
+
+def task(now_us: int, index: int, stats: TaskStats) -> bytes:
+    """TASK and TSKQ: all counted since the start."""
+    starts, runs = stats.start_jitter_histogram, stats.run_histogram
+    longest_start_us, longest_run_us = stats.start_jitter_max_ns // 1000, stats.run_max_ns // 1000
+    counts = _TASK(
+        now_us,
+        index,
+        stats.name,
+        stats.rate_hz,
+        stats.cycles,
+        stats.missed,
+        stats.skipped,
+        longest_start_us,
+        stats.start_jitter_mean_ns * 1e-3,
+        longest_run_us,
+        stats.run_mean_ns * 1e-3,
+    )
+    return counts + _TSKQ(
+        now_us,
+        index,
+        quantile_us(starts, 0.5, longest_start_us),
+        quantile_us(starts, 0.99, longest_start_us),
+        stats.worst_start_ns // 1000,
+        quantile_us(runs, 0.5, longest_run_us),
+        quantile_us(runs, 0.99, longest_run_us),
+        stats.worst_run_ns // 1000,
+    )
+
+
+def miss(now_us: int, missed: DeadlineMiss) -> bytes:
+    """MISS."""
+    late_us, run_us = (missed.start_ns - missed.due_ns) // 1000, (missed.end_ns - missed.start_ns) // 1000
+    return _MISS(now_us, missed.task, missed.cycle, missed.due_ns // 1000, late_us, run_us, missed.skipped)
+
+
+def _compass_deg(angle_rad: float) -> float:
+    return math.degrees(angle_rad) % 360.0
+
+
+def _whole(value: float) -> int | float:
+    """Rounded, where that means something; the format deals with the rest."""
+    return round(value) if abs(value) < 1e9 else value

@@ -1,1 +1,0 @@
-"""What of a flight goes into the DataFlash log, and when."""

@@ -1,0 +1,108 @@
+"""What goes into the embedded autopilot and what comes out: plain tuples of floats, no MAVLink.
+
+`stamp_ns` is the instant a sample was taken, on the sensors' clock. Named tuples and not dataclasses, because a sample
+is made 200 times a second on a slow board and a tuple costs a third.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6  # MAV_SEVERITY
+_MOST = 64
+
+
+class ImuMeasurement(NamedTuple):
+    """Angular rate and specific force in body FRD."""
+
+    stamp_ns: int
+    gyro_frd_radps: Vector3
+    accel_frd_mps2: Vector3
+    temperature_degc: float = 20.0
+
+
+class GnssMeasurement(NamedTuple):
+    """Position and velocity of the antenna; accuracies are one sigma; `fix_type` 3 is a three-dimensional fix."""
+
+    stamp_ns: int
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    vel_ned_mps: Vector3
+    horizontal_accuracy_m: float = 1.0
+    vertical_accuracy_m: float = 1.0
+    speed_accuracy_mps: float = 0.2
+    fix_type: int = 3
+    satellites: int = 10
+
+
+class MagnetometerMeasurement(NamedTuple):
+    """Magnetic field in body FRD."""
+
+    stamp_ns: int
+    field_frd_gauss: Vector3
+
+
+class BarometerMeasurement(NamedTuple):
+    """Static pressure."""
+
+    stamp_ns: int
+    pressure_pa: float
+    temperature_degc: float = 20.0
+
+
+class StateEstimate(NamedTuple):
+    """What the estimator believes about the body origin at `stamp_ns` (sensors' clock).
+
+    Position is relative to the estimator's origin; `quat_ned_frd` is (w, x, y, z), body FRD to NED; the gyro has its
+    estimated bias removed. `position_valid` says whether position and velocity may be steered by.
+    """
+
+    stamp_ns: int
+    quat_ned_frd: Quaternion
+    roll_rad: float
+    pitch_rad: float
+    yaw_rad: float
+    gyro_frd_radps: Vector3
+    pos_ned_m: Vector3
+    vel_ned_mps: Vector3
+    attitude_valid: bool
+    position_valid: bool
+
+
+class Actuators(NamedTuple):
+    """Motor commands in [-1, 1], full astern to full ahead, in the order (port, starboard)."""
+
+    command: tuple[float, ...] = (0.0, 0.0)
+    armed: bool = False
+    failsafe: bool = False
+
+
+class Event(NamedTuple):
+    """A sentence with a MAV_SEVERITY."""
+
+    severity: int
+    text: str
+
+
+class EventQueue:
+    """Waits to be taken; when nobody does, the oldest are lost and counted."""
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self._waiting: deque[Event] = deque(maxlen=_MOST)
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue one."""
+        if len(self._waiting) == _MOST:
+            self.lost += 1
+        self._waiting.append(Event(severity, text))
+
+    def take(self) -> list[Event]:
+        """All since the last call, oldest first."""
+        taken = list(self._waiting)
+        self._waiting.clear()
+        return taken

@@ -1,1 +1,0 @@
-"""Ground stations: several at once, over UDP and TCP, on one autopilot."""

@@ -1,0 +1,1 @@
+"""What a node can be, and what the embedded autopilot serves beside the host."""

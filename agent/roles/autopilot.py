@@ -1,0 +1,196 @@
+"""The embedded autopilot as a node: LS, LC and LA, its ground stations, what it keeps and what it logs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Callable
+
+from agent.fcu.dataflash.flight_log import NullFlightLog
+from agent.fcu.mavlink.channel import MavlinkChannel
+from agent.fcu.mavlink.hub import Outbox
+from agent.fcu.vehicle.autopilot import LOOP_HZ
+from agent.fcu.vehicle_state import Actuators, Event
+from agent.roles.ground_stations import GroundStations
+from agent.roles.role import Role, Traffic
+from agent.roles.storage import Storage
+from agent.timing.clock import Clock, MonotonicClock
+from agent.timing.tasks import DeadlineMiss, Executor, TaskStats
+from agent.wire import dialect
+from agent.wire.codec import Message
+
+MOTORS_ON_WIRE = 8
+
+
+class AutopilotRole(Role):
+    """Sensors in, actuators out at LOOP_HZ. `make_channel` builds a fresh autopilot for every run.
+
+    `send` hands messages to the host. `ground` serves ground stations beside the host, between runs too: there is no
+    motion then, but parameters and plans can be set. `storage` keeps over a restart what they set. `make_log` gets this
+    node's clock and gives a flight log, a new one begun with each run. None of the three is this one's to close.
+    """
+
+    title = "embedded autopilot"
+    nodes = "LS,LC,LA"
+    telemetry_hz = LOOP_HZ
+
+    def __init__(
+        self,
+        make_channel: Callable[[], MavlinkChannel],
+        send: Callable[[Message], bool],
+        ground: GroundStations | None = None,
+        storage: Storage | None = None,
+        make_log: Callable[[Callable[[], int]], NullFlightLog] | None = None,
+    ) -> None:
+        self._make_channel = make_channel
+        self._send = send
+        self._ground = ground
+        self._storage = storage
+        self._clock: Clock = MonotonicClock()
+        self._log = None if make_log is None else make_log(lambda: self._clock.now_ns())
+
+    @property
+    def channel(self) -> MavlinkChannel:
+        """What serves the host, with the autopilot of the run."""
+        return self._channel
+
+    # -- the life of a run
+
+    def reset(self, clock: Clock, lockstep: bool) -> None:
+        self._clock = clock
+        self._lockstep = lockstep
+        self._channel = self._make_channel()
+        self._hub = self._channel.hub
+        self._autopilot = self._channel.autopilot
+        self._control_and_allocate = self._autopilot.control
+        self._log_outbox: Outbox | None = None
+        self._imu_stamp_us = self._imu_received_us = 0
+        self._actuators = Actuators()
+        self._count = 0
+        self._controlled_ns = 0
+        self._missed_before = self._stations_missed()
+        if self._storage is not None:
+            self._hub.storage = self._storage
+            self._storage.apply(self._autopilot)
+        if self._log is not None:
+            self._hub.log = self._log
+            self._log_outbox = self._hub.open_outbox()
+        if self._ground is not None:
+            self._ground.attach(self._hub)
+
+    def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
+        if self._log is not None:
+            self._log.begin(self._clock.now_ns(), self._lockstep)
+        executor.add("control", LOOP_HZ, self._control, urgent=True)
+        if self._log is not None:
+            executor.add("log", LOOP_HZ, self._keep)
+
+    def end(self, now_ns: int) -> Sequence[Message]:
+        """The host takes the world away: nothing is steered any more."""
+        self._autopilot.disarm()
+        self._actuators = self._hub.actuators = Actuators()
+        if self._log is not None:
+            self._log.arm(now_ns, False)
+            self._log_events(self._log, now_ns)
+            self._log.close()
+        return (self._actuators_message(now_ns),)
+
+    # -- the host's messages
+
+    def take(self, message: Message, now_ns: int) -> Sequence[Message]:
+        if isinstance(message, dialect.MAVLink_xitl_imu_message):
+            self._imu_stamp_us, self._imu_received_us = message.time_usec, now_ns // 1000
+        return self._channel.handle(message, now_ns)
+
+    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+        self._count = tick
+        return (self._actuators_message(now_ns),)
+
+    # -- tasks
+
+    def _control(self, now_ns: int) -> None:
+        self._actuators = self._hub.actuators = self._control_and_allocate(now_ns)
+        if not self._lockstep:
+            self._count += 1
+            self._send(self._actuators_message(self._clock.now_ns()))
+        self._controlled_ns = now_ns
+
+    def _keep(self, now_ns: int) -> None:
+        assert self._log is not None
+        self._log.cycle(self._controlled_ns, self._autopilot, self._actuators)
+        self._log_events(self._log, now_ns)
+
+    def telemetry(self, now_ns: int) -> Sequence[Message]:
+        return self._channel.poll(now_ns)
+
+    def _serve_ground(self, now_ns: int) -> None:
+        if self._storage is not None:
+            self._storage.report(self._autopilot)
+        if self._ground is not None:
+            self._ground.telemetry(now_ns)
+
+    def _actuators_message(self, now_ns: int) -> Message:
+        actuators = self._actuators
+        flags = dialect.XITL_ACTUATOR_FLAGS_ARMED if actuators.armed else 0
+        flags |= dialect.XITL_ACTUATOR_FLAGS_FAILSAFE if actuators.failsafe else 0
+        count = len(actuators.command)
+        command = list(actuators.command) + [0.0] * (MOTORS_ON_WIRE - count)
+        message: Message = dialect.MAVLink_xitl_actuators_message(
+            now_ns // 1000, self._imu_stamp_us, self._imu_received_us, self._count, command, count, flags
+        )
+        return message
+
+    # -- records
+
+    def say(self, severity: int, text: str) -> None:
+        self._autopilot.say(Event(severity, text))
+
+    def _log_events(self, log: NullFlightLog, now_ns: int) -> None:
+        outbox = self._log_outbox
+        if outbox is not None:
+            self._hub.distribute(now_ns)
+            while outbox.events:
+                event = outbox.events.popleft()
+                log.event(now_ns, event.severity, event.text)
+
+    def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
+        if self._log is not None:
+            self._log.performance(now_ns, stats)
+
+    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
+        if self._log is not None:
+            self._log.missed(now_ns, misses)
+
+    @property
+    def traffic(self) -> Traffic:
+        autopilot = self._autopilot
+        return Traffic(
+            autopilot.estimates_used,
+            autopilot.efforts,
+            self._channel.refused,
+            0 if self._log is None else self._log.dropped,
+            self._stations_missed() - self._missed_before,
+            autopilot.events.lost,
+        )
+
+    def _stations_missed(self) -> int:
+        return 0 if self._ground is None else self._ground.counters.missed
+
+    # -- ground stations
+
+    def other_tasks(self, executor: Executor) -> None:
+        if self._ground is not None:
+            executor.add("ground", LOOP_HZ, self._serve_ground)
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        return () if self._ground is None else self._ground.addresses
+
+    def descriptors(self) -> Sequence[int]:
+        return () if self._ground is None else self._ground.descriptors()
+
+    def serve(self, now: Callable[[], int]) -> None:
+        if self._ground is not None:
+            self._ground.receive(now)
+            self._ground.keep_alive(now())
+        if self._hub.reboot_asked:
+            self._hub.reboot()

@@ -1,0 +1,278 @@
+"""All ground stations of one agent: those we send to, and those that connect to us."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+from urllib.parse import urlsplit
+
+from agent.fcu.mavlink.channel import MavlinkChannel
+from agent.fcu.mavlink.hub import MavlinkHub
+from agent.fcu.vehicle_state import WARNING, Event
+from agent.wire import dialect as mav
+from agent.wire.codec import MessageRefusedError
+from agent.wire.link import Link
+from agent.wire.signing import Signing
+from agent.wire.tcp import TcpAccepted, TcpListener, TcpTransport
+from agent.wire.transport import BadUrlError, Transport, open_transport
+from agent.wire.udp import UdpTransport
+
+MOST_CLIENTS = 16
+CHUNK_BYTES = 1024  # of one station in one cycle: some 20 to 80 messages; the rest waits in the system's buffer
+DATAGRAMS = 4
+SILENCE_NS = 1_000_000_000
+STUCK_NS = 10_000_000_000  # a station that takes nothing for so long is dropped
+
+
+class StationCounters(NamedTuple):
+    """Since the start, over all stations, those that have left among them.
+
+    turned_away: connections beyond `MOST_CLIENTS`. dropped: stations that took nothing for ten seconds. unsent: frames
+    that a station did not take. skipped: cycles in which one was too slow to be sent anything. refused: frames without
+    a good signature. unpackable: messages with a field that does not fit the wire.
+    """
+
+    connected: int
+    turned_away: int
+    dropped: int
+    sent: int
+    unsent: int
+    skipped: int
+    refused: int
+    unpackable: int
+
+    @property
+    def missed(self) -> int:
+        """Everything that stations did not get, or said in vain."""
+        return self.turned_away + self.dropped + self.unsent + self.skipped + self.refused + self.unpackable
+
+
+class GroundStations:
+    """`udp://host:port` is sent to; at `tcp://host:port` we listen for any number of stations up to `MOST_CLIENTS`.
+
+    Raises a TransportError from the constructor. Afterwards nothing of a station's doing raises or waits.
+    """
+
+    def __init__(self, urls: Sequence[str], system_id: int, component_id: int, signing: Signing | None = None) -> None:
+        self._ids = (system_id, component_id)
+        self._signing = signing
+        self._clients: list[GroundStation] = []
+        self._listeners: list[TcpListener] = []
+        self._hub: MavlinkHub | None = None
+        self._made = 0
+        self._turned_away = self._dropped = self._sent = self._unsent = self._skipped = self._refused = 0
+        self._unpackable = 0
+        self._spoke_ns = time.monotonic_ns()
+        try:
+            for url in urls:
+                self._open(url)
+        except Exception:
+            self.close()
+            raise
+
+    def _open(self, url: str) -> None:
+        scheme = url.partition("://")[0]
+        if scheme == "tcp":
+            try:
+                parts = urlsplit(url)
+            except ValueError as error:
+                raise BadUrlError(url, str(error), "write it like tcp://0.0.0.0:5760") from None
+            self._listeners.append(TcpListener(parts))
+            return
+        transport = open_transport(url, listen=False)
+        if isinstance(transport, UdpTransport):
+            transport.batch = DATAGRAMS
+        self._add(transport, url)
+
+    def _add(self, transport: Transport, name: str) -> None:
+        client = GroundStation(Link(transport, *self._ids, signing=self._signing, link_id=self._made), name)
+        self._made += 1
+        self._clients.append(client)
+        if self._hub is not None:
+            client.attach(self._hub)
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where stations are sent to or may call."""
+        return (
+            *(client.name for client in self._clients if not isinstance(client.transport, TcpAccepted)),
+            *(listener.address for listener in self._listeners),
+        )
+
+    @property
+    def counters(self) -> StationCounters:
+        """Counts so far."""
+        counted = [client.link.counters for client in self._clients]
+        return StationCounters(
+            len(self._clients),
+            self._turned_away,
+            self._dropped,
+            self._sent + sum(one.sent for one in counted),
+            self._unsent + sum(one.unsent for one in counted),
+            self._skipped + sum(client.skipped for client in self._clients),
+            self._refused + sum(client.link.refused_signature for client in self._clients),
+            self._unpackable + sum(client.unpackable for client in self._clients),
+        )
+
+    def descriptors(self) -> list[int]:
+        """What becomes readable when there is something to do."""
+        found = [client.transport.fileno() for client in self._clients]
+        found += [listener.fileno() for listener in self._listeners]
+        return [descriptor for descriptor in found if descriptor is not None]
+
+    def attach(self, hub: MavlinkHub) -> None:
+        """Serve this vehicle from now on."""
+        self._hub = hub
+        for client in self._clients:
+            client.attach(hub)
+
+    def receive(self, clock: Callable[[], int]) -> None:
+        """Take in who calls and handle what has arrived; `clock` is the vehicle's."""
+        for listener in self._listeners:
+            self._accept(listener)
+        for client in self._clients:
+            client.receive(clock)
+        now_ns = time.monotonic_ns()
+        for client in [one for one in self._clients if one.is_gone(now_ns)]:
+            self._let_go(client)
+
+    def telemetry(self, now_ns: int) -> None:
+        """Send every station what is due for it; once a cycle."""
+        self._spoke_ns = time.monotonic_ns()
+        for client in self._clients:
+            client.telemetry(now_ns)
+
+    def keep_alive(self, now_ns: int) -> None:
+        """Where the vehicle's clock stands still, its heart beats on."""
+        if time.monotonic_ns() - self._spoke_ns >= SILENCE_NS:
+            self._spoke_ns = time.monotonic_ns()
+            for client in self._clients:
+                client.heartbeat(now_ns)
+
+    def close(self) -> None:
+        """End all connections and stop listening."""
+        for client in self._clients:
+            client.close()
+        self._clients.clear()
+        for listener in self._listeners:
+            listener.close()
+        self._listeners.clear()
+
+    def _accept(self, listener: TcpListener) -> None:
+        called = listener.accept()
+        if called is None:
+            return
+        sock, peer = called
+        if len(self._clients) >= MOST_CLIENTS:
+            self._turned_away += 1
+            sock.close()
+            return
+        transport = TcpAccepted(sock, listener.address, peer)
+        transport.chunks, transport.chunk_bytes = 1, CHUNK_BYTES
+        self._add(transport, peer)
+
+    def _let_go(self, client: GroundStation) -> None:
+        counters = client.link.counters
+        self._sent += counters.sent
+        self._unsent += counters.unsent
+        self._skipped += client.skipped
+        self._unpackable += client.unpackable
+        self._refused += client.link.refused_signature
+        transport = client.transport
+        self._dropped += isinstance(transport, TcpAccepted) and transport.connected
+        client.close()
+        self._clients.remove(client)
+
+
+class GroundStation:
+    """Serves one station. Nothing here waits, raises for what comes in, or lets a slow station cost more than a try.
+
+    skipped: cycles of telemetry not even made because the station did not take the last. unpackable: messages with a
+    value that does not fit the wire.
+    """
+
+    def __init__(self, link: Link, name: str) -> None:
+        self.link = link
+        self.name = name
+        self.skipped = 0
+        self.unpackable = 0
+        self._channel: MavlinkChannel | None = None
+        self._stuck_ns: int | None = None
+        self._said_signature = False
+
+    @property
+    def transport(self) -> Transport:
+        """Carries its bytes."""
+        return self.link.transport
+
+    def attach(self, hub: MavlinkHub) -> None:
+        """Serve this vehicle from now on, at the rates the station has asked for."""
+        old = self._channel
+        self._channel = MavlinkChannel(hub.autopilot, self.link.system_id, self.link.component_id, hub=hub, ground=True)
+        if old is not None:
+            self._channel.streams.resume(old.streams.periods_ns)
+            old.close()
+
+    def receive(self, clock: Callable[[], int]) -> None:
+        """Handle what has arrived, as much of it as one cycle can bear."""
+        channel = self._channel
+        if channel is None:
+            return
+        for message in self.link.receive(0.0):
+            replies = channel.handle(message, clock())
+            if replies:
+                self._send(replies)
+        if self.link.refused_signature and not self._said_signature:
+            self._said_signature = True
+            channel.autopilot.say(Event(WARNING, f"Frames from {self.name} refused: not signed with our key"))
+
+    def telemetry(self, now_ns: int) -> None:
+        """Send what is due."""
+        if self._channel is None:
+            return
+        if self._is_stuck():
+            self.skipped += 1
+            return
+        messages = self._channel.poll(now_ns)
+        if messages:
+            self._send(messages)
+
+    def heartbeat(self, now_ns: int) -> None:
+        """Send that alone."""
+        if self._channel is not None:
+            beat = self._channel.streams.message(mav.MAVLINK_MSG_ID_HEARTBEAT, now_ns)
+            self._send([beat])
+
+    def is_gone(self, monotonic_ns: int) -> bool:
+        """Whether the station has left, or takes nothing any more."""
+        transport = self.transport
+        if not isinstance(transport, TcpTransport):
+            return False
+        if not transport.connected:
+            return True
+        if not self._is_stuck():
+            self._stuck_ns = None
+        elif self._stuck_ns is None:
+            self._stuck_ns = monotonic_ns
+        return self._stuck_ns is not None and monotonic_ns - self._stuck_ns > STUCK_NS
+
+    def close(self) -> None:
+        """End the connection."""
+        if self._channel is not None:
+            self._channel.close()
+            self._channel = None
+        self.transport.close()
+
+    def _is_stuck(self) -> bool:
+        return isinstance(self.transport, TcpTransport) and self.transport.stuck
+
+    def _send(self, messages: list[Any]) -> None:
+        try:
+            self.link.send(*messages)
+        except MessageRefusedError:
+            for message in messages:
+                try:
+                    self.link.send(message)
+                except MessageRefusedError:
+                    self.unpackable += 1

@@ -1,0 +1,97 @@
+"""What a node is there for: the embedded autopilot, a bridge to another one, or a companion computer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Callable, NamedTuple
+
+from agent.timing.clock import Clock
+from agent.timing.tasks import DeadlineMiss, Executor, TaskStats
+from agent.wire.codec import Message
+
+
+class Traffic(NamedTuple):
+    """What has passed between the node's own parts since the run began, what was refused, and what got lost.
+
+    stations_missed: what ground stations did not get, or said in vain. events_lost: sentences that nobody took in time.
+    """
+
+    estimates: int = 0
+    efforts: int = 0
+    messages_refused: int = 0
+    log_dropped: int = 0
+    stations_missed: int = 0
+    events_lost: int = 0
+
+
+class Role:
+    """The node calls; instants are of the clock of the run, which between runs is this machine's.
+
+    title: for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: how often `telemetry` is asked. others:
+    who is at `addresses`.
+    """
+
+    title: str
+    others = "ground stations"
+    nodes: str
+    telemetry_hz: float
+
+    def reset(self, clock: Clock, lockstep: bool) -> None:
+        """Fresh, as for a run on this clock; the run itself is not on yet."""
+        raise NotImplementedError
+
+    def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
+        """A run starts: add the tasks it needs, in the order in which they run when due together.
+
+        `silent_s` tells how long nothing has come from the host, 0 in lockstep.
+        """
+        raise NotImplementedError
+
+    def take(self, message: Message, now_ns: int) -> Sequence[Message]:
+        """A message that is not the node's own; returns the replies."""
+        raise NotImplementedError
+
+    def telemetry(self, now_ns: int) -> Sequence[Message]:
+        """What is due to be sent."""
+        raise NotImplementedError
+
+    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+        """Lockstep: what ends a tick."""
+        return ()
+
+    def end(self, now_ns: int) -> Sequence[Message]:
+        """The run is over, whoever ended it; returns the last word to the host."""
+        return ()
+
+    def say(self, severity: int, text: str) -> None:
+        """A sentence for people, with a MAV_SEVERITY."""
+
+    # -- records
+
+    def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
+        """Once a second: how the tasks did since the start."""
+
+    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
+        """Deadlines that were missed."""
+
+    @property
+    def traffic(self) -> Traffic:
+        """Counts so far."""
+        return Traffic()
+
+    # -- others than the host
+
+    def other_tasks(self, executor: Executor) -> None:
+        """Add what has to be done for them, in runs and between."""
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where they are sent to, or may call."""
+        return ()
+
+    def descriptors(self) -> Sequence[int]:
+        """What becomes readable when others have something to say."""
+        return ()
+
+    def serve(self, now: Callable[[], int]) -> None:
+        """Called with every poll, in runs and between them."""

@@ -1,0 +1,167 @@
+"""What ground stations set and a restart keeps: parameters, mission and fence in one JSON file.
+
+The file is replaced as a whole, by a thread of its own: the control loop only hands over what is to be in it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agent.fcu.fence import FenceItem
+from agent.fcu.mission import MissionError, MissionItem, make_mission
+from agent.fcu.parameters import ParameterError
+from agent.fcu.vehicle.autopilot import Autopilot
+from agent.fcu.vehicle_state import ERROR, WARNING, Event
+
+FORMAT = 1
+
+
+class StorageError(ValueError):
+    """A file was refused; the message says which, why and what to do."""
+
+
+class _Contents(NamedTuple):
+    parameters: dict[str, float]
+    mission: tuple[MissionItem, ...]
+    fence: tuple[FenceItem, ...]
+
+
+class Storage:
+    """See `Keeper`. Raises StorageError from the constructor; a failed write is said as an event."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._contents = _read(path)
+        self._problem = ""
+        self._changed = threading.Condition()
+        self._wanted: _Contents | None = None
+        self._busy = False
+        self._closing = False
+        self._thread = threading.Thread(target=self._write_on, name="storage", daemon=True)
+        self._thread.start()
+
+    def apply(self, autopilot: Autopilot) -> None:
+        """Put in force what is kept; what does not fit this version any more is left out and said."""
+        contents = self._contents
+        for name, value in contents.parameters.items():
+            try:
+                autopilot.parameters.set(name, value)
+            except ParameterError as error:
+                autopilot.say(Event(WARNING, f"{self.path.name}: {error}"))
+        try:
+            autopilot.set_mission(make_mission(contents.mission))
+        except MissionError as error:
+            autopilot.say(Event(WARNING, f"{self.path.name}: {error}"))
+        if contents.fence:
+            refused = autopilot.set_fence(list(contents.fence))
+            if refused:
+                autopilot.say(Event(WARNING, f"{self.path.name}: {refused}"))
+
+    def keep_parameter(self, name: str, value: float) -> None:
+        self._keep(self._contents._replace(parameters={**self._contents.parameters, name: value}))
+
+    def keep_all_parameters(self, autopilot: Autopilot) -> None:
+        values = {name: autopilot.parameters[name] for name in autopilot.parameters}
+        self._keep(self._contents._replace(parameters=values))
+
+    def keep_plan(self, autopilot: Autopilot) -> None:
+        self._keep(self._contents._replace(mission=autopilot.mission.items, fence=tuple(autopilot.fence.items)))
+
+    def forget_parameters(self, autopilot: Autopilot) -> None:
+        defaults = type(autopilot.parameters)()
+        for name in self._contents.parameters:
+            if name in defaults:
+                autopilot.parameters.set(name, defaults[name])
+        self._keep(self._contents._replace(parameters={}))
+
+    def report(self, autopilot: Autopilot) -> None:
+        """Say it once when a write failed."""
+        problem, self._problem = self._problem, ""
+        if problem:
+            autopilot.say(Event(ERROR, problem))
+
+    def flush(self) -> None:
+        """Wait until all is written."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._wanted is None and not self._busy, timeout=10.0)
+
+    def close(self) -> None:
+        """Write what is left."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join(timeout=10.0)
+
+    def _keep(self, contents: _Contents) -> None:
+        self._contents = contents
+        with self._changed:
+            self._wanted = contents
+            self._changed.notify_all()
+
+    def _write_on(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._wanted is not None or self._closing)
+                contents, self._wanted = self._wanted, None
+                if contents is None:
+                    return
+                self._busy = True
+            try:
+                _write(self.path, contents)
+            except OSError as error:
+                self._problem = f"{self.path}: not written ({error.strerror}); what was set is lost at a restart"
+            with self._changed:
+                self._busy = False
+                self._changed.notify_all()
+
+
+def _write(path: Path, contents: _Contents) -> None:
+    """Whole or not at all: beside it, then in its place."""
+    document = {
+        "format": FORMAT,
+        "parameters": contents.parameters,
+        "mission": [item._asdict() for item in contents.mission],
+        "fence": [item._asdict() for item in contents.fence],
+    }
+    beside = path.with_name(path.name + ".new")
+    with beside.open("w") as file:
+        json.dump(document, file, indent=1)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+
+
+def _read(path: Path) -> _Contents:
+    try:
+        text = path.read_text()
+    except FileNotFoundError:
+        if not path.parent.is_dir():
+            raise StorageError(f"{path}: there is no folder {path.parent}; make it or choose another file") from None
+        return _Contents({}, (), ())
+    except (OSError, UnicodeDecodeError) as error:
+        raise StorageError(f"{path}: cannot be read ({error}); check the path") from None
+    try:
+        document = json.loads(text)
+        if document["format"] != FORMAT:
+            raise StorageError(f"{path}: has format {document['format']}, this release reads {FORMAT}; move it away")
+        return _Contents(
+            {str(name): float(value) for name, value in document["parameters"].items()},
+            tuple(_item(MissionItem, fields) for fields in document["mission"]),
+            tuple(_item(FenceItem, fields) for fields in document["fence"]),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, StorageError):
+            raise
+        reason = f"{type(error).__name__}: {error}"
+        raise StorageError(f"{path}: is no storage file ({reason}); move it away to start afresh") from None
+
+
+def _item(kind: Any, fields: Any) -> Any:
+    """A NamedTuple of numbers, each of the type of its field."""
+    whole = {"command", "frame", "jump_seq", "repeats", "vertex_count"}
+    return kind(**{name: int(value) if name in whole else float(value) for name, value in fields.items()})

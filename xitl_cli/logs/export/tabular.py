@@ -1,0 +1,209 @@
+"""A table as plain columns, and these as one CSV or Parquet file a message.
+
+An array of k numbers is k columns, `name[0]` and on. CSV: the first line has the names and nothing else, as PlotJuggler
+wants it: time_s first, plain field names without units (its layouts and everybody's scripts go by the name, and a comma
+or slash in one breaks it or makes a tree of it). Units are in `columns.csv` beside them. Line breaks within texts are
+written as \\n: PlotJuggler reads line by line. Parquet: the same columns; units are their metadata ("unit").
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.table import Column, Table, text_cells
+
+MOST_ELEMENTS = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class FlatColumn:
+    """`element` of `column`, or all of it."""
+
+    name: str
+    column: Column
+    element: int | None
+
+
+def stretches(rows: NDArray[np.intp], at_once: int) -> list[NDArray[np.intp]]:
+    """`rows` a piece at a time; one empty piece when there are none."""
+    return [rows[begin : begin + at_once] for begin in range(0, max(len(rows), 1), at_once)]
+
+
+def flat_columns(table: Table, pieces: Sequence[NDArray[np.intp]], raw: bool) -> tuple[list[FlatColumn], list[str]]:
+    """Columns, and the names of those with more than MOST_ELEMENTS numbers a row, which are left out."""
+    found: list[FlatColumn] = []
+    left_out: list[str] = []
+    for column in table.columns.values():
+        if not column.shape:
+            found.append(FlatColumn(column.name, column, None))
+            continue
+        shape = column.shape if -1 not in column.shape else _longest(table, column.name, pieces, raw)
+        if int(np.prod(shape)) > MOST_ELEMENTS:
+            left_out.append(column.name)
+            continue
+        for number, at in enumerate(product(*map(range, shape))):
+            found.append(FlatColumn(column.name + "".join(f"[{index}]" for index in at), column, number))
+    return found, left_out
+
+
+def flat_values(table: Table, columns: Sequence[FlatColumn], rows: NDArray[np.intp], raw: bool) -> list[NDArray[Any]]:
+    """(n,) of each column. Where an array is shorter than the longest of its column: NaN."""
+    read: dict[str, NDArray[Any]] = {}
+    result = []
+    for flat in columns:
+        name = flat.column.name
+        if name not in read:
+            values = table.values(name, rows, raw=raw)
+            read[name] = values.reshape(len(values), -1) if flat.element is not None and len(values) else values
+        values = read[name]
+        if flat.element is None:
+            result.append(values)
+        elif values.ndim > 1 and flat.element < values.shape[1]:
+            result.append(values[:, flat.element])
+        else:
+            result.append(np.full(len(rows), np.nan))
+    return result
+
+
+def _longest(table: Table, name: str, pieces: Sequence[NDArray[np.intp]], raw: bool) -> tuple[int, ...]:
+    longest: tuple[int, ...] = (0,)
+    for piece in pieces:
+        longest = max(longest, table.values(name, piece, raw=raw).shape[1:])
+    return longest
+
+
+COLUMNS_FILE = "columns.csv"
+_LINES = 4096
+_BREAKS = str.maketrans({"\n": "\\n", "\r": "\\r", "\0": ""})
+
+
+def write_csv(
+    path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: bool, raw: bool
+) -> tuple[list[FlatColumn], list[str]]:
+    """Time in seconds since `zero_ns`, with `utc` also since 1970. What was written, and fields that were left out."""
+    columns, left_out = flat_columns(table, pieces, raw)
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*time_names(table, utc), *(column.name for column in columns)])
+        for piece in pieces:
+            stamps, values = table.stamp_ns[piece], flat_values(table, columns, piece, raw)
+            for begin in range(0, len(piece), _LINES):
+                some = slice(begin, begin + _LINES)
+                times = [_seconds(stamps[some] - zero_ns), *([_seconds(stamps[some])] if utc else [])]
+                cells = [_cells(flat, one[some]) for flat, one in zip(columns, values, strict=True)]
+                writer.writerows(zip(*times, *cells, strict=True))
+    return columns, left_out
+
+
+def write_columns(path: Path, written: Sequence[tuple[str, str, Sequence[FlatColumn]]], raw: bool) -> None:
+    """written: of each file its name, its message and its columns."""
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["file", "message", "column", "unit", "kind"])
+        for file_name, message, columns in written:
+            for flat in columns:
+                unit = flat.column.raw_unit if raw else flat.column.unit
+                writer.writerow([file_name, message, flat.name, unit, flat.column.kind])
+
+
+def time_names(table: Table, utc: bool) -> list[str]:
+    """Of the columns of time, with an underscore where a field has the name."""
+    names = ["time_s", "utc_s"] if utc else ["time_s"]
+    return [f"{name}_" if name in table.columns else name for name in names]
+
+
+def _cells(flat: FlatColumn, values: NDArray[Any]) -> list[str]:
+    shown = text_cells(values)
+    return [text.translate(_BREAKS) for text in shown] if flat.column.kind == "text" else shown
+
+
+def _seconds(since_ns: NDArray[np.int64]) -> list[str]:
+    """Without loss: a double has too few digits for nanoseconds since 1970."""
+    result = []
+    for since in since_ns.tolist():
+        whole, part = divmod(abs(since), 1_000_000_000)
+        digits = f"{part:09d}" if part % 1000 else f"{part // 1000:06d}"
+        result.append(f"{'-' if since < 0 else ''}{whole}.{digits}")
+    return result
+
+
+def require_parquet() -> None:
+    """Raises LogError when pyarrow is not installed."""
+    try:
+        import pyarrow.parquet  # type: ignore[import-untyped]  # noqa: F401
+    except ImportError as error:
+        raise LogError(
+            "--format parquet: pyarrow is not installed; install it with `pip install 'xitl[parquet]'`, or use csv"
+        ) from error
+
+
+def write_parquet(
+    path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: bool, raw: bool
+) -> tuple[list[FlatColumn], list[str]]:
+    """time_s (double), with `utc` also utc_s, then stamp_ns (int64, as logged) and the fields."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns, left_out = flat_columns(table, pieces, raw)
+    times = [*time_names(table, utc), "stamp_ns" if "stamp_ns" not in table.columns else "stamp_ns_"]
+    schema: Any = None
+    writer: Any = None
+    try:
+        for piece in pieces:
+            stamps = table.stamp_ns[piece]
+            seconds = [(stamps - zero_ns) * 1e-9, *([stamps * 1e-9] if utc else [])]
+            values = [*seconds, stamps, *map(_widened, flat_values(table, columns, piece, raw))]
+            if schema is None:
+                units = ["s"] * len(seconds) + ["ns"]
+                units += [flat.column.raw_unit if raw else flat.column.unit for flat in columns]
+                kinds = ["number"] * len(times) + [flat.column.kind for flat in columns]
+                names = [*times, *(flat.name for flat in columns)]
+                fields = [
+                    pa.field(name, _type(pa, kind, one), metadata={"unit": unit} if unit else None)
+                    for name, kind, unit, one in zip(names, kinds, units, values, strict=True)
+                ]
+                schema = pa.schema(fields, metadata={"message": table.name})
+                writer = parquet.ParquetWriter(str(path), schema)
+            arrays = [pa.array(one, type=field.type) for one, field in zip(values, schema, strict=True)]
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+    finally:
+        if writer is not None:
+            writer.close()
+    return columns, left_out
+
+
+def _type(pa: Any, kind: str, values: NDArray[Any]) -> Any:
+    if kind == "text":
+        return pa.string()
+    if kind == "bytes":
+        return pa.binary()
+    return pa.from_numpy_dtype(values.dtype)
+
+
+def _widened(values: NDArray[Any]) -> NDArray[Any]:
+    """Half precision is read by few."""
+    return values.astype(np.float32) if values.dtype == np.float16 else values
+
+
+def data_frame(table: Table, raw: bool) -> Any:
+    """See `Table.to_pandas`."""
+    try:
+        import pandas as pd  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise LogError("pandas is not installed; install it with `pip install 'xitl[pandas]'`") from error
+    every = np.arange(len(table), dtype=np.intp)
+    columns, _ = flat_columns(table, [every], raw)
+    index = pd.Index(table.stamp_ns * 1e-9, name="time_s")
+    values = flat_values(table, columns, every, raw)
+    frame = pd.DataFrame({flat.name: one for flat, one in zip(columns, values, strict=True)}, index=index)
+    frame.attrs["units"] = {flat.name: flat.column.raw_unit if raw else flat.column.unit for flat in columns}
+    return frame

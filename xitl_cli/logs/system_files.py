@@ -1,0 +1,122 @@
+"""Files that ArduPilot wrote into its log (@SYS/…, hardware definitions, scripts), and what @SYS/tasks.txt says.
+
+@SYS/tasks.txt: what each task of the scheduler took. A header line ("TasksV2"), then a task a line: name, MIN, MAX and
+AVG in microseconds, OVR (overruns), SLP, TOT (share of the time of all tasks). An asterisk after the name marks a task
+of the fast loop. Counted since the last PM record (10 s, Plane 5 s); MIN, MAX and AVG end at 9999, OVR at 999; SLP is
+never counted. The autopilot starts counting when it is first asked, with its next PM record: until then the header is
+all there is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from xitl_cli.logs.log import Log
+
+_LARGEST_FILE = 64 << 20
+"""Bytes of a file; an offset beyond is damage."""
+_COLUMNS = ("FileName", "Offset", "Length", "Data")
+
+
+@dataclass(frozen=True, slots=True)
+class EmbeddedFile:
+    """gaps: places where pieces are missing, lost_bytes in all; they read as zeros. refused: pieces that cannot be."""
+
+    content: bytes
+    gaps: int = 0
+    lost_bytes: int = 0
+    refused: int = 0
+
+
+def embedded_contents(log: Log) -> dict[str, bytes]:
+    """Content by name, as last written."""
+    return {name: file.content for name, file in embedded_files(log).items()}
+
+
+def embedded_files(log: Log) -> Mapping[str, EmbeddedFile]:
+    """By name. A piece at offset 0 begins a file anew; what was there before is not told."""
+    table = log.tables.get("FILE")
+    if table is None or any(name not in table.columns for name in _COLUMNS):
+        return {}
+    if table.columns["Data"].kind != "bytes" or table.columns["FileName"].kind != "text":
+        return {}
+    pieces: dict[str, dict[int, bytes]] = {}
+    refused: dict[str, int] = {}
+    rows = zip(*(table.values(name, raw=True).tolist() for name in _COLUMNS), strict=True)
+    for name, offset, length, data in rows:
+        if not (0 <= offset <= _LARGEST_FILE and 0 <= length <= len(data)):  # NaN too
+            refused[name] = refused.get(name, 0) + 1
+        elif offset == 0:
+            pieces[name] = {0: data[: int(length)]}
+        else:
+            pieces.setdefault(name, {})[int(offset)] = data[: int(length)]
+    return {
+        name: _together(pieces.get(name, {}), refused.get(name, 0)) for name in sorted(pieces.keys() | refused.keys())
+    }
+
+
+def _together(pieces: Mapping[int, bytes], refused: int) -> EmbeddedFile:
+    content = bytearray()
+    gaps = lost = 0
+    for offset, data in sorted(pieces.items()):
+        if offset > len(content):
+            gaps += 1
+            lost += offset - len(content)
+            content.extend(bytes(offset - len(content)))
+        content[offset : offset + len(data)] = data
+    return EmbeddedFile(bytes(content), gaps, lost, refused)
+
+
+TASKS_PATH = "@SYS/tasks.txt"
+TASKS_MOST_BYTES = 64 * 1024
+MOST_US, MOST_OVERRUNS = 9999, 999
+
+_LINE = re.compile(
+    r"(?P<name>\S.*?)\s+MIN=\s*(?P<min>\d+)\s+MAX=\s*(?P<max>\d+)\s+AVG=\s*(?P<avg>\d+)\s+"
+    r"OVR=\s*(?P<ovr>\d+)\s+SLP=\s*(?P<slp>\d+),?\s+TOT=\s*(?P<tot>\d+(?:\.\d+)?)%?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TaskTime:
+    """One task over one window. overruns: runs that took longer than the scheduler's table allows them.
+
+    share_percent: of the time that all tasks took. fast: it runs in every loop, whatever time is left.
+    """
+
+    name: str
+    fast: bool
+    least_us: int
+    most_us: int
+    mean_us: int
+    overruns: int
+    share_percent: float
+
+
+def parse_tasks(text: str) -> list[TaskTime]:
+    """In the order of the file, which is that of priority. Lines that are no task are left out."""
+    found: list[TaskTime] = []
+    for line in text[:TASKS_MOST_BYTES].splitlines():
+        match = _LINE.fullmatch(line[:200].strip())
+        if match is None:
+            continue
+        name = match["name"]
+        found.append(
+            TaskTime(
+                name.rstrip("*"),
+                name.endswith("*"),
+                int(match["min"][:9]),
+                int(match["max"][:9]),
+                int(match["avg"][:9]),
+                int(match["ovr"][:9]),
+                float(match["tot"][:12]),
+            )
+        )
+    return found
+
+
+def tasks_counted(tasks: Sequence[TaskTime]) -> bool:
+    """Whether any time was measured: where the clock stands still while a task runs (SITL), all is 0."""
+    return any(task.most_us or task.share_percent for task in tasks)

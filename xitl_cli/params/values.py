@@ -1,0 +1,136 @@
+"""Sets of parameters: from a file, the defaults of the embedded autopilot or a vehicle; what differs; as text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from agent.fcu.parameters import TABLE, Parameter, ParameterError, load_parm
+from agent.mavlink.parameters import same_value
+from xitl_cli.errors import UserError
+from xitl_cli.params.vehicle import connect
+from xitl_cli.profile.parameter_files import SUFFIXES, find_parameter_file
+
+DEFAULTS = "defaults"
+TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """Named values. `complete`: what is not in it does not exist there, while a file leaves the rest as it is."""
+
+    source: str
+    values: Mapping[str, float]
+    complete: bool
+
+    @property
+    def described(self) -> bool:
+        """Whether the embedded autopilot's table speaks of these: a vehicle with others is no embedded autopilot."""
+        return not self.complete or set(self.values) <= set(TABLE_BY_NAME)
+
+
+def is_vehicle(source: str) -> bool:
+    """Whether the user named a vehicle."""
+    return "://" in source
+
+
+def read_source(source: str, key: bytes | None = None) -> ParameterSet:
+    """The parameters of a .parm file, a shipped file's name, `defaults` or a vehicle's URL. Raises UserError."""
+    if source == DEFAULTS:
+        return ParameterSet("defaults", {row.name: float(row.default) for row in TABLE}, complete=True)
+    if is_vehicle(source):
+        with connect(source, key) as vehicle:
+            return ParameterSet(source, vehicle.read_all(), complete=True)
+    return read_file(source)
+
+
+def read_file(source: str) -> ParameterSet:
+    """The parameters of a .parm file or a shipped file's name. Raises UserError."""
+    try:
+        path = find_parameter_file(source)
+    except UserError as error:
+        also = "" if source.endswith(SUFFIXES) else "; a vehicle is tcp://host:port or udp://host:port"
+        raise UserError(f"{error}{also}") from None
+    try:
+        return ParameterSet(source, load_parm(path.read_text(encoding="utf-8"), str(path)), complete=False)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: is not text; give a .parm file, one NAME value a line") from None
+    except ParameterError as error:
+        raise UserError(str(error)) from error
+
+
+def read_wanted(source: str) -> Mapping[str, float]:
+    """The parameters that a .parm file, a shipped one or a profile's autopilot asks for. Raises UserError."""
+    if source.endswith(SUFFIXES):
+        return read_file(source).values
+    try:
+        return read_file(source).values
+    except UserError:
+        if not _is_profile(source):
+            raise
+    from xitl_cli.profile import load_profile
+
+    autopilot = load_profile(source).autopilot
+    values: dict[str, float] = {}
+    if autopilot is not None:
+        for file in autopilot.parameter_files:
+            values.update(read_file(file).values)
+        values.update(autopilot.parameters)
+    if not values:
+        raise UserError(f"{source}: its autopilot has no parameters; give a profile with autopilot.parameter_files")
+    return values
+
+
+def _is_profile(source: str) -> bool:
+    from xitl_cli.profile.catalogue import SUFFIXES as PROFILE_SUFFIXES
+    from xitl_cli.profile.catalogue import shipped_profiles
+
+    return source.endswith(PROFILE_SUFFIXES) or source in shipped_profiles()
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterDifference:
+    """One parameter on both sides; None where that side has no such parameter."""
+
+    name: str
+    one: float | None
+    other: float | None
+
+
+def differences(one: ParameterSet, other: ParameterSet) -> list[ParameterDifference]:
+    """By name. A name that only one side has counts where the other side would have to have it."""
+    found: list[ParameterDifference] = []
+    for name in sorted({*one.values, *other.values}):
+        a, b = one.values.get(name), other.values.get(name)
+        if a is not None and b is not None:
+            if not same_value(a, b):
+                found.append(ParameterDifference(name, a, b))
+        elif (other if b is None else one).complete:
+            found.append(ParameterDifference(name, a, b))
+    return found
+
+
+def format_value(value: float) -> str:
+    """The shortest decimal that is this 32-bit float."""
+    for digits in (7, 8):
+        text = f"{value:.{digits}g}"
+        if same_value(float(text), value):
+            return text
+    return f"{value:.9g}"
+
+
+def parm_text(values: Mapping[str, float], source: str, now: datetime | None = None) -> str:
+    """A .parm file that any ground station reads: a heading, then NAME value and, where known, what it means."""
+    stamp = (now or datetime.now(UTC)).strftime("%Y-%m-%d %H:%M UTC")
+    lines = [f"# {len(values)} parameters of {source}, {stamp}"]
+    described = set(values) <= set(TABLE_BY_NAME)
+    for name, value in values.items():
+        line = f"{name:<16} {format_value(value)}"
+        if described:
+            row = TABLE_BY_NAME[name]
+            line = f"{line:<32}# {row.meaning}{f' [{row.unit}]' if row.unit else ''}"
+        lines.append(line)
+    return "\n".join(lines) + "\n"

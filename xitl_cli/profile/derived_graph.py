@@ -1,0 +1,150 @@
+"""The node graph that follows from what a profile composes: one entry for each part of a run that brings nodes.
+
+A profile's `graph` group holds only what differs from it. A new part of a run is a function here and a row of `_PARTS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Literal
+from urllib.parse import urlsplit
+
+from xitl_cli.profile.schema.graph import Node, NodeGraph, architecture
+
+if TYPE_CHECKING:
+    from xitl_cli.profile.schema.operation import Autopilot
+    from xitl_cli.profile.schema.profile import Profile
+
+REFERENCE = "paper/eq24-general-use"
+"""Of a profile that runs and names none."""
+
+THIS_MACHINE = "this machine"
+_HERE = ("127.0.0.1", "localhost", "::1")
+_PROGRAMS = {"ardupilot": "ardurover", "px4": "PX4"}
+_ORDERS = {
+    "mission": "uploads the mission and starts it",
+    "ground-station": "a person at a ground station gives the orders",
+    "script": "plays a timed script",
+    "replay": "plays recorded motor outputs",
+}
+
+Part = Iterator[tuple[str, Node, tuple[str, ...]]]
+"""Nodes of one part of a run, each with its links; a link to a node that is not there is left out."""
+
+
+def _driver(profile: Profile) -> Part:
+    if profile.driver is None or profile.driver.kind == "none":
+        return
+    if _autopilot_kind(profile) == "none":
+        does = {**_ORDERS, "mission": "steers the mission from the true state"}[profile.driver.kind]
+        yield "D", _node(does), ("PS1", "M")  # motor commands to the vessel and into the recording
+    else:
+        yield "D", _node(_ORDERS[profile.driver.kind]), ("LC",)  # mission and commands
+
+
+def _simulator(profile: Profile) -> Part:
+    if profile.vehicle is None:
+        return
+    senses = _autopilot_kind(profile) != "none"
+    does = "simulates vessel, surroundings and sensors" if senses else "simulates vessel and surroundings"
+    # sensors out, motor commands in, clouds and pings out, truth to the recording
+    yield "PS1", _node(does), ("LS", "LA", "HS", "M")
+
+
+def _autopilot(profile: Profile) -> Part:
+    autopilot = profile.autopilot
+    if autopilot is None or autopilot.kind == "none":
+        return
+    kind, runs_on = _autopilot_place(autopilot)
+    sensors = "the sensors"
+    if autopilot.kind != "embedded":
+        sensors = "its own simulated sensors" if autopilot.bridge.sensors is None else "our sensors"
+    yield "LS", _node(f"estimates the motion from {sensors}", kind, runs_on), ("LC", "M")
+    yield "LC", _node("follows the mission", kind, runs_on), ("LA", "M")
+    yield "LA", _node("allocates thrust to the propellers", kind, runs_on), ("M",)
+
+
+def _companion(profile: Profile) -> Part:
+    if profile.companion is None:
+        return
+    kind, runs_on = _agent_place(profile.companion.runs, "companion")
+    yield "HS", _node("maps and tracks obstacles by lidar and sonar", kind, runs_on), ("LC", "HC", "M")
+    yield "HC", _node("plans the way around what is in it", kind, runs_on), ("LS", "LC", "HA", "M")
+    yield "HA", _node("gives the autopilot its orders", kind, runs_on), ("LC", "M")
+
+
+def _monitor(profile: Profile) -> Part:
+    if profile.vehicle is not None:
+        yield "M", _node("records and shows the run"), ()
+
+
+_PARTS: tuple[Callable[[Profile], Part], ...] = (_driver, _simulator, _autopilot, _companion, _monitor)
+
+
+def complete_graph_group(profile: Profile) -> NodeGraph | None:
+    """The `graph` group of `profile`, complete; None where it has none and is only a part of a profile.
+
+    Of a profile that runs: the nodes and links that follow from its groups. What it writes of a node stands instead,
+    and so do the links that it writes for a node; links that follow, to a node that it calls absent, are left out.
+    Of another: what it writes, with the kinds of its nodes where they follow.
+    """
+    runs, written = not profile.missing_for_run(), profile.graph or NodeGraph()
+    if profile.graph is None and not runs:
+        return None
+    derived = {name: (node, links) for part in _PARTS for name, node, links in part(profile)}
+    names = [*derived, *(name for name in written.nodes if name not in derived)] if runs else [*written.nodes]
+    bases = {name: node if runs else Node(kind=node.kind) for name, (node, _) in derived.items()}
+    nodes = {name: _merged(bases.get(name, Node()), written.nodes.get(name)) for name in names}
+    links = dict(written.links)
+    if runs:
+        present = {name: others for name, (_, others) in derived.items() if nodes[name].kind != "absent"}
+        links = {**_links(present), **links}
+    given = {key: getattr(written, key) for key in ("reference", "vertices") if key in written.model_fields_set}
+    return NodeGraph(nodes=nodes, links=links, **{"reference": REFERENCE, **given} if runs else given)
+
+
+def _merged(derived: Node, written: Node | None) -> Node:
+    values = derived.model_dump()
+    if written is not None:
+        values |= {key: getattr(written, key) for key in written.model_fields_set}
+        values["kind"] = written.kind or derived.kind
+    return Node(**values)
+
+
+def _links(nodes: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+    """Each pair once, under the node that comes first in the architecture."""
+    order = architecture()
+    pairs = {frozenset((name, other)) for name, others in nodes.items() for other in others if other in nodes}
+    return {
+        name: others
+        for rank, name in enumerate(order)
+        if (others := tuple(other for other in order[rank:] if frozenset((name, other)) in pairs))
+    }
+
+
+def _node(does: str, kind: Literal["real", "virtual"] = "virtual", runs_on: str = THIS_MACHINE) -> Node:
+    return Node(kind=kind, runs_on=runs_on, does=does)
+
+
+def _autopilot_kind(profile: Profile) -> str:
+    return "none" if profile.autopilot is None else profile.autopilot.kind
+
+
+def _agent_place(runs: str, name: str) -> tuple[Literal["real", "virtual"], str]:
+    if runs == "board":
+        return "real", f"{name} board"
+    return "virtual", THIS_MACHINE if runs == "in-process" else f"{name} process on {THIS_MACHINE}"
+
+
+def _autopilot_place(autopilot: Autopilot) -> tuple[Literal["real", "virtual"], str]:
+    """Of another make: on a board where the agent is on one, or at the end of a cable."""
+    standby = autopilot.standby
+    if autopilot.runs == "board" or (standby is not None and standby.runs == "board"):
+        return "real", "autopilot board"
+    if autopilot.kind == "embedded":
+        return _agent_place(autopilot.runs, "agent")
+    address = urlsplit(autopilot.bridge.mavlink)
+    if address.scheme == "serial":
+        return "real", "PX4 on the board" if autopilot.kind == "px4" else "autopilot board"
+    where = THIS_MACHINE if address.hostname in (None, *_HERE) else address.hostname
+    return "virtual", f"{_PROGRAMS[autopilot.kind]} on {where}"

@@ -1,0 +1,616 @@
+"""The topics of a recording: names, message types, fields, rates and meanings, declared once.
+
+A class below is a message, its annotations are the fields: ROS 2 types from `cdr`, unit and frame in the name, what is
+left to say beside the type. Those that are dataclasses are written as they are (`Recorder.write`), the others by a
+method of the recorder. `TOPICS` is the table. From it come encoders, the definitions in the file and the tables of
+docs/recording.md (`make topics`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from xitl_cli.record.cdr import (
+    SEPARATOR,
+    TIME_DEFINITION,
+    Bool,
+    Bytes,
+    Float64,
+    Float64Sequence,
+    Float64x3,
+    Float64x4,
+    Float64x6,
+    Float64x36,
+    Int64,
+    MessageType,
+    String,
+    Uint8,
+    Uint32,
+)
+
+MAP_FRAME = "map"
+VESSEL_FRAME = "base_link"
+ESTIMATE_FRAME = "base_link_estimate"
+ODOM_FRAME = "odom"
+"""The body's place when the companion's odometry began."""
+
+HISTOGRAM_BINS = 16
+Histogram: TypeAlias = Annotated[tuple[int, ...], f"uint32[{HISTOGRAM_BINS}]"]
+
+MapSource = Literal["lidar", "sonar"]
+MAP_SOURCES: tuple[MapSource, ...] = ("lidar", "sonar")
+"""By number, as the field `source` of a map has them."""
+
+_PLACE = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+LIDAR_POINT = np.dtype([*_PLACE, ("t", "<f4"), ("intensity", "u1")])
+"""t: seconds after the cloud's stamp."""
+SONAR_POINT = np.dtype([*_PLACE, ("intensity", "u1")])
+MAP_POINT = np.dtype([*_PLACE, ("intensity", "u1"), ("source", "u1")])
+
+
+# Motion and surroundings
+
+
+class VesselStateMessage:
+    position_ned_m: Float64x3
+    velocity_ned_mps: Float64x3
+    acceleration_ned_mps2: Float64x3
+    quaternion_ned_frd: Annotated[Float64x4, "w x y z"]
+    angular_velocity_frd_radps: Float64x3
+    rotor: Annotated[Float64Sequence, "speed of each, share of full in [-1, 1]"]
+
+
+class OdometryMessage:
+    """nav_msgs/Odometry in ENU with a FLU body, as REP 103 asks; twist in the body frame."""
+
+    frame_id: String
+    child_frame_id: String
+    position: Float64x3
+    orientation: Annotated[Float64x4, "x y z w"]
+    pose_covariance: Float64x36
+    twist: Annotated[Float64x6, "linear, angular"]
+    twist_covariance: Float64x36
+
+    definition = f"""\
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/PoseWithCovariance pose
+geometry_msgs/TwistWithCovariance twist
+{SEPARATOR}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{TIME_DEFINITION}{SEPARATOR}
+MSG: geometry_msgs/PoseWithCovariance
+geometry_msgs/Pose pose
+float64[36] covariance
+{SEPARATOR}
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+{SEPARATOR}
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+{SEPARATOR}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+{SEPARATOR}
+MSG: geometry_msgs/TwistWithCovariance
+geometry_msgs/Twist twist
+float64[36] covariance
+{SEPARATOR}
+MSG: geometry_msgs/Twist
+geometry_msgs/Vector3 linear
+geometry_msgs/Vector3 angular
+{SEPARATOR}
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+
+
+class EnvironmentMessage:
+    current_ned_mps: Float64x3
+    wind_ned_mps: Float64x3
+    surface_elevation_m: Float64
+
+
+class BodyMessage:
+    kind: String
+    number: Annotated[Uint32, "N of its frame `body_N`"]
+    length_m: Float64
+    position_ned_m: Float64x3
+    quaternion_ned_frd: Annotated[Float64x4, "w x y z"]
+    velocity_ned_mps: Float64x3
+
+
+class ContactMessage:
+    what: String
+    position_ned_m: Float64x3
+    force_n: Float64
+    speed_mps: Annotated[Float64, "closing speed"]
+    began: Annotated[Bool, "no contact with it until now"]
+
+
+# Autopilot, companion and the links to them
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEstimate:
+    """The autopilot's estimate of the vessel's motion, in the same local frame as the truth: (3,), (3,), (4,), (3,)."""
+
+    pos_ned_m: NDArray[np.float64]
+    vel_ned_mps: NDArray[np.float64]
+    quat_ned_frd: NDArray[np.float64]
+    gyro_frd_radps: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class MotorCommand:
+    """Commands in force, one a motor in [-1, 1], and how old they are; None where that cannot be told."""
+
+    motors: tuple[float, ...]
+    armed: bool = False
+    failsafe: bool = False
+    age_s: float | None = 0.0
+
+
+class ActuatorsMessage:
+    command: Annotated[Float64Sequence, "of each motor, share of full in [-1, 1]"]
+    armed: Bool
+    failsafe: Bool
+    age_s: Float64
+
+
+@dataclass(frozen=True, slots=True)
+class ActuatorAge:
+    """Age of the motor commands in use since the run started, from the agent's sending to the exchange that used them.
+
+    None: not known.
+    """
+
+    exchanges: Uint32
+    stale: Annotated[Uint32, "exchanges without a new one"]
+    longest_stale: Annotated[Uint32, "the most of them in a row"]
+    age_p50_s: Float64 | None = None
+    age_p99_s: Float64 | None = None
+    age_max_s: Float64 | None = None
+
+
+class MavlinkFrameMessage:
+    frame: Bytes
+
+
+@dataclass(frozen=True, slots=True)
+class LinkState:
+    """Counts of one direction of a link since the run started, as in LinkReport; None until the other end reports."""
+
+    name: Annotated[String, "as in `links[]` of the summary: `sensors`, `standby actuators`"]
+    sent: Int64 | None
+    received: Int64 | None
+    lost: Int64 | None = None
+    gaps: Int64 | None = None
+    late: Int64 | None = None
+    repeated: Int64 | None = None
+    dropped: Int64 | None = None
+    unsent: Int64 | None = None
+    refused: Int64 | None = None
+    impaired: Int64 | None = None
+    latency_p50_s: Float64 | None = None
+    latency_p99_s: Float64 | None = None
+    latency_max_s: Float64 | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class NodeState:
+    """State of a machine in the loop, as its agent reports it. None: not known."""
+
+    node: Annotated[String, "the link it is on"]
+    nodes: Annotated[String, "kinds it runs, as `LS,LC,LA`"]
+    kind: Annotated[String, "`real` or `virtual`"]
+    machine: String
+    kernel: String
+    version: String
+    memory_mib: Float64 | None = None
+    cpu_percent: Annotated[Float64, "of one core"] | None = None
+    load: Float64 | None = None
+    temperature_c: Float64 | None = None
+    running: Bool = False
+    flags: Annotated[String, "scheduling and memory settings, in words"] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TakeoverEvent:
+    """One agent replaced another."""
+
+    from_node: String
+    to_node: String
+    silent_s: Float64
+    step: Annotated[Float64, "largest change of a motor command in the exchange that switched"]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultEvent:
+    """An injected fault begins or ends."""
+
+    fault: String
+    active: Annotated[Bool, "1 begins, 0 ends"]
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeCounts:
+    """Counters of a bridge to another autopilot: those of XITL_BRIDGE_STATUS."""
+
+    imu_out: Int64
+    solution_out: Int64
+    gnss_out: Int64
+    unsent: Int64
+    world_in: Int64
+    world_resent: Int64
+    world_lost: Int64
+    restarts: Int64
+    outputs_in: Int64
+    commands_in: Int64
+    junk: Int64
+    mavlink_in: Int64
+    mavlink_lost: Int64
+    mavlink_dropped: Int64
+    mavlink_passed: Int64
+    mavlink_out: Int64
+    script_in: Int64
+    script_out: Int64
+    script_dropped: Int64
+    world_rate: Int64
+    connected: Int64
+
+
+# Timing
+
+
+@dataclass(frozen=True, slots=True)
+class TaskTiming:
+    """Deadlines of one periodic task of a node since the run started.
+
+    Histograms count cycles by time: bin 0 below 2 µs, bin k from 2^k to below 2^(k+1) µs, the last one all that is
+    longer; empty where none was kept.
+    """
+
+    node: String
+    task: String
+    rate_hz: Float64
+    cycles: Uint32
+    missed: Annotated[Uint32, "skipped, or ended after the next was due"]
+    start_jitter_max_s: Float64 = 0.0
+    run_mean_s: Float64 = 0.0
+    run_max_s: Float64 = 0.0
+    skipped: Uint32 = 0
+    start_jitter_mean_s: Float64 = 0.0
+    worst_run_ns: Annotated[Int64, "simulation time at which the longest run began"] | None = None
+    worst_start_ns: Annotated[Int64, "simulation time of the most delayed start"] | None = None
+    start_histogram: Histogram = ()
+    run_histogram: Histogram = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DeadlineMiss:
+    """One deadline that a task missed; instants in simulation time."""
+
+    node: String
+    task: String
+    cycle: Uint32
+    due_ns: Int64
+    start_ns: Int64
+    end_ns: Int64
+    skipped: Annotated[Uint32, "cycles skipped before it started"] = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ClockExchange:
+    """One exchange of time stamps with a node, and the relation of the clocks estimated from all of them.
+
+    None: not known.
+    """
+
+    node: String
+    sample: Uint32
+    host_ns: Int64
+    node_ns: Int64
+    round_trip_s: Float64
+    offset_s: Annotated[Float64, "node less host at `host_ns`"]
+    drift_ppm: Annotated[Float64, "how much faster the node runs"]
+    residual_s: Annotated[Float64, "of this exchange against the estimate"] | None = None
+    path_delay_s: Annotated[Float64, "shortest way there and back, halved"] | None = None
+    asymmetry_bound_s: Annotated[Float64, "largest error of the offset by an asymmetric path"] | None = None
+    steps: Annotated[Uint32, "of the node's clock"] = 0
+
+
+# Perception
+
+
+class PingMessage:
+    number: Uint32
+    angle_grad: Annotated[Uint32, "of the beam, clockwise from the bow, 400 to the turn"]
+    position_frd_m: Float64x3
+    sample_period_s: Float64
+    sound_speed_mps: Float64
+    intensity: Bytes
+
+
+class ObstacleMessage:
+    id: Uint32
+    points: Uint32
+    hits: Uint32
+    seen_ns: Int64
+    position_ned_m: Float64x3
+    velocity_ned_mps: Float64x3
+    size_m: Float64x3
+    heading_rad: Float64
+    range_m: Float64
+    closing_speed_mps: Float64
+
+
+class CompanionMessage:
+    """Fields of XITL_COMPANION_STATUS."""
+
+    clouds: Int64
+    clouds_partial: Int64
+    chunks_lost: Int64
+    clouds_dropped: Int64
+    points: Int64
+    points_refused: Int64
+    pings: Int64
+    poses: Int64
+    poses_refused: Int64
+    map_points: Int64
+    obstacles: Int64
+    detours: Int64
+    stops: Int64
+    latency_s: Float64
+    manoeuvre: Uint8
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic. `schema`: a ROS 2 message with its `fields`, or one of foxglove's (protobuf).
+
+    per_vessel: with more than one vessel there is one of each, see `topic_name`. from_start: in the file from the start
+    of a run; the others once something was written to them, so that a recording without perception stays as it is.
+    """
+
+    name: str
+    schema: str
+    rate: str
+    meaning: str
+    fields: type | None = None
+    per_vessel: bool = True
+    from_start: bool = True
+
+    @property
+    def per_link(self) -> bool:
+        """There is one of each link."""
+        return "{link}" in self.name
+
+    def message_type(self) -> MessageType:
+        """Of a ROS 2 message. Raises ValueError for one of foxglove's."""
+        if self.fields is None:
+            raise ValueError(f"{self.name} is not a ROS 2 topic")
+        return _message_type(self.fields)
+
+
+@cache
+def _message_type(fields: type) -> MessageType:
+    return MessageType(fields)
+
+
+_TABLE = (
+    Topic(
+        "/truth/state",
+        "xitl_msgs/msg/VesselState",
+        "`recording.truth_rate_hz`",
+        "position, velocity, acceleration (NED), attitude (FRD → NED, w x y z), angular velocity (FRD), rotor speeds "
+        "in [-1, 1]",
+        VesselStateMessage,
+    ),
+    Topic(
+        "/truth/odometry",
+        "nav_msgs/msg/Odometry",
+        "the same",
+        "the same motion in ENU with a FLU body (REP 103), for ROS tools and `evo`",
+        OdometryMessage,
+    ),
+    Topic(
+        "/estimate/odometry",
+        "nav_msgs/msg/Odometry",
+        "as the autopilot sends it",
+        "the autopilot's estimate, in the same frame as the truth",
+        OdometryMessage,
+    ),
+    Topic(
+        "/environment",
+        "xitl_msgs/msg/Environment",
+        "10 Hz",
+        "current and wind (NED) at the vessel, surface elevation",
+        EnvironmentMessage,
+    ),
+    Topic(
+        "/actuators",
+        "xitl_msgs/msg/Actuators",
+        "`clock.exchange_rate_hz`",
+        "motor commands in force, armed, failsafe, age",
+        ActuatorsMessage,
+    ),
+    Topic(
+        "/actuators/age",
+        "xitl_msgs/msg/ActuatorAge",
+        "1 Hz, real time only",
+        "age of the commands in use so far, and exchanges without a new one",
+        ActuatorAge,
+    ),
+    Topic(
+        "/tasks",
+        "xitl_msgs/msg/Task",
+        "1 Hz",
+        "deadlines of every periodic task of every node, with histograms of start jitter and run time",
+        TaskTiming,
+    ),
+    Topic(
+        "/misses",
+        "xitl_msgs/msg/Miss",
+        "each, real time only",
+        "one deadline that an agent's task missed: when it was due, started and ended",
+        DeadlineMiss,
+    ),
+    Topic(
+        "/clocks",
+        "xitl_msgs/msg/Clock",
+        "10 Hz, real time only",
+        "one exchange of time stamps with a node (`sample` against `node_ns` is its time base) and the relation "
+        "estimated from all of them; `autopilot` is one of another make behind a bridge, 1 Hz in lockstep too; of PS1 "
+        "the step's number, when it began and simulation time",
+        ClockExchange,
+    ),
+    Topic(
+        "/links",
+        "xitl_msgs/msg/Link",
+        "1 Hz",
+        "counts and latencies of each direction of each link so far",
+        LinkState,
+    ),
+    Topic(
+        "/nodes",
+        "xitl_msgs/msg/Node",
+        "as the agent sends it",
+        "machine, kernel, processor time, load, memory and temperature of a board",
+        NodeState,
+    ),
+    Topic(
+        "/bridge",
+        "xitl_msgs/msg/Bridge",
+        "1 Hz, another autopilot only",
+        "counters of the bridge to it so far: frames in by kind, outputs back, what was lost or asked for again",
+        BridgeCounts,
+    ),
+    Topic(
+        "/takeovers", "xitl_msgs/msg/Takeover", "each", "a standby agent takes over from a silent one", TakeoverEvent
+    ),
+    Topic(
+        "/faults",
+        "xitl_msgs/msg/Fault",
+        "each",
+        "an injected fault begins (`active` 1) or ends (0); [faults.md](faults.md)",
+        FaultEvent,
+    ),
+    Topic(
+        "/link/{link}/tx",
+        "xitl_msgs/msg/MavlinkFrame",
+        "every frame",
+        "raw MAVLink 2 frames from host to agent; `{link}` is `agent`, `standby` with a second agent, `companion` with "
+        "a companion (without the chunks of clouds and pings)",
+        MavlinkFrameMessage,
+    ),
+    Topic(
+        "/link/{link}/rx", "xitl_msgs/msg/MavlinkFrame", "every frame", "those from agent to host", MavlinkFrameMessage
+    ),
+    Topic(
+        "/tf",
+        "foxglove.FrameTransforms",
+        "`recording.truth_rate_hz`",
+        "`map` → `base_link` (truth) and `map` → `base_link_estimate`",
+        per_vessel=False,
+    ),
+    Topic("/truth/pose", "foxglove.PoseInFrame", "the same", "pose in `map`"),
+    Topic("/truth/fix", "foxglove.LocationFix", "10 Hz", "place on the Earth"),
+    Topic("/scene", "foxglove.SceneUpdate", "once", "log boom, dam, water, mission, vessel", per_vessel=False),
+    Topic("/log", "foxglove.Log", "as it comes", "messages of the autopilot and of the run", per_vessel=False),
+    Topic(
+        "/lidar/points",
+        "foxglove.PointCloud",
+        "each frame",
+        "a lidar's cloud in `base_link` (x forward, y left, z up): `t` after the stamp, `intensity`; each point as the "
+        "vessel was at its instant",
+        from_start=False,
+    ),
+    Topic("/sonar/ping", "xitl_msgs/msg/Ping", "each ping", "the echo of a ping", PingMessage, from_start=False),
+    Topic("/sonar/points", "foxglove.PointCloud", "each ping", "points that stand out of the echo", from_start=False),
+    Topic(
+        "/companion/odometry",
+        "nav_msgs/msg/Odometry",
+        "each cloud placed",
+        "pose of the companion's odometry in `odom`, where it began",
+        OdometryMessage,
+        from_start=False,
+    ),
+    Topic(
+        "/companion/map",
+        "foxglove.PointCloud",
+        "as it grows",
+        "points new in the map, in `odom`: `intensity`, `source` 0 lidar, 1 sonar",
+        from_start=False,
+    ),
+    Topic(
+        "/companion/obstacles",
+        "xitl_msgs/msg/Obstacle",
+        "2 Hz each",
+        "obstacles it tracks, in the site's NED: place, velocity, size, range, closing speed",
+        ObstacleMessage,
+        from_start=False,
+    ),
+    Topic(
+        "/companion/status",
+        "xitl_msgs/msg/Companion",
+        "2 Hz",
+        "its counters so far, latency, manoeuvre",
+        CompanionMessage,
+        from_start=False,
+    ),
+    Topic(
+        "/truth/bodies",
+        "xitl_msgs/msg/Body",
+        "10 Hz each, with debris",
+        "drifting bodies: kind, number, length, pose, velocity; drawn in the frame `body_N`",
+        BodyMessage,
+        per_vessel=False,
+        from_start=False,
+    ),
+    Topic(
+        "/contacts",
+        "xitl_msgs/msg/Contact",
+        "beginning, then 10 Hz",
+        "contacts of the hull: with what, where, force, closing speed",
+        ContactMessage,
+        from_start=False,
+    ),
+)
+
+TOPICS = {topic.name: topic for topic in _TABLE}
+"""By name, in the order in which they stand in a file."""
+
+
+def topic_name(topic: Topic, vessel: str = "", link: str = "") -> str:
+    """The name in the file. With more than one vessel, `vessel` stands before what is each one's own: `/alpha/tasks`.
+
+    link: of a topic that there is one of for each link.
+    """
+    name = topic.name.format(link=link)
+    return f"/{vessel}{name}" if vessel and topic.per_vessel else name
+
+
+def frame_name(frame: str, vessel: str = "") -> str:
+    """The frame of a vessel in the file: `base_link`, or `alpha/base_link` of one of several."""
+    return f"{vessel}/{frame}" if vessel else frame
+
+
+def body_frame(number: int) -> str:
+    """The frame of a drifting body, about its middle."""
+    return f"body_{number}"
