@@ -50,10 +50,6 @@ def _refuse(sentence: str) -> int:
     return 2
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 def end_with(parent: int) -> None:
     """Have the system send SIGTERM when the process that started this one, `parent`, ends; does so where it can."""
     import ctypes
@@ -64,3 +60,7 @@ def end_with(parent: int) -> None:
         return
     if os.getppid() != parent:  # it ended before it could be said
         os.kill(os.getpid(), signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
