@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from xitl_cli.experiments.departure import Departure
+    from xitl_cli.experiments.departure import DepartureRun
 
 INTERRUPTED = 130
 WHOSE = {"own": "its own", "ours": "our"}
@@ -35,22 +35,22 @@ def section_4_2(
 
     Exit code: 0 when the vessel moved in all runs, 1 when not, 2 something to put right.
     """
-    from xitl_cli.experiments.departure import EVENTS, InterruptedRunError, measure, told
+    from xitl_cli.experiments.departure import EVENTS, InterruptedRunError, measure_departures, table_json
 
     console = Console(stderr=as_json, highlight=False, soft_wrap=True)
     directory = out or Path("runs") / f"paper-4.2-{datetime.now(UTC).strftime('%Y%m%d-%H%M%S')}"
 
-    def tell(one: Departure) -> None:
+    def on_departure(one: DepartureRun) -> None:
         times = ", ".join(f"{name} {_seconds(one.times_s[event])}" for event, name in EVENTS.items())
         console.print(f"{one.environment}, {WHOSE[one.sensors]} sensors: {times}", markup=False)
         if one.problem:
             console.print(f"  {one.problem}", markup=False)
 
     try:
-        departures = measure(directory, firmware, seed, duration, overwrite, tell)
+        departures = measure_departures(directory, firmware, seed, duration, overwrite, on_departure)
     except InterruptedRunError:
         raise typer.Exit(INTERRUPTED) from None
-    report = json.dumps(told(departures), indent=2, ensure_ascii=False)
+    report = json.dumps(table_json(departures), indent=2, ensure_ascii=False)
     (directory / "table.json").write_text(report + "\n", encoding="utf-8")
     if as_json:
         typer.echo(report)
@@ -61,8 +61,8 @@ def section_4_2(
     raise typer.Exit(0 if moved else 1)
 
 
-def _show(console: Console, departures: list[Departure]) -> None:
-    from xitl_cli.experiments.departure import ENVIRONMENTS, EVENTS, compare
+def _show(console: Console, departures: list[DepartureRun]) -> None:
+    from xitl_cli.experiments.departure import ENVIRONMENTS, EVENTS, compare_departures
 
     table = Table(box=None, header_style="bold", title_justify="left", title_style="bold", pad_edge=False)
     table.title = f"Section 4.2: departure of ArduPilot {departures[0].firmware or '–'}, simulation time from its start"
@@ -71,7 +71,7 @@ def _show(console: Console, departures: list[Departure]) -> None:
     for heading in ("own sensors", "our sensors", "difference"):
         table.add_column(heading, justify="right")
     before = ""
-    for row in compare(departures):
+    for row in compare_departures(departures):
         named = ENVIRONMENTS[row.environment] if row.environment != before else ""
         if named and before:
             table.add_section()

@@ -37,7 +37,7 @@ class InterruptedRunError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Departure:
+class DepartureRun:
     """One run. times_s: by event, None for what did not happen. problem: why it ended early, or empty."""
 
     environment: str
@@ -50,7 +50,7 @@ class Departure:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class DepartureComparison:
     """One event in one environment, seconds; None for what did not happen. difference: ours less own."""
 
     environment: str
@@ -64,16 +64,16 @@ class Comparison:
         return None if self.own_s is None or self.ours_s is None else self.ours_s - self.own_s
 
 
-def measure(
+def measure_departures(
     out: Path,
     firmware: str | None = None,
     seed: int = 1,
     duration_s: float = DURATION_S,
     overwrite: bool = False,
-    tell: Callable[[Departure], None] = lambda departure: None,
+    on_departure: Callable[[DepartureRun], None] = lambda departure: None,
     make_run: Callable[..., Result] = run,
-) -> list[Departure]:
-    """All runs, each in a directory of `out` beside the profile that it is made from; `tell` hears of each.
+) -> list[DepartureRun]:
+    """All runs, each in a directory of `out` beside the profile it is made from; `on_departure` is called after each.
 
     Raises UserError where a run cannot be made at all, and InterruptedRunError.
     """
@@ -88,16 +88,16 @@ def measure(
             if result.exit_code == INTERRUPTED:
                 raise InterruptedRunError
             departures.append(_departure(environment, sensors, str(profile), result))
-            tell(departures[-1])
+            on_departure(departures[-1])
     return departures
 
 
-def compare(departures: Sequence[Departure]) -> list[Comparison]:
+def compare_departures(departures: Sequence[DepartureRun]) -> list[DepartureComparison]:
     """Own and ours side by side, by environment and event."""
     by_key = {(one.environment, one.sensors): one.times_s for one in departures}
     nothing: dict[str, float | None] = {}
     return [
-        Comparison(
+        DepartureComparison(
             environment,
             event,
             by_key.get((environment, "own"), nothing).get(event),
@@ -108,18 +108,18 @@ def compare(departures: Sequence[Departure]) -> list[Comparison]:
     ]
 
 
-def told(departures: Sequence[Departure]) -> dict[str, Any]:
+def table_json(departures: Sequence[DepartureRun]) -> dict[str, Any]:
     """The same for programs."""
-    rows = [{**asdict(row), "difference_s": row.difference_s} for row in compare(departures)]
+    rows = [{**asdict(row), "difference_s": row.difference_s} for row in compare_departures(departures)]
     return {"section": "4.2", "rows": rows, "runs": [asdict(one) for one in departures]}
 
 
-def _departure(environment: str, sensors: str, profile: str, result: Result) -> Departure:
+def _departure(environment: str, sensors: str, profile: str, result: Result) -> DepartureRun:
     summary = result.summary
     autopilot = summary.get("autopilot") or {}
     times_s = {event: autopilot.get(event) for event in EVENTS}
     firmware = autopilot.get("firmware") or ""
-    return Departure(
+    return DepartureRun(
         environment, sensors, profile, str(result.directory), firmware, times_s, summary.get("error") or ""
     )
 

@@ -1,4 +1,1 @@
-"""Recorded motor outputs played again: pulse widths from a file, commands from pulse widths, commands by time.
-
-csv_file.py, dataflash_file.py -> pulses.py (PulseLog) -> track.py (Track: what is commanded when)
-"""
+"""Recorded motor outputs played again: pulse widths from a file (pulse_log), commands over time (motor_schedule)."""

@@ -18,7 +18,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.replay.track import track_of_file, track_of_script
+from xitl_cli.replay.motor_schedule import schedule_from_file, schedule_from_script
 from xitl_cli.run import directory
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.peer import options_of
@@ -173,10 +173,10 @@ def make_pilot(profile: RunProfile, seeds: Seeds, out: Path | None = None) -> Pi
         return AgentPilot(profile, seeds, options_of(profile, out, attended.bridge), attended)
     driver, propellers = profile.driver, profile.vehicle.commands
     if driver.kind == "script":
-        return TrackPilot(track_of_script(driver.script), "SCRIPT", propellers)
+        return TrackPilot(schedule_from_script(driver.script), "SCRIPT", propellers)
     if driver.kind == "replay":
         assert driver.file is not None
-        return TrackPilot(track_of_file(driver.file, driver.replay, propellers), "REPLAY", propellers)
+        return TrackPilot(schedule_from_file(driver.file, driver.replay, propellers), "REPLAY", propellers)
     return IdealPilot(profile)
 
 

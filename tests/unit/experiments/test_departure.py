@@ -10,7 +10,14 @@ from typer.testing import CliRunner
 
 from xitl_cli.errors import UserError
 from xitl_cli.experiments import departure
-from xitl_cli.experiments.departure import ENVIRONMENTS, EVENTS, InterruptedRunError, compare, measure, told
+from xitl_cli.experiments.departure import (
+    ENVIRONMENTS,
+    EVENTS,
+    InterruptedRunError,
+    compare_departures,
+    measure_departures,
+    table_json,
+)
 from xitl_cli.run.session import Result
 
 TIMES = dict(zip(EVENTS, (12.0, 20.0, 20.5, 21.25), strict=True))
@@ -31,7 +38,7 @@ def runs(seen: list[Any], **changed: Any) -> Callable[..., Result]:
 
 def test_six_runs_that_differ_in_environment_and_sensors_alone(tmp_path: Path) -> None:
     seen: list[Any] = []
-    departures = measure(tmp_path, "/opt/ardurover", seed=7, duration_s=90.0, make_run=runs(seen))
+    departures = measure_departures(tmp_path, "/opt/ardurover", seed=7, duration_s=90.0, make_run=runs(seen))
 
     assert [(one.environment, one.sensors) for one in departures] == [
         (environment, sensors) for environment in ENVIRONMENTS for sensors in ("own", "ours")
@@ -47,44 +54,46 @@ def test_six_runs_that_differ_in_environment_and_sensors_alone(tmp_path: Path) -
 
 
 def test_the_difference_is_ours_less_own(tmp_path: Path) -> None:
-    rows = compare(measure(tmp_path, make_run=runs([])))
+    rows = compare_departures(measure_departures(tmp_path, make_run=runs([])))
     assert len(rows) == len(ENVIRONMENTS) * len(EVENTS)
     assert {row.difference_s for row in rows} == {-5.0}
 
 
 def test_what_did_not_happen_has_no_difference(tmp_path: Path) -> None:
     never: dict[str, Any] = {"autopilot": {"firmware": "4.7.0"}, "error": "gave up"}
-    departures = measure(tmp_path, make_run=runs([], **never))
+    departures = measure_departures(tmp_path, make_run=runs([], **never))
     assert departures[0].problem == "gave up"
-    assert all(row.own_s is None and row.difference_s is None for row in compare(departures))
-    json.dumps(told(departures), allow_nan=False)
+    assert all(row.own_s is None and row.difference_s is None for row in compare_departures(departures))
+    json.dumps(table_json(departures), allow_nan=False)
 
 
 def test_an_interrupted_run_ends_all(tmp_path: Path) -> None:
     with pytest.raises(InterruptedRunError):
-        measure(tmp_path, make_run=lambda *given: Result({}, tmp_path, 130))
+        measure_departures(tmp_path, make_run=lambda *given: Result({}, tmp_path, 130))
 
 
 def test_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(UserError, match="choose another --out"):
-        measure(tmp_path / "taken" / "deeper", make_run=runs([]))
+        measure_departures(tmp_path / "taken" / "deeper", make_run=runs([]))
 
 
 def test_a_profile_of_somebody_s_own_is_not_written_over(tmp_path: Path) -> None:
     own = tmp_path / "calm-own.yaml"
     own.write_text("extends: sitl\n")
     with pytest.raises(UserError, match=r"calm-own.yaml: exists, and is another profile; .* --overwrite"):
-        measure(tmp_path, make_run=runs([]))
+        measure_departures(tmp_path, make_run=runs([]))
     assert own.read_text() == "extends: sitl\n"
-    measure(tmp_path, overwrite=True, make_run=runs([]))
-    measure(tmp_path, make_run=runs([]))  # its own from an earlier time are fine
+    measure_departures(tmp_path, overwrite=True, make_run=runs([]))
+    measure_departures(tmp_path, make_run=runs([]))  # its own from an earlier time are fine
 
 
 def invoke(monkeypatch: pytest.MonkeyPatch, make_run: Callable[..., Result], *words: str) -> tuple[int, str]:
     from xitl_cli.main import _app
 
-    monkeypatch.setattr(departure.measure, "__defaults__", (*departure.measure.__defaults__[:-1], make_run))
+    monkeypatch.setattr(
+        departure.measure_departures, "__defaults__", (*departure.measure_departures.__defaults__[:-1], make_run)
+    )
     result = CliRunner().invoke(_app(), ["paper", "4.2", *words])
     assert result.exception is None or isinstance(result.exception, SystemExit)
     return result.exit_code, result.stdout

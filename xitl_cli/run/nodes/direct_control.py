@@ -21,7 +21,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand, TaskTiming
-from xitl_cli.replay.track import Track
+from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.setup import embedded_parameters, mission_places
 from xitl_cli.run.nodes.score import EstimationScore
 from xitl_cli.run.pace import Pace
@@ -175,24 +175,24 @@ def _truth(sim_ns: int, motion: Kinematics) -> StateEstimate:
 class TrackPilot(DirectPilot):
     """Plays a script or a recording; knows no waypoints. Played to its end it has completed what it was for."""
 
-    def __init__(self, track: Track, mode: str, propellers: int) -> None:
-        super().__init__(track.motors_at(0) or (0.0,) * propellers)
-        self._track = track
+    def __init__(self, schedule: MotorSchedule, mode: str, propellers: int) -> None:
+        super().__init__(schedule.motors_at(0) or (0.0,) * propellers)
+        self._schedule = schedule
         self._mode = mode
         self._now_ns = 0
 
     def exchange(self, sim_ns: int, motion: Kinematics) -> None:
         self._now_ns = sim_ns
-        motors = self._track.motors_at(sim_ns)
+        motors = self._schedule.motors_at(sim_ns)
         if motors is not None and motors != self.command.motors:
             self.command = MotorCommand(motors, armed=True)
 
     def progress(self) -> Progress:
-        track = self._track
+        schedule = self._schedule
         return Progress(
             mode=self._mode,
             armed=True,
-            finished=track.end_ns is not None and self._now_ns >= track.end_ns,
-            completed=self._now_ns >= track.last_ns,
+            finished=schedule.end_ns is not None and self._now_ns >= schedule.end_ns,
+            completed=self._now_ns >= schedule.last_ns,
             waypoints=(),
         )

@@ -14,7 +14,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import ScriptStep
-from xitl_cli.replay.track import Track, track_of_file
+from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
 from xitl_cli.run.nodes.orders import REPEAT_S, Orders
 from xitl_cli.run.pilot import Progress
 
@@ -62,8 +62,8 @@ def make_driver(profile: RunProfile, orders: Orders, frame: LocalFrame) -> Drive
         return ScriptDriver(orders, frame, driver.script, waypoints)
     if driver.kind == "replay":
         assert driver.file is not None
-        track = track_of_file(driver.file, driver.replay, profile.vehicle.commands)
-        return ReplayDriver(orders, track, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
+        schedule = schedule_from_file(driver.file, driver.replay, profile.vehicle.commands)
+        return ReplayDriver(orders, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
     return NoDriver(orders, waypoints)
 
 
@@ -152,12 +152,12 @@ class ReplayDriver:
     def __init__(
         self,
         orders: Orders,
-        track: Track,
+        schedule: MotorSchedule,
         rc_channels: tuple[int, int],
         arm_timeout_s: float = READY_TIMEOUT_S,
     ) -> None:
         self._orders = orders
-        self._track = track
+        self._schedule = schedule
         self._channels = rc_channels
         self._departure = Departure(orders, "MANUAL", arm_timeout_s)
         self._started_ns: int | None = None
@@ -169,7 +169,7 @@ class ReplayDriver:
                 return
             self._started_ns = sim_ns
         self._played_ns = sim_ns - self._started_ns
-        port, starboard = self._track.motors_at(self._played_ns) or (0.0, 0.0)
+        port, starboard = self._schedule.motors_at(self._played_ns) or (0.0, 0.0)
         pulses: list[int | None] = [None] * max(self._channels)
         for channel, demand in zip(self._channels, ((port - starboard) / 2, (port + starboard) / 2), strict=True):
             pulses[channel - 1] = round(RC_TRIM_US + RC_SPAN_US * demand)
@@ -179,7 +179,7 @@ class ReplayDriver:
         pass
 
     def progress(self) -> Progress:
-        done = self._played_ns >= self._track.last_ns
+        done = self._played_ns >= self._schedule.last_ns
         waits_for = self._departure.phase.value if self._started_ns is None else ""
         return Progress("", finished=done, completed=done, waypoints=(), waits_for=waits_for)
 

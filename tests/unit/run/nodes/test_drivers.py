@@ -11,7 +11,7 @@ from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.operation import ScriptStep
-from xitl_cli.replay.track import Track
+from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, GroundStationDriver, MissionDriver, ReplayDriver, ScriptDriver
 from xitl_cli.run.nodes.orders import Orders
@@ -161,8 +161,8 @@ def test_a_refused_order_is_repeated_until_the_next_step_and_spoils_the_script(b
 
 
 def test_a_replay_waits_moored_and_then_goes_out_as_steering_and_throttle(boat: Boat) -> None:
-    track = Track((0, S), ((0.5, 0.5), (0.75, 0.25)), 2 * S)
-    driver = ReplayDriver(boat.orders, track, (4, 2))
+    schedule = MotorSchedule((0, S), ((0.5, 0.5), (0.75, 0.25)), 2 * S)
+    driver = ReplayDriver(boat.orders, schedule, (4, 2))
     driver.update(0)
     assert driver.progress().waits_for == "the autopilot to become ready to arm"
     boat.view.ready_to_arm = True

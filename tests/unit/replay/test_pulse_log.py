@@ -10,8 +10,7 @@ from pymavlink import DFReader
 from agent.fcu.dataflash.format import FORMATS, header
 from tests.recorded import CALM
 from xitl_cli.errors import UserError
-from xitl_cli.replay.csv_file import read_csv
-from xitl_cli.replay.dataflash_file import read_dataflash
+from xitl_cli.replay.pulse_log import read_csv, read_dataflash
 
 
 def _csv(tmp_path: Path, text: str) -> Path:

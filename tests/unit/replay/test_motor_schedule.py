@@ -6,8 +6,8 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.operation import Replay, ScriptStep
-from xitl_cli.replay.pulses import PulseLog
-from xitl_cli.replay.track import Track, track_of_log, track_of_script
+from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_pulses, schedule_from_script
+from xitl_cli.replay.pulse_log import PulseLog
 
 
 def _log(**given: object) -> PulseLog:
@@ -20,47 +20,47 @@ def _log(**given: object) -> PulseLog:
 
 
 def test_a_command_is_in_force_until_the_next() -> None:
-    track = Track((0, 1_000), ((0.1, 0.2), (0.3, 0.4)), 5_000)
-    assert track.motors_at(-1) is None
-    assert track.motors_at(0) == track.motors_at(999) == (0.1, 0.2)
-    assert track.motors_at(1_000) == track.motors_at(10**12) == (0.3, 0.4)
+    schedule = MotorSchedule((0, 1_000), ((0.1, 0.2), (0.3, 0.4)), 5_000)
+    assert schedule.motors_at(-1) is None
+    assert schedule.motors_at(0) == schedule.motors_at(999) == (0.1, 0.2)
+    assert schedule.motors_at(1_000) == schedule.motors_at(10**12) == (0.3, 0.4)
 
 
 def test_pulses_are_taken_from_trim_and_span_and_limited() -> None:
-    track = track_of_log(_log(), Replay(start_s=10.0), 2)
-    assert track.motors == ((0.0, 0.0), (0.0, 0.0), (1.0, 0.5), (-0.5, 1.0))
-    assert track.at_ns == (0, 1_000_000_000, 2_500_000_000, 4_000_000_000)
-    assert track.end_ns == track.last_ns == 4_000_000_000
-    half = track_of_log(_log(), Replay(start_s=10.0, trim_us=1600, span_us=800), 2)
+    schedule = schedule_from_pulses(_log(), Replay(start_s=10.0), 2)
+    assert schedule.motors == ((0.0, 0.0), (0.0, 0.0), (1.0, 0.5), (-0.5, 1.0))
+    assert schedule.at_ns == (0, 1_000_000_000, 2_500_000_000, 4_000_000_000)
+    assert schedule.end_ns == schedule.last_ns == 4_000_000_000
+    half = schedule_from_pulses(_log(), Replay(start_s=10.0, trim_us=1600, span_us=800), 2)
     assert half.motors[2] == (0.375, 0.125)
 
 
 def test_it_starts_at_the_first_armed_output_unless_told_otherwise() -> None:
-    left_neutral = track_of_log(_log(), Replay(), 2)
+    left_neutral = schedule_from_pulses(_log(), Replay(), 2)
     assert left_neutral.at_ns[0] == 0
     assert left_neutral.motors[0] == (1.0, 0.5)
     assert left_neutral.end_ns == 1_500_000_000
-    armed = track_of_log(_log(armed_s=10.5), Replay(), 2)
+    armed = schedule_from_pulses(_log(armed_s=10.5), Replay(), 2)
     assert armed.motors[0] == (0.0, 0.0)
     assert armed.end_ns == 3_000_000_000
 
 
 def test_a_start_between_two_outputs_has_the_earlier_one_in_force_at_once() -> None:
-    track = track_of_log(_log(), Replay(start_s=13.0, end_s=13.5), 2)
-    assert track.at_ns == (0,)
-    assert track.motors == ((1.0, 0.5),)
-    assert track.end_ns == 500_000_000
-    before = track_of_log(_log(), Replay(start_s=9.0), 2)
+    schedule = schedule_from_pulses(_log(), Replay(start_s=13.0, end_s=13.5), 2)
+    assert schedule.at_ns == (0,)
+    assert schedule.motors == ((1.0, 0.5),)
+    assert schedule.end_ns == 500_000_000
+    before = schedule_from_pulses(_log(), Replay(start_s=9.0), 2)
     assert before.motors_at(999_999_999) is None
     assert before.motors_at(1_000_000_000) == (0.0, 0.0)
 
 
 def test_steering_and_throttle_are_mixed_as_for_skid_steering() -> None:
     # steering 0, 0, 1, -0.5; throttle 0, 0, 0.5, 1 (2200 is beyond the span)
-    track = track_of_log(_log(), Replay(start_s=10.0, outputs_are="steering-throttle", outputs=(1, 3)), 2)
-    assert track.motors[:2] == ((0.0, 0.0), (0.0, 0.0))
-    assert track.motors[2] == pytest.approx((1.0, -1 / 3))  # 1.5 and -0.5, shrunk alike
-    assert track.motors[3] == pytest.approx((1 / 3, 1.0))
+    schedule = schedule_from_pulses(_log(), Replay(start_s=10.0, outputs_are="steering-throttle", outputs=(1, 3)), 2)
+    assert schedule.motors[:2] == ((0.0, 0.0), (0.0, 0.0))
+    assert schedule.motors[2] == pytest.approx((1.0, -1 / 3))  # 1.5 and -0.5, shrunk alike
+    assert schedule.motors[3] == pytest.approx((1 / 3, 1.0))
 
 
 @pytest.mark.parametrize(
@@ -73,12 +73,12 @@ def test_steering_and_throttle_are_mixed_as_for_skid_steering() -> None:
     ],
 )
 def test_a_log_says_itself_what_its_outputs_are(functions: dict[int, int], motors: tuple[float, float]) -> None:
-    assert track_of_log(_log(functions=functions), Replay(), 2).motors[0] == pytest.approx(motors)
+    assert schedule_from_pulses(_log(functions=functions), Replay(), 2).motors[0] == pytest.approx(motors)
 
 
 def test_told_outputs_win_over_what_the_log_says() -> None:
     told = Replay(outputs=(3, 1))
-    assert track_of_log(_log(functions={1: 73, 3: 74}), told, 2).motors[0] == (0.5, 1.0)
+    assert schedule_from_pulses(_log(functions={1: 73, 3: 74}), told, 2).motors[0] == (0.5, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_told_outputs_win_over_what_the_log_says() -> None:
 )
 def test_what_cannot_be_played_is_named(replay: Replay, words: tuple[str, ...]) -> None:
     with pytest.raises(UserError) as caught:
-        track_of_log(_log(), replay, 2)
+        schedule_from_pulses(_log(), replay, 2)
     assert str(caught.value).startswith("pool.csv: ")
     for word in words:
         assert word in str(caught.value)
@@ -100,15 +100,15 @@ def test_what_cannot_be_played_is_named(replay: Replay, words: tuple[str, ...]) 
 def test_outputs_that_never_leave_neutral_have_no_start() -> None:
     still = _log(pulses_us={1: (1500.0,) * 4, 3: (0.0,) * 4})
     with pytest.raises(UserError, match="no output ever leaves 1500 µs"):
-        track_of_log(still, Replay(), 2)
-    assert track_of_log(still, Replay(start_s=10.0), 2).motors[0] == (0.0, 0.0)
+        schedule_from_pulses(still, Replay(), 2)
+    assert schedule_from_pulses(still, Replay(start_s=10.0), 2).motors[0] == (0.0, 0.0)
 
 
 def test_a_script_ends_where_it_says_and_else_holds_its_last_step() -> None:
     steps = (ScriptStep(at_s=0.0, motors=(0.5, 0.4)), ScriptStep(at_s=3.0, motors=(0.0, 0.0)))
-    held = track_of_script(steps)
+    held = schedule_from_script(steps)
     assert held.end_ns is None
     assert held.last_ns == 3_000_000_000
-    ended = track_of_script((*steps, ScriptStep(at_s=5.0, end=True)))
+    ended = schedule_from_script((*steps, ScriptStep(at_s=5.0, end=True)))
     assert ended.end_ns == ended.last_ns == 5_000_000_000
     assert ended.motors == held.motors

@@ -1,4 +1,4 @@
-"""What is commanded when: the steps of a script or of a recording, each in force until the next."""
+"""Motor commands over time: the steps of a script or of a recording, each in force until the next."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from pathlib import Path
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.operation import Replay, ScriptStep
-from xitl_cli.replay.csv_file import read_csv
-from xitl_cli.replay.dataflash_file import read_dataflash
-from xitl_cli.replay.pulses import NO_PULSE_US, PulseLog
+from xitl_cli.replay.pulse_log import NO_PULSE_US, PulseLog, read_pulse_log
 
 THROTTLE_LEFT, THROTTLE_RIGHT, GROUND_STEERING, THROTTLE = 73, 74, 26, 70  # SERVOn_FUNCTION
 USUAL_OUTPUTS = (1, 3)
@@ -20,8 +18,8 @@ Motors = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """Commands in [-1, 1], one a motor, from `at_ns` (rising, from the start of the track) until the next.
+class MotorSchedule:
+    """Commands in [-1, 1], one a motor, from `at_ns` (rising, from the start of the schedule) until the next.
 
     end_ns: when it has run out; None for a script without an end, which holds its last step.
     """
@@ -41,21 +39,19 @@ class Track:
         return self.at_ns[-1] if self.end_ns is None else self.end_ns
 
 
-def track_of_script(steps: Sequence[ScriptStep]) -> Track:
+def schedule_from_script(steps: Sequence[ScriptStep]) -> MotorSchedule:
     """The steps of a script that move motors; a step without `motors` keeps what is in force."""
     moving = [(round(step.at_s * 1e9), step.motors) for step in steps if step.motors is not None]
     end_ns = round(steps[-1].at_s * 1e9) if steps[-1].end else None
-    return Track(tuple(at_ns for at_ns, _ in moving), tuple(motors for _, motors in moving), end_ns)
+    return MotorSchedule(tuple(at_ns for at_ns, _ in moving), tuple(motors for _, motors in moving), end_ns)
 
 
-def track_of_file(file: str, replay: Replay, propellers: int) -> Track:
+def schedule_from_file(file: str, replay: Replay, propellers: int) -> MotorSchedule:
     """The recording as commands of the motors. Raises UserError with what is wrong in the file."""
-    path = Path(file)
-    log = read_dataflash(path) if path.suffix.lower() == ".bin" else read_csv(path)
-    return track_of_log(log, replay, propellers)
+    return schedule_from_pulses(read_pulse_log(Path(file)), replay, propellers)
 
 
-def track_of_log(log: PulseLog, replay: Replay, propellers: int) -> Track:
+def schedule_from_pulses(log: PulseLog, replay: Replay, propellers: int) -> MotorSchedule:
     """Recorded pulse widths as commands of the motors, from `start_s` (or the first armed output) on.
 
     Steering and throttle are mixed as a skid-steered ArduRover does: port is throttle plus steering.
@@ -80,7 +76,7 @@ def track_of_log(log: PulseLog, replay: Replay, propellers: int) -> Track:
     first = max(bisect_right(log.at_s, start_s) - 1, 0)
     last = bisect_right(log.at_s, end_s)
     commands = [tuple(_command(pulse, replay) for pulse in row) for row in rows[first:last]]
-    return Track(
+    return MotorSchedule(
         at_ns=tuple(max(round((at_s - start_s) * 1e9), 0) for at_s in log.at_s[first:last]),
         motors=tuple(_mix(*command) if mixed else command for command in commands),
         end_ns=round((end_s - start_s) * 1e9),

@@ -1,0 +1,185 @@
+"""Recorded pulse widths, read from a table or from a DataFlash log.
+
+A table has the columns `time_s` (or `TimeUS`) and C1, C2, … in µs, as `mavlogdump.py --format csv --types RCOU` writes
+it. Of a log RCOU counts, ARM says when it was armed, and PARM what the outputs were used for.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from xitl_cli.errors import UserError
+from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.log import Log
+
+NO_PULSE_US = 0.0
+SHORTEST_US, LONGEST_US = 500.0, 2500.0
+"""What a servo output can be when it is not off (0)."""
+
+_TIMES = {"time_s": 1.0, "timeus": 1e-6}
+_OUTPUT = re.compile(r"c([1-9][0-9]?)")
+_SHAPE = "write time_s,C1,C3 (seconds, then one column for each output in µs)"
+_FUNCTION = re.compile(r"SERVO([0-9]{1,2})_FUNCTION")
+_CHANNEL = re.compile(r"C([0-9]{1,2})")
+
+
+@dataclass(frozen=True, slots=True)
+class PulseLog:
+    """Pulse widths of output channels over time.
+
+    source: the file, for people. at_s: rising instants on the recording's clock, (M,). pulses_us: by channel number,
+    (M,) each; 0 is no pulse. armed_s: when the vehicle was armed, None where the recording does not tell.
+    functions: what ArduPilot used each channel for (SERVOn_FUNCTION), empty where the recording does not tell.
+    """
+
+    source: str
+    at_s: tuple[float, ...]
+    pulses_us: Mapping[int, tuple[float, ...]]
+    armed_s: float | None = None
+    functions: Mapping[int, int] = field(default_factory=dict)
+
+
+def is_pulse(pulse_us: float) -> bool:
+    """Whether an output can have been so; refuses NaN."""
+    return pulse_us == NO_PULSE_US or SHORTEST_US <= pulse_us <= LONGEST_US
+
+
+def read_pulse_log(path: Path) -> PulseLog:
+    """The DataFlash log (`.bin`) or the table at `path`. Raises UserError with what is wrong in it."""
+    return read_dataflash(path) if path.suffix.lower() == ".bin" else read_csv(path)
+
+
+def read_csv(path: Path) -> PulseLog:
+    """Read the table; lines that begin with # are comments, columns of other names are passed over.
+
+    Raises UserError with file, line and column.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return _read_table(_table_rows(file), str(path))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: is not text; give a table of comma-separated values, or a .bin log") from None
+    except csv.Error as error:
+        raise UserError(f"{path}: is no table of comma-separated values ({error}); {_SHAPE}") from None
+
+
+def _table_rows(lines: Iterator[str]) -> Iterator[tuple[int, list[str]]]:
+    """(line number, cells) of each line that holds any."""
+    kept: list[int] = []
+
+    def uncommented() -> Iterator[str]:
+        for number, line in enumerate(lines, start=1):
+            if line.strip() and not line.lstrip().startswith("#"):
+                kept.append(number)
+                yield line
+
+    for row in csv.reader(uncommented(), skipinitialspace=True):
+        yield kept[-1], [cell.strip() for cell in row]
+
+
+def _read_table(rows: Iterator[tuple[int, list[str]]], source: str) -> PulseLog:
+    first = next(rows, None)
+    if first is None:
+        raise UserError(f"{source}: is empty; {_SHAPE}")
+    line, names = first
+    columns = {name.lower(): number for number, name in enumerate(names)}
+    time_name = next((name for name in _TIMES if name in columns), None)
+    outputs = {int(match[1]): number for name, number in columns.items() if (match := _OUTPUT.fullmatch(name))}
+    if time_name is None:
+        raise UserError(f"{source}:{line}: has no column time_s; {_SHAPE}")
+    if not outputs:
+        raise UserError(f"{source}:{line}: has no column of an output; {_SHAPE}")
+    at_s: list[float] = []
+    pulses: dict[int, list[float]] = {channel: [] for channel in sorted(outputs)}
+    for line, cells in rows:
+        if len(cells) != len(names):
+            raise UserError(
+                f"{source}:{line}: has {len(cells)} columns where the first line names {len(names)}; give as many"
+            )
+        now_s = _number(cells[columns[time_name]], names[columns[time_name]], f"{source}:{line}") * _TIMES[time_name]
+        if at_s and now_s <= at_s[-1]:
+            raise UserError(
+                f"{source}:{line}: column {names[columns[time_name]]}: {now_s:g} s is not after the line before "
+                f"({at_s[-1]:g} s); put the lines in order of time"
+            )
+        at_s.append(now_s)
+        for channel, values in pulses.items():
+            name = names[outputs[channel]]
+            pulse = _number(cells[outputs[channel]], name, f"{source}:{line}")
+            if not is_pulse(pulse):
+                raise UserError(
+                    f"{source}:{line}: column {name}: {pulse:g} is no pulse width; "
+                    f"use {SHORTEST_US:g} to {LONGEST_US:g} µs, or 0 for none"
+                )
+            values.append(pulse)
+    if not at_s:
+        raise UserError(f"{source}:{line}: has no line below its names; add one for each instant")
+    return PulseLog(source, tuple(at_s), {channel: tuple(values) for channel, values in pulses.items()})
+
+
+def _number(cell: str, column: str, where: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UserError(f"{where}: column {column}: {cell[:40]!r} is not a number; write a finite number")
+    return value
+
+
+def read_dataflash(path: Path) -> PulseLog:
+    """Read RCOU (channels 1 to 14) from the .bin log of any ArduPilot vehicle or of the embedded autopilot.
+
+    A record that jumps back in time is dropped. Raises UserError when the file is no log or holds no outputs.
+    """
+    try:
+        opened = DataFlashLog(path)
+    except LogError as error:
+        raise UserError(str(error)) from error
+    with opened as log:
+        outputs = log.tables.get("RCOU")
+        if outputs is None or "TimeUS" not in outputs.columns:
+            raise UserError(f"{path}: holds no motor outputs (RCOU); log with bit RC OUT of LOG_BITMASK set")
+        at_us = outputs.stamp_ns // 1000
+        rising = np.flatnonzero(np.diff(np.maximum.accumulate(at_us), prepend=-1) > 0)
+        channels = {int(match[1]): name for name in outputs.columns if (match := _CHANNEL.fullmatch(name))}
+        pulses = {
+            channel: tuple(
+                pulse if is_pulse(pulse) else 0.0
+                for pulse in outputs.values(name, rising, raw=True).astype(np.float64).tolist()
+            )
+            for channel, name in channels.items()
+            if outputs.columns[name].kind == "number" and not outputs.columns[name].shape
+        }
+        at_s = tuple((at_us[rising] * 1e-6).tolist())
+        return PulseLog(str(path), at_s, pulses, _armed_s(log), _functions(log))
+
+
+def _armed_s(log: Log) -> float | None:
+    """When it was armed first."""
+    table = log.tables.get("ARM")
+    if table is None or not {"TimeUS", "ArmState"} <= table.columns.keys():
+        return None
+    armed = np.flatnonzero(table.values("ArmState", raw=True) == 1)
+    return int(table.stamp_ns[armed[0]]) // 1000 * 1e-6 if len(armed) else None
+
+
+def _functions(log: Log) -> dict[int, int]:
+    table = log.tables.get("PARM")
+    if table is None or not {"Name", "Value"} <= table.columns.keys() or table.columns["Value"].kind != "number":
+        return {}
+    found = {}
+    for name, value in zip(table.values("Name").tolist(), table.values("Value", raw=True).tolist(), strict=True):
+        if (match := _FUNCTION.fullmatch(str(name))) and np.isfinite(value):
+            found[int(match[1])] = int(value)
+    return found
