@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agent.companion.mission_copy import MissionCopy, MissionPosition
-from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion
+from agent.companion.pose_history import PoseHistory, VehiclePose
+from agent.companion.rigid_motion import quaternion_from_euler
 from agent.fcu.geodetic import LocalProjection
 from agent.mavlink.commands import command_long
 from agent.mavlink.exchange import Messages, text_of
@@ -81,7 +82,7 @@ class AutopilotState:
         elif kind == mav.MAVLINK_MSG_ID_ATTITUDE:
             stamp_ns = self._stamp_ns(message, now_ns)
             if self._quaternion_ns is None or stamp_ns - self._quaternion_ns > _QUATERNION_NS:
-                self._turned(stamp_ns, quaternion(message.roll, message.pitch, message.yaw), message)
+                self._turned(stamp_ns, quaternion_from_euler(message.roll, message.pitch, message.yaw), message)
         elif kind == mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
             pos_ned_m = np.array((message.x, message.y, message.z), dtype=float)
             vel_ned_mps = np.array((message.vx, message.vy, message.vz), dtype=float)

@@ -15,18 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.companion.settings import TUNED
 from agent.companion.tracking import ObstacleTrack
 
 Array = NDArray[np.float64]
 
 STEP_S = 0.4
-_LOOKAHEAD_M = 6.0
-_TURN_PER_S = 1.2  # turn rate per course still to be turned
-_TURN_RADPS = math.radians(22.0)
-_ACCELERATION_MPS2 = 0.6
-_REACHED_M = 3.0
-_RECKONED_MPS = 0.3  # a current that counts in full
-_SLOWEST_TURN = 0.25  # of the speed asked for, with the bow far off
+_TURN_RADPS = math.radians(TUNED.course_turn_degps)
 
 
 class PathLegs:
@@ -88,18 +83,19 @@ def simulate_courses(
     to_right = legs.along[:, 0] * set_ne[1] - legs.along[:, 1] * set_ne[0]  # how much of the set is across each leg
     for step in range(steps):
         along_m, cross_m = legs.offsets_m(leg, pos)
-        reached = (along_m > legs.length_m[leg] - _REACHED_M) & (leg < legs.last)
+        reached = (along_m > legs.length_m[leg] - TUNED.course_reached_m) & (leg < legs.last)
         if reached.any():
             leg = np.where(reached, leg + 1, leg)
             along_m, cross_m = legs.offsets_m(leg, pos)
         done = (leg == legs.last) & (along_m > legs.length_m[leg] - 1.0)
         direction = np.arctan2(legs.along[leg, 1], legs.along[leg, 0])
-        wanted = np.where(step * STEP_S < hold_s, course_rad, direction - np.arctan(cross_m / _LOOKAHEAD_M))
+        wanted = np.where(step * STEP_S < hold_s, course_rad, direction - np.arctan(cross_m / TUNED.course_lookahead_m))
         turn = (wanted - course + np.pi) % (2.0 * np.pi) - np.pi
-        course = course + np.clip(_TURN_PER_S * turn, -_TURN_RADPS, _TURN_RADPS) * STEP_S
-        slow = np.clip(np.cos(turn), _SLOWEST_TURN, 1.0)
+        course = course + np.clip(TUNED.course_turn_gain_per_s * turn, -_TURN_RADPS, _TURN_RADPS) * STEP_S
+        slow = np.clip(np.cos(turn), TUNED.course_slowest_turn, 1.0)
         asked = np.where(done & (step * STEP_S >= hold_s), 0.0, speed_mps * slow)
-        speed = speed + np.clip(asked - speed, -_ACCELERATION_MPS2 * STEP_S * 1.5, _ACCELERATION_MPS2 * STEP_S)
+        most_mps = TUNED.course_acceleration_mps2 * STEP_S
+        speed = speed + np.clip(asked - speed, -most_mps * 1.5, most_mps)
         pos = pos + (speed * STEP_S)[:, None] * np.stack((np.cos(course), np.sin(course)), axis=1)
         out[:, step] = pos
         off_sum += np.abs(cross_m)
@@ -112,7 +108,7 @@ def simulate_courses(
 def _set_of(current_ne_mps: Array) -> Array:
     """Where the current sets to (2,), of length 1 when it is one to reckon with, less when it is weak."""
     speed_mps = math.hypot(*current_ne_mps.tolist())
-    set_ne: Array = current_ne_mps / max(speed_mps, _RECKONED_MPS)
+    set_ne: Array = current_ne_mps / max(speed_mps, TUNED.course_current_mps)
     return set_ne
 
 
@@ -129,28 +125,14 @@ def leg_course_rad(legs: PathLegs, pos_ne_m: Array) -> tuple[float, float]:
     """The course back to the first leg and along it, and how far off it the vessel is (right positive)."""
     _, cross = legs.offsets_m(np.zeros(1, dtype=np.int64), pos_ne_m[None])
     direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
-    return direction - math.atan(float(cross[0]) / _LOOKAHEAD_M), float(cross[0])
+    return direction - math.atan(float(cross[0]) / TUNED.course_lookahead_m), float(cross[0])
 
 
 FREE, AROUND, STAY = range(3)
 
-_COURSES_RAD = np.radians(np.arange(-120.0, 121.0, 10.0))
-_HOLDS_S = (1.6, 3.2, 6.0, 10.0)
-_SPEEDS = (1.0, 0.45)  # of the mission's
-_FAR_M = 60.0
-_FARTHER = 1.5  # times the horizon: courses are sailed so far ahead to be compared
+_COURSES_RAD = np.radians(np.arange(-TUNED.plan_courses_deg, TUNED.plan_courses_deg + 1.0, TUNED.plan_courses_step_deg))
 # Of the way that the mission would make in that time: less is not worth leaving it for, nor to leave a stop for.
-_WORTH, _LEAVING_WORTH = 0.3, 0.45
-_GAIN_SHARE = 0.5  # and of what is left of the way, where that is short
-_LEAVING_COST = 1.0  # of any course that is not the legs': what is as good as they are is no reason to leave them
-_LEE_COST = 6.0  # for each metre of mean distance down the current
-_LEE_MARGINS, _LEE_SHORT_COST = 2.0, 2.0  # water to what stands in the lee, in margins
-_RETREATS_M = np.array((0.0, 2.0, 4.0, 6.0, 9.0, 12.0, 16.0))
-_RETREAT_MPS = 1.2
-_TOUCH_M = 0.8  # nearer than this is as good as a collision
-_SPREAD_MPS = 0.06  # what is not known of where a thing drifts to
-_STRAYS_MPS, _STRAYS_MOST_M = 0.15, 1.5  # of one that is out of view
-_MOST_STRUCTURE = 400
+_RETREATS_M = np.array(TUNED.plan_retreats_m)
 
 
 class AvoidanceChoice(NamedTuple):
@@ -183,12 +165,13 @@ class Obstacles(NamedTuple):
 
 def obstacles_near(now_ns: int, tracks: Sequence[ObstacleTrack], points_ne_m: Array, pos_ne_m: Array) -> Obstacles:
     """Tracks and structure as they are at `now_ns`, those near the vessel."""
-    near = [track for track in tracks if math.hypot(*(track.position_at(now_ns) - pos_ne_m).tolist()) < _FAR_M]
-    if len(points_ne_m) > _MOST_STRUCTURE:
+    far_m = TUNED.plan_far_m
+    near = [track for track in tracks if math.hypot(*(track.position_at(now_ns) - pos_ne_m).tolist()) < far_m]
+    if len(points_ne_m) > TUNED.plan_structure_points:
         off = points_ne_m - pos_ne_m
-        nearest = np.argsort(np.hypot(off[:, 0], off[:, 1]), kind="stable")[:_MOST_STRUCTURE]
+        nearest = np.argsort(np.hypot(off[:, 0], off[:, 1]), kind="stable")[: TUNED.plan_structure_points]
         points_ne_m = points_ne_m[nearest]
-    stray_m = [min(_STRAYS_MPS * (now_ns - track.seen_ns) * 1e-9, _STRAYS_MOST_M) for track in near]
+    stray_m = [min(TUNED.plan_stray_mps * (now_ns - track.seen_ns) * 1e-9, TUNED.plan_stray_most_m) for track in near]
     return Obstacles(
         np.array([track.position_at(now_ns) for track in near]).reshape(-1, 2),
         np.array([track.state[2:] for track in near]).reshape(-1, 2),
@@ -214,7 +197,7 @@ def _from_tracks_m(sailed: Array, around: Obstacles) -> Array:
         along = np.abs(off[..., 0] * cos + off[..., 1] * sin) - around.half_length_m[number]
         across = np.abs(off[..., 1] * cos - off[..., 0] * sin) - around.half_width_m[number]
         gap = np.hypot(np.maximum(along, 0.0), np.maximum(across, 0.0)) + np.minimum(np.maximum(along, across), 0.0)
-        np.minimum(nearest, gap - _SPREAD_MPS * after_s, out=nearest)
+        np.minimum(nearest, gap - TUNED.plan_spread_mps * after_s, out=nearest)
     return nearest
 
 
@@ -273,14 +256,17 @@ class AvoidancePlanner:
         courses, holds, speeds = (
             grid.ravel()
             for grid in np.meshgrid(
-                direction + _COURSES_RAD, np.array(_HOLDS_S), speed_mps * np.array(_SPEEDS), indexing="ij"
+                direction + _COURSES_RAD,
+                np.array(TUNED.plan_holds_s),
+                speed_mps * np.array(TUNED.plan_speeds),
+                indexing="ij",
             )
         )
         courses = np.concatenate(((0.0, 0.0), courses))
         holds = np.concatenate(((0.0, 0.0), holds))
-        speeds = np.concatenate((speed_mps * np.array(_SPEEDS), speeds))
+        speeds = np.concatenate((speed_mps * np.array(TUNED.plan_speeds), speeds))
         # Farther than collisions are looked for: else what lies just beyond is steered for, or dawdled before.
-        ahead_s = _FARTHER * self._horizon_s
+        ahead_s = TUNED.plan_farther * self._horizon_s
         sailed = simulate_courses(legs, pos_ne_m, vel_ne_mps, bow_rad, courses, holds, speeds, ahead_s, current_ne_mps)
         standing = np.repeat(_from_points_m(sailed.pos_ne_m[:, ::2], around.points_ne_m), 2, axis=1)
         standing = standing[:, : sailed.pos_ne_m.shape[1]]
@@ -291,12 +277,12 @@ class AvoidancePlanner:
         best = int(np.argmin(cost))
         stay_m = self._staying(pos_ne_m, vel_ne_mps, around)
         along_m = float(legs.offsets_m(np.zeros(1, dtype=np.int64), pos_ne_m[None])[0][0])
-        worth_m = (_LEAVING_WORTH if stays else _WORTH) * speed_mps * ahead_s
-        wanted_m = min(worth_m, _GAIN_SHARE * (legs.total_m - along_m))
+        worth_m = (TUNED.plan_leaving_worth if stays else TUNED.plan_worth) * speed_mps * ahead_s
+        wanted_m = min(worth_m, TUNED.plan_gain_share * (legs.total_m - along_m))
         no_use = float(sailed.progress_m[best]) - along_m < wanted_m and stay_m > 0.5 * self._margin_m
-        if no_use or (least[best] < _TOUCH_M and stay_m > least[best]):
+        if no_use or (least[best] < TUNED.plan_touch_m and stay_m > least[best]):
             return AvoidanceChoice(STAY, bow_rad, 0.0, stay_m)
-        if least[best] < _TOUCH_M:
+        if least[best] < TUNED.plan_touch_m:
             best = int(np.argmax(least))
         what = FREE if best < 2 else AROUND
         return AvoidanceChoice(what, float(courses[best]), float(speeds[best]), float(least[best]))
@@ -312,10 +298,12 @@ class AvoidancePlanner:
     ) -> Array:
         short = np.maximum(self._margin_m - least, 0.0)
         cost: Array = (sailed.progress_m.max() - sailed.progress_m) + 1.5 * sailed.off_m + 4.0 * short + 6.0 * short**2
-        cost = cost + np.where(least < _TOUCH_M, 1e3, 0.0) + np.where(holds > 0.0, _LEAVING_COST, 0.0)
-        cost = cost + _LEE_COST * sailed.lee_m
+        cost = cost + np.where(least < TUNED.plan_touch_m, 1e3, 0.0)
+        cost = cost + np.where(holds > 0.0, TUNED.plan_leaving_cost, 0.0)
+        cost = cost + TUNED.plan_lee_cost * sailed.lee_m
         if lee_m is not None:  # no more is asked for than the legs have
-            cost = cost + _LEE_SHORT_COST * np.maximum(min(_LEE_MARGINS * self._margin_m, lee_m[0]) - lee_m, 0.0)
+            wanted_m = min(TUNED.plan_lee_margins * self._margin_m, lee_m[0])
+            cost = cost + TUNED.plan_lee_short_cost * np.maximum(wanted_m - lee_m, 0.0)
         if last_rad is not None:
             turned = np.abs((courses - last_rad + np.pi) % (2.0 * np.pi) - np.pi)
             cost = cost + np.where(holds > 0.0, 1.5 * np.minimum(turned, 1.5), 0.0)
@@ -332,11 +320,11 @@ class AvoidancePlanner:
         off = places - pos_ne_m
         way_m = np.hypot(off[:, 0], off[:, 1])
         after_s = STEP_S * np.arange(1, round(self._horizon_s / STEP_S) + 1)
-        share = np.minimum(_RETREAT_MPS * after_s / np.maximum(way_m, 0.1)[:, None], 1.0)
+        share = np.minimum(TUNED.plan_retreat_mps * after_s / np.maximum(way_m, 0.1)[:, None], 1.0)
         sailed = pos_ne_m + share[..., None] * off[:, None]
         clear = np.minimum(
             _from_tracks_m(sailed, around) - self._margin_m,
-            _from_points_m(places[:, None], around.points_ne_m) - _LEE_MARGINS * self._margin_m,
+            _from_points_m(places[:, None], around.points_ne_m) - TUNED.plan_lee_margins * self._margin_m,
         )
         least = _least(clear - self._hull_m)
         good = np.flatnonzero(least > 0.0)

@@ -25,6 +25,7 @@ from agent.companion.avoidance import (
     leg_course_rad,
 )
 from agent.companion.pose_history import VehiclePose
+from agent.companion.settings import TUNED
 from agent.mavlink.commands import command_long
 from agent.mavlink.exchange import Messages
 from agent.mavlink.modes import AUTO, GUIDED
@@ -39,13 +40,6 @@ NONE, DETOUR, STOP, RETURN = (
     int(mav.XITL_MANOEUVRE_RETURN),
 )
 
-_BLOCKED_PLANS, _FAR_PLANS = 2, 8  # in a row; what is far is looked at longer
-_SOON_S = 8.0
-_FREE_PLANS = 4
-_FREER_M = 0.5  # than what begins a detour
-_BACK_M, _BACK_RAD = 1.2, math.radians(20.0)
-_END_M = 6.0
-_MOVED_M = 3.0  # a better place to wait is taken when it is so far off
 _ASK_AGAIN_NS = 500_000_000
 _ASKS = 6
 _VELOCITY_AND_YAW = 0x9C7  # POSITION_TARGET_TYPEMASK: all but vx, vy, vz and yaw ignored
@@ -106,7 +100,8 @@ class CommandOutput:
         ahead = self._planner.check_collision(legs, pos, vel, bow, speed, around)
         if not self._engaged:
             self._blocked = self._blocked + 1 if ahead.blocked else 0
-            if self._blocked < (_BLOCKED_PLANS if ahead.after_s < _SOON_S else _FAR_PLANS):
+            is_soon = ahead.after_s < TUNED.blocked_soon_s
+            if self._blocked < (TUNED.blocked_plans if is_soon else TUNED.blocked_far_plans):
                 return []
             self._engaged = True
             return self._ask(vehicle.target, GUIDED, now_ns)
@@ -115,11 +110,11 @@ class CommandOutput:
             legs, pos, vel, bow, speed, around, self._course_rad, stays, current_ne_mps
         )
         course_rad, off_m = leg_course_rad(legs, pos)
-        self._free = self._free + 1 if choice.what == FREE and ahead.clearance_m >= self._begin_m + _FREER_M else 0
+        self._free = self._free + 1 if choice.what == FREE and ahead.clearance_m >= self._begin_m + TUNED.freer_m else 0
         made_good = math.atan2(vel[1], vel[0]) if math.hypot(*vel.tolist()) > 0.7 else bow
         turned = abs(math.remainder(made_good - course_rad, math.tau))
-        back = (abs(off_m) < _BACK_M and turned < _BACK_RAD) or _is_past(legs, pos)
-        if self._free >= _FREE_PLANS and back:
+        back = (abs(off_m) < TUNED.back_m and turned < math.radians(TUNED.back_deg)) or _is_past(legs, pos)
+        if self._free >= TUNED.free_plans and back:
             return self._ask(vehicle.target, AUTO, now_ns)
         if choice.what == STAY:
             return [self._stay(vehicle.target, pos, vel, around, current_ne_mps)]
@@ -146,7 +141,7 @@ class CommandOutput:
     def _stay(self, target: tuple[int, int], pos: Array, vel: Array, around: Obstacles, current_ne_mps: Array) -> Any:
         """A place is held, as no speed is none over ground: the current takes along what does not steer."""
         place = self._planner.waiting_position(pos, vel, around, current_ne_mps)
-        if self._stay_ne_m is None or math.hypot(*(place - self._stay_ne_m).tolist()) > _MOVED_M:
+        if self._stay_ne_m is None or math.hypot(*(place - self._stay_ne_m).tolist()) > TUNED.moved_m:
             self._stay_ne_m = place
         self._enter(STOP)
         self._course_rad = None
@@ -175,7 +170,7 @@ class CommandOutput:
 def _is_past(legs: PathLegs, pos: Array) -> bool:
     """Whether the end of the first leg is hard by: there is no leg left to come back to."""
     along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])
-    return float(legs.length_m[0] - along_m[0]) < _END_M
+    return float(legs.length_m[0] - along_m[0]) < TUNED.end_m
 
 
 def _legs(points_ne_m: tuple[tuple[float, float], ...], pos: Array) -> PathLegs:

@@ -16,31 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.companion.pose_history import PoseHistory
+from agent.companion.settings import TUNED
 
 Array = NDArray[np.float64]
 
-CELL_M = 0.5
 _KEY = 1 << 20  # cells north and east of the origin are numbered by one integer
-_NEAREST_M = 2.5  # the vessel itself, and spray
-_LOWEST_M, _HIGHEST_M = -1.2, 2.5
-_KNOTS = 5
-_RINGS = 24  # of 1 m
-_SECTORS = 14  # over 70 degrees
-_SECTOR_RAD = math.radians(5.0)
-_LOW_M = 0.35
-_FORGETS = 0.9  # of the counts, from frame to frame
-_COUNTS = 0.8
-_REACH_M, _LEARNT = 20.0, 20  # before so many clouds were seen
-_BEYOND_M = 2.0
-_DRAWS_BACK_M = 0.03  # a cloud: waves that are seen far off come and go
-_REACHES_OUT_M = 0.05  # a cloud: a boom across the view looks like water at first
-_WATERY = 0.45  # of the sectors
-_STANDS_OUT_M = 0.2
-_ENOUGH = 30  # low points, to say how bright water is
-_BRIGHTER = 3  # of 150 for all light, than most of the water: it glints close by, and what floats in it reflects more
-_GLINTS_M = 8.0
-_LEVEL_S = 15.0
-_LEVEL_OFF_M = 0.4
+_SECTOR_RAD = math.radians(TUNED.reach_sector_deg)
 
 
 class DetectionFrame(NamedTuple):
@@ -64,12 +45,12 @@ class ObstacleDetector:
         self.frames: deque[DetectionFrame] = deque()
         self.refused = 0  # points that are not numbers
         self.unplaced = 0  # clouds without a pose
-        self.water_reach_m = _REACH_M
-        self.stands_out_m = _STANDS_OUT_M
+        self.water_reach_m = TUNED.reach_initial_m
+        self.stands_out_m = TUNED.stands_out_m
         self._range_m = range_m
         self.waterline_m = waterline_m
         self._window_ns = round(window_s * 1e9)
-        self._low = np.zeros((_RINGS, _SECTORS))
+        self._low = np.zeros((TUNED.reach_rings, TUNED.reach_sectors))
         self._spread_m = 0.05
         self._learnt = 0
         self._level_m: float | None = None  # of the vessel's origin, down, mean of the last seconds
@@ -91,7 +72,7 @@ class ObstacleDetector:
             points_frd_m, offset_s, intensity = points_frd_m[good], offset_s[good], intensity[good]
         points = points_frd_m.astype(np.float64)
         range_m = np.hypot(points[:, 0], points[:, 1])
-        near = (range_m > _NEAREST_M) & (range_m < self._range_m)
+        near = (range_m > TUNED.detect_nearest_m) & (range_m < self._range_m)
         points, range_m, intensity = points[near], range_m[near], intensity[near]
         placed = self._placed(history, stamp_ns, points, offset_s[near].astype(np.float64))
         if placed is None:
@@ -100,18 +81,19 @@ class ObstacleDetector:
         ned_m, height_m = placed
         self._learn(points, range_m, height_m)
         wet = range_m < self.water_reach_m
-        bright = self._brighter(intensity, range_m, wet & (np.abs(height_m) < _LOW_M))
-        stands = np.where(wet, (height_m > self.stands_out_m) | bright, height_m > _LOWEST_M)
-        stands &= height_m < _HIGHEST_M
+        bright = self._brighter(intensity, range_m, wet & (np.abs(height_m) < TUNED.reach_low_m))
+        stands = np.where(wet, (height_m > self.stands_out_m) | bright, height_m > TUNED.detect_lowest_m)
+        stands &= height_m < TUNED.detect_highest_m
         self._keep(stamp_ns, ned_m[stands], height_m[stands], bright[stands])
         return True
 
     def _brighter(self, intensity: NDArray[np.uint8], range_m: Array, low: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(n,) which points are brighter than water, of which most low ones close by are."""
-        if np.count_nonzero(low) < _ENOUGH:
+        if np.count_nonzero(low) < TUNED.bright_points:
             return np.zeros(len(range_m), dtype=np.bool_)
         water = float(np.median(intensity[low]))
-        brighter: NDArray[np.bool_] = (range_m > _GLINTS_M) & (intensity.astype(np.float64) >= water + _BRIGHTER)
+        brighter: NDArray[np.bool_] = intensity.astype(np.float64) >= water + TUNED.bright_step
+        brighter &= range_m > TUNED.bright_nearest_m
         return brighter
 
     def _placed(
@@ -119,17 +101,17 @@ class ObstacleDetector:
     ) -> tuple[Array, Array] | None:
         """Points at their own instants: NED (n, 3), and height above the mean water (n,)."""
         last_s = float(offset_s.max()) if len(offset_s) else 0.0
-        knots_s = np.linspace(0.0, max(last_s, 1e-3), _KNOTS)
+        knots_s = np.linspace(0.0, max(last_s, 1e-3), TUNED.detect_knots)
         poses = [history.pose_at(stamp_ns + round(float(s) * 1e9)) for s in knots_s]
         if any(pose is None for pose in poses):
             return None
         known = [pose for pose in poses if pose is not None]
         level_m = self._level(float(known[0].pos_ned_m[2]), stamp_ns)
-        at = np.clip(offset_s / knots_s[-1] * (_KNOTS - 1), 0.0, _KNOTS - 1 - 1e-9)
+        at = np.clip(offset_s / knots_s[-1] * (TUNED.detect_knots - 1), 0.0, TUNED.detect_knots - 1 - 1e-9)
         first = at.astype(np.int64)
         share = (at - first)[:, None]
         ned_m = np.empty_like(points)
-        for knot in range(_KNOTS - 1):
+        for knot in range(TUNED.detect_knots - 1):
             here = first == knot
             if not here.any():
                 continue
@@ -143,36 +125,38 @@ class ObstacleDetector:
         """Where the vessel floats on the mean: its height drifts over minutes, its heave goes over seconds."""
         if self._level_m is None:
             self._level_m = down_m
-        share = min(max((stamp_ns - self._level_ns) * 1e-9 / _LEVEL_S, 0.0), 1.0)
+        share = min(max((stamp_ns - self._level_ns) * 1e-9 / TUNED.float_level_s, 0.0), 1.0)
         self._level_ns = stamp_ns
         self._level_m += share * (down_m - self._level_m)
-        self._level_m = min(max(self._level_m, down_m - _LEVEL_OFF_M), down_m + _LEVEL_OFF_M)
+        self._level_m = min(max(self._level_m, down_m - TUNED.float_level_off_m), down_m + TUNED.float_level_off_m)
         return self._level_m
 
     def _learn(self, points: Array, range_m: Array, height_m: Array) -> None:
         """How far water returns, and how far its waves reach up."""
-        low = (range_m < _RINGS) & (np.abs(height_m) < _LOW_M)
+        rings, sectors = TUNED.reach_rings, TUNED.reach_sectors
+        low = (range_m < rings) & (np.abs(height_m) < TUNED.reach_low_m)
         ring = range_m[low].astype(np.int64)
-        sector = np.floor(np.arctan2(points[low, 1], points[low, 0]) / _SECTOR_RAD).astype(np.int64) + _SECTORS // 2
-        seen = (sector >= 0) & (sector < _SECTORS)
-        now = np.bincount(ring[seen] * _SECTORS + sector[seen], minlength=_RINGS * _SECTORS)
-        self._low = self._low * _FORGETS + now.reshape(_RINGS, _SECTORS)
-        watery = np.count_nonzero(self._low > _COUNTS, axis=1) > _WATERY * _SECTORS
+        sector = np.floor(np.arctan2(points[low, 1], points[low, 0]) / _SECTOR_RAD).astype(np.int64) + sectors // 2
+        seen = (sector >= 0) & (sector < sectors)
+        now = np.bincount(ring[seen] * sectors + sector[seen], minlength=rings * sectors)
+        self._low = self._low * TUNED.reach_forget_gain + now.reshape(rings, sectors)
+        watery = np.count_nonzero(self._low > TUNED.reach_count, axis=1) > TUNED.reach_wet_share * sectors
         reach = dry = 0
-        for number in range(3, _RINGS):
+        for number in range(3, rings):
             dry = 0 if watery[number] else dry + 1
             if dry > 2:
                 break
             reach = number + 1 if watery[number] else reach
         self._learnt += 1
-        reach_m = max(reach + _BEYOND_M, 5.0 if self._learnt > _LEARNT else _REACH_M)
-        reach_m = min(reach_m, self.water_reach_m + _REACHES_OUT_M)
-        self.water_reach_m = max(reach_m, self.water_reach_m - _DRAWS_BACK_M)
+        least_m = 5.0 if self._learnt > TUNED.reach_learnt_clouds else TUNED.reach_initial_m
+        reach_m = max(reach + TUNED.reach_beyond_m, least_m)
+        reach_m = min(reach_m, self.water_reach_m + TUNED.reach_grow_m)
+        self.water_reach_m = max(reach_m, self.water_reach_m - TUNED.reach_shrink_m)
         close = height_m[low & (range_m < self.water_reach_m)]
         if len(close) > 30:
             spread_m = 1.4826 * float(np.median(np.abs(close - np.median(close))))
             self._spread_m += 0.05 * (spread_m - self._spread_m)
-        self.stands_out_m = _STANDS_OUT_M + 2.5 * self._spread_m
+        self.stands_out_m = TUNED.stands_out_m + 2.5 * self._spread_m
 
     def _keep(self, stamp_ns: int, ned_m: Array, height_m: Array, is_bright: NDArray[np.bool_]) -> None:
         cells, where, count = np.unique(cells_of(ned_m), return_inverse=True, return_counts=True)
@@ -187,7 +171,7 @@ class ObstacleDetector:
             self.frames.popleft()
 
 
-def cells_of(points_m: Array, cell_m: float = CELL_M) -> NDArray[np.int64]:
+def cells_of(points_m: Array, cell_m: float = TUNED.cell_m) -> NDArray[np.int64]:
     """The number of the cell of each point (n, 2 or more: north and east first)."""
     north, east = (np.floor(points_m[:, axis] / cell_m).astype(np.int64) for axis in (0, 1))
     numbers: NDArray[np.int64] = north * _KEY + east
@@ -200,12 +184,6 @@ def neighbours(cell: int) -> tuple[int, ...]:
         cell - _KEY - 1, cell - _KEY, cell - _KEY + 1, cell - 1,
         cell + 1, cell + _KEY - 1, cell + _KEY, cell + _KEY + 1,
     )  # fmt: skip
-
-
-_JOIN_M = 1.0  # cells of this size that touch belong together
-_FRAMES = 2  # a cell seen in one frame alone is a drop of spray or a gleam
-_POINTS = 3
-_POINTS_A_METRE = 5.0
 
 
 class Cluster(NamedTuple):
@@ -244,18 +222,18 @@ def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m:
     age_s = np.concatenate([np.full(len(frame.cells), (frame.stamp_ns - origin_ns) * 1e-9) for frame in frames])
     number = np.concatenate([np.full(len(frame.cells), index) for index, frame in enumerate(frames)])
     newest = len(frames) - 1
-    label = _labels(cells_of(points, _JOIN_M))
+    label = _labels(cells_of(points, TUNED.cluster_join_m))
     order = np.argsort(label, kind="stable")
     bounds = np.flatnonzero(np.diff(label[order])) + 1
     found: list[Cluster] = []
     for members in np.split(order, bounds):
         total = int(count[members].sum())
-        if total < _POINTS or len(np.unique(number[members])) < min(_FRAMES, len(frames)):
+        if total < TUNED.cluster_points or len(np.unique(number[members])) < min(TUNED.cluster_frames, len(frames)):
             continue
         stamp_ns = origin_ns + round(float(np.average(age_s[members], weights=count[members])) * 1e9)
         middle, length_m, width_m, heading_rad = _box(points[members])
         near = math.hypot(*(middle - pos_ne_m).tolist()) < doubtful_m
-        if near and total < _POINTS_A_METRE * (1.0 + length_m):
+        if near and total < TUNED.cluster_points_per_m * (1.0 + length_m):
             continue
         _, one_each = np.unique(cells[members], return_index=True)
         outline = points[members][one_each]
@@ -307,5 +285,5 @@ def _box(points: Array) -> tuple[Array, float, float, float]:
     forward, right = off @ along, off @ across
     low_f, high_f, low_r, high_r = float(forward.min()), float(forward.max()), float(right.min()), float(right.max())
     middle = mean + along * (0.5 * (low_f + high_f)) + across * (0.5 * (low_r + high_r))
-    floor_m = 0.5 * CELL_M
+    floor_m = 0.5 * TUNED.cell_m
     return middle, max(high_f - low_f, floor_m), max(high_r - low_r, floor_m), heading_rad % math.pi

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.companion.rigid_motion import moved
+from agent.companion.rigid_motion import transform_points
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -55,7 +55,7 @@ class CloudMap:
         """Points (n, 3) seen from the body, whose pose (4, 4) is that of the same instant."""
         with np.errstate(invalid="ignore", over="ignore"):
             near = np.einsum("ij,ij->i", points_frd_m, points_frd_m) <= self._far_m**2
-        points, intensity = moved(pose_odom, points_frd_m[near]), intensity[near]
+        points, intensity = transform_points(pose_odom, points_frd_m[near]), intensity[near]
         cell = np.floor(points / np.float32(self._cell_m))
         inside = (np.abs(cell) < _HALF).all(axis=1)
         self.refused += len(points_frd_m) - int(np.count_nonzero(np.isfinite(points_frd_m).all(axis=1)))

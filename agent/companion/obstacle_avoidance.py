@@ -23,6 +23,7 @@ from agent.companion.avoidance import AvoidancePlanner, obstacles_near
 from agent.companion.command_output import CommandOutput
 from agent.companion.detection import ObstacleDetector, find_clusters
 from agent.companion.pose_history import VehiclePose
+from agent.companion.settings import TUNED
 from agent.companion.tracking import CurrentEstimator, ObstacleTrack, ObstacleTracker
 from agent.wire import dialect as mav
 
@@ -73,13 +74,6 @@ def make_proximity_messages(
 
 Messages = list[Any]
 
-_LOOK_NS = 180_000_000  # from gathering things to gathering them again
-_WAITING = 4  # clouds held until their pose has come
-_STRUCTURE_M = 50.0
-_STALE_NS = 2_000_000_000  # without clouds for so long nothing is said to be free
-_BEGIN = 0.6  # of the margin
-_DOUBTFUL = 1.6  # of how far water returns
-
 
 class ObstacleAvoidance:
     """Sees, tracks and avoids, in the autopilot's local NED.
@@ -107,10 +101,11 @@ class ObstacleAvoidance:
     ) -> None:
         self.vehicle = AutopilotState()
         self.tracker = ObstacleTracker()
-        self._sighting = ObstacleDetector(range_m, waterline_m)
+        self._detector = ObstacleDetector(range_m, waterline_m)
         self._current = CurrentEstimator()
-        planner = AvoidancePlanner(margin_m, _BEGIN * margin_m, horizon_s, 0.5 * math.hypot(length_m, width_m))
-        self._helm = CommandOutput(planner, _BEGIN * margin_m, speed_mps)
+        begin_m = TUNED.begin_share * margin_m
+        planner = AvoidancePlanner(margin_m, begin_m, horizon_s, 0.5 * math.hypot(length_m, width_m))
+        self._commands = CommandOutput(planner, begin_m, speed_mps)
         self._bow_m = 0.5 * length_m
         self._range_m = range_m
         self._avoids = avoids
@@ -125,29 +120,29 @@ class ObstacleAvoidance:
 
     @property
     def detours(self) -> int:
-        return self._helm.detours
+        return self._commands.detours
 
     @property
     def stops(self) -> int:
-        return self._helm.stops
+        return self._commands.stops
 
     @property
     def manoeuvre(self) -> int:
-        return self._helm.manoeuvre
+        return self._commands.manoeuvre
 
     @property
     def clouds_unplaced(self) -> int:
-        return self._sighting.unplaced
+        return self._detector.unplaced
 
     @property
     def points_refused(self) -> int:
-        return self._sighting.refused
+        return self._detector.refused
 
     def handle(self, message: Any, now_ns: int) -> Messages:
         """One message of the autopilot; returns what to answer (requests for the mission and for rates)."""
         replies = self.vehicle.handle(message, now_ns)
         if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_ACK:
-            self._helm.handle_acknowledgement(message, self.vehicle)
+            self._commands.handle_acknowledgement(message, self.vehicle)
         return replies
 
     def add_cloud(
@@ -168,10 +163,10 @@ class ObstacleAvoidance:
             newest_ns = self.vehicle.history.newest_ns
             last_s = float(np.nanmax(offset_s)) if len(offset_s) else 0.0
             known = newest_ns is not None and newest_ns >= stamp_ns + round(last_s * 1e9)
-            if not known and not final and len(self._waiting) <= _WAITING:
+            if not known and not final and len(self._waiting) <= TUNED.look_waiting_clouds:
                 return
             self._waiting.pop(0)
-            if self._sighting.add_cloud(self.vehicle.history, stamp_ns, points, offset_s, intensity):
+            if self._detector.add_cloud(self.vehicle.history, stamp_ns, points, offset_s, intensity):
                 self._cloud_ns = stamp_ns
                 self._look(stamp_ns)
 
@@ -181,13 +176,14 @@ class ObstacleAvoidance:
             return
         bow_rad = heading_rad(pose)
         self._current.update(stamp_ns, pose.vel_ned_mps, bow_rad, self.vehicle.yaw_rate_radps)
-        if 0 <= stamp_ns - self._looked_ns < _LOOK_NS:
+        if 0 <= stamp_ns - self._looked_ns < TUNED.look_ns:
             return
         self._looked_ns = stamp_ns
-        found = find_clusters(self._sighting.frames, pose.pos_ned_m[:2], _DOUBTFUL * self._sighting.water_reach_m)
+        reach_m = self._detector.water_reach_m
+        clusters = find_clusters(self._detector.frames, pose.pos_ned_m[:2], TUNED.doubtful_share * reach_m)
         drift = self._current.current_ne_mps
         view_rad = bow_rad + self._view_yaw_rad
-        self.tracker.update(stamp_ns, found, pose.pos_ned_m[:2], view_rad, self._sighting.water_reach_m, drift)
+        self.tracker.update(stamp_ns, clusters, pose.pos_ned_m[:2], view_rad, self._detector.water_reach_m, drift)
 
     def plan(self, now_ns: int) -> Messages:
         """To the autopilot: mode changes, targets, requests. Nothing while the way is free."""
@@ -198,19 +194,20 @@ class ObstacleAvoidance:
         if pose is None:
             return messages
         pos = pose.pos_ned_m[:2]
-        around = obstacles_near(now_ns, self.tracker.confirmed, self.tracker.structure.within(pos, _STRUCTURE_M), pos)
-        messages.extend(self._helm.update(self.vehicle, pose, around, self._current.current_ne_mps, now_ns))
+        structure = self.tracker.structure.within(pos, TUNED.look_structure_m)
+        around = obstacles_near(now_ns, self.tracker.confirmed, structure, pos)
+        messages.extend(self._commands.update(self.vehicle, pose, around, self._current.current_ne_mps, now_ns))
         return messages
 
     def _is_blind(self, now_ns: int) -> bool:
-        return self._cloud_ns is None or now_ns - self._cloud_ns > _STALE_NS
+        return self._cloud_ns is None or now_ns - self._cloud_ns > TUNED.look_stale_ns
 
     def proximity_messages(self, now_ns: int) -> Messages:
         """OBSTACLE_DISTANCE and DISTANCE_SENSOR; nothing without clouds or pose."""
         pose = None if self._is_blind(now_ns) else self.vehicle.pose_at(now_ns)
-        if pose is None or not self._sighting.frames:
+        if pose is None or not self._detector.frames:
             return []
-        points = [frame.points_ne_m for frame in self._sighting.frames]
+        points = [frame.points_ne_m for frame in self._detector.frames]
         points.append(self.tracker.structure.within(pose.pos_ned_m[:2], self._range_m))
         points.extend(_outline(track, now_ns) for track in self.tracker.confirmed)
         return make_proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)
@@ -230,7 +227,7 @@ class ObstacleAvoidance:
         nearest = off[int(np.argmin(np.hypot(off[:, 0], off[:, 1])))]
         range_m = float(np.hypot(*nearest))
         closing_mps = -float(nearest @ (track.state[2:] - pose.vel_ned_mps[:2])) / max(range_m, 0.1)
-        down_m = float(pose.pos_ned_m[2]) + self._sighting.waterline_m - 0.5 * track.height_m
+        down_m = float(pose.pos_ned_m[2]) + self._detector.waterline_m - 0.5 * track.height_m
         return mav.MAVLink_xitl_obstacle_message(
             max(track.seen_ns // 1000, 0),
             (north, east, down_m),

@@ -1,11 +1,10 @@
-"""Where the body has moved since the odometry began, from lidar clouds, and from what the autopilot says of its motion.
+"""Lidar odometry on water: the body's motion since the odometry began, from clouds and the autopilot's motion.
 
-KISS-ICP (Vizzo et al., KISS-ICP: in defense of point-to-point ICP, IEEE RA-L 8(2), 2023) in the parts that its package
-offers. Three things are different on a river. Prediction and the motion within a cloud go by the clock, so that a lost
-cloud is a longer step and no jump, and a cloud that fits nowhere is refused before it gets into the map. A cloud holds
-some hundred points that stand still and thousands on the water: these are thinned until they carry height and attitude
-and cannot hold the vessel back. And with so few points a pose is weighed against the prediction: with the autopilot's
-attitude and velocity (inertial.py) where they are told, else by the clouds alone (lidar_only.py).
+KISS-ICP (Vizzo et al., KISS-ICP: in defense of point-to-point ICP, IEEE RA-L 8(2), 2023), by the parts that its package
+offers, with three differences for a river. Prediction and deskewing go by the clock, so that a lost cloud is a longer
+step and no jump, and a cloud that fits nowhere is refused before it gets into the map. Some hundred points of a cloud
+stand still and thousands are on the water: these are thinned until they carry height and attitude and cannot hold the
+vessel back. And with so few points a registered pose is weighed against the prediction, see odometry_filters.py.
 """
 
 from __future__ import annotations
@@ -23,29 +22,20 @@ from agent.companion.odometry_filters import (
     OdometryFilter,
     OdometryState,
 )
-from agent.companion.rigid_motion import drifted, exponential
+from agent.companion.rigid_motion import Array, Points, deskew, exponential
+from agent.companion.settings import TUNED
 from agent.companion.water_plane import WaterPlane
 
-Array = NDArray[np.float64]
-Points = NDArray[np.float32]
 MotionSource = Callable[["int | None", int, int], "AutopilotMotion | None"]
-"""Of the end of the cloud before and begin and end of this one, on the sensors' clock; None where it is not known."""
+"""Motion from the end of the cloud before to the end of this one, by (end before, begin, end) on the sensors' clock;
+None where it is not known."""
 
-LEAST_POINTS = 30
-"""That are not of the water."""
-MOST_CLOUD_S = 1.0
-"""A cloud takes no longer; a later point is damage."""
-LOST_AFTER = 10
-"""Clouds refused on end, after which the map is begun anew where the vessel should be by now."""
-THRESHOLD_M = 0.5
-"""Scale of the robust kernel; pairs are three times that apart at most. Fixed: the package's adaptive one stays at its
-start, 2 m, as long as a vessel moves evenly, and in a sparse cloud joins what does not belong together."""
-MOST_TURNS = 20
-"""Of ICP a cloud. What they are after that is below the noise of a pose, and there may be hundreds."""
+LONGEST_CLOUD_S = 1.0
+"""A point with a later offset is damaged."""
 
 
 def no_motion(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
-    """Of an odometry by clouds alone."""
+    """Motion source of an odometry from clouds alone."""
     return None
 
 
@@ -54,11 +44,11 @@ class OdometryError(Exception):
 
 
 class RegisteredCloud(NamedTuple):
-    """A cloud in its place.
+    """A cloud at its pose.
 
     stamp_ns: of the cloud's last point. pose_odom: (4, 4), body FRD at that instant to the frame `odom`, which is body
-    FRD at the first cloud's last point. vel_frd_mps: (3,). points_frd_m: (m, 3), where its good points above the water
-    lie seen from the body at that instant. kept: (n,) which of the given points these are.
+    FRD at the first cloud's last point. vel_frd_mps: (3,). points_frd_m: (m, 3), its good points above the water, as
+    seen from the body at that instant. kept: (n,) which of the given points these are.
     """
 
     stamp_ns: int
@@ -72,9 +62,9 @@ class LidarOdometry:
     """Takes clouds in order of time; the same clouds give the same poses, bit for bit.
 
     max_range_m, min_range_m: of the points that are used. voxel_m: edge of the cells of the local map, which keeps what
-    is within max_range_m. motion: what the autopilot says of how the body moved; without it, clouds alone count.
-    poses, poses_refused: clouds that were placed, and not. unaided: clouds without a motion. points_refused: points
-    that cannot be. restarts: how often the local map was begun anew.
+    is within max_range_m. motion: what the autopilot tells of how the body moved; without it, clouds alone count.
+    poses, poses_refused: clouds that were registered, and not. unaided: clouds without a motion. points_refused: points
+    that are not finite or damaged. restarts: how often the local map was begun anew.
 
     Raises OdometryError where KISS-ICP is not installed.
     """
@@ -98,120 +88,136 @@ class LidarOdometry:
         config = KISSConfig()
         config.data.max_range, config.data.min_range = max_range_m, min_range_m
         config.mapping.voxel_size = voxel_m
-        config.registration.max_num_iterations = MOST_TURNS
+        config.registration.max_num_iterations = TUNED.icp_iterations
         config.registration.max_num_threads = 1  # sums in one order, and the other core is the simulation's
-        self._config = config
-        self._new_map: Any = get_voxel_hash_map
-        self._thin: Any = voxel_down_sample
+        self._new_map: Callable[[], Any] = lambda: get_voxel_hash_map(config)
+        self._down_sample: Any = voxel_down_sample
         self._registration: Any = get_registration(config)
-        self._map: Any = self._new_map(config)
+        self._local_map = self._new_map()
         self._voxel_m = voxel_m
         self._range_m = (min_range_m, max_range_m)
         self._motion = motion
         self._water = WaterPlane()
-        self._inertial, self._lidar_only = AidedFilter(self._water), LidarOnlyFilter(self._water)
+        self._aided, self._lidar_only = AidedFilter(self._water), LidarOnlyFilter(self._water)
         self._filter: OdometryFilter = self._lidar_only
         self.poses = self.poses_refused = self.unaided = self.points_refused = self.restarts = 0
-        self._refused_on_end = 0
-        self._stamp_ns: int | None = None
-        self._at: OdometryState | None = None
+        self._refused_in_a_row = 0
+        self._end_ns: int | None = None  # of the last cloud with a state
+        self._state: OdometryState | None = None
 
     def register(self, stamp_ns: int, points_frd_m: Points, offset_s: Points) -> RegisteredCloud | None:
-        """Place a cloud that began at `stamp_ns`: (n, 3), each point offset_s (n,) later. None if it fits nowhere."""
-        kept = self._good(points_frd_m, offset_s)
+        """Register a cloud begun at `stamp_ns`: points (n, 3), each offset_s (n,) later. None if it fits nowhere."""
+        # Keep the good points, by how long before the end of the cloud they were taken
+        kept = self._good_points(points_frd_m, offset_s)
         points, offset = points_frd_m[kept], offset_s[kept]
         last_s = float(offset.max(initial=0.0))
-        end_ns = stamp_ns + round(last_s * 1e9)
-        lag_s = offset - np.float32(last_s)
-        before_ns = self._stamp_ns
-        if before_ns is not None and end_ns <= before_ns:
+        end_ns, lag_s = stamp_ns + round(last_s * 1e9), offset - np.float32(last_s)
+        if self._end_ns is not None and end_ns <= self._end_ns:
             self.poses_refused += 1
             return None
-        motion = self._motion(before_ns, stamp_ns, end_ns)
+
+        # Ask the autopilot how the body moved since the last cloud
+        motion = self._motion(self._end_ns, stamp_ns, end_ns)
         self.unaided += motion is None
+
+        # Tell points on the water from solid ones
         wet = self._water.water_mask(points, lag_s)
         if motion is not None:
             wet |= self._water.crest_mask(points, lag_s, motion.attitude_ned[2], motion.rate_frd_radps)
-        few = np.count_nonzero(~wet) < LEAST_POINTS
-        if few and (motion is None or self._at is None):
+        too_few = np.count_nonzero(~wet) < TUNED.odometry_points
+        if too_few and (motion is None or self._state is None):
             self.poses_refused += 1
             return None
-        dt_s = 0.0 if before_ns is None else (end_ns - before_ns) * 1e-9
-        guess = self._chosen(motion).predict(self._at, dt_s, motion)
-        if few:
-            self._carry_on(end_ns, guess, motion)
+
+        # Predict the state at the end of the cloud
+        dt_s = 0.0 if self._end_ns is None else (end_ns - self._end_ns) * 1e-9
+        predicted = self._filter_for(motion).predict(self._state, dt_s, motion)
+        if too_few:
+            self._refuse(end_ns, predicted, motion)
             return None
-        here = drifted(points, lag_s, guess.twist_frd)
-        solid, level = here[~wet].astype(np.float64), here[wet].astype(np.float64)
-        found: OdometryState | None = guess
-        if self._at is not None:
-            thin = self._thin(solid, 0.15 * self._voxel_m)
-            aligned = self._aligned(thin, level, guess.pose_odom)
-            found = self._filter.correct(guess, aligned, thin, dt_s)
-        if found is None:
-            self._doubt(end_ns, guess, motion, solid)
+
+        # Deskew the cloud by the predicted motion
+        deskewed = deskew(points, lag_s, predicted.twist_frd)
+        solid, water = deskewed[~wet].astype(np.float64), deskewed[wet].astype(np.float64)
+
+        # Align it with the local map, and correct the prediction by the aligned pose
+        corrected: OdometryState | None = predicted
+        if self._state is not None:
+            thinned = self._down_sample(solid, TUNED.icp_voxel_share * self._voxel_m)
+            aligned = self._align(thinned, water, predicted.pose_odom)
+            corrected = self._filter.correct(predicted, aligned, thinned, dt_s)
+        if corrected is None:
+            self._refuse_misfit(end_ns, predicted, motion, solid)
             return None
-        self._stamp_ns, self._at = end_ns, self._filter.hold_level(found, motion)
-        self._map.update(self._kept_of(solid, level), self._at.pose_odom)
-        self._refused_on_end = 0
+
+        # Hold the state to the water level, and update the local map
+        self._end_ns, self._state = end_ns, self._filter.hold_level(corrected, motion)
+        self._local_map.update(self._map_points(solid, water), self._state.pose_odom)
+        self._refused_in_a_row = 0
         self.poses += 1
+
+        # Hand on the solid points, deskewed by the corrected motion
         kept[np.flatnonzero(kept)[wet]] = False
-        there = drifted(points[~wet], lag_s[~wet], self._at.twist_frd)
-        return RegisteredCloud(end_ns, self._at.pose_odom.copy(), self._at.twist_frd[:3].copy(), there, kept)
+        pose, twist = self._state
+        return RegisteredCloud(end_ns, pose.copy(), twist[:3].copy(), deskew(points[~wet], lag_s[~wet], twist), kept)
 
     def pose_at(self, stamp_ns: int) -> Array | None:
-        """(4, 4) at another instant, as if the vessel moved on as it does; None before the first pose."""
-        if self._stamp_ns is None or self._at is None:
+        """(4, 4) at another instant, at constant twist from the last pose; None before the first."""
+        if self._end_ns is None or self._state is None:
             return None
-        pose: Array = self._at.pose_odom @ exponential(self._at.twist_frd * ((stamp_ns - self._stamp_ns) * 1e-9))
+        pose: Array = self._state.pose_odom @ exponential(self._state.twist_frd * ((stamp_ns - self._end_ns) * 1e-9))
         return pose
 
-    def _chosen(self, motion: AutopilotMotion | None) -> OdometryFilter:
-        chosen: OdometryFilter = self._lidar_only if motion is None else self._inertial
+    def _filter_for(self, motion: AutopilotMotion | None) -> OdometryFilter:
+        chosen: OdometryFilter = self._lidar_only if motion is None else self._aided
         if chosen is not self._filter:
             self._filter = chosen
             chosen.resume()
         return chosen
 
-    def _good(self, points_frd_m: Points, offset_s: Points) -> NDArray[np.bool_]:
+    def _good_points(self, points_frd_m: Points, offset_s: Points) -> NDArray[np.bool_]:
         with np.errstate(invalid="ignore", over="ignore"):
             squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
-            sound = np.isfinite(squared) & (offset_s >= 0.0) & (offset_s <= MOST_CLOUD_S)
+            sound = np.isfinite(squared) & (offset_s >= 0.0) & (offset_s <= LONGEST_CLOUD_S)
             least_m, most_m = self._range_m
             kept: NDArray[np.bool_] = sound & (squared >= least_m**2) & (squared <= most_m**2)
         self.points_refused += len(sound) - int(np.count_nonzero(sound))
         return kept
 
-    def _aligned(self, thin: Array, level: Array, guess: Array) -> Array:
-        """The pose of a cloud in the local map."""
+    def _align(self, thinned: Array, water: Array, guess: Array) -> Array:
+        """The pose (4, 4) of a cloud in the local map, by ICP from a guess (4, 4)."""
+        thinned_water = self._down_sample(water, TUNED.icp_water_voxel_share * self._voxel_m)
         pose: Array = self._registration.align_points_to_map(
-            points=np.concatenate([thin, self._thin(level, 1.5 * self._voxel_m)]),
-            voxel_map=self._map,
+            points=np.concatenate([thinned, thinned_water]),
+            voxel_map=self._local_map,
             initial_guess=guess,
-            max_correspondance_distance=3.0 * THRESHOLD_M,
-            kernel=THRESHOLD_M,
+            max_correspondance_distance=3.0 * TUNED.icp_threshold_m,
+            kernel=TUNED.icp_threshold_m,
         )
         return pose
 
-    def _kept_of(self, solid: Array, level: Array) -> Array:
-        """What of a cloud goes into the local map."""
-        return np.concatenate([self._thin(solid, 0.1 * self._voxel_m), self._thin(level, 0.75 * self._voxel_m)])
+    def _map_points(self, solid: Array, water: Array) -> Array:
+        """The points of a cloud that go into the local map."""
+        cell_m, water_cell_m = TUNED.map_voxel_share * self._voxel_m, TUNED.map_water_voxel_share * self._voxel_m
+        return np.concatenate([self._down_sample(solid, cell_m), self._down_sample(water, water_cell_m)])
 
-    def _carry_on(self, end_ns: int, guess: OdometryState, motion: AutopilotMotion | None) -> None:
-        """A cloud that says nothing of where the vessel is; the autopilot's motion does for a while."""
+    def _refuse(self, end_ns: int, predicted: OdometryState, motion: AutopilotMotion | None) -> None:
+        """A cloud that says nothing of the pose; the autopilot's motion carries the state on."""
         self.poses_refused += 1
         if motion is not None:
-            self._stamp_ns, self._at = end_ns, self._filter.hold_level(guess, motion)
+            self._end_ns, self._state = end_ns, self._filter.hold_level(predicted, motion)
 
-    def _doubt(self, end_ns: int, guess: OdometryState, motion: AutopilotMotion | None, solid: Array) -> None:
-        """A cloud that does not fit; after many of them it is the map that does not."""
-        self._carry_on(end_ns, guess, motion)
-        self._refused_on_end += 1
-        if self._refused_on_end >= LOST_AFTER:
-            self._refused_on_end = 0
+    def _refuse_misfit(
+        self, end_ns: int, predicted: OdometryState, motion: AutopilotMotion | None, solid: Array
+    ) -> None:
+        """A cloud that does not fit the local map; after many in a row the map is begun anew at the predicted pose."""
+        self._refuse(end_ns, predicted, motion)
+        self._refused_in_a_row += 1
+        if self._refused_in_a_row >= TUNED.odometry_clouds_lost:
+            self._refused_in_a_row = 0
             self.restarts += 1
-            self._map = self._new_map(self._config)
+            self._local_map = self._new_map()
             if motion is None:
-                self._stamp_ns, self._at = end_ns, guess
-            assert self._at is not None
-            self._map.update(solid, self._at.pose_odom)
+                self._end_ns, self._state = end_ns, predicted
+            assert self._state is not None
+            self._local_map.update(solid, self._state.pose_odom)

@@ -15,13 +15,11 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.companion.pose_history import PoseHistory, VehiclePose
-from agent.companion.rigid_motion import cross_matrix, exponential, inverse, logarithm
+from agent.companion.rigid_motion import Array, cross_matrix, exponential, inverse, logarithm, rotation_vector
+from agent.companion.settings import TUNED
 from agent.companion.water_plane import WaterPlane
-
-Array = NDArray[np.float64]
 
 
 class AutopilotMotion(NamedTuple):
@@ -46,45 +44,46 @@ class OdometryState(NamedTuple):
 
 
 class OdometryFilter(Protocol):
-    """Weighs what a cloud says against what was to be expected. Called in this order for each cloud."""
+    """Predicts and corrects the state. Called in this order for each cloud."""
 
     def resume(self) -> None:
-        """The cloud before was not this filter's, or there was none."""
+        """The last cloud was another filter's, or there was none: the uncertainty is not known from before."""
 
     def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
-        """At the cloud's end; before is None for the first cloud."""
+        """The state at the cloud's end; before is None for the first cloud."""
 
     def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
-        """With the pose (4, 4) that registration found for the points (n, 3); None where that cannot be."""
+        """The state given the registered pose (4, 4) of the points (n, 3); None where that pose is refused."""
 
     def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
-        """Held to the water, and to what is known of down."""
+        """The state with its height and tilt held to the water level, and to the autopilot's down."""
 
 
-INITIAL = np.diag([1e-6] * 3 + [1e-6] * 3 + [0.04] * 3)
-"""Covariance of the errors where the odometry begins, m, rad and m/s squared."""
-RESUMED = np.diag([0.09] * 3 + [np.radians(2.0) ** 2] * 3 + [0.04] * 3)
-"""The same after clouds that were placed without the autopilot."""
-PROCESS = np.diag([0.02**2] * 3 + [np.radians(0.15) ** 2] * 3 + [0.05**2] * 3)
-"""Covariance that a second adds: what the autopilot's estimate is off by from second to second."""
-POINT_M = 0.5
-"""Of a point against the one it is joined with: the local map has a point each some decimetres."""
-REGISTRATION = np.diag(np.array([0.02, 0.02, 0.02, 0.05, 0.05, 0.001]) ** 2)
-"""Of a registered pose, m and rad squared, however many points there are. Of roll and pitch gravity knows more."""
-DOWN_RAD = 0.01
-HEIGHT_M = 0.25
-"""Of one cloud's water: waves, which last longer than a cloud."""
-MOST_OFF_M, MOST_OFF_RAD, DEVIATIONS = 1.0, 0.1, 3.0
-"""A registration farther from the prediction, by more than so many deviations of it, found something else."""
-MOST_GAIN_MPS2, DOUBTED_MPS = 10.0, 1.0
-"""A velocity that changes faster was wrong before, and how far off it may be now."""
-AIDED_REFERENCE_CLOUDS = 50
-"""Whose mean is down, and whose mean height is that of the water."""
+def _diagonal(place: float, attitude: float, velocity: float) -> Array:
+    """(9, 9) covariance of position, attitude and velocity, by their variances."""
+    return np.diag([place] * 3 + [attitude] * 3 + [velocity] * 3)
+
+
+_INITIAL = _diagonal(TUNED.aided_initial_place_m2, TUNED.aided_initial_turn_rad2, TUNED.aided_initial_vel_m2ps2)
+_RESUMED = _diagonal(
+    TUNED.aided_resumed_place_m2, np.radians(TUNED.aided_resumed_turn_deg) ** 2, TUNED.aided_initial_vel_m2ps2
+)
+_PROCESS = _diagonal(
+    TUNED.aided_process_place_m**2, np.radians(TUNED.aided_process_turn_deg) ** 2, TUNED.aided_process_vel_mps**2
+)  # that a second adds
+_REGISTRATION = np.diag(
+    np.array(
+        [TUNED.aided_registration_m] * 3 + [TUNED.aided_registration_tilt_rad] * 2 + [TUNED.aided_registration_yaw_rad]
+    )
+    ** 2
+)
+_GAIN = np.array(TUNED.lidar_only_gains)
+_RATE_GAIN = _GAIN**2 / (2.0 - _GAIN)  # the beta that belongs to alpha (Benedict and Bordner, IRE Trans. AC-7, 1962)
 _NOTHING = 1e-9  # registration hands back the prediction where it could join no points
 _DOWN = np.array([0.0, 0.0, 1.0])
 
 
-class _Told(NamedTuple):
+class _AutopilotSample(NamedTuple):
     epoch: int
     end_ns: int
     steady: Array
@@ -92,68 +91,66 @@ class _Told(NamedTuple):
 
 
 class AutopilotMotionSource:
-    """What an autopilot's history says of each cloud's time. own_ns: from the sensors' clock to the history's.
+    """Motions from an autopilot's pose history. own_ns: from the sensors' clock to the history's.
 
-    Each motion begins where the one before ended, as that was told: what an extrapolation was off by is made up for.
+    Each motion begins at the pose where the last one ended, as it was then known: errors of extrapolation cancel.
     """
 
     def __init__(self, history: PoseHistory, own_ns: Callable[[int], int]) -> None:
         self._history = history
         self._own_ns = own_ns
-        self._last: _Told | None = None
+        self._last: _AutopilotSample | None = None
 
     def motion_between(self, before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion | None:
         """From the end of the cloud before (None: there was none) to this one's end; None where it is not known."""
-        told, began = self._told(end_ns), self._history.steady_attitude_at(self._own_ns(begin_ns))
-        if told is None or began is None:
+        now, began = self._sample_at(end_ns), self._history.steady_attitude_at(self._own_ns(begin_ns))
+        if now is None or began is None:
             return None
-        then: _Told | None = told
+        then: _AutopilotSample | None = now
         if before_ns is not None:
             last = self._last
-            continued = last is not None and last.end_ns == before_ns and last.epoch == told.epoch
-            then = last if continued else self._told(before_ns)
+            continued = last is not None and last.end_ns == before_ns and last.epoch == now.epoch
+            then = last if continued else self._sample_at(before_ns)
         if then is None:
             return None
-        self._last = told
-        rate = _turn_of(began.T @ told.steady) / max((end_ns - begin_ns) * 1e-9, 1e-3)
-        vel_mps = told.pose.vel_ned_mps
+        self._last = now
+        rate = rotation_vector(began.T @ now.steady) / max((end_ns - begin_ns) * 1e-9, 1e-3)
+        vel_mps = now.pose.vel_ned_mps
         gained_mps = vel_mps - then.pose.vel_ned_mps
-        return AutopilotMotion(then.steady.T @ told.steady, rate, told.pose.rot_ned_frd, vel_mps, gained_mps)
+        return AutopilotMotion(then.steady.T @ now.steady, rate, now.pose.rot_ned_frd, vel_mps, gained_mps)
 
-    def _told(self, stamp_ns: int) -> _Told | None:
+    def _sample_at(self, stamp_ns: int) -> _AutopilotSample | None:
         own_ns = self._own_ns(stamp_ns)
         pose, steady = self._history.pose_at(own_ns), self._history.steady_attitude_at(own_ns)
         if pose is None or steady is None:
             return None
-        return _Told(self._history.epoch, stamp_ns, steady, pose)
+        return _AutopilotSample(self._history.epoch, stamp_ns, steady, pose)
 
 
 class AidedFilter:
-    """water: what the cloud in hand shows of it."""
+    """Error-state Kalman filter on the autopilot's motion. water: the water plane of the present cloud."""
 
     def __init__(self, water: WaterPlane) -> None:
         self._water = water
-        self._covariance: Array = INITIAL  # (9, 9)
+        self._covariance: Array = _INITIAL  # (9, 9)
         self._down: Array = np.zeros(3)
         self._downs = 0
         self._height_m = 0.0
         self._heights = 0
 
     def resume(self) -> None:
-        """How far off the estimate is, is not known from before."""
-        self._covariance = RESUMED
+        self._covariance = _RESUMED
 
     def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
-        """Turned and sped up as the autopilot says."""
         assert motion is not None
         if before is None:
-            self._covariance = INITIAL
+            self._covariance = _INITIAL
             return OdometryState(np.eye(4), _twist(np.eye(3), motion.attitude_ned.T @ motion.vel_ned_mps, motion))
         earlier = before.pose_odom[:3, :3]
         pose = before.pose_odom.copy()
         pose[:3, :3] = earlier @ motion.turned
         gained_mps = pose[:3, :3] @ motion.attitude_ned.T @ motion.gained_ned_mps
-        doubted = float(np.linalg.norm(gained_mps)) > MOST_GAIN_MPS2 * dt_s
+        doubted = float(np.linalg.norm(gained_mps)) > TUNED.aided_most_gain_mps2 * dt_s
         if doubted:
             gained_mps = np.zeros(3)
         vel_mps = earlier @ before.twist_frd[:3]
@@ -162,47 +159,49 @@ class AidedFilter:
         transition[:3, 6:] = dt_s * np.eye(3)
         transition[6:, 3:6] = -cross_matrix(gained_mps)
         transition[:3, 3:6] = 0.5 * dt_s * transition[6:, 3:6]
-        self._covariance = transition @ self._covariance @ transition.T + PROCESS * dt_s
+        self._covariance = transition @ self._covariance @ transition.T + _PROCESS * dt_s
         if doubted:
-            self._covariance[6:, 6:] += DOUBTED_MPS**2 * np.eye(3)
+            self._covariance[6:, 6:] += TUNED.aided_doubted_mps**2 * np.eye(3)
         return OdometryState(pose, _twist(pose[:3, :3], vel_mps + gained_mps, motion))
 
     def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
-        """As much as the points bear that were to be joined."""
-        turn = _turn_of(aligned[:3, :3] @ guess.pose_odom[:3, :3].T)
+        """Weighed by the information of the registered points."""
+        turn = rotation_vector(aligned[:3, :3] @ guess.pose_odom[:3, :3].T)
         residual = np.concatenate([aligned[:3, 3] - guess.pose_odom[:3, 3], turn])
         place_m2, turn_rad2 = np.trace(self._covariance[:3, :3]), np.trace(self._covariance[3:6, 3:6])
-        most_m, most_rad = MOST_OFF_M + DEVIATIONS * place_m2**0.5, MOST_OFF_RAD + DEVIATIONS * turn_rad2**0.5
+        most_m = TUNED.aided_gate_m + TUNED.aided_gate_deviations * place_m2**0.5
+        most_rad = TUNED.aided_gate_rad + TUNED.aided_gate_deviations * turn_rad2**0.5
         if not (float(np.linalg.norm(residual[:3])) <= most_m and float(np.linalg.norm(turn)) <= most_rad):
             return None
         if float(np.linalg.norm(residual)) < _NOTHING:
             return guess
         information = _information(solid_frd_m @ guess.pose_odom[:3, :3].T)
-        noise = (POINT_M**2 * np.linalg.inv(information) + REGISTRATION).astype(np.float64)
+        noise = (TUNED.aided_point_m**2 * np.linalg.inv(information) + _REGISTRATION).astype(np.float64)
         return self._observed(guess, np.eye(6, 9), residual, noise)
 
     def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
-        """Down is where the autopilot says, and the water at its height."""
         assert motion is not None
         down = estimate.pose_odom[:3, :3] @ motion.attitude_ned.T @ _DOWN
-        if self._downs < AIDED_REFERENCE_CLOUDS:
+        if self._downs < TUNED.aided_reference_clouds:
             self._downs += 1
             self._down = self._down + (down - self._down) / self._downs
         reference = self._down / np.linalg.norm(self._down)
         level_axes = np.linalg.svd(reference[None])[2][1:]
         jacobian = np.zeros((2, 9))
         jacobian[:, 3:6] = level_axes
-        estimate = self._observed(estimate, jacobian, level_axes @ np.cross(down, reference), DOWN_RAD**2 * np.eye(2))
+        tilt, tilt_noise = level_axes @ np.cross(down, reference), TUNED.aided_down_rad**2 * np.eye(2)
+        estimate = self._observed(estimate, jacobian, tilt, tilt_noise)
         level = self._water.level
         if level is None:
             return estimate
         height_m = level.down_m + float(reference @ estimate.pose_odom[:3, 3])
-        if self._heights < AIDED_REFERENCE_CLOUDS:
+        if self._heights < TUNED.aided_reference_clouds:
             self._heights += 1
             self._height_m += (height_m - self._height_m) / self._heights
         jacobian = np.zeros((1, 9))
         jacobian[0, :3] = reference
-        return self._observed(estimate, jacobian, np.array([self._height_m - height_m]), HEIGHT_M**2 * np.eye(1))
+        off_m, height_noise = np.array([self._height_m - height_m]), TUNED.aided_height_m**2 * np.eye(1)
+        return self._observed(estimate, jacobian, off_m, height_noise)
 
     def _observed(self, estimate: OdometryState, jacobian: Array, residual: Array, noise: Array) -> OdometryState:
         """After an observation (k,) of covariance noise (k, k); jacobian (k, 9) of it by the errors."""
@@ -237,32 +236,8 @@ def _information(around_m: Array) -> Array:
     return information
 
 
-def _turn_of(rotation: Array) -> Array:
-    """(3,) of a rotation (3, 3)."""
-    motion = np.eye(4)
-    motion[:3, :3] = rotation
-    return logarithm(motion)[3:]
-
-
-MOST_SURPRISE_MPS = 8.0
-"""How far from what was predicted a pose may be for each second that went by. Vessels gain some m/s in a second."""
-GAIN = np.array([0.8, 0.8, 0.3, 0.9, 0.9, 0.9])
-"""Share of a pose's surprise that is believed, of place and attitude (alpha of an alpha-beta filter)."""
-RATE_GAIN = GAIN**2 / (2.0 - GAIN)
-"""The beta that belongs to it (Benedict and Bordner, IRE Trans. AC-7, 1962)."""
-
-ROCKING = 0.65
-"""Share believed of how fast the body turns against the water within a cloud: waves turn the water too."""
-
-REFERENCE_CLOUDS = 30
-"""Whose mean is the plane of the water: some periods of the waves."""
-LEVEL_GAIN = 0.2
-HEIGHT_GAIN = 0.4
-"""Share of the tilt and of the height off the water that is taken back with every cloud; waves are averaged out."""
-
-
 class LidarOnlyFilter:
-    """water: what the cloud in hand shows of it."""
+    """Alpha-beta filter without the autopilot. water: the water plane of the present cloud."""
 
     def __init__(self, water: WaterPlane) -> None:
         self._water = water
@@ -272,11 +247,9 @@ class LidarOnlyFilter:
         self._surface: tuple[Array, float] | None = None
 
     def resume(self) -> None:
-        """Where the water was last is not known."""
         self._surface = None
 
     def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
-        """Even motion, rocking as the water shows."""
         if before is None:
             return OdometryState(np.eye(4), self._rocked(np.zeros(6)))
         pose = self._floated(before.pose_odom @ exponential(before.twist_frd * dt_s))
@@ -284,31 +257,31 @@ class LidarOnlyFilter:
         return OdometryState(pose, self._rocked(before.twist_frd))
 
     def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
-        """By fixed shares of the surprise."""
         surprise = logarithm(inverse(guess.pose_odom) @ aligned)
-        if not float(np.linalg.norm(surprise[:3])) <= MOST_SURPRISE_MPS * dt_s:  # also when it is not a number
+        most_m = TUNED.lidar_only_surprise_mps * dt_s
+        if not float(np.linalg.norm(surprise[:3])) <= most_m:  # also when it is not a number
             return None
-        pose = guess.pose_odom @ exponential(GAIN * surprise)
-        return OdometryState(pose, self._rocked(guess.twist_frd + RATE_GAIN * surprise / dt_s))
+        pose = guess.pose_odom @ exponential(_GAIN * surprise)
+        return OdometryState(pose, self._rocked(guess.twist_frd + _RATE_GAIN * surprise / dt_s))
 
     def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
-        """Height and tilt a little nearer to what the water says, whose plane stays where it was."""
         level = self._water.level
         if level is None:
             return estimate
         pose = estimate.pose_odom
         normal, down_m = pose[:3, :3] @ level.normal_frd, level.down_m
         height_m = down_m + float(normal @ pose[:3, 3])
-        if self._levels < REFERENCE_CLOUDS:
+        if self._levels < TUNED.lidar_only_reference_clouds:
             share = 1.0 / (self._levels + 1)
             self._normal = self._normal + share * (normal - self._normal)
             self._height_m += share * (height_m - self._height_m)
             self._levels += 1
         reference = self._normal / np.linalg.norm(self._normal)
-        turn = np.concatenate([np.zeros(3), LEVEL_GAIN * np.cross(normal, reference)])
+        turn = np.concatenate([np.zeros(3), TUNED.lidar_only_level_gain * np.cross(normal, reference)])
         levelled = pose.copy()
         levelled[:3, :3] = exponential(turn)[:3, :3] @ pose[:3, :3]
-        levelled[:3, 3] += HEIGHT_GAIN * (self._height_m - down_m - float(reference @ pose[:3, 3])) * reference
+        off_m = self._height_m - down_m - float(reference @ pose[:3, 3])
+        levelled[:3, 3] += TUNED.lidar_only_height_gain * off_m * reference
         normal = levelled[:3, :3] @ level.normal_frd
         self._surface = (normal, down_m + float(normal @ levelled[:3, 3]))
         return OdometryState(levelled, estimate.twist_frd)
@@ -324,7 +297,7 @@ class LidarOnlyFilter:
         normal = level.normal_frd
         rocked = twist.copy()
         rocked[:3] -= (normal @ twist[:3]) * normal
-        rocked[3:] = ROCKING * level.turn_frd_radps + (normal @ twist[3:]) * normal
+        rocked[3:] = TUNED.lidar_only_rocking_gain * level.turn_frd_radps + (normal @ twist[3:]) * normal
         return rocked
 
     def _floated(self, guess: Array) -> Array:

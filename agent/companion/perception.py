@@ -6,7 +6,6 @@ from collections import deque
 from typing import Any, Callable, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
 from agent.companion.mapping import LIDAR, SONAR, CloudMap, MapPoints
@@ -14,6 +13,7 @@ from agent.companion.obstacle_avoidance import ObstacleAvoidance
 from agent.companion.odometry import LidarOdometry, OdometryError, RegisteredCloud, no_motion
 from agent.companion.odometry_filters import AutopilotMotionSource
 from agent.companion.pose_history import AHEAD_NS
+from agent.companion.rigid_motion import quaternion_of
 from agent.companion.settings import CompanionParameters
 from agent.companion.sonar import PingReassembler, SonarPing, echo_points
 from agent.wire import dialect as mav
@@ -228,7 +228,7 @@ def _odometry_message(placed: RegisteredCloud) -> Any:
         x,
         y,
         z,
-        _quaternion(placed.pose_odom[:3, :3]),
+        quaternion_of(placed.pose_odom[:3, :3]),
         *placed.vel_frd_mps.tolist(),
         0.0,
         0.0,
@@ -239,17 +239,3 @@ def _odometry_message(placed: RegisteredCloud) -> Any:
         _LIDAR_ESTIMATOR,
         0,
     )
-
-
-def _quaternion(rotation: NDArray[np.float64]) -> list[float]:
-    """w, x, y, z of a (3, 3) rotation: the eigenvector of Bar-Itzhack's matrix (J. Guidance 23(6), 2000)."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
-    upper = [
-        [xx + yy + zz, zy - yz, xz - zx, yx - xy],
-        [zy - yz, xx - yy - zz, xy + yx, xz + zx],
-        [xz - zx, xy + yx, yy - xx - zz, yz + zy],
-        [yx - xy, xz + zx, yz + zy, zz - xx - yy],
-    ]
-    vectors = np.linalg.eigh(np.array(upper))[1]
-    quaternion = vectors[:, -1]
-    return [float(value) for value in (quaternion if quaternion[0] >= 0.0 else -quaternion)]

@@ -7,7 +7,8 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from agent.companion.rigid_motion import Array, quaternion_product, rotation_matrix, turn_quaternion
 
 KEPT_NS = 5_000_000_000
 AHEAD_NS = 500_000_000  # so far past the newest sample motion is carried on
@@ -15,8 +16,6 @@ _GAP_NS = 1_500_000_000  # samples farther apart are not joined
 _STEP_RAD, _STEP_SHARE = math.radians(1.0), 0.1  # that attitudes may be off what the rates say: more is a step
 _RATES_HOLD_S = 0.3  # samples farther apart are not held against rates
 _BACK = np.array((1.0, -1.0, -1.0, -1.0))
-
-Array = NDArray[np.float64]
 
 
 class VehiclePose(NamedTuple):
@@ -65,7 +64,7 @@ class PoseHistory:
             before = self._turned[-1]
             if stamp_ns <= before.stamp_ns:
                 return
-            steady = _turned_by(before.steady, _turn(before, stamp_ns, quat, rate_frd_radps))
+            steady = turn_quaternion(before.steady, _turn(before, stamp_ns, quat, rate_frd_radps))
         self._turned.append(_Turned(stamp_ns, quat, steady, rate_frd_radps))
         while self._turned[0].stamp_ns < stamp_ns - KEPT_NS:
             self._turned.popleft()
@@ -92,7 +91,7 @@ class PoseHistory:
         turned, place = self._turned_at(stamp_ns), self._place_at(stamp_ns)
         if turned is None or place is None:
             return None
-        return VehiclePose(place[0], rotation(turned.quat), place[1])
+        return VehiclePose(place[0], rotation_matrix(turned.quat), place[1])
 
     def steady_attitude_at(self, stamp_ns: int) -> Array | None:
         """(3, 3) the body's axes as it turned, in a frame that stays as long as the epoch; None where not known.
@@ -100,7 +99,7 @@ class PoseHistory:
         An estimator that corrects itself at a stroke, as it does when it finds north, has not turned the body.
         """
         turned = self._turned_at(stamp_ns)
-        return None if turned is None else rotation(turned.steady)
+        return None if turned is None else rotation_matrix(turned.steady)
 
     def _turned_at(self, stamp_ns: int) -> _Turned | None:
         later: _Turned | None = None
@@ -136,33 +135,6 @@ class PoseHistory:
         return None
 
 
-def rotation(quat: Array) -> Array:
-    """Rotation matrix (3, 3) of a unit quaternion w, x, y, z."""
-    w, x, y, z = quat.tolist()
-    return np.array(
-        (
-            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-        )
-    )
-
-
-def quaternion(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
-    """Unit quaternion of the angles of ATTITUDE."""
-    cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
-    cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
-    cy, sy = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
-    return np.array(
-        (
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        )
-    )
-
-
 def _between(first: Array, second: Array, share: float) -> Array:
     """Along the chord, which over a tenth of a second is the arc."""
     if float(first @ second) < 0.0:
@@ -174,38 +146,15 @@ def _between(first: Array, second: Array, share: float) -> Array:
 
 def _carried(sample: _Turned, ahead_s: float) -> _Turned:
     turn = ahead_s * sample.rate_frd_radps
-    return sample._replace(quat=_turned_by(sample.quat, turn), steady=_turned_by(sample.steady, turn))
+    return sample._replace(quat=turn_quaternion(sample.quat, turn), steady=turn_quaternion(sample.steady, turn))
 
 
 def _turn(before: _Turned, stamp_ns: int, quat: Array, rate_frd_radps: Array) -> Array:
     """(3,) from one attitude to the next: by the difference, or by the rates where that is a step."""
     ahead_s = (stamp_ns - before.stamp_ns) * 1e-9
-    w, *axis = _product(before.quat * _BACK, quat).tolist()
+    w, *axis = quaternion_product(before.quat * _BACK, quat).tolist()
     sine = math.hypot(*axis)
     told = np.array(axis) * (2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, abs(w)) / sine) * math.copysign(1.0, w)
     by_rates: Array = 0.5 * ahead_s * (before.rate_frd_radps + rate_frd_radps)
     is_step = float(np.linalg.norm(told - by_rates)) > _STEP_RAD + _STEP_SHARE * float(np.linalg.norm(by_rates))
     return by_rates if is_step and ahead_s <= _RATES_HOLD_S else told
-
-
-def _turned_by(quat: Array, turn_rad: Array) -> Array:
-    """After a further turn (3,) about the body's axes."""
-    angle = float(np.linalg.norm(turn_rad))
-    half = 0.5 * angle
-    sine = 0.5 if angle < 1e-9 else math.sin(half) / angle
-    turned = _product(quat, np.concatenate([[math.cos(half)], sine * turn_rad]))
-    unit: Array = turned / np.linalg.norm(turned)
-    return unit
-
-
-def _product(first: Array, second: Array) -> Array:
-    w, x, y, z = first.tolist()
-    p, q, r, s = second.tolist()
-    return np.array(
-        (
-            w * p - x * q - y * r - z * s,
-            w * q + x * p + y * s - z * r,
-            w * r - x * s + y * p + z * q,
-            w * s + x * r - y * q + z * p,
-        )
-    )

@@ -65,14 +65,14 @@ def inverse(motion: Array) -> Array:
     return back
 
 
-def moved(motion: Array, points_m: Points) -> Points:
+def transform_points(motion: Array, points_m: Points) -> Points:
     """(n, 3) points after a motion (4, 4)."""
     rotation, shift = motion[:3, :3].astype(np.float32), motion[:3, 3].astype(np.float32)
     there: Points = points_m @ rotation.T + shift
     return there
 
 
-def drifted(points_m: Points, lag_s: Points, twist: Array) -> Points:
+def deskew(points_m: Points, lag_s: Points, twist: Array) -> Points:
     """(n, 3) where points that were seen from the body at instants lag_s (n,) lie seen from it at 0.
 
     The exponential to the second order in the angle: at 1 rad/s and a lag of 0.1 s it is within 2e-4 of the range.
@@ -83,3 +83,75 @@ def drifted(points_m: Points, lag_s: Points, twist: Array) -> Points:
     second: Points = first @ turn.T
     there: Points = points_m + lag * (first + lag * (second / np.float32(2.0)))
     return there
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """(3,) of a rotation matrix (3, 3)."""
+    motion = np.eye(4)
+    motion[:3, :3] = rotation
+    return logarithm(motion)[3:]
+
+
+def rotation_matrix(quat: Array) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion w, x, y, z."""
+    w, x, y, z = quat.tolist()
+    return np.array(
+        (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+    )
+
+
+def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
+    """Unit quaternion of the angles of ATTITUDE."""
+    cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
+    cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
+    cy, sy = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
+    return np.array(
+        (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+    )
+
+
+def turn_quaternion(quat: Array, turn_rad: Array) -> Array:
+    """After a further turn (3,) about the body's axes."""
+    angle = float(np.linalg.norm(turn_rad))
+    half = 0.5 * angle
+    sine = 0.5 if angle < 1e-9 else math.sin(half) / angle
+    turned = quaternion_product(quat, np.concatenate([[math.cos(half)], sine * turn_rad]))
+    unit: Array = turned / np.linalg.norm(turned)
+    return unit
+
+
+def quaternion_product(first: Array, second: Array) -> Array:
+    """Hamilton product of w, x, y, z (4,)."""
+    w, x, y, z = first.tolist()
+    p, q, r, s = second.tolist()
+    return np.array(
+        (
+            w * p - x * q - y * r - z * s,
+            w * q + x * p + y * s - z * r,
+            w * r - x * s + y * p + z * q,
+            w * s + x * r - y * q + z * p,
+        )
+    )
+
+
+def quaternion_of(rotation: Array) -> list[float]:
+    """w, x, y, z of a (3, 3) rotation: the eigenvector of Bar-Itzhack's matrix (J. Guidance 23(6), 2000)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    upper = [
+        [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+        [zy - yz, xx - yy - zz, xy + yx, xz + zx],
+        [xz - zx, xy + yx, yy - xx - zz, yz + zy],
+        [yx - xy, xz + zx, yz + zy, zz - xx - yy],
+    ]
+    vectors = np.linalg.eigh(np.array(upper))[1]
+    quaternion = vectors[:, -1]
+    return [float(value) for value in (quaternion if quaternion[0] >= 0.0 else -quaternion)]

@@ -13,17 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.companion.detection import Cluster, cells_of
+from agent.companion.settings import TUNED
 
 Array = NDArray[np.float64]
 
-_KEPT_NS = 600_000_000_000
-_UNSEEN_NS = 2_500_000_000  # a cell in view that is not hit for so long is not there
-_SETTLED_NS, _SETTLED_HITS = 1_500_000_000, 6
-_WET_NS, _STRUCTURE_WET_HITS, _WET_KEPT_NS = 8_000_000_000, 40, 20_000_000_000  # the same where water returns
-WET_HIT_NS = 280_000_000  # and there so often, on the mean: crests come and go, what stands is hit at every look
-STREWN = 1.4  # times as far as water returns, single crests still do
-_STRUCTURE_VIEW_RAD = np.radians(28.0)
-_FAR_M = 100.0
+_STRUCTURE_VIEW_RAD = np.radians(TUNED.structure_view_deg)
 
 
 class StructureMap:
@@ -49,8 +43,9 @@ class StructureMap:
     @property
     def _settled(self) -> NDArray[np.bool_]:
         seen_ns = self._seen_ns - self._first_ns
-        wet = (self._hits >= _STRUCTURE_WET_HITS) & (seen_ns >= _WET_NS) & (seen_ns < self._hits * WET_HIT_NS)
-        return wet | ((self._dry >= _SETTLED_HITS) & (seen_ns >= _SETTLED_NS))
+        often = (self._hits >= TUNED.structure_wet_hits) & (seen_ns < self._hits * TUNED.wet_hit_ns)
+        wet = often & (seen_ns >= TUNED.structure_wet_ns)
+        return wet | ((self._dry >= TUNED.structure_settled_hits) & (seen_ns >= TUNED.structure_settled_ns))
 
     def add_hits(self, stamp_ns: int, points_ne_m: Array, pos_ne_m: Array, water_reach_m: float) -> None:
         """Cells that were hit now, from pos_ne_m (2,). Where water returns, within water_reach_m, that says little."""
@@ -63,7 +58,7 @@ class StructureMap:
         self._seen_ns[old] = stamp_ns
         self._hits[old] += 1
         off = points_ne_m[one_each] - pos_ne_m
-        dry = (np.hypot(off[:, 0], off[:, 1]) > STREWN * water_reach_m).astype(np.int64)
+        dry = (np.hypot(off[:, 0], off[:, 1]) > TUNED.strewn_share * water_reach_m).astype(np.int64)
         self._dry[old] += dry[again]
         new = ~again
         number = int(np.count_nonzero(new))
@@ -86,10 +81,10 @@ class StructureMap:
         bearing = np.arctan2(off[:, 1], off[:, 0]) - bow_rad
         ahead = np.abs((bearing + np.pi) % (2.0 * np.pi) - np.pi) < _STRUCTURE_VIEW_RAD
         age_ns = now_ns - self._seen_ns
-        gone = ahead & (range_m > clear_m[0]) & (range_m < clear_m[1]) & (age_ns > _UNSEEN_NS)
-        gone |= ~self._settled & (age_ns > _UNSEEN_NS)
-        gone |= (self._dry < _SETTLED_HITS) & (age_ns > _WET_KEPT_NS)
-        keep = ~gone & (age_ns < _KEPT_NS) & (range_m < _FAR_M)
+        gone = ahead & (range_m > clear_m[0]) & (range_m < clear_m[1]) & (age_ns > TUNED.structure_unseen_ns)
+        gone |= ~self._settled & (age_ns > TUNED.structure_unseen_ns)
+        gone |= (self._dry < TUNED.structure_settled_hits) & (age_ns > TUNED.structure_wet_kept_ns)
+        keep = ~gone & (age_ns < TUNED.structure_kept_ns) & (range_m < TUNED.structure_far_m)
         self._cells, self._points_ne_m, self._hits = self._cells[keep], self._points_ne_m[keep], self._hits[keep]
         self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
 
@@ -106,26 +101,7 @@ class StructureMap:
         return bool((np.hypot(off[:, 0], off[:, 1]) < radius_m).any())
 
 
-_LONGEST_M = 9.0  # a trunk is 8 m at most
-_BESIDE_M = 2.0
-_GATE_M = 2.5
-_CONFIRMED_HITS, _CONFIRMED_NS = 4, 700_000_000
-_LOST_NS = 2_500_000_000  # in view and not seen, and more for every time it was: waves hide what is low
-_LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS = 100_000_000, 6_000_000_000
-_DOUBTFUL_NS, _DOUBTFUL_FAR_NS = 1_200_000_000, 1_500_000_000  # the same before it is confirmed; beyond water
-_COASTED_NS = 12_000_000_000  # out of view, at most
-_COASTS_NS = 700_000_000  # for every time it was seen
-_ODD_MPS, _ODD_WET_MPS, _ODD_HITS = 1.0, 0.6, 12  # what goes so much otherwise than the water is looked at longer
-_BORN_M = 8.0  # nothing is first seen closer: the bow's own wave, and crests that it has run over
-_WET_HITS = 20  # and so is what is first seen where water returns, or not far beyond
-_BRIGHT, _BRIGHT_HITS = 4, 6  # points brighter than water make it something else
-_VIEW_RAD = math.radians(29.0)
-_VIEW_M = 45.0
-_START_MPS = 0.4
-_DRIVE = 0.01  # (m/s^2)^2 s: how fast velocities wander
-_CRESTS = 9.0  # times the variance: among waves, what stands out may be one of them
-_SHRINKS = 0.99  # of the remembered length, a look
-_FASTEST_MPS = 2.5
+_VIEW_RAD = math.radians(TUNED.track_view_deg)
 
 
 class ObstacleTrack:
@@ -134,7 +110,7 @@ class ObstacleTrack:
     def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
         self.number = number
         self.state = np.array((*cluster.middle_ne_m.tolist(), *drift_ne_mps.tolist()))
-        self.covariance = np.diag((0.3, 0.3, _START_MPS**2, _START_MPS**2))
+        self.covariance = np.diag((0.3, 0.3, TUNED.track_start_mps**2, TUNED.track_start_mps**2))
         self.stamp_ns = self.seen_ns = self.first_ns = cluster.stamp_ns
         self.length_m, self.width_m, self.height_m = cluster.length_m, cluster.width_m, cluster.height_m
         self.heading_rad = cluster.heading_rad
@@ -160,25 +136,25 @@ class ObstacleTrack:
         along_m2, across_m2 = 4.0 * (0.2 + 0.05 * cluster.length_m + hidden_m) ** 2, 4.0 * 0.25**2
         noise_m2 = across_m2 * np.eye(2) + (along_m2 - across_m2) * np.outer(along, along)
         if among_water:
-            noise_m2 = _CRESTS * noise_m2
+            noise_m2 = TUNED.track_crest_gain * noise_m2
         innovation = cluster.middle_ne_m - self.state[:2]
         gain = self.covariance[:, :2] @ np.linalg.inv(self.covariance[:2, :2] + noise_m2)
         self.state = self.state + gain @ innovation
         self.covariance = self.covariance - gain @ self.covariance[:2]
         speed_mps = math.hypot(*self.state[2:].tolist())
-        if speed_mps > _FASTEST_MPS:
-            self.state[2:] *= _FASTEST_MPS / speed_mps
+        if speed_mps > TUNED.track_fastest_mps:
+            self.state[2:] *= TUNED.track_fastest_mps / speed_mps
         if not among_water:
             if cluster.length_m > 0.8 * self.length_m:
                 self.heading_rad = cluster.heading_rad
-            self.length_m = max(self.length_m * _SHRINKS, cluster.length_m)
-            self.width_m = max(self.width_m * _SHRINKS, cluster.width_m)
-            self.height_m = max(self.height_m * _SHRINKS, cluster.height_m)
+            self.length_m = max(self.length_m * TUNED.track_shrink_gain, cluster.length_m)
+            self.width_m = max(self.width_m * TUNED.track_shrink_gain, cluster.width_m)
+            self.height_m = max(self.height_m * TUNED.track_shrink_gain, cluster.height_m)
         self.seen_ns, self.points = cluster.stamp_ns, cluster.points
         self.hits += 1
         self.missed_ns = 0
-        if cluster.bright >= _BRIGHT:
-            self.hits_needed = min(self.hits_needed, _BRIGHT_HITS)
+        if cluster.bright >= TUNED.track_bright_points:
+            self.hits_needed = min(self.hits_needed, TUNED.track_bright_hits)
 
     def _predict(self, stamp_ns: int) -> None:
         dt_s = max((stamp_ns - self.stamp_ns) * 1e-9, 0.0)
@@ -190,7 +166,7 @@ class ObstacleTrack:
             drive[axis, axis + 2] = drive[axis + 2, axis] = dt_s**2 / 2.0
             drive[axis + 2, axis + 2] = dt_s
         self.state = move @ self.state
-        self.covariance = move @ self.covariance @ move.T + _DRIVE * drive
+        self.covariance = move @ self.covariance @ move.T + TUNED.track_drive_m2ps3 * drive
         self.stamp_ns = max(stamp_ns, self.stamp_ns)
 
 
@@ -221,14 +197,14 @@ class ObstacleTracker:
         """Things seen up to `now_ns` from a place and heading; what is new is taken to drift with the current."""
         small: list[Cluster] = []
         for cluster in found:
-            if cluster.length_m > _LONGEST_M:
+            if cluster.length_m > TUNED.track_longest_m:
                 self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
             else:
                 small.append(cluster)
         self.structure.prune(now_ns, pos_ne_m, bow_rad, (water_reach_m + 2.0, 30.0))
         left: list[Cluster] = []
         for cluster in small:
-            if self.structure.covers(cluster.middle_ne_m, _BESIDE_M + 0.5 * cluster.width_m):
+            if self.structure.covers(cluster.middle_ne_m, TUNED.track_beside_m + 0.5 * cluster.width_m):
                 self.structure.add_hits(now_ns, cluster.points_ne_m, pos_ne_m, water_reach_m)
             else:
                 left.append(cluster)
@@ -244,7 +220,7 @@ class ObstacleTracker:
         """The nearest pairs first."""
         pairs = []
         for index, track in enumerate(self._tracks):
-            gate_m = _GATE_M + 0.4 * track.length_m
+            gate_m = TUNED.track_gate_m + 0.4 * track.length_m
             for other, thing in enumerate(things):
                 off_m = float(np.hypot(*(thing.middle_ne_m - track.position_at(thing.stamp_ns))))
                 if off_m < gate_m:
@@ -265,24 +241,25 @@ class ObstacleTracker:
         for other, thing in enumerate(things):
             if other not in taken and other not in near_known:
                 range_m = math.hypot(*(thing.middle_ne_m - pos_ne_m).tolist())
-                if range_m < _BORN_M:
+                if range_m < TUNED.track_born_m:
                     continue
-                hits_needed = _WET_HITS if range_m < STREWN * water_reach_m else _CONFIRMED_HITS
+                hits_needed = TUNED.track_wet_hits if range_m < TUNED.strewn_share * water_reach_m else TUNED.track_hits
                 self._tracks.append(ObstacleTrack(self._next, thing, drift_ne_mps, hits_needed))
                 self._next = self._next % 65535 + 1
 
     def _confirm(self, track: ObstacleTrack, drift_ne_mps: Array) -> None:
-        wet = track.hits_needed >= _WET_HITS
+        wet = track.hits_needed >= TUNED.track_wet_hits
         off_mps = math.hypot(*(track.state[2:] - drift_ne_mps).tolist())
-        hits = track.hits_needed + (_ODD_HITS if off_mps > (_ODD_WET_MPS if wet else _ODD_MPS) else 0)
+        is_odd = off_mps > (TUNED.track_odd_wet_mps if wet else TUNED.track_odd_mps)
+        hits = track.hits_needed + (TUNED.track_odd_hits if is_odd else 0)
         known_ns = track.seen_ns - track.first_ns
         if track.confirmed:
             # crests that the bow pushes along were taken for one thing, which then seems to keep up with the vessel
             track.confirmed = not wet or track.hits >= hits
             return
-        if track.hits < hits or known_ns < _CONFIRMED_NS:
+        if track.hits < hits or known_ns < TUNED.track_confirmed_ns:
             return
-        if wet and known_ns > track.hits * WET_HIT_NS:
+        if wet and known_ns > track.hits * TUNED.wet_hit_ns:
             return
         self.total += not track.counted
         track.confirmed = track.counted = True
@@ -290,19 +267,22 @@ class ObstacleTracker:
     def _is_lost(self, track: ObstacleTrack, now_ns: int) -> bool:
         unseen_ns = now_ns - track.seen_ns
         if not track.confirmed:
-            return unseen_ns > (_DOUBTFUL_NS if track.hits_needed >= _WET_HITS else _DOUBTFUL_FAR_NS)
-        if unseen_ns > _DOUBTFUL_NS and self.structure.covers(track.position_at(now_ns), 1.0):
+            wet = track.hits_needed >= TUNED.track_wet_hits
+            return unseen_ns > (TUNED.track_doubtful_ns if wet else TUNED.track_doubtful_far_ns)
+        if unseen_ns > TUNED.track_doubtful_ns and self.structure.covers(track.position_at(now_ns), 1.0):
             return True
-        if track.missed_ns > min(_LOST_NS + track.hits * _LOOKED_FOR_NS, _LOOKED_FOR_MOST_NS):
+        looked_for_ns = TUNED.track_lost_ns + track.hits * TUNED.track_looked_for_ns
+        if track.missed_ns > min(looked_for_ns, TUNED.track_looked_for_most_ns):
             return True
-        return unseen_ns > min(_COASTED_NS, _LOST_NS + track.hits * _COASTS_NS)
+        return unseen_ns > min(TUNED.track_coasted_ns, TUNED.track_lost_ns + track.hits * TUNED.track_coasts_ns)
 
 
 def _is_in_view(track: ObstacleTrack, now_ns: int, pos_ne_m: Array, view_rad: float, water_reach_m: float) -> bool:
     """Whether it would be seen where it is taken to be, beyond where water returns."""
     off = track.position_at(now_ns) - pos_ne_m
     bearing = math.remainder(math.atan2(off[1], off[0]) - view_rad, math.tau)
-    return abs(bearing) < _VIEW_RAD and STREWN * water_reach_m < math.hypot(*off.tolist()) < _VIEW_M
+    nearest_m = TUNED.strewn_share * water_reach_m
+    return abs(bearing) < _VIEW_RAD and nearest_m < math.hypot(*off.tolist()) < TUNED.track_view_m
 
 
 class CurrentEstimator:

@@ -7,27 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.companion.settings import TUNED
+
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-NEAR_M = 12.0
-"""Level water returns no light from farther away, at so flat an angle."""
-FAR_M = 20.0
-FAR_CREST_M = 0.3
-"""Waves do, and how far above the water at the body a return is still taken for one. A plane that was fitted to waves
-close by is off by a metre there: it takes to know where down is."""
-HEIGHT_SHARE = 0.1
-"""Of a cloud in the height of the body over the water, which waves change."""
-CREST_M = 0.25
-"""How far above the plane a return is still taken for a wave."""
-LEAST = 50
-_FITTED_M = 9.0
-_HEIGHT_M = 1.5
-"""Points no farther away, and up or down from the body's origin, are what the plane is looked for in: of the water they
-are most wherever there is a plane to be found."""
-_TRIMS_M = (0.5, 0.25, 0.15)
-_STEEPEST = 0.4
 
 
 class WaterLevel(NamedTuple):
@@ -59,45 +43,45 @@ class WaterPlane:
         Or under it. lag_s is not above 0. `level` is what this cloud says of the water, None where it shows none.
         """
         squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
-        near = squared < NEAR_M**2
-        close = (squared < _FITTED_M**2) & (np.abs(points_frd_m[:, 2]) < _HEIGHT_M)
+        near = squared < TUNED.water_near_m**2
+        close = (squared < TUNED.water_fit_range_m**2) & (np.abs(points_frd_m[:, 2]) < TUNED.water_fit_height_m)
         self.level = None
         self._plane[3:] = 0.0  # how an earlier cloud turned says nothing of this one
-        if np.count_nonzero(close) >= LEAST:
+        if np.count_nonzero(close) >= TUNED.water_points:
             self._fit(_sides(points_frd_m[close], lag_s[close]), points_frd_m[close, 2])
         elif not self._plane.any():
             return np.zeros(len(points_frd_m), dtype=np.bool_)
         wet: NDArray[np.bool_] = near.copy()
         above_m = _sides(points_frd_m[near], lag_s[near]) @ self._plane.astype(np.float32) - points_frd_m[near, 2]
-        wet[near] = above_m < CREST_M
+        wet[near] = above_m < TUNED.water_crest_m
         return wet
 
     def crest_mask(
         self, points_frd_m: Points, lag_s: Points, down_frd: Array, rate_frd_radps: Array
     ) -> NDArray[np.bool_]:
-        """(n,) which of the same points are of waves beyond NEAR_M: where is down (3,), and how the body turns (3,)."""
+        """(n,) which of these points are wave crests beyond water_near_m; down_frd (3,), rate_frd_radps (3,)."""
         if self.level is not None:
             before_m = self.level.down_m if self._height_m is None else self._height_m
-            self._height_m = before_m + HEIGHT_SHARE * (self.level.down_m - before_m)
+            self._height_m = before_m + TUNED.water_height_share * (self.level.down_m - before_m)
         squared = np.einsum("ij,ij->i", points_frd_m, points_frd_m)
-        far: NDArray[np.bool_] = (squared >= NEAR_M**2) & (squared < FAR_M**2)
+        far: NDArray[np.bool_] = (squared >= TUNED.water_near_m**2) & (squared < TUNED.water_far_m**2)
         if self._height_m is None:
             return np.zeros(len(far), dtype=np.bool_)
         points, lag = points_frd_m[far].astype(np.float64), lag_s[far].astype(np.float64)
         down_m = points @ down_frd + lag * (points @ np.cross(down_frd, rate_frd_radps))
-        far[far] = self._height_m - down_m < FAR_CREST_M
+        far[far] = self._height_m - down_m < TUNED.water_far_crest_m
         return far
 
     def _fit(self, sides: Points, down_m: Points) -> None:
         """By the low points; the last plane stays where they are on none that could be water."""
         plane = np.zeros(6)
         chosen = np.ones(len(down_m), dtype=np.bool_)
-        for trim_m in _TRIMS_M:
+        for trim_m in TUNED.water_trims_m:
             plane = _solved(sides[chosen], down_m[chosen])
             chosen = np.abs(down_m - sides @ plane.astype(np.float32)) < trim_m
-            if np.count_nonzero(chosen) < LEAST:
+            if np.count_nonzero(chosen) < TUNED.water_points:
                 return
-        if not (np.abs(plane[:2]) < _STEEPEST).all():
+        if not (np.abs(plane[:2]) < TUNED.water_slope).all():
             return
         a, b, c, a_rate, b_rate, _ = plane.tolist()
         length = float(np.sqrt(a * a + b * b + 1.0))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agent.companion.obstacle_avoidance import ObstacleAvoidance
-from agent.companion.pose_history import quaternion, rotation
+from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
 from agent.fcu.control.guidance import CourseOverGround, GuidanceGains, GuidanceState, follow_leg, make_leg, wrap_angle
 from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
@@ -109,7 +109,7 @@ class Trial:
         depth = np.array([one.body.middle_below_surface_m for one in adrift])
         vel = np.array([(*self._drift(one), 0.0) for one in adrift]).reshape(-1, 3)
         turned = [one.heading_rad + one.turn_radps * time_s for one in adrift]
-        rot = np.array([rotation(quaternion(0.0, 0.0, yaw)) for yaw in turned]).reshape(-1, 3, 3)
+        rot = np.array([rotation_matrix(quaternion_from_euler(0.0, 0.0, yaw)) for yaw in turned]).reshape(-1, 3, 3)
         return Bodies(tuple(one.body.mesh for one in adrift), np.column_stack([places, lift + depth]), vel, rot)
 
     def _drift(self, one: Adrift) -> tuple[float, float]:
@@ -128,7 +128,7 @@ class Trial:
         bow, stern, starboard, port = self.environment.surface_ned_z_m(self.time_s, points).tolist()
         pitch, roll = math.atan2(stern - bow, 2.0), math.atan2(starboard - port, 1.2)
         down = 0.25 * (bow + stern + starboard + port) - WATERLINE_M
-        return np.array((*self.pos, down)), rotation(quaternion(roll, pitch, self.yaw))
+        return np.array((*self.pos, down)), rotation_matrix(quaternion_from_euler(roll, pitch, self.yaw))
 
     # -- the autopilot
 
@@ -222,7 +222,7 @@ class Trial:
         pos, rot = self.pose()
         if tick % 2 == 0:
             roll, pitch, yaw = self.stray[2:]
-            stray = rotation(quaternion(roll, pitch, yaw))
+            stray = rotation_matrix(quaternion_from_euler(roll, pitch, yaw))
             quat = _quaternion_of(rot @ stray)
             said.append(mav.MAVLink_attitude_quaternion_message(boot_ms, *quat, 0.0, 0.0, self.turn))
         if tick % 5 == 0:
@@ -315,4 +315,4 @@ def _quaternion_of(rot: np.ndarray) -> list[float]:
     """w, x, y, z of a rotation of less than half a turn about anything but the vertical."""
     yaw, pitch = math.atan2(rot[1, 0], rot[0, 0]), -math.asin(max(-1.0, min(1.0, rot[2, 0])))
     roll = math.atan2(rot[2, 1], rot[2, 2])
-    return quaternion(roll, pitch, yaw).tolist()
+    return quaternion_from_euler(roll, pitch, yaw).tolist()

@@ -16,8 +16,8 @@ from agent.companion.odometry_filters import (
     OdometryState,
     _information,
 )
-from agent.companion.pose_history import PoseHistory, quaternion, rotation
-from agent.companion.rigid_motion import exponential, logarithm
+from agent.companion.pose_history import PoseHistory
+from agent.companion.rigid_motion import exponential, logarithm, quaternion_from_euler, rotation_matrix
 from agent.companion.water_plane import WaterLevel, WaterPlane
 from tests.unit.companion import river_scans
 
@@ -31,7 +31,7 @@ def turning(t_s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
     t = np.atleast_1d(np.asarray(t_s, dtype=float))
     place = np.stack([2.0 * t, 1.5 - 1.5 * np.cos(0.8 * t), -0.15 + 0.03 * np.sin(2.0 * t)], axis=-1)
     angles = np.stack([0.06 * np.sin(6.0 * t), 0.02 * np.sin(5.0 * t), 0.5 * np.sin(0.8 * t)], axis=-1)
-    return place, np.array([rotation(quaternion(*row)) for row in angles])
+    return place, np.array([rotation_matrix(quaternion_from_euler(*row)) for row in angles])
 
 
 def told(before_ns: int | None, begin_ns: int, end_ns: int) -> AutopilotMotion:
@@ -235,7 +235,7 @@ def test_its_height_is_held_to_the_water(lifted_m: float) -> None:
 
 def test_speed_is_gained_in_the_frame_of_the_odometry() -> None:
     """The odometry began with the bow to the east: what is gained to the north is gained to port."""
-    east = rotation(quaternion(0.0, 0.0, np.pi / 2.0))
+    east = rotation_matrix(quaternion_from_euler(0.0, 0.0, np.pi / 2.0))
     gained = AutopilotMotion(np.eye(3), np.zeros(3), east, np.zeros(3), np.array([0.5, 0.0, 0.0]))
     guess = AidedFilter(WaterPlane()).predict(OdometryState(np.eye(4), np.zeros(6)), 0.1, gained)
     np.testing.assert_allclose(guess.twist_frd[:3], [0.0, -0.5, 0.0], atol=1e-12)
@@ -252,7 +252,7 @@ def history(yaw_step_rad: float) -> PoseHistory:
     for number in range(100):
         t_s = 0.04 * number
         yaw = 0.3 * t_s + (yaw_step_rad if t_s >= 2.0 else 0.0)
-        kept.add_attitude(number * 40_000_000, quaternion(0.02, -0.01, yaw), np.array([0.003, 0.006, 0.3]))
+        kept.add_attitude(number * 40_000_000, quaternion_from_euler(0.02, -0.01, yaw), np.array([0.003, 0.006, 0.3]))
         kept.add_position(number * 40_000_000, np.zeros(3), np.array([1.0 + 0.5 * t_s, 0.0, 0.0]))
     return kept
 
@@ -267,7 +267,9 @@ def test_an_estimator_that_finds_north_has_not_turned_the_body(step_rad: float) 
     assert yaw == pytest.approx(0.06, abs=1e-3)
     assert found.rate_frd_radps[2] == pytest.approx(0.3, abs=0.01)
     np.testing.assert_allclose(found.gained_ned_mps, [0.1, 0.0, 0.0], atol=1e-9)
-    np.testing.assert_allclose(found.attitude_ned, rotation(quaternion(0.02, -0.01, 0.63 + step_rad)), atol=1e-6)
+    np.testing.assert_allclose(
+        found.attitude_ned, rotation_matrix(quaternion_from_euler(0.02, -0.01, 0.63 + step_rad)), atol=1e-6
+    )
 
 
 def test_what_the_autopilot_has_not_told_is_not_made_up() -> None:
@@ -283,7 +285,7 @@ def test_what_comes_late_is_made_up_for() -> None:
     source = AutopilotMotionSource(kept, as_it_is)
     for number in range(50):
         stamp_ns = number * STEP_NS
-        kept.add_attitude(stamp_ns, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+        kept.add_attitude(stamp_ns, quaternion_from_euler(0.0, 0.0, 0.0), np.zeros(3))
         if number % 5 == 0:
             kept.add_position(stamp_ns, np.zeros(3), np.array([0.5 * stamp_ns * 1e-9, 0.0, 0.0]))
         motions.append(source.motion_between(end_ns, stamp_ns, stamp_ns))
@@ -296,18 +298,18 @@ def test_what_comes_late_is_made_up_for() -> None:
 def test_a_long_silence_is_bridged_by_what_was_told_last() -> None:
     kept = PoseHistory()
     source = AutopilotMotionSource(kept, as_it_is)
-    kept.add_attitude(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+    kept.add_attitude(0, quaternion_from_euler(0.0, 0.0, 0.0), np.zeros(3))
     kept.add_position(0, np.zeros(3), np.array([2.0, 0.0, 0.0]))
     assert source.motion_between(None, 0, 0) is not None
     assert source.motion_between(0, 3_000_000_000, 3_000_000_000) is None
     for stamp_ns in (8_000_000_000, 8_040_000_000):
-        kept.add_attitude(stamp_ns, quaternion(0.0, 0.0, 1.0), np.zeros(3))
+        kept.add_attitude(stamp_ns, quaternion_from_euler(0.0, 0.0, 1.0), np.zeros(3))
         kept.add_position(stamp_ns, np.zeros(3), np.zeros(3))
     found = source.motion_between(0, 8_000_000_000, 8_040_000_000)
     assert found is not None
     np.testing.assert_allclose(found.gained_ned_mps, [-2.0, 0.0, 0.0])
     kept.clear()
-    kept.add_attitude(0, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+    kept.add_attitude(0, quaternion_from_euler(0.0, 0.0, 0.0), np.zeros(3))
     kept.add_position(0, np.zeros(3), np.zeros(3))
     assert source.motion_between(8_040_000_000, 0, 0) is None  # of an autopilot that began anew
 
@@ -315,7 +317,7 @@ def test_a_long_silence_is_bridged_by_what_was_told_last() -> None:
 def test_crests_are_told_from_what_stands_where_down_is_known() -> None:
     """Water 0.6 m below a body that heels by 6 degrees: at 18 m to the side it is 1.9 m off its plane."""
     rng = np.random.default_rng(6)
-    heel = rotation(quaternion(np.radians(6.0), 0.0, 0.0))
+    heel = rotation_matrix(quaternion_from_euler(np.radians(6.0), 0.0, 0.0))
     azimuth = rng.uniform(-0.7, 0.7, 3000)
     reach = np.concatenate([rng.uniform(2.0, 9.0, 2000), rng.uniform(13.0, 19.0, 1000)])
     water = np.stack([reach * np.cos(azimuth), reach * np.sin(azimuth), 0.6 + rng.normal(0.0, 0.05, 3000)], axis=1)
@@ -326,7 +328,7 @@ def test_crests_are_told_from_what_stands_where_down_is_known() -> None:
     wet = plane.water_mask(points, lag)
     # seen 0.1 s before the cloud's end, from a body that rolls: by then it has rolled into where `heel` is
     rolls = np.array([0.5, 0.0, 0.0])
-    earlier = rotation(quaternion(-0.05, 0.0, 0.0))
+    earlier = rotation_matrix(quaternion_from_euler(-0.05, 0.0, 0.0))
     crests = plane.crest_mask((points @ earlier).astype(np.float32), lag - np.float32(0.1), heel[2], rolls)
     assert wet[:2000].all()
     assert crests[2000:3000].all()

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from agent.companion.odometry import LidarOdometry, OdometryError
-from agent.companion.rigid_motion import drifted, exponential, inverse, logarithm
+from agent.companion.rigid_motion import deskew, exponential, inverse, logarithm
 from agent.companion.water_plane import WaterPlane
 from tests.unit.companion import river_scans
 
@@ -36,7 +36,7 @@ def test_points_are_brought_to_one_instant() -> None:
     points = np.random.default_rng(1).uniform(-50, 50, (200, 3))
     lag = np.linspace(-0.1, 0.0, 200)
     exact = np.array([(exponential(twist * t) @ [*p, 1.0])[:3] for p, t in zip(points, lag, strict=True)])
-    got = drifted(points.astype(np.float32), lag.astype(np.float32), twist)
+    got = deskew(points.astype(np.float32), lag.astype(np.float32), twist)
     np.testing.assert_allclose(got, exact, atol=0.01)  # third order: (0.78 * 0.1)^3 / 6 of 87 m is 7 mm
 
 

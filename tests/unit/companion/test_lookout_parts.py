@@ -11,7 +11,8 @@ import pytest
 from agent.companion.avoidance import STEP_S, Obstacles, PathLegs, clearance_m, leg_course_rad, simulate_courses
 from agent.companion.detection import Cluster, DetectionFrame, ObstacleDetector, cells_of, find_clusters
 from agent.companion.obstacle_avoidance import SECTORS, ObstacleAvoidance, make_proximity_messages
-from agent.companion.pose_history import PoseHistory, VehiclePose, quaternion, rotation
+from agent.companion.pose_history import PoseHistory, VehiclePose
+from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
 from agent.companion.tracking import CurrentEstimator, ObstacleTracker, StructureMap
 
 HERE = np.zeros(2)
@@ -175,7 +176,7 @@ def test_clearance_is_that_of_a_box_that_drifts() -> None:
 
 
 def pose(yaw_rad: float, pos: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> VehiclePose:
-    return VehiclePose(np.array(pos), rotation(quaternion(0.0, 0.0, yaw_rad)), np.zeros(3))
+    return VehiclePose(np.array(pos), rotation_matrix(quaternion_from_euler(0.0, 0.0, yaw_rad)), np.zeros(3))
 
 
 def test_proximity_counts_sectors_from_the_bow_clockwise() -> None:
@@ -193,7 +194,7 @@ def test_proximity_counts_sectors_from_the_bow_clockwise() -> None:
 
 def still(history: PoseHistory, ticks: range = range(40)) -> None:
     for tick in ticks:
-        history.add_attitude(tick * TENTH_NS, quaternion(0.0, 0.0, 0.0), np.zeros(3))
+        history.add_attitude(tick * TENTH_NS, quaternion_from_euler(0.0, 0.0, 0.0), np.zeros(3))
         history.add_position(tick * TENTH_NS, np.zeros(3), np.zeros(3))
 
 

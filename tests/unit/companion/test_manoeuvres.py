@@ -22,7 +22,8 @@ from agent.companion.avoidance import (
     simulate_courses,
 )
 from agent.companion.command_output import CommandOutput
-from agent.companion.pose_history import VehiclePose, quaternion, rotation
+from agent.companion.pose_history import VehiclePose
+from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
 from agent.mavlink.modes import AUTO, GUIDED
 from agent.wire import dialect as mav
 
@@ -124,7 +125,7 @@ def view(mode: int) -> Any:
 def engaged(around: Obstacles, current: np.ndarray, vel: tuple[float, float]) -> list[Any]:
     """What the helm sends once it has the vessel in GUIDED."""
     helm, vehicle = CommandOutput(planner(), 0.6 * MARGIN_M, 3.0), view(AUTO)
-    pose = VehiclePose(np.zeros(3), rotation(quaternion(0.0, 0.0, 0.0)), np.array((*vel, 0.0)))
+    pose = VehiclePose(np.zeros(3), rotation_matrix(quaternion_from_euler(0.0, 0.0, 0.0)), np.array((*vel, 0.0)))
     for tick in range(20):
         sent = helm.update(vehicle, pose, around, current, tick * 200_000_000)
         if vehicle.mode == GUIDED:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from agent.companion.autopilot_state import AutopilotState, heading_rad
-from agent.companion.pose_history import PoseHistory, quaternion, rotation
+from agent.companion.pose_history import PoseHistory
+from agent.companion.rigid_motion import quaternion_from_euler, rotation_matrix
 from agent.fcu.geodetic import LocalProjection
 from agent.mavlink.modes import AUTO
 from agent.wire import dialect as mav
@@ -40,7 +41,7 @@ def test_a_rotation_is_of_its_angles() -> None:
         return turned
 
     expected = about(2, yaw) @ about(1, pitch) @ about(0, roll)
-    np.testing.assert_allclose(rotation(quaternion(roll, pitch, yaw)), expected, atol=1e-12)
+    np.testing.assert_allclose(rotation_matrix(quaternion_from_euler(roll, pitch, yaw)), expected, atol=1e-12)
 
 
 def test_poses_between_samples_lie_on_the_turn() -> None:
@@ -48,7 +49,7 @@ def test_poses_between_samples_lie_on_the_turn() -> None:
     history = PoseHistory()
     for tick in range(11):
         time_s = 0.1 * tick
-        history.add_attitude(tick * 100 * MS, quaternion(0.0, 0.0, 0.5 * time_s), np.array((0.0, 0.0, 0.5)))
+        history.add_attitude(tick * 100 * MS, quaternion_from_euler(0.0, 0.0, 0.5 * time_s), np.array((0.0, 0.0, 0.5)))
         history.add_position(tick * 100 * MS, np.array((3.0 * time_s, 0.0, 0.1)), np.array((3.0, 0.0, 0.0)))
     for at_ns in (0, 130 * MS, 555 * MS, 1000 * MS, 1200 * MS):
         pose = history.pose_at(at_ns)
