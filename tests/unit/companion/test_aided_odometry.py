@@ -7,9 +7,6 @@ import pytest
 
 from agent.companion.odometry import LidarOdometry
 from agent.companion.odometry_filters import (
-    DOWN_RAD,
-    HEIGHT_M,
-    INITIAL,
     AidedFilter,
     AutopilotMotion,
     AutopilotMotionSource,
@@ -18,6 +15,7 @@ from agent.companion.odometry_filters import (
 )
 from agent.companion.pose_history import PoseHistory
 from agent.companion.rigid_motion import exponential, logarithm, quaternion_from_euler, rotation_matrix
+from agent.companion.settings import TUNED
 from agent.companion.water_plane import WaterLevel, WaterPlane
 from tests.unit.companion import river_scans
 
@@ -154,7 +152,7 @@ def test_many_points_are_believed_and_few_are_not() -> None:
         found = inertial.correct(guess, aligned, points - points.mean(axis=0), 1.0)
         assert found is not None
         moved.append(found.pose_odom[0, 3])
-        prior = INITIAL[0, 0] + INITIAL[6, 6] + 0.02**2
+        prior = TUNED.aided_initial_place_m2 + TUNED.aided_initial_vel_m2ps2 + 0.02**2
         assert moved[-1] == pytest.approx(0.3 * prior / (prior + 0.5**2 / count + 0.02**2), rel=0.02)
     assert moved[0] < moved[1] < 0.3
 
@@ -212,7 +210,7 @@ def test_it_is_levelled_to_where_the_autopilot_says_that_down_is(tilt_rad: float
     for _ in range(100):
         estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
     down = estimate.pose_odom[:3, 2]
-    assert np.linalg.norm(down[:2]) < DOWN_RAD
+    assert np.linalg.norm(down[:2]) < TUNED.aided_down_rad
     heading = np.arctan2(estimate.pose_odom[1, 0], estimate.pose_odom[0, 0])
     assert heading == pytest.approx(np.arctan2(tilted[1, 0], tilted[0, 0]), abs=0.02)  # which down says nothing of
 
@@ -230,7 +228,7 @@ def test_its_height_is_held_to_the_water(lifted_m: float) -> None:
             inertial.resume()
             estimate = OdometryState(pose, np.zeros(6))
         estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
-    assert abs(estimate.pose_odom[2, 3]) < HEIGHT_M
+    assert abs(estimate.pose_odom[2, 3]) < TUNED.aided_height_m
 
 
 def test_speed_is_gained_in_the_frame_of_the_odometry() -> None:
