@@ -23,7 +23,7 @@ from xitl_cli.profile.schema.faults import (
 )
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import FaultEvent
-from xitl_cli.run.pilot import FaultReport
+from xitl_cli.run.reports import FaultReport
 from xitl_cli.run.seeds import Seeds
 
 _WAYS = {"both": "both ways", "sensors": "to the agent", "actuators": "from the agent"}
@@ -90,7 +90,7 @@ _KINDS = ("link", "agent", "imu", "gnss", "magnetometer", "barometer")
 
 
 @dataclass(frozen=True, slots=True)
-class Faults:
+class FaultsInForce:
     """What is in force on one link and the agent behind it; as made, nothing is.
 
     to_agent goes to the host's own ImpairedTransport with `seed`, the rest to the agent by `message`.
@@ -132,18 +132,18 @@ class FaultSchedule:
     def __init__(self, faults: Mapping[str, Fault], seeds: Seeds) -> None:
         self._timed = [_Timed(name, fault, seeds) for name, fault in faults.items()]
         self._next_ns: dict[str, int] = {}
-        self._in_force: dict[str, Faults] = {}
+        self._in_force: dict[str, FaultsInForce] = {}
         self._next_said_ns = min((timed.from_ns for timed in self._timed), default=NEVER_NS)
         self._impaired: dict[str, tuple[int, int]] = {}
 
-    def at(self, sim_ns: int, link: str = "agent") -> Faults | None:
+    def at(self, sim_ns: int, link: str = "agent") -> FaultsInForce | None:
         """What is in force on `link` from now on; None while that is what it was. To be asked at every exchange."""
         if sim_ns < self._next_ns.get(link, 0):
             return None
         edges = [edge for timed in self._timed for edge in timed.edges_ns if edge > sim_ns]
         self._next_ns[link] = min(edges, default=NEVER_NS)
         faults = _combined([timed for timed in self._timed if timed.in_force(sim_ns)], link)
-        if faults == self._in_force.get(link, Faults()):
+        if faults == self._in_force.get(link, FaultsInForce()):
             return None
         self._in_force[link] = faults
         return faults
@@ -228,11 +228,11 @@ def span_ns(fault: Fault) -> tuple[int, int]:
     return round(fault.from_s * 1e9), NEVER_NS if fault.until_s is None else round(fault.until_s * 1e9)
 
 
-def _combined(timed: list[_Timed], link: str) -> Faults:
+def _combined(timed: list[_Timed], link: str) -> FaultsInForce:
     """All that is in force on one link: the busiest processor counts, offsets and skews add up."""
     links = [one.fault.link for one in timed if one.fault.link is not None and one.fault.link.which == link]
     agents = [one.fault.agent for one in timed if one.fault.agent is not None and one.fault.agent.which == link]
-    return Faults(
+    return FaultsInForce(
         to_agent=_one_way([link for link in links if link.direction != "actuators"]),
         from_agent=_one_way([link for link in links if link.direction != "sensors"]),
         cpu_load=max((agent.cpu_load for agent in agents), default=0.0),

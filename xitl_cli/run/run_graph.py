@@ -19,7 +19,7 @@ from xitl_cli.run.directory import PROFILE, SUMMARY
 
 if TYPE_CHECKING:
     from xitl_cli.run.nodes.bridge import AutopilotReport
-    from xitl_cli.run.pilot import LinkReport, NodeReport, Traffic
+    from xitl_cli.run.reports import LinkReport, NodeReport, Traffic
 
 
 @dataclass(frozen=True, slots=True)

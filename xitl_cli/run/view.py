@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -13,6 +14,13 @@ from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
+
+from xitl_cli.profile.schema.session import Clock
+from xitl_cli.run.links.connection import AgentConnection, report_of
+from xitl_cli.run.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
+from xitl_cli.run.nodes.mission_score import MissionScore
+from xitl_cli.run.world.plant import Plant
+from xitl_cli.run.world.scenery import Scenery
 
 LIVE_INTERVAL_S = 0.2
 PLAIN_INTERVAL_S = 5.0
@@ -190,3 +198,76 @@ def _state(glance: Glance) -> str:
 
 def _metres(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f} m"
+
+
+class DisplayNode(RunNode):
+    """Shows in a view, whenever that is due, how the vessel that `control` moves is doing; warnings at the start.
+
+    agents: whose counts are shown. faults: names of those in force. showing: its part of an exchange, the last of all.
+    """
+
+    def __init__(
+        self,
+        make_view: Callable[[], View],
+        scenery: Scenery,
+        clock: Clock,
+        plant: Plant,
+        control: ControlNode,
+        score: MissionScore,
+        agents: Sequence[AgentConnection],
+        faults: Callable[[], tuple[str, ...]],
+    ) -> None:
+        self.showing = ExchangePart(self._show)
+        self._make_view = make_view
+        self._scenery = scenery
+        self._view: View | None = None
+        self._clock = clock
+        self._plant = plant
+        self._control = control
+        self._score = score
+        self._agents = agents
+        self._faults = faults
+
+    def begin(self, context: RunContext) -> None:
+        self._pace = context.pace
+        self._view = self._make_view()
+        for text in self._scenery.warnings:
+            self._view.warn(text)
+
+    def close(self) -> None:
+        if self._view is not None:
+            self._view.close()
+
+    def _show(self, step: RunStep) -> None:
+        if self._view is not None and self._view.due():
+            self._view.show(self._glance(step))
+
+    def _glance(self, step: RunStep) -> Glance:
+        control, score, state = self._control, self._score, self._plant.state
+        progress, motion = control.progress, step.motion
+        north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
+        rotation = motion.rot_ned_frd[0]
+        report = report_of(self._agents)
+        links, tasks = report["links"], [self._pace.task(self._clock.physics_rate_hz), *report["tasks"]]
+        return Glance(
+            sim_s=state.time_ns * 1e-9,
+            duration_s=self._clock.duration_s,
+            mode=progress.mode,
+            armed=progress.armed,
+            waypoints_reached=progress.reached,
+            waypoints_total=score.total,
+            speed_mps=math.hypot(north_mps, east_mps),
+            heading_deg=math.degrees(math.atan2(rotation[1, 0], rotation[0, 0])) % 360.0,
+            cross_track_m=score.latest_m,
+            position_error_m=control.position_error_m,
+            current_mps=math.hypot(*state.current_ned_mps[0].tolist()),
+            wind_mps=math.hypot(*state.wind_ned_mps[0].tolist()),
+            motors=control.command.motors,
+            sent=sum(link.sent or 0 for link in links if link.name == "sensors"),
+            received=sum(link.received or 0 for link in links if link.name == "actuators"),
+            lost=sum(link.lost or 0 for link in links),
+            missed=sum(task.missed for task in tasks),
+            messages=progress.messages,
+            waits_for=progress.waits_for,
+            faults=self._faults(),
+        )

@@ -9,7 +9,7 @@ import pytest
 from agent.wire.impaired import NO_FAULTS, LinkFaults
 from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.record.topics import FaultEvent
-from xitl_cli.run.faults import Faults, FaultSchedule
+from xitl_cli.run.faults import FaultSchedule, FaultsInForce
 from xitl_cli.run.seeds import Seeds
 
 S = 1_000_000_000
@@ -33,7 +33,7 @@ def schedule(seed: int = 1, **faults: Any) -> FaultSchedule:
     return FaultSchedule(made, Seeds(seed))
 
 
-def walk(made: FaultSchedule, until_s: float, link: str = "agent") -> dict[float, Faults]:
+def walk(made: FaultSchedule, until_s: float, link: str = "agent") -> dict[float, FaultsInForce]:
     """Every change, exchange by exchange at 50 Hz."""
     changes = {}
     for step in range(1, round(until_s * 50) + 1):
@@ -51,7 +51,7 @@ def test_a_fault_begins_at_its_instant_and_ends_before_its_end() -> None:
     changes = walk(schedule(cut={"from_s": 0.5, "until_s": 1.0, "link": {"cut": True}}), 2.0)
     assert list(changes) == [0.5, 1.0]
     assert changes[0.5].to_agent == changes[0.5].from_agent == LinkFaults(cut=True)
-    assert changes[1.0] == Faults()
+    assert changes[1.0] == FaultsInForce()
 
 
 def test_a_fault_from_the_start_without_an_end() -> None:
@@ -123,8 +123,8 @@ def test_the_message_to_the_agent_carries_what_is_its_own() -> None:
 
 
 def test_the_end_of_all_faults_is_all_zero_to_the_agent() -> None:
-    message = Faults().message(1_000_000)
-    assert not Faults().on_agent
+    message = FaultsInForce().message(1_000_000)
+    assert not FaultsInForce().on_agent
     assert not any(getattr(message, name) for name in message.fieldnames if name != "time_usec")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -16,8 +15,9 @@ from xitl_cli.firmware.process import free_port
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
-from xitl_cli.run.nodes.agent_pilot import AgentPilot
-from xitl_cli.run.nodes.direct_control import IdealPilot
+from xitl_cli.run.nodes.autopilot import AutopilotNode
+from xitl_cli.run.nodes.direct_control import IdealControl
+from xitl_cli.run.nodes.drivers import NoDriver
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.view import NoView
 
@@ -25,14 +25,14 @@ from xitl_cli.run.view import NoView
 def test_a_fault_of_our_own_is_seen_and_still_leaves_summary_and_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    exchange = IdealPilot.exchange
+    exchange = IdealControl.exchange
 
-    def breaks(self, sim_ns, motion):
-        if sim_ns > 500_000_000:
+    def breaks(self, step):
+        if step.now_ns > 500_000_000:
             raise ZeroDivisionError("a fault")
-        exchange(self, sim_ns, motion)
+        exchange(self, step)
 
-    monkeypatch.setattr(IdealPilot, "exchange", breaks)
+    monkeypatch.setattr(IdealControl, "exchange", breaks)
     with pytest.raises(ZeroDivisionError, match="a fault"):
         session.run(load_profile("mitl"), tmp_path / "run", False, NoView)
     told = json.loads((tmp_path / "run/summary.json").read_text())
@@ -59,7 +59,7 @@ def test_a_recording_that_cannot_be_begun_ends_in_a_sentence_and_a_summary(
 def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(session, "_interrupts", lambda: nullcontext(lambda: True))
+    monkeypatch.setattr(session.Interruption, "__call__", lambda self: True)
     urls = [f"autopilot.bridge.mavlink=tcp://127.0.0.1:{free_port()}"]
     urls += [f"autopilot.bridge.world=udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"]
     profile = load_profile("sitl-ardupilot", ["autopilot.firmware=external", *urls])
@@ -70,9 +70,10 @@ def test_ctrl_c_is_heeded_while_an_autopilot_started_elsewhere_is_waited_for(
 
 def test_an_agent_still_at_the_run_of_another_host_can_be_reached() -> None:
     """What it believes of that run is nothing to this one, which has not begun."""
-    pilot = AgentPilot(load_profile("sitl").runnable(), Seeds(1))
-    view = pilot._agents[0].inbox.view
-    view.take(dialect.MAVLink_gps_global_origin_message(-88_000_000, -639_500_000, 70_000, 0))
-    view.take(dialect.MAVLink_attitude_quaternion_message(500, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    view.take(dialect.MAVLink_local_position_ned_message(500, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0))
-    assert pilot.position_error_m() is None
+    profile = load_profile("sitl").runnable()
+    autopilot = AutopilotNode(profile, Seeds(1), lambda commands, agent: NoDriver(commands, 0))
+    view = autopilot.agents[0].inbox.view
+    view.handle(dialect.MAVLink_gps_global_origin_message(-88_000_000, -639_500_000, 70_000, 0))
+    view.handle(dialect.MAVLink_attitude_quaternion_message(500, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    view.handle(dialect.MAVLink_local_position_ned_message(500, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0))
+    assert autopilot.position_error_m is None

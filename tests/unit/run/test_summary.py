@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,13 @@ from rich.console import Console
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import TaskTiming
-from xitl_cli.run.loop import Ending
 from xitl_cli.run.nodes.bridge import AutopilotReport
-from xitl_cli.run.nodes.findings import NOTHING
-from xitl_cli.run.nodes.score import MissionScore
+from xitl_cli.run.nodes.mission_score import MissionScore
 from xitl_cli.run.pace import PaceReport
-from xitl_cli.run.pilot import (
+from xitl_cli.run.reports import (
     ActuatorReport,
     ClockReport,
+    Ending,
     FaultReport,
     LinkReport,
     NodeReport,
@@ -28,7 +28,7 @@ from xitl_cli.run.pilot import (
 )
 from xitl_cli.run.session import Result
 from xitl_cli.run.statistics import Histogram
-from xitl_cli.run.summary import Outcome, summary_of
+from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
 
 
 def histogram(*values_ns: int) -> Histogram:
@@ -38,26 +38,31 @@ def histogram(*values_ns: int) -> Histogram:
     return made
 
 
-def outcome(**values: Any) -> Outcome:
-    profile = load_profile("hitl-beaglebone").runnable()
-    return Outcome(
+def outcome() -> RunOutcome:
+    return RunOutcome(
         ending=Ending.FINISHED,
         error=None,
         crash=None,
         started_utc="2026-01-01T00:00:00+00:00",
         duration_s=200.0,
         wall_s=203.5,
-        mission=MissionScore(profile.mission.waypoints_ned_m),
         completed=True,
-        moored_s=0.0,
-        estimation=None,
-        **{"links": [], "tasks": [], "clocks": [], "nodes": [], "stale_exchanges": 0, **values},
+        held_s=0.0,
     )
 
 
-def eventful() -> Outcome:
+def sections(**values: Any) -> Sections:
+    mission = MissionScore(load_profile("hitl-beaglebone").runnable().mission.waypoints_ned_m)
+    return merged([{"mission": mission.section(), "pace": asdict(PaceReport())}, values])
+
+
+def summarised(profile: str, made: Sections) -> dict[str, Any]:
+    return summary_of(load_profile(profile).runnable(), outcome(), {"": made})
+
+
+def eventful() -> Sections:
     bins = (0, 0, 0, 0, 0, 700, 290, 8, 2, 0, 0, 0, 0, 0, 0, 0)
-    return outcome(
+    return sections(
         links=[
             LinkReport("sensors", 70_000, 69_990, 12, 0, 0, histogram(300_000, 900_000), 10, 0, 2, 0, 12),
             LinkReport("actuators", 12_000, 12_000, 0, 0, 3, histogram(400_000), 0, 0, 0, 1, 0),
@@ -96,20 +101,20 @@ def eventful() -> Outcome:
             FaultReport("drifting-clock", "agent", 20.0, None),
             FaultReport("gnss-dropout", "gnss", None, None),
         ],
-        pace=PaceReport(2, 3.4),
+        pace=asdict(PaceReport(2, 3.4)),
         traffic={"agent": {"tx": {54002: 9}, "rx": {54006: 9}}},
     )
 
 
-def shown(tmp_path: Path, made: Outcome) -> str:
+def shown(tmp_path: Path, made: Sections) -> str:
     profile = load_profile("hitl-beaglebone")
     console = Console(width=80, record=True, file=io.StringIO(), color_system=None)
-    show_result(console, profile, Result(summary_of(profile.runnable(), made) | NOTHING, tmp_path, 0))
+    show_result(console, profile, Result(summarised("hitl-beaglebone", made), tmp_path, 0))
     return console.export_text()
 
 
 def test_the_summary_is_plain_json_with_everything_in_it() -> None:
-    summary = summary_of(load_profile("hitl-beaglebone").runnable(), eventful())
+    summary = summarised("hitl-beaglebone", eventful())
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
     sensors = summary["links"][0]
     assert (sensors["sent"], sensors["received"], sensors["lost"]) == (70_000, 69_990, 12)
@@ -134,8 +139,8 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
 
 def test_the_graph_is_that_of_the_autopilot_behind_the_bridge() -> None:
     nodes = [NodeReport("LS,LC,LA", "board", "1", None, 0, kind="real")]
-    profile = load_profile("hitl-ardupilot-linux").runnable()
-    unheard = summary_of(profile, outcome(nodes=nodes, autopilot=AutopilotReport("ardupilot")))["graph"]["measured"]
+    made = sections(nodes=nodes, autopilot=AutopilotReport("ardupilot"))
+    unheard = summarised("hitl-ardupilot-linux", made)["graph"]["measured"]
     assert [node["name"] for node in unheard["nodes"]] == ["PS1", "M"]
 
 
@@ -147,7 +152,7 @@ def test_quantiles_of_bins_never_exceed_the_maximum() -> None:
         TaskTiming("LC", "b", 1.0, 4, 0, start_jitter_max_s=1e-6, start_histogram=one),
         TaskTiming("LC", "c", 1.0, 0, 0, start_histogram=(0,) * 16),
     ]
-    summary = summary_of(load_profile("hitl-beaglebone").runnable(), outcome(tasks=tasks))
+    summary = summarised("hitl-beaglebone", sections(tasks=tasks))
     assert [task["start_jitter_p99_us"] for task in summary["tasks"]] == [1e6, 1.0, None]
 
 
@@ -173,7 +178,7 @@ def test_the_report_fits_80_columns_and_says_what_happened(tmp_path: Path) -> No
 
 
 def test_an_uneventful_run_is_said_in_few_lines(tmp_path: Path) -> None:
-    text = shown(tmp_path, outcome())
+    text = shown(tmp_path, sections())
     assert "fault" not in text
     assert "takeover" not in text
     assert "stood still" not in text

@@ -17,6 +17,7 @@ from sim_core.sensors.lidar import Lidar
 from sim_core.world.waterway import STILL
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
+from xitl_cli.run.node import RunStep
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.lidar import LidarInstrument, lidar_of
 
@@ -28,7 +29,7 @@ SIMULATION: Any = SimpleNamespace(environment=Environment(water=Water(level_m=-1
 class Kept:
     clouds: list[tuple[int, np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
 
-    def cloud(self, stamp_ns: int, points: np.ndarray, offset_s: np.ndarray, intensity: np.ndarray) -> None:
+    def lidar_points(self, stamp_ns: int, points: np.ndarray, offset_s: np.ndarray, intensity: np.ndarray) -> None:
         self.clouds.append((stamp_ns, points, offset_s, intensity))
 
 
@@ -44,7 +45,7 @@ def run(steps: int, latency_s: float = 0.0) -> tuple[list[tuple[int, PointCloud]
     for step in range(1, steps + 1):
         motion: Any = SimpleNamespace(pos_ned_m=track.pos_ned_m[step, None], rot_ned_frd=track.rot_ned_frd[step, None])
         state: Any = SimpleNamespace(afloat=STILL, time_ns=step * STEP_NS)
-        for message in instrument.look(step, step * STEP_NS, state, motion):
+        for message in instrument.update(RunStep(step, step * STEP_NS, state, motion)):
             came += [(step * STEP_NS, cloud) for cloud in clouds.handle(message)]
     instrument.close()
     return came, kept, instrument, caster

@@ -76,7 +76,7 @@ class AgentView:
             dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self.task,
         }
 
-    def take(self, message: Any) -> None:
+    def handle(self, message: Any) -> None:
         """Note one message; kinds it has no use for are passed over."""
         handler = self._handlers.get(message.get_msgId())
         if handler is not None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from agent.assembly import AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID
 from agent.node import PROTOCOL
 from agent.options import BRIDGE, COMPANION, FCU
+from agent.timing.clock import wait_readable
 from agent.wire import dialect
 from agent.wire.impaired import NO_FAULTS, ImpairedTransport
 from agent.wire.link import Link
@@ -17,17 +18,17 @@ from agent.wire.signing import Signing
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.faults import Faults
+from xitl_cli.run.faults import FaultsInForce
 from xitl_cli.run.links.inbox import AgentInbox
 from xitl_cli.run.links.link_accounts import node_report, state_of
 from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import set_parameters, upload_mission
-from xitl_cli.run.pace import Pace
-from xitl_cli.run.pilot import LinkReport, NodeReport
+from xitl_cli.run.node import RunContext
+from xitl_cli.run.reports import LinkReport, NodeReport
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class AgentTerms:
     """key: the profile's group. who: in sentences. node: what it has to announce, with --role `role`.
 
     says: what is missed when it is silent, and what it does (`speaks`) when it is back. silent_s: what is too long.
@@ -45,10 +46,10 @@ class Terms:
     speaks: str = "commands"
 
 
-def terms_of_autopilot(profile: RunProfile, name: str) -> Terms:
+def autopilot_terms(profile: RunProfile, name: str) -> AgentTerms:
     """Of the agent called `name`: `agent`, or one in standby."""
     autopilot = profile.autopilot
-    return Terms(
+    return AgentTerms(
         key="autopilot",
         who="the agent" if name == "agent" else f"the {name} agent",
         node="LC",
@@ -60,11 +61,11 @@ def terms_of_autopilot(profile: RunProfile, name: str) -> Terms:
     )
 
 
-def terms_of_companion(profile: RunProfile) -> Terms:
+def companion_terms(profile: RunProfile) -> AgentTerms:
     """Of a profile that has one."""
     companion = profile.companion
     assert companion is not None
-    return Terms(
+    return AgentTerms(
         key="companion",
         who="the companion",
         node="HC",
@@ -94,7 +95,7 @@ def _restarted_error(peer: str, who: str, sim_s: float) -> UserError:
     )
 
 
-def _not_understood_error(terms: Terms, link: Link) -> UserError | None:
+def _not_understood_error(terms: AgentTerms, link: Link) -> UserError | None:
     """Something came, but no good frame; None when nothing did."""
     where = link.transport.peer
     if link.refused_signature:
@@ -111,6 +112,8 @@ def _not_understood_error(terms: Terms, link: Link) -> UserError | None:
     return None
 
 
+TICK_REPEAT_S = 0.5
+POLL_S = 0.001  # where a link has no descriptor to wait for
 SAID_S = 0.5
 
 
@@ -167,13 +170,27 @@ NOTICE, WARNING = 5, 4  # MAV_SEVERITY
 _NEVER_IMPAIRED = {dialect.MAVLINK_MSG_ID_XITL_RUN, dialect.MAVLINK_MSG_ID_XITL_FAULTS}
 
 
+class StoppedWaitingError(Exception):
+    """Somebody ends the run while an answer is waited for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Supervision:
+    """What a connection goes by while it waits, where an agent is only as quick as what is behind it.
+
+    silent_s: how long it may be silent in lockstep. check: raises UserError when it is known to be gone. why_silent:
+    what to say of so many seconds of silence until a second of simulation time.
+    """
+
+    silent_s: Callable[[], float]
+    check: Callable[[], None] = lambda: None
+    why_silent: Callable[[float, float], UserError] | None = None
+
+
 class AgentConnection:
     """The agent called `name`, whose messages go to `inbox`. gone: why it cannot go on, None while it can.
 
-    terms: those of the profile's autopilot where none are given.
-
-    why_silent: what to say of so many seconds of silence until an instant of simulation time, where a bridge is only as
-    silent as the autopilot behind it.
+    terms: those of the profile's autopilot where none are given. why_silent: see Supervision.
     """
 
     def __init__(
@@ -182,20 +199,21 @@ class AgentConnection:
         profile: RunProfile,
         inbox: AgentInbox,
         signing: Signing | None = None,
-        terms: Terms | None = None,
+        terms: AgentTerms | None = None,
+        why_silent: Callable[[float, float], UserError] | None = None,
     ) -> None:
         self.name = name
         self.inbox = inbox
-        self._terms = terms_of_autopilot(profile, name) if terms is None else terms
+        self._terms = autopilot_terms(profile, name) if terms is None else terms
         self.gone: UserError | None = None
-        self.why_silent: Callable[[float, float], UserError] | None = None
+        self._why_silent = why_silent
         self._who = self._terms.who
         self._prefix = "" if name == "agent" else f"{name} "
         self._profile = profile
         self._lockstep = profile.clock.mode == "lockstep"
         self._signing = signing
         self._impaired: ImpairedTransport | None = None
-        self._faults = Faults()
+        self._faults = FaultsInForce()
         self._faults_sent_ns = 0
         self._silence: Silence | None = None
         self._probed_ns = 0
@@ -235,15 +253,13 @@ class AgentConnection:
 
     def begin(
         self,
-        recorder: Recorder,
-        pace: Pace,
-        now_ns: Callable[[], int],
+        context: RunContext,
         parameters: dict[str, float],
         mission: list[tuple[float, float, float]],
     ) -> None:
-        """Start it and tell it what to do; `now_ns` is simulation time. Raises UserError when it does not take it."""
-        self._now_ns = now_ns
-        self.inbox.record_to(recorder, pace, now_ns)
+        """Start it, set its parameters, upload its mission. Raises UserError when it does not take them."""
+        self._now_ns = context.clock.now_ns
+        self.inbox.begin(context)
         self.link.tap = self.inbox.tap
         self._start()
         target = (AGENT_SYSTEM_ID, self._terms.component_id)
@@ -292,6 +308,29 @@ class AgentConnection:
         """Lockstep: all that was sampled up to now has been sent."""
         self.link.send(dialect.MAVLink_xitl_tick_message(sim_ns // 1000, tick))
 
+    def tick_and_wait(self, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
+        """Lockstep: send the tick until it is answered; what comes meanwhile is taken in.
+
+        Raises UserError when there is no answer for `silent_s` or the agent is known to be gone, and what `check`
+        raises.
+        """
+        inbox = self.inbox
+        self.send_tick(sim_ns, tick)
+        self.receive(0.0)
+        started_s = sent_s = time.monotonic()
+        while inbox.answered_tick != tick:
+            self.receive(TICK_REPEAT_S)
+            if inbox.answered_tick == tick:
+                return
+            now_s = time.monotonic()
+            if now_s - started_s > silent_s:
+                raise self.silent(now_s - started_s)
+            if now_s - sent_s > TICK_REPEAT_S:
+                self.peer.check()
+                check()
+                self.send_tick(sim_ns, tick)
+                sent_s = now_s
+
     def request_time(self) -> None:
         """Ask for its time stamps."""
         self.link.send(self.inbox.timing.request())
@@ -300,7 +339,7 @@ class AgentConnection:
         """Take in what has arrived; waits for it at most `timeout_s`."""
         self.peer.pump()
         messages = self.link.receive(timeout_s)
-        self.inbox.take(messages)
+        self.inbox.handle(messages)
         return messages
 
     def _receive_until(self, done: Callable[[], bool], seconds: float) -> bool:
@@ -338,14 +377,14 @@ class AgentConnection:
 
     def silent(self, seconds: float) -> UserError:
         """What to say when the run cannot go on without it."""
-        if self.why_silent is not None:
-            return self.why_silent(seconds, self._sim_s())
+        if self._why_silent is not None:
+            return self._why_silent(seconds, self._sim_s())
         return _silent_error(self.peer.transport.peer, self._who, seconds, self._sim_s())
 
     def _not_understood(self) -> UserError | None:
         return _not_understood_error(self._terms, self.link)
 
-    def apply_faults(self, sim_ns: int, faults: Faults | None) -> None:
+    def apply_faults(self, sim_ns: int, faults: FaultsInForce | None) -> None:
         """Put new faults in force, and remind the agent of its part once a second. None: as they were."""
         if faults is not None:
             self._faults = faults
@@ -437,31 +476,26 @@ class AgentConnection:
         self.link.send(dialect.MAVLink_xitl_run_message(self._now_ns() // 1000, name, command, mode, PROTOCOL))
 
 
-REPEAT_S = 0.5
+def report_of(agents: Sequence[AgentConnection]) -> dict[str, Any]:
+    """What connections add to a run's report: links, tasks, clocks and nodes, and the traffic for its graph."""
+    return {
+        "links": [report for agent in agents for report in agent.links()],
+        "tasks": [task for agent in agents for task in agent.inbox.view.tasks.values()],
+        "clocks": [agent.inbox.timing.report() for agent in agents],
+        "nodes": [report for agent in agents if (report := agent.node()) is not None],
+        "traffic": {agent.name: agent.inbox.traffic for agent in agents},
+    }
 
 
-class StoppedWaitingError(Exception):
-    """Somebody ends the run while an answer is waited for."""
-
-
-def tick_and_wait(agent: AgentConnection, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
-    """Send the tick until it is answered; what comes meanwhile is taken in.
-
-    Raises UserError when there is no answer for `silent_s` or the agent is known to be gone, and what `check` raises.
-    """
-    inbox = agent.inbox
-    agent.send_tick(sim_ns, tick)
-    agent.receive(0.0)
-    started_s = sent_s = time.monotonic()
-    while inbox.answered_tick != tick:
-        agent.receive(REPEAT_S)
-        if inbox.answered_tick == tick:
-            return
-        now_s = time.monotonic()
-        if now_s - started_s > silent_s:
-            raise agent.silent(now_s - started_s)
-        if now_s - sent_s > REPEAT_S:
-            agent.peer.check()
-            check()
-            agent.send_tick(sim_ns, tick)
-            sent_s = now_s
+def wait_for_any(links: Sequence[Link], seconds: float) -> None:
+    """Return when one of them has something to read or wants to be looked after, at the latest after `seconds`."""
+    wakes_s = [wake_s for link in links if (wake_s := link.wake_s()) is not None]
+    seconds = min([seconds, *wakes_s])
+    if seconds <= 0.0:
+        return
+    descriptors = [link.transport.fileno() for link in links]
+    present = [descriptor for descriptor in descriptors if descriptor is not None]
+    if len(present) < len(descriptors):
+        time.sleep(min(seconds, POLL_S))
+        return
+    wait_readable(present, seconds)

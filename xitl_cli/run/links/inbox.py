@@ -13,6 +13,7 @@ from xitl_cli.record.topics import MotionEstimate, MotorCommand
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.link_accounts import LinkAccounts, node_state
 from xitl_cli.run.links.link_timing import LinkTiming, LockstepTiming
+from xitl_cli.run.node import RunContext
 from xitl_cli.run.pace import Pace
 
 _HEAD = 10  # bytes of a MAVLink 2 frame before its payload
@@ -51,22 +52,44 @@ _SPEAKERS = {"agent": "autopilot", "companion": "companion"}
 OnEstimate = Callable[[int | None, MotionEstimate], None]
 
 
-class AgentInbox:
-    """The messages of the agent on link `name`. `on_estimate` gets what it believes, and when that was.
+class MessageRoute:
+    """Hands each message to all that subscribed, in their order."""
 
-    on_message: gets every message that is not between the two ends alone. command: the latest motor commands, which
+    def __init__(self) -> None:
+        self._handlers: list[Callable[[Any], object]] = []
+
+    def subscribe(self, handler: Callable[[Any], object]) -> None:
+        """From now on."""
+        self._handlers.append(handler)
+
+    def publish(self, message: Any) -> None:
+        """To everybody."""
+        for handler in self._handlers:
+            handler(message)
+
+
+class AgentInbox:
+    """The messages of the agent on link `name`. `on_estimate` gets its estimates, and simulation time of each.
+
+    `on_message` gets every message that is not between the two ends alone. command: the latest motor commands, which
     answer `answered_tick` and came at command_ns on the host's monotonic clock. fresh: whether some came since it was
-    set to False. vehicle_sim_ns: simulation time of an instant in us on the clock of the standard messages, which is
-    the agent's unless it is a bridge. no_run: the latest status that told of no run, which a delayed one of the run may
-    come after.
+    set to False. no_run: the latest status that told of no run, which a delayed one of the run may come after.
     """
 
-    def __init__(self, name: str, frame: LocalFrame, motors: int, lockstep: bool, on_estimate: OnEstimate) -> None:
+    def __init__(
+        self,
+        name: str,
+        frame: LocalFrame,
+        motors: int,
+        lockstep: bool,
+        on_estimate: OnEstimate,
+        on_message: Callable[[Any], object] = lambda message: None,
+    ) -> None:
         node = _NODES.get(name, name)
-        self.on_message: Callable[[Any], None] = lambda message: None
-        self.vehicle_sim_ns: Callable[[int], int | None] = self.sim_ns
+        self._vehicle_sim_ns: Callable[[int], int | None] = self.sim_ns
         self._on_estimate = on_estimate
-        self.view = AgentView(frame, self._on_text, self._on_belief, node, self.sim_ns)
+        self._on_message = on_message
+        self.view = AgentView(frame, self._on_text, self._on_vehicle_estimate, node, self.sim_ns)
         self.timing = LockstepTiming(node) if lockstep else LinkTiming(node)
         self.accounts = LinkAccounts()
         self.traffic: dict[str, dict[int, int]] = {"tx": {}, "rx": {}}
@@ -90,18 +113,22 @@ class AgentInbox:
             dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._on_node_status,
         }
 
-    def record_to(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int]) -> None:
-        """From now on keep what comes; `now_ns` is simulation time."""
-        self._recorder, self._pace, self._now_ns = recorder, pace, now_ns
+    def begin(self, context: RunContext) -> None:
+        """From now on record what comes."""
+        self._recorder, self._pace, self._now_ns = context.recorder, context.pace, context.clock.now_ns
 
-    def take(self, messages: list[Any]) -> None:
+    def use_vehicle_clock(self, sim_ns: Callable[[int], int | None]) -> None:
+        """The standard messages are another autopilot's: `sim_ns` gives simulation time of an instant of its clock."""
+        self._vehicle_sim_ns = sim_ns
+
+    def handle(self, messages: list[Any]) -> None:
         """Messages in the order in which they came."""
         handlers, accounts = self._handlers, self.accounts
         for message in messages:
             handler = handlers.get(message.get_msgId())
             if handler is None:
-                self.view.take(message)
-                self.on_message(message)
+                self.view.handle(message)
+                self._on_message(message)
             else:
                 handler(message)
             accounts.heard += 1
@@ -119,7 +146,7 @@ class AgentInbox:
         if not self._lockstep:
             stamp_ns = sent_ns(frame)
             if stamp_ns is not None:
-                left_ns = self._sim_of(stamp_ns) if number >= OWN_IDS else self.vehicle_sim_ns(stamp_ns // 1000)
+                left_ns = self._sim_of(stamp_ns) if number >= OWN_IDS else self._vehicle_sim_ns(stamp_ns // 1000)
         recorder.frame_received(now_ns, frame, left_ns, self._name)
 
     def sim_ns(self, agent_us: int) -> int | None:
@@ -177,16 +204,16 @@ class AgentInbox:
             self._recorder.write(self._now_ns(), miss)
 
     def _on_node_status(self, message: Any) -> None:
-        self.view.take(message)
+        self.view.handle(message)
         self.accounts.status(message)
         if not message.running:
             self.no_run = message
         if self._recorder is not None and self.view.info is not None:
             self._recorder.write(self._now_ns(), node_state(self._name, self.view.info, message))
 
-    def _on_belief(self, agent_us: int, estimate: MotionEstimate) -> None:
+    def _on_vehicle_estimate(self, agent_us: int, estimate: MotionEstimate) -> None:
         if self._recorder is not None:  # an agent may still be at the run of a host that was killed
-            self._on_estimate(self.vehicle_sim_ns(agent_us), estimate)
+            self._on_estimate(self._vehicle_sim_ns(agent_us), estimate)
 
     def _on_text(self, severity: int, text: str) -> None:
         self.say(severity, self._speaker, text)

@@ -8,7 +8,7 @@ from agent.wire import dialect
 from agent.wire.link import LinkCounters
 from xitl_cli.record.topics import LinkState, NodeState
 from xitl_cli.run.links.link_timing import LinkTiming
-from xitl_cli.run.pilot import LinkReport, NodeReport
+from xitl_cli.run.reports import LinkReport, NodeReport
 from xitl_cli.run.statistics import Histogram
 
 

@@ -26,16 +26,15 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run import directory
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.links.setup import live_parameters, mission_places
+from xitl_cli.run.node import RunContext, RunNode, RunStep
 from xitl_cli.run.nodes.bridge_clock import SIMULATED_GRAIN_NS, AutopilotClock
-from xitl_cli.run.nodes.drivers import Driver
-from xitl_cli.run.nodes.firmware_launch import Launch, resolved_bridge
-from xitl_cli.run.nodes.orders import Send
+from xitl_cli.run.nodes.drivers import VehicleDriver
+from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.nodes.preparation import CalibrationStep, MissionStep, ParameterStep, Preparation
-from xitl_cli.run.pace import Pace
-from xitl_cli.run.pilot import ClockReport
+from xitl_cli.run.nodes.vehicle_commands import Send
 
 MOVES_MPS = 0.2
 DRIVES = 0.02
@@ -159,27 +158,26 @@ class AutopilotReport:
     real_clock: bool | None = None
     utc_offset_s: float | None = None
 
-
-def autopilot_section(report: AutopilotReport, tasks: Sequence[TaskTiming]) -> dict[str, Any]:
-    """`autopilot` of summary.json; docs/recording.md explains the keys."""
-    times, agent = report.milestones, [task for task in tasks if task.node != HOST]
-    return {
-        "kind": report.kind,
-        "firmware": report.firmware or None,
-        "vehicle": report.vehicle or None,
-        "program": report.program,
-        "time_to_heartbeat_s": times.heartbeat_s,
-        "time_to_origin_s": times.origin_s,
-        "time_to_ready_s": times.ready_s,
-        "time_to_arm_s": times.armed_s,
-        "time_to_motion_s": times.motion_s,
-        "bridge": report.bridge or None,
-        "log": report.log,
-        "clock": None if report.real_clock is None else "real" if report.real_clock else "simulated",
-        "utc_offset_s": report.utc_offset_s,
-        "scheduler": None if report.scheduler is None else _scheduler(report.scheduler),
-        "agent": {"cycles": sum(task.cycles for task in agent), "missed": sum(task.missed for task in agent)},
-    }
+    def section(self, tasks: Sequence[TaskTiming]) -> dict[str, Any]:
+        """`autopilot` of summary.json; docs/recording.md explains the keys. tasks: all of the run."""
+        times, agent = self.milestones, [task for task in tasks if task.node != HOST]
+        return {
+            "kind": self.kind,
+            "firmware": self.firmware or None,
+            "vehicle": self.vehicle or None,
+            "program": self.program,
+            "time_to_heartbeat_s": times.heartbeat_s,
+            "time_to_origin_s": times.origin_s,
+            "time_to_ready_s": times.ready_s,
+            "time_to_arm_s": times.armed_s,
+            "time_to_motion_s": times.motion_s,
+            "bridge": self.bridge or None,
+            "log": self.log,
+            "clock": None if self.real_clock is None else "real" if self.real_clock else "simulated",
+            "utc_offset_s": self.utc_offset_s,
+            "scheduler": None if self.scheduler is None else _scheduler(self.scheduler),
+            "agent": {"cycles": sum(task.cycles for task in agent), "missed": sum(task.missed for task in agent)},
+        }
 
 
 def _scheduler(record: SchedulerRecord) -> dict[str, Any]:
@@ -197,8 +195,8 @@ _MAKES = {"ardupilot": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, "px4": dialect.MAV_A
 CALL_S = 0.7  # the agent calls again every half second
 
 
-class Attended:
-    """The autopilot of `profile`, whose log goes to `run_directory`. `bridge`: how the agent reaches it.
+class BridgeNode(RunNode):
+    """The autopilot of `profile` behind the agent, whose log goes to `run_directory`. bridge: how the agent reaches it.
 
     Raises UserError when it is to be started here and there is none.
     """
@@ -210,8 +208,9 @@ class Attended:
         started = autopilot.firmware != EXTERNAL
         self.bridge = resolved_bridge(autopilot.bridge) if started else autopilot.bridge
         self.milestones = Milestones()
-        self._launch = Launch(profile, self.bridge) if started else None
+        self._launch = FirmwareLaunch(profile, self.bridge) if started else None
         self._process: FirmwareProcess | None = None
+        self._agent: AgentConnection | None = None
         self._view: AgentView | None = None
         self._status: Any = None
         self._recorder: Recorder | None = None
@@ -226,17 +225,17 @@ class Attended:
         self._log: Path | None = None
         self._clock: AutopilotClock | None = None
 
-    def preparation(self, driver: Driver, view: AgentView, send: Send, frame: LocalFrame) -> Preparation:
-        """What goes before the driver."""
+    def preparation(self, driver: VehicleDriver, agent: AgentConnection, send: Send, frame: LocalFrame) -> Preparation:
+        """What goes before the driver. agent: the one that is the bridge; `send` sends to it."""
         profile, autopilot, target = self._profile, self._profile.autopilot, (AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
         places = mission_places(profile, frame) if profile.mission.waypoints_ned_m else []
-        self._view = view
+        self._agent, self._view = agent, agent.inbox.view
         simulated = self._launch is not None and autopilot.firmware_build == "sitl"
         grain_ns = SIMULATED_GRAIN_NS if simulated else 0
         self._clock = AutopilotClock(profile.clock.mode == "lockstep", send, grain_ns)
         return Preparation(
             driver,
-            view,
+            self._view,
             ParameterStep(send, target, live_parameters(profile), autopilot.kind == "px4"),
             MissionStep(send, target, places),
             CalibrationStep(send, target, self._launch is not None and autopilot.firmware_build == "linux"),
@@ -246,26 +245,21 @@ class Attended:
             self._complained,
         )
 
-    def begin(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int], inbox: AgentInbox) -> None:
-        """The run begins: record from now on, and stamp by the autopilot's clock what comes in its messages."""
-        self._recorder, self._now_ns = recorder, now_ns
-        if self._clock is not None:
-            self._clock.begin(recorder, pace, now_ns)
-            inbox.vehicle_sim_ns = self._clock.sim_ns
-        inbox.view.pair_ms = PAIR_MS
-        # The world of its own simulator is as ArduPilot counts metres; our receiver is on the Earth.
-        inbox.view.sphere_metres = self._profile.autopilot.kind == "ardupilot" and self.bridge.sensors is not None
+    def begin(self, context: RunContext) -> None:
+        """Start the firmware, if that is ours to do; stamp by the autopilot's clock what comes in its messages.
 
-    def clocks(self) -> list[ClockReport]:
-        """The relation of its clock to the host's."""
-        return [] if self._clock is None else [self._clock.report()]
-
-    def start(self, serve: Callable[[float], object]) -> None:
-        """Start the firmware, if that is ours to do. Raises UserError.
-
-        In real time `serve(seconds)` lets the agent call it; in lockstep the agent does so before time runs.
+        In real time the agent is let call it; in lockstep it does so before time runs.
         """
-        if self._launch is None or self._directory is None:
+        self._recorder, self._now_ns = context.recorder, context.clock.now_ns
+        if self._agent is not None and self._clock is not None:
+            inbox = self._agent.inbox
+            self._clock.begin(context)
+            inbox.use_vehicle_clock(self._clock.sim_ns)
+            inbox.view.pair_ms = PAIR_MS
+            # The world of its own simulator is as ArduPilot counts metres; our receiver is on the Earth.
+            own_world = self._profile.autopilot.kind == "ardupilot" and self.bridge.sensors is not None
+            inbox.view.sphere_metres = own_world
+        if self._launch is None or self._directory is None or self._agent is None:
             return
         try:
             self._process = self._launch.start(self._directory)
@@ -273,15 +267,15 @@ class Attended:
             raise self._with_build(error) from error
         until_s = time.monotonic() + (CALL_S if self.bridge.world is None else 0.0)
         while time.monotonic() < until_s:
-            serve(0.02)
+            self._agent.receive(0.02)
 
     # In the run
 
-    def take(self, message: Any) -> None:
+    def handle(self, message: Any) -> None:
         """A message that came from the bridge, after the view has seen it."""
         number = message.get_msgId()
         if self._clock is not None:
-            self._clock.take(message)
+            self._clock.handle(message)
         if number == dialect.MAVLINK_MSG_ID_XITL_BRIDGE_STATUS:
             self._status = message
             if self._recorder is not None:
@@ -310,10 +304,10 @@ class Attended:
         said = "; ".join(text.removeprefix(BRIDGE) for text in self._complaints)
         return f"; the bridge said: {said}" if said else ""
 
-    def update(self, sim_ns: int, command: MotorCommand, motion: Kinematics) -> None:
-        """At every exchange. Raises UserError when the run cannot go on with it."""
-        if self._view is not None and self._clock is not None:
-            self.milestones.update(sim_ns, self._view, command, motion)
+    def exchange(self, step: RunStep) -> None:
+        sim_ns = step.now_ns
+        if self._agent is not None and self._view is not None and self._clock is not None:
+            self.milestones.update(sim_ns, self._view, self._agent.inbox.command, step.motion)
             if self._view.heard:
                 self._clock.update(sim_ns)
         if self._status is None and sim_ns > NO_BRIDGE_NS:
@@ -321,12 +315,12 @@ class Attended:
                 "autopilot.link: the agent there is no bridge, it runs an autopilot of its own; start it with "
                 "--role bridge, or use autopilot.kind: embedded"
             )
-        self._look_for_restart(sim_ns)
+        self._check_restart(sim_ns)
         self._exchanges += 1
         if self._problem is not None or self._exchanges % CHECK_EVERY == 0:
             self.check()
 
-    def _look_for_restart(self, sim_ns: int) -> None:
+    def _check_restart(self, sim_ns: int) -> None:
         """A mission that was under way is over with it: nobody would arm it again."""
         if self.milestones.armed_s is None or self._view is None or self._profile.driver.kind != "mission":
             return
@@ -367,7 +361,6 @@ class Attended:
         build = self._profile.autopilot.firmware_build
         return UserError(f"{error}, and see that it is a {build} build, as autopilot.firmware_build says")
 
-    @property
     def silent_s(self) -> float:
         """How long it may be silent in lockstep; at first it may still have to be started elsewhere."""
         autopilot = self._profile.autopilot
@@ -398,7 +391,14 @@ class Attended:
             self._log = log.replace(self._directory / directory.DATAFLASH)
         self._process = None
 
-    def report(self) -> AutopilotReport:
+    def close(self) -> None:
+        self.end()
+
+    def report(self) -> dict[str, Any]:
+        clocks = [] if self._clock is None else [self._clock.report()]
+        return {"clocks": clocks, "autopilot": self.known()}
+
+    def known(self) -> AutopilotReport:
         """What is known of it."""
         autopilot = self._profile.autopilot
         return AutopilotReport(

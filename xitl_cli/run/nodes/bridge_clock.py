@@ -11,8 +11,9 @@ from agent.wire import dialect
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import ClockExchange
 from xitl_cli.run.links.link_timing import LinkTiming
+from xitl_cli.run.node import RunContext
 from xitl_cli.run.pace import Pace
-from xitl_cli.run.pilot import ClockReport
+from xitl_cli.run.reports import ClockReport
 
 NODE = "autopilot"
 REALTIME_HZ, LOCKSTEP_HZ = 10.0, 1.0
@@ -52,9 +53,9 @@ class AutopilotClock:
         self._pace: Pace | None = None
         self._now_ns: Callable[[], int] = lambda: 0
 
-    def begin(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int]) -> None:
-        """The run begins; `now_ns` is simulation time."""
-        self._recorder, self._pace, self._now_ns = recorder, pace, now_ns
+    def begin(self, context: RunContext) -> None:
+        """The run begins."""
+        self._recorder, self._pace, self._now_ns = context.recorder, context.pace, context.clock.now_ns
 
     def update(self, sim_ns: int) -> None:
         """Ask when it is time to."""
@@ -68,7 +69,7 @@ class AutopilotClock:
             self._requests.pop(next(iter(self._requests)))
         self._send(dialect.MAVLink_timesync_message(0, stamp_ns))
 
-    def take(self, message: Any) -> None:
+    def handle(self, message: Any) -> None:
         """A message of the autopilot."""
         number = message.get_msgId()
         if number == dialect.MAVLINK_MSG_ID_TIMESYNC:

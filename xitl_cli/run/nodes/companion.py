@@ -16,14 +16,11 @@ from sim_core.geodesy import LocalFrame
 from sim_core.vessel.buoyancy import floating_draft_m
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import MotionEstimate, TaskTiming
-from xitl_cli.run.faults import Faults, FaultSchedule
-from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, terms_of_companion
-from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.record.topics import MotionEstimate
+from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, companion_terms, report_of
+from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import AgentOptions, open_peer
-from xitl_cli.run.pace import Pace
-from xitl_cli.run.pilot import ClockReport, LinkReport, NodeReport, Traffic
+from xitl_cli.run.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.sensors.sensing import local_frame
 from xitl_cli.run.world.world import vessel_model
 from xitl_cli.signing import read_key_file
@@ -46,7 +43,7 @@ KEPT_ELSEWHERE = _ids("XITL_CLOUD", "XITL_PING")
 """Not kept as frames: a recording has them as /lidar/points, /sonar/ping and /companion/map."""
 
 
-def parameters_of(profile: RunProfile) -> dict[str, float]:
+def companion_parameters(profile: RunProfile) -> dict[str, float]:
     """What vessel, lidar and mission imply, then the profile's own."""
     assert profile.companion is not None
     hull = profile.vehicle.hull
@@ -62,14 +59,14 @@ def parameters_of(profile: RunProfile) -> dict[str, float]:
     return values | dict(profile.companion.parameters)
 
 
-LINK = "companion"
+COMPANION_LINK = "companion"
 MOST_WARNINGS = 8
 _TICK = dialect.MAVLINK_MSG_ID_XITL_TICK
 
 
 @dataclass(slots=True)
-class _Said:
-    """Up to the answer to a tick."""
+class _Batch:
+    """What came up to the answer to a tick."""
 
     tick: int = -1
     frames: list[bytes] = field(default_factory=list)
@@ -84,26 +81,28 @@ class CompanionInbox(AgentInbox):
     that it, or the run about it, said of what went wrong, each once.
     """
 
-    def __init__(self, frame: LocalFrame, lockstep: bool) -> None:
-        super().__init__(LINK, frame, 0, lockstep, _pass_over)
+    def __init__(
+        self, frame: LocalFrame, lockstep: bool, on_message: Callable[[Any], object] = lambda message: None
+    ) -> None:
+        super().__init__(COMPANION_LINK, frame, 0, lockstep, _pass_over, on_message)
         self.holds = False
         self.warnings: list[str] = []
         self._handlers[_TICK] = lambda message: None
-        self._frames: deque[_Said] = deque([_Said()])
-        self._messages: deque[_Said] = deque([_Said()])
+        self._frames: deque[_Batch] = deque([_Batch()])
+        self._messages: deque[_Batch] = deque([_Batch()])
 
-    def take(self, messages: list[Any]) -> None:
+    def handle(self, messages: list[Any]) -> None:
         if messages:
             self.command_ns = time.monotonic_ns()
             self.fresh = True
         if not self.holds:
-            super().take(messages)
+            super().handle(messages)
             return
         for message in messages:
             self._messages[-1].messages.append(message)
             if message.get_msgId() == _TICK:
                 self._messages[-1].tick = message.tick
-                self._messages.append(_Said())
+                self._messages.append(_Batch())
                 self.answered_tick = max(self.answered_tick, message.tick)
 
     def say(self, severity: int, source: str, text: str) -> None:
@@ -117,7 +116,7 @@ class CompanionInbox(AgentInbox):
             return
         self._frames[-1].frames.append(frame)
         if _id_of(frame) == _TICK:
-            self._frames.append(_Said())
+            self._frames.append(_Batch())
 
     def release(self, tick: int) -> None:
         """Take in all that came up to the answer to `tick`."""
@@ -129,12 +128,12 @@ class CompanionInbox(AgentInbox):
         self.holds = False
         for frames, said in zip(self._frames, self._messages, strict=True):
             self._take_in(frames, said)
-        self._frames, self._messages = deque([_Said()]), deque([_Said()])
+        self._frames, self._messages = deque([_Batch()]), deque([_Batch()])
 
-    def _take_in(self, frames: _Said, said: _Said) -> None:
+    def _take_in(self, frames: _Batch, said: _Batch) -> None:
         for frame in frames.frames:
             self._keep("rx", frame)
-        super().take(said.messages)
+        super().handle(said.messages)
 
     def _keep(self, direction: str, frame: bytes) -> None:
         number = _id_of(frame)
@@ -157,34 +156,40 @@ REPEAT_S = 0.5
 SYNC_EVERY_S = 0.1
 
 
-class CompanionLine:
+class CompanionNode(RunNode):
     """One companion. The run goes on without it when it is gone, which `gone` then says.
 
     In lockstep what it says up to its answer to tick n takes effect at exchange n + lag, wherever it runs: so a run
     repeats, and the companion works through one cloud while the host goes on. In real time it takes effect when it
     comes.
 
-    gone_s: simulation time at which it was given up, None while it is there. on_message: gets all that it says, at that
-    time; on_forward: all that the autopilot says. to_autopilot: sends to whom it commands.
+    `to_autopilot` sends to the autopilot, `interrupted` is asked while the companion is waited for. heard: to subscribe
+    to what it says, when that takes effect. gone_s: simulation time at which it was given up, None while it is there.
+    intake: its part of an exchange ahead of the autopilot.
     """
 
-    def __init__(self, profile: RunProfile, to_autopilot: Callable[[Any], None]) -> None:
+    def __init__(
+        self,
+        profile: RunProfile,
+        to_autopilot: Callable[[Any], None],
+        interrupted: Callable[[], bool] = lambda: False,
+    ) -> None:
         companion = profile.companion
         assert companion is not None
         self._profile = profile
         self._companion = companion
         self._to_autopilot = to_autopilot
         self._lockstep = profile.clock.mode == "lockstep"
-        self.inbox = CompanionInbox(local_frame(profile.site), self._lockstep)
-        self.inbox.on_message = self._heard
+        self.inbox = CompanionInbox(local_frame(profile.site), self._lockstep, self._heard)
         key = companion.link_key_file
         signing = None if key is None else Signing(read_key_file(key))
-        self._agent = AgentConnection(LINK, profile, self.inbox, signing, terms_of_companion(profile))
-        self.on_message: Callable[[Any], None] = lambda message: None
-        self.on_forward: Callable[[Any], None] = lambda message: None
-        self.interrupted: Callable[[], bool] = lambda: False
+        self.agent = AgentConnection(COMPANION_LINK, profile, self.inbox, signing, companion_terms(profile))
+        self.heard = MessageRoute()
+        self.intake = ExchangePart(self._take_effect)
+        self._interrupted = interrupted
         self.gone_s: float | None = None
         self._forwards: list[Any] = []
+        self._exchanges = 0
         self._now_ns: Callable[[], int] = lambda: 0
         self._sent: tuple[int, int] | None = None
         self._synced_s = 0.0
@@ -194,85 +199,73 @@ class CompanionLine:
     @property
     def gone(self) -> UserError | None:
         """Why it does not go on."""
-        return self._agent.gone
+        return self.agent.gone
 
-    def open_links(self) -> list[Link]:
-        """To it, while it is there; `prepare` made it."""
-        return [] if self.gone is not None else [self._agent.link]
-
-    @property
-    def warnings(self) -> list[str]:
-        """What went wrong with it, a sentence each."""
-        return self.inbox.warnings
+    def links(self) -> Sequence[Link]:
+        return [] if self.gone is not None else [self.agent.link]
 
     # Before the run
 
     def prepare(self) -> None:
-        """Reach it. Raises UserError."""
         companion = self._companion
         options = AgentOptions(companion=True, link_key_file=companion.link_key_file)
-        self._agent.reach(open_peer(companion.runs, companion.link, options))
+        self.agent.reach(open_peer(companion.runs, companion.link, options))
 
-    def begin(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int]) -> None:
-        """Start it and give it its parameters. Raises UserError when it does not take them."""
-        self._now_ns = now_ns
-        self._agent.begin(recorder, pace, now_ns, parameters_of(self._profile), [])
+    def begin(self, context: RunContext) -> None:
+        self._now_ns = context.clock.now_ns
+        self.agent.begin(context, companion_parameters(self._profile), [])
         self.inbox.holds = self._lockstep
         if self._lockstep:
-            self._agent.link.wait_for_room = self._wait_for_room
+            self.agent.link.wait_for_room = self._wait_for_room
 
     # In the run
 
     def send(self, messages: Sequence[Any]) -> None:
         """What its sensors have seen."""
         if self.gone is None:
-            self._agent.send_sensors(list(messages))
+            self.agent.send_sensors(list(messages))
 
     def forward(self, message: Any) -> None:
         """A message of the autopilot, passed on with the next exchange if it is meant for others."""
-        self.on_forward(message)
         if message.get_msgId() in TO_COMPANION and self.gone is None:
             self._forwards.append(message)
 
-    def before(self, tick: int) -> None:
+    def _take_effect(self, step: RunStep) -> None:
         """Ahead of the autopilot's part of an exchange: what it says takes effect."""
+        self._exchanges += 1
         if self.gone is not None:
             return
         if not self._lockstep:
             self._watch()
             return
-        due = tick - self._companion.lag
+        due = self._exchanges - self._companion.lag
         if due > 0:
             self._wait_for(due)
         self.inbox.release(due)
 
-    def after(self, sim_ns: int, tick: int) -> None:
-        """The rest of an exchange: it hears what the autopilot said, and in lockstep that time has gone on."""
+    def exchange(self, step: RunStep) -> None:
+        """It hears what the autopilot said, and in lockstep that time has gone on."""
         if self.gone is not None:
             return
         if self._forwards:
-            self._agent.link.pass_on(*self._forwards)
+            self.agent.link.pass_on(*self._forwards)
             self._forwards = []
         if self._lockstep:
-            self._agent.send_tick(sim_ns, tick)
-            self._sent = (sim_ns, tick)
-        self._receive(0.0)
+            self._sent = (step.now_ns, self._exchanges)
+            self.agent.send_tick(*self._sent)
+        self.agent.receive(0.0)
 
-    def idle(self, seconds: float) -> None:
-        """Take in what comes."""
+    def receive(self, timeout_s: float) -> None:
         if self.gone is None:
-            self._receive(seconds)
-
-    def _receive(self, seconds: float) -> None:
-        self._agent.receive(seconds)
+            self.agent.receive(timeout_s)
 
     def _watch(self) -> None:
         now_s = time.monotonic()
         if now_s - self._synced_s >= SYNC_EVERY_S:
             self._synced_s = now_s
-            self._agent.request_time()
-        self._receive(0.0)
-        self._agent.watch()
+            self.agent.request_time()
+        self.agent.receive(0.0)
+        self.agent.watch()
         self.inbox.fresh = False
         if self.gone is not None:
             self._give_up(self.gone)
@@ -282,11 +275,11 @@ class CompanionLine:
 
         Not when it hangs or is gone, or somebody ends the run: `_wait_for` finds that out.
         """
-        transport = self._agent.link.transport
+        transport = self.agent.link.transport
         started_s = time.monotonic()
         while not transport.wait_for_room(0.0 if self._stuck else REPEAT_S):
             waited_s = time.monotonic() - started_s
-            if self._stuck or self.interrupted() or waited_s > self._companion.silent_s:
+            if self._stuck or self._interrupted() or waited_s > self._companion.silent_s:
                 self._stuck = True
                 return
         self._stuck = False
@@ -295,131 +288,49 @@ class CompanionLine:
         """Raises StoppedWaitingError when somebody ends the run meanwhile; one that stays silent is given up."""
         started_s = sent_s = time.monotonic()
         while self.inbox.answered_tick < tick:
-            self._receive(REPEAT_S)
+            self.agent.receive(REPEAT_S)
             now_s = time.monotonic()
             if self.inbox.answered_tick >= tick or now_s - sent_s < REPEAT_S:
                 continue
-            if self.interrupted():
+            if self._interrupted():
                 raise StoppedWaitingError
             try:
-                self._agent.peer.check()
+                self.agent.peer.check()
             except UserError as error:
                 self._give_up(error)
                 return
             if now_s - started_s > self._companion.silent_s:
-                self._give_up(self._agent.silent(now_s - started_s))
+                self._give_up(self.agent.silent(now_s - started_s))
                 return
             if self._sent is not None:
-                self._agent.send_tick(*self._sent)
+                self.agent.send_tick(*self._sent)
             sent_s = now_s
 
     def _give_up(self, why: UserError) -> None:
-        self._agent.gone = why
+        self.agent.gone = why
         self.gone_s = self._now_ns() * 1e-9
         self.inbox.say(WARNING, "run", f"the run goes on without its companion: {why}")
 
     def _heard(self, message: Any) -> None:
-        self.on_message(message)
+        self.heard.publish(message)
         if message.get_msgId() in TO_AUTOPILOT and not self._ended:
             self._to_autopilot(message)
-
-    def apply_faults(self, sim_ns: int, schedule: FaultSchedule, counted: bool) -> None:
-        """As of an agent, of those that are on the link `companion`."""
-        if self.gone is None:
-            faults: Faults | None = schedule.at(sim_ns, LINK)
-            self._agent.apply_faults(sim_ns, faults)
-            if counted:
-                schedule.count_impaired(*self._agent.impaired, LINK)
 
     # After the run
 
     def end(self) -> None:
-        """Ask for its final counts; what it says meanwhile counts too."""
+        """What it says while it is asked for its final counts counts too."""
         self._ended = True
         if self._lockstep and self.gone is None and self._sent is not None:
             self._wait_for(self._sent[1])
         self.inbox.release_all()
-        self._agent.stop()
+        self.agent.stop()
 
     def close(self) -> None:
-        """Give back process and sockets."""
-        self._agent.close()
+        self.agent.close()
 
-    def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
-        """Keep how the link has done so far. In lockstep how much has come depends on the wall clock."""
-        if not self._lockstep:
-            self._agent.record_links(recorder, stamp_ns)
-
-    def links(self) -> list[LinkReport]:
-        return list(self._agent.links())
-
-    def tasks(self) -> list[TaskTiming]:
-        return list(self.inbox.view.tasks.values())
-
-    def clocks(self) -> list[ClockReport]:
-        return [self.inbox.timing.report()]
-
-    def nodes(self) -> list[NodeReport]:
-        report = self._agent.node()
-        return [] if report is None else [report]
-
-    def traffic(self) -> Traffic:
-        return {LINK: self.inbox.traffic}
-
-
-class NoCompanion:
-    """Nobody there."""
-
-    gone_s: float | None = None
-    warnings: Sequence[str] = ()
-
-    def prepare(self) -> None:
-        pass
-
-    def begin(self, recorder: Recorder, pace: Pace, now_ns: Callable[[], int]) -> None:
-        pass
-
-    def send(self, messages: Sequence[Any]) -> None:
-        pass
-
-    def forward(self, message: Any) -> None:
-        pass
-
-    def before(self, tick: int) -> None:
-        pass
-
-    def after(self, sim_ns: int, tick: int) -> None:
-        pass
-
-    def idle(self, seconds: float) -> None:
-        pass
-
-    def apply_faults(self, sim_ns: int, schedule: FaultSchedule, counted: bool) -> None:
-        pass
-
-    def end(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-    def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
-        pass
-
-    def open_links(self) -> list[Link]:
-        return []
-
-    def links(self) -> list[LinkReport]:
-        return []
-
-    def tasks(self) -> list[TaskTiming]:
-        return []
-
-    def clocks(self) -> list[ClockReport]:
-        return []
-
-    def nodes(self) -> list[NodeReport]:
-        return []
-
-    def traffic(self) -> Traffic:
-        return {}
+    def report(self) -> dict[str, Any]:
+        return {
+            **report_of([self.agent]),
+            "companion": {"gone_s": self.gone_s, "warnings": list(self.inbox.warnings)},
+        }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from enum import Enum
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -15,35 +15,34 @@ from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
-from xitl_cli.run.nodes.orders import REPEAT_S, Orders
-from xitl_cli.run.pilot import Progress
+from xitl_cli.run.node import RunNode, RunStep
+from xitl_cli.run.nodes.vehicle_commands import REPEAT_S, VehicleCommands
+from xitl_cli.run.reports import Progress
 
 
-class Driver(Protocol):
-    """Asked at every exchange, on simulation time."""
+class VehicleDriver(RunNode):
+    """Commands an autopilot: asked at every exchange, on simulation time."""
+
+    def exchange(self, step: RunStep) -> None:
+        self.update(step.now_ns)
 
     def update(self, sim_ns: int) -> None:
-        """Give the orders that are due. Raises UserError when the autopilot cannot be brought under way."""
+        """Send the commands that are due. Raises UserError when the autopilot cannot be brought under way."""
 
-    def take(self, message: Any) -> None:
+    def handle(self, message: Any) -> None:
         """A message of the autopilot, after the view has seen it."""
 
     def progress(self) -> Progress:
         """How far it is, without what the view alone knows (mode, armed, messages)."""
+        raise NotImplementedError
 
 
-class NoDriver:
+class NoDriver(VehicleDriver):
     """Nobody gives orders; a mission that the autopilot starts by itself still counts."""
 
-    def __init__(self, orders: Orders, waypoints: int) -> None:
-        self._view = orders.view
+    def __init__(self, commands: VehicleCommands, waypoints: int) -> None:
+        self._view = commands.view
         self._total = waypoints
-
-    def update(self, sim_ns: int) -> None:
-        pass
-
-    def take(self, message: Any) -> None:
-        pass
 
     def progress(self) -> Progress:
         reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
@@ -51,20 +50,20 @@ class NoDriver:
         return Progress("", reached=reached, finished=done, completed=done)
 
 
-def make_driver(profile: RunProfile, orders: Orders, frame: LocalFrame) -> Driver:
+def make_driver(profile: RunProfile, commands: VehicleCommands, frame: LocalFrame) -> VehicleDriver:
     """The driver that the profile asks for. Raises UserError when its file cannot be played."""
     driver, waypoints = profile.driver, len(profile.mission.waypoints_ned_m)
     if driver.kind == "mission":
-        return MissionDriver(orders, waypoints, profile.autopilot.arm_timeout_s)
+        return MissionDriver(commands, waypoints, profile.autopilot.arm_timeout_s)
     if driver.kind == "ground-station":
-        return GroundStationDriver(orders, frame, ground_stations_of(profile), driver.stay)
+        return GroundStationDriver(commands, frame, ground_stations_of(profile), driver.stay)
     if driver.kind == "script":
-        return ScriptDriver(orders, frame, driver.script, waypoints)
+        return ScriptDriver(commands, frame, driver.script, waypoints)
     if driver.kind == "replay":
         assert driver.file is not None
         schedule = schedule_from_file(driver.file, driver.replay, profile.vehicle.commands)
-        return ReplayDriver(orders, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
-    return NoDriver(orders, waypoints)
+        return ReplayDriver(commands, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
+    return NoDriver(commands, waypoints)
 
 
 READY_TIMEOUT_S = 60.0
@@ -87,26 +86,26 @@ class Departure:
     Raises UserError from `update` when that is not done `timeout_s` after the start.
     """
 
-    def __init__(self, orders: Orders, mode: str, timeout_s: float = READY_TIMEOUT_S) -> None:
-        self._orders = orders
+    def __init__(self, commands: VehicleCommands, mode: str, timeout_s: float = READY_TIMEOUT_S) -> None:
+        self._commands = commands
         self._mode = mode
         self._timeout_s = timeout_s
         self.phase = Phase.READY
 
     def update(self, sim_ns: int) -> bool:
         """One look at the autopilot; sends the next command when it is time. True once it is under way."""
-        orders = self._orders
-        if self.phase is Phase.READY and orders.view.ready_to_arm:
-            orders.forget()
+        commands = self._commands
+        if self.phase is Phase.READY and commands.view.ready_to_arm:
+            commands.forget()
             self.phase = Phase.ARMED
         if self.phase is Phase.READY and sim_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
-            orders.arm(sim_ns)  # refused, with the reasons
-        if self.phase is Phase.ARMED and orders.arm(sim_ns):
+            commands.arm(sim_ns)  # refused, with the reasons
+        if self.phase is Phase.ARMED and commands.arm(sim_ns):
             self.phase = Phase.STARTED
-        if self.phase is Phase.STARTED and orders.set_mode(sim_ns, self._mode):
+        if self.phase is Phase.STARTED and commands.set_mode(sim_ns, self._mode):
             self.phase = Phase.UNDER_WAY
         if self.phase is not Phase.UNDER_WAY and sim_ns > self._timeout_s * 1e9:
-            said = f"; it said: {', '.join(_latest_reasons(orders.view.texts))}" if orders.view.texts else ""
+            said = f"; it said: {', '.join(_latest_reasons(commands.view.texts))}" if commands.view.texts else ""
             raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{said}")
         return self.phase is Phase.UNDER_WAY
 
@@ -117,20 +116,17 @@ def _latest_reasons(texts: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(text for text in said if text.startswith(PREARM))) or said[-1:]
 
 
-class MissionDriver:
+class MissionDriver(VehicleDriver):
     """Sends the commands a person at a ground station would; the mission has `waypoints` items after home."""
 
-    def __init__(self, orders: Orders, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
-        self._view = orders.view
-        self._departure = Departure(orders, "AUTO", arm_timeout_s)
+    def __init__(self, commands: VehicleCommands, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
+        self._view = commands.view
+        self._departure = Departure(commands, "AUTO", arm_timeout_s)
         self._total = waypoints
         self._under_way = False
 
     def update(self, sim_ns: int) -> None:
         self._under_way = self._under_way or self._departure.update(sim_ns)
-
-    def take(self, message: Any) -> None:
-        pass
 
     def progress(self) -> Progress:
         reached = len({seq for seq in self._view.reached_seqs if 1 <= seq <= self._total})
@@ -142,8 +138,8 @@ class MissionDriver:
 RC_TRIM_US, RC_SPAN_US = 1500, 400
 
 
-class ReplayDriver:
-    """Plays `track` (port, starboard) once the autopilot is armed in MANUAL; the vessel is moored until then.
+class ReplayDriver(VehicleDriver):
+    """Plays `schedule` (port, starboard) once the autopilot is armed in MANUAL; the vessel is moored until then.
 
     The pulses go out at every exchange. The autopilot mixes and shapes them for its motors, which repeats the recorded
     commands only as well as its settings equal those of the recorded vehicle.
@@ -151,15 +147,15 @@ class ReplayDriver:
 
     def __init__(
         self,
-        orders: Orders,
+        commands: VehicleCommands,
         schedule: MotorSchedule,
         rc_channels: tuple[int, int],
         arm_timeout_s: float = READY_TIMEOUT_S,
     ) -> None:
-        self._orders = orders
+        self._commands = commands
         self._schedule = schedule
         self._channels = rc_channels
-        self._departure = Departure(orders, "MANUAL", arm_timeout_s)
+        self._departure = Departure(commands, "MANUAL", arm_timeout_s)
         self._started_ns: int | None = None
         self._played_ns = -1
 
@@ -173,10 +169,7 @@ class ReplayDriver:
         pulses: list[int | None] = [None] * max(self._channels)
         for channel, demand in zip(self._channels, ((port - starboard) / 2, (port + starboard) / 2), strict=True):
             pulses[channel - 1] = round(RC_TRIM_US + RC_SPAN_US * demand)
-        self._orders.rc(pulses)
-
-    def take(self, message: Any) -> None:
-        pass
+        self._commands.rc(pulses)
 
     def progress(self) -> Progress:
         done = self._played_ns >= self._schedule.last_ns
@@ -188,7 +181,7 @@ LAST_ORDER_S = 2.0  # an end waits so long for the orders of its own step
 RC_INTERVAL_S = 0.1  # an autopilot takes an override that is not repeated for a lost transmitter
 
 
-class ScriptDriver:
+class ScriptDriver(VehicleDriver):
     """Gives the orders of each step from its time on: mode, then arm, then RC and target.
 
     Mode and arm are repeated every second until they are accepted or the next step begins; RC pulses stay in force,
@@ -196,8 +189,10 @@ class ScriptDriver:
     orders were all accepted. The mission on board, which a script may start, has `waypoints` items after home.
     """
 
-    def __init__(self, orders: Orders, frame: LocalFrame, steps: Sequence[ScriptStep], waypoints: int) -> None:
-        self._orders = orders
+    def __init__(
+        self, commands: VehicleCommands, frame: LocalFrame, steps: Sequence[ScriptStep], waypoints: int
+    ) -> None:
+        self._commands = commands
         self._steps = steps
         self._targets = [_place(frame, step.goto_ned_m) for step in steps]
         self._total = waypoints
@@ -217,23 +212,20 @@ class ScriptDriver:
             return
         step = self._steps[self._number]
         if step.mode is not None and not self._mode_set:
-            self._mode_set = self._orders.set_mode(sim_ns, step.mode)
+            self._mode_set = self._commands.set_mode(sim_ns, step.mode)
         if step.arm is not None and self._mode_set and not self._armed:
-            self._armed = self._orders.arm(sim_ns, step.arm)
+            self._armed = self._commands.arm(sim_ns, step.arm)
         if self._mode_set and self._armed:
             self._go_to(sim_ns)
         if self._pulses is not None and _is_due(self._pulses_ns, RC_INTERVAL_S, sim_ns):
-            self._orders.rc(self._pulses)
+            self._commands.rc(self._pulses)
             self._pulses_ns = sim_ns
-
-    def take(self, message: Any) -> None:
-        pass
 
     def progress(self) -> Progress:
         played = self._number + 1 == len(self._steps)
         settled = self._settled()
         given_up = self._now_ns - round(self._steps[-1].at_s * 1e9) >= LAST_ORDER_S * 1e9
-        view = self._orders.view
+        view = self._commands.view
         reached = len({seq for seq in view.reached_seqs if 1 <= seq <= self._total})
         sailing = view.armed and view.mode == "AUTO" and reached < self._total
         return Progress(
@@ -246,14 +238,14 @@ class ScriptDriver:
 
     def _settled(self) -> bool:
         """Whether the orders of the step in force were accepted."""
-        mode = self._mode_set or self._orders.accepted(dialect.MAV_CMD_DO_SET_MODE)
-        return mode and (self._armed or self._orders.accepted(dialect.MAV_CMD_COMPONENT_ARM_DISARM))
+        mode = self._mode_set or self._commands.accepted(dialect.MAV_CMD_DO_SET_MODE)
+        return mode and (self._armed or self._commands.accepted(dialect.MAV_CMD_COMPONENT_ARM_DISARM))
 
     def _begin(self, number: int) -> None:
         if not self._settled():
             self._refused += 1
         step = self._steps[number]
-        self._orders.forget()
+        self._commands.forget()
         self._number = number
         self._mode_set, self._armed = step.mode is None, step.arm is None
         self._target_ns = None
@@ -266,8 +258,8 @@ class ScriptDriver:
         target = self._targets[self._number]
         if target is None or not _is_due(self._target_ns, REPEAT_S, sim_ns):
             return
-        if self._target_ns is None or self._orders.view.mode == "GUIDED":
-            self._orders.go_to(sim_ns, *target)
+        if self._target_ns is None or self._commands.view.mode == "GUIDED":
+            self._commands.go_to(sim_ns, *target)
         self._target_ns = sim_ns
 
 
@@ -292,20 +284,20 @@ DOWNLOAD_S = 10.0  # a download that takes longer is given up silently
 FAREWELL_S = 2.0  # after the last waypoint, for the ground station to hear of it
 
 
-class GroundStationDriver:
-    """Sends no orders. The vessel is moored until the autopilot is armed for the first time.
+class GroundStationDriver(VehicleDriver):
+    """Sends no commands. The vessel is moored until the autopilot is armed for the first time.
 
     The mission that is started is downloaded, so that the run is judged by what was drawn. With `stay` the run goes on
     after it. `addresses`: where the autopilot talks to ground stations.
     """
 
-    def __init__(self, orders: Orders, frame: LocalFrame, addresses: Sequence[str], stay: bool) -> None:
-        self._view = orders.view
+    def __init__(self, commands: VehicleCommands, frame: LocalFrame, addresses: Sequence[str], stay: bool) -> None:
+        self._view = commands.view
         self._frame = frame
         self._addresses = addresses
         self._stay = stay
-        self._orders = orders
-        self._download = orders.download()
+        self._commands = commands
+        self._download = commands.download()
         self._download_ns: int | None = None
         self._seqs: tuple[int, ...] = ()
         self._places: tuple[tuple[float, float], ...] | None = None
@@ -324,16 +316,16 @@ class GroundStationDriver:
         self._was_armed = self._was_armed or view.armed
         auto = view.armed and view.mode == "AUTO"
         if auto and not self._was_auto:
-            self._download, self._download_ns = self._orders.download(), sim_ns
+            self._download, self._download_ns = self._commands.download(), sim_ns
             if self._reached() == len(self._seqs):
                 view.reached_seqs.clear()  # sailed before: this is another time
         self._was_auto = auto
         if self._download_ns is not None and sim_ns - self._download_ns <= DOWNLOAD_S * 1e9:
-            self._orders.send(self._download.poll(sim_ns))
+            self._commands.send_all(self._download.poll(sim_ns))
 
-    def take(self, message: Any) -> None:
+    def handle(self, message: Any) -> None:
         was_done = self._download.done
-        self._orders.send(self._download.handle(message, self._now_ns))
+        self._commands.send_all(self._download.handle(message, self._now_ns))
         if self._download.done and not was_done:
             self._adopt()
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sim_core.kinematics import Kinematics
 from xitl_cli.record.topics import MotionEstimate
-from xitl_cli.run.nodes.score import EstimationScore
+from xitl_cli.run.nodes.mission_score import RootMeanSquare
 
 KEPT_S = 1.0
 
@@ -29,6 +32,42 @@ class TruthHistory:
         """The motion nearest to an instant, None when it is older than what is kept; a future one gets the newest."""
         back = max(round((self._newest_ns - stamp_ns) / self._period_ns), 0)
         return self._motions[-1 - back] if back < len(self._motions) else None
+
+
+class EstimationScore:
+    """Horizontal position error and heading error of the autopilot's estimate against the truth."""
+
+    def __init__(self) -> None:
+        self._position = RootMeanSquare()
+        self._heading = RootMeanSquare()
+
+    def add(
+        self,
+        true_pos_ned_m: NDArray[np.float64],
+        true_quat_ned_frd: NDArray[np.float64],
+        pos_ned_m: NDArray[np.float64],
+        quat_ned_frd: NDArray[np.float64],
+    ) -> None:
+        """One estimate beside the truth of the same instant; positions (3,), quaternions (4,)."""
+        north, east = (pos_ned_m - true_pos_ned_m)[:2].tolist()
+        self._position.add(north * north + east * east)
+        error = math.remainder(_yaw_rad(quat_ned_frd) - _yaw_rad(true_quat_ned_frd), math.tau)
+        self._heading.add(math.degrees(error) ** 2)
+
+    @property
+    def position_rms_m(self) -> float | None:
+        """None when there was no estimate."""
+        return self._position.value()
+
+    @property
+    def heading_rms_deg(self) -> float | None:
+        """None when there was no estimate."""
+        return self._heading.value()
+
+
+def _yaw_rad(quat: NDArray[np.float64]) -> float:
+    w, x, y, z = quat.tolist()
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 class EstimateCheck:

@@ -18,8 +18,6 @@ from agent.wire import dialect
 from sim_core import frames
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
-from sim_core.kinematics import Kinematics
-from sim_core.simulation import SimulationState
 from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
@@ -28,7 +26,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MAP_SOURCES, MapSource
 from xitl_cli.run import directory
-from xitl_cli.run.nodes.companion import CompanionLine, NoCompanion
+from xitl_cli.run.node import RunContext, RunNode, RunStep, SimulationClock
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
 from xitl_cli.run.sensors.sensing import local_frame
 from xitl_cli.run.world.scenery import Scenery
@@ -50,16 +48,6 @@ _ZEROS = (0,) * len(dialect.MAVLink_xitl_companion_status_message.fieldnames)
 _UNCOUNTED = ("time_usec", "latency", "manoeuvre")
 
 
-class NoFindings:
-    """Nobody finds anything."""
-
-    def begin(self, recorder: Recorder, now_ns: Callable[[], int]) -> None:
-        """The run starts; `now_ns` is simulation time."""
-
-    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> None:
-        """The truth, after each physics step, counted from 1."""
-
-
 class _Poses:
     """Poses of a run, packed: one that goes on overnight has half a million."""
 
@@ -79,26 +67,29 @@ class _Poses:
         return Trajectory(np.array(self._stamps_ns, dtype=np.int64), numbers[:, :3], numbers[:, 3:])
 
 
-class Findings(NoFindings):
-    """Takes what the companion says (`take`) and what the autopilot says of its origin (`hear_autopilot`).
+class FindingsNode(RunNode):
+    """Handles what the companion says (`handle`) and what the autopilot says of its origin (`handle_autopilot`).
 
     Poses and maps are in the frame `odom`: forward, right, down of the body where the odometry began. status: the
     latest XITL_COMPANION_STATUS, None before the first.
     """
 
-    def __init__(self, frame: LocalFrame, score: ObstacleScore, physics_rate_hz: float) -> None:
+    def __init__(
+        self, frame: LocalFrame, score: ObstacleScore, physics_rate_hz: float, boom: LogBoom | None = None
+    ) -> None:
         self.status: Any = None
         self.score = score
         self.clouds = CloudReassembler()
         self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
         self._frame = frame
+        self._boom = boom
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
         self._every_seen = max(round(physics_rate_hz / SEEN_RATE_HZ), 1)
         self._origin_ned_m = np.zeros(3)
         self._recent: deque[tuple[int, Array, Array]] = deque(maxlen=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
         self._odometry, self._truth = _Poses(), _Poses()
         self._recorder: Recorder | None = None
-        self._now_ns: Callable[[], int] = lambda: 0
+        self._clock: SimulationClock | None = None
         self._handlers: dict[int, Callable[[Any], None]] = {
             dialect.MAVLINK_MSG_ID_ODOMETRY: self._on_odometry,
             dialect.MAVLINK_MSG_ID_XITL_CLOUD: self._on_cloud,
@@ -106,23 +97,24 @@ class Findings(NoFindings):
             dialect.MAVLINK_MSG_ID_XITL_COMPANION_STATUS: self._on_status,
         }
 
-    def begin(self, recorder: Recorder, now_ns: Callable[[], int]) -> None:
-        self._recorder, self._now_ns = recorder, now_ns
+    def begin(self, context: RunContext) -> None:
+        self._recorder, self._clock = context.recorder, context.clock
 
-    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> None:
-        if step % self._every_truth == 0:
-            self._recent.append((sim_ns, motion.pos_ned_m[0], motion.quat_ned_frd[0]))
-        if step % self._every_seen == 0:
+    def sense(self, step: RunStep) -> None:
+        number, now_ns, state, motion, _ = step
+        if number % self._every_truth == 0:
+            self._recent.append((now_ns, motion.pos_ned_m[0], motion.quat_ned_frd[0]))
+        if number % self._every_seen == 0:
             rotation = motion.rot_ned_frd[0]
             self.score.see(motion.pos_ned_m[0], math.atan2(rotation[1, 0], rotation[0, 0]), state.debris)
 
-    def take(self, message: Any) -> None:
+    def handle(self, message: Any) -> None:
         """A message of the companion."""
         handler = self._handlers.get(message.get_msgId())
         if handler is not None and self._recorder is not None:
             handler(message)
 
-    def hear_autopilot(self, message: Any) -> None:
+    def handle_autopilot(self, message: Any) -> None:
         """GPS_GLOBAL_ORIGIN is where the autopilot's local frame is, which obstacles are told in."""
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
             place = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
@@ -148,13 +140,41 @@ class Findings(NoFindings):
         )
 
     def companion(self) -> dict[str, Any]:
-        """The summary's section: the last status that came, all zeros before the first."""
+        """The last status that came, all zeros before the first."""
         status = dialect.MAVLink_xitl_companion_status_message(*_ZEROS) if self.status is None else self.status
         counts = {name: getattr(status, name) for name in status.fieldnames if name not in _UNCOUNTED}
         lost = {"map_chunks_lost": self.clouds.chunks_lost}
         return {**counts, **lost, "latency_s": status.latency, "manoeuvre": _MANOEUVRES.get(status.manoeuvre, "?")}
 
+    def report(self) -> dict[str, Any]:
+        points, _ = self.map_points("lidar")
+        accuracy = perception_sections(self.truth(), self.odometry(), points.astype(np.float32), self._boom)
+        return {
+            "odometry": accuracy.odometry,
+            "mapping": {**accuracy.mapping, "sonar_points": len(self.map_points("sonar")[0])},
+            "obstacles": self.score.report(),
+            "companion": self.companion(),
+        }
+
+    def save(self, folder: Path) -> None:
+        """Map and trajectory, where there is one, and the truth with it."""
+        odometry = self.odometry()
+        if not len(odometry.stamp_ns):
+            return
+        parts = [self.map_points(source) for source in MAP_SOURCES]
+        packed = points_of(
+            np.concatenate([points for points, _ in parts]).astype(np.float32),
+            np.concatenate([intensity for _, intensity in parts]),
+            np.concatenate([np.full(len(points), number, np.uint8) for number, (points, _) in enumerate(parts)]),
+        )
+        write_map(folder / directory.MAP, packed, "ply")
+        write_tum(folder / directory.TRAJECTORY, odometry)
+        write_tum(folder / directory.TRUTH, self.truth())
+
     # One message each
+
+    def _step_ns(self) -> int:
+        return 0 if self._clock is None else self._clock.step_ns
 
     def _on_odometry(self, message: Any) -> None:
         assert self._recorder is not None
@@ -167,7 +187,7 @@ class Findings(NoFindings):
         if self._recent and stamp_ns >= self._recent[0][0]:
             true_place, true_quat = self._true_pose(stamp_ns)
             if not len(self._truth):
-                self._recorder.perception.odom_frame(self._now_ns(), true_place, true_quat)
+                self._recorder.perception.odom_frame(self._step_ns(), true_place, true_quat)
             self._truth.add(stamp_ns, true_place, true_quat)
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = frames.quat_to_matrix(quat), place
@@ -194,64 +214,24 @@ class Findings(NoFindings):
                 points, intensity = self.maps[source]
                 points += cloud.points_m.tobytes()
                 intensity += cloud.intensity.tobytes()
-                self._recorder.perception.map_points(self._now_ns(), cloud.points_m, cloud.intensity, source)
+                self._recorder.perception.map_points(self._step_ns(), cloud.points_m, cloud.intensity, source)
 
     def _on_obstacle(self, message: Any) -> None:
         assert self._recorder is not None
         self.score.hear(message)
         message.pos_ned = (np.array(message.pos_ned) + self._origin_ned_m).tolist()
-        self._recorder.perception.obstacle(self._now_ns(), message)
+        self._recorder.perception.obstacle(self._step_ns(), message)
 
     def _on_status(self, message: Any) -> None:
         assert self._recorder is not None
         self.status = message
-        self._recorder.perception.companion(self._now_ns(), message)
+        self._recorder.perception.companion(self._step_ns(), message)
 
 
-def findings_of(profile: RunProfile, scenery: Scenery, companion: NoCompanion | CompanionLine) -> NoFindings:
-    """Ears for a companion, where there is one, and the truth of the world it looks at."""
-    if not isinstance(companion, CompanionLine):
-        return NoFindings()
+def findings_of(profile: RunProfile, scenery: Scenery) -> FindingsNode:
+    """For the companion of a profile that has one, with the truth of the world that it looks at."""
     sensors, hull = profile.sensors, profile.vehicle.hull
     looks = sensors is not None and sensors.lidar is not None
     standing = scenery.caster() if looks else None
     score = ObstacleScore((hull.length_m, hull.width_m), standing, scenery.water_down_m)
-    findings = Findings(local_frame(profile.site), score, profile.clock.physics_rate_hz)
-    companion.on_message, companion.on_forward = findings.take, findings.hear_autopilot
-    return findings
-
-
-NOTHING: dict[str, Any] = {"odometry": None, "mapping": None, "obstacles": None, "companion": None}
-
-
-def sections(findings: NoFindings, boom: LogBoom | None, companion: NoCompanion | CompanionLine) -> dict[str, Any]:
-    """`odometry`, `mapping`, `obstacles` and `companion` of summary.json, null without a companion."""
-    if not isinstance(findings, Findings):
-        return NOTHING
-    points, _ = findings.map_points("lidar")
-    accuracy = perception_sections(findings.truth(), findings.odometry(), points.astype(np.float32), boom)
-    of_sonar = {"sonar_points": len(findings.map_points("sonar")[0])}
-    return {
-        "odometry": accuracy.odometry,
-        "mapping": {**accuracy.mapping, **of_sonar},
-        "obstacles": findings.score.report(),
-        "companion": {"gone_s": companion.gone_s, "warnings": list(companion.warnings), **findings.companion()},
-    }
-
-
-def write(findings: NoFindings, folder: Path) -> None:
-    """Map and trajectory, where there is one, and the truth with it. Raises UserError when they cannot be written."""
-    if not isinstance(findings, Findings):
-        return
-    odometry = findings.odometry()
-    if not len(odometry.stamp_ns):
-        return
-    parts = [findings.map_points(source) for source in MAP_SOURCES]
-    packed = points_of(
-        np.concatenate([points for points, _ in parts]).astype(np.float32),
-        np.concatenate([intensity for _, intensity in parts]),
-        np.concatenate([np.full(len(points), number, np.uint8) for number, (points, _) in enumerate(parts)]),
-    )
-    write_map(folder / directory.MAP, packed, "ply")
-    write_tum(folder / directory.TRAJECTORY, odometry)
-    write_tum(folder / directory.TRUTH, findings.truth())
+    return FindingsNode(local_frame(profile.site), score, profile.clock.physics_rate_hz, scenery.boom)

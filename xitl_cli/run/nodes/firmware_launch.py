@@ -34,7 +34,7 @@ def resolved_bridge(bridge: Bridge) -> Bridge:
     return bridge.model_copy(update={key: _with_port(url) for key, url in urls.items() if url is not None})
 
 
-class Launch:
+class FirmwareLaunch:
     """Starts the firmware of `profile`; `bridge` has the ports.
 
     Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.

@@ -1,4 +1,4 @@
-"""What comes before the orders to another autopilot: hear it, set its parameters, hand over the mission."""
+"""Preparation of another autopilot before it is commanded: hear it, set its parameters, upload the mission."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from agent.wire import dialect
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.setup import Place, Send
-from xitl_cli.run.nodes.drivers import Driver
-from xitl_cli.run.pilot import Progress
+from xitl_cli.run.nodes.drivers import VehicleDriver
+from xitl_cli.run.reports import Progress
 
 SHORTEST_HEARTBEAT_S = 20.0
 ANSWER_S = 1.0
@@ -114,7 +114,7 @@ class ParameterStep:
 
 
 class MissionStep:
-    """Hands over the mission; item 0 is home. `update` and `handle` as above.
+    """Uploads the mission; item 0 is home. `update` and `handle` as above.
 
     Raises UserError from `update` when the autopilot refuses it or does not finish taking it.
     """
@@ -183,22 +183,22 @@ class CalibrationStep:
         self._request.handle(message, 0)
 
 
-class Preparation:
-    """A Driver that goes before another one: all on simulation time, repeated where something was lost.
+class Preparation(VehicleDriver):
+    """A driver that goes before another one: all on simulation time, repeated where something was lost.
 
-    With `moored` the vessel is held until the autopilot has armed for the first time. `where` is its address, for
-    people; it is given up when nothing of it was heard for `heartbeat_s` from the start. `complained` ends the sentence
-    then and when the other driver gives up.
+    With `held` the vessel's state is frozen until the autopilot has armed for the first time. `where` is its address,
+    for people; it is given up when nothing of it was heard for `heartbeat_s` from the start. `complained` ends the
+    sentence then and when the other driver gives up.
     """
 
     def __init__(
         self,
-        driver: Driver,
+        driver: VehicleDriver,
         view: AgentView,
         parameters: ParameterStep,
         mission: MissionStep,
         calibration: CalibrationStep,
-        moored: bool,
+        held: bool,
         where: str,
         heartbeat_s: float,
         complained: Callable[[], str] = lambda: "",
@@ -208,15 +208,15 @@ class Preparation:
         self._parameters = parameters
         self._mission = mission
         self._calibration = calibration
-        self._moored = moored
+        self._held = held
         self._where = where
         self._complained = complained
         self._heartbeat_s = max(heartbeat_s, SHORTEST_HEARTBEAT_S)
 
     def update(self, sim_ns: int) -> None:
         view = self._view
-        if self._moored and view.armed:
-            self._moored = False
+        if self._held and view.armed:
+            self._held = False
         if not view.heard:
             if sim_ns > self._heartbeat_s * 1e9:
                 raise UserError(
@@ -235,15 +235,15 @@ class Preparation:
             except UserError as error:
                 raise UserError(f"{error}{self._complained()}") from error
 
-    def take(self, message: Any) -> None:
+    def handle(self, message: Any) -> None:
         self._parameters.handle(message)
         self._mission.handle(message)
         self._calibration.handle(message)
-        self._driver.take(message)
+        self._driver.handle(message)
 
     def progress(self) -> Progress:
         progress = self._driver.progress()
-        if not self._moored or progress.waits_for:
+        if not self._held or progress.waits_for:
             return progress
         return replace(progress, waits_for=self._waits_for())
 

@@ -14,8 +14,8 @@ from xitl_cli.record.topics import TakeoverEvent
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import WARNING, AgentConnection
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
-from xitl_cli.run.nodes.orders import Orders
-from xitl_cli.run.pilot import TakeoverReport
+from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
+from xitl_cli.run.reports import TakeoverReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +99,12 @@ PATIENCE_NS = 3_000_000_000
 SPEAKS_NS = 500_000_000
 
 
-class Follower:
+class StandbyFollower:
     """Brings an agent that does not steer into the state of the one that does: armed or not, mode, waypoint."""
 
     def __init__(self, agent: AgentConnection) -> None:
         self._view = agent.inbox.view
-        self._orders = Orders(self._view, agent.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        self._commands = VehicleCommands(self._view, agent.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
         self._wanted: tuple[bool, str] | None = None
         self._astray_ns: int | None = None
 
@@ -113,10 +113,10 @@ class Follower:
         if not speaks:
             self._astray_ns = None
             return
-        wanted, view, orders = (active.armed, active.mode), self._view, self._orders
+        wanted, view, commands = (active.armed, active.mode), self._view, self._commands
         if wanted != self._wanted:
             self._wanted = wanted
-            orders.forget()
+            commands.forget()
         if (view.armed, view.mode) == wanted and view.target_seq == active.target_seq:
             self._astray_ns = None
             return
@@ -126,15 +126,15 @@ class Follower:
             return
         patient = sim_ns - self._astray_ns < PATIENCE_NS
         if view.mode != active.mode and active.mode in ROVER_MODE_NUMBERS:
-            orders.set_mode(sim_ns, active.mode)
+            commands.set_mode(sim_ns, active.mode)
         elif view.armed != active.armed:
             if view.ready_to_arm or not active.armed:
-                orders.arm(sim_ns, active.armed)
+                commands.arm(sim_ns, active.armed)
         elif not patient and active.target_seq is not None:
-            orders.set_waypoint(active.target_seq)
+            commands.set_waypoint(active.target_seq)
         if not patient:
             self._astray_ns = None
-            orders.forget()
+            commands.forget()
 
 
 class Redundancy:
@@ -149,7 +149,7 @@ class Redundancy:
         self._view = view
         self._decision = TakeoverDecision(standby.takeover_s, len(agents), time.monotonic_ns())
         self._ramp = Ramp(standby.max_step)
-        self._followers = [Follower(agent) for agent in agents]
+        self._followers = [StandbyFollower(agent) for agent in agents]
 
     @property
     def active(self) -> AgentConnection:

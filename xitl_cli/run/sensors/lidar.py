@@ -16,11 +16,12 @@ from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.lidar import Fates, Lidar, Rosette, Scan, Track
 from sim_core.sensors.optics import Air, WaterSeen
-from sim_core.simulation import Simulation, SimulationState, bodies_of
+from sim_core.simulation import Simulation, bodies_of
 from sim_core.world.rays import RayCaster
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
+from xitl_cli.run.node import RunStep
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.world.scenery import Scenery
 
@@ -63,9 +64,10 @@ class LidarInstrument:
         """The run starts; clouds are kept with the recorder."""
         self._recorder = recorder
 
-    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> list[Message]:
-        """After each physics step, counted from 1: the chunks of the clouds that are due."""
-        ends = step % self._every == 0
+    def update(self, step: RunStep) -> list[Message]:
+        """After each physics step: the chunks of the clouds that are due."""
+        number, sim_ns, state, motion, _ = step
+        ends = number % self._every == 0
         if self._stamps_ns:
             self._keep(sim_ns, motion)
             if ends:

@@ -26,6 +26,7 @@ from sim_core.simulation import Simulation, SimulationState, bodies_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.perception import Sonar
 from xitl_cli.record.recorder import PerceptionRecorder
+from xitl_cli.run.node import RunStep
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.ping360 import Ping360Port
 from xitl_cli.run.world.scenery import Scenery
@@ -79,8 +80,9 @@ class SonarInstrument:
         """The run starts."""
         self._recorder = recorder
 
-    def look(self, step: int, sim_ns: int, state: SimulationState, motion: Kinematics) -> list[Message]:
+    def update(self, step: RunStep) -> list[Message]:
         """After each physics step: XITL_PING of the pings that are due."""
+        _, sim_ns, state, motion, _ = step
         if self._ping_ns is None:
             self._ping_ns = sim_ns
         if sim_ns >= self._ping_ns:

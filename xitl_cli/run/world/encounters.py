@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sim_core.world.debris import USUAL_LENGTH_M, Body, BodyKind, Launch, body_of
 from sim_core.world.waterway import Waterway
-from xitl_cli.profile.schema.debris import Encounters as Keys
+from xitl_cli.profile.schema.debris import Encounters
 
 Array = NDArray[float64]
 Point = tuple[float, float]
@@ -29,7 +29,7 @@ _SPREAD = 0.6  # of each body's share of the way, within which its place is draw
 
 
 @dataclass(frozen=True, slots=True)
-class Encounter:
+class DebrisEncounter:
     """A body to meet `along_m` from the start of the mission's legs, `right_m` off them, launched `ahead_m` before."""
 
     along_m: float
@@ -40,7 +40,7 @@ class Encounter:
     heading_rad: float
 
 
-def drawn(keys: Keys, legs_m: float, rng: Generator) -> tuple[Encounter, ...]:
+def draw_encounters(keys: Encounters, legs_m: float, rng: Generator) -> tuple[DebrisEncounter, ...]:
     """`count` encounters on legs of that length in all, each on its own share of the way, in their order."""
     if not keys.count or not keys.kinds:
         return ()
@@ -51,7 +51,7 @@ def drawn(keys: Keys, legs_m: float, rng: Generator) -> tuple[Encounter, ...]:
     for number in range(keys.count):
         kind = BodyKind[keys.kinds[int(rng.integers(len(keys.kinds)))].upper()]
         made.append(
-            Encounter(
+            DebrisEncounter(
                 along_m=first_m + share_m * (number + 0.5 + _SPREAD * (rng.random() - 0.5)),
                 ahead_m=float(rng.uniform(near_m, far_m)),
                 right_m=float(rng.uniform(-keys.off_m, keys.off_m)),
@@ -63,7 +63,7 @@ def drawn(keys: Keys, legs_m: float, rng: Generator) -> tuple[Encounter, ...]:
     return tuple(made)
 
 
-class Legs:
+class MissionLegs:
     """The way through places (north, east), the first of which is where it begins."""
 
     def __init__(self, places_ne_m: Sequence[Point]) -> None:
@@ -92,7 +92,7 @@ class Legs:
         return place
 
 
-class Encounters:
+class DebrisEncounters:
     """Those of one run. `current_ned_mps` gives the mean current (1, 3) at a place (1, 3).
 
     no_room: how many were left out, as something stands where they were to meet the vessel.
@@ -100,8 +100,8 @@ class Encounters:
 
     def __init__(
         self,
-        encounters: Sequence[Encounter],
-        legs: Legs,
+        encounters: Sequence[DebrisEncounter],
+        legs: MissionLegs,
         speed_mps: float,
         current_ned_mps: Callable[[Array], Array],
         waterway: Waterway,
@@ -129,7 +129,7 @@ class Encounters:
                 launches.append(launch)
         return launches
 
-    def _launch(self, now_ns: int, encounter: Encounter, along_m: float) -> Launch | None:
+    def _launch(self, now_ns: int, encounter: DebrisEncounter, along_m: float) -> Launch | None:
         """From as far up the current as nothing is in its way; None where it would not fit on the leg itself."""
         body = body_of(encounter.kind, encounter.length_m)
         meeting = self._legs.place(encounter.along_m, encounter.right_m)

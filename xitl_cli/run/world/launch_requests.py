@@ -31,7 +31,7 @@ Ask = Callable[[Launch], bool]
 
 
 @dataclass(slots=True)
-class Counts:
+class LaunchCounts:
     """Requests that came, those that came again, those that were refused, and datagrams that held none."""
 
     asked: int = 0
@@ -40,7 +40,7 @@ class Counts:
     dropped: int = 0
 
 
-class ControlPort:
+class LaunchPort:
     """A bound socket; see the module."""
 
     def __init__(self, url: str) -> None:
@@ -58,7 +58,7 @@ class ControlPort:
             self._socket.close()
             raise UserError(f"world.debris.control: {transport_error(error, parts, True)}") from None
         self.address = address_url("udp", self._socket.getsockname())
-        self.counts = Counts()
+        self.counts = LaunchCounts()
         self._packer = Packer(HOST_SYSTEM_ID, HOST_COMPONENT_ID)
         self._answers: OrderedDict[tuple[Address, int], int] = OrderedDict()
 

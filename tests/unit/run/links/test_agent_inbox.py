@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -29,8 +30,9 @@ def inbox(lockstep: bool, estimates: list[int | None], kept: Any) -> AgentInbox:
     made = AgentInbox(
         "agent", LocalFrame(-8.8, -63.95, 70.0), 2, lockstep, lambda stamp_ns, _: estimates.append(stamp_ns)
     )
-    made.vehicle_sim_ns = lambda autopilot_us: (autopilot_us - AHEAD_US) * 1000
-    made.record_to(kept, None, lambda: NOW_NS)  # type: ignore[arg-type]
+    made.use_vehicle_clock(lambda autopilot_us: (autopilot_us - AHEAD_US) * 1000)
+    context: Any = SimpleNamespace(recorder=kept, pace=None, clock=SimpleNamespace(now_ns=lambda: NOW_NS))
+    made.begin(context)
     return made
 
 
@@ -43,7 +45,7 @@ def test_an_estimate_is_of_the_autopilot_s_clock(lockstep: bool) -> None:
         dialect.MAVLink_attitude_quaternion_message(7500, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         dialect.MAVLink_local_position_ned_message(7500, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0),
     ):
-        one.take([decode(packer.pack(message))])
+        one.handle([decode(packer.pack(message))])
     assert estimates == [2_500_000_000]
 
 

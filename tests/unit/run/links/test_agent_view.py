@@ -21,7 +21,7 @@ def test_a_sentence_arrives_whole_whatever_its_length(length: int) -> None:
     texts, packer = StatusTextSender(), Packer(1, 1)
     for text in (sentence, "and the next"):
         for message in texts.messages(4, text):
-            view.take(decode(packer.pack(message)))
+            view.handle(decode(packer.pack(message)))
     assert said == [(4, sentence), (4, "and the next")]
     assert list(view.texts) == [sentence, "and the next"]
 
@@ -36,10 +36,10 @@ def test_a_position_makes_an_estimate_with_an_attitude_that_is_not_too_old(
     view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *_: None, lambda stamp_us, _: estimates.append(stamp_us))
     view.pair_ms = pair_ms
     assert not view.has_origin
-    view.take(dialect.MAVLink_gps_global_origin_message(-88000000, -639500000, 70000))
+    view.handle(dialect.MAVLink_gps_global_origin_message(-88000000, -639500000, 70000))
     assert view.has_origin
-    view.take(dialect.MAVLink_attitude_quaternion_message(1000 - older_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    view.take(dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0))
+    view.handle(dialect.MAVLink_attitude_quaternion_message(1000 - older_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    view.handle(dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0))
     assert estimates == ([1_000_000] if told else [])
 
 
@@ -64,9 +64,9 @@ def test_an_ardupilot_on_the_earth_is_where_it_says_in_degrees(
         estimates: list[MotionEstimate] = []
         view = AgentView(site, lambda *_: None, lambda _, estimate, into=estimates: into.append(estimate))
         view.sphere_metres = sphere_metres
-        view.take(dialect.MAVLink_gps_global_origin_message(*origin, 70000))
-        view.take(dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-        view.take(dialect.MAVLink_local_position_ned_message(1000, *local_m, 0.0, 0.0, 0.0, 0.0))
+        view.handle(dialect.MAVLink_gps_global_origin_message(*origin, 70000))
+        view.handle(dialect.MAVLink_attitude_quaternion_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        view.handle(dialect.MAVLink_local_position_ned_message(1000, *local_m, 0.0, 0.0, 0.0, 0.0))
         found[sphere_metres] = estimates[0].pos_ned_m[:2]
     # Either end is rounded to the grain, and the filter told both from one state.
     assert found[True] == pytest.approx(expected, abs=2 * GRAIN_M)

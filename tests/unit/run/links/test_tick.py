@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from xitl_cli.errors import UserError
-from xitl_cli.run.links import connection as tick
+from xitl_cli.run.links import connection
+from xitl_cli.run.links.connection import AgentConnection
 
 
 class Agent:
@@ -35,7 +36,7 @@ class Agent:
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tick, "REPEAT_S", 0.0)
+    monkeypatch.setattr(connection, "TICK_REPEAT_S", 0.0)
 
 
 def well() -> None:
@@ -44,7 +45,7 @@ def well() -> None:
 
 def test_a_tick_that_got_lost_is_sent_again_as_it_was() -> None:
     agent: Any = Agent(after=3)
-    tick.tick_and_wait(agent, 7, 4, 60.0, well)
+    AgentConnection.tick_and_wait(agent, 7, 4, 60.0, well)
     assert agent.ticks == [(7, 4)] * 3
 
 
@@ -54,6 +55,6 @@ def test_an_autopilot_that_is_gone_ends_the_wait_and_so_does_silence() -> None:
 
     silent: Any = Agent(after=1_000_000)
     with pytest.raises(UserError, match="it ended by itself"):
-        tick.tick_and_wait(silent, 7, 4, 60.0, gone)
+        AgentConnection.tick_and_wait(silent, 7, 4, 60.0, gone)
     with pytest.raises(UserError, match="silent"):
-        tick.tick_and_wait(silent, 7, 4, 0.01, well)
+        AgentConnection.tick_and_wait(silent, 7, 4, 0.01, well)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from xitl_cli.run.nodes.actuator_use import ActuatorUse
+from xitl_cli.run.nodes.autopilot import ActuatorUse
 
 
 def test_exchanges_without_a_new_command_and_the_most_in_a_row() -> None:

@@ -13,7 +13,8 @@ from agent.wire import dialect as mav
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.geodesy import LocalFrame
 from sim_core.world.debris import no_debris
-from xitl_cli.run.nodes.findings import Findings, sections
+from xitl_cli.run.node import RunStep
+from xitl_cli.run.nodes.findings import FindingsNode
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
 
 S = 1_000_000_000
@@ -29,21 +30,23 @@ class Heard:
         return lambda *arguments: self.told.append(name)
 
 
-def findings() -> tuple[Findings, Heard]:
+def findings() -> tuple[FindingsNode, Heard]:
     heard = Heard()
-    found = Findings(LocalFrame(-8.8, -63.95, 70.0), ObstacleScore((2.3, 1.6)), physics_rate_hz=400.0)
-    found.begin(SimpleNamespace(perception=heard), lambda: 0)  # type: ignore[arg-type]
+    found = FindingsNode(LocalFrame(-8.8, -63.95, 70.0), ObstacleScore((2.3, 1.6)), physics_rate_hz=400.0)
+    context: Any = SimpleNamespace(recorder=SimpleNamespace(perception=heard), clock=SimpleNamespace(step_ns=0))
+    found.begin(context)
     return found, heard
 
 
-def look(found: Findings, step: int) -> None:
+def look(found: FindingsNode, step: int) -> None:
     """A vessel that makes 2 m/s to the north and turns by 0.1 rad/s."""
     seconds = step / 400.0
     quat = euler_to_quat(np.array([[0.0, 0.0, 0.1 * seconds]]))
     motion = SimpleNamespace(
         pos_ned_m=np.array([[2.0 * seconds, 0.0, 0.0]]), quat_ned_frd=quat, rot_ned_frd=quat_to_matrix(quat)
     )
-    found.look(step, step * S // 400, SimpleNamespace(debris=no_debris(0)), motion)  # type: ignore[arg-type]
+    state = SimpleNamespace(debris=no_debris(0))
+    found.sense(RunStep(step, step * S // 400, state, motion))  # type: ignore[arg-type]
 
 
 def odometry(stamp_ns: int, *place: float, q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> Any:
@@ -56,7 +59,7 @@ def test_each_pose_has_the_truth_of_its_own_instant() -> None:
     for step in range(1, 2001):
         look(found, step)
         if step % 40 == 0:
-            found.take(odometry((step - 12) * S // 400, 2.0 * (step - 12) / 400.0, 0.0, 0.0))
+            found.handle(odometry((step - 12) * S // 400, 2.0 * (step - 12) / 400.0, 0.0, 0.0))
     truth, said = found.truth(), found.odometry()
     np.testing.assert_array_equal(truth.stamp_ns, said.stamp_ns)
     np.testing.assert_allclose(truth.pos_m, said.pos_m, atol=1e-9)
@@ -70,17 +73,17 @@ def test_a_pose_that_comes_far_too_late_has_no_truth() -> None:
     found, _ = findings()
     for step in range(1, 400 * 12):
         look(found, step)
-    found.take(odometry(S // 2, 1.0, 0.0, 0.0))
+    found.handle(odometry(S // 2, 1.0, 0.0, 0.0))
     assert (len(found.odometry().stamp_ns), len(found.truth().stamp_ns)) == (1, 0)
-    assert sections(found, None, SimpleNamespace(gone_s=None, warnings=()))["odometry"]["ate_rms_m"] is None  # type: ignore[arg-type]
+    assert found.report()["odometry"]["ate_rms_m"] is None
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (np.nan, 0.0, 0.0, 1.0)])
 def test_a_pose_that_is_none_is_left_out(q: tuple[float, ...]) -> None:
     found, heard = findings()
     look(found, 8)
-    found.take(odometry(8 * S // 400, 0.0, 0.0, 0.0, q=q))
-    found.take(odometry(8 * S // 400, np.inf, 0.0, 0.0))
+    found.handle(odometry(8 * S // 400, 0.0, 0.0, 0.0, q=q))
+    found.handle(odometry(8 * S // 400, np.inf, 0.0, 0.0))
     assert (len(found.odometry().stamp_ns), heard.told) == (0, [])
 
 
@@ -92,7 +95,7 @@ def test_a_map_comes_together_from_its_parts() -> None:
             kind, 1, 0, points[: 60 - number], np.zeros(60 - number, np.float32), np.full(60 - number, 7, np.uint8)
         )
         for message in cloud_messages(cloud, (10.0, 10.0, 10.0)):
-            found.take(message)
+            found.handle(message)
     places, intensity = found.map_points("lidar")
     np.testing.assert_allclose(places, points, atol=0.0051)
     assert set(intensity.tolist()) == {7}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 from agent.wire import dialect as mav
@@ -21,9 +22,10 @@ class Heard:
 
 
 def inbox() -> tuple[CompanionInbox, Heard, list[Any]]:
-    inbox, heard, taken = CompanionInbox(LocalFrame(0.0, 0.0, 0.0), lockstep=True), Heard(), []
-    inbox.record_to(heard, None, lambda: 0)  # type: ignore[arg-type]
-    inbox.on_message = taken.append
+    heard, taken = Heard(), list[Any]()
+    inbox = CompanionInbox(LocalFrame(0.0, 0.0, 0.0), True, taken.append)
+    context: Any = SimpleNamespace(recorder=heard, pace=None, clock=SimpleNamespace(now_ns=lambda: 0))
+    inbox.begin(context)
     inbox.holds = True
     return inbox, heard, taken
 
@@ -40,7 +42,7 @@ def arrive(inbox: CompanionInbox, *messages: Any) -> None:
     packer = Packer(1, 191)
     for message in messages:
         inbox.tap("rx", packer.pack(message))
-    inbox.take(list(messages))
+    inbox.handle(list(messages))
 
 
 def test_words_wait_for_their_answer_and_no_longer() -> None:

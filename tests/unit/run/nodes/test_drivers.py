@@ -14,8 +14,8 @@ from xitl_cli.profile.schema.operation import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, GroundStationDriver, MissionDriver, ReplayDriver, ScriptDriver
-from xitl_cli.run.nodes.orders import Orders
-from xitl_cli.run.nodes.score import MissionScore
+from xitl_cli.run.nodes.mission_score import MissionScore
+from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
 
 S = 1_000_000_000
 TICK = 20_000_000
@@ -30,7 +30,7 @@ class Boat:
     def __init__(self) -> None:
         self.view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
         self.sent: list[Any] = []
-        self.orders = Orders(self.view, self.sent.append, 1, 1)
+        self.orders = VehicleCommands(self.view, self.sent.append, 1, 1)
 
     def take(self, kind: type[Any]) -> list[Any]:
         found = [message for message in self.sent if isinstance(message, kind)]
@@ -41,11 +41,11 @@ class Boat:
         return [(m.command, m.param1, m.param2) for m in self.take(dialect.MAVLink_command_long_message)]
 
     def accept(self, command: int, result: int = dialect.MAV_RESULT_ACCEPTED) -> None:
-        self.view.take(dialect.MAVLink_command_ack_message(command, result, 0, 0, 255, 190))
+        self.view.handle(dialect.MAVLink_command_ack_message(command, result, 0, 0, 255, 190))
 
     def beat(self, mode: int, armed: bool) -> None:
         base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
-        self.view.take(dialect.MAVLink_heartbeat_message(11, 3, base, mode, 4, 3))
+        self.view.handle(dialect.MAVLink_heartbeat_message(11, 3, base, mode, 4, 3))
 
 
 @pytest.fixture
@@ -210,9 +210,9 @@ def _download(boat: Boat, driver: GroundStationDriver, now_ns: int, items: list[
             if asked % 3 == 2:
                 continue
             if isinstance(request, dialect.MAVLink_mission_request_list_message):
-                driver.take(dialect.MAVLink_mission_count_message(255, 190, len(items), 0))
+                driver.handle(dialect.MAVLink_mission_count_message(255, 190, len(items), 0))
             elif isinstance(request, dialect.MAVLink_mission_request_int_message):
-                driver.take(items[request.seq])
+                driver.handle(items[request.seq])
         if any(isinstance(message, dialect.MAVLink_mission_ack_message) for message in boat.sent):
             boat.sent.clear()
             return now_ns

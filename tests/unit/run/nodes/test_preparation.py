@@ -15,6 +15,7 @@ from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes import preparation
 from xitl_cli.run.nodes.bridge import Milestones
+from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.preparation import (
     SHORTEST_HEARTBEAT_S,
     CalibrationStep,
@@ -22,7 +23,7 @@ from xitl_cli.run.nodes.preparation import (
     ParameterStep,
     Preparation,
 )
-from xitl_cli.run.pilot import Progress
+from xitl_cli.run.reports import Progress
 
 SECOND = 1_000_000_000
 TARGET = (1, 1)
@@ -35,7 +36,7 @@ def _no_wall_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(preparation, "WALL_SHARE", 0.0)
 
 
-class Orders:
+class CountingDriver(VehicleDriver):
     """The driver behind: counts how often it is asked."""
 
     def __init__(self) -> None:
@@ -48,33 +49,30 @@ class Orders:
         if self.problem:
             raise UserError(self.problem)
 
-    def take(self, message: Any) -> None:
-        pass
-
     def progress(self) -> Progress:
         return Progress("", waits_for=self.waits_for)
 
 
 class Case:
-    def __init__(self, moored: bool = True) -> None:
+    def __init__(self, held: bool = True) -> None:
         self.view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
         self.sent: list[Any] = []
-        self.orders = Orders()
+        self.driver = CountingDriver()
         self.preparation = Preparation(
-            self.orders,
+            self.driver,
             self.view,
             ParameterStep(self.sent.append, TARGET, {"WP_SPEED": 3.0}),
             MissionStep(self.sent.append, TARGET, [(0.0, 0.0, 0.0)]),
             CalibrationStep(self.sent.append, TARGET, wanted=False),
-            moored,
+            held,
             "tcp://127.0.0.1:5760",
             heartbeat_s=1.0,
             complained=lambda: "; the bridge said: the script says nothing",
         )
 
     def hear(self, message: Any) -> None:
-        self.view.take(message)
-        self.preparation.take(message)
+        self.view.handle(message)
+        self.preparation.handle(message)
 
     def beat(self, armed: bool = False, mode: int = 0, autopilot: int = 3) -> None:
         base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
@@ -95,12 +93,12 @@ def test_heartbeat_parameters_mission_and_then_the_orders() -> None:
     case.hear(dialect.MAVLink_param_value_message(b"WP_SPEED", 3.0, 9, 900, 65535))
     case.preparation.update(3 * SECOND)
     assert case.waits_for() == "the autopilot to take the mission"
-    assert case.orders.asked == 0
+    assert case.driver.asked == 0
     case.hear(dialect.MAVLink_mission_ack_message(255, 190, dialect.MAV_MISSION_ACCEPTED, 0))
     case.preparation.update(4 * SECOND)
-    assert case.orders.asked == 1
+    assert case.driver.asked == 1
     assert case.waits_for() == "the autopilot to become ready to arm"
-    case.orders.problem = "gave up after 60 s"
+    case.driver.problem = "gave up after 60 s"
     with pytest.raises(UserError, match=r"^gave up after 60 s; the bridge said: the script says nothing$"):
         case.preparation.update(5 * SECOND)
 
@@ -116,12 +114,12 @@ def test_the_vessel_is_let_go_when_it_arms_and_not_held_again() -> None:
 
 
 def test_a_vessel_that_is_not_to_be_moored_floats_free() -> None:
-    assert Case(moored=False).waits_for() == ""
+    assert Case(held=False).waits_for() == ""
 
 
 def test_what_the_driver_waits_for_goes_first() -> None:
     case = Case()
-    case.orders.waits_for = "somebody"
+    case.driver.waits_for = "somebody"
     assert case.waits_for() == "somebody"
 
 

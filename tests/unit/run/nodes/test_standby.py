@@ -10,7 +10,7 @@ import pytest
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.standby import Follower
+from xitl_cli.run.nodes.standby import StandbyFollower
 
 S = 1_000_000_000
 FRAME = LocalFrame(-8.8, -63.95, 70.0)
@@ -28,7 +28,7 @@ class Standby:
         self.view = view()
         self.sent: list[Any] = []
         agent: Any = SimpleNamespace(inbox=SimpleNamespace(view=self.view), send=self.sent.append)
-        self.follower = Follower(agent)
+        self.follower = StandbyFollower(agent)
 
     def told(self, sim_s: float, active: AgentView) -> list[tuple[Any, ...]]:
         self.follower.update(round(sim_s * S), active)
@@ -47,8 +47,8 @@ ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MOD
 
 def beat(seen: AgentView, mode: int, armed: bool, target: int = 0) -> None:
     base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
-    seen.take(dialect.MAVLink_heartbeat_message(11, 3, base, mode, 4, 3))
-    seen.take(dialect.MAVLink_mission_current_message(target))
+    seen.handle(dialect.MAVLink_heartbeat_message(11, 3, base, mode, 4, 3))
+    seen.handle(dialect.MAVLink_mission_current_message(target))
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def standby() -> Standby:
 
 
 def accept(one: Standby, command: int) -> None:
-    one.view.take(dialect.MAVLink_command_ack_message(command, dialect.MAV_RESULT_ACCEPTED, 0, 0, 255, 190))
+    one.view.handle(dialect.MAVLink_command_ack_message(command, dialect.MAV_RESULT_ACCEPTED, 0, 0, 255, 190))
 
 
 def test_nothing_is_said_while_both_are_alike(active: AgentView, standby: Standby) -> None:

@@ -17,6 +17,7 @@ from sim_core.world.primitive_rays import PrimitiveCaster
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
 from xitl_cli.profile.schema.perception import Sonar
+from xitl_cli.run.node import RunStep
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.sonar import SonarInstrument, ping_settings, sonar_of
 from xitl_cli.run.world.scenery import scenery_of
@@ -52,7 +53,7 @@ def told(sonar: SonarInstrument, seconds: float, motion: Kinematics | None = Non
     """(instant, ping) as a companion takes them from the wire."""
     pings, packer, found = PingReassembler(), Packer(1, 1), []
     for step in range(1, round(seconds * 1e9) // STEP_NS + 1):
-        for message in sonar.look(step, step * STEP_NS, NOWHERE, motion or still()):
+        for message in sonar.update(RunStep(step, step * STEP_NS, NOWHERE, motion or still())):
             found += [(step * STEP_NS, ping) for ping in pings.handle(decode(packer.pack(message)))]
     return found
 
@@ -125,7 +126,7 @@ def test_a_run_hears_where_its_boom_is() -> None:
     )
     sonar.begin(cast(Any, kept))
     for step in range(1, 1600):
-        sonar.look(step, step * STEP_NS, state, motion)
+        sonar.update(RunStep(step, step * STEP_NS, state, motion))
     sonar.close()
     points_ned_m = np.concatenate(kept.points) @ motion.rot_ned_frd[0].T + motion.pos_ned_m[0]
     on_boom = np.abs(points_ned_m[:, 0] - 19.7) < 1.0

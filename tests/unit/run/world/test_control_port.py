@@ -18,21 +18,21 @@ from agent.wire.framing import Framer
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.commands.world import launch as launch_command
 from xitl_cli.errors import UserError
-from xitl_cli.run.world.launch_requests import ControlPort, ask_for
+from xitl_cli.run.world.launch_requests import LaunchPort, ask_for
 
 NOW_NS = 5_000_000_000
 EAST_RAD = struct.unpack("<f", struct.pack("<f", math.pi / 2))[0]  # as it comes over the wire
 
 
 @pytest.fixture
-def port() -> Iterator[ControlPort]:
-    made = ControlPort("udp://127.0.0.1:0")
+def port() -> Iterator[LaunchPort]:
+    made = LaunchPort("udp://127.0.0.1:0")
     yield made
     made.close()
 
 
 @contextmanager
-def served(port: ControlPort, takes: bool = True) -> Iterator[list[Launch]]:
+def served(port: LaunchPort, takes: bool = True) -> Iterator[list[Launch]]:
     """A run that looks at its port now and then."""
     taken: list[Launch] = []
     over = threading.Event()
@@ -54,7 +54,7 @@ def served(port: ControlPort, takes: bool = True) -> Iterator[list[Launch]]:
         thread.join()
 
 
-def send(port: ControlPort, *datagrams: bytes) -> tuple[list[Launch], list[Any]]:
+def send(port: LaunchPort, *datagrams: bytes) -> tuple[list[Launch], list[Any]]:
     """Datagrams of one sender: what the run took for a launch, and its answers."""
     host, _, number = port.address.removeprefix("udp://").rpartition(":")
     taken: list[Launch] = []
@@ -85,7 +85,7 @@ def request(
     return Packer(255, 191).pack(message)
 
 
-def test_the_command_line_puts_a_body_into_the_water(port: ControlPort, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_puts_a_body_into_the_water(port: LaunchPort, capsys: pytest.CaptureFixture[str]) -> None:
     with served(port) as taken:
         launch_command("animal", "12.5,-3", heading=90.0, length=1.5, to=port.address)
         launch_command("trunk", "1,2", to=port.address)
@@ -96,7 +96,7 @@ def test_the_command_line_puts_a_body_into_the_water(port: ControlPort, capsys: 
     assert capsys.readouterr().out.splitlines()[0] == "animal of 1.5 m in the water at 12.5 N -3 E"
 
 
-def test_a_refusal_is_told(port: ControlPort) -> None:
+def test_a_refusal_is_told(port: LaunchPort) -> None:
     with served(port, takes=False), pytest.raises(UserError, match="the run refused the trunk: no body is as long"):
         ask_for(port.address, "trunk", 0.0, 0.0, 0.0, 99.0)
     assert port.report() == {"asked": 1, "again": 0, "refused": 1, "dropped": 0}
@@ -115,7 +115,7 @@ def test_a_place_that_is_none(at: str, problem: str) -> None:
         launch_command("trunk", at)
 
 
-def test_who_asks_again_gets_the_same_answer_and_no_second_body(port: ControlPort) -> None:
+def test_who_asks_again_gets_the_same_answer_and_no_second_body(port: LaunchPort) -> None:
     taken, answers = send(port, request(), request(), request(number=8))
     assert len(taken) == 2
     assert [(answer.result, answer.result_param2) for answer in answers] == [(0, 7), (0, 7), (0, 8)]
@@ -133,19 +133,19 @@ def test_who_asks_again_gets_the_same_answer_and_no_second_body(port: ControlPor
         {"size_m": math.nan},
     ],
 )
-def test_what_cannot_be_is_denied(port: ControlPort, bad: dict[str, Any]) -> None:
+def test_what_cannot_be_is_denied(port: LaunchPort, bad: dict[str, Any]) -> None:
     taken, answers = send(port, request(**bad))
     assert taken == []
     assert [answer.result for answer in answers] == [dialect.MAV_RESULT_DENIED]
 
 
-def test_garbage_is_counted(port: ControlPort) -> None:
+def test_garbage_is_counted(port: LaunchPort) -> None:
     beat = Packer(255, 191).pack(dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     taken, _ = send(port, b"", b"\xfd\x00", bytes(300), beat, request()[:-1], request())
     assert taken == [Launch(NOW_NS, BodyKind.TRUNK, 3.0, -4.0, 0.5, None)]
     assert port.report() == {"asked": 1, "again": 0, "refused": 0, "dropped": 5}
 
 
-def test_a_port_that_is_taken(port: ControlPort) -> None:
+def test_a_port_that_is_taken(port: LaunchPort) -> None:
     with pytest.raises(UserError, match=r"world\.debris\.control: .* in use"):
-        ControlPort(port.address)
+        LaunchPort(port.address)

@@ -13,7 +13,7 @@ from sim_core.world.capsules import Capsules
 from sim_core.world.debris import BodyKind, Launch, body_of
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.debris import Encounters as Keys
-from xitl_cli.run.world.encounters import Encounter, Encounters, Legs, drawn
+from xitl_cli.run.world.encounters import DebrisEncounter, DebrisEncounters, MissionLegs, draw_encounters
 
 PLACES = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0))
 SPEED_MPS = 2.5
@@ -24,7 +24,7 @@ def current(north_mps: float, east_mps: float) -> Callable[[np.ndarray], np.ndar
     return lambda places: np.array([[north_mps, east_mps, 0.0]])
 
 
-def sailed(encounters: Encounters, legs: Legs, step_s: float = 0.02) -> list[tuple[float, Launch]]:
+def sailed(encounters: DebrisEncounters, legs: MissionLegs, step_s: float = 0.02) -> list[tuple[float, Launch]]:
     """Along the legs at the mission's speed: how far, and what is launched there."""
     launches = []
     for number in range(int(legs.length_m / SPEED_MPS / step_s)):
@@ -37,9 +37,9 @@ def sailed(encounters: Encounters, legs: Legs, step_s: float = 0.02) -> list[tup
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (0.4, 0.6), (-0.8, 0.1)])
 def test_it_drifts_onto_the_leg_as_the_vessel_gets_there(velocity: tuple[float, float]) -> None:
-    legs = Legs(PLACES)
-    wanted = drawn(Keys(count=6, off_m=0.5), legs.length_m, default_rng(3))
-    launches = sailed(Encounters(wanted, legs, SPEED_MPS, current(*velocity), OPEN), legs)
+    legs = MissionLegs(PLACES)
+    wanted = draw_encounters(Keys(count=6, off_m=0.5), legs.length_m, default_rng(3))
+    launches = sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(*velocity), OPEN), legs)
     assert len(launches) == 6
     for encounter, (along_m, launch) in zip(wanted, launches, strict=True):
         left_s = (encounter.along_m - along_m) / SPEED_MPS
@@ -53,12 +53,12 @@ def test_it_drifts_onto_the_leg_as_the_vessel_gets_there(velocity: tuple[float, 
 
 def test_the_seed_alone_draws_them() -> None:
     keys = Keys(count=20)
-    assert drawn(keys, 400.0, default_rng(1)) == drawn(keys, 400.0, default_rng(1))
-    assert drawn(keys, 400.0, default_rng(1)) != drawn(keys, 400.0, default_rng(2))
+    assert draw_encounters(keys, 400.0, default_rng(1)) == draw_encounters(keys, 400.0, default_rng(1))
+    assert draw_encounters(keys, 400.0, default_rng(1)) != draw_encounters(keys, 400.0, default_rng(2))
 
 
 def test_they_are_spread_over_the_way() -> None:
-    along = np.array([each.along_m for each in drawn(Keys(count=20), 400.0, default_rng(5))])
+    along = np.array([each.along_m for each in draw_encounters(Keys(count=20), 400.0, default_rng(5))])
     share_m = (400.0 - 60.0) / 20
     assert np.diff(along).min() >= 0.4 * share_m - 1e-9
     assert along[0] >= 60.0
@@ -68,9 +68,9 @@ def test_they_are_spread_over_the_way() -> None:
 def test_it_is_launched_nearer_where_something_stands_in_its_way() -> None:
     """The current comes from a boom 6 m off: what would start beyond it starts on this side."""
     wall = Capsules(np.array([[-50.0, -6.0]]), np.array([[200.0, -6.0]]), np.array([0.4]), ("log boom",))
-    legs = Legs(PLACES)
-    one = Encounter(50.0, 50.0, 0.0, BodyKind.ANIMAL, 1.2, 0.0)
-    met = Encounters([one], legs, SPEED_MPS, current(0.0, 0.5), Waterway(wall))
+    legs = MissionLegs(PLACES)
+    one = DebrisEncounter(50.0, 50.0, 0.0, BodyKind.ANIMAL, 1.2, 0.0)
+    met = DebrisEncounters([one], legs, SPEED_MPS, current(0.0, 0.5), Waterway(wall))
     (launch,) = met.due(0, (0.0, 0.0), 0)
     assert -5.0 < launch.east_m < -3.0  # clear of it by half a metre and the animal's own size
     assert met.no_room == 0
@@ -78,9 +78,9 @@ def test_it_is_launched_nearer_where_something_stands_in_its_way() -> None:
 
 def test_it_is_left_out_where_there_is_no_room() -> None:
     wall = Capsules(np.array([[50.0, -20.0]]), np.array([[50.0, 20.0]]), np.array([2.0]), ("dam",))
-    met = Encounters(
-        [Encounter(50.0, 50.0, 0.0, BodyKind.TRUNK, 5.0, 0.0)],
-        Legs(PLACES),
+    met = DebrisEncounters(
+        [DebrisEncounter(50.0, 50.0, 0.0, BodyKind.TRUNK, 5.0, 0.0)],
+        MissionLegs(PLACES),
         SPEED_MPS,
         current(0.0, 0.0),
         Waterway(wall),
@@ -90,17 +90,20 @@ def test_it_is_left_out_where_there_is_no_room() -> None:
 
 
 def test_nothing_comes_while_the_vessel_heads_nowhere_or_there_is_none() -> None:
-    legs = Legs(PLACES)
-    met = Encounters(drawn(Keys(count=3), legs.length_m, default_rng(1)), legs, SPEED_MPS, current(0.0, 0.0), OPEN)
+    legs = MissionLegs(PLACES)
+    met = DebrisEncounters(
+        draw_encounters(Keys(count=3), legs.length_m, default_rng(1)), legs, SPEED_MPS, current(0.0, 0.0), OPEN
+    )
     assert met.due(0, (99.0, 0.0), None) == []
-    assert Encounters((), legs, SPEED_MPS, current(0.0, 0.0), OPEN).due(0, (99.0, 0.0), 0) == []
+    assert DebrisEncounters((), legs, SPEED_MPS, current(0.0, 0.0), OPEN).due(0, (99.0, 0.0), 0) == []
 
 
 def test_a_vessel_that_is_late_meets_the_same() -> None:
-    legs = Legs(PLACES)
-    wanted = drawn(Keys(count=5), legs.length_m, default_rng(9))
+    legs = MissionLegs(PLACES)
+    wanted = draw_encounters(Keys(count=5), legs.length_m, default_rng(9))
     quick, slow = (
-        sailed(Encounters(wanted, legs, SPEED_MPS, current(0.3, 0.0), OPEN), legs, step_s) for step_s in (0.02, 0.01)
+        sailed(DebrisEncounters(wanted, legs, SPEED_MPS, current(0.3, 0.0), OPEN), legs, step_s)
+        for step_s in (0.02, 0.01)
     )
     for (_, one), (_, other) in zip(quick, slow, strict=True):
         assert (one.north_m, one.east_m) == pytest.approx((other.north_m, other.east_m), abs=0.05)

@@ -1,30 +1,32 @@
-"""Who turns sensors into motor commands: one interface for an autopilot anywhere, a script, or an ideal pilot."""
+"""What nodes report of a run: progress while it goes on, and records whose `section` is their part of summary.json."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import asdict, dataclass, field
+from enum import Enum
+from typing import Any
 
-from sim_core.frames import Array
-from sim_core.kinematics import Kinematics
-from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import MotorCommand, TaskTiming
-from xitl_cli.run.pace import Pace
-
-if TYPE_CHECKING:
-    from xitl_cli.run.nodes.bridge import AutopilotReport
-    from xitl_cli.run.nodes.score import EstimationScore
+from xitl_cli.record.topics import TaskTiming
 from xitl_cli.run.statistics import Histogram
+
+
+class Ending(Enum):
+    """Why a run ended."""
+
+    FINISHED = "finished"
+    DURATION = "duration reached"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the pilot says it is.
+    """How far the controlling node is.
 
     target: index of the waypoint it heads for, None when it heads for none. finished: there is nothing more to do.
-    completed: what the driver was there for is done: every waypoint reached, a script or recording played to its end.
-    waypoints: the mission under way as (north, east), None for the profile's. waits_for: why the vessel is still
-    moored; empty once it may move. faults: names of those in force.
+    completed: what it was there for is done: every waypoint reached, a script or recording played to its end.
+    waypoints: the mission under way as (north, east), None for the profile's. waits_for: why the vessel's
+    state is still frozen; empty once it may move.
     """
 
     mode: str
@@ -36,7 +38,6 @@ class Progress:
     waypoints: tuple[tuple[float, float], ...] | None = None
     waits_for: str = ""
     messages: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ class LinkReport:
     them: `standby sensors`.
     lost: sent and never received. gaps: missing from the sequence at the receiver, late: out of order, repeated: came
     twice. unsent: not taken by the transport of the sender. dropped: damaged or unknown ones. refused: without a good
-    signature. impaired: kept back for good by a fault on purpose, part of the lost ones. host_end: what the host's
+    signature. impaired: kept back for good by an injected fault, part of the lost ones. host_end: what the host's
     transport has counted beside that, by name, told with the direction that it hears.
     """
 
@@ -64,6 +65,24 @@ class LinkReport:
     refused: int | None = None
     impaired: int | None = None
     host_end: dict[str, int] = field(default_factory=dict)
+
+    def section(self) -> dict[str, Any]:
+        """A row of `links`."""
+        return {
+            "name": self.name,
+            "sent": self.sent,
+            "received": self.received,
+            "lost": self.lost,
+            "gaps": self.gaps,
+            "late": self.late,
+            "repeated": self.repeated,
+            "unsent": self.unsent,
+            "dropped": self.dropped,
+            "refused": self.refused,
+            "impaired": self.impaired,
+            "host_end": self.host_end,
+            "latency_us": _quantiles_us(self.latency),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +105,10 @@ class ClockReport:
     slope_s: float | None = None
     slope_std_s: float | None = None
     steps: int = 0
+
+    def section(self) -> dict[str, Any]:
+        """A row of `clocks`."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +139,10 @@ class NodeReport:
     stations_missed: int = 0
     events_lost: int = 0
 
+    def section(self) -> dict[str, Any]:
+        """A row of `nodes`."""
+        return {**asdict(self), "flags": list(self.flags)}
+
 
 @dataclass(frozen=True, slots=True)
 class ActuatorReport:
@@ -128,6 +155,10 @@ class ActuatorReport:
     stale: int = 0
     longest_stale: int = 0
 
+    def section(self) -> dict[str, Any]:
+        """`actuators`."""
+        return {"age_us": _quantiles_us(self.age), "stale": self.stale, "longest_stale": self.longest_stale}
+
 
 @dataclass(frozen=True, slots=True)
 class TakeoverReport:
@@ -139,10 +170,14 @@ class TakeoverReport:
     silent_s: float
     step: float
 
+    def section(self) -> dict[str, Any]:
+        """A row of `takeovers`."""
+        return asdict(self)
+
 
 @dataclass(frozen=True, slots=True)
 class FaultReport:
-    """A fault on purpose: when it was in force, and counts of what it did.
+    """An injected fault: when it was in force, and counts of what it did.
 
     from_s None: the run ended before it began; until_s None: it was in force to the end.
     """
@@ -153,55 +188,59 @@ class FaultReport:
     until_s: float | None
     did: dict[str, int] = field(default_factory=dict)
 
+    def section(self) -> dict[str, Any]:
+        """A row of `faults`."""
+        return asdict(self)
+
 
 Traffic = dict[str, dict[str, dict[int, int]]]
 """Frames that crossed each link: by link (`agent`), by direction (`tx` to the agent, `rx` from it), by message id."""
 
 
-class Pilot(Protocol):
-    """Sensors in, motor commands out, its time beside ours.
+def task_section(task: TaskTiming) -> dict[str, Any]:
+    """A row of `tasks`."""
+    return {
+        "node": task.node,
+        "task": task.task,
+        "rate_hz": task.rate_hz,
+        "cycles": task.cycles,
+        "missed": task.missed,
+        "skipped": task.skipped,
+        "start_jitter_mean_us": task.start_jitter_mean_s * 1e6,
+        "start_jitter_p50_us": _bin_quantile_us(task.start_histogram, 0.5, task.start_jitter_max_s),
+        "start_jitter_p99_us": _bin_quantile_us(task.start_histogram, 0.99, task.start_jitter_max_s),
+        "start_jitter_max_us": task.start_jitter_max_s * 1e6,
+        "worst_start_s": _seconds(task.worst_start_ns),
+        "run_mean_us": task.run_mean_s * 1e6,
+        "run_p50_us": _bin_quantile_us(task.run_histogram, 0.5, task.run_max_s),
+        "run_p99_us": _bin_quantile_us(task.run_histogram, 0.99, task.run_max_s),
+        "run_max_us": task.run_max_s * 1e6,
+        "worst_run_s": _seconds(task.worst_run_ns),
+        "start_histogram": list(task.start_histogram),
+        "run_histogram": list(task.run_histogram),
+    }
 
-    command: the motor commands in force. estimation: error of its estimate, None where it knows the truth.
-    stale_exchanges: exchanges at which no new command had come.
-    """
 
-    command: MotorCommand
-    estimation: EstimationScore | None
-    stale_exchanges: int
+def _bin_quantile_us(histogram: tuple[int, ...], share: float, max_s: float) -> float | None:
+    """Upper edge of the bin in which `share` of the cycles is reached, not above the maximum; None without cycles."""
+    left = share * sum(histogram)
+    if not left:
+        return None
+    for number, count in enumerate(histogram[:-1]):
+        left -= count
+        if left <= 0:
+            return min(float(2 ** (number + 1)), max_s * 1e6)
+    return max_s * 1e6
 
-    def prepare(self) -> None:
-        """Reach whatever is needed, before anything is recorded. Raises UserError when that fails."""
 
-    def begin(self, recorder: Recorder, pace: Pace) -> None:
-        """The run starts: simulation time is 0."""
+def _seconds(stamp_ns: int | None) -> float | None:
+    return None if stamp_ns is None else stamp_ns / 1e9
 
-    def sense(self, sim_ns: int, motion: Kinematics, air_ned_mps: Array) -> None:
-        """After every physics step: measure and send what is due. air_ned_mps: (N, 3) velocity of the air there."""
 
-    def exchange(self, sim_ns: int, motion: Kinematics) -> None:
-        """At the exchange rate: ask for and take in commands."""
-
-    def idle(self, seconds: float) -> None:
-        """Nothing is due for so long; may return earlier."""
-
-    def progress(self) -> Progress:
-        """How far it is."""
-
-    def position_error_m(self) -> float | None:
-        """Latest horizontal error of its estimate, None where it has none."""
-
-    def end(self) -> None:
-        """The run is over: ask for final counts."""
-
-    def close(self) -> None:
-        """Give back processes and sockets. Safe to call at any time."""
-
-    def links(self) -> list[LinkReport]: ...
-    def tasks(self) -> list[TaskTiming]: ...
-    def clocks(self) -> list[ClockReport]: ...
-    def nodes(self) -> list[NodeReport]: ...
-    def actuators(self) -> ActuatorReport | None: ...
-    def takeovers(self) -> list[TakeoverReport]: ...
-    def faults(self) -> list[FaultReport]: ...
-    def traffic(self) -> Traffic: ...
-    def autopilot(self) -> AutopilotReport | None: ...
+def _quantiles_us(latency: Histogram) -> dict[str, float | None]:
+    p50, p99 = latency.quantile_ns(0.5), latency.quantile_ns(0.99)
+    return {
+        "p50": None if p50 is None else p50 / 1e3,
+        "p99": None if p99 is None else p99 / 1e3,
+        "max": latency.max_ns / 1e3 if latency.count else None,
+    }

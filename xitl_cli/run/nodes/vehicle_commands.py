@@ -1,4 +1,4 @@
-"""Orders to an autopilot: MAVLink messages as a ground station sends them, repeated on simulation time."""
+"""Commands to an autopilot: MAVLink messages as a ground station sends them, repeated on simulation time."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and 
 Send = Callable[[Any], object]
 
 
-class Orders:
+class VehicleCommands:
     """Sends to one autopilot through `send`; `view` knows what it answered."""
 
     def __init__(self, view: AgentView, send: Send, system_id: int, component_id: int) -> None:
         self.view = view
-        self._send = send
+        self.send = send
         self._target = (system_id, component_id)
         self._sent_ns: dict[int, int] = {}
 
     def download(self) -> MissionDownload:
-        """A download of the mission, whose messages go out by `send`."""
+        """A download of the mission, whose messages go out by `send_all`."""
         return MissionDownload(self._target)
 
-    def send(self, messages: Iterable[Any]) -> None:
+    def send_all(self, messages: Iterable[Any]) -> None:
         """Send messages of a protocol over the same link."""
         for message in messages:
-            self._send(message)
+            self.send(message)
 
     def forget(self) -> None:
-        """The next order is a new one, even when it is the same command again."""
+        """The next command is a new one, even when it is the same command again."""
         self._sent_ns.clear()
 
     def arm(self, sim_ns: int, armed: bool = True) -> bool:
@@ -52,7 +52,7 @@ class Orders:
 
     def set_waypoint(self, seq: int) -> None:
         """Head for an item of the mission; nothing answers it."""
-        self._send(dialect.MAVLink_mission_set_current_message(*self._target, seq))
+        self.send(dialect.MAVLink_mission_set_current_message(*self._target, seq))
 
     def rc(self, pulses_us: Sequence[int | None]) -> None:
         """Pulse widths of the RC channels from 1 on; None leaves a channel alone, 0 gives it back."""
@@ -61,7 +61,7 @@ class Orders:
             for number, pulse in enumerate(pulses_us)
         ]
         channels += [IGNORE_CHANNEL] * (RC_CHANNELS - len(channels))
-        self._send(dialect.MAVLink_rc_channels_override_message(*self._target, *channels))
+        self.send(dialect.MAVLink_rc_channels_override_message(*self._target, *channels))
 
     def go_to(self, sim_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         """A GUIDED target; nothing answers it."""
@@ -69,7 +69,7 @@ class Orders:
         frame = dialect.MAV_FRAME_GLOBAL
         boot_ms = sim_ns // 1_000_000 & 0xFFFFFFFF
         rest = (0.0,) * 8  # velocity, acceleration, yaw, yaw rate
-        self._send(
+        self.send(
             dialect.MAVLink_set_position_target_global_int_message(
                 boot_ms, *self._target, frame, POSITION_ONLY, lat, lon, alt_m, *rest
             )
@@ -86,5 +86,5 @@ class Orders:
         if sent_ns is None or sim_ns - sent_ns >= REPEAT_S * 1e9:
             self._sent_ns[command] = sim_ns
             self.view.acks.pop(command, None)
-            self._send(command_long(self._target, command, *parameters))
+            self.send(command_long(self._target, command, *parameters))
         return False

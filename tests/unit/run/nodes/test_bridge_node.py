@@ -6,6 +6,7 @@ import io
 import json
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,10 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, Attended, SchedulerRecord, autopilot_section
+from xitl_cli.run.node import RunStep
+from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, BridgeNode, SchedulerRecord
 from xitl_cli.run.nodes.drivers import NoDriver
-from xitl_cli.run.nodes.orders import Orders
+from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
 from xitl_cli.run.sensors.sensing import local_frame
 
 SECOND = 1_000_000_000
@@ -50,15 +52,16 @@ class Case:
         frame = local_frame(profile.site)
         self.sent: list[Any] = []
         self.view = AgentView(frame, lambda *_: None, lambda *_: None)
-        self.attended = Attended(profile, None)
-        driver = NoDriver(Orders(self.view, self.sent.append, 1, 1), 0)
-        self.attended.preparation(driver, self.view, self.sent.append, frame)
+        self.bridge = BridgeNode(profile, None)
+        driver = NoDriver(VehicleCommands(self.view, self.sent.append, 1, 1), 0)
+        agent: Any = SimpleNamespace(inbox=SimpleNamespace(view=self.view, command=STILL))
+        self.bridge.preparation(driver, agent, self.sent.append, frame)
         self._packer = Packer(1, 1)
 
     def hear(self, message: Any) -> None:
         message = decode(self._packer.pack(message))
-        self.view.take(message)
-        self.attended.take(message)
+        self.view.handle(message)
+        self.bridge.handle(message)
 
     def say(self, severity: int, text: str) -> None:
         for message in StatusTextSender().messages(severity, text):
@@ -69,7 +72,8 @@ class Case:
         self.hear(dialect.MAVLink_xitl_bridge_status_message(time_usec=1, **values))
 
     def update(self, sim_ns: int) -> None:
-        self.attended.update(sim_ns, STILL, at_rest())
+        state: Any = None
+        self.bridge.exchange(RunStep(1, sim_ns, state, at_rest()))
 
 
 def test_the_wrong_vehicle_ends_the_run_and_other_sentences_of_the_bridge_do_not() -> None:
@@ -113,13 +117,13 @@ def test_one_that_starts_anew_in_the_mission_ends_the_run_and_before_it_arms_it_
 
 def test_nobody_who_asks_for_the_world_is_told_apart_from_one_that_stopped() -> None:
     case = Case()
-    assert case.attended.silent_s == 20.0  # time to start it elsewhere
-    assert str(case.attended.why_silent(20.0, 0.0)).startswith(
+    assert case.bridge.silent_s() == 20.0  # time to start it elsewhere
+    assert str(case.bridge.why_silent(20.0, 0.0)).startswith(
         "udp://127.0.0.1:9002: no autopilot asked for the world there in 20 s; start one elsewhere with --model JSON"
     )
     case.hear(heartbeat(armed=False))
-    assert case.attended.silent_s == 10.0
-    assert str(case.attended.why_silent(10.0112, 3.14)).startswith(
+    assert case.bridge.silent_s() == 10.0
+    assert str(case.bridge.why_silent(10.0112, 3.14)).startswith(
         "tcp://127.0.0.1:5760: the autopilot stopped and was silent for 10 s, at 3.14 s of simulation time"
     )
 
@@ -130,9 +134,9 @@ def test_what_the_bridge_complained_of_last_goes_with_the_reason_until_it_is_ove
     case.say(6, "an autopilot's own sentence, which is so long that it comes in more than one part")
     ending = "cables and its log; the bridge said: the script on the autopilot says nothing; set SCR_ENABLE 1 and "
     case.hear(heartbeat(armed=False))
-    assert ending in str(case.attended.why_silent(1.0, 2.0))
+    assert ending in str(case.bridge.why_silent(1.0, 2.0))
     case.say(5, "Bridge: the script on the autopilot speaks again")
-    assert str(case.attended.why_silent(1.0, 2.0)).endswith("cables and its log")
+    assert str(case.bridge.why_silent(1.0, 2.0)).endswith("cables and its log")
 
 
 def test_an_agent_that_is_no_bridge_is_found_out() -> None:
@@ -163,7 +167,7 @@ def test_the_report_tells_who_it_was_and_what_the_bridge_counted(number: int, cu
     case.hear(dialect.MAVLink_autopilot_version_message(0, number, 0, 0, 0, list(custom), zeros, zeros, 0, 0, 0))
     case.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 3, 0, 0, 4, 3))
     case.status(imu_out=200, world_in=1200, world_rate=1200, connected=3)
-    report = case.attended.report()
+    report = case.bridge.known()
     assert report.firmware == words
     assert report.vehicle == "surface boat"
     assert report.bridge["imu_out"] == 200
@@ -176,13 +180,13 @@ def test_the_summary_is_plain_data_and_the_report_fits_80_columns(tmp_path: Path
     case.hear(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_SURFACE_BOAT, 3, 0, 0, 4, 3))
     case.status(imu_out=36_782, solution_out=233_182, gnss_out=919, outputs_in=18_667, world_rate=1200, unsent=31)
     case.update(SECOND)
-    report = case.attended.report()
+    report = case.bridge.known()
     record = SchedulerRecord(18, ("NLon", "NL", "MaxT", "Load"), 8999, 12, 20_300, 10.2, 31.0)
     tasks = [
         TaskTiming("PS1", "physics", 400.0, 100, 7, 0.0, 0.0, 0.0),
         TaskTiming("LC", "bridge", 10.0, 50, 2, 0.0, 0.0, 0.0),
     ]
-    section = autopilot_section(type(report)(**{**_fields(report), "scheduler": record}), tasks)
+    section = type(report)(**{**_fields(report), "scheduler": record}).section(tasks)
     assert json.loads(json.dumps(section, allow_nan=False)) == section
     assert section["time_to_heartbeat_s"] == 1.0
     assert section["time_to_origin_s"] is None

@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from numpy.random import default_rng
 
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.problems import ProfileError
+from xitl_cli.run.nodes.river import river_of
+from xitl_cli.run.reports import Progress
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.session import run
 from xitl_cli.run.view import NoView
-from xitl_cli.run.world.launches import River, river_of
+from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build
 
 LAUNCHES = (
@@ -56,16 +59,16 @@ def test_the_recording_has_the_bodies(ended: tuple[dict[str, Any], Path]) -> Non
 
 
 def test_the_bodies_are_drawn_where_they_are(ended: tuple[dict[str, Any], Path]) -> None:
-    drawn, placed = [], {}
+    draw_encounters, placed = [], {}
     with ended[1].open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages(["/scene", "/tf"]):
             assert schema is not None
             if channel.topic == "/scene":
-                drawn.append((message.log_time, b"body_0" in message.data, b"body_1" in message.data))
+                draw_encounters.append((message.log_time, b"body_0" in message.data, b"body_1" in message.data))
             else:
                 placed.update({name: True for name in (b"body_0", b"body_1") if name in message.data})
-    assert [row[1:] for row in drawn] == [(False, False), (True, False), (False, True)]
-    assert drawn[2][0] == pytest.approx(1_000_000_000, abs=20_000_000)
+    assert [row[1:] for row in draw_encounters] == [(False, False), (True, False), (False, True)]
+    assert draw_encounters[2][0] == pytest.approx(1_000_000_000, abs=20_000_000)
     assert len(placed) == 2
 
 
@@ -114,9 +117,9 @@ def test_bad_debris_is_refused(value: str, problem: str) -> None:
 
 def test_nothing_is_put_on_land_by_hand() -> None:
     profile = load_profile("sitl-perception").runnable()
-    simulation, _ = build(profile, Seeds(1))
-    river = river_of(profile, Seeds(1), simulation)
-    assert isinstance(river, River)
+    simulation, state = build(profile, Seeds(1))
+    river = river_of(profile, Seeds(1), Plant(simulation, state, default_rng(1)), lambda: Progress(""))
+    assert river is not None
     assert river.encounters.afloat(*profile.mission.waypoints_ned_m[0])
     boom = profile.world.log_boom
     assert boom is not None

@@ -1,17 +1,17 @@
-"""How well the run went, judged by the truth: cross-track error, waypoints passed, estimation error."""
+"""Score of the mission by the truth: cross-track error and waypoints passed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from xitl_cli.run.node import ControlNode, RunNode, RunStep
 
 Point = tuple[float, float]
 
 
-class _Rms:
+class RootMeanSquare:
     def __init__(self) -> None:
         self._sum = 0.0
         self._count = 0
@@ -41,7 +41,7 @@ class MissionScore:
     def _begin(self, waypoints: Sequence[Point]) -> None:
         self._waypoints = list(waypoints)
         self._start: Point | None = None
-        self._cross_track = _Rms()
+        self._cross_track = RootMeanSquare()
         self.cross_track_max_m = 0.0
         self.latest_m: float | None = None
         self.closest_m: list[float | None] = [None] * len(self._waypoints)
@@ -78,6 +78,17 @@ class MissionScore:
         """None before the mission began."""
         return self._cross_track.value()
 
+    def section(self) -> dict[str, Any]:
+        """`mission` of summary.json."""
+        return {
+            "completed": self.completed,
+            "waypoints_reached": self.reached,
+            "waypoints_total": self.total,
+            "cross_track_rms_m": self.cross_track_rms_m,
+            "cross_track_max_m": self.cross_track_max_m,
+            "closest_m": self.closest_m,
+        }
+
 
 def cross_track_m(position: Point, origin: Point, goal: Point) -> float:
     """Distance to the right of the line from origin to goal; from the goal itself when the leg has no length."""
@@ -88,37 +99,22 @@ def cross_track_m(position: Point, origin: Point, goal: Point) -> float:
     return (along_n * (position[1] - origin[1]) - along_e * (position[0] - origin[0])) / length
 
 
-class EstimationScore:
-    """Horizontal position error and heading error of the autopilot's estimate against the truth."""
+class MissionNode(RunNode):
+    """Scores the mission that the controlling node is on, by the true track."""
 
-    def __init__(self) -> None:
-        self._position = _Rms()
-        self._heading = _Rms()
+    def __init__(self, waypoints: Sequence[Point], control: ControlNode) -> None:
+        self.score = MissionScore(waypoints)
+        self._control = control
 
-    def add(
-        self,
-        true_pos_ned_m: NDArray[np.float64],
-        true_quat_ned_frd: NDArray[np.float64],
-        pos_ned_m: NDArray[np.float64],
-        quat_ned_frd: NDArray[np.float64],
-    ) -> None:
-        """One estimate beside the truth of the same instant; positions (3,), quaternions (4,)."""
-        north, east = (pos_ned_m - true_pos_ned_m)[:2].tolist()
-        self._position.add(north * north + east * east)
-        error = math.remainder(_yaw_rad(quat_ned_frd) - _yaw_rad(true_quat_ned_frd), math.tau)
-        self._heading.add(math.degrees(error) ** 2)
+    def exchange(self, step: RunStep) -> None:
+        progress, score = self._control.progress, self.score
+        if progress.waypoints is not None:
+            score.follow(progress.waypoints)
+        if progress.target is not None:
+            north, east, _ = step.motion.pos_ned_m[0].tolist()
+            score.add((north, east), progress.target, progress.reached)
+        else:
+            score.reached = max(score.reached, progress.reached)
 
-    @property
-    def position_rms_m(self) -> float | None:
-        """None when there was no estimate."""
-        return self._position.value()
-
-    @property
-    def heading_rms_deg(self) -> float | None:
-        """None when there was no estimate."""
-        return self._heading.value()
-
-
-def _yaw_rad(quat: NDArray[np.float64]) -> float:
-    w, x, y, z = quat.tolist()
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    def report(self) -> dict[str, Any]:
+        return {"mission": self.score.section()}

@@ -1,14 +1,10 @@
-"""The river in a run: bodies put into the water, told of and recorded, and what the vessel runs into.
-
-river = river_of(profile, seeds, simulation)
-river.look(step, state, moored)                    # what has happened in a step
-state = river.exchange(state, motion, target)      # what is to be launched now
-"""
+"""The river in a run: bodies put into the water, told of and recorded, and what the vessel runs into."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,16 +12,19 @@ from numpy.random import default_rng
 
 from sim_core import frames
 from sim_core.kinematics import Kinematics
-from sim_core.simulation import Simulation, SimulationState, launch
+from sim_core.simulation import SimulationState
 from sim_core.world.debris import DebrisState, Launch, body_of
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
+from xitl_cli.run.node import ExchangePart, RunContext, RunNode, RunStep
+from xitl_cli.run.reports import Progress
 from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.world.collisions import Collisions
 from xitl_cli.run.world.debris_scene import debris_scene
-from xitl_cli.run.world.encounters import Encounters, Legs, drawn
-from xitl_cli.run.world.launch_requests import ControlPort
+from xitl_cli.run.world.encounters import DebrisEncounters, MissionLegs, draw_encounters
+from xitl_cli.run.world.launch_requests import LaunchPort
+from xitl_cli.run.world.plant import Plant
 
 RECORD_RATE_HZ = 10.0
 MOST_BODIES = 500
@@ -33,63 +32,49 @@ SOURCE = "world"
 WARNING, INFO = 4, 6  # MAV_SEVERITY
 
 
-class OpenRiver:
-    """Nothing drifts, nothing is run into."""
+class RiverNode(RunNode):
+    """Records what is adrift and what the vessel hits, and launches what it is to meet.
 
-    def begin(self, recorder: Recorder) -> None:
-        """The run starts."""
-
-    def exchange(self, state: SimulationState, motion: Kinematics, target: int | None) -> SimulationState:
-        """The same."""
-        return state
-
-    def look(self, step: int, state: SimulationState, moored: bool) -> None:
-        """Nothing."""
-
-    def collisions(self) -> dict[str, Any] | None:
-        """Nobody looked."""
-        return None
-
-    def debris(self) -> dict[str, Any] | None:
-        """None."""
-        return None
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-class River(OpenRiver):
-    """See the module. control: where launches are asked for, None: nowhere. drawn: bodies are, in the recording."""
+    encounters: what is launched when; port: where launches are asked for, None: nowhere. drawn: bodies are drawn in the
+    recording. launching: its part of an exchange, behind that of the node which moves the vessel and tells with
+    `progress` where it is heading.
+    """
 
     def __init__(
-        self, simulation: Simulation, encounters: Encounters, control: ControlPort | None, drawn: bool
+        self,
+        plant: Plant,
+        encounters: DebrisEncounters,
+        port: LaunchPort | None,
+        drawn: bool,
+        progress: Callable[[], Progress],
     ) -> None:
-        self._simulation = simulation
         self.encounters = encounters
-        self._control = control
+        self.launching = ExchangePart(self._launch_due)
+        simulation = plant.simulation
+        self._plant = plant
+        self._port = port
+        self._progress = progress
         self._collisions = Collisions()
-        self._recorder: Recorder | None = None
         self._record_every = max(round(1.0 / (RECORD_RATE_HZ * simulation.dt_s)), 1)
         self._drawn = drawn
         self._told = 0
         self._by: Counter[str] = Counter()
         self._refused = 0
 
-    def begin(self, recorder: Recorder) -> None:
-        """The run starts; what happens is recorded and said there."""
-        self._recorder = recorder
-        if self._control is not None:
-            recorder.log(0, INFO, SOURCE, f"hears launches at {self._control.address}")
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+        if self._port is not None:
+            self._recorder.log(0, INFO, SOURCE, f"hears launches at {self._port.address}")
 
-    def exchange(self, state: SimulationState, motion: Kinematics, target: int | None) -> SimulationState:
-        """The state with what is launched now that the vessel is where it is and heads for waypoint `target`."""
+    def _launch_due(self, step: RunStep) -> None:
+        plant, motion, target = self._plant, step.motion, self._progress().target
         if target is not None:
             north_m, east_m, _ = motion.pos_ned_m[0].tolist()
-            for each in self.encounters.due(state.time_ns, (north_m, east_m), target):
-                state = self._launched(state, each)
-        if self._control is not None:
+            for each in self.encounters.due(step.now_ns, (north_m, east_m), target):
+                self._launch(each)
+        if self._port is not None:
             asked: list[Launch] = []
-            room = MOST_BODIES - len(state.debris.bodies)
+            room = MOST_BODIES - len(plant.state.debris.bodies)
 
             def ask(one: Launch) -> bool:
                 if len(asked) >= room or not self._possible(one, motion):
@@ -97,53 +82,47 @@ class River(OpenRiver):
                 asked.append(one)
                 return True
 
-            self._control.serve(state.time_ns, ask)
+            self._port.serve(step.now_ns, ask)
             for each in asked:
-                state = self._launched(state, each)
-        return state
+                self._launch(each)
 
-    def look(self, step: int, state: SimulationState, moored: bool) -> None:
-        """After each physics step, counted from 1. A moored vessel is held, whatever touches it."""
-        recorder = self._recorder
-        if recorder is None:
-            return
-        if len(state.contacts) and not moored:
+    def sense(self, step: RunStep) -> None:
+        recorder, state = self._recorder, step.state
+        if len(state.contacts) and not step.held:
             for begun in self._collisions.add(state.time_ns, state.contacts):
                 text = f"the hull hit {_article(begun.what)} at {begun.impact_mps:.2f} m/s"
                 recorder.log(state.time_ns, WARNING, SOURCE, text)
                 self._record_contact(recorder, state.time_ns, begun.what, began=True)
         if len(state.debris.bodies) > self._told:
             self._tell(recorder, state)
-        if step % self._record_every == 0:
+        if step.number % self._record_every == 0:
             for touching in self._collisions.touching(state.time_ns):
                 self._record_contact(recorder, state.time_ns, touching.what, began=False)
             if state.debris.bodies:
                 _record_bodies(recorder, state)
 
-    def collisions(self) -> dict[str, Any] | None:
-        """The summary's section; None where the vessel feels nothing."""
-        return self._collisions.report() if self._simulation.waterway.contact else None
-
-    def debris(self) -> dict[str, Any] | None:
-        """The summary's section."""
+    def report(self) -> dict[str, Any]:
+        """collisions: None where the vessel feels nothing."""
         return {
-            "launched": self._told,
-            "by": dict(self._by),
-            "no_room": self.encounters.no_room,
-            "refused": self._refused,
-            "control": None if self._control is None else self._control.report(),
+            "collisions": self._collisions.report() if self._plant.simulation.waterway.contact else None,
+            "debris": {
+                "launched": self._told,
+                "by": dict(self._by),
+                "no_room": self.encounters.no_room,
+                "refused": self._refused,
+                "control": None if self._port is None else self._port.report(),
+            },
         }
 
     def close(self) -> None:
-        """Hear no more."""
-        if self._control is not None:
-            self._control.close()
+        if self._port is not None:
+            self._port.close()
 
-    def _launched(self, state: SimulationState, each: Launch) -> SimulationState:
-        if len(state.debris.bodies) >= MOST_BODIES:
+    def _launch(self, body: Launch) -> None:
+        if len(self._plant.state.debris.bodies) >= MOST_BODIES:
             self._refused += 1
-            return state
-        return launch(self._simulation, state, each)
+        else:
+            self._plant.launch(body)
 
     def _possible(self, one: Launch, motion: Kinematics) -> bool:
         """Whether there is such a body, and water but no vessel where it would be."""
@@ -154,7 +133,7 @@ class River(OpenRiver):
         if not self.encounters.afloat(one.north_m, one.east_m):
             return False
         apart = np.hypot(motion.pos_ned_m[:, 0] - one.north_m, motion.pos_ned_m[:, 1] - one.east_m)
-        return bool(np.all(apart > self._simulation.outline.reach_m + body.half_axis_m + body.radius_m))
+        return bool(np.all(apart > self._plant.simulation.outline.reach_m + body.half_axis_m + body.radius_m))
 
     def _tell(self, recorder: Recorder, state: SimulationState) -> None:
         debris = state.debris
@@ -177,25 +156,26 @@ class River(OpenRiver):
         recorder.perception.contact(stamp_ns, what, known.place_ned_m, known.force_n, speed, began)
 
 
-def river_of(profile: RunProfile, seeds: Seeds, simulation: Simulation) -> OpenRiver:
-    """What the profile's `world.debris` asks for. Raises UserError when its control port cannot be had."""
+def river_of(profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]) -> RiverNode | None:
+    """What the profile's `world.debris` asks for, None on open water. Raises UserError when a port cannot be had."""
+    simulation = plant.simulation
     waterway = simulation.waterway
     if waterway is OPEN_WATER:
-        return OpenRiver()
+        return None
     debris, mission = profile.world.debris, profile.mission
     start = (mission.start.north_m, mission.start.east_m)
-    legs = Legs([start, *mission.waypoints_ned_m])
+    legs = MissionLegs([start, *mission.waypoints_ned_m])
     current = simulation.environment.current
-    encounters = Encounters(
-        drawn(debris.encounters, legs.length_m, default_rng(seeds.of("encounters"))),
+    encounters = DebrisEncounters(
+        draw_encounters(debris.encounters, legs.length_m, default_rng(seeds.of("encounters"))),
         legs,
         mission.speed_mps,
         lambda place: current.velocity_ned_mps(np.zeros(1), place),
         waterway,
         -profile.environment.water.level_m,
     )
-    control = None if debris.control is None else ControlPort(debris.control)
-    return River(simulation, encounters, control, profile.recording.scene)
+    port = None if debris.control is None else LaunchPort(debris.control)
+    return RiverNode(plant, encounters, port, profile.recording.scene, progress)
 
 
 def _record_bodies(recorder: Recorder, state: SimulationState) -> None:

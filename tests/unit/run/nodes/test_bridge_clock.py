@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -35,7 +36,9 @@ class Case:
         self.recorder = Recorder()
         self.now_ns = 0
         self.clock = AutopilotClock(lockstep, self.sent.append, grain_ns)
-        self.clock.begin(self.recorder, Pace(), lambda: self.now_ns)  # type: ignore[arg-type]
+        clock = SimpleNamespace(now_ns=lambda: self.now_ns)
+        context: Any = SimpleNamespace(recorder=self.recorder, pace=Pace(), clock=clock)
+        self.clock.begin(context)
 
 
 def test_in_lockstep_the_answer_is_held_against_the_tick_that_asked() -> None:
@@ -48,7 +51,7 @@ def test_in_lockstep_the_answer_is_held_against_the_tick_that_asked() -> None:
         case.sent.clear()
         assert (request.tc1, request.ts1) == (0, case.now_ns)
         case.now_ns += 20 * MS
-        case.clock.take(dialect.MAVLink_timesync_message(request.ts1 - 2 * MS + 1, request.ts1))
+        case.clock.handle(dialect.MAVLink_timesync_message(request.ts1 - 2 * MS + 1, request.ts1))
     report = case.clock.report()
     assert report.node == "autopilot"
     assert report.offset_us == pytest.approx(-2000, abs=1)
@@ -65,7 +68,7 @@ def test_in_lockstep_one_that_has_been_in_a_run_before_is_ahead() -> None:
     assert case.clock.sim_ns(62_010_000) is None  # not known yet
     case.clock.update(case.now_ns)
     case.now_ns += 20 * MS
-    case.clock.take(dialect.MAVLink_timesync_message(62 * SECOND + 20 * MS, 20 * MS))
+    case.clock.handle(dialect.MAVLink_timesync_message(62 * SECOND + 20 * MS, 20 * MS))
     assert case.clock.sim_ns(62_030_000) == 30 * MS
 
 
@@ -87,7 +90,7 @@ def test_in_real_time_its_instants_become_simulation_time(monkeypatch: pytest.Mo
         request = case.sent.pop()
         heard_ns = theirs(host_ns + MS // 2)
         host_ns += MS
-        case.clock.take(dialect.MAVLink_timesync_message(heard_ns, request.ts1))
+        case.clock.handle(dialect.MAVLink_timesync_message(heard_ns, request.ts1))
     instant_ns = 110 * SECOND
     found_ns = case.clock.sim_ns(theirs(instant_ns) // 1000)
     assert found_ns == pytest.approx(10 * SECOND, abs=5_000)  # stamps are whole microseconds, the fit some more
@@ -110,7 +113,7 @@ def test_a_simulated_clock_that_runs_unevenly_makes_no_steps(monkeypatch: pytest
             request = case.sent.pop()
             heard_ns = (host_ns + MS // 2) // (8 * MS) * (8 * MS)
             host_ns += MS
-            case.clock.take(dialect.MAVLink_timesync_message(heard_ns, request.ts1))
+            case.clock.handle(dialect.MAVLink_timesync_message(heard_ns, request.ts1))
         report = case.clock.report()
         steps.append(report.steps)
         last = case.recorder.clocks[-1]
@@ -123,19 +126,19 @@ def test_a_simulated_clock_that_runs_unevenly_makes_no_steps(monkeypatch: pytest
 def test_its_own_requests_are_answered_and_strange_answers_passed_over() -> None:
     case = Case(lockstep=True)
     case.now_ns = 7 * SECOND
-    case.clock.take(dialect.MAVLink_timesync_message(0, 1234))
+    case.clock.handle(dialect.MAVLink_timesync_message(0, 1234))
     (answer,) = case.sent
     assert (answer.tc1, answer.ts1) == (7 * SECOND, 1234)
-    case.clock.take(dialect.MAVLink_timesync_message(99, 98))  # of somebody else's request
+    case.clock.handle(dialect.MAVLink_timesync_message(99, 98))  # of somebody else's request
     assert case.clock.report().offset_us is None
 
 
 def test_utc_is_noted_in_real_time_only_once_it_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.time, "time", lambda: 1_800_000_000.0)
     case, other = Case(lockstep=False), Case(lockstep=True)
-    case.clock.take(dialect.MAVLink_system_time_message(12_000_000, 12_000))
+    case.clock.handle(dialect.MAVLink_system_time_message(12_000_000, 12_000))
     assert case.clock.utc_offset_s is None
     for one in (case, other):
-        one.clock.take(dialect.MAVLink_system_time_message(1_800_000_002_500_000, 12_000))
+        one.clock.handle(dialect.MAVLink_system_time_message(1_800_000_002_500_000, 12_000))
     assert case.clock.utc_offset_s == pytest.approx(2.5)
     assert other.clock.utc_offset_s is None

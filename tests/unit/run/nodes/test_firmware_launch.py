@@ -11,7 +11,7 @@ import pytest
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.setup import parameter_file_text, start_parameters
-from xitl_cli.run.nodes.firmware_launch import Launch, resolved_bridge
+from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 
 
 @pytest.fixture
@@ -26,10 +26,10 @@ def program(tmp_path: Path) -> Path:
     return path
 
 
-def launch(program: Path, name: str, *overrides: str) -> tuple[Launch, Any]:
+def launch(program: Path, name: str, *overrides: str) -> tuple[FirmwareLaunch, Any]:
     profile = load_profile(name, [f"autopilot.firmware={program}", *overrides]).runnable()
     bridge = resolved_bridge(profile.autopilot.bridge)
-    return Launch(profile, bridge), bridge
+    return FirmwareLaunch(profile, bridge), bridge
 
 
 def port(url: str) -> str:

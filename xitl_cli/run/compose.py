@@ -1,0 +1,163 @@
+"""From a profile to the nodes of its vessel: each kind is made here, and the order of the list is that of the calls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.faults import FaultSchedule
+from xitl_cli.run.links.connection import AgentConnection, Supervision
+from xitl_cli.run.links.peer import options_of
+from xitl_cli.run.node import ControlNode, RunNode, VesselNodes
+from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
+from xitl_cli.run.nodes.bridge import BridgeNode
+from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
+from xitl_cli.run.nodes.direct_control import direct_control
+from xitl_cli.run.nodes.drivers import VehicleDriver, make_driver
+from xitl_cli.run.nodes.fault_injection import FaultInjection
+from xitl_cli.run.nodes.findings import findings_of
+from xitl_cli.run.nodes.mission_score import MissionNode
+from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
+from xitl_cli.run.nodes.recorders import LinkRecorder, TruthRecorder
+from xitl_cli.run.nodes.river import river_of
+from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
+from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.sensors.lidar import lidar_of
+from xitl_cli.run.sensors.sensing import local_frame
+from xitl_cli.run.sensors.sonar import sonar_of
+from xitl_cli.run.view import DisplayNode, View
+from xitl_cli.run.world.plant import Plant
+from xitl_cli.run.world.scenery import Scenery
+
+Node = TypeVar("Node", bound=RunNode)
+
+
+@dataclass(frozen=True, slots=True)
+class RunSetup:
+    """What nodes are made from. out: the run's directory. interrupted: whether somebody wants to end the run."""
+
+    profile: RunProfile
+    seeds: Seeds
+    scenery: Scenery
+    plant: Plant
+    out: Path
+    make_view: Callable[[], View]
+    interrupted: Callable[[], bool]
+
+
+def link_names(profile: RunProfile) -> tuple[str, ...]:
+    """Of the links to agents, whose raw frames are recorded."""
+    agents = autopilot_links(profile)
+    return agents if profile.companion is None else (*agents, COMPANION_LINK)
+
+
+def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes:
+    """The nodes of the vessel with this name; `opened` closes them.
+
+    Raises UserError for firmware, files, meshes and ports that cannot be had.
+    """
+    profile, plant, realtime = setup.profile, setup.plant, setup.profile.clock.mode == "realtime"
+
+    def made(node: Node) -> Node:
+        opened.callback(node.close)
+        return node
+
+    # Who moves the vessel.
+    bridge = autopilot = companion = None
+    if profile.autopilot.kind == "none":
+        control: ControlNode = made(direct_control(profile))
+    else:
+        if profile.autopilot.kind != "embedded":
+            bridge = made(BridgeNode(profile, setup.out))
+        control = autopilot = made(_autopilot(setup, bridge))
+        if profile.companion is not None:
+            companion = made(CompanionNode(profile, autopilot.send, setup.interrupted))
+            autopilot.heard.subscribe(companion.forward)
+    autopilots = [] if autopilot is None else autopilot.agents
+    agents = autopilots if companion is None else [*autopilots, companion.agent]
+
+    # What is around it, what looks at it, what scores it.
+    river = river_of(profile, setup.seeds, plant, lambda: control.progress)
+    if river is not None:
+        made(river)
+    perception = _perception(setup, companion)
+    if perception is not None:
+        made(perception)
+    findings = None
+    if autopilot is not None and companion is not None:
+        findings = findings_of(profile, setup.scenery)
+        companion.heard.subscribe(findings.handle)
+        autopilot.heard.subscribe(findings.handle_autopilot)
+    mission = MissionNode(profile.mission.waypoints_ned_m, control)
+
+    # What goes wrong on purpose, what is recorded, what is shown.
+    faults = links = None
+    if autopilot is not None:
+        if profile.faults:
+            schedule = FaultSchedule(profile.faults, setup.seeds)
+            faults = FaultInjection(schedule, agents, autopilots, autopilot.sample_faults, profile.clock)
+        # In lockstep how much has come from a companion depends on the wall clock.
+        age = autopilot.actuator_age if realtime else None
+        links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
+    in_force = tuple if faults is None else faults.schedule.names_in_force
+    display = DisplayNode(
+        setup.make_view, setup.scenery, profile.clock, plant, control, mission.score, agents, in_force
+    )
+    made(display)
+
+    order: list[RunNode | None] = [
+        display,
+        river,
+        perception,
+        findings,
+        None if autopilot is None else autopilot.driver,
+        faults,
+        None if companion is None else companion.intake,
+        control,
+        bridge,
+        companion,
+        links,
+        TruthRecorder(profile, control),
+        mission,
+        None if river is None else river.launching,
+        display.showing,
+    ]
+    return VesselNodes(vessel, control, tuple(node for node in order if node is not None))
+
+
+def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
+    """The autopilot in the agent itself, or behind it as a bridge."""
+    profile = setup.profile
+    frame = local_frame(profile.site)
+
+    def driver_of(commands: VehicleCommands, agent: AgentConnection) -> VehicleDriver:
+        driver = make_driver(profile, commands, frame)
+        return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
+
+    options, supervision = options_of(profile, setup.out), None
+    if bridge is not None:
+        options = options_of(profile, setup.out, bridge.bridge)
+        supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)
+    autopilot = AutopilotNode(profile, setup.seeds, driver_of, options, supervision, setup.interrupted)
+    if bridge is not None:
+        autopilot.heard.subscribe(bridge.handle)
+    autopilot.heard.subscribe(autopilot.driver.handle)
+    return autopilot
+
+
+def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionNode | None:
+    """Lidar and sonar, heard by the companion if there is one."""
+    profile, sensors = setup.profile, setup.profile.sensors
+    instruments: dict[str, PerceptionInstrument] = {}
+    if sensors is not None and sensors.lidar is not None:
+        instruments["lidar"] = lidar_of(profile, setup.seeds, setup.scenery, setup.plant.simulation)
+    if sensors is not None and sensors.sonar is not None:
+        instruments["sonar"] = sonar_of(profile, setup.seeds, setup.scenery, setup.plant.simulation)
+    if not instruments:
+        return None
+    send = (lambda messages: None) if companion is None else companion.send
+    return PerceptionNode(instruments, send, lambda: setup.scenery.warnings)

@@ -1,0 +1,143 @@
+"""Nodes: what takes part in a run, behind one interface, and what the loop tells them.
+
+session.py makes them from the profile (compose.py) and calls, for each in the order of the list:
+
+    prepare                    reach what is elsewhere, before anything is recorded
+    begin(context)             the run starts
+    sense(step)                after every physics step
+    exchange(step)             at the exchange rate
+    record(step)               after every physics step, once all have exchanged
+    receive(seconds)           while there is time until the next step
+    end                        the run is over: final counts
+    close                      give back processes, sockets and files; may come at any time
+    save(folder), report()     files beside the recording, and its part of summary.json
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from agent.wire.link import Link
+from sim_core.kinematics import Kinematics
+from sim_core.simulation import SimulationState
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.record.topics import MotorCommand
+from xitl_cli.run.pace import Pace
+from xitl_cli.run.reports import Progress
+
+
+class SimulationClock:
+    """Simulation time. step_ns: end of the latest physics step."""
+
+    def __init__(self, pace: Pace) -> None:
+        self.step_ns = 0
+        self._pace = pace
+
+    def now_ns(self) -> int:
+        """Right now: in real time the world stands at step_ns while time goes on."""
+        return self._pace.now_sim_ns(self.step_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class RunContext:
+    """What a node is given when the run starts. recorder: takes the topics of the vessel called `vessel`."""
+
+    recorder: Recorder
+    pace: Pace
+    clock: SimulationClock
+    vessel: str = ""
+
+
+class RunStep(NamedTuple):
+    """The world after a physics step. Arrays have a leading vessel axis (N, ...).
+
+    number: counted from 1. now_ns: simulation time at its end. held: the vessel was kept in its state, see Progress.
+    """
+
+    number: int
+    now_ns: int
+    state: SimulationState
+    motion: Kinematics
+    held: bool = False
+
+
+class RunNode:
+    """Does nothing in every method: a node writes those that it needs. See the module for when each is called."""
+
+    def prepare(self) -> None:
+        """Reach what is elsewhere. Raises UserError when that fails."""
+
+    def begin(self, context: RunContext) -> None:
+        """The run starts: simulation time is 0. Raises UserError when it cannot."""
+
+    def sense(self, step: RunStep) -> None:
+        """Measure what is due, look at what has happened."""
+
+    def exchange(self, step: RunStep) -> None:
+        """Send and take in commands. Raises UserError when the run cannot go on."""
+
+    def record(self, step: RunStep) -> None:
+        """Record what is due."""
+
+    def links(self) -> Sequence[Link]:
+        """Links on which something may come at any time."""
+        return ()
+
+    def receive(self, timeout_s: float) -> None:
+        """Take in what has come on them; waits for it at most `timeout_s`."""
+
+    def end(self) -> None:
+        """Ask for final counts."""
+
+    def close(self) -> None:
+        """Give everything back. Safe to call at any time, and again."""
+
+    def save(self, folder: Path) -> None:
+        """Keep files in the run's directory, after `close`. Raises UserError when they cannot be written."""
+
+    def report(self) -> dict[str, Any]:
+        """Its part of summary.json by key, see summary.py: lists are joined with those of other nodes."""
+        return {}
+
+
+class ExchangePart(RunNode):
+    """The part of an exchange that a node has at another place of the order than its other calls."""
+
+    def __init__(self, exchange: Callable[[RunStep], None]) -> None:
+        self._exchange = exchange
+
+    def exchange(self, step: RunStep) -> None:
+        self._exchange(step)
+
+
+class ControlNode(RunNode):
+    """The node whose motor commands move the vessel.
+
+    command: in force. progress: as of the latest exchange. position_error_m: latest horizontal error of its estimate,
+    None where it has none.
+    """
+
+    command: MotorCommand
+    progress: Progress
+    position_error_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class VesselNodes:
+    """One vessel's nodes, in the order in which they are called; `control` is one of them.
+
+    The vessel is the row of the world's arrays with the number that these nodes have in the run's list.
+    """
+
+    name: str
+    control: ControlNode
+    nodes: tuple[RunNode, ...]
+
+    def overriding(self, method: str) -> list[Callable[..., Any]]:
+        """`method` of the nodes that do something there: the others cost nothing at the physics rate."""
+        return [
+            getattr(node, method) for node in self.nodes if getattr(type(node), method) is not getattr(RunNode, method)
+        ]

@@ -1,0 +1,286 @@
+"""The autopilot behind an agent, wherever that runs: sensors out over the link, motor commands back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from agent.wire.link import Link
+from agent.wire.signing import Signing
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.topics import ActuatorAge, MotionEstimate
+from xitl_cli.run import directory
+from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.links.connection import (
+    WARNING,
+    AgentConnection,
+    StoppedWaitingError,
+    Supervision,
+    report_of,
+)
+from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
+from xitl_cli.run.links.peer import (
+    AGENT_COMPONENT_ID,
+    AGENT_SYSTEM_ID,
+    AgentOptions,
+    missing_addresses,
+    open_peer,
+)
+from xitl_cli.run.links.setup import embedded_parameters, mission_places
+from xitl_cli.run.node import ControlNode, RunContext, RunStep
+from xitl_cli.run.nodes.drivers import VehicleDriver
+from xitl_cli.run.nodes.estimation import EstimateCheck
+from xitl_cli.run.nodes.standby import Redundancy
+from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
+from xitl_cli.run.reports import ActuatorReport, Progress
+from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.sensors.sensing import local_frame, sensing_of
+from xitl_cli.signing import read_key_file
+
+SYNC_RATE_HZ = 10.0
+
+
+def autopilot_links(profile: RunProfile) -> tuple[str, ...]:
+    """Names of the links to its agents."""
+    return ("agent",) if profile.autopilot.standby is None else ("agent", "standby")
+
+
+class AutopilotNode(ControlNode):
+    """Sends samples to its agents and takes in motor commands.
+
+    In lockstep every exchange is a tick and its answer; in real time both sides go on their own. A second agent, if the
+    profile has one in standby, gets all that the first one gets. `make_driver` makes the node that commands it
+    over its first agent;
+    `interrupted` is asked while the answer to a tick is waited for; supervision: see there.
+
+    heard: to subscribe to what the active agent says. driver: comes before this node in a run.
+    """
+
+    def __init__(
+        self,
+        profile: RunProfile,
+        seeds: Seeds,
+        make_driver: Callable[[VehicleCommands, AgentConnection], VehicleDriver],
+        options: AgentOptions | None = None,
+        supervision: Supervision | None = None,
+        interrupted: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.heard = MessageRoute()
+        self._profile = profile
+        self._options = options or AgentOptions()
+        self._supervision = supervision or Supervision(lambda: profile.autopilot.silent_s)
+        self._interrupted = interrupted
+        self._lockstep = profile.clock.mode == "lockstep"
+        self._frame = local_frame(profile.site)
+        self._sensing = sensing_of(profile, seeds)
+        self.agents = [self._connection(name) for name in autopilot_links(profile)]
+        first, standby = self.agents[0], profile.autopilot.standby
+        self.view = first.inbox.view
+        self._redundancy: Redundancy | None = None
+        if standby is not None:
+            self.view = AgentView(self._frame, lambda severity, text: None, lambda agent_us, estimate: None)
+            self._redundancy = Redundancy(self.agents, self.view, standby)
+        commands = VehicleCommands(self.view, self.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        self.driver = make_driver(commands, first)
+        self._check = EstimateCheck(profile.clock.physics_rate_hz)
+        self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)
+        self._use = ActuatorUse()
+        self._context: RunContext | None = None
+        self._exchanges = 0
+        self.command = first.inbox.command
+        self.progress = self._progress()
+
+    def _connection(self, name: str) -> AgentConnection:
+        profile, key = self._profile, self._profile.autopilot.link_key_file
+        inbox = AgentInbox(
+            name,
+            self._frame,
+            profile.vehicle.commands,
+            self._lockstep,
+            partial(self._on_estimate, name),
+            partial(self._on_message, name),
+        )
+        signing = None if key is None else Signing(read_key_file(key))
+        why_silent = self._supervision.why_silent if name == "agent" else None
+        return AgentConnection(name, profile, inbox, signing, why_silent=why_silent)
+
+    @property
+    def active(self) -> AgentConnection:
+        """The agent whose motor commands move the vessel."""
+        return self.agents[0] if self._redundancy is None else self._redundancy.active
+
+    def send(self, message: Any) -> None:
+        """A command, or whatever else every agent is to get."""
+        for agent in self._present():
+            agent.send(message)
+
+    def _present(self) -> list[AgentConnection]:
+        return [agent for agent in self.agents if agent.gone is None]
+
+    def _on_message(self, name: str, message: Any) -> None:
+        """Of two agents the active one is heard."""
+        if self._redundancy is not None:
+            if name != self.active.name:
+                return
+            self.view.handle(message)
+        self.heard.publish(message)
+
+    def _on_estimate(self, name: str, stamp_ns: int | None, estimate: MotionEstimate) -> None:
+        if name == self.active.name and self._context is not None:
+            now_ns = self._context.clock.now_ns() if stamp_ns is None else stamp_ns
+            self._context.recorder.estimate(now_ns, estimate)
+            self._check.add_estimate(stamp_ns, estimate, self.view.armed)
+            self.position_error_m = self._check.position_error_m
+
+    # Before the run
+
+    def prepare(self) -> None:
+        autopilot, options = self._profile.autopilot, self._options
+        for agent in self.agents:
+            if agent.name == "agent":
+                agent.reach(open_peer(autopilot.runs, autopilot.link, options))
+            else:
+                assert autopilot.standby is not None
+                own = replace(options, ground_stations=(), log_dir=None)
+                agent.reach(open_peer(autopilot.standby.runs, autopilot.standby.link, own))
+
+    def begin(self, context: RunContext) -> None:
+        self._context = context
+        parameters: dict[str, float] = {}
+        mission: list[tuple[float, float, float]] = []
+        if self._profile.autopilot.kind == "embedded":
+            parameters = embedded_parameters(self._profile)
+            mission = mission_places(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
+        for agent in self.agents:
+            agent.begin(context, parameters, mission)
+        for address in missing_addresses(self._profile, self._options):
+            context.recorder.log(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
+        self.progress = self._progress()
+
+    # In the run
+
+    def sense(self, step: RunStep) -> None:
+        self._check.add_truth(step.now_ns, step.motion)
+        messages = self._sensing.due(step.number, step.now_ns, step.motion, step.state.wind_ned_mps)
+        if messages:
+            for agent in self._present():
+                agent.send_sensors(messages)
+
+    def exchange(self, step: RunStep) -> None:
+        self._exchanges += 1
+        if self._lockstep:
+            agent = self.agents[0]
+            agent.tick_and_wait(step.now_ns, self._exchanges, self._supervision.silent_s(), self._check_waiting)
+            self.command = agent.inbox.command
+        else:
+            self._take_in(step.now_ns)
+        self.progress = self._progress()
+
+    def _take_in(self, now_ns: int) -> None:
+        """Real time: what has come since, whoever sent it."""
+        assert self._context is not None
+        for agent in self._present():
+            if self._exchanges % self._sync_every == 1:
+                agent.request_time()
+            agent.receive(0.0)
+            agent.watch()
+            if agent.gone is not None and self._redundancy is not None:
+                agent.inbox.say(WARNING, "run", str(agent.gone))
+        motors = None if self._redundancy is None else self._redundancy.update(now_ns, self._context.recorder)
+        active = self.active
+        if active.gone is not None and not self._present():
+            raise active.gone
+        inbox = active.inbox
+        age_ns = inbox.age_ns()
+        self._use.add(inbox.fresh, age_ns)
+        self.command = replace(
+            inbox.command,
+            motors=inbox.command.motors if motors is None else motors,
+            age_s=None if age_ns is None else age_ns * 1e-9,
+        )
+        for agent in self.agents:
+            agent.inbox.fresh = False
+
+    def _check_waiting(self) -> None:
+        if self._interrupted():
+            raise StoppedWaitingError
+        self._supervision.check()
+
+    def _progress(self) -> Progress:
+        view, texts = self.view, self.active.inbox.view.texts
+        return replace(self.driver.progress(), mode=view.mode, armed=view.armed, messages=tuple(texts))
+
+    def links(self) -> Sequence[Link]:
+        return [agent.link for agent in self._present()]
+
+    def receive(self, timeout_s: float) -> None:
+        for agent in self._present():
+            agent.receive(timeout_s)
+
+    # After the run
+
+    def end(self) -> None:
+        for agent in self.agents:
+            agent.stop()
+
+    def close(self) -> None:
+        for agent in self.agents:
+            agent.close()
+
+    def save(self, folder: Path) -> None:
+        directory.keep_dataflash(folder)
+
+    def sample_faults(self) -> dict[str, dict[str, int]]:
+        """How many samples each injected fault has touched, by its name."""
+        return self._sensing.fault_counts()
+
+    def actuator_age(self) -> ActuatorAge:
+        """How old motor commands were so far, for the recording."""
+        return self._use.record()
+
+    def report(self) -> dict[str, Any]:
+        score = self._check.score
+        return {
+            **report_of(self.agents),
+            "estimation": {"position_rms_m": score.position_rms_m, "heading_rms_deg": score.heading_rms_deg},
+            "stale_exchanges": self._use.report.stale,
+            "actuators": self._use.report,
+            "takeovers": [] if self._redundancy is None else self._redundancy.takeovers,
+        }
+
+
+class ActuatorUse:
+    """Counts every exchange; a run of exchanges without new commands is as long as it lasts."""
+
+    def __init__(self) -> None:
+        self.report = ActuatorReport()
+        self._exchanges = 0
+        self._stale = 0
+
+    def add(self, fresh: bool, age_ns: int | None) -> None:
+        """One exchange: whether a new command has come, and the age of the one in use, None while unknown."""
+        report = self.report
+        self._exchanges += 1
+        if age_ns is not None:
+            report.age.add(age_ns)
+        if fresh:
+            self._stale = 0
+            return
+        self._stale += 1
+        self.report = replace(report, stale=report.stale + 1, longest_stale=max(report.longest_stale, self._stale))
+
+    def record(self) -> ActuatorAge:
+        """The same for the recording."""
+        report = self.report
+        p50_ns, p99_ns = report.age.quantile_ns(0.5), report.age.quantile_ns(0.99)
+        return ActuatorAge(
+            exchanges=self._exchanges,
+            stale=report.stale,
+            longest_stale=report.longest_stale,
+            age_p50_s=None if p50_ns is None else p50_ns * 1e-9,
+            age_p99_s=None if p99_ns is None else p99_ns * 1e-9,
+            age_max_s=report.age.max_ns * 1e-9 if report.age.count else None,
+        )

@@ -1,0 +1,53 @@
+"""Fault injection on the links to agents and on the agents themselves, by the schedule of the profile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from xitl_cli.profile.schema.session import Clock
+from xitl_cli.run.faults import FaultSchedule
+from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.node import RunContext, RunNode, RunStep
+
+COUNT_RATE_HZ = 1.0
+
+
+class FaultInjection(RunNode):
+    """Puts faults in force on the links to `agents`; those of `autopilots` are counted once more at the end.
+
+    sample_faults: how many samples each fault has touched, by its name: the sensors inject theirs by themselves.
+    """
+
+    def __init__(
+        self,
+        schedule: FaultSchedule,
+        agents: Sequence[AgentConnection],
+        autopilots: Sequence[AgentConnection],
+        sample_faults: Callable[[], Mapping[str, Mapping[str, int]]],
+        clock: Clock,
+    ) -> None:
+        self.schedule = schedule
+        self._agents = agents
+        self._autopilots = autopilots
+        self._sample_faults = sample_faults
+        self._count_every = max(round(clock.exchange_rate_hz / COUNT_RATE_HZ), 1)
+        self._exchanges = 0
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def exchange(self, step: RunStep) -> None:
+        self.schedule.record(step.now_ns, self._recorder)
+        counts = self._exchanges % self._count_every == 0
+        self._exchanges += 1
+        for agent in self._agents:
+            if agent.gone is None:
+                agent.apply_faults(step.now_ns, self.schedule.at(step.now_ns, agent.name))
+                if counts:
+                    self.schedule.count_impaired(*agent.impaired, agent.name)
+
+    def report(self) -> dict[str, Any]:
+        for agent in self._autopilots:
+            self.schedule.count_impaired(*agent.impaired, agent.name)
+        return {"faults": self.schedule.reports(self._sample_faults())}

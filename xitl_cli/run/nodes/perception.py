@@ -1,0 +1,68 @@
+"""The instruments of a companion: lidar and sonar, whose messages go to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+from agent.wire.codec import Message
+from xitl_cli.record.recorder import PerceptionRecorder
+from xitl_cli.run.node import RunContext, RunNode, RunStep
+
+SOURCE = "perception"
+WARNING, INFO = 4, 6  # MAV_SEVERITY
+
+
+class PerceptionInstrument(Protocol):
+    """A sensor of the companion. address: where others may talk to it too, None for nowhere."""
+
+    @property
+    def address(self) -> str | None: ...
+
+    def begin(self, recorder: PerceptionRecorder) -> None:
+        """The run starts; what it measures is recorded there."""
+
+    def update(self, step: RunStep) -> list[Message]:
+        """After each physics step: the messages that are due."""
+
+    def report(self) -> dict[str, Any]:
+        """What it did, for the summary."""
+
+    def close(self) -> None:
+        """Give back what it holds."""
+
+
+class PerceptionNode(RunNode):
+    """Instruments by name. `send` sends to the companion; `warnings`: what of the world looks wrong at the start."""
+
+    def __init__(
+        self,
+        instruments: Mapping[str, PerceptionInstrument],
+        send: Callable[[Sequence[Message]], None],
+        warnings: Callable[[], Sequence[str]] = tuple,
+    ) -> None:
+        self._instruments = instruments
+        self._send = send
+        self._warnings = warnings
+
+    def begin(self, context: RunContext) -> None:
+        recorder = context.recorder
+        for text in self._warnings():
+            recorder.log(0, WARNING, SOURCE, text)
+        for name, instrument in self._instruments.items():
+            if instrument.address is not None:
+                recorder.log(0, INFO, SOURCE, f"{name} answers its own protocol at {instrument.address}")
+            instrument.begin(recorder.perception)
+
+    def sense(self, step: RunStep) -> None:
+        for instrument in self._instruments.values():
+            messages = instrument.update(step)
+            if messages:
+                self._send(messages)
+
+    def report(self) -> dict[str, Any]:
+        return {"perception": {name: instrument.report() for name, instrument in self._instruments.items()}}
+
+    def close(self) -> None:
+        for instrument in self._instruments.values():
+            instrument.close()

@@ -1,0 +1,72 @@
+"""Recorders of a run: the truth and its environment, the links to agents, and the host's own clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.session import Clock
+from xitl_cli.record.topics import ActuatorAge
+from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.node import ControlNode, RunContext, RunNode, RunStep
+from xitl_cli.run.sensors.sensing import local_frame
+
+ENVIRONMENT_RATE_HZ = 10.0
+TASK_RATE_HZ = 1.0
+LINKS_RATE_HZ = 1.0
+
+
+class TruthRecorder(RunNode):
+    """Records motor commands, the vessel's true state, what surrounds it, and how the physics kept its time."""
+
+    def __init__(self, profile: RunProfile, control: ControlNode) -> None:
+        rate_hz = profile.clock.physics_rate_hz
+        self._rate_hz = rate_hz
+        self._control = control
+        self._frame = local_frame(profile.site)
+        self._every_truth = round(rate_hz / profile.recording.truth_rate_hz)
+        self._every_environment = round(rate_hz / ENVIRONMENT_RATE_HZ)
+        self._every_task = round(rate_hz / TASK_RATE_HZ)
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder, self._pace = context.recorder, context.pace
+
+    def exchange(self, step: RunStep) -> None:
+        self._recorder.actuators(step.now_ns, self._control.command)
+
+    def record(self, step: RunStep) -> None:
+        number, now_ns, state, motion, _ = step
+        recorder = self._recorder
+        if number % self._every_truth == 0:
+            recorder.truth(now_ns, motion, state.vessel.rotor_speed)
+        if number % self._every_environment == 0:
+            recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], float(state.elevation_m[0]))
+            lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)
+            recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
+            point = self._pace.clock(number, now_ns)
+            if point is not None:
+                recorder.write(now_ns, point)
+        if number % self._every_task == 0:
+            recorder.write(now_ns, self._pace.task(self._rate_hz))
+
+
+class LinkRecorder(RunNode):
+    """Records once a second how the links to `agents` have done, and how old motor commands were, where `age` tells."""
+
+    def __init__(self, clock: Clock, agents: Sequence[AgentConnection], age: Callable[[], ActuatorAge] | None) -> None:
+        self._agents = agents
+        self._age = age
+        self._every = max(round(clock.exchange_rate_hz / LINKS_RATE_HZ), 1)
+        self._exchanges = 0
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def exchange(self, step: RunStep) -> None:
+        self._exchanges += 1
+        if self._exchanges % self._every:
+            return
+        for agent in self._agents:
+            agent.record_links(self._recorder, step.now_ns)
+        if self._age is not None:
+            self._recorder.write(step.now_ns, self._age())
