@@ -160,7 +160,7 @@ class AlignedLog(Log):
 
 
 class LogClock:
-    """A log's stamps on the time line of the report, else in seconds since its own zero (`query.times.zero_ns`).
+    """A log's stamps on the time line of the report, else in seconds since its own zero (`Log.zero_ns`).
 
     armed: spans (ns) in which the motors were armed.
     """
