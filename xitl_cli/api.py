@@ -1,0 +1,140 @@
+"""The functions behind `import xitl`: what the commands do, without printing and with objects for results."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile import Profile
+from xitl_cli.profile import load_profile as _load_profile
+from xitl_cli.run.session import Result
+
+if TYPE_CHECKING:
+    from xitl_cli.graph.wdri import Vertices, Wdri
+    from xitl_cli.logs.compare.comparison import Comparison
+    from xitl_cli.logs.log import Log
+    from xitl_cli.logs.report.model import Report
+
+__all__ = ["Result", "analyze", "compare", "load_profile", "open_log", "simulate", "wdri"]
+
+PathText = str | PathLike[str]
+Overrides = Mapping[str, Any] | Iterable[str]
+
+
+def load_profile(name: PathText, overrides: Overrides = ()) -> Profile:
+    """The checked profile `name`: a shipped one (`"sitl"`) or the path of a YAML file.
+
+    overrides: values by dotted key, `{"environment.wind.mean_mps": 8}`, or texts as of `--set`,
+    `["environment.wind.mean_mps=8"]`.
+
+    Raises UserError for an unknown name, and with file, line, key and fix for everything that is wrong in it.
+    """
+    return _load_profile(str(name), _texts(overrides))
+
+
+def simulate(
+    profile: PathText | Profile = "sitl",
+    *,
+    seed: int | None = None,
+    duration_s: float | None = None,
+    overrides: Overrides = (),
+    out: PathText | None = None,
+    overwrite: bool = False,
+) -> Result:
+    """Run a profile, as `xitl sim` does, and keep the run in a directory.
+
+    profile: a name, a path, or what `load_profile` returned. seed: of everything random. duration_s: simulation time
+    at which the run ends at the latest. overrides: as of `load_profile`; they and the two before are for a name or a
+    path. out: the run directory, `runs/<profile>-<time>` in the working directory by default. overwrite: replace an
+    earlier run there.
+
+    A run whose mission was not completed is a result (`completed` is False). Raises UserError when the profile cannot
+    run, and when the run failed; what was recorded until then is kept.
+    """
+    from xitl_cli.run.directory import default_path
+    from xitl_cli.run.session import run
+    from xitl_cli.run.view import NoView
+
+    own = {"clock.seed": seed, "clock.duration_s": duration_s}
+    given = {key: value for key, value in own.items() if value is not None}
+    if isinstance(profile, Profile):
+        if given or overrides:
+            raise UserError(f"{profile.name}: is loaded already; give seed, duration_s and overrides to load_profile")
+    else:
+        profile = _load_profile(str(profile), [*_texts(overrides), *_texts(given)])
+    directory = default_path(profile.name) if out is None else Path(out)
+    result = run(profile, directory, overwrite, NoView)
+    if result.summary["error"]:
+        raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
+    return result
+
+
+def wdri(
+    profile: PathText | Profile,
+    *,
+    overrides: Overrides = (),
+    reference: str | None = None,
+    vertices: Vertices | None = None,
+) -> Wdri:
+    """The weighted degree realism index of a profile, from 0 to 1, with the graph behind it.
+
+    reference: a profile, or `"complete"` for the graph with every node real and linked to every node; the profile's own
+    by default. vertices: `"architecture"`, `"present"` or a number; what averages the degrees.
+    """
+    from xitl_cli.graph.of_profile import wdri_of
+
+    loaded = profile if isinstance(profile, Profile) else load_profile(profile, overrides)
+    return wdri_of(loaded, reference, vertices)
+
+
+def open_log(path: PathText) -> Log:
+    """A log opened for reading: DataFlash `.bin`, MAVLink `.tlog` or MCAP.
+
+    `log["ATT"]` is a table, `log["ATT"]["Roll"]` its column as a numpy array, `log["ATT"].to_pandas()` a data frame
+    (needs pandas). Close it, or use it in a `with`. Raises LogError for a file that cannot be read.
+    """
+    from xitl_cli.logs.opening import open_log as open_path
+
+    return open_path(Path(path))
+
+
+def analyze(*logs: PathText, sections: Iterable[str] = ()) -> Report:
+    """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
+
+    sections: names of analyses (`"scheduler"`), all by default. A log that cannot be read is one of the report's
+    `refusals`. Raises UserError for a section that does not exist.
+    """
+    from xitl_cli.logs.report.build import build, sections_named
+
+    return build([Path(log) for log in logs], sections_named(tuple(sections)))
+
+
+def compare(
+    a: PathText,
+    b: PathText,
+    *,
+    align: Literal["none", "origin", "se3", "sim3"] = "none",
+    start: Literal["auto", "clocks", "mission", "armed", "motion", "correlation"] = "auto",
+    of_a: Literal["estimate", "truth"] = "estimate",
+    of_b: Literal["estimate", "truth"] = "estimate",
+    armed: bool = False,
+) -> Comparison:
+    """Log `b` against log `a`, as `xitl logs compare`: trajectories, motion, channels, events.
+
+    align: how b's path is moved onto a's before errors are taken. start: how b is laid on a's time. of_a, of_b: the
+    autopilot's estimate or the simulator's truth. armed: only while both were armed.
+    """
+    from xitl_cli.logs.compare.comparison import compare as compare_logs
+
+    with open_log(a) as log_a, open_log(b) as log_b:
+        return compare_logs(log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed)
+
+
+def _texts(overrides: Overrides) -> list[str]:
+    if isinstance(overrides, Mapping):
+        return [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
+    return list(overrides)
