@@ -17,6 +17,7 @@ from mcap_truth import payloads_of
 
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.summary import summary_of
 
 _ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
 Values = dict[str, dict[str, Any]]
@@ -325,3 +326,22 @@ def test_damage_inside_a_chunk_costs_one_message(tmp_path: Path) -> None:
     with log_of(tmp_path / "x.mcap", BEGIN + chunk(bytes(damaged), end_ns=9)) as log:
         assert log.tables["/t"].stamp_ns.tolist() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
         assert log.health.lost_bytes == len(message(0))
+
+
+def test_damage_that_takes_all_of_a_topic_is_summarised(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, chunk_size=1)  # a chunk for each message
+        writer.start()
+        schema = writer.register_schema("Numbers", "jsonschema", b'{"type": "object"}')
+        for topic in ("/lost", "/kept"):
+            channel = writer.register_channel(topic, "json", schema)
+            writer.add_message(channel, log_time=1_000, data=b'{"x": 1}', publish_time=1_000)
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    data[data.index(b'{"x": 1}') - 22 - 9] = 0x7E  # the opcode of the message: sequence, stamps and channel are between
+    path.write_bytes(data)
+    with McapLog(path) as log:
+        summary = summary_of(log)
+        assert summary.health.degraded
+        assert [message.name for message in summary.messages if message.rows] == ["/kept"]
