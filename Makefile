@@ -25,12 +25,13 @@ run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts
 package: $(VENV)/.run  ## xitl-agent.pyz, the agent in one file for a board
 	$(BIN)/xitl agent package
 
-test: $(VENV)/.dev  ## all tests; the slow ones one at a time, since many of them keep real time
-	$(BIN)/python -m pytest -m "not slow" -n auto
-	$(BIN)/python -m pytest -m slow
+test: $(VENV)/.dev  ## all tests; those that keep real time one at a time
+	$(BIN)/python -m pytest -m "not slow and not realtime" -n auto
+	$(BIN)/python -m pytest -m "slow and not realtime" -n auto --dist loadfile
+	$(BIN)/python -m pytest -m realtime
 
 test-fast: $(VENV)/.dev  ## the tests to run all day
-	PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -m "not slow" -n auto
+	PYTEST_XDIST_AUTO_NUM_WORKERS=$$((2 * $$(getconf _NPROCESSORS_ONLN))) $(BIN)/python -m pytest -m "not slow and not realtime" -n auto
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -29,7 +29,7 @@ PRESSURE_PA = 100_612.0
 METRES_PER_DEG = 110_600.0
 IMU_HZ = 200
 UNITS = {"vectornav": VectorNav, "microstrain7": MicroStrain7}
-AUTOPILOTS = ["double", pytest.param("real", marks=[pytest.mark.ardupilot, pytest.mark.slow])]
+AUTOPILOTS = ["double", pytest.param("real", marks=[pytest.mark.ardupilot, pytest.mark.realtime])]
 
 
 def to_body(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -169,7 +169,7 @@ def test_the_set_up_of_a_real_rover(unit: Ahrs, autopilot: Double) -> None:
 
 
 @pytest.mark.ardupilot
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_in_lockstep_a_real_ekf_works_on_our_sensors(tmp_path: Path) -> None:
     """VectorNav and JSON world together: aligned, on GNSS, and right, in less than real time."""
     port = free_port()

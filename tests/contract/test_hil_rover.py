@@ -25,7 +25,7 @@ from xitl_cli.params.push import push, shipped_script
 from xitl_cli.params.values import read_file
 from xitl_cli.params.vehicle import VehicleFiles, connect
 
-pytestmark = [pytest.mark.ardupilot, pytest.mark.slow]
+pytestmark = [pytest.mark.ardupilot, pytest.mark.realtime]
 LAT_DEG, LON_DEG, ALT_M = -8.8, -63.95, 60.0
 IMU_HZ, READY_S = 200, 60.0
 HEARD, TAKEN, SCRIPT = 1, 2, 4

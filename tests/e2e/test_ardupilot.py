@@ -15,7 +15,7 @@ from conftest import Xitl, assert_one_line_error, command, environment, summary
 
 from tests.ardupilot import find_ardurover
 
-pytestmark = [pytest.mark.slow, pytest.mark.ardupilot]
+pytestmark = [pytest.mark.realtime, pytest.mark.ardupilot]
 
 SITL = ["--profile", "sitl-ardupilot"]
 

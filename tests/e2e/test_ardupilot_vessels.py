@@ -14,7 +14,7 @@ from pymavlink import DFReader
 
 from tests.ardupilot import find_ardurover
 
-pytestmark = [pytest.mark.slow, pytest.mark.ardupilot]
+pytestmark = [pytest.mark.realtime, pytest.mark.ardupilot]
 CALM_RMS_M, ROUGH_RMS_M = 1.0, 2.0
 THIRD = """
 mission: {speed_mps: 1.7, acceptance_radius_m: 1.5}

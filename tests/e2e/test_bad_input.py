@@ -98,7 +98,7 @@ def test_a_board_that_does_not_answer(xitl: Xitl, tmp_path: Path, free_port: int
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_the_beaglebone_profile_gives_up_within_ten_seconds(xitl: Xitl, tmp_path: Path) -> None:
     """The one time that is promised: a person waits for it."""
     started_s = time.monotonic()
@@ -125,7 +125,7 @@ def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
 REALTIME = ("--profile", "sitl", "--clock", "realtime", "--duration", "60")
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     process = start(tmp_path, *REALTIME)
@@ -141,7 +141,7 @@ def test_an_interrupt_ends_cleanly(tmp_path: Path, number: signal.Signals) -> No
     assert told["duration_s"] - last_ns * 1e-9 < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
     process = start(tmp_path, *REALTIME)
     started_s = time.monotonic()
@@ -165,7 +165,7 @@ def test_a_kill_loses_at_most_the_last_second(tmp_path: Path) -> None:
     assert newest_ns * 1e-9 > ran_s - 1.0 - 0.3
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_port: int) -> None:
     """Noise, a frame cut short, one with a flipped bit, one of an unknown kind; from somebody who is not the host."""
     whole = bytearray(common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(common.MAVLink(None)))
@@ -188,7 +188,7 @@ def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_po
     assert sensors["received"] == sensors["sent"]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_an_agent_that_dies_ends_the_run_with_a_summary(tmp_path: Path, free_port: int) -> None:
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
     process = start(tmp_path, "--profile", "hitl-loopback", "--set", link, "--duration", "60")

@@ -128,7 +128,7 @@ def held(tmp_path: Path, tcp_port: int) -> Iterator[Callable[..., subprocess.Pop
         process.communicate()
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
     held: Callable[..., subprocess.Popen[str]], tmp_path: Path, tcp_port: int
 ) -> None:
@@ -161,7 +161,7 @@ def test_a_ground_station_draws_flies_and_the_run_ends_with_its_mission(
     assert mav.MAVLINK_MSG_ID_COMMAND_LONG not in sent  # the host gave no order
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_an_interrupt_ends_a_run_that_waits(
     held: Callable[..., subprocess.Popen[str]], tmp_path: Path, tcp_port: int
 ) -> None:
@@ -177,7 +177,7 @@ def test_an_interrupt_ends_a_run_that_waits(
     assert not told["driver"]["completed"]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_parameters_of_the_embedded_autopilot_are_pushed_and_pulled(
     xitl: Xitl, tmp_path: Path, free_port: int, tcp_port: int
 ) -> None:

@@ -21,7 +21,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 
 Start = Callable[..., subprocess.Popen[str]]
 

@@ -12,7 +12,7 @@ import pytest
 
 from tests.recorded import LOGS
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 
 FAULTS = """
 extends: [hitl-loopback]

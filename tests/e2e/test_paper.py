@@ -9,7 +9,7 @@ from conftest import Xitl
 
 from tests.ardupilot import find_ardurover
 
-pytestmark = [pytest.mark.slow, pytest.mark.ardupilot]
+pytestmark = [pytest.mark.realtime, pytest.mark.ardupilot]
 
 
 def test_departure_with_its_own_sensors_and_with_ours(xitl: Xitl) -> None:

@@ -14,7 +14,7 @@ import pytest
 from conftest import Xitl, environment, summary
 
 ROOT = Path(__file__).parents[2]
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 
 
 def free_port(kind: int) -> int:

@@ -93,7 +93,7 @@ def test_a_bare_python_3_9_flies_the_same_run(xitl: Xitl, tmp_path: Path, free_p
     assert here["/estimate/odometry"] == there["/estimate/odometry"]
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_real_time_over_udp_measures_the_link_and_the_clocks(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
     result = xitl("sim", "--profile", "hitl-loopback", "--set", link, "--duration", "4", "--out", "run")

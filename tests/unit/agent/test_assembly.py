@@ -197,7 +197,7 @@ print(*[name for name in sys.modules if name.startswith("agent.bridges")])
     assert told.stdout.split() == []
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_an_agent_in_real_time_keeps_deadlines_and_says_how_it_is() -> None:
     with started("--link", "udp://127.0.0.1:0") as process:
         url = line_of(process).split()[-1]

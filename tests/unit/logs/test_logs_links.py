@@ -92,7 +92,7 @@ def _section(found: Section | None) -> Section:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_what_was_injected_is_what_is_found(run: Path) -> None:
     known = json.loads((run / "summary.json").read_text())
     with open_log(run / "run.mcap") as host, open_log(run / "autopilot.bin") as own:

@@ -213,7 +213,7 @@ def test_set_reads_back(params: Params) -> None:
     assert "WP_SPED = 3 was refused, the vehicle does not answer for it; it may have no such parameter" in unknown.error
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_pulled_file_pushes_back_as_nothing(params: Params, tmp_path: Path) -> None:
     file = str(tmp_path / "boat.parm")
     double = VehicleDouble(ROVER, lose=5)
@@ -236,7 +236,7 @@ def test_a_vehicle_whose_parameters_mean_otherwise_is_refused(params: Params) ->
         assert "is a PX4 vehicle; only ArduPilot's parameters can be read" in params("show", url).error
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_vehicle_that_never_answers(params: Params) -> None:
     with over_tcp(VehicleDouble({})) as url:
         assert "the vehicle sends no parameters" in params("show", url).error

@@ -50,7 +50,7 @@ def log_of(folder: Path) -> str:
         return "\n".join(m.data.decode("latin-1") for _, _, m in make_reader(file).iter_messages(topics=["/log"]))
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ("clock", "link"), [("lockstep", "tcp://127.0.0.1:14673"), ("realtime", "udp://127.0.0.1:14674")]
 )
