@@ -14,7 +14,7 @@ from xitl_cli.profile import load_profile as _load_profile
 from xitl_cli.run.session import Result
 
 if TYPE_CHECKING:
-    from xitl_cli.graph.wdri import Vertices, Wdri
+    from xitl_cli.graph.wdri import VertexCount, Wdri
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.log import Log
     from xitl_cli.logs.report.model import Report
@@ -78,17 +78,17 @@ def wdri(
     *,
     overrides: Overrides = (),
     reference: str | None = None,
-    vertices: Vertices | None = None,
+    vertices: VertexCount | None = None,
 ) -> Wdri:
     """The weighted degree realism index of a profile, from 0 to 1, with the graph behind it.
 
     reference: a profile, or `"complete"` for the graph with every node real and linked to every node; the profile's own
     by default. vertices: `"architecture"`, `"present"` or a number; what averages the degrees.
     """
-    from xitl_cli.graph.of_profile import wdri_of
+    from xitl_cli.graph.wdri import profile_wdri
 
     loaded = profile if isinstance(profile, Profile) else load_profile(profile, overrides)
-    return wdri_of(loaded, reference, vertices)
+    return profile_wdri(loaded, reference, vertices)
 
 
 def open_log(path: PathText) -> Log:
@@ -108,9 +108,9 @@ def analyze(*logs: PathText, sections: Iterable[str] = ()) -> Report:
     sections: names of analyses (`"scheduler"`), all by default. A log that cannot be read is one of the report's
     `refusals`. Raises UserError for a section that does not exist.
     """
-    from xitl_cli.logs.report.build import build, sections_named
+    from xitl_cli.logs.report.build import build_report, sections_named
 
-    return build([Path(log) for log in logs], sections_named(tuple(sections)))
+    return build_report([Path(log) for log in logs], sections_named(tuple(sections)))
 
 
 def compare(
