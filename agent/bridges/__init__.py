@@ -1,7 +1,7 @@
 """Another autopilot behind the agent: the host's sensors in, its outputs back, its MAVLink passed on both ways.
 
 role.py          the node's role: one vehicle, the ways in which sensors reach it
-vehicle_link.py  MAVLink with the autopilot; streams.py: which messages it is asked for
+vehicle_link.py  MAVLink with the autopilot, and which messages it is asked for
 outputs.py       pulse widths to motor commands
 injector.py      one way for sensors to get in: the base of the others
 json_world.py    ArduPilot's JSON simulator interface, in lockstep; json_line.py, json_frames.py, frame_times.py,

@@ -179,7 +179,7 @@ class JsonWorld(Injector):
 
     @classmethod
     def make(cls, options: Options, vehicle: VehicleLink) -> JsonWorld:
-        return cls(options.world, vehicle.ask_again)
+        return cls(options.world, vehicle.request_again)
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         self._say = say

@@ -232,7 +232,7 @@ class BridgeRole(Role):
             self._patience_s = PATIENCE_S
         elif self._patience_s > 0.0:
             began_s = monotonic()
-            up = vehicle.reach(REACH_S)
+            up = vehicle.wait_for_line(REACH_S)
             self._patience_s -= monotonic() - began_s
             if not up and self._patience_s <= 0.0:
                 self.say(_WARNING, f"no connection to the autopilot's MAVLink at {vehicle.address}; going on without")
@@ -260,7 +260,7 @@ class BridgeRole(Role):
 
     def _hear(self, now_ns: int) -> None:
         """Between runs nobody is told: the counts of the run are closed."""
-        messages = self._vehicle.serve(now_ns)
+        messages = self._vehicle.receive(now_ns)
         if self._running:
             self._waiting += messages
 
@@ -300,7 +300,7 @@ class BridgeRole(Role):
     # -- tasks and words
 
     def _watch(self, now_ns: int) -> None:
-        self._vehicle.keep(now_ns)
+        self._vehicle.update(now_ns)
 
     def telemetry(self, now_ns: int) -> Sequence[Message]:
         if self._told_ns is not None and now_ns - self._told_ns < STATUS_NS:

@@ -1,12 +1,13 @@
-"""MAVLink with another autopilot, as its ground station."""
+"""MAVLink with another autopilot, as its ground station: the line, and which messages it is asked to send."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from time import monotonic
 from typing import Any, Callable
 
-from agent.bridges.streams import Streams
+from agent.mavlink.commands import command_long
 from agent.timing.clock import Clock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
@@ -21,6 +22,30 @@ HEARTBEAT_NS = 1_000_000_000
 SILENT_NS = 3_000_000_000
 UNHEARD_NS = 5_000_000_000
 _ERROR, _WARNING, _NOTICE = 3, 4, 5  # MAV_SEVERITY
+
+A_CYCLE = 4
+ASK_AGAIN_NS = 3_000_000_000
+SELDOM_NS = 20_000_000_000
+ASKS = 4
+ANSWER_NS = 2_000_000_000
+
+RATES_HZ = {
+    mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 10.0,
+    mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 10.0,
+    mav.MAVLINK_MSG_ID_SYS_STATUS: 2.0,
+    mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2.0,
+    mav.MAVLINK_MSG_ID_GPS_RAW_INT: 2.0,
+    mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 2.0,
+    mav.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+    mav.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+}
+OUTPUTS_HZ = (50.0, 40.0, 20.0, 10.0)
+"""Of SERVO_OUTPUT_RAW, the first that comes: ArduPilot refuses more than 0.8 of its loop rate and sends 1 Hz then."""
+SPARE_OUTPUTS_HZ = (2.0,)
+"""Of SERVO_OUTPUT_RAW, where the outputs come another way."""
+
+_INTERVAL, _ONCE = mav.MAV_CMD_SET_MESSAGE_INTERVAL, mav.MAV_CMD_REQUEST_MESSAGE
+_VERSION = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
 Say = Callable[[int, str], None]
 Tap = Callable[[Message], None]
@@ -49,7 +74,7 @@ _MANUAL_CONTROL = mav.MAVLink_manual_control_message
 class VehicleLink:
     """The line to the autopilot, open until `close`.
 
-    `send` is for the injectors and the host; what the autopilot says goes to every tap, and from `serve` to the caller.
+    `send` is for injectors and host; what the autopilot sends goes to every tap, and from `receive` to the caller.
     Raises TransportError at construction.
     """
 
@@ -57,7 +82,7 @@ class VehicleLink:
         self._transport = open_transport(url, listen=False)
         self._tcp = self._transport if isinstance(self._transport, TcpTransport) else None
         self._link = Link(self._transport, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, foreign=True)
-        self._streams = Streams(outputs_wanted)
+        self._streams = StreamRequests(outputs_wanted)
         self._taps: list[Tap] = []
         self._say: Say = lambda severity, text: None
         self._arrived: list[Message] = []
@@ -86,7 +111,7 @@ class VehicleLink:
         """Whether there is a connection, where the line is one that has to be made."""
         return self._tcp is None or self._tcp.connected
 
-    def reach(self, timeout_s: float) -> bool:
+    def wait_for_line(self, timeout_s: float) -> bool:
         """Wait until the line is up; False at the end of the time."""
         until_s = monotonic() + timeout_s
         while not self.line_is_up and (left_s := until_s - monotonic()) > 0.0:
@@ -114,8 +139,8 @@ class VehicleLink:
         """The same for what would mislead when it came late: False, and not sent, while others wait for the line."""
         return self._link.waiting < SAMPLES_WAITING and self.send(message)
 
-    def serve(self, now_ns: int) -> list[Message]:
-        """Take in what has come, without waiting; returns what the host is to have."""
+    def receive(self, now_ns: int) -> list[Message]:
+        """Handle what has come, without waiting; returns what goes on to the host."""
         messages = self._link.receive()
         if self._arrived:
             messages, self._arrived = self._arrived + messages, []
@@ -130,15 +155,15 @@ class VehicleLink:
             for tap in self._taps:
                 tap(message)
             self._note_time(message)
-            self._streams.note(message.get_msgId(), now_ns)
+            self._streams.note_arrival(message.get_msgId(), now_ns)
             if isinstance(message, mav.MAVLink_timesync_message) and not message.tc1:
                 self._link.send(mav.MAVLink_timesync_message(now_ns, message.ts1))
-            elif not self._streams.owns(message, now_ns):
+            elif not self._streams.is_own_acknowledgement(message, now_ns):
                 for_host.append(message)
         return for_host
 
-    def keep(self, now_ns: int) -> None:
-        """In runs, some times a second: heartbeat, streams, silence."""
+    def update(self, now_ns: int) -> None:
+        """Heartbeat, stream requests, and a word where it falls silent; called some times a second in runs."""
         if self._beat_ns is None or now_ns - self._beat_ns >= HEARTBEAT_NS:
             self._beat_ns = now_ns
             self._link.send(
@@ -159,12 +184,12 @@ class VehicleLink:
             else:
                 self._say(_NOTICE, "MAVLink from the autopilot again")
                 self._streams.reset()
-        wanted = self._streams.due(now_ns)
-        if wanted:
-            self.send(*wanted)
+        requests = self._streams.poll(now_ns)
+        if requests:
+            self.send(*requests)
 
-    def ask_again(self) -> None:
-        """The autopilot has started anew: it knows nothing of what was asked of it."""
+    def request_again(self) -> None:
+        """Request the streams again of an autopilot that has started anew."""
         self._streams.reset()
 
     def _on_heartbeat(self, message: Message, now_ns: int) -> None:
@@ -218,7 +243,7 @@ class VehicleLink:
         return self.heard and not self._silent
 
     def descriptors(self) -> Sequence[int]:
-        """What becomes readable when the autopilot says something."""
+        """What becomes readable when the autopilot sends something."""
         descriptor = self._transport.fileno()
         return () if descriptor is None else (descriptor,)
 
@@ -228,5 +253,91 @@ class VehicleLink:
         return self._transport.address
 
     def close(self) -> None:
-        """Give the line back."""
+        """Close the line."""
         self._transport.close()
+
+
+class _RequestedStream:
+    """One kind of message: asked for until it comes, and again when it stays away; seldom after some tries.
+
+    rates_hz: what is asked for, and what next when it comes less than a quarter as often.
+    """
+
+    def __init__(self, rates_hz: tuple[float, ...]) -> None:
+        self.rates_hz = rates_hz
+        self.asked_ns: int | None = None
+        self.asks = 0
+        self.seen_ns: int | None = None
+        self.seen = 0
+
+    def is_due(self, now_ns: int) -> bool:
+        if self.asked_ns is None:
+            return True
+        waited_ns = now_ns - self.asked_ns
+        if self.seen_ns is not None and (not self.rates_hz[0] or now_ns - self.seen_ns < ASK_AGAIN_NS):
+            if len(self.rates_hz) == 1 or waited_ns < ASK_AGAIN_NS or self.is_often_enough(now_ns):
+                return False
+            self.rates_hz = self.rates_hz[1:]
+            return True
+        return waited_ns >= (ASK_AGAIN_NS if self.asks < ASKS else SELDOM_NS)
+
+    def is_often_enough(self, now_ns: int) -> bool:
+        """Since it was asked for, or since the last call."""
+        assert self.asked_ns is not None
+        enough = self.seen >= 0.25 * self.rates_hz[0] * (now_ns - self.asked_ns) * 1e-9
+        self.asked_ns, self.seen = now_ns, 0
+        return enough
+
+
+class StreamRequests:
+    """Asks by MAV_CMD_SET_MESSAGE_INTERVAL, a few kinds at a time, and for AUTOPILOT_VERSION once it has none."""
+
+    def __init__(self, outputs_wanted: bool) -> None:
+        self._rates_hz = {
+            **{number: (rate_hz,) for number, rate_hz in RATES_HZ.items()},
+            mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: OUTPUTS_HZ if outputs_wanted else SPARE_OUTPUTS_HZ,
+            _VERSION: (0.0,),
+        }
+        self._unanswered: dict[int, deque[int]] = {_INTERVAL: deque(), _ONCE: deque()}
+        self.reset()
+
+    def reset(self) -> None:
+        """Ask for everything again."""
+        self._wanted = {number: _RequestedStream(rates_hz) for number, rates_hz in self._rates_hz.items()}
+        for times in self._unanswered.values():
+            times.clear()
+
+    def note_arrival(self, number: int, now_ns: int) -> None:
+        """A message of this number has come."""
+        wanted = self._wanted.get(number)
+        if wanted is not None:
+            wanted.seen_ns = now_ns
+            wanted.seen += 1
+
+    def poll(self, now_ns: int) -> list[Message]:
+        """Requests to be sent now."""
+        requests: list[Message] = []
+        for number, wanted in self._wanted.items():
+            if len(requests) == A_CYCLE:
+                break
+            if not wanted.is_due(now_ns):
+                continue
+            wanted.asked_ns, wanted.asks, wanted.seen_ns, wanted.seen = now_ns, wanted.asks + 1, None, 0
+            rate_hz = wanted.rates_hz[0]
+            command = _INTERVAL if rate_hz else _ONCE
+            interval_us = round(1e6 / rate_hz) if rate_hz else 0
+            self._unanswered[command].append(now_ns)
+            requests.append(command_long((1, 1), command, number, interval_us))
+        return requests
+
+    def is_own_acknowledgement(self, message: Message, now_ns: int) -> bool:
+        """Whether it acknowledges a request of ours: then it is not for the host."""
+        if not isinstance(message, mav.MAVLink_command_ack_message):
+            return False
+        times = self._unanswered.get(message.command)
+        while times and now_ns - times[0] > ANSWER_NS:
+            times.popleft()
+        if not times:
+            return False
+        times.popleft()
+        return True

@@ -1,7 +1,7 @@
 """MAVLink FTP (mavlink.io/en/services/ftp.html): checksum, folder, read, write. One request at a time.
 
 A repeated request keeps its sequence number, by which the vehicle knows it again and only repeats its answer; so
-nothing is done twice. A server would answer with the same Packet: ACK or NAK, sequence one higher, `requested` the
+nothing is done twice. A server would answer with the same FtpPacket: ACK or NAK, sequence one higher, `requested` the
 operation.
 """
 
@@ -69,7 +69,7 @@ class FtpSilentError(Exception):
         )
 
 
-class Packet(NamedTuple):
+class FtpPacket(NamedTuple):
     """The payload of FILE_TRANSFER_PROTOCOL.
 
     size: of `data`, or how much is asked for; requested: the operation that is answered.
@@ -89,15 +89,15 @@ class Packet(NamedTuple):
         return (head + self.data).ljust(PAYLOAD_BYTES, b"\0")
 
     @classmethod
-    def from_payload(cls, payload: bytes) -> Packet:
+    def from_payload(cls, payload: bytes) -> FtpPacket:
         """Read a payload of PAYLOAD_BYTES."""
         sequence, session, operation, size, requested, _, offset = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size : _HEADER.size + size]
         return cls(sequence, session, operation, size, requested, offset, data)
 
 
-class _Ask(NamedTuple):
-    """A request of an operation. session: None for the client's own; wanted: bytes to read, where that is asked for."""
+class FtpRequest(NamedTuple):
+    """What an operation asks. session: None for the client's own; wanted: bytes to read, where that is asked for."""
 
     operation: int
     data: bytes = b""
@@ -106,56 +106,43 @@ class _Ask(NamedTuple):
     wanted: int | None = None
 
 
-_Steps = Generator[_Ask, Packet, Result]
+FtpSteps = Generator[FtpRequest, FtpPacket, Result]
+"""An operation on files: yields its requests, gets their answers, returns its result. FtpClient carries it out."""
 
 
 class FtpClient:
-    """The files of `target`. Each method returns an exchange, one of which may be under way at a time."""
+    """The file service of `target`, for one operation at a time."""
 
     def __init__(self, target: Target) -> None:
-        self.target = target
+        self._target = target
         self._sequence = random.randrange(1 << 16)  # a vehicle could take a known one for a repetition
         self._session = random.randrange(1, 256)
 
-    def checksum(self, path: str) -> FtpOperation[int | None]:
-        """Checksum of a file, as `checksum`; None when there is none."""
-        return FtpOperation(self, _checksum(path))
+    def start(self, steps: FtpSteps[Result]) -> FtpOperation[Result]:
+        """An exchange that carries an operation out."""
+        return FtpOperation(self, steps)
 
-    def has_folder(self, path: str) -> FtpOperation[bool]:
-        """Whether there is such a folder, an empty one too."""
-        return FtpOperation(self, _has_folder(path))
-
-    def make_folder(self, path: str) -> FtpOperation[None]:
-        """Make a folder; one that is there is fine."""
-        return FtpOperation(self, _make_folder(path))
-
-    def read(self, path: str, most: int) -> FtpOperation[bytes]:
-        """What is in a file, `most` bytes at most: the size that a made-up file (@SYS/…) tells is not its own."""
-        return FtpOperation(self, _read(path, most))
-
-    def write(
-        self, path: str, content: bytes, progress: Callable[[float], object] = lambda part: None
-    ) -> FtpOperation[None]:
-        """Write a file anew; `progress` hears what part is done."""
-        return FtpOperation(self, _write(path, content, progress))
-
-    def packet(self, ask: _Ask) -> Packet:
-        """The next request, with a sequence number of its own."""
+    def packet(self, request: FtpRequest) -> FtpPacket:
+        """A request with a sequence number of its own."""
         sequence = self._sequence
         self._sequence = (sequence + 2) & 0xFFFF
-        session = self._session if ask.session is None else ask.session
-        size = len(ask.data) if ask.wanted is None else ask.wanted
-        return Packet(sequence, session, ask.operation, size, 0, ask.offset, ask.data)
+        session = self._session if request.session is None else request.session
+        size = len(request.data) if request.wanted is None else request.wanted
+        return FtpPacket(sequence, session, request.operation, size, 0, request.offset, request.data)
+
+    def message(self, packet: FtpPacket) -> Any:
+        """FILE_TRANSFER_PROTOCOL with that payload."""
+        return mav.MAVLink_file_transfer_protocol_message(0, *self._target, packet.pack())
 
 
 class FtpOperation(Generic[Result]):
-    """An exchange of some requests, each repeated until it is answered."""
+    """An exchange of the requests of an operation, each repeated until it is answered."""
 
-    def __init__(self, client: FtpClient, steps: _Steps[Result]) -> None:
+    def __init__(self, client: FtpClient, steps: FtpSteps[Result]) -> None:
         self.done = False
         self._client = client
         self._steps = steps
-        self._packet: Packet | None = None
+        self._packet: FtpPacket | None = None
         self._tries = 0
         self._timer = Timer()
         self._pause = Timer()
@@ -177,7 +164,7 @@ class FtpOperation(Generic[Result]):
                 return []
             if not self._busy.started:
                 self._busy.start(now_ns)
-            self._packet, self._tries = self._client.packet(self._ask), 0
+            self._packet, self._tries = self._client.packet(self._request), 0
         elif not self._timer.is_over(now_ns, ANSWER_S):
             return []
         elif self._tries == TRIES:
@@ -185,14 +172,14 @@ class FtpOperation(Generic[Result]):
             return self.poll(now_ns)
         self._timer.start(now_ns)
         self._tries += 1
-        return [mav.MAVLink_file_transfer_protocol_message(0, *self._client.target, self._packet.pack())]
+        return [self._client.message(self._packet)]
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        request = self._packet
-        if request is None or message.get_msgId() != mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL:
+        asked = self._packet
+        if asked is None or message.get_msgId() != mav.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL:
             return []
-        answer = Packet.from_payload(bytes(message.payload))
-        if answer.sequence != (request.sequence + 1) & 0xFFFF or answer.requested != request.operation:
+        answer = FtpPacket.from_payload(bytes(message.payload))
+        if answer.sequence != (asked.sequence + 1) & 0xFFFF or answer.requested != asked.operation:
             return []
         if answer.operation == ACK:
             self._advance(lambda: self._steps.send(answer))
@@ -205,27 +192,26 @@ class FtpOperation(Generic[Result]):
                 self._advance(lambda: self._steps.throw(refusal))
         return []
 
-    def _advance(self, step: Callable[[], _Ask]) -> None:
+    def _advance(self, step: Callable[[], FtpRequest]) -> None:
         """To the next request, or to the end."""
         self._packet = None
         self._pause.stop()
         self._busy.stop()
         try:
-            self._ask = step()
+            self._request = step()
         except StopIteration as end:
             self._result, self.done = end.value, True
         except (FtpRefusedError, FtpSilentError) as error:
             self._error, self.done = error, True
 
 
-def checksum(content: bytes) -> int:
-    """CRC-32 as MAVLink FTP has it: that of zlib without its inversions."""
-    return ~zlib.crc32(content, 0xFFFFFFFF) & 0xFFFFFFFF
+# -- operations
 
 
-def _checksum(path: str) -> _Steps[int | None]:
+def read_checksum(path: str) -> FtpSteps[int | None]:
+    """Of a file there, as `checksum` of its content; None when there is none."""
     try:
-        answer = yield _Ask(CHECKSUM, path.encode())
+        answer = yield FtpRequest(CHECKSUM, path.encode())
     except FtpRefusedError as refusal:
         if refusal.nothing_there or refusal.code == FAIL_ERRNO:
             return None
@@ -233,9 +219,10 @@ def _checksum(path: str) -> _Steps[int | None]:
     return int.from_bytes(answer.data[:4], "little")
 
 
-def _has_folder(path: str) -> _Steps[bool]:
+def has_folder(path: str) -> FtpSteps[bool]:
+    """Whether there is such a folder, an empty one too."""
     try:
-        yield _Ask(LIST, path.encode())
+        yield FtpRequest(LIST, path.encode())
     except FtpRefusedError as refusal:
         if refusal.code == END_OF_FILE:  # how a folder's list ends, that of an empty one at once
             return True
@@ -245,24 +232,32 @@ def _has_folder(path: str) -> _Steps[bool]:
     return True
 
 
-def _make_folder(path: str) -> _Steps[None]:
+def make_folder(path: str) -> FtpSteps[None]:
+    """Make a folder; one that is there is fine."""
     try:
-        yield _Ask(MAKE_DIRECTORY, path.encode())
+        yield FtpRequest(MAKE_DIRECTORY, path.encode())
     except FtpRefusedError:
-        if not (yield from _has_folder(path)):
+        if not (yield from has_folder(path)):
             raise
 
 
-def _read(path: str, most: int) -> _Steps[bytes]:
-    session = (yield _Ask(OPEN, path.encode())).session
-    return (yield from _closing(session, _read_from(session, most)))
+def read_file(path: str, most: int) -> FtpSteps[bytes]:
+    """What is in a file, `most` bytes at most: the size that a made-up file (@SYS/…) tells is not its own."""
+    session = (yield FtpRequest(OPEN, path.encode())).session
+    return (yield from _closing(session, _read(session, most)))
 
 
-def _read_from(session: int, most: int) -> _Steps[bytes]:
+def write_file(path: str, content: bytes, progress: Callable[[float], object] = lambda part: None) -> FtpSteps[None]:
+    """Write a file anew; `progress` hears what part is done."""
+    session = (yield FtpRequest(CREATE, path.encode())).session
+    yield from _closing(session, _write(session, content, progress))
+
+
+def _read(session: int, most: int) -> FtpSteps[bytes]:
     content = b""
     try:
         while len(content) < most:
-            answer = yield _Ask(READ, b"", len(content), session, wanted=DATA_BYTES)
+            answer = yield FtpRequest(READ, b"", len(content), session, wanted=DATA_BYTES)
             if not answer.data:
                 break
             content += answer.data
@@ -272,24 +267,24 @@ def _read_from(session: int, most: int) -> _Steps[bytes]:
     return content[:most]
 
 
-def _write(path: str, content: bytes, progress: Callable[[float], object]) -> _Steps[None]:
-    session = (yield _Ask(CREATE, path.encode())).session
-    yield from _closing(session, _write_to(session, content, progress))
-
-
-def _write_to(session: int, content: bytes, progress: Callable[[float], object]) -> _Steps[None]:
+def _write(session: int, content: bytes, progress: Callable[[float], object]) -> FtpSteps[None]:
     for offset in range(0, len(content), DATA_BYTES):
         chunk = content[offset : offset + DATA_BYTES]
-        yield _Ask(WRITE, chunk, offset, session)
+        yield FtpRequest(WRITE, chunk, offset, session)
         progress((offset + len(chunk)) / len(content))
 
 
-def _closing(session: int, steps: _Steps[Result]) -> _Steps[Result]:
+def _closing(session: int, steps: FtpSteps[Result]) -> FtpSteps[Result]:
     """The steps, and the end of the session behind them, however they end."""
     try:
         result = yield from steps
     except (FtpRefusedError, FtpSilentError):
-        yield _Ask(TERMINATE, b"", 0, session)
+        yield FtpRequest(TERMINATE, b"", 0, session)
         raise
-    yield _Ask(TERMINATE, b"", 0, session)
+    yield FtpRequest(TERMINATE, b"", 0, session)
     return result
+
+
+def checksum(content: bytes) -> int:
+    """CRC-32 as MAVLink FTP has it: that of zlib without its inversions."""
+    return ~zlib.crc32(content, 0xFFFFFFFF) & 0xFFFFFFFF

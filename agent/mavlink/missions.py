@@ -267,7 +267,8 @@ class MissionServer:
             self._upload = None
             name = self._plans[upload.mission_type].name
             self._warn(f"{name} upload given up: item {upload.expected} did not come")
-            return [_ack(upload.sender, mav.MAV_MISSION_OPERATION_CANCELLED, upload.mission_type)]
+            cancelled = mav.MAV_MISSION_OPERATION_CANCELLED
+            return [mav.MAVLink_mission_ack_message(*upload.sender, cancelled, upload.mission_type)]
         upload.retries += 1
         upload.asked_ns = now_ns
         return [upload.request()]
@@ -280,15 +281,15 @@ class MissionServer:
         plan = self._plans.get(mission_type)
         if plan is None:
             empty = mission_type == RALLY and message.count == 0
-            return [_ack(sender, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED)]
         if self._upload is not None and self._upload.sender != sender:
-            return [_ack(sender, mav.MAV_MISSION_ERROR, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_ERROR)]
         if message.count > plan.most:
             self._warn(f"{plan.name} of {message.count} items refused: at most {plan.most} fit")
-            return [_ack(sender, mav.MAV_MISSION_NO_SPACE, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_NO_SPACE)]
         if message.count == 0:
             self._upload = None
-            return [_ack(sender, self._store(mission_type, []), mission_type)]
+            return [_ack(message, self._store(mission_type, []))]
         self._upload = _IncomingPlan(sender, mission_type, 0, message.count, now_ns)
         return [self._upload.request()]
 
@@ -297,13 +298,13 @@ class MissionServer:
         sender, mission_type = _sender(message), message.mission_type
         plan = self._plans.get(mission_type)
         if plan is None:
-            return [_ack(sender, mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
         if self._upload is not None and self._upload.sender != sender:
-            return [_ack(sender, mav.MAV_MISSION_ERROR, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_ERROR)]
         items, first, last = plan.items(), message.start_index, message.end_index
         if not 0 <= first <= last < len(items):
             self._warn(f"{plan.name} items {first} to {last} refused: there are {len(items)}")
-            return [_ack(sender, mav.MAV_MISSION_INVALID_SEQUENCE, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_INVALID_SEQUENCE)]
         self._upload = upload = _IncomingPlan(sender, mission_type, first, last - first + 1, now_ns)
         upload.before, upload.after = items[:first], items[last + 1 :]
         return [upload.request()]
@@ -313,14 +314,14 @@ class MissionServer:
         sender, mission_type = _sender(message), message.mission_type
         upload, plan = self._upload, self._plans.get(mission_type)
         if plan is None:
-            return [_ack(sender, mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
         if upload is None:
             repeated = self._finished == (sender, mission_type, message.seq)  # the acknowledgement was lost
             if not repeated:
                 self._warn(f"{plan.name} item {message.seq} refused: no upload is under way")
-            return [_ack(sender, mav.MAV_MISSION_ACCEPTED if repeated else mav.MAV_MISSION_ERROR, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_ACCEPTED if repeated else mav.MAV_MISSION_ERROR)]
         if upload.sender != sender or upload.mission_type != mission_type:
-            return [_ack(sender, mav.MAV_MISSION_ERROR, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_ERROR)]
         if message.seq == upload.expected - 1 and upload.items:
             return []
         upload.asked_ns = now_ns
@@ -332,14 +333,14 @@ class MissionServer:
         if isinstance(item, RefusedItem):
             self._upload = None
             self._warn(f"{plan.name} item {message.seq} refused: {item.problem}")
-            return [_ack(sender, item.result, mission_type)]
+            return [_ack(message, item.result)]
         upload.items.append(item)
         if len(upload.items) < upload.count:
             return [upload.request()]
         self._upload = None
         result = self._store(mission_type, [*upload.before, *upload.items, *upload.after], in_part=upload.first > 0)
         self._finished = (sender, mission_type, message.seq) if result == mav.MAV_MISSION_ACCEPTED else None
-        return [_ack(sender, result, mission_type)]
+        return [_ack(message, result)]
 
     def _store(self, mission_type: int, items: list[Any], in_part: bool = False) -> int:
         plan = self._plans[mission_type]
@@ -365,30 +366,29 @@ class MissionServer:
 
     def _on_request(self, message: Any, now_ns: int) -> Messages:
         """One item, in the form it was asked for; item 0 of a mission is home."""
-        sender, mission_type = _sender(message), message.mission_type
-        plan = self._plans.get(mission_type)
+        plan = self._plans.get(message.mission_type)
         if plan is None or message.seq >= len(plan.items()):
-            return [_ack(sender, mav.MAV_MISSION_INVALID_SEQUENCE, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_INVALID_SEQUENCE)]
         item = plan.write(message.seq)
         whole = message.get_msgId() != mav.MAVLINK_MSG_ID_MISSION_REQUEST
-        return [item_message(sender, item, item.seq == plan.current(), mission_type, whole)]
+        return [item_message(_sender(message), item, item.seq == plan.current(), message.mission_type, whole)]
 
     def _on_request_partial(self, message: Any, now_ns: int) -> Messages:
         """ArduPilot does not do this either: a station asks for the items one by one."""
-        return [_ack(_sender(message), mav.MAV_MISSION_UNSUPPORTED, message.mission_type)]
+        return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
 
     # -- the rest
 
     def _on_clear(self, message: Any, now_ns: int) -> Messages:
         """Delete a plan, or all."""
-        sender, mission_type = _sender(message), message.mission_type
+        mission_type = message.mission_type
         if mission_type == RALLY:
-            return [_ack(sender, mav.MAV_MISSION_ACCEPTED, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_ACCEPTED)]
         if mission_type != ALL and mission_type not in self._plans:
-            return [_ack(sender, mav.MAV_MISSION_UNSUPPORTED, mission_type)]
+            return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
         self._upload = None
         results = [self._store(one, []) for one in self._plans if mission_type in (one, ALL)]
-        return [_ack(sender, max(results), mission_type)]
+        return [_ack(message, max(results))]
 
     def _on_set_current(self, message: Any, now_ns: int) -> Messages:
         return self._set_current(message.seq, now_ns)
@@ -398,5 +398,5 @@ def _sender(message: Any) -> Target:
     return message.get_srcSystem(), message.get_srcComponent()
 
 
-def _ack(target: Target, result: int, mission_type: int) -> Any:
-    return mav.MAVLink_mission_ack_message(*target, result, mission_type)
+def _ack(message: Any, result: int) -> Any:
+    return mav.MAVLink_mission_ack_message(*_sender(message), result, message.mission_type)

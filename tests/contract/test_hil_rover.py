@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from agent.assembly import assemble
-from agent.mavlink.ftp import checksum
+from agent.mavlink.ftp import checksum, read_checksum
 from agent.node import PROTOCOL
 from agent.options import BRIDGE, Options
 from agent.wire import dialect as mav
@@ -122,8 +122,8 @@ def test_the_script_and_the_sensors_reach_stock_firmware(tmp_path: Path) -> None
         with connect(rover.mavlink) as vehicle:
             assert check_parameters(wanted, vehicle.read_all()).fine
             assert firmware_name(vehicle).startswith("ArduPilot Rover")
-            assert VehicleFiles(vehicle).checksum(done.script) == checksum(shipped_script())
-            assert VehicleFiles(vehicle).checksum("scripts/none.lua") is None
+            assert VehicleFiles(vehicle).run(read_checksum(done.script)) == checksum(shipped_script())
+            assert VehicleFiles(vehicle).run(read_checksum("scripts/none.lua")) is None
         again = push(rover.mavlink, None, wanted, shipped_script(), reboot=True)
         assert (again.changes, again.written, again.restarts) == ((), False, 0)
 

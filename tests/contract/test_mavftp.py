@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from agent.mavlink import ftp
-from agent.mavlink.ftp import FtpRefusedError, checksum
+from agent.mavlink.ftp import FtpRefusedError, checksum, has_folder, read_checksum, write_file
 from tests.doubles.ftp_vehicle import FtpVehicle, crc32, listening
 from xitl_cli.errors import UserError
 from xitl_cli.params.push import install_script
@@ -44,9 +44,9 @@ def test_a_file_arrives_whole_though_messages_are_lost(lose: int) -> None:
     with client(vehicle) as reached:
         files = VehicleFiles(reached)
         heard: list[float] = []
-        files.write("scripts/a.lua", CONTENT, heard.append)
-        assert files.checksum("scripts/a.lua") == checksum(CONTENT)
-        assert files.checksum("scripts/b.lua") is None
+        files.run(write_file("scripts/a.lua", CONTENT, heard.append))
+        assert files.run(read_checksum("scripts/a.lua")) == checksum(CONTENT)
+        assert files.run(read_checksum("scripts/b.lua")) is None
     assert vehicle.files == {"/scripts/a.lua": CONTENT}
     assert vehicle.done.count(ftp.WRITE) == -(-len(CONTENT) // ftp.DATA_BYTES)  # a repetition is not done twice
     assert vehicle.done.count(ftp.TERMINATE) == 1
@@ -70,7 +70,7 @@ def test_the_script_goes_where_the_vehicle_keeps_its_scripts() -> None:
 def test_a_vehicle_whose_files_another_client_has_is_asked_again() -> None:
     vehicle = FtpVehicle(folders={"/scripts"}, busy=2)
     with client(vehicle) as reached:
-        assert VehicleFiles(reached).checksum("scripts/a.lua") is None
+        assert VehicleFiles(reached).run(read_checksum("scripts/a.lua")) is None
 
 
 def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,7 +79,7 @@ def test_another_client_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
         client(FtpVehicle(busy=10_000)) as reached,
         pytest.raises(FtpRefusedError, match="another client is busy with its files"),
     ):
-        VehicleFiles(reached).checksum("scripts/a.lua")
+        VehicleFiles(reached).run(read_checksum("scripts/a.lua"))
     with (
         client(FtpVehicle(busy=10_000)) as reached,
         pytest.raises(UserError, match="could not be brought to the vehicle: another client is busy"),
@@ -91,16 +91,16 @@ def test_an_answer_that_comes_late_is_not_taken_for_the_next() -> None:
     vehicle = FtpVehicle(folders={"/scripts"}, files={"/scripts/a.lua": b"a"}, late=True)
     with client(vehicle) as reached:
         files = VehicleFiles(reached)
-        assert files.checksum("scripts/a.lua") == checksum(b"a")
-        files.write("scripts/b.lua", CONTENT)
-        assert files.checksum("scripts/b.lua") == checksum(CONTENT)
-        assert files.checksum("scripts/a.lua") == checksum(b"a")
+        assert files.run(read_checksum("scripts/a.lua")) == checksum(b"a")
+        files.run(write_file("scripts/b.lua", CONTENT))
+        assert files.run(read_checksum("scripts/b.lua")) == checksum(CONTENT)
+        assert files.run(read_checksum("scripts/a.lua")) == checksum(b"a")
 
 
 def test_a_folder_may_be_empty() -> None:
     with client(FtpVehicle(folders={"/APM"})) as reached:
         files = VehicleFiles(reached)
-        assert (files.has_folder("/APM"), files.has_folder("/elsewhere")) == (True, False)
+        assert (files.run(has_folder("/APM")), files.run(has_folder("/elsewhere"))) == (True, False)
 
 
 def test_what_goes_wrong_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

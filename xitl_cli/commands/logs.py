@@ -200,14 +200,14 @@ def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
 
 def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> str:
     """The file once it lists tasks, which it does from the vehicle's next PM record on, up to 10 s later."""
-    from agent.mavlink.ftp import FtpRefusedError
+    from agent.mavlink.ftp import FtpRefusedError, read_file
     from xitl_cli.logs.system_files import TASKS_MOST_BYTES, TASKS_PATH, parse_tasks
 
     for attempt in range(_TRIES):
         if attempt:
             time.sleep(again_s)
         try:
-            text = files.read(TASKS_PATH, TASKS_MOST_BYTES).decode("utf-8", "replace")
+            text = files.run(read_file(TASKS_PATH, TASKS_MOST_BYTES)).decode("utf-8", "replace")
         except FtpRefusedError as refusal:
             raise UserError(
                 f"{url}: {TASKS_PATH} cannot be read: {refusal}; it needs ArduPilot 4.1 or newer"

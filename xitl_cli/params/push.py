@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 
-from agent.mavlink.ftp import FtpRefusedError, checksum
+from agent.mavlink.ftp import FtpRefusedError, checksum, has_folder, make_folder, read_checksum, write_file
 from agent.mavlink.parameters import same_value
 from agent.wire import dialect
 from xitl_cli.errors import UserError
@@ -175,15 +175,15 @@ def install_script(
     """Bring the script there, unless it is there: its path, and whether it was written. Raises UserError."""
     files = VehicleFiles(vehicle)
     try:
-        on_board = files.has_folder(BOARD_ROOT)
+        on_board = files.run(has_folder(BOARD_ROOT))
         folder = BOARD_FOLDER if on_board else PLAIN_FOLDER
         path = f"{folder}/{NAME}"
         wanted = checksum(content)
-        if files.checksum(path) == wanted:
+        if files.run(read_checksum(path)) == wanted:
             return path, False
-        files.make_folder(folder)
-        files.write(path, content, progress)
-        found = files.checksum(path)
+        files.run(make_folder(folder))
+        files.run(write_file(path, content, progress))
+        found = files.run(read_checksum(path))
     except FtpRefusedError as refusal:
         raise UserError(
             f"the script could not be brought to the vehicle: {refusal}; check that it has a memory card"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from agent.mavlink.commands import CommandClient, StatusTextReceiver
 from agent.mavlink.exchange import Exchange, Target, complete
-from agent.mavlink.ftp import FtpClient, FtpOperation, FtpSilentError
+from agent.mavlink.ftp import FtpClient, FtpSilentError, FtpSteps
 from agent.mavlink.parameters import ParameterClient, same_value
 from agent.wire import dialect
 from agent.wire.link import Link
@@ -189,33 +189,15 @@ class VehicleConnection:
 
 
 class VehicleFiles:
-    """The files of one vehicle, by MAVLink FTP. Raises UserError when it does not answer, FtpRefusedError at its no."""
+    """The files of one vehicle, by MAVLink FTP: `run` carries out an operation of agent/mavlink/ftp.py."""
 
     def __init__(self, vehicle: VehicleConnection) -> None:
         self._vehicle = vehicle
         self._client = FtpClient(vehicle.target)
 
-    def checksum(self, path: str) -> int | None:
-        """Of a file there; None when there is none."""
-        return self._run(self._client.checksum(path))
-
-    def has_folder(self, path: str) -> bool:
-        """Whether there is such a folder, an empty one too."""
-        return self._run(self._client.has_folder(path))
-
-    def make_folder(self, path: str) -> None:
-        """Make one, unless it is there."""
-        self._run(self._client.make_folder(path))
-
-    def read(self, path: str, most: int) -> bytes:
-        """What is in a file, `most` bytes at most."""
-        return self._run(self._client.read(path, most))
-
-    def write(self, path: str, content: bytes, progress: Callable[[float], object] = lambda part: None) -> None:
-        """Write a file anew; `progress` hears what part is done."""
-        self._run(self._client.write(path, content, progress))
-
-    def _run(self, operation: FtpOperation[Result]) -> Result:
+    def run(self, steps: FtpSteps[Result]) -> Result:
+        """Its result. Raises UserError when the vehicle does not answer, FtpRefusedError when it says no."""
+        operation = self._client.start(steps)
         complete(operation, self._vehicle.send, self._vehicle.receive)
         try:
             return operation.result

@@ -315,7 +315,7 @@ class Board:
         self.injector = Px4Injector.make(Options(role="bridge", sensors="px4"), self.vehicle)
         self.begin(lockstep=False)
         self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
-        self.vehicle.keep(0)
+        self.vehicle.update(0)
         data, self.there = self.socket.recvfrom(2048)
         self.heard = list(self.mav.parse_buffer(data) or [])
 
@@ -327,7 +327,7 @@ class Board:
         self.socket.sendto(message.pack(self.mav), self.there)
         until_s, before = monotonic() + 5.0, self.vehicle.counters.received
         while self.vehicle.counters.received == before and monotonic() < until_s:
-            self.vehicle.serve(now_ns)
+            self.vehicle.receive(now_ns)
 
     def heartbeat(self, simulates: bool) -> Any:
         mode = CUSTOM_MODE | (32 if simulates else 0)

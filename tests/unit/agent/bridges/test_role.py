@@ -71,7 +71,7 @@ class Bench:
         self.vehicle = VehicleLink(self.double.url)
         self.role = BridgeRole(own.send, self.vehicle, ways, MotorOutputs((1, 3)))
         self.node = AgentNode(own, self.role)
-        assert self.vehicle.reach(2.0)
+        assert self.vehicle.wait_for_line(2.0)
         self.double.link.receive(0.01)
         self.tick = self._told = 0
 
@@ -259,7 +259,7 @@ def test_orders_to_an_autopilot_that_has_left_are_counted(make: Callable[..., Be
     bench.tell(beat())
     bench.send()
     bench.double.close()
-    until(lambda: bench.vehicle.serve(0) or not bench.vehicle.line_is_up)
+    until(lambda: bench.vehicle.receive(0) or not bench.vehicle.line_is_up)
     bench.send(mav.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
     assert of(bench.stop(), "XITL_BRIDGE_STATUS")[-1].unsent == 3 + 1
 
@@ -295,7 +295,7 @@ def test_the_world_waits_for_the_connection_and_then_goes_on_without(
     bench.start(LOCKSTEP)
     assert of(bench.exchange(), "XITL_ACTUATORS")
     bench.double.close()
-    until(lambda: bench.vehicle.serve(0) or not bench.vehicle.line_is_up)
+    until(lambda: bench.vehicle.receive(0) or not bench.vehicle.line_is_up)
     came = bench.exchange()
     assert of(came, "XITL_ACTUATORS") == []
     for _ in range(20):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from agent.bridges.streams import A_CYCLE, ASKS, OUTPUTS_HZ, RATES_HZ, SPARE_OUTPUTS_HZ, Streams
+from agent.bridges.vehicle_link import A_CYCLE, ASKS, OUTPUTS_HZ, RATES_HZ, SPARE_OUTPUTS_HZ, StreamRequests
 from agent.wire import dialect as mav
 
 S = 1_000_000_000
@@ -13,22 +13,22 @@ VERSION = mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 WANTED = {*RATES_HZ, SERVO, VERSION}
 
 
-def asked(streams: Streams, now_ns: int, cycles: int = 6) -> dict[int, float]:
+def asked(streams: StreamRequests, now_ns: int, cycles: int = 6) -> dict[int, float]:
     """Interval in us by message."""
     found = {}
     for _ in range(cycles):
-        requests = streams.due(now_ns)
+        requests = streams.poll(now_ns)
         assert len(requests) <= A_CYCLE
         found.update({int(request.param1): request.param2 for request in requests})
     return found
 
 
-def see(streams: Streams, now_ns: int, outputs: int = 50) -> None:
+def see(streams: StreamRequests, now_ns: int, outputs: int = 50) -> None:
     """A second's worth: all kinds, and so many sets of outputs."""
     for number in WANTED - {SERVO}:
-        streams.note(number, now_ns)
+        streams.note_arrival(number, now_ns)
     for _ in range(outputs):
-        streams.note(SERVO, now_ns)
+        streams.note_arrival(SERVO, now_ns)
 
 
 def ack(command: int) -> Any:
@@ -36,16 +36,16 @@ def ack(command: int) -> Any:
 
 
 def test_all_are_asked_for_once() -> None:
-    streams = Streams(outputs_wanted=True)
+    streams = StreamRequests(outputs_wanted=True)
     found = asked(streams, 0)
     assert set(found) == WANTED
     assert found[SERVO] == 1e6 / OUTPUTS_HZ[0]
     assert asked(streams, S) == {}
-    assert asked(Streams(outputs_wanted=False), 0)[SERVO] == 1e6 / SPARE_OUTPUTS_HZ[0]
+    assert asked(StreamRequests(outputs_wanted=False), 0)[SERVO] == 1e6 / SPARE_OUTPUTS_HZ[0]
 
 
 def test_what_comes_is_not_asked_for_again() -> None:
-    streams = Streams(True)
+    streams = StreamRequests(True)
     asked(streams, 0)
     for second in range(1, 60):
         see(streams, second * S)
@@ -54,7 +54,7 @@ def test_what_comes_is_not_asked_for_again() -> None:
 
 def test_outputs_that_come_at_1_hz_are_asked_for_at_the_next_lower_rate() -> None:
     """ArduPilot refuses a rate above 0.8 of its loop rate, says so in a text and falls back to 1 Hz."""
-    streams = Streams(True)
+    streams = StreamRequests(True)
     asked(streams, 0)
     asks: list[float] = []
     for second in range(1, 30):
@@ -65,21 +65,21 @@ def test_outputs_that_come_at_1_hz_are_asked_for_at_the_next_lower_rate() -> Non
 
 
 def test_what_stays_away_is_asked_for_again_and_then_seldom() -> None:
-    streams = Streams(True)
+    streams = StreamRequests(True)
     asks = [at for at in range(0, 120) if SERVO in asked(streams, at * S)]
     assert asks[:ASKS] == [0, 3, 6, 9]
     assert asks[ASKS:] == list(range(29, 120, 20))
 
 
 def test_what_stops_is_asked_for_again_but_the_version() -> None:
-    streams = Streams(True)
+    streams = StreamRequests(True)
     asked(streams, 0)
     see(streams, S)
     assert set(asked(streams, 5 * S)) == WANTED - {VERSION}
 
 
 def test_after_a_restart_all_are_asked_for() -> None:
-    streams = Streams(True)
+    streams = StreamRequests(True)
     asked(streams, 0)
     see(streams, S)
     streams.reset()
@@ -87,17 +87,17 @@ def test_after_a_restart_all_are_asked_for() -> None:
 
 
 def test_own_acknowledgements_are_kept_from_the_host() -> None:
-    streams = Streams(True)
+    streams = StreamRequests(True)
     mine = mav.MAV_CMD_SET_MESSAGE_INTERVAL
-    assert not streams.owns(ack(mine), 0)
+    assert not streams.is_own_acknowledgement(ack(mine), 0)
     count = len([number for number in asked(streams, 0) if number != VERSION])
-    assert all(streams.owns(ack(mine), S) for _ in range(count))
-    assert not streams.owns(ack(mine), S)
-    assert streams.owns(ack(mav.MAV_CMD_REQUEST_MESSAGE), S)
-    assert not streams.owns(ack(mav.MAV_CMD_COMPONENT_ARM_DISARM), S)
+    assert all(streams.is_own_acknowledgement(ack(mine), S) for _ in range(count))
+    assert not streams.is_own_acknowledgement(ack(mine), S)
+    assert streams.is_own_acknowledgement(ack(mav.MAV_CMD_REQUEST_MESSAGE), S)
+    assert not streams.is_own_acknowledgement(ack(mav.MAV_CMD_COMPONENT_ARM_DISARM), S)
 
 
 def test_an_answer_that_never_came_does_not_cost_the_host_its_own() -> None:
-    streams = Streams(True)
+    streams = StreamRequests(True)
     asked(streams, 0)
-    assert not streams.owns(ack(mav.MAV_CMD_SET_MESSAGE_INTERVAL), 10 * S)
+    assert not streams.is_own_acknowledgement(ack(mav.MAV_CMD_SET_MESSAGE_INTERVAL), 10 * S)

@@ -40,7 +40,7 @@ class Bench:
         before, new = len(self.tapped), []
 
         def come() -> bool:
-            new.extend(self.link.serve(now_ns))
+            new.extend(self.link.receive(now_ns))
             return len(self.tapped) - before >= count
 
         until(come)
@@ -51,7 +51,7 @@ class Bench:
 @pytest.fixture
 def bench(double: VehicleDouble) -> Iterator[Bench]:
     bench = Bench(double.url)
-    assert bench.link.reach(2.0)
+    assert bench.link.wait_for_line(2.0)
     double.link.receive(0.01)  # accepts the call
     yield bench
     bench.link.close()
@@ -91,26 +91,26 @@ def test_others_on_the_same_line_are_not_heard(double: VehicleDouble, bench: Ben
 
 def test_a_heartbeat_once_a_second(double: VehicleDouble, bench: Bench) -> None:
     for now_ns in range(0, 3 * S, S // 10):
-        bench.link.keep(now_ns)
+        bench.link.update(now_ns)
     beats = until(lambda: double.hear() and double.heard)
     assert [beat.type for beat in beats] == [mav.MAV_TYPE_GCS] * 3
 
 
 def test_streams_are_asked_for_once_it_is_heard_and_again_after_a_reboot(double: VehicleDouble, bench: Bench) -> None:
-    bench.link.keep(0)
+    bench.link.update(0)
     assert double.asked_for() == set()
     double.beat()
     double.say(mav.MAVLink_system_time_message(0, 50_000))
     bench.serve(0, 2)
     for _ in range(4):
-        bench.link.keep(S)
+        bench.link.update(S)
     first = double.asked_for()
     assert mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW in first
     assert mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED in first
     double.say(mav.MAVLink_system_time_message(0, 1_000))
     bench.serve(S)
     for _ in range(4):
-        bench.link.keep(S)
+        bench.link.update(S)
     assert double.asked_for() == first
     assert bench.link.reboots == 1
 
@@ -133,27 +133,27 @@ def test_silence_and_its_end(double: VehicleDouble, bench: Bench) -> None:
     double.beat()
     bench.serve(0)
     for second in range(6):
-        bench.link.keep(second * S)
+        bench.link.update(second * S)
     assert bench.said == [(4, f"no MAVLink from the autopilot at {double.url}")]
     assert not bench.link.connected
     double.beat()
     bench.serve(6 * S)
-    bench.link.keep(6 * S)
+    bench.link.update(6 * S)
     assert bench.said[1:] == [(5, "MAVLink from the autopilot again")]
     assert bench.link.connected
 
 
 def test_nothing_ever_comes(double: VehicleDouble, bench: Bench) -> None:
     for second in range(10):
-        bench.link.keep(second * S)
+        bench.link.update(second * S)
     assert len(bench.said) == 1
     assert bench.said[0][1].startswith(f"nothing comes from the autopilot's MAVLink at {double.url}; check")
 
 
 def test_what_comes_is_no_mavlink(double: VehicleDouble, bench: Bench) -> None:
     double.transport.send(b"\n\nInit ArduRover\n" * 3)
-    until(lambda: bench.link.serve(0) or bench.link.counters.bytes_in)
-    bench.link.keep(6 * S)
+    until(lambda: bench.link.receive(0) or bench.link.counters.bytes_in)
+    bench.link.update(6 * S)
     assert "no MAVLink 2; set SERIALn_PROTOCOL 2 there" in bench.said[0][1]
     assert bench.link.counters.dropped_noise == 1
 
@@ -162,9 +162,9 @@ def test_nobody_is_there() -> None:
     gone = VehicleDouble()
     gone.close()
     bench = Bench(gone.url)
-    assert not bench.link.reach(0.05)
+    assert not bench.link.wait_for_line(0.05)
     assert not bench.link.line_is_up
-    bench.link.keep(6 * S)
+    bench.link.update(6 * S)
     assert bench.said[0][1].startswith(f"nobody answers at the autopilot's MAVLink, {gone.url}; check the address")
     bench.link.close()
 

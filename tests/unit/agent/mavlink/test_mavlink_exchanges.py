@@ -247,10 +247,10 @@ def test_a_file_arrives_and_nothing_is_done_twice(lost: float) -> None:
     line, client = Line(handle, lost=lost), ftp.FtpClient(VEHICLE)
     content = random.Random(1).randbytes(2000)
     parts: list[float] = []
-    line.run(write := client.write("/scripts/a.lua", content, parts.append))
-    line.run(checksum := client.checksum("/scripts/a.lua"))
-    line.run(absent := client.checksum("/scripts/b.lua"))
-    line.run(folder := client.has_folder("/elsewhere"))
+    line.run(write := client.start(ftp.write_file("/scripts/a.lua", content, parts.append)))
+    line.run(checksum := client.start(ftp.read_checksum("/scripts/a.lua")))
+    line.run(absent := client.start(ftp.read_checksum("/scripts/b.lua")))
+    line.run(folder := client.start(ftp.has_folder("/elsewhere")))
     assert (write.result, checksum.result, absent.result, folder.result) == (None, crc32(content), None, False)
     assert vehicle.files == {"/scripts/a.lua": content}
     assert (parts[-1], vehicle.done.count(ftp.WRITE)) == (1.0, 9)
@@ -260,7 +260,7 @@ def test_a_file_service_that_is_silent_is_given_up_and_the_session_ended() -> No
     vehicle = FtpVehicle(folders={"/scripts"})
 
     def handle(message: Any, now_ns: int) -> list[Any]:
-        packet = ftp.Packet.from_payload(bytes(message.payload))
+        packet = ftp.FtpPacket.from_payload(bytes(message.payload))
         if packet.operation == ftp.WRITE:
             return []
         payload = vehicle.answer(bytes(message.payload))
@@ -268,7 +268,7 @@ def test_a_file_service_that_is_silent_is_given_up_and_the_session_ended() -> No
         return [mav.MAVLink_file_transfer_protocol_message(0, *STATION, payload)]
 
     line = Line(handle)
-    line.run(write := ftp.FtpClient(VEHICLE).write("/scripts/a.lua", b"1"))
+    line.run(write := ftp.FtpClient(VEHICLE).start(ftp.write_file("/scripts/a.lua", b"1")))
     with pytest.raises(ftp.FtpSilentError, match="does not answer to MAVLink FTP"):
         _ = write.result
     assert vehicle.done == [ftp.CREATE, ftp.TERMINATE]
