@@ -11,7 +11,7 @@ from dataclasses import fields, is_dataclass
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from foxglove import messages
@@ -38,6 +38,9 @@ from xitl_cli.record.topics import (
     frame_name,
     topic_name,
 )
+
+if TYPE_CHECKING:
+    from agent.companion.sonar import SonarPing
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32]
@@ -71,23 +74,6 @@ def _records() -> dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]]:
 
 
 _RECORDS = _records()
-
-
-class SonarPing(Protocol):
-    """One ping of a scanning sonar. angle_grad: of the beam, clockwise from the bow, 400 to the turn."""
-
-    @property
-    def number(self) -> int: ...
-    @property
-    def angle_grad(self) -> int: ...
-    @property
-    def position_frd_m(self) -> Sequence[float]: ...
-    @property
-    def sample_period_s(self) -> float: ...
-    @property
-    def sound_speed_mps(self) -> float: ...
-    @property
-    def intensity(self) -> Intensity: ...
 
 
 class TopicWriter:
