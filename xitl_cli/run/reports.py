@@ -162,7 +162,7 @@ class ActuatorReport:
 
 @dataclass(frozen=True, slots=True)
 class TakeoverReport:
-    """One agent stepped in for another at `at_s`; see records.Takeover."""
+    """One agent stepped in for another at `at_s`; see TakeoverEvent."""
 
     at_s: float
     from_node: str
