@@ -27,7 +27,7 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
         try:
             options = parse(arguments, program)
             if options.attached:
-                end_with(parent)
+                end_with_parent(parent)
             transport = opened.enter_context(open_transport(options.link, listen=True))
             node = assemble(transport, options, opened)
         except REFUSALS as error:
@@ -50,8 +50,11 @@ def _refuse(sentence: str) -> int:
     return 2
 
 
-def end_with(parent: int) -> None:
-    """Have the system send SIGTERM when the process that started this one, `parent`, ends; does so where it can."""
+def end_with_parent(parent: int) -> None:
+    """Ask the system for SIGTERM when the process that started this one, `parent`, ends, even when it is killed.
+
+    A host's agent holds ports that the next run needs. Does nothing where the system does not offer it.
+    """
     import ctypes
 
     try:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from agent.fcu.geodetic import LocalProjection
+from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.parameters import Parameters
 
 RETURN_POINT = 5000  # MAV_CMD_NAV_FENCE_RETURN_POINT
@@ -57,7 +57,7 @@ class _Area(NamedTuple):
 class Fence:
     """Items, and how far inside of all of it a place is. Every area counts: inside each to stay in, outside the others.
 
-    `breach` is kept up to date by `watch`.
+    `breach` is kept up to date by `update_breach`.
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -78,13 +78,13 @@ class Fence:
         self.items = tuple(items)
         self._frame = None
 
-    def clearance_m(self, frame: LocalProjection, home: Point | None, lat_deg: float, lon_deg: float) -> float:
-        """How far inside a place is, negative outside, infinite without a boundary; `home` in degrees."""
+    def clearance_m(self, frame: LocalProjection, home: Home | None, lat_deg: float, lon_deg: float) -> float:
+        """How far inside a place is, negative outside, infinite without a boundary."""
         kinds = int(self._parameters["FENCE_TYPE"])
         place = frame.to_local(lat_deg, lon_deg)
         nearest_m = math.inf
         if kinds & CIRCLE_TYPE and home is not None:
-            centre = frame.to_local(*home)
+            centre = frame.to_local(home.lat_deg, home.lon_deg)
             nearest_m = self._parameters["FENCE_RADIUS"] - math.hypot(place[0] - centre[0], place[1] - centre[1])
         if kinds & AREAS_TYPE:
             if frame is not self._frame:
@@ -94,7 +94,7 @@ class Fence:
                 nearest_m = min(nearest_m, _clearance_m(area, place))
         return nearest_m
 
-    def watch(self, clearance_m: float, now_ns: int) -> bool:
+    def update_breach(self, clearance_m: float, now_ns: int) -> bool:
         """Note where the vessel is; whether that is a new breach. It is over FENCE_MARGIN inside."""
         breach = self.breach
         if not self.enabled:

@@ -1,18 +1,19 @@
-"""What goes into the embedded autopilot and what comes out: plain tuples of floats, no MAVLink.
+"""Plain data of the embedded autopilot: measurements, state estimate, actuators, vehicle state and events; no MAVLink.
 
-`stamp_ns` is the instant a sample was taken, on the sensors' clock. Named tuples and not dataclasses, because a sample
-is made 200 times a second on a slow board and a tuple costs a third.
+`stamp_ns` is the instant a measurement was taken, on the sensors' clock. Named tuples and not dataclasses, because a
+measurement is made 200 times a second on a slow board and a tuple costs a third.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6  # MAV_SEVERITY
-_MOST = 64
+_MOST_WAITING = 64
 
 
 class ImuMeasurement(NamedTuple):
@@ -81,28 +82,48 @@ class Actuators(NamedTuple):
     failsafe: bool = False
 
 
+@dataclass
+class VehicleState:
+    """What the parts of the autopilot share. It is changed by `Autopilot` alone.
+
+    mode: by ArduRover's number. estimate: of this control cycle, which began at `now_ns` on the agent's clock.
+    speed_error_mps: desired less measured speed over ground.
+    """
+
+    mode: int
+    estimate: StateEstimate
+    armed: bool = False
+    now_ns: int = 0
+    speed_error_mps: float = 0.0
+
+
 class Event(NamedTuple):
-    """A sentence with a MAV_SEVERITY."""
+    """A sentence for the person at the ground station, with a MAV_SEVERITY."""
 
     severity: int
     text: str
 
 
 class EventQueue:
-    """Waits to be taken; when nobody does, the oldest are lost and counted."""
+    """Events that wait to be drained; when nobody does, the oldest are lost and counted."""
 
     def __init__(self) -> None:
         self.lost = 0
-        self._waiting: deque[Event] = deque(maxlen=_MOST)
+        self._waiting: deque[Event] = deque(maxlen=_MOST_WAITING)
 
-    def say(self, severity: int, text: str) -> None:
-        """Queue one."""
-        if len(self._waiting) == _MOST:
+    def add(self, severity: int, text: str) -> None:
+        """Queue an event."""
+        if len(self._waiting) == _MOST_WAITING:
             self.lost += 1
         self._waiting.append(Event(severity, text))
 
-    def take(self) -> list[Event]:
+    def refuse(self, reason: str) -> str:
+        """Queue why a command was refused, and return it."""
+        self.add(WARNING, reason)
+        return reason
+
+    def drain(self) -> list[Event]:
         """All since the last call, oldest first."""
-        taken = list(self._waiting)
+        events = list(self._waiting)
         self._waiting.clear()
-        return taken
+        return events

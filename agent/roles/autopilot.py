@@ -9,7 +9,7 @@ from agent.fcu.dataflash.flight_log import NullFlightLog
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import Outbox
 from agent.fcu.vehicle.autopilot import LOOP_HZ
-from agent.fcu.vehicle_state import Actuators, Event
+from agent.fcu.vehicle_state import Actuators
 from agent.roles.ground_stations import GroundStations
 from agent.roles.role import Role, Traffic
 from agent.roles.storage import Storage
@@ -142,7 +142,7 @@ class AutopilotRole(Role):
     # -- records
 
     def say(self, severity: int, text: str) -> None:
-        self._autopilot.say(Event(severity, text))
+        self._autopilot.events.add(severity, text)
 
     def _log_events(self, log: NullFlightLog, now_ns: int) -> None:
         outbox = self._log_outbox
@@ -165,7 +165,7 @@ class AutopilotRole(Role):
         autopilot = self._autopilot
         return Traffic(
             autopilot.estimates_used,
-            autopilot.efforts,
+            autopilot.allocator.efforts,
             self._channel.refused,
             0 if self._log is None else self._log.dropped,
             self._stations_missed() - self._missed_before,

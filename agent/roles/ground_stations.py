@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import MavlinkHub
-from agent.fcu.vehicle_state import WARNING, Event
+from agent.fcu.vehicle_state import WARNING
 from agent.wire import dialect as mav
 from agent.wire.codec import MessageRefusedError
 from agent.wire.link import Link
@@ -225,7 +225,7 @@ class GroundStation:
                 self._send(replies)
         if self.link.refused_signature and not self._said_signature:
             self._said_signature = True
-            channel.autopilot.say(Event(WARNING, f"Frames from {self.name} refused: not signed with our key"))
+            channel.autopilot.events.add(WARNING, f"Frames from {self.name} refused: not signed with our key")
 
     def telemetry(self, now_ns: int) -> None:
         """Send what is due."""

@@ -15,7 +15,7 @@ from agent.fcu.fence import FenceItem
 from agent.fcu.mission import MissionError, MissionItem, make_mission
 from agent.fcu.parameters import ParameterError
 from agent.fcu.vehicle.autopilot import Autopilot
-from agent.fcu.vehicle_state import ERROR, WARNING, Event
+from agent.fcu.vehicle_state import ERROR, WARNING
 
 FORMAT = 1
 
@@ -51,15 +51,15 @@ class Storage:
             try:
                 autopilot.parameters.set(name, value)
             except ParameterError as error:
-                autopilot.say(Event(WARNING, f"{self.path.name}: {error}"))
+                autopilot.events.add(WARNING, f"{self.path.name}: {error}")
         try:
-            autopilot.set_mission(make_mission(contents.mission))
+            autopilot.commands.set_mission(make_mission(contents.mission))
         except MissionError as error:
-            autopilot.say(Event(WARNING, f"{self.path.name}: {error}"))
+            autopilot.events.add(WARNING, f"{self.path.name}: {error}")
         if contents.fence:
-            refused = autopilot.set_fence(list(contents.fence))
+            refused = autopilot.commands.set_fence(list(contents.fence))
             if refused:
-                autopilot.say(Event(WARNING, f"{self.path.name}: {refused}"))
+                autopilot.events.add(WARNING, f"{self.path.name}: {refused}")
 
     def keep_parameter(self, name: str, value: float) -> None:
         self._keep(self._contents._replace(parameters={**self._contents.parameters, name: value}))
@@ -69,7 +69,9 @@ class Storage:
         self._keep(self._contents._replace(parameters=values))
 
     def keep_plan(self, autopilot: Autopilot) -> None:
-        self._keep(self._contents._replace(mission=autopilot.mission.items, fence=tuple(autopilot.fence.items)))
+        self._keep(
+            self._contents._replace(mission=autopilot.navigation.mission.items, fence=tuple(autopilot.fence.items))
+        )
 
     def forget_parameters(self, autopilot: Autopilot) -> None:
         defaults = type(autopilot.parameters)()
@@ -82,7 +84,7 @@ class Storage:
         """Say it once when a write failed."""
         problem, self._problem = self._problem, ""
         if problem:
-            autopilot.say(Event(ERROR, problem))
+            autopilot.events.add(ERROR, problem)
 
     def flush(self) -> None:
         """Wait until all is written."""

@@ -24,7 +24,7 @@ class AllocationGains(NamedTuple):
     slew_per_s: float
 
     @classmethod
-    def of(cls, p: Parameters) -> AllocationGains:
+    def from_parameters(cls, p: Parameters) -> AllocationGains:
         """From the table."""
         return cls(astern=1.0 / p["MOT_THST_ASYM"], expo=p["MOT_THST_EXPO"], slew_per_s=p["MOT_SLEWRATE"] / 100.0)
 
@@ -80,19 +80,19 @@ class ThrustAllocator:
 
     def configure(self) -> None:
         """Take changed parameters over."""
-        self._gains = AllocationGains.of(self._parameters)
+        self._gains = AllocationGains.from_parameters(self._parameters)
 
     def restart(self) -> None:
         """The last command was neutral."""
         self.last = Allocation()
 
-    def take(self, motors: Motors) -> tuple[float, float]:
+    def pass_through(self, motors: Motors) -> tuple[float, float]:
         """Commands that were made elsewhere."""
         self.efforts += 1
         self.last = Allocation((motors.port, motors.starboard))
         return self.last.command
 
-    def drive(self, demand: Demand, dt_s: float) -> tuple[float, float]:
+    def allocate(self, demand: Demand, dt_s: float) -> tuple[float, float]:
         """Commands (port, starboard) in [-1, 1]."""
         self.efforts += 1
         self.last = allocate(self._gains, self.last, demand.thrust, demand.steering, dt_s)

@@ -179,7 +179,7 @@ class ControllerGuard:
             return STILL
         if self._failing:
             self._failing = False
-            self._events.say(NOTICE, "Controller answers again")
+            self._events.add(NOTICE, "Controller answers again")
         if isinstance(answer, Motors):
             return Motors(_limited(first), _limited(second))
         return Demand(_limited(first), _limited(second))
@@ -196,7 +196,7 @@ class ControllerGuard:
         self.failures += 1
         if not self._failing:
             self._failing = True
-            self._events.say(CRITICAL, f"Controller failed, outputs neutral: {why}")
+            self._events.add(CRITICAL, f"Controller failed, outputs neutral: {why}")
 
 
 def _limited(value: float) -> float:

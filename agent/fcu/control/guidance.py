@@ -37,7 +37,7 @@ class GuidanceGains(NamedTuple):
     loiter_type: int
 
     @classmethod
-    def of(cls, p: Parameters) -> GuidanceGains:
+    def from_parameters(cls, p: Parameters) -> GuidanceGains:
         """From the table."""
         return cls(
             lookahead_m=p["LOS_LOOKAHEAD"],

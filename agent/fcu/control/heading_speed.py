@@ -29,7 +29,7 @@ class SteeringGains(NamedTuple):
     derivative_hz: float
 
     @classmethod
-    def of(cls, p: Parameters) -> SteeringGains:
+    def from_parameters(cls, p: Parameters) -> SteeringGains:
         """From the table."""
         return cls(
             angle_p=p["ATC_STR_ANG_P"],
@@ -56,7 +56,7 @@ class SpeedGains(NamedTuple):
     cruise_thrust: float
 
     @classmethod
-    def of(cls, p: Parameters) -> SpeedGains:
+    def from_parameters(cls, p: Parameters) -> SpeedGains:
         """From the table."""
         return cls(
             p=p["ATC_SPEED_P"],
@@ -175,8 +175,8 @@ class HeadingSpeedController:
 
     def configure(self) -> None:
         """Take changed parameters over."""
-        self._steering_gains = SteeringGains.of(self._parameters)
-        self._speed_gains = SpeedGains.of(self._parameters)
+        self._steering_gains = SteeringGains.from_parameters(self._parameters)
+        self._speed_gains = SpeedGains.from_parameters(self._parameters)
 
     def restart(self) -> None:
         """Forget integrals."""

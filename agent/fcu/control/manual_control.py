@@ -84,7 +84,7 @@ class ManualControl:
             self._set(index, 0 if width_us == _RELEASE_HIGH else width_us, now_ns)
         return ""
 
-    def axes(self, y: int | None, z: int | None, now_ns: int) -> str:
+    def set_axes(self, y: int | None, z: int | None, now_ns: int) -> str:
         """MANUAL_CONTROL: y steers, z is the throttle, each in [-1000, 1000]; None releases, as ArduPilot has it."""
         for name, value in (("y", y), ("z", z)):
             if value is not None and not abs(value) <= 1000:

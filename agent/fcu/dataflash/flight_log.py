@@ -27,7 +27,6 @@ from agent.fcu.vehicle_state import (
     WARNING,
     Actuators,
     BarometerMeasurement,
-    Event,
     GnssMeasurement,
     ImuMeasurement,
     MagnetometerMeasurement,
@@ -183,15 +182,17 @@ class Changes(NullFlightLog):
         """Compare with the cycle before, and log what is new."""
         old = self._seen
         seen = self._seen = _Seen(
-            autopilot.mode,
-            autopilot.armed,
-            autopilot.failsafes,
+            autopilot.state.mode,
+            autopilot.state.armed,
+            autopilot.failsafes.active,
             autopilot.parameters.version,
-            autopilot.estimate.position_valid,
-            autopilot.home,
+            autopilot.state.estimate.position_valid,
+            autopilot.navigation.home,
             autopilot.estimator.frame,
-            autopilot.mission,
-            autopilot.pilot.current if autopilot.armed and autopilot.mode == modes.AUTO else 0,
+            autopilot.navigation.mission,
+            autopilot.navigation.progress.current
+            if autopilot.state.armed and autopilot.state.mode == modes.AUTO
+            else 0,
         )
         if seen != old:
             self._log_changes(now_ns, autopilot, old, seen)
@@ -384,10 +385,10 @@ class FlightLog(Changes):
         if self._writer is None:
             return
         self._window.loop(now_ns)
-        estimate = autopilot.estimate
+        estimate = autopilot.state.estimate
         self._look(now_ns, autopilot)
         now_us = now_ns // 1000
-        output = autopilot.navigation if autopilot.armed else None
+        output = autopilot.navigation.output if autopilot.state.armed else None
         self._put(records.attitude(now_us, estimate, math.nan if output is None else output.heading_rad))
         self._put(records.outputs(now_us, actuators))
         self._turns[self._count % len(self._turns)](now_us, autopilot, estimate)
@@ -399,7 +400,7 @@ class FlightLog(Changes):
     def _log_position(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
         frame = autopilot.estimator.frame
         if frame is not None:
-            self._put(records.position(now_us, estimate, frame, autopilot.home))
+            self._put(records.position(now_us, estimate, frame, autopilot.navigation.home))
 
     def _log_solution(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
         estimator = autopilot.estimator
@@ -409,16 +410,16 @@ class FlightLog(Changes):
         self._put(records.health(now_us, estimate, autopilot.estimator.ratios))
 
     def _log_navigation(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
-        output = autopilot.navigation
-        if output is not None and autopilot.armed:
+        output = autopilot.navigation.output
+        if output is not None and autopilot.state.armed:
             self._put(records.navigation(now_us, output, estimate.yaw_rad))
 
     def _log_inputs(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
-        self._put(records.inputs(now_us, autopilot.rc_channels))
+        self._put(records.inputs(now_us, autopilot.manual.widths_us(autopilot.state.now_ns)))
         (vn, ve, _), desired_mps = estimate.vel_ned_mps, math.nan
         speed_mps = ground_speed_mps(estimate.yaw_rad, vn, ve)
-        if autopilot.armed and autopilot.mode not in (modes.MANUAL, modes.HOLD):
-            desired_mps = speed_mps + autopilot.speed_error_mps
+        if autopilot.state.armed and autopilot.state.mode not in (modes.MANUAL, modes.HOLD):
+            desired_mps = speed_mps + autopilot.state.speed_error_mps
         sticks = autopilot.manual.sticks(now_us * 1000)
         self._put(records.control(now_us, sticks, speed_mps, desired_mps, estimate.gyro_frd_radps[2]))
 
@@ -429,10 +430,10 @@ class FlightLog(Changes):
         self._put_important(_drops(now_us, writer))
         problem = writer.problem
         if problem != self._said_problem:
-            autopilot.say(Event(WARNING, f"Log: {problem}" if problem else "Log: writing again"))
+            autopilot.events.add(WARNING, f"Log: {problem}" if problem else "Log: writing again")
             self._said_problem = problem
         if writer.dropped and not self._said_drops:
-            autopilot.say(Event(WARNING, "Log: the disk is too slow, records are dropped"))
+            autopilot.events.add(WARNING, "Log: the disk is too slow, records are dropped")
             self._said_drops = True
 
     def _put_important(self, record: bytes) -> None:

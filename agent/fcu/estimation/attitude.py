@@ -159,7 +159,7 @@ class TiltReference(NamedTuple):
     sum_east_mps: float
 
     @classmethod
-    def of(cls, then: InertialState, stamp_ns: int, vel_ned_mps: Vector3) -> TiltReference:
+    def from_fix(cls, then: InertialState, stamp_ns: int, vel_ned_mps: Vector3) -> TiltReference:
         """`then` is the last state not newer than the fix."""
         late_s = (stamp_ns - then.stamp_ns) * 1e-9
         return cls(

@@ -69,12 +69,13 @@ class Estimator:
     """Fuses measurements into `estimate()`. `frame` is None before the first fixes.
 
     refused: measurements that cannot be true, by sensor; each `on_...` returns False for one. restarts: how often the
-    estimator started over.
+    estimator started over. imu_accepted: samples of the IMU that were not refused.
     """
 
     def __init__(self, parameters: Parameters) -> None:
         self.refused: dict[str, int] = {"imu": 0, "gnss": 0, "magnetometer": 0, "barometer": 0}
         self.restarts = 0
+        self.imu_accepted = 0
         self._parameters = parameters
         self._start_over()
 
@@ -142,6 +143,7 @@ class Estimator:
         self._history.append(state)
         if sample.stamp_ns >= self._housekeeping_ns:
             self._keep_house(state)
+        self.imu_accepted += 1
         return True
 
     def _level(self, sample: ImuMeasurement) -> bool:
@@ -153,6 +155,7 @@ class Estimator:
             self._housekeeping_ns = state.stamp_ns + _HOUSEKEEPING_NS
             if self._alignment.field_frd_gauss is not None:
                 self._heading_used_ns = state.stamp_ns
+        self.imu_accepted += 1
         return True
 
     def _bridge(self, state: InertialState, sample: ImuMeasurement, step_ns: int) -> bool:
@@ -173,6 +176,7 @@ class Estimator:
         self._fix = None
         self._filter.loosen(gap_s)
         self._levelled_ns = sample.stamp_ns  # high gains again
+        self.imu_accepted += 1
         return True
 
     def _keep_house(self, state: InertialState) -> None:
@@ -269,7 +273,7 @@ class Estimator:
 
     def _tilt_from(self, then: InertialState, stamp_ns: int, vel: Vector3) -> None:
         """Hold the velocity change since the last fix against the one the attitude explains."""
-        last, self._fix = self._fix, TiltReference.of(then, stamp_ns, vel)
+        last, self._fix = self._fix, TiltReference.from_fix(then, stamp_ns, vel)
         self._fix_arrived_ns = self.stamp_ns
         unexplained = None if last is None else self._fix.unexplained(last)
         if unexplained is not None and self._state is not None:

@@ -145,7 +145,7 @@ class MavlinkChannel:
 
     def _set_current(self, seq: int, now_ns: int) -> Messages:
         """MISSION_CURRENT says where it goes on, and a sentence why it does not."""
-        self.autopilot.set_current(seq)
+        self.autopilot.commands.set_current(seq)
         message = self.streams.message(mav.MAVLINK_MSG_ID_MISSION_CURRENT, now_ns)
         return [] if message is None else [message]
 
@@ -180,7 +180,7 @@ class MavlinkChannel:
 
     def _on_heartbeat(self, m: Any, now_ns: int) -> Messages:
         if m.type == mav.MAV_TYPE_GCS:
-            self.autopilot.heard_ground_station(m.get_srcSystem(), now_ns)
+            self.autopilot.failsafes.heard_ground_station(m.get_srcSystem(), now_ns)
         return []
 
     def _on_ping(self, m: Any, now_ns: int) -> Messages:

@@ -93,19 +93,19 @@ class CommandHandlers:
         return _accepted(not self._autopilot.set_mode(modes.LOITER), mav.MAV_RESULT_FAILED)
 
     def _start_mission(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.start_mission(), mav.MAV_RESULT_FAILED)
+        return _accepted(not self._autopilot.commands.start_mission(), mav.MAV_RESULT_FAILED)
 
     def _set_current(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.set_current(_whole(c.p1)))
+        return _accepted(not self._autopilot.commands.set_current(_whole(c.p1)))
 
     def _change_speed(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.change_speed(c.p2))
+        return _accepted(not self._autopilot.commands.change_speed(c.p2))
 
     def _enable_fence(self, c: Command, now_ns: int) -> Answer:
         wanted = _whole(c.p1)
         if wanted not in (0, 1):
             return _accepted(False)
-        refused = self._autopilot.enable_fence(wanted == 1)
+        refused = self._autopilot.commands.enable_fence(wanted == 1)
         if not refused:
             self._hub.parameter_changed("FENCE_ENABLE")
         return _accepted(not refused, mav.MAV_RESULT_FAILED)
@@ -119,21 +119,21 @@ class CommandHandlers:
         if problem:
             self._hub.warn(f"Reposition refused: {problem}")
             return _accepted(False)
-        if self._autopilot.mode != modes.GUIDED:
+        if self._autopilot.state.mode != modes.GUIDED:
             flags = _whole(c.p2)
             if flags < 0 or not flags & _CHANGE_MODE:
                 self._hub.warn("Reposition refused: not in GUIDED, and the mode is not to be changed")
                 return _accepted(False)
             if self._autopilot.set_mode(modes.GUIDED):
                 return _accepted(False, mav.MAV_RESULT_FAILED)
-        return _accepted(not self._autopilot.go_to(c.lat_deg, c.lon_deg))
+        return _accepted(not self._autopilot.commands.go_to(c.lat_deg, c.lon_deg))
 
     def _set_home(self, c: Command, now_ns: int) -> Answer:
         if c.p1 == 1.0:
-            return _accepted(not self._autopilot.set_home_here(), mav.MAV_RESULT_FAILED)
+            return _accepted(not self._autopilot.commands.set_home_here(), mav.MAV_RESULT_FAILED)
         if c.frame is not None and c.frame not in _GLOBAL_FRAMES:
             return self._wrong_frame(c)
-        return _accepted(not self._autopilot.set_home(c.lat_deg, c.lon_deg, c.alt_m))
+        return _accepted(not self._autopilot.commands.set_home(c.lat_deg, c.lon_deg, c.alt_m))
 
     def _wrong_frame(self, c: Command) -> Answer:
         known = ", ".join(map(str, _GLOBAL_FRAMES))
@@ -179,7 +179,7 @@ class CommandHandlers:
     def _reboot(self, c: Command, now_ns: int) -> Answer:
         if _whole(c.p1) != _REBOOT:
             return _accepted(False)
-        if self._autopilot.armed:
+        if self._autopilot.state.armed:
             self._hub.warn("Reboot refused: armed")
             return _accepted(False)
         self._hub.reboot_asked = True
@@ -190,7 +190,7 @@ class CommandHandlers:
         storage = self._hub.storage
         if action not in (_READ, _WRITE, _RESET):
             return _accepted(False)
-        if self._autopilot.armed:
+        if self._autopilot.state.armed:
             self._hub.warn("Storage left alone: armed")
             return int(mav.MAV_RESULT_TEMPORARILY_REJECTED), []
         if storage is None or not self._stores:
@@ -225,7 +225,7 @@ class SetpointHandlers:
         """SET_POSITION_TARGET_LOCAL_NED: in the frame of the origin, or from where the vessel is and heads."""
         if not self._may_steer("Local target", m, _LOCAL_FRAMES, now_ns):
             return []
-        estimate = self._autopilot.estimate
+        estimate = self._autopilot.state.estimate
         turned_rad = estimate.yaw_rad if m.coordinate_frame in _BODY_FRAMES else 0.0
         if not m.type_mask & _POSITION_IGNORED:
             north_m, east_m = _rotated(m.x, m.y, turned_rad)
@@ -234,7 +234,7 @@ class SetpointHandlers:
             if not math.isfinite(north_m + east_m):
                 self._hub.warn(f"Local target refused: position {m.x:g}, {m.y:g} is none")
                 return []
-            self._autopilot.go_to_local(north_m, east_m)
+            self._autopilot.commands.go_to_local(north_m, east_m)
             return []
         return self._steer("Local target", m, turned_rad, now_ns)
 
@@ -243,7 +243,7 @@ class SetpointHandlers:
         if not self._may_steer("Global target", m, _GLOBAL_FRAMES, now_ns):
             return []
         if not m.type_mask & _POSITION_IGNORED:
-            self._autopilot.go_to(m.lat_int / 1e7, m.lon_int / 1e7)
+            self._autopilot.commands.go_to(m.lat_int / 1e7, m.lon_int / 1e7)
             return []
         return self._steer("Global target", m, 0.0, now_ns)
 
@@ -252,7 +252,7 @@ class SetpointHandlers:
             known = ", ".join(map(str, frames))
             self._hub.warn(f"{name} refused: frame {m.coordinate_frame} is not supported; use {known}")
             return False
-        if self._autopilot.mode != modes.GUIDED:
+        if self._autopilot.state.mode != modes.GUIDED:
             self._hub.warn(f"{name} ignored: not in GUIDED")
             return False
         return True
@@ -274,16 +274,16 @@ class SetpointHandlers:
             return []
         if not velocity:
             if yaw_rate_radps is not None:
-                self._autopilot.set_turn_rate(yaw_rate_radps, 0.0)
+                self._autopilot.commands.set_turn_rate(yaw_rate_radps, 0.0)
             elif yaw_rad is not None:
-                self._autopilot.set_course(yaw_rad, 0.0)
+                self._autopilot.commands.set_course(yaw_rad, 0.0)
             return []
         body = m.coordinate_frame in _BODY_FRAMES
         if body and yaw_rate_radps is not None and yaw_rad is None:
-            self._autopilot.set_turn_rate(yaw_rate_radps, math.copysign(math.hypot(m.vx, m.vy), m.vx))
+            self._autopilot.commands.set_turn_rate(yaw_rate_radps, math.copysign(math.hypot(m.vx, m.vy), m.vx))
             return []
         north_mps, east_mps = _rotated(m.vx, m.vy, turned_rad)
-        self._autopilot.set_velocity(north_mps, east_mps, yaw_rad, yaw_rate_radps)
+        self._autopilot.commands.set_velocity(north_mps, east_mps, yaw_rad, yaw_rate_radps)
         return []
 
     # -- sticks
@@ -292,7 +292,7 @@ class SetpointHandlers:
         """RC_CHANNELS_OVERRIDE."""
         self._heard(m, now_ns)
         widths_us = tuple(getattr(m, f"chan{number}_raw") for number in range(1, 19))
-        self._autopilot.rc_override(widths_us, now_ns)
+        self._autopilot.commands.rc_override(widths_us, now_ns)
         return []
 
     def on_manual(self, m: Any, now_ns: int) -> Messages:
@@ -301,12 +301,12 @@ class SetpointHandlers:
             return []
         self._heard(m, now_ns)
         axes = [None if value == _NO_AXIS else value for value in (m.x, m.y, m.z, m.r)]
-        self._autopilot.manual_control(axes[0], axes[1], axes[2], axes[3], now_ns)
+        self._autopilot.commands.manual_control(axes[0], axes[1], axes[2], axes[3], now_ns)
         return []
 
     def _heard(self, m: Any, now_ns: int) -> None:
         """Who steers is there."""
-        self._autopilot.heard_ground_station(m.get_srcSystem(), now_ns)
+        self._autopilot.failsafes.heard_ground_station(m.get_srcSystem(), now_ns)
 
 
 def _rotated(forward: float, right: float, yaw_rad: float) -> tuple[float, float]:

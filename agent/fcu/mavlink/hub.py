@@ -82,7 +82,7 @@ class MavlinkHub:
 
     def on_imu(self, sample: ImuMeasurement) -> bool:
         """Pass a sample on; False when it was refused, as with the other three."""
-        accepted = self.autopilot.on_imu(sample)
+        accepted = self.autopilot.estimator.on_imu(sample)
         if accepted:
             self.imu = sample
             if self.log is not None:
@@ -90,7 +90,7 @@ class MavlinkHub:
         return accepted
 
     def on_gnss(self, sample: GnssMeasurement) -> bool:
-        accepted = self.autopilot.on_gnss(sample)
+        accepted = self.autopilot.estimator.on_gnss(sample)
         if accepted:
             self.gnss = sample
             if self.log is not None:
@@ -98,7 +98,7 @@ class MavlinkHub:
         return accepted
 
     def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:
-        accepted = self.autopilot.on_magnetometer(sample)
+        accepted = self.autopilot.estimator.on_magnetometer(sample)
         if accepted:
             self.magnetometer = sample
             if self.log is not None:
@@ -106,7 +106,7 @@ class MavlinkHub:
         return accepted
 
     def on_barometer(self, sample: BarometerMeasurement) -> bool:
-        accepted = self.autopilot.on_barometer(sample)
+        accepted = self.autopilot.estimator.on_barometer(sample)
         if accepted:
             self.barometer = sample
             if self.log is not None:
@@ -138,7 +138,7 @@ class MavlinkHub:
 
         A station that sends something wrong sends it fifty times a second.
         """
-        reached, events = self.autopilot.take_reached(), self.autopilot.take_events()
+        reached, events = self.autopilot.navigation.drain_reached(), self.autopilot.events.drain()
         if not reached and not events:
             return
         events = [event for event in events if event.severity != WARNING or self._is_news(event.text, now_ns)]
@@ -156,7 +156,7 @@ class MavlinkHub:
 
     def warn(self, text: str) -> None:
         """An event: what was wrong with a message."""
-        self.autopilot.say(Event(WARNING, text))
+        self.autopilot.events.add(WARNING, text)
 
     def parameter_changed(self, name: str, by: Outbox | None = None) -> None:
         """Tell the stations other than the one that has its answer already."""

@@ -40,10 +40,10 @@ class MissionPlan:
         self._stored = stored
 
     def items(self) -> list[MissionItem]:
-        return list(self._autopilot.mission.items)
+        return list(self._autopilot.navigation.mission.items)
 
     def current(self) -> int:
-        return self._autopilot.pilot.current
+        return self._autopilot.navigation.progress.current
 
     def read(self, item: PlanItem) -> MissionItem | RefusedItem:
         if item.seq == 0:
@@ -64,8 +64,8 @@ class MissionPlan:
         return RefusedItem(int(mav.MAV_MISSION_INVALID if known else mav.MAV_MISSION_UNSUPPORTED), problem)
 
     def write(self, seq: int) -> PlanItem:
-        item = self._autopilot.mission.items[seq]
-        home = self._autopilot.home
+        item = self._autopilot.navigation.mission.items[seq]
+        home = self._autopilot.navigation.home
         if seq == 0 and home is not None:
             item = MissionItem(WAYPOINT, home.lat_deg, home.lon_deg, home.alt_m, frame=0)
         return PlanItem(seq, item.frame, item.command, item_parameters(item), item.lat_deg, item.lon_deg, item.alt_m)
@@ -74,11 +74,11 @@ class MissionPlan:
         """One that was changed in part goes on where the vessel is."""
         current = self.current()
         try:
-            self._autopilot.set_mission(make_mission(items))
+            self._autopilot.commands.set_mission(make_mission(items))
         except MissionError as error:
             return str(error)
         if in_part and current > 0:
-            self._autopilot.set_current(current)
+            self._autopilot.commands.set_current(current)
         self._stored()
         return ""
 
@@ -123,7 +123,7 @@ class FencePlan:
         return PlanItem(seq, 0, item.command, (first, 0.0, 0.0, 0.0), item.lat_deg, item.lon_deg, 0.0)
 
     def store(self, items: list[FenceItem], in_part: bool) -> str:
-        problem = self._autopilot.set_fence(items)
+        problem = self._autopilot.commands.set_fence(items)
         if not problem:
             self._stored()
         return problem

@@ -78,19 +78,19 @@ def _float32(value: float) -> float:
 
 
 def attitude(hub: MavlinkHub, now_ns: int) -> Any:
-    estimate = hub.autopilot.estimate
+    estimate = hub.autopilot.state.estimate
     return mav.MAVLink_attitude_message(
         _boot_ms(now_ns), estimate.roll_rad, estimate.pitch_rad, estimate.yaw_rad, *estimate.gyro_frd_radps
     )
 
 
 def attitude_quaternion(hub: MavlinkHub, now_ns: int) -> Any:
-    estimate = hub.autopilot.estimate
+    estimate = hub.autopilot.state.estimate
     return mav.MAVLink_attitude_quaternion_message(_boot_ms(now_ns), *estimate.quat_ned_frd, *estimate.gyro_frd_radps)
 
 
 def local_position(hub: MavlinkHub, now_ns: int) -> Any | None:
-    estimate = hub.autopilot.estimate
+    estimate = hub.autopilot.state.estimate
     if not estimate.position_valid:
         return None
     return mav.MAVLink_local_position_ned_message(
@@ -100,7 +100,7 @@ def local_position(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 def global_position(hub: MavlinkHub, now_ns: int) -> Any | None:
     autopilot = hub.autopilot
-    estimate, frame, home = autopilot.estimate, autopilot.estimator.frame, autopilot.home
+    estimate, frame, home = autopilot.state.estimate, autopilot.estimator.frame, autopilot.navigation.home
     if frame is None or not estimate.position_valid:
         return None
     north_m, east_m, down_m = estimate.pos_ned_m
@@ -132,7 +132,7 @@ def origin(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def home_position(hub: MavlinkHub, now_ns: int) -> Any | None:
-    home, frame = hub.autopilot.home, hub.autopilot.estimator.frame
+    home, frame = hub.autopilot.navigation.home, hub.autopilot.estimator.frame
     if home is None:
         return None
     x_m = y_m = z_m = 0.0
@@ -157,7 +157,7 @@ def home_position(hub: MavlinkHub, now_ns: int) -> Any | None:
 def vfr_hud(hub: MavlinkHub, now_ns: int) -> Any:
     """No airspeed is measured; a boat's station shows the speed over ground there."""
     autopilot = hub.autopilot
-    estimate, frame = autopilot.estimate, autopilot.estimator.frame
+    estimate, frame = autopilot.state.estimate, autopilot.estimator.frame
     vn, ve, vd = estimate.vel_ned_mps
     speed_mps = _float32(math.hypot(vn, ve))
     motors = hub.actuators.command
@@ -222,7 +222,7 @@ def servo_output(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def rc_channels(hub: MavlinkHub, now_ns: int) -> Any | None:
-    pulses = hub.autopilot.rc_channels
+    pulses = hub.autopilot.manual.widths_us(hub.autopilot.state.now_ns)
     if not any(pulses):
         return None
     channels = (list(pulses) + [0] * 18)[:18]
@@ -231,7 +231,7 @@ def rc_channels(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 def ekf_status(hub: MavlinkHub, now_ns: int) -> Any:
     """The innovations over their gates, which is what ArduPilot calls variances here."""
-    estimator, estimate = hub.autopilot.estimator, hub.autopilot.estimate
+    estimator, estimate = hub.autopilot.estimator, hub.autopilot.state.estimate
     ratios = estimator.ratios
     flags = _EKF_ATTITUDE if estimate.attitude_valid else _EKF_UNINITIALIZED
     if estimate.position_valid:
@@ -262,7 +262,7 @@ def _target(hub: MavlinkHub) -> tuple[int, float, float, float, float, float, fl
     if target.kind == navigation.COURSE:
         north_mps, east_mps = target.speed_mps * math.cos(yaw_rad), target.speed_mps * math.sin(yaw_rad)
         return _MASK_COURSE, 0.0, 0.0, north_mps, east_mps, yaw_rad, 0.0
-    yaw_rad = hub.autopilot.estimate.yaw_rad
+    yaw_rad = hub.autopilot.state.estimate.yaw_rad
     north_mps, east_mps = target.speed_mps * math.cos(yaw_rad), target.speed_mps * math.sin(yaw_rad)
     return _MASK_TURN, 0.0, 0.0, north_mps, east_mps, 0.0, target.turn_rate_radps
 
@@ -306,24 +306,24 @@ def heartbeat(hub: MavlinkHub, now_ns: int) -> Any:
     """A surface boat under ArduPilot."""
     autopilot = hub.autopilot
     base_mode = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-    if autopilot.mode == modes.AUTO:
+    if autopilot.state.mode == modes.AUTO:
         base_mode |= mav.MAV_MODE_FLAG_AUTO_ENABLED
-    if autopilot.mode in _STEERS_ITSELF:
+    if autopilot.state.mode in _STEERS_ITSELF:
         base_mode |= mav.MAV_MODE_FLAG_GUIDED_ENABLED
-    if autopilot.mode in _TAKES_INPUT:
+    if autopilot.state.mode in _TAKES_INPUT:
         base_mode |= mav.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
-    if autopilot.armed:
+    if autopilot.state.armed:
         base_mode |= mav.MAV_MODE_FLAG_SAFETY_ARMED
-    if autopilot.failsafes:
+    if autopilot.failsafes.active:
         status = mav.MAV_STATE_CRITICAL
-    elif autopilot.armed:
+    elif autopilot.state.armed:
         status = mav.MAV_STATE_ACTIVE
     elif any(problem.startswith("AHRS") for problem in autopilot.estimator.problems()):
         status = mav.MAV_STATE_CALIBRATING
     else:
         status = mav.MAV_STATE_STANDBY
     return mav.MAVLink_heartbeat_message(
-        mav.MAV_TYPE_SURFACE_BOAT, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, base_mode, autopilot.mode, status, 3
+        mav.MAV_TYPE_SURFACE_BOAT, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, base_mode, autopilot.state.mode, status, 3
     )
 
 
@@ -333,7 +333,7 @@ def sys_status(hub: MavlinkHub, now_ns: int) -> Any:
     health = _PRESENT
     for problem in autopilot.estimator.problems():
         health &= ~_PROBLEM_BITS.get(problem.split(":", 1)[0], 0)
-    if autopilot.failsafe:
+    if autopilot.failsafes.imu_lost:
         health &= ~_PROBLEM_BITS["IMU"]
     if autopilot.prearm_problems():
         health &= ~mav.MAV_SYS_STATUS_PREARM_CHECK
@@ -350,7 +350,7 @@ def system_time(hub: MavlinkHub, now_ns: int) -> Any:
 
 def nav_controller_output(hub: MavlinkHub, now_ns: int) -> Any | None:
     autopilot = hub.autopilot
-    output = autopilot.navigation
+    output = autopilot.navigation.output
     if output is None:
         return None
     return mav.MAVLink_nav_controller_output_message(
@@ -360,25 +360,25 @@ def nav_controller_output(hub: MavlinkHub, now_ns: int) -> Any | None:
         round(math.degrees(output.bearing_rad)),
         min(round(output.distance_m), 65535),
         0.0,
-        autopilot.speed_error_mps,
+        autopilot.state.speed_error_mps,
         _float32(output.cross_track_m),
     )
 
 
 def mission_current(hub: MavlinkHub, now_ns: int) -> Any:
     autopilot = hub.autopilot
-    pilot, waypoints = autopilot.pilot, autopilot.mission.waypoints()
+    pilot, waypoints = autopilot.navigation.progress, autopilot.navigation.mission.waypoints()
     if not waypoints:
         state = 1
     elif pilot.state == COMPLETE:
         state = 5
     elif pilot.state == UNDER_WAY:
-        state = 3 if autopilot.mode == modes.AUTO else 4
+        state = 3 if autopilot.state.mode == modes.AUTO else 4
     else:
         state = 2
     seq = pilot.current or (waypoints[-1] if waypoints else 0)
-    total = max(0, len(autopilot.mission.items) - 1)
-    return mav.MAVLink_mission_current_message(seq, total, state, 1 if autopilot.mode == modes.AUTO else 2)
+    total = max(0, len(autopilot.navigation.mission.items) - 1)
+    return mav.MAVLink_mission_current_message(seq, total, state, 1 if autopilot.state.mode == modes.AUTO else 2)
 
 
 def battery_status(hub: MavlinkHub, now_ns: int) -> Any:

@@ -1,216 +1,108 @@
-"""Commands that leave the mode as it is: targets of GUIDED, sticks, home, the fence."""
+"""What operators may ask of the autopilot beside arming and modes: mission, targets of GUIDED, sticks, home, fence."""
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Sequence
+from typing import Callable
 
-from agent.fcu.control.allocation import ThrustAllocator
-from agent.fcu.control.controller import ControllerGuard, MakeController
-from agent.fcu.control.guidance import GuidanceOutput
-from agent.fcu.control.heading_speed import HeadingSpeedController
 from agent.fcu.control.manual_control import ManualControl
 from agent.fcu.estimation.estimator import Estimator
-from agent.fcu.fence import Fence, FenceBreach, FenceError, FenceItem
+from agent.fcu.fence import Fence, FenceError, FenceItem
 from agent.fcu.geodetic import Home, position_problem
 from agent.fcu.mission import MissionSequence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
-from agent.fcu.vehicle.failsafes import FailsafeMonitor
 from agent.fcu.vehicle.navigation import (
     POSITION,
     GuidedTarget,
-    MissionProgress,
     Navigation,
     course_target,
     turn_target,
     velocity_target,
 )
-from agent.fcu.vehicle_state import (
-    WARNING,
-    BarometerMeasurement,
-    Event,
-    EventQueue,
-    GnssMeasurement,
-    ImuMeasurement,
-    MagnetometerMeasurement,
-    StateEstimate,
-)
-
-_MOST_REACHED = 64
+from agent.fcu.vehicle_state import NOTICE, EventQueue, VehicleState
 
 
-class Ship:
-    """The parts, fed with samples. `make_controller` builds what replaces the built-in HeadingSpeedController."""
+class VehicleCommands:
+    """Each command returns the reason when it is refused, which is an event too; empty when done."""
 
-    def __init__(self, parameters: Parameters | None = None, make_controller: MakeController | None = None) -> None:
-        self.parameters = Parameters() if parameters is None else parameters
-        self.mission = MissionSequence()
-        self.fence = Fence(self.parameters)
-        self._make_controller: MakeController = HeadingSpeedController if make_controller is None else make_controller
-        self.reset()
+    def __init__(
+        self,
+        parameters: Parameters,
+        state: VehicleState,
+        estimator: Estimator,
+        navigation: Navigation,
+        fence: Fence,
+        manual: ManualControl,
+        events: EventQueue,
+        set_mode: Callable[[int], str],
+        switch_mode: Callable[[int], None],
+    ) -> None:
+        self._parameters = parameters
+        self._state = state
+        self._estimator = estimator
+        self._navigation = navigation
+        self._fence = fence
+        self._manual = manual
+        self._events = events
+        self._set_mode = set_mode
+        self._switch_mode = switch_mode
 
-    def reset(self) -> None:
-        """Fresh state for a new run: disarmed, not aligned, no events. Parameters, mission and fence are kept."""
-        p = self.parameters
-        self.estimator = Estimator(p)
-        self.estimate: StateEstimate = self.estimator.estimate()
-        self.armed = False
-        self.home: Home | None = None
-        self._home_is_set = False
-        self.mode = int(p["INITIAL_MODE"]) if int(p["INITIAL_MODE"]) in modes.BY_NUMBER else modes.HOLD
-        self.events = EventQueue()
-        self.reached: deque[int] = deque(maxlen=_MOST_REACHED)
-        self.manual = ManualControl(p)
-        self.voyage = Navigation(self.mission, p, self.events)
-        self.controller = ControllerGuard(self._make_controller, p, self.events)
-        self.propellers = ThrustAllocator(p)
-        self.fence.breach = FenceBreach()
-        self._failsafes = FailsafeMonitor(p)
-        self.speed_error_mps = 0.0  # desired less measured speed over ground
-        self.estimates_used = 0  # by control (LC), of the estimator's (LS)
-        self._version = p.version
-        self._now_ns = 0
-        self._last_control_ns: int | None = None
-        self._imu_accepted = 0
+    # -- mission
 
-    def _configure(self) -> None:
-        """Take changed parameters over."""
-        self._version = self.parameters.version
-        self.estimator.configure()
-        self.manual.configure()
-        self.voyage.configure(self.parameters)
-        self.controller.configure()
-        self.propellers.configure()
-        self._failsafes.configure()
+    def set_mission(self, mission: MissionSequence) -> None:
+        """Replace the mission; in AUTO the new one starts from its first waypoint, an empty one ends in HOLD."""
+        self._navigation.load_mission(mission)
+        if self._state.mode == modes.AUTO and not mission.waypoints():
+            self._events.add(NOTICE, "Mission cleared: HOLD")
+            self._switch_mode(modes.HOLD)
 
-    # -- sensors
+    def start_mission(self) -> str:
+        """AUTO from the first waypoint; the vessel moves once armed."""
+        refused = self._set_mode(modes.AUTO)
+        if not refused:
+            self._navigation.progress.restart()
+        return refused
 
-    def on_imu(self, sample: ImuMeasurement) -> bool:
-        """Returns False when the sample was refused, as do the other three."""
-        accepted = self.estimator.on_imu(sample)
-        self._imu_accepted += accepted
-        return accepted
+    def set_current(self, seq: int) -> str:
+        """Go on from mission item `seq`, 0 for the first."""
+        mission = self._navigation.mission
+        if not 0 <= seq < len(mission.items):
+            return self._events.refuse(f"mission item {seq} is not there; the mission has {len(mission.items)} items")
+        if mission.next_waypoint(seq) is None:
+            return self._events.refuse(f"mission item {seq}: no waypoint comes after it")
+        self._navigation.progress.resume_from(max(seq, 1))
+        return ""
 
-    def on_gnss(self, sample: GnssMeasurement) -> bool:
-        return self.estimator.on_gnss(sample)
-
-    def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:
-        return self.estimator.on_magnetometer(sample)
-
-    def on_barometer(self, sample: BarometerMeasurement) -> bool:
-        return self.estimator.on_barometer(sample)
-
-    # -- reading
-
-    @property
-    def efforts(self) -> int:
-        """Of control, that were allocated to the propellers (LA)."""
-        return self.propellers.efforts
-
-    @property
-    def failsafe(self) -> bool:
-        """Whether outputs are neutral for want of an IMU."""
-        return self._failsafes.imu.active
-
-    @property
-    def failsafes(self) -> tuple[str, ...]:
-        """Names of the failsafes in force: IMU, EKF, GCS, Fence."""
-        return (*self._failsafes.active, *(("Fence",) if self.fence.breach.outside else ()))
-
-    @property
-    def pilot(self) -> MissionProgress:
-        """Who sails the mission."""
-        return self.voyage.pilot
-
-    @property
-    def navigation(self) -> GuidanceOutput | None:
-        """What the mode in force steers by, None when it does not navigate."""
-        return self.voyage.output
-
-    @property
-    def guided_target(self) -> GuidedTarget | None:
-        """The target of GUIDED in force."""
-        return self.voyage.guided.target if self.mode == modes.GUIDED else None
-
-    @property
-    def rc_channels(self) -> tuple[int, ...]:
-        """Pulse widths in force of 18 channels, us, 0 where nobody overrides."""
-        return self.manual.widths_us(self._now_ns)
-
-    def fence_clearance_m(self) -> float:
-        """How far inside of the fence the vessel is, negative outside, infinite without fence or position."""
-        frame = self.estimator.frame
-        if frame is None or not self.fence.enabled:
-            return math.inf
-        north_m, east_m, _ = self.estimate.pos_ned_m
-        return self.fence.clearance_m(frame, self.voyage.home, *frame.to_geodetic(north_m, east_m))
-
-    # -- what is said
-
-    def take_events(self) -> list[Event]:
-        """Events since the last call, oldest first."""
-        return self.events.take()
-
-    def take_reached(self) -> list[int]:
-        """Sequence numbers of the waypoints reached since the last call."""
-        taken = list(self.reached)
-        self.reached.clear()
-        return taken
-
-    @property
-    def events_lost(self) -> int:
-        """Events that nobody took in time."""
-        return self.events.lost
-
-    def say(self, event: Event) -> None:
-        """Queue an event."""
-        self.events.say(event.severity, event.text)
-
-    def _refused(self, reason: str) -> str:
-        self.events.say(WARNING, reason)
-        return reason
-
-    def _restart(self) -> None:
-        self.controller.restart()
-        self.propellers.restart()
-        self.speed_error_mps = 0.0
-
-    def _home_is_here(self) -> None:
-        frame = self.estimator.frame
-        if frame is not None:
-            north_m, east_m, down_m = self.estimate.pos_ned_m
-            self._move_home(Home(*frame.to_geodetic(north_m, east_m), frame.alt_m - down_m))
-
-    def _move_home(self, home: Home) -> None:
-        self.home = home
-        self.voyage.home = (home.lat_deg, home.lon_deg)
-        self.voyage.homeward = None
-
-
-class VehicleCommands(Ship):
-    """Each returns the reason when it is refused, and says it; empty when done."""
+    def change_speed(self, speed_mps: float) -> str:
+        """Speed over ground from now on: of the mission, or of RTL and GUIDED while they last."""
+        if not 0.0 < speed_mps <= 100.0:
+            return self._events.refuse(f"speed {speed_mps:g} m/s; use more than 0, at most 100")
+        if self._state.mode in (modes.RTL, modes.GUIDED):
+            self._navigation.asked_mps = speed_mps
+        else:
+            self._navigation.progress.speed_mps = speed_mps
+        return ""
 
     # -- targets of GUIDED
 
     def go_to(self, lat_deg: float, lon_deg: float) -> str:
-        """Sail to a place and stay there."""
+        """Go to a position and stay there."""
         problem = position_problem(lat_deg, lon_deg)
-        frame = self.estimator.frame
-        if not problem and frame is not None and self.fence.enabled:
-            clearance_m = self.fence.clearance_m(frame, self.voyage.home, lat_deg, lon_deg)
-            if clearance_m < self.parameters["FENCE_MARGIN"]:
+        frame = self._estimator.frame
+        if not problem and frame is not None and self._fence.enabled:
+            clearance_m = self._fence.clearance_m(frame, self._navigation.home, lat_deg, lon_deg)
+            if clearance_m < self._parameters["FENCE_MARGIN"]:
                 problem = f"position {lat_deg:g}, {lon_deg:g} is not inside the fence by FENCE_MARGIN"
         return self._guide(problem or GuidedTarget(POSITION, lat_deg, lon_deg))
 
     def go_to_local(self, north_m: float, east_m: float) -> str:
         """As `go_to`, metres from the estimator's origin."""
-        frame = self.estimator.frame
+        frame = self._estimator.frame
         if frame is None:
-            return self._refused("a local target needs a position")
+            return self._events.refuse("a local target needs a position")
         if not max(abs(north_m), abs(east_m)) < 1e6:
-            return self._refused(f"position {north_m:g}, {east_m:g} m; use less than 1000 km")
+            return self._events.refuse(f"position {north_m:g}, {east_m:g} m; use less than 1000 km")
         return self.go_to(*frame.to_geodetic(north_m, east_m))
 
     def set_velocity(
@@ -229,58 +121,54 @@ class VehicleCommands(Ship):
 
     def _guide(self, target: GuidedTarget | str) -> str:
         if isinstance(target, str):
-            return self._refused(target)
-        if self.mode != modes.GUIDED:
-            return self._refused(f"targets are for GUIDED; the mode is {modes.NAMES[self.mode]}")
-        self.voyage.guided.take(target, self._now_ns)
+            return self._events.refuse(target)
+        if self._state.mode != modes.GUIDED:
+            return self._events.refuse(f"targets are for GUIDED; the mode is {modes.NAMES[self._state.mode]}")
+        self._navigation.guided.set_target(target, self._state.now_ns)
         return ""
 
-    # -- sticks, stations, home, fence
+    # -- sticks, home, fence
 
     def rc_override(self, channels_us: tuple[int, ...], now_ns: int) -> str:
         """RC_CHANNELS_OVERRIDE."""
-        problem = self.manual.override(channels_us, now_ns)
-        return self._refused(problem) if problem else ""
+        problem = self._manual.override(channels_us, now_ns)
+        return self._events.refuse(problem) if problem else ""
 
     def manual_control(self, x: int | None, y: int | None, z: int | None, r: int | None, now_ns: int) -> str:
         """MANUAL_CONTROL: y steers, z is the throttle; a boat has no use for x and r, as ArduRover."""
-        problem = self.manual.axes(y, z, now_ns)
-        return self._refused(problem) if problem else ""
-
-    def heard_ground_station(self, system_id: int, now_ns: int) -> None:
-        """A heartbeat of a ground station."""
-        self._failsafes.heard_ground_station(system_id, now_ns)
+        problem = self._manual.set_axes(y, z, now_ns)
+        return self._events.refuse(problem) if problem else ""
 
     def set_home(self, lat_deg: float, lon_deg: float, alt_m: float) -> str:
         """Home from now on; arming does not move it any more."""
         problem = position_problem(lat_deg, lon_deg)
         if not problem and not abs(alt_m) < 1e5:
             problem = f"altitude {alt_m:g} m is not one; use 0"
-        if not problem and self.estimator.frame is None:
+        if not problem and self._estimator.frame is None:
             problem = "home cannot be set before there is a position"
         if problem:
-            return self._refused(problem)
-        self._home_is_set = True
-        self._move_home(Home(lat_deg, lon_deg, alt_m))
+            return self._events.refuse(problem)
+        self._navigation.home_is_set = True
+        self._navigation.set_home(Home(lat_deg, lon_deg, alt_m))
         return ""
 
     def set_home_here(self) -> str:
         """Home is where the vessel is now."""
-        if not self.estimate.position_valid:
-            return self._refused("home cannot be set here: no position")
-        self._home_is_set = True
-        self._home_is_here()
+        if not self._state.estimate.position_valid:
+            return self._events.refuse("home cannot be set here: no position")
+        self._navigation.home_is_set = True
+        self._navigation.set_home_here(self._estimator.frame, self._state.estimate)
         return ""
 
     def set_fence(self, items: Sequence[FenceItem]) -> str:
         """Replace the fence; none of it is taken when an item is refused."""
         try:
-            self.fence.replace(items)
+            self._fence.replace(items)
         except FenceError as error:
-            return self._refused(str(error))
+            return self._events.refuse(str(error))
         return ""
 
     def enable_fence(self, on: bool) -> str:
         """FENCE_ENABLE."""
-        self.parameters.set("FENCE_ENABLE", float(on))
+        self._parameters.set("FENCE_ENABLE", float(on))
         return ""

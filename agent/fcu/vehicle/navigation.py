@@ -1,8 +1,9 @@
-"""The pilot: where in the mission the vessel is, which leg it sails and how fast."""
+"""What the modes steer by: progress along the mission, targets of GUIDED, the place to keep, the way home."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 from agent.fcu.control.guidance import (
@@ -19,7 +20,7 @@ from agent.fcu.control.guidance import (
     wrap_angle,
 )
 from agent.fcu.control.manual_control import Sticks
-from agent.fcu.geodetic import LocalProjection
+from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import (
     CHANGE_SPEED,
     FOREVER,
@@ -32,16 +33,17 @@ from agent.fcu.mission import (
     MissionSequence,
 )
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import NOTICE, EventQueue, StateEstimate
+from agent.fcu.vehicle_state import INFO, EventQueue, StateEstimate
 
 NOT_STARTED, UNDER_WAY, COMPLETE = range(3)
 POSITION, VELOCITY, COURSE, TURN = range(4)
 _MOST_MPS = 100.0
 _MOST_RADPS = 10.0
+_MOST_REACHED = 64
 
 
-class _Way(NamedTuple):
-    """What comes next: item to sail to (0 for none), speed asked for on the way, jumps made so far by item."""
+class _NextItem(NamedTuple):
+    """The item to go to (0 for none), the speed asked for on the way, and the jumps made so far by item."""
 
     current: int
     speed_mps: float | None
@@ -49,16 +51,16 @@ class _Way(NamedTuple):
 
 
 class MissionProgress:
-    """Sails one mission. `current` is the item ahead that is sailed to, 0 when there is none.
+    """Guidance along one mission. `current` is the item under way, 0 when there is none.
 
     The first leg, and the leg after an interruption, starts where the vessel is; every other leg joins two waypoints.
-    `home` (latitude, longitude) is where RETURN_HOME goes; the mission's own item 0 when it is not set.
+    `home` is where RETURN_HOME goes; the mission's own item 0 when it is not set.
     """
 
     def __init__(self, mission: MissionSequence, default_speed_mps: float) -> None:
         self.mission = mission
         self.default_speed_mps = default_speed_mps
-        self.home: tuple[float, float] | None = None
+        self.home: Home | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -66,17 +68,17 @@ class MissionProgress:
         self.speed_mps: float | None = None  # what CHANGE_SPEED asked for
         self.output: GuidanceOutput | None = None
         self.reached = 0  # waypoints reached so far
-        self._fresh_reached: list[int] = []
+        self._undrained: list[int] = []
         self._jumps: dict[int, int] = {}
-        self.go_on_from(1)
+        self.resume_from(1)
 
-    def go_on_from(self, seq: int) -> None:
-        """Sail to the first waypoint at or after `seq`."""
+    def resume_from(self, seq: int) -> None:
+        """Go to the first waypoint at or after `seq`."""
         self.state = NOT_STARTED
-        self._take_up(seq)
-        self.depart()
+        self._advance_to(seq)
+        self.start_leg()
 
-    def depart(self) -> None:
+    def start_leg(self) -> None:
         """The next leg starts where the vessel is; a completed mission starts again."""
         self._leg: GuidanceLeg | None = None
         self._frame: LocalProjection | None = None
@@ -140,8 +142,8 @@ class MissionProgress:
     def _reach(self, frame: LocalProjection, line: GuidanceLeg | None, output: GuidanceOutput) -> GuidanceOutput | None:
         """The current item is done; without a line the next leg starts where the vessel is."""
         self.reached += 1
-        self._fresh_reached.append(self.current)
-        self._take_up(self.current + 1)
+        self._undrained.append(self.current)
+        self._advance_to(self.current + 1)
         if self.current == 0:
             self.state = COMPLETE
             return None
@@ -152,23 +154,23 @@ class MissionProgress:
         self._guidance = carry_integral(self._guidance, self._leg.course_rad - line.course_rad)
         return output
 
-    def take_reached(self) -> list[int]:
+    def drain_reached(self) -> list[int]:
         """Waypoints reached since the last call."""
-        taken, self._fresh_reached = self._fresh_reached, []
-        return taken
+        reached, self._undrained = self._undrained, []
+        return reached
 
-    def _take_up(self, seq: int) -> None:
-        self.current, self.speed_mps, self._jumps = self._way(seq)
+    def _advance_to(self, seq: int) -> None:
+        self.current, self.speed_mps, self._jumps = self._next_item(seq)
 
-    def _way(self, seq: int) -> _Way:
-        """From `seq` to the next item that is sailed to, by what stands between. Jumps in a ring end the mission."""
+    def _next_item(self, seq: int) -> _NextItem:
+        """From `seq` to the next item to go to, by what stands between. Jumps in a ring end the mission."""
         items, speed_mps, jumps = self.mission.items, self.speed_mps, self._jumps
         for _ in range(2 * len(items)):
             if seq >= len(items):
                 break
             item = items[seq]
             if item.command in LEGS:
-                return _Way(seq, speed_mps, jumps)
+                return _NextItem(seq, speed_mps, jumps)
             made = jumps.get(seq, 0)
             if item.command == CHANGE_SPEED:
                 speed_mps = item.speed_mps
@@ -177,7 +179,7 @@ class MissionProgress:
                 seq = item.jump_seq
             else:
                 seq += 1
-        return _Way(0, speed_mps, jumps)
+        return _NextItem(0, speed_mps, jumps)
 
     def _stays(self, seq: int) -> bool:
         item = self.mission.items[seq]
@@ -185,88 +187,17 @@ class MissionProgress:
 
     def _leg_from(self, frame: LocalProjection, start_ne_m: tuple[float, float]) -> GuidanceLeg:
         end = self._local(frame, self.current, start_ne_m)
-        after = 0 if self._stays(self.current) else self._way(self.current + 1).current
+        after = 0 if self._stays(self.current) else self._next_item(self.current + 1).current
         return make_leg(start_ne_m, end, self._local(frame, after, end) if after else None)
 
     def _local(self, frame: LocalProjection, seq: int, here_ne_m: tuple[float, float]) -> tuple[float, float]:
         item = self.mission.items[seq]
         if item.command == RETURN_HOME:
-            home = self.mission.items[0]
-            return frame.to_local(*(self.home or (home.lat_deg, home.lon_deg)))
+            home = self.home or self.mission.items[0]
+            return frame.to_local(home.lat_deg, home.lon_deg)
         if item.lat_deg == 0.0 and item.lon_deg == 0.0:  # loitering "here"
             return here_ne_m
         return frame.to_local(item.lat_deg, item.lon_deg)
-
-
-class ModeInput(NamedTuple):
-    """One cycle as a mode sees it; `speed_mps` is over ground, negative astern."""
-
-    now_ns: int
-    dt_s: float
-    estimate: StateEstimate
-    frame: LocalProjection
-    pos_ne_m: tuple[float, float]
-    speed_mps: float
-    sticks: Sticks
-
-
-class Navigation:
-    """`home` is (latitude, longitude); `output` is the guidance of the mode in force, None when it has none;
-    `asked_mps` is a speed asked for while it is.
-    """
-
-    def __init__(self, mission: MissionSequence, parameters: Parameters, events: EventQueue) -> None:
-        self.pilot = MissionProgress(mission, parameters["WP_SPEED"])
-        self.guided = GuidedNavigation()
-        self.station: StationKeeping | None = None
-        self.homeward: PointTransit | None = None
-        self.home: tuple[float, float] | None = None
-        self.output: GuidanceOutput | None = None
-        self.asked_mps: float | None = None
-        self._events = events
-        self.configure(parameters)
-
-    def configure(self, p: Parameters) -> None:
-        """Take changed parameters over."""
-        self.gains = GuidanceGains.of(p)
-        self.cruise_mps = p["WP_SPEED"]
-        self.homeward_mps = p["RTL_SPEED"] or p["WP_SPEED"]
-        # Drag, and with it thrust, grows with the square of the speed.
-        self.speed_max_mps = p["SPEED_MAX"] or p["CRUISE_SPEED"] / math.sqrt(p["CRUISE_THROTTLE"] / 100.0)
-        self.acro_radps = math.radians(p["ACRO_TURN_RATE"])
-        self.turn_radius_m = p["TURN_RADIUS"]
-        self.guided_timeout_ns = int(p["GUID_TIMEOUT"] * 1e9)
-        self.pilot.default_speed_mps = p["WP_SPEED"]
-
-    def notice(self, text: str) -> None:
-        """Say it to the ground station."""
-        self._events.say(NOTICE, text)
-
-    def load(self, mission: MissionSequence) -> None:
-        """A new mission, from its start."""
-        self.pilot = MissionProgress(mission, self.cruise_mps)
-
-    def depart(self) -> None:
-        """AUTO: the next leg starts where the vessel is."""
-        self.pilot.depart()
-
-    def leave_station(self) -> None:
-        """LOITER: stay where the vessel comes to rest next."""
-        self.station = None
-
-    def turn_home(self) -> None:
-        """RTL: the way home starts where the vessel is."""
-        self.homeward = None
-
-    def await_target(self) -> None:
-        """GUIDED: stay where the vessel comes to rest, until a target comes."""
-        self.guided.drop()
-
-    def stopping_place(self, now: ModeInput) -> tuple[float, float]:
-        """Latitude and longitude of where the vessel comes to rest at ATC_DECEL_MAX."""
-        (vn, ve, _), (north_m, east_m) = now.estimate.vel_ned_mps, now.pos_ne_m
-        slowing_s = 0.5 * math.hypot(vn, ve) / self.gains.deceleration_mps2
-        return now.frame.to_geodetic(north_m + slowing_s * vn, east_m + slowing_s * ve)
 
 
 class GuidedTarget(NamedTuple):
@@ -291,24 +222,24 @@ class GuidedNavigation:
 
     def __init__(self) -> None:
         self.target: GuidedTarget | None = None
-        self.passage: PointTransit | None = None  # the way to a place, or to where the vessel has to stop
+        self.transit: PointTransit | None = None  # the way to a place, or to where the vessel has to stop
         self.course = CourseOverGround()
         self._stamp_ns = 0
 
-    def take(self, target: GuidedTarget, now_ns: int) -> None:
+    def set_target(self, target: GuidedTarget, now_ns: int) -> None:
         """A new target takes the place of the old one; the same place again changes nothing."""
         if target == self.target and target.kind == POSITION:
             return
-        self.passage = PointTransit(target.lat_deg, target.lon_deg) if target.kind == POSITION else None
+        self.transit = PointTransit(target.lat_deg, target.lon_deg) if target.kind == POSITION else None
         if target.kind != VELOCITY:
             self.course = CourseOverGround()
         self.target = target
         self._stamp_ns = now_ns
 
-    def drop(self) -> None:
+    def clear(self) -> None:
         """No target."""
         self.target = None
-        self.passage = None
+        self.transit = None
         self.course = CourseOverGround()
 
     def is_stale(self, now_ns: int, timeout_ns: int) -> bool:
@@ -350,3 +281,107 @@ def turn_target(turn_rate_radps: float, speed_mps: float) -> GuidedTarget | str:
             f"turn rate {turn_rate_radps:g} rad/s, speed {speed_mps:g} m/s; use at most {_MOST_RADPS:g}, {_MOST_MPS:g}"
         )
     return GuidedTarget(TURN, turn_rate_radps=turn_rate_radps, speed_mps=speed_mps)
+
+
+class ModeInput(NamedTuple):
+    """What a mode is given each cycle; `speed_mps` is over ground, negative astern."""
+
+    now_ns: int
+    dt_s: float
+    estimate: StateEstimate
+    frame: LocalProjection
+    pos_ne_m: tuple[float, float]
+    speed_mps: float
+    sticks: Sticks
+
+
+class Navigation:
+    """What the modes keep from cycle to cycle.
+
+    output: guidance of the mode in force, None when it has none. asked_mps: speed asked for while the mode lasts. home:
+    where the vessel was armed, or first had a position, unless it was set. reached: waypoints nobody has drained yet.
+    """
+
+    def __init__(self, mission: MissionSequence, parameters: Parameters, events: EventQueue) -> None:
+        self.progress = MissionProgress(mission, parameters["WP_SPEED"])
+        self.guided = GuidedNavigation()
+        self.station: StationKeeping | None = None
+        self.way_home: PointTransit | None = None
+        self.home: Home | None = None
+        self.home_is_set = False
+        self.output: GuidanceOutput | None = None
+        self.asked_mps: float | None = None
+        self.reached: deque[int] = deque(maxlen=_MOST_REACHED)
+        self.events = events
+        self.configure(parameters)
+
+    def configure(self, p: Parameters) -> None:
+        """Take changed parameters over."""
+        self.gains = GuidanceGains.from_parameters(p)
+        self.cruise_mps = p["WP_SPEED"]
+        self.homeward_mps = p["RTL_SPEED"] or p["WP_SPEED"]
+        # Drag, and with it thrust, grows with the square of the speed.
+        self.speed_max_mps = p["SPEED_MAX"] or p["CRUISE_SPEED"] / math.sqrt(p["CRUISE_THROTTLE"] / 100.0)
+        self.acro_radps = math.radians(p["ACRO_TURN_RATE"])
+        self.turn_radius_m = p["TURN_RADIUS"]
+        self.guided_timeout_ns = int(p["GUID_TIMEOUT"] * 1e9)
+        self.progress.default_speed_mps = p["WP_SPEED"]
+
+    @property
+    def mission(self) -> MissionSequence:
+        """The mission in force, whether or not it is under way."""
+        return self.progress.mission
+
+    def load_mission(self, mission: MissionSequence) -> None:
+        """A new mission, from its start."""
+        self.progress = MissionProgress(mission, self.cruise_mps)
+
+    def follow_mission(self, now: ModeInput) -> GuidanceOutput | None:
+        """One step along the mission, None once the last waypoint is reached; each waypoint reached is an event."""
+        self.progress.home = self.home
+        output = self.progress.steer(self.gains, now.frame, now.pos_ne_m, now.estimate.yaw_rad, now.speed_mps, now.dt_s)
+        for seq in self.progress.drain_reached():
+            self.reached.append(seq)
+            self.events.add(INFO, f"Reached waypoint {seq}")
+        return output
+
+    def drain_reached(self) -> list[int]:
+        """Sequence numbers of the waypoints reached since the last call."""
+        reached = list(self.reached)
+        self.reached.clear()
+        return reached
+
+    def set_home(self, home: Home) -> None:
+        """Home from now on; a way home under way starts anew."""
+        self.home = home
+        self.way_home = None
+
+    def set_home_here(self, frame: LocalProjection | None, estimate: StateEstimate) -> None:
+        """Home is where the vessel is, as far as that is known."""
+        if frame is not None:
+            north_m, east_m, down_m = estimate.pos_ned_m
+            self.set_home(Home(*frame.to_geodetic(north_m, east_m), frame.alt_m - down_m))
+
+    # -- modes are entered
+
+    def enter_auto(self) -> None:
+        """The next leg starts where the vessel is."""
+        self.progress.start_leg()
+
+    def enter_loiter(self) -> None:
+        """Stay where the vessel comes to rest next."""
+        self.station = None
+
+    def enter_rtl(self) -> None:
+        """The way home starts where the vessel is."""
+        self.way_home = None
+
+    def enter_guided(self) -> None:
+        """Stay where the vessel comes to rest, until a target comes."""
+        self.guided.clear()
+
+    def stopping_place(self, now: ModeInput) -> tuple[float, float]:
+        """Latitude and longitude of where the vessel comes to rest at ATC_DECEL_MAX."""
+        (vn, ve, _), (north_m, east_m) = now.estimate.vel_ned_mps, now.pos_ne_m
+        slowing_s = 0.5 * math.hypot(vn, ve) / self.gains.deceleration_mps2
+        return now.frame.to_geodetic(north_m + slowing_s * vn, east_m + slowing_s * ve)

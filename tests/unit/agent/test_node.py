@@ -79,7 +79,7 @@ def test_stop_ends_neutral_and_is_answered_every_time() -> None:
         assert (actuators.flags, list(actuators.command)) == (0, [0.0] * 8)
         assert {task.task for task in tasks} == {"control", "telemetry", "status"}
         assert status.running == 0
-    assert not host.autopilot.armed
+    assert not host.autopilot.state.armed
     assert host.live(2.0) == []
 
 
@@ -95,7 +95,7 @@ def test_a_second_start_starts_over() -> None:
     assert first.arm(force=True) == ()
     assert of("XITL_NODE_STATUS", host.run(START))[-1].running == 1
     assert host.autopilot is not first
-    assert not first.armed
+    assert not first.state.armed
     said = host.live(1.0)
     (control,) = [task for task in of("XITL_TASK_STATS", said) if task.task == "control"][-1:]
     assert control.cycles == 51
@@ -168,7 +168,7 @@ def test_a_host_that_is_gone_takes_its_run_with_it() -> None:
     assert of("XITL_NODE_STATUS", said)[-1].running == 1
     said = host.live(4.0, imu=False)
     assert kinds(said)[-4:] == ["XITL_ACTUATORS", *["XITL_TASK_STATS"] * 3]
-    assert not host.autopilot.armed
+    assert not host.autopilot.state.armed
     assert host.run(HELLO)[-1].running == 0
 
 

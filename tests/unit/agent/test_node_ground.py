@@ -239,7 +239,7 @@ def test_bytes_of_any_kind_from_a_station_raise_nothing(chunks: list[bytes]) -> 
         bench.node.poll()
         bench.station.receive()
     bench.node.poll()
-    assert math.isfinite(bench.role.channel.autopilot.estimate.yaw_rad)
+    assert math.isfinite(bench.role.channel.autopilot.state.estimate.yaw_rad)
 
 
 _kept: list[Bench] = []

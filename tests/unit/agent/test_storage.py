@@ -28,13 +28,13 @@ def test_parameters_and_plans_are_back_after_a_restart(tmp_path: Path) -> None:
     storage, autopilot = Storage(path), Autopilot()
     storage.apply(autopilot)
     storage.keep_parameter("WP_SPEED", 1.5)
-    autopilot.set_mission(PLAN)
-    assert autopilot.set_fence(FENCE) == ""
+    autopilot.commands.set_mission(PLAN)
+    assert autopilot.commands.set_fence(FENCE) == ""
     storage.keep_plan(autopilot)
     storage.close()
     again = restarted(path)
     assert again.parameters["WP_SPEED"] == 1.5
-    assert again.mission == PLAN
+    assert again.navigation.mission == PLAN
     assert list(again.fence.items) == FENCE
     assert list(tmp_path.iterdir()) == [path]
 
@@ -62,7 +62,7 @@ def test_what_no_longer_fits_is_left_out_and_said(tmp_path: Path) -> None:
     path.write_text(json.dumps({"format": 1, "parameters": values, "mission": [item, item], "fence": []}))
     autopilot = restarted(path)
     assert autopilot.parameters["WP_RADIUS"] == 4.0
-    said = " | ".join(event.text for event in autopilot.take_events())
+    said = " | ".join(event.text for event in autopilot.events.drain())
     assert "kept.json: WP_SPEED = 1e+09 is out of range" in said
     assert "kept.json: GONE is not a parameter" in said
     assert "kept.json: mission item 1: position 99, 0 is not on Earth" in said
@@ -104,6 +104,6 @@ def test_a_failed_write_is_said_once_and_the_old_file_stays(tmp_path: Path) -> N
     storage.report(autopilot)
     storage.report(autopilot)
     storage.close()
-    (event,) = autopilot.take_events()
+    (event,) = autopilot.events.drain()
     assert "kept.json: not written" in event.text
     assert path.read_text() == old

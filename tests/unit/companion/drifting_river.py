@@ -29,7 +29,7 @@ from sim_core.world.rays import Bodies, Scene, caster_of
 
 FRAME_S, STEP_S = 0.1, 0.02
 AUTO, GUIDED, HOLD = 10, 15, 4
-GAINS = GuidanceGains.of(Parameters())
+GAINS = GuidanceGains.from_parameters(Parameters())
 ORIGIN = LocalProjection(-8.8, -63.95, 0.0)
 HULL_M = (2.3, 1.6)
 WATERLINE_M = 0.15

@@ -33,9 +33,9 @@ class IdealControl(ControlNode):
         site = profile.site
         places = mission_places(profile, local_frame(site))
         self._mission = MissionProgress(make_mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
-        self._gains = GuidanceGains.of(parameters)
+        self._gains = GuidanceGains.from_parameters(parameters)
         self._controller = _controller(profile)(parameters)
-        self._propellers = ThrustAllocator(parameters)
+        self._allocator = ThrustAllocator(parameters)
         self._frame = LocalProjection(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
 
@@ -54,12 +54,12 @@ class IdealControl(ControlNode):
         )
         if course is None:
             return NEUTRAL
-        last = self._propellers.last
+        last = self._allocator.last
         order = Order(course.heading_rad, 0.0, course.speed_mps, speed_mps, last.thrust_limited, last.steering_limited)
         answer = self._controller.control(order, estimate, self._dt_s)
         if isinstance(answer, Motors):
-            return self._propellers.take(answer)
-        return self._propellers.drive(answer, self._dt_s)
+            return self._allocator.pass_through(answer)
+        return self._allocator.allocate(answer, self._dt_s)
 
     def _progress(self) -> Progress:
         reached, finished = self._mission.reached, self._mission.state == COMPLETE

@@ -11,6 +11,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
     Actuators,
@@ -169,17 +170,17 @@ class Sensors:
         self.drift = [self.rng.gauss(0.0, noise.gnss_drift_m) for _ in range(3)]
         self._late: list[GnssMeasurement] = []
 
-    def feed(self, boat: Boat, autopilot: Autopilot, gnss: bool = True, imu: bool = True) -> None:
+    def feed(self, boat: Boat, estimator: Estimator, gnss: bool = True, imu: bool = True) -> None:
         """All samples of this instant: IMU 200 Hz, compass and barometer 50 Hz, GNSS 5 Hz."""
         if imu:
-            autopilot.on_imu(self.imu(boat))
+            estimator.on_imu(self.imu(boat))
         if boat.time_ns % 20_000_000 == 0:
-            autopilot.on_magnetometer(self.magnetometer(boat))
-            autopilot.on_barometer(self.barometer(boat))
+            estimator.on_magnetometer(self.magnetometer(boat))
+            estimator.on_barometer(self.barometer(boat))
         if boat.time_ns % 200_000_000 == 0 and gnss:
             self._late.append(self.gnss(boat))
         while self._late and boat.time_ns - self._late[0].stamp_ns >= self.latency_ns:
-            autopilot.on_gnss(self._late.pop(0))
+            estimator.on_gnss(self._late.pop(0))
 
     def imu(self, boat: Boat) -> ImuMeasurement:
         gauss, noise, root = self.rng.gauss, self.noise, math.sqrt(1e9 / STEP_NS)
@@ -237,7 +238,7 @@ def sail(
     command: tuple[float, ...] = (0.0, 0.0)
     end_ns = boat.time_ns + round(duration_s * 1e9)
     while boat.time_ns < end_ns:
-        sensors.feed(boat, autopilot)
+        sensors.feed(boat, autopilot.estimator)
         if boat.time_ns % 20_000_000 == 0:
             actuators = autopilot.control(boat.time_ns)
             command = actuators.command

@@ -39,7 +39,7 @@ class Ship:
         def each(actuators: Actuators) -> bool:
             assert all(abs(command) <= 1.0 for command in actuators.command)
             self.command = actuators.command
-            self.said += [event.text for event in self.autopilot.take_events()]
+            self.said += [event.text for event in self.autopilot.events.drain()]
             return look is not None and look()
 
         sail(self.boat, self.sensors, self.autopilot, seconds, each)
@@ -54,7 +54,7 @@ class Ship:
     def hold_sticks(self, seconds: float, steering: int, throttle: int) -> None:
         """MANUAL_CONTROL at 10 Hz; deflections in thousandths."""
         for _ in range(round(10 * seconds)):
-            assert self.autopilot.manual_control(0, steering, throttle, 0, self.boat.time_ns) == ""
+            assert self.autopilot.commands.manual_control(0, steering, throttle, 0, self.boat.time_ns) == ""
             self.sail(0.1)
 
     def repeat(self, seconds: float, order: Callable[[], str]) -> None:
@@ -72,4 +72,4 @@ class Ship:
 
     @property
     def mode(self) -> str:
-        return modes.NAMES[self.autopilot.mode]
+        return modes.NAMES[self.autopilot.state.mode]

@@ -20,7 +20,9 @@ SQUARE = ((0.0, 60.0), (60.0, 60.0), (60.0, 0.0), (0.0, 0.0))
 
 def ready(points=SQUARE, **parameters: float) -> Autopilot:
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD, **parameters}))
-    autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *(waypoint(*degrees(*point)) for point in points)]))
+    autopilot.commands.set_mission(
+        make_mission([waypoint(LAT_DEG, LON_DEG), *(waypoint(*degrees(*point)) for point in points)])
+    )
     assert autopilot.set_mode(modes.AUTO) == ""
     return autopilot
 
@@ -44,12 +46,12 @@ class Track:
         assert all(abs(command) <= 1.0 for command in actuators.command)
         place = (self.boat.north_m, self.boat.east_m)
         self.off_m.append(min(_distance(place, a, b) for a, b in zip(self.corners, self.corners[1:], strict=False)))
-        course = self.autopilot.navigation
+        course = self.autopilot.navigation.output
         full = course is not None and course.speed_mps == self.autopilot.parameters["WP_SPEED"]
         self.speeds = [*self.speeds, math.hypot(*self.boat.vel_ne_mps)] if full else []
         if len(self.speeds) > 400:  # four seconds after the ramp up to the desired speed: settled
             self.cruising_mps.append(self.speeds[-1])
-        return self.autopilot.mode != modes.AUTO
+        return self.autopilot.state.mode != modes.AUTO
 
     @property
     def rms_m(self) -> float:
@@ -83,9 +85,9 @@ def test_a_square_is_sailed(current, push, limit_m: float) -> None:
     armed(boat, sensors, autopilot)
     track = Track(boat, autopilot)
     sail(boat, sensors, autopilot, 150.0, track)
-    assert autopilot.mode == modes.HOLD
-    assert autopilot.take_reached() == [1, 2, 3, 4]
-    assert "Mission complete: HOLD" in [event.text for event in autopilot.take_events()]
+    assert autopilot.state.mode == modes.HOLD
+    assert autopilot.navigation.drain_reached() == [1, 2, 3, 4]
+    assert "Mission complete: HOLD" in [event.text for event in autopilot.events.drain()]
     assert track.rms_m < limit_m
     mean = sum(track.cruising_mps) / len(track.cruising_mps)
     assert mean == pytest.approx(3.0, abs=0.1)
@@ -100,7 +102,7 @@ def test_shipped_parameters_sail_their_vessel(name: str, hull: Hull) -> None:
     armed(boat, sensors, autopilot)
     track = Track(boat, autopilot)
     sail(boat, sensors, autopilot, 250.0, track)
-    assert autopilot.mode == modes.HOLD
+    assert autopilot.state.mode == modes.HOLD
     assert track.rms_m < 1.0
 
 
@@ -108,8 +110,8 @@ def test_arming_names_what_is_missing() -> None:
     autopilot = Autopilot()
     autopilot.control(0)
     assert autopilot.arm() == ("IMU: no data", "AHRS: levelling")
-    assert [event.text for event in autopilot.take_events()] == ["PreArm: IMU: no data", "PreArm: AHRS: levelling"]
-    assert not autopilot.armed
+    assert [event.text for event in autopilot.events.drain()] == ["PreArm: IMU: no data", "PreArm: AHRS: levelling"]
+    assert not autopilot.state.armed
 
 
 def test_disarmed_and_hold_are_neutral() -> None:
@@ -133,22 +135,22 @@ def test_imu_lost_and_found() -> None:
     boat, sensors, autopilot = Boat(), Sensors(1, Noise()), ready()
     armed(boat, sensors, autopilot)
     sail(boat, sensors, autopilot, 3.0, lambda _: False)
-    autopilot.take_events()
+    autopilot.events.drain()
     silent: list[Actuators] = []
     for _ in range(100):
         for _ in range(4):
-            sensors.feed(boat, autopilot, imu=False, gnss=False)
+            sensors.feed(boat, autopilot.estimator, imu=False, gnss=False)
             boat.step((0.0, 0.0))
         silent.append(autopilot.control(boat.time_ns))
     assert not silent[10].failsafe  # 0.22 s
     assert silent[13].failsafe
     assert all(actuators.command == (0.0, 0.0) for actuators in silent[13:])
-    assert [event.text for event in autopilot.take_events()] == ["Failsafe: no IMU for 0.25 s, outputs neutral"]
+    assert [event.text for event in autopilot.events.drain()] == ["Failsafe: no IMU for 0.25 s, outputs neutral"]
     sail(boat, sensors, autopilot, 2.0, lambda _: False)
-    assert [event.text for event in autopilot.take_events()] == ["Failsafe over: IMU is back, outputs go on"]
+    assert [event.text for event in autopilot.events.drain()] == ["Failsafe over: IMU is back, outputs go on"]
     assert autopilot.control(boat.time_ns).command != (0.0, 0.0)
-    assert autopilot.armed
-    assert autopilot.mode == modes.AUTO
+    assert autopilot.state.armed
+    assert autopilot.state.mode == modes.AUTO
 
 
 @pytest.mark.parametrize(("action", "mode"), [(1.0, modes.HOLD), (0.0, modes.AUTO)])
@@ -156,11 +158,11 @@ def test_position_lost(action: float, mode: int) -> None:
     boat, sensors, autopilot = Boat(), Sensors(1, Noise()), ready(FS_EKF_ACTION=action)
     armed(boat, sensors, autopilot)
     for _ in range(1400):
-        sensors.feed(boat, autopilot, gnss=False)
+        sensors.feed(boat, autopilot.estimator, gnss=False)
         boat.step(autopilot.control(boat.time_ns).command if boat.time_ns % 20_000_000 == 0 else (0.3, 0.3))
-    assert autopilot.mode == mode
+    assert autopilot.state.mode == mode
     assert autopilot.control(boat.time_ns).command == (0.0, 0.0)
-    texts = [event.text for event in autopilot.take_events()]
+    texts = [event.text for event in autopilot.events.drain()]
     assert texts.count("EKF failsafe: position lost, HOLD") == (1 if action else 0)
 
 
@@ -168,14 +170,14 @@ def test_position_lost(action: float, mode: int) -> None:
 def test_unknown_modes_are_refused(mode: int) -> None:
     autopilot = Autopilot()
     assert "not supported" in autopilot.set_mode(mode)
-    assert autopilot.mode == modes.HOLD
+    assert autopilot.state.mode == modes.HOLD
 
 
 def test_auto_needs_a_mission_and_clearing_it_holds() -> None:
     assert "needs a mission" in Autopilot().set_mode(modes.AUTO)
     autopilot = ready()
-    autopilot.set_mission(make_mission([]))
-    assert autopilot.mode == modes.HOLD
+    autopilot.commands.set_mission(make_mission([]))
+    assert autopilot.state.mode == modes.HOLD
 
 
 def test_a_run_is_repeatable_and_reset_is_a_fresh_start() -> None:
@@ -184,22 +186,22 @@ def test_a_run_is_repeatable_and_reset_is_a_fresh_start() -> None:
         assert autopilot.set_mode(modes.AUTO) == ""
         armed(boat, sensors, autopilot)
         sail(boat, sensors, autopilot, 5.0, lambda _: False)
-        return autopilot.estimate, autopilot.control(boat.time_ns), boat.north_m, boat.east_m
+        return autopilot.state.estimate, autopilot.control(boat.time_ns), boat.north_m, boat.east_m
 
     autopilot = ready()
     first = fly(autopilot)
     autopilot.reset()
-    assert not autopilot.armed
+    assert not autopilot.state.armed
     assert fly(autopilot) == first == fly(ready())
 
 
 def test_events_are_bounded_and_their_loss_counted() -> None:
     autopilot = Autopilot()
     for _ in range(100):
-        autopilot.change_speed(-1.0)
-    assert autopilot.events_lost == 36
-    assert len(autopilot.take_events()) == 64
-    assert autopilot.take_events() == []
+        autopilot.commands.change_speed(-1.0)
+    assert autopilot.events.lost == 36
+    assert len(autopilot.events.drain()) == 64
+    assert autopilot.events.drain() == []
 
 
 def test_a_slow_loop_still_ramps_by_the_clock() -> None:
@@ -208,8 +210,8 @@ def test_a_slow_loop_still_ramps_by_the_clock() -> None:
     armed(boat, sensors, autopilot)
     autopilot.set_mode(modes.MANUAL)
     autopilot.control(boat.time_ns)
-    autopilot.manual_control(0, 0, 1000, 0, boat.time_ns)
+    autopilot.commands.manual_control(0, 0, 1000, 0, boat.time_ns)
     for _ in range(100_000_000 // STEP_NS):
-        sensors.feed(boat, autopilot)
+        sensors.feed(boat, autopilot.estimator)
         boat.step((0.0, 0.0))
     assert autopilot.control(boat.time_ns).command == pytest.approx((0.1, 0.1))

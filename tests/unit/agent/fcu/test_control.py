@@ -20,8 +20,8 @@ from agent.fcu.control.heading_speed import (
 )
 from agent.fcu.parameters import Parameters
 
-STEERING = SteeringGains.of(Parameters())
-SPEED = SpeedGains.of(Parameters())
+STEERING = SteeringGains.from_parameters(Parameters())
+SPEED = SpeedGains.from_parameters(Parameters())
 DT = 0.02
 
 

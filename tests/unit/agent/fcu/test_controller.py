@@ -56,25 +56,25 @@ def test_a_mission_is_flown_in_a_current(spec: str | None) -> None:
         Boat(current_ne_mps=(0.3, -0.2), yaw_rad=1.0), None if spec is None else load_controller(spec), WP_SPEED=2.0
     )
     items = [waypoint(LAT_DEG, LON_DEG), *(waypoint(*degrees(*place)) for place in SQUARE)]
-    ship.autopilot.set_mission(make_mission(items))
+    ship.autopilot.commands.set_mission(make_mission(items))
     ship.set_out(modes.AUTO)
     off_m: list[float] = []
 
     def look() -> bool:
         north_m, east_m = ship.boat.north_m, ship.boat.east_m
         sides = (abs(north_m - 40.0), abs(east_m - 40.0), abs(north_m), abs(east_m))
-        if ship.autopilot.pilot.current in (2, 3, 4):
+        if ship.autopilot.navigation.progress.current in (2, 3, 4):
             off_m.append(min(sides))
         return ship.mode != "AUTO"
 
     ship.sail(150.0, look)
-    assert ship.autopilot.take_reached() == [1, 2, 3, 4]
+    assert ship.autopilot.navigation.drain_reached() == [1, 2, 3, 4]
     assert math.sqrt(sum(off * off for off in off_m) / len(off_m)) < 1.0
     assert ship.autopilot.controller.failures == 0
 
 
 def test_the_example_is_not_the_built_in_one() -> None:
-    order, estimate = Order(0.5, 0.0, 1.0), Ship().autopilot.estimate
+    order, estimate = Order(0.5, 0.0, 1.0), Ship().autopilot.state.estimate
     built_in, example = (
         make(Parameters()).control(order, estimate, 0.02) for make in (HeadingSpeedController, load_controller(EXAMPLE))
     )
@@ -111,7 +111,7 @@ def test_a_failing_controller_is_neutral_said_once_and_counted(answer: Any) -> N
     assert ship.autopilot.controller.failures == 5
     assert len([text for text in ship.said if text.startswith("Controller failed, outputs neutral: ")]) == 1
     assert ship.said.count("Controller answers again") == 1
-    assert ship.autopilot.armed
+    assert ship.autopilot.state.armed
     assert ship.mode == "LOITER"
 
 
@@ -192,7 +192,7 @@ def test_the_documented_one_works() -> None:
     scope: dict[str, Any] = {}
     exec(source, scope)
     ship = Ship(make_controller=scope["Proportional"]).set_out(modes.GUIDED)
-    ship.repeat(20.0, lambda: ship.autopilot.set_course(1.0, 1.0))
+    ship.repeat(20.0, lambda: ship.autopilot.commands.set_course(1.0, 1.0))
     assert ship.boat.yaw_rad == pytest.approx(1.0, abs=0.15)
     assert ship.speed_mps == pytest.approx(1.0, abs=0.5)
     assert ship.autopilot.controller.failures == 0

@@ -35,13 +35,13 @@ def errors(boat: Boat, autopilot: Autopilot) -> tuple[float, float, float, float
 def advance(boat: Boat, sensors: Sensors, autopilot: Autopilot, seconds: float, command=(0.0, 0.0), **feed) -> None:
     """Sail with a fixed command; sensors as `Sensors.feed` takes them."""
     for _ in range(round(seconds * 1e9 / STEP_NS)):
-        sensors.feed(boat, autopilot, **feed)
+        sensors.feed(boat, autopilot.estimator, **feed)
         boat.step(command)
 
 
 def read(boat: Boat, sensors: Sensors, autopilot: Autopilot) -> tuple[float, float, float, float, float]:
     """Errors at this instant: the samples of it first, since the boat has already moved on."""
-    sensors.feed(boat, autopilot)
+    sensors.feed(boat, autopilot.estimator)
     return errors(boat, autopilot)
 
 
@@ -248,13 +248,13 @@ def test_impossible_samples_are_refused_and_change_nothing(value: float) -> None
     field, air = sensors.magnetometer(boat), sensors.barometer(boat)
     for i in range(3):
         spoilt = tuple(value if i == j else 0.0 for j in range(3))
-        assert not autopilot.on_imu(imu._replace(gyro_frd_radps=spoilt))
-        assert not autopilot.on_imu(imu._replace(accel_frd_mps2=spoilt))
-        assert not autopilot.on_gnss(fix._replace(vel_ned_mps=spoilt))
-        assert not autopilot.on_magnetometer(field._replace(field_frd_gauss=spoilt))
+        assert not autopilot.estimator.on_imu(imu._replace(gyro_frd_radps=spoilt))
+        assert not autopilot.estimator.on_imu(imu._replace(accel_frd_mps2=spoilt))
+        assert not autopilot.estimator.on_gnss(fix._replace(vel_ned_mps=spoilt))
+        assert not autopilot.estimator.on_magnetometer(field._replace(field_frd_gauss=spoilt))
     for name in ("lat_deg", "lon_deg", "alt_m", "horizontal_accuracy_m", "vertical_accuracy_m", "speed_accuracy_mps"):
-        assert not autopilot.on_gnss(fix._replace(**{name: value}))
-    assert not autopilot.on_barometer(air._replace(pressure_pa=value))
+        assert not autopilot.estimator.on_gnss(fix._replace(**{name: value}))
+    assert not autopilot.estimator.on_barometer(air._replace(pressure_pa=value))
     assert autopilot.estimator.estimate() == before
     counted = {name: count - refused[name] for name, count in autopilot.estimator.refused.items()}
     assert counted == {"imu": 6, "gnss": 9, "magnetometer": 3, "barometer": 1}
@@ -266,13 +266,13 @@ def test_repeated_and_older_samples_are_refused() -> None:
     autopilot = disarmed()
     advance(boat, sensors, autopilot, 12.0)
     sample = sensors.imu(boat)
-    assert autopilot.on_imu(sample)
-    assert not autopilot.on_imu(sample)
-    assert not autopilot.on_imu(sample._replace(stamp_ns=sample.stamp_ns - 1))
+    assert autopilot.estimator.on_imu(sample)
+    assert not autopilot.estimator.on_imu(sample)
+    assert not autopilot.estimator.on_imu(sample._replace(stamp_ns=sample.stamp_ns - 1))
     fix = sensors.gnss(boat)
-    assert not autopilot.on_gnss(fix._replace(stamp_ns=fix.stamp_ns + 10**12))
-    assert autopilot.on_gnss(fix)
-    assert not autopilot.on_gnss(fix)
+    assert not autopilot.estimator.on_gnss(fix._replace(stamp_ns=fix.stamp_ns + 10**12))
+    assert autopilot.estimator.on_gnss(fix)
+    assert not autopilot.estimator.on_gnss(fix)
 
 
 def test_a_gap_in_the_imu_is_bridged() -> None:
@@ -305,7 +305,7 @@ def test_without_a_heading_the_compass_is_named() -> None:
     assert autopilot.estimator.problems() == ("AHRS: levelling",)
     boat, sensors = Boat(), Sensors(1, SILENT)
     for _ in range(2400):
-        autopilot.on_imu(sensors.imu(boat))
+        autopilot.estimator.on_imu(sensors.imu(boat))
         boat.step((0.0, 0.0))
     assert set(autopilot.estimator.problems()) == {"Compass: no data", "GPS: no data", "Baro: no data"}
     assert not autopilot.estimator.estimate().attitude_valid

@@ -18,14 +18,14 @@ AFAR = make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(500.0, 0.0))]
 
 def under_way(mode: int, **parameters: float) -> Ship:
     ship = Ship(FS_GCS_ENABLE=parameters.pop("FS_GCS_ENABLE", 1), **parameters)
-    ship.autopilot.set_mission(AFAR)
+    ship.autopilot.commands.set_mission(AFAR)
     ship.set_out(mode)
     return ship
 
 
 def hear(ship: Ship, seconds: float, system_id: int = 255) -> None:
     for _ in range(round(seconds)):
-        ship.autopilot.heard_ground_station(system_id, ship.boat.time_ns)
+        ship.autopilot.failsafes.heard_ground_station(system_id, ship.boat.time_ns)
         ship.sail(1.0)
 
 
@@ -38,19 +38,19 @@ def test_ground_station_lost_and_found(action: int, mode: str) -> None:
     hear(ship, 3)
     ship.sail(5.0)  # one second of the last hear, FS_GCS_TIMEOUT 5 s, FS_TIMEOUT 1.5 s: 0.5 s to go
     assert ship.mode == "AUTO"
-    assert ship.autopilot.failsafes == ()
+    assert ship.autopilot.failsafes.active == ()
     ship.sail(2.0)
     if mode == "disarmed":
-        assert not ship.autopilot.armed
+        assert not ship.autopilot.state.armed
     else:
         assert ship.mode == mode
-        assert ship.autopilot.failsafes == ("GCS",)
+        assert ship.autopilot.failsafes.active == ("GCS",)
     ship.sail(3.0)
     said = [text for text in ship.said if text.startswith("GCS failsafe: no heartbeat for 5 s")]
     assert len(said) == 1
     hear(ship, 2)
     assert ship.said.count("GCS failsafe over: ground station is back") == 1
-    assert ship.autopilot.failsafes == ()
+    assert ship.autopilot.failsafes.active == ()
     if mode != "disarmed":
         assert ship.mode == mode  # what it did stays done
 
@@ -72,7 +72,7 @@ def test_a_station_never_heard_of_or_another_one_is_not_missed() -> None:
     ship.sail(10.0)
     hear(ship, 1, system_id=77)
     ship.sail(10.0)
-    assert (ship.mode, ship.autopilot.failsafes) == ("AUTO", ())
+    assert (ship.mode, ship.autopilot.failsafes.active) == ("AUTO", ())
 
 
 def test_sticks_are_let_go_when_their_station_is_lost() -> None:
@@ -82,7 +82,7 @@ def test_sticks_are_let_go_when_their_station_is_lost() -> None:
     assert ship.command[0] > 0.5
     ship.sail(8.0)
     assert ship.command == (0.0, 0.0)
-    assert set(ship.autopilot.rc_channels) == {0}
+    assert set(ship.autopilot.manual.widths_us(ship.autopilot.state.now_ns)) == {0}
 
 
 @pytest.mark.parametrize(("action", "mode", "times"), [(0, "GUIDED", 0), (1, "HOLD", 1), (2, "GUIDED", 1)])
@@ -110,25 +110,25 @@ def test_a_compass_and_a_receiver_that_disagree_are_bad_after_a_second() -> None
         InnovationRatios(0.0, 0.7, 0.0, 0.7),  # velocity and compass
         InnovationRatios(0.0, 2.6, 0.0, 0.0),  # velocity far over
     ):
-        assert not watches.look_at_ekf(False, bad, True, 0)
-        assert not watches.look_at_ekf(False, bad, True, SECOND - 1)
-        assert watches.look_at_ekf(False, bad, True, SECOND)
+        assert not watches.update_ekf(False, bad, True, 0)
+        assert not watches.update_ekf(False, bad, True, SECOND - 1)
+        assert watches.update_ekf(False, bad, True, SECOND)
         assert watches.ekf.active
-        assert not watches.look_at_ekf(False, bad, True, 2 * SECOND)
-        assert watches.look_at_ekf(False, good, False, 3 * SECOND)
+        assert not watches.update_ekf(False, bad, True, 2 * SECOND)
+        assert watches.update_ekf(False, good, False, 3 * SECOND)
         assert not watches.ekf.active
     for fair in (InnovationRatios(9.0, 0.0, 9.0, 0.0), InnovationRatios(0.0, 0.7, 0.0, 0.0)):
-        assert not watches.look_at_ekf(False, fair, True, 4 * SECOND)
-        assert not watches.look_at_ekf(False, fair, True, 9 * SECOND)
+        assert not watches.update_ekf(False, fair, True, 4 * SECOND)
+        assert not watches.update_ekf(False, fair, True, 9 * SECOND)
 
 
 def test_a_clock_that_is_set_back_starts_the_wait_again() -> None:
     watches = FailsafeMonitor(Parameters({"FS_GCS_ENABLE": 1}))
     watches.heard_ground_station(255, 100 * SECOND)
-    assert not watches.look_at_gcs(True, 106 * SECOND)
-    assert not watches.look_at_gcs(True, 0)
-    assert not watches.look_at_gcs(True, 106 * SECOND)
-    assert watches.look_at_gcs(True, 108 * SECOND)
+    assert not watches.update_gcs(True, 106 * SECOND)
+    assert not watches.update_gcs(True, 0)
+    assert not watches.update_gcs(True, 106 * SECOND)
+    assert watches.update_gcs(True, 108 * SECOND)
 
 
 def test_after_a_silence_of_the_imu_the_first_fix_is_waited_for_but_not_for_ever() -> None:
@@ -136,8 +136,8 @@ def test_after_a_silence_of_the_imu_the_first_fix_is_waited_for_but_not_for_ever
     now_ns, accepted = 0, 1
 
     def look(position_lost: bool) -> bool:
-        watches.look_at_imu(accepted, True, now_ns)
-        return watches.look_at_ekf(position_lost, InnovationRatios(), True, now_ns)
+        watches.update_imu(accepted, True, now_ns)
+        return watches.update_ekf(position_lost, InnovationRatios(), True, now_ns)
 
     assert not look(False)
     now_ns = 5 * SECOND

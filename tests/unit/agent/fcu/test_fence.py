@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, Fence, FenceError, FenceItem
-from agent.fcu.geodetic import LocalProjection
+from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 
 FRAME = LocalProjection(LAT_DEG, LON_DEG, 0.0)
-HOME = (LAT_DEG, LON_DEG)
+HOME = Home(LAT_DEG, LON_DEG, 0.0)
 
 
 def polygon(command: int, *corners: tuple[float, float]) -> list[FenceItem]:
@@ -101,8 +101,8 @@ def test_a_regular_polygon_lies_between_its_circles(
 def test_what_is_no_fence_is_refused_and_the_old_one_kept(items: list[FenceItem], words: str) -> None:
     ship = Ship()
     old = [circle(CIRCLE_IN, 0.0, 0.0, 50.0)]
-    assert ship.autopilot.set_fence(old) == ""
-    assert words in ship.autopilot.set_fence(items)
+    assert ship.autopilot.commands.set_fence(old) == ""
+    assert words in ship.autopilot.commands.set_fence(items)
     assert ship.autopilot.fence.items == tuple(old)
     with pytest.raises(FenceError, match=words.split(":")[0][:8]):
         Fence(Parameters()).replace(items)
@@ -119,7 +119,7 @@ def test_a_breach_acts_says_so_once_and_is_over_inside(action: int, mode: str, s
     assert ship.mode == mode
     breach = ship.autopilot.fence.breach
     assert (breach.outside, breach.count, breach.kind) == (True, 1, 3)
-    assert ship.autopilot.failsafes == ("Fence",)
+    assert ship.autopilot.failsafes.active == ("Fence",)
     ship.sail(40.0)
     if action == 1:
         assert ship.distance_m(0.0, 0.0) < 3.0
@@ -145,10 +145,10 @@ def test_who_takes_over_outside_is_told_again_only_further_out() -> None:
 def test_arming_outside_is_refused() -> None:
     ship = Ship()
     ship.sail(12.0)
-    assert ship.autopilot.set_fence([circle(CIRCLE_IN, 200.0, 0.0, 50.0)]) == ""
-    assert ship.autopilot.enable_fence(True) == ""
+    assert ship.autopilot.commands.set_fence([circle(CIRCLE_IN, 200.0, 0.0, 50.0)]) == ""
+    assert ship.autopilot.commands.enable_fence(True) == ""
     assert ship.autopilot.arm() == ("Fence: vessel is outside",)
-    assert ship.autopilot.enable_fence(False) == ""
+    assert ship.autopilot.commands.enable_fence(False) == ""
     assert ship.autopilot.arm() == ()
     early = Ship(FENCE_ENABLE=1)
     early.sail(1.0)
@@ -157,6 +157,6 @@ def test_arming_outside_is_refused() -> None:
 
 def test_guided_keeps_its_margin() -> None:
     ship = Ship(Boat(), FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=50.0, FENCE_MARGIN=5.0).set_out(modes.GUIDED)
-    assert "inside the fence" in ship.autopilot.go_to(*degrees(47.0, 0.0))
-    assert ship.autopilot.go_to(*degrees(43.0, 0.0)) == ""
-    assert "inside the fence" in ship.autopilot.go_to_local(0.0, 60.0)
+    assert "inside the fence" in ship.autopilot.commands.go_to(*degrees(47.0, 0.0))
+    assert ship.autopilot.commands.go_to(*degrees(43.0, 0.0)) == ""
+    assert "inside the fence" in ship.autopilot.commands.go_to_local(0.0, 60.0)

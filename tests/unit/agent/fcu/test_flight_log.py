@@ -42,10 +42,7 @@ from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
     Actuators,
-    BarometerMeasurement,
-    GnssMeasurement,
     ImuMeasurement,
-    MagnetometerMeasurement,
 )
 from agent.timing.tasks import DeadlineMiss, TaskStats
 
@@ -60,29 +57,19 @@ class Logged(Autopilot):
         super().__init__(parameters)
         self.log = log
         self.samples: dict[str, list[Any]] = {"imu": [], "gnss": [], "magnetometer": [], "barometer": []}
+        for name in self.samples:
+            setattr(self.estimator, f"on_{name}", self._logged(name, getattr(self.estimator, f"on_{name}")))
 
     def control(self, now_ns: int) -> Actuators:
         return super().control(now_ns + AHEAD_NS)
 
-    def on_imu(self, sample: ImuMeasurement) -> bool:
-        self.log.imu(sample)
-        self.samples["imu"].append(sample)
-        return super().on_imu(sample)
+    def _logged(self, name: str, fuse: Callable[[Any], bool]) -> Callable[[Any], bool]:
+        def log_and_fuse(sample: Any) -> bool:
+            getattr(self.log, name)(sample)
+            self.samples[name].append(sample)
+            return fuse(sample)
 
-    def on_gnss(self, sample: GnssMeasurement) -> bool:
-        self.log.gnss(sample)
-        self.samples["gnss"].append(sample)
-        return super().on_gnss(sample)
-
-    def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:
-        self.log.magnetometer(sample)
-        self.samples["magnetometer"].append(sample)
-        return super().on_magnetometer(sample)
-
-    def on_barometer(self, sample: BarometerMeasurement) -> bool:
-        self.log.barometer(sample)
-        self.samples["barometer"].append(sample)
-        return super().on_barometer(sample)
+        return log_and_fuse
 
 
 class Flight:
@@ -111,23 +98,23 @@ class Flight:
     def drift(self, duration_s: float, **without: bool) -> None:
         """With sensors taken away."""
         for _ in range(round(duration_s * 1e9 / STEP_NS)):
-            self.sensors.feed(self.boat, self.autopilot, **without)
+            self.sensors.feed(self.boat, self.autopilot.estimator, **without)
             if self.boat.time_ns % 20_000_000 == 0:
                 self.cycle(self.autopilot.control(self.boat.time_ns))
             self.boat.step((0.0, 0.0))
 
     def cycle(self, actuators: Actuators) -> None:
         autopilot, boat = self.autopilot, self.boat
-        for event in autopilot.take_events():
+        for event in autopilot.events.drain():
             self.log.event(self.now_ns(), event.severity, event.text)
         self.log.cycle(self.now_ns(), autopilot, actuators)
         self.diary.append(
             (
                 self.now_ns() // 1000,
-                autopilot.estimate,
+                autopilot.state.estimate,
                 actuators,
-                autopilot.mode,
-                autopilot.armed,
+                autopilot.state.mode,
+                autopilot.state.armed,
                 boat.north_m,
                 boat.east_m,
             )
@@ -146,12 +133,12 @@ def fly(path: Path) -> Flight:
         change_speed(2.0),
         waypoint(*degrees(25.0, 35.0)),
     )
-    autopilot.set_mission(make_mission(items))
+    autopilot.commands.set_mission(make_mission(items))
     assert autopilot.set_mode(modes.AUTO) == ""
     flight.sail(12.0)
     assert autopilot.arm() == ()
-    flight.sail(60.0, lambda: autopilot.mode != modes.AUTO)
-    assert autopilot.mode == modes.HOLD
+    flight.sail(60.0, lambda: autopilot.state.mode != modes.AUTO)
+    assert autopilot.state.mode == modes.HOLD
     flight.boat.step((0.0, 0.0))  # the cycle that saw the end is over
     autopilot.disarm()
     autopilot.parameters.set("WP_SPEED", 2.5)
@@ -196,7 +183,7 @@ def test_position_is_the_boats(flown: tuple[Flight, dict[str, list[Any]]]) -> No
         assert (row.Lng - LON_DEG) * EAST_M_PER_DEG == pytest.approx(east_m, abs=3.0)
         assert row.Alt == pytest.approx(frame.alt_m - estimate.pos_ned_m[2], abs=1e-4)
         assert row.RelOriginAlt == pytest.approx(-estimate.pos_ned_m[2], abs=1e-6)
-    home = flight.autopilot.home
+    home = flight.autopilot.navigation.home
     assert home is not None
     assert rows["POS"][-1].RelHomeAlt == pytest.approx(rows["POS"][-1].Alt - home.alt_m, abs=1e-4)
 
@@ -265,7 +252,7 @@ def test_parameters_at_first_and_when_they_change(flown: tuple[Flight, dict[str,
 
 def test_mission_and_navigation(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
-    items = flight.autopilot.mission.items
+    items = flight.autopilot.navigation.mission.items
     assert [(row.CTot, row.CNum, row.CId) for row in rows["CMD"]] == [(4, n, items[n].command) for n in range(4)]
     assert rows["CMD"][2].Prm2 == 2.0
     assert (rows["CMD"][3].Lat, rows["CMD"][3].Lng) == pytest.approx(degrees(25.0, 35.0), abs=0.6e-7)
@@ -303,7 +290,7 @@ def test_estimates(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
 
 
 def test_ratios_are_logged_as_their_roots(tmp_path: Path) -> None:
-    estimate = Autopilot().estimate
+    estimate = Autopilot().state.estimate
     path = tmp_path / "log.bin"
     path.write_bytes(header(FORMATS, 0) + health(1, estimate, InnovationRatios(0.25, 0.04, 1.44, 0.01)))
     (row,) = rows_of(path)["XKF4"]
@@ -418,13 +405,13 @@ def test_long_loops_load_and_tasks_in_real_time(tmp_path: Path) -> None:
 def test_losing_position_and_imu_are_errors(tmp_path: Path) -> None:
     flight = Flight(tmp_path / "log.bin")
     autopilot = flight.autopilot
-    autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(200.0, 0.0))]))
+    autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(200.0, 0.0))]))
     autopilot.set_mode(modes.AUTO)
     flight.sail(12.0)
     assert autopilot.arm() == ()
     flight.sail(1.0)
     flight.drift(6.0, gnss=False)
-    assert autopilot.mode == modes.HOLD
+    assert autopilot.state.mode == modes.HOLD
     flight.drift(1.0)
     flight.drift(0.6, imu=False)
     flight.drift(0.5)
@@ -441,9 +428,9 @@ def test_sticks_ground_station_and_fence(tmp_path: Path) -> None:
     assert autopilot.set_mode(modes.MANUAL) == ""
     flight.sail(12.0)
     assert autopilot.arm() == ()
-    autopilot.heard_ground_station(255, flight.now_ns())
+    autopilot.failsafes.heard_ground_station(255, flight.now_ns())
     for _ in range(16):
-        autopilot.rc_override((1500, 0, 1900), flight.now_ns())
+        autopilot.commands.rc_override((1500, 0, 1900), flight.now_ns())
         flight.sail(0.5)
     autopilot.parameters.set("FENCE_ENABLE", 0)
     flight.sail(1.0)
@@ -525,7 +512,7 @@ def test_a_long_sentence_is_whole(tmp_path: Path) -> None:
 def test_a_big_mission_is_spread_over_cycles(tmp_path: Path) -> None:
     flight = Flight(tmp_path / "log.bin")
     count = 101
-    flight.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG + 1e-5 * n) for n in range(count)]))
+    flight.autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG + 1e-5 * n) for n in range(count)]))
     flight.drift(0.5)
     flight.log.close()
     rows = rows_of(tmp_path / "log.bin")["CMD"]

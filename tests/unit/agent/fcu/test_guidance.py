@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from agent.fcu.control.guidance import GuidanceGains, GuidanceState, carry_integral, follow_leg, make_leg
 from agent.fcu.parameters import Parameters
 
-GAINS = GuidanceGains.of(Parameters())
+GAINS = GuidanceGains.from_parameters(Parameters())
 LINE = make_leg((0.0, 0.0), (400.0, 300.0), None)
 
 

@@ -76,13 +76,13 @@ def test_widths_that_are_none_are_refused_whole(width_us: int) -> None:
 
 def test_manual_control_spans_the_channels() -> None:
     sticks = manual(RC1_MIN=1000, RC1_MAX=2000)
-    assert sticks.axes(1000, -1000, 0) == ""
+    assert sticks.set_axes(1000, -1000, 0) == ""
     assert (sticks.widths_us(0)[0], sticks.widths_us(0)[2]) == (2000, 1100)
-    assert sticks.axes(0, 500, 0) == ""
+    assert sticks.set_axes(0, 500, 0) == ""
     assert (sticks.widths_us(0)[0], sticks.widths_us(0)[2]) == (1500, 1700)
-    assert sticks.axes(None, None, 0) == ""
+    assert sticks.set_axes(None, None, 0) == ""
     assert sticks.widths_us(0) == NONE
-    assert "manual control z = 1001" in sticks.axes(0, 1001, 0)
+    assert "manual control z = 1001" in sticks.set_axes(0, 1001, 0)
 
 
 @given(

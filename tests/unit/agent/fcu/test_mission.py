@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.fcu.control.guidance import GuidanceGains
-from agent.fcu.geodetic import LocalProjection
+from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import (
     CHANGE_SPEED,
     FOREVER,
@@ -34,7 +34,7 @@ from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle.navigation import COMPLETE, MissionProgress
 
 FRAME = LocalProjection(-8.8, -63.95, 50.0)
-GAINS = GuidanceGains.of(Parameters())
+GAINS = GuidanceGains.from_parameters(Parameters())
 
 
 def at(north_m: float, east_m: float) -> MissionItem:
@@ -81,7 +81,7 @@ def test_speeds_count_from_their_place_on() -> None:
     for north in range(31):
         pilot.steer(GAINS, FRAME, (float(north), 0.0), 0.0, 1.0, 0.02)
         speeds.append((pilot.current, pilot.speed_mps))
-        reached += pilot.take_reached()
+        reached += pilot.drain_reached()
     assert reached == [2, 3, 6]
     assert list(dict.fromkeys(speeds)) == [(2, 2.0), (3, 2.0), (6, 1.2), (0, 1.2)]
     assert pilot.state == COMPLETE
@@ -103,7 +103,7 @@ def test_waypoints_on_top_of_each_other_are_ticked_off() -> None:
     pilot = MissionProgress(make_mission([at(0, 0), at(5, 5), at(5, 5), at(5, 5)]), 3.0)
     outputs = [pilot.steer(GAINS, FRAME, (5.0, 5.0), 0.0, 0.0, 0.02) for _ in range(4)]
     assert outputs[-1] is None
-    assert pilot.take_reached() == [1, 2, 3]
+    assert pilot.drain_reached() == [1, 2, 3]
 
 
 def visited(items: list[MissionItem], most: int = 50) -> list[int]:
@@ -149,7 +149,7 @@ def test_holding_takes_its_time_and_counts_as_reached_then() -> None:
         assert output.speed_mps >= 0.0
         seconds += 0.02
     assert seconds == pytest.approx(2.0, abs=0.06)
-    assert pilot.take_reached() == [1]
+    assert pilot.drain_reached() == [1]
 
 
 def test_loitering_here_for_ever_and_going_home() -> None:
@@ -161,8 +161,8 @@ def test_loitering_here_for_ever_and_going_home() -> None:
     assert pilot.current == 1
     pilot = MissionProgress(make_mission([at(0, 0), MissionItem(RETURN_HOME)]), 3.0)
     assert pilot.steer(GAINS, FRAME, (30.0, 40.0), 0.0, 0.0, 0.02).distance_m == pytest.approx(50.0)
-    pilot.depart()
-    pilot.home = FRAME.to_geodetic(30.0, 0.0)
+    pilot.start_leg()
+    pilot.home = Home(*FRAME.to_geodetic(30.0, 0.0), 0.0)
     assert pilot.steer(GAINS, FRAME, (30.0, 40.0), 0.0, 0.0, 0.02).distance_m == pytest.approx(40.0)
 
 
@@ -206,7 +206,7 @@ STEPS = st.one_of(
 def test_any_mission_can_be_sailed_from_anywhere(items: list[MissionItem], starts: list[int]) -> None:
     pilot = MissionProgress(make_mission([at(0, 0), *items]), 3.0)
     for start in (1, *starts):
-        pilot.go_on_from(start)
+        pilot.resume_from(start)
         for _ in range(30):
             output = pilot.steer(GAINS, FRAME, (0.0, 0.0), 0.0, 1.0, 0.05)
             if output is None:

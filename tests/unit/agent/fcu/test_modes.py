@@ -86,7 +86,7 @@ def test_loiter_keeps_its_place_in_a_current(current: tuple[float, float], loite
 def test_which_end_goes_first(loiter_type: int, yaw_deg: float, heading_deg: float, speed_mps: float) -> None:
     """Five metres north of the vessel, radius two: (5 - 2/2) m at 0.5/s, half of it with the bow 90 degrees off."""
     frame = LocalProjection(LAT_DEG, LON_DEG, 0.0)
-    gains = GuidanceGains.of(Parameters({"LOIT_TYPE": loiter_type, "LOIT_RADIUS": 2.0}))
+    gains = GuidanceGains.from_parameters(Parameters({"LOIT_TYPE": loiter_type, "LOIT_RADIUS": 2.0}))
     output = StationKeeping(*frame.to_geodetic(5.0, 0.0)).steer(gains, frame, (0.0, 0.0), math.radians(yaw_deg), 3.0)
     assert math.cos(output.heading_rad - math.radians(heading_deg)) == pytest.approx(1.0)
     assert output.speed_mps == pytest.approx(speed_mps)
@@ -99,8 +99,8 @@ def test_loiter_starts_where_the_vessel_can_stop() -> None:
     start_m, speed_mps = ship.boat.north_m, ship.boat.surge_mps
     ship.autopilot.set_mode(modes.LOITER)
     ship.sail(0.1)
-    assert ship.autopilot.navigation is not None
-    assert ship.autopilot.navigation.distance_m == pytest.approx(speed_mps**2 / 2.0 / 0.7, rel=0.15)
+    assert ship.autopilot.navigation.output is not None
+    assert ship.autopilot.navigation.output.distance_m == pytest.approx(speed_mps**2 / 2.0 / 0.7, rel=0.15)
     ship.sail(30.0)
     assert ship.boat.north_m - start_m < speed_mps**2 / 2.0 / 0.7 + 4.0
 
@@ -134,7 +134,7 @@ def test_modes_that_steer_by_the_position_need_one_when_armed(mode: int) -> None
 @pytest.mark.parametrize(("behave", "mode"), [(0, "HOLD"), (1, "LOITER")])
 def test_what_a_mission_ends_in(behave: int, mode: str) -> None:
     ship = Ship(MIS_DONE_BEHAVE=behave)
-    ship.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(15.0, 0.0))]))
+    ship.autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(15.0, 0.0))]))
     ship.set_out(modes.AUTO)
     ship.sail(30.0)
     assert ship.mode == mode
@@ -144,7 +144,7 @@ def test_what_a_mission_ends_in(behave: int, mode: str) -> None:
 def test_home_that_moves_is_gone_to() -> None:
     ship = Ship().set_out(modes.RTL)
     ship.sail(5.0)
-    assert ship.autopilot.set_home(*degrees(30.0, 0.0), 0.0) == ""
+    assert ship.autopilot.commands.set_home(*degrees(30.0, 0.0), 0.0) == ""
     ship.sail(30.0)
     assert ship.distance_m(30.0, 0.0) < 2.5
     assert ship.said.count("Reached home") == 1

@@ -73,7 +73,7 @@ class Sea:
     def set_out(self) -> None:
         self.sail(12.0)
         autopilot = self.host.autopilot
-        autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(300.0, 0.0))]))
+        autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(300.0, 0.0))]))
         assert autopilot.set_mode(modes.AUTO) == ""
         assert autopilot.arm() == ()
         self.sail(10.0)
@@ -103,8 +103,8 @@ def test_a_cut_of_five_seconds_and_on_with_the_mission(mode: int) -> None:
     assert max(sea.command) > 0.1
     sea.sail(20.0)
     autopilot = sea.host.autopilot
-    assert autopilot.armed
-    assert autopilot.mode == modes.AUTO
+    assert autopilot.state.armed
+    assert autopilot.state.mode == modes.AUTO
     assert sea.boat.north_m > 25.0
     assert abs(sea.boat.east_m) < 3.0
     assert sum(text.startswith("Failsafe: no IMU") for text in sea.said) == 1
@@ -120,4 +120,4 @@ def test_when_the_host_dies_it_ends_neutral_and_in_the_end_disarmed() -> None:
     sea.sail(31.0, link=False)
     assert sea.flags == 0
     assert list(sea.actuators.command) == [0.0] * 8
-    assert not sea.host.autopilot.armed
+    assert not sea.host.autopilot.state.armed

@@ -77,12 +77,13 @@ def give(ship: Ship, name: str, values: tuple[Any, ...]) -> None:
     if name == "mission":
         items = [item for item in values[0] if not item_problem(item, len(values[0]) + 1)]
         if all(item.command != 177 or item.jump_seq <= len(items) for item in items):
-            autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *items]))
+            autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *items]))
     elif name == "parameter":
         row, part = values
         autopilot.parameters.set(row.name, row.low + part * (row.high - row.low))
     elif name != "wait":
-        answer = getattr(autopilot, name)(*values, *((ship.boat.time_ns,) if name in TIMED else ()))
+        owner = next(part for part in (autopilot, autopilot.commands, autopilot.failsafes) if hasattr(part, name))
+        answer = getattr(owner, name)(*values, *((ship.boat.time_ns,) if name in TIMED else ()))
         assert answer is None or isinstance(answer, (str, tuple))
 
 
@@ -92,7 +93,7 @@ def test_any_orders_in_any_sequence_keep_the_outputs_finite(
     ready: Ship, mode: int, armed: bool, orders: list[tuple[Any, ...]]
 ) -> None:
     ship = copy.deepcopy(ready)
-    ship.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(30.0, 10.0))]))
+    ship.autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(30.0, 10.0))]))
     assert ship.autopilot.set_mode(mode) == ""
     if armed:
         assert ship.autopilot.arm() == ()
@@ -101,19 +102,19 @@ def test_any_orders_in_any_sequence_keep_the_outputs_finite(
         for _ in range(values[0] if name == "wait" else 1):
             actuators = ship.autopilot.control(ship.boat.time_ns)
             assert all(math.isfinite(command) and abs(command) <= 1.0 for command in actuators.command)
-            assert ship.autopilot.mode in modes.NAMES
+            assert ship.autopilot.state.mode in modes.NAMES
             for _ in range(4):
                 ship.boat.step(actuators.command)
-                ship.sensors.feed(ship.boat, ship.autopilot)
-        assert len(ship.autopilot.rc_channels) == 18
-    assert math.isfinite(ship.autopilot.speed_error_mps)
+                ship.sensors.feed(ship.boat, ship.autopilot.estimator)
+        assert len(ship.autopilot.manual.widths_us(ship.autopilot.state.now_ns)) == 18
+    assert math.isfinite(ship.autopilot.state.speed_error_mps)
 
 
 def without_anything() -> Ship:
     """Samples of the IMU only."""
     ship = Ship()
     for _ in range(100):
-        ship.autopilot.on_imu(ship.sensors.imu(ship.boat))
+        ship.autopilot.estimator.on_imu(ship.sensors.imu(ship.boat))
         ship.boat.step((0.0, 0.0))
     ship.autopilot.control(ship.boat.time_ns)
     return ship
@@ -134,7 +135,7 @@ def test_arming_checks_are_bits(checks: int, mode: int, names: set[str]) -> None
     for name, value in (("ARMING_CHECK", checks), ("FENCE_ENABLE", 1)):
         ship.autopilot.parameters.set(name, value)
     ship.autopilot.set_mode(mode)
-    ship.autopilot.manual_control(0, 500, 0, 0, ship.boat.time_ns)
+    ship.autopilot.commands.manual_control(0, 500, 0, 0, ship.boat.time_ns)
     assert {problem.split(":")[0] for problem in ship.autopilot.prearm_problems()} == names
 
 
@@ -148,7 +149,7 @@ def test_a_receiver_without_a_fix_matters_to_modes_that_steer_by_it() -> None:
     for mode in (modes.GUIDED, modes.RTL, modes.LOITER, modes.STEERING):
         ship.autopilot.set_mode(mode)
         assert ship.autopilot.prearm_problems() == ("GPS: no data",)
-    ship.autopilot.set_mission(make_mission([waypoint(1.0, 1.0)]))
+    ship.autopilot.commands.set_mission(make_mission([waypoint(1.0, 1.0)]))
     ship.autopilot.parameters.set("INITIAL_MODE", modes.AUTO)
     ship.autopilot.reset()
     assert "Mission: no waypoint" in ship.autopilot.prearm_problems()
@@ -157,38 +158,38 @@ def test_a_receiver_without_a_fix_matters_to_modes_that_steer_by_it() -> None:
 def test_by_force_the_checks_are_skipped_and_it_is_said() -> None:
     ship = without_anything()
     assert ship.autopilot.arm() != ()
-    ship.autopilot.take_events()
+    ship.autopilot.events.drain()
     assert ship.autopilot.arm(force=True) == ()
-    assert [event.text for event in ship.autopilot.take_events()] == ["Armed by force, checks skipped"]
+    assert [event.text for event in ship.autopilot.events.drain()] == ["Armed by force, checks skipped"]
 
 
 def test_home_moves_at_arming_unless_it_was_set() -> None:
     ship = Ship()
-    assert "before there is a position" in ship.autopilot.set_home(*degrees(5.0, 5.0), 0.0)
+    assert "before there is a position" in ship.autopilot.commands.set_home(*degrees(5.0, 5.0), 0.0)
     ship.sail(12.0)
-    first = ship.autopilot.home
+    first = ship.autopilot.navigation.home
     assert first is not None
     ship.boat.current_ne_mps = (1.0, 0.0)
     ship.sail(10.0)
-    assert ship.autopilot.home == first
+    assert ship.autopilot.navigation.home == first
     ship.autopilot.arm()
-    assert ship.autopilot.home != first
-    assert ship.autopilot.set_home(*degrees(5.0, 5.0), 7.0) == ""
+    assert ship.autopilot.navigation.home != first
+    assert ship.autopilot.commands.set_home(*degrees(5.0, 5.0), 7.0) == ""
     ship.autopilot.disarm()
     ship.autopilot.arm()
-    assert ship.autopilot.home == (*degrees(5.0, 5.0), 7.0)
-    assert ship.autopilot.set_home_here() == ""
-    assert ship.autopilot.home.lat_deg > first.lat_deg
+    assert ship.autopilot.navigation.home == (*degrees(5.0, 5.0), 7.0)
+    assert ship.autopilot.commands.set_home_here() == ""
+    assert ship.autopilot.navigation.home.lat_deg > first.lat_deg
 
 
 def test_going_on_from_an_item() -> None:
     ship = Ship()
     items = [waypoint(*degrees(north_m, 0.0)) for north_m in (0.0, 10.0, 20.0, 30.0)]
-    ship.autopilot.set_mission(make_mission([*items[:3], change_speed(2.0), items[3], change_speed(1.0)]))
-    assert ship.autopilot.set_current(2) == ""
-    assert ship.autopilot.pilot.current == 2
-    assert ship.autopilot.set_current(3) == ""
-    assert (ship.autopilot.pilot.current, ship.autopilot.pilot.speed_mps) == (4, 2.0)
-    assert ship.autopilot.set_current(0) == ""
-    assert ship.autopilot.pilot.current == 1
-    assert "no waypoint comes after it" in ship.autopilot.set_current(5)
+    ship.autopilot.commands.set_mission(make_mission([*items[:3], change_speed(2.0), items[3], change_speed(1.0)]))
+    assert ship.autopilot.commands.set_current(2) == ""
+    assert ship.autopilot.navigation.progress.current == 2
+    assert ship.autopilot.commands.set_current(3) == ""
+    assert (ship.autopilot.navigation.progress.current, ship.autopilot.navigation.progress.speed_mps) == (4, 2.0)
+    assert ship.autopilot.commands.set_current(0) == ""
+    assert ship.autopilot.navigation.progress.current == 1
+    assert "no waypoint comes after it" in ship.autopilot.commands.set_current(5)

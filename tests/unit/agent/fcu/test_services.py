@@ -41,13 +41,13 @@ def sailing() -> tuple[MavlinkChannel, Boat]:
     """Armed and under way in AUTO."""
     boat, sensors = Boat(), Sensors(1, Noise())
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD}))
-    autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(LAT_DEG + 0.001, LON_DEG)]))
+    autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(LAT_DEG + 0.001, LON_DEG)]))
     services = MavlinkChannel(autopilot)
     sail(boat, sensors, autopilot, 12.0, lambda _: False)
     services.handle(command(mav.MAV_CMD_MISSION_START), boat.time_ns)
     services.handle(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), boat.time_ns)
     sail(boat, sensors, autopilot, 10.0, lambda _: False)
-    assert autopilot.armed
+    assert autopilot.state.armed
     return services, boat
 
 
@@ -57,20 +57,20 @@ def test_samples_arrive_in_si_units() -> None:
     direct, services = Autopilot(), MavlinkChannel(Autopilot())
     for _ in range(1200):
         imu = sensors.imu(boat)
-        direct.on_imu(imu)
+        direct.estimator.on_imu(imu)
         accel, gyro = imu.accel_frd_mps2, imu.gyro_frd_radps
         services.handle(mav.MAVLink_xitl_imu_message(imu.stamp_ns // 1000, gyro, accel, 20.0), 0)
         if boat.time_ns % 20_000_000 == 0:
             field, air = sensors.magnetometer(boat), sensors.barometer(boat)
-            direct.on_magnetometer(field)
-            direct.on_barometer(air)
+            direct.estimator.on_magnetometer(field)
+            direct.estimator.on_barometer(air)
             stamp = boat.time_ns // 1000
             services.handle(mav.MAVLink_xitl_magnetometer_message(stamp, field.field_frd_gauss), 0)
             services.handle(mav.MAVLink_xitl_barometer_message(stamp, air.pressure_pa, 20.0), 0)
         if boat.time_ns % 200_000_000 == 0:
             fix = sensors.gnss(boat)
             lat, lon, alt = round(fix.lat_deg * 1e7), round(fix.lon_deg * 1e7), round(fix.alt_m * 1e3)
-            direct.on_gnss(fix._replace(lat_deg=lat / 1e7, lon_deg=lon / 1e7, alt_m=alt / 1e3))
+            direct.estimator.on_gnss(fix._replace(lat_deg=lat / 1e7, lon_deg=lon / 1e7, alt_m=alt / 1e3))
             services.handle(
                 mav.MAVLink_xitl_gnss_message(
                     boat.time_ns // 1000, lat, lon, alt, fix.vel_ned_mps, 0.6, 0.9, 0.1, fix.fix_type, fix.satellites
@@ -134,13 +134,13 @@ def test_commands_are_answered() -> None:
     assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.5)) == mav.MAV_RESULT_DENIED
     assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, math.nan)) == mav.MAV_RESULT_DENIED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, float(modes.MANUAL))) == mav.MAV_RESULT_ACCEPTED
-    assert services.autopilot.mode == modes.MANUAL
+    assert services.autopilot.state.mode == modes.MANUAL
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 0.0, float(modes.HOLD))) == mav.MAV_RESULT_DENIED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, float(modes.AUTO))) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, 77.0)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_MISSION_START)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, 2.0, -1.0)) == mav.MAV_RESULT_ACCEPTED
-    assert services.autopilot.pilot.speed_mps == 2.0
+    assert services.autopilot.navigation.progress.speed_mps == 2.0
     assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, math.nan)) == mav.MAV_RESULT_DENIED
     assert result(command(22)) == mav.MAV_RESULT_UNSUPPORTED
     assert result(command(mav.MAV_CMD_REQUEST_MESSAGE, 0.0)) == mav.MAV_RESULT_ACCEPTED
@@ -291,7 +291,7 @@ def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], i
     packer = mav.MAVLink(io.BytesIO(), 1, 1)
     if imu_runs:
         for _ in range(450):
-            services.autopilot.on_imu(sensors.imu(boat))
+            services.autopilot.estimator.on_imu(sensors.imu(boat))
             boat.step((0.0, 0.0))
     now = boat.time_ns
     for message in messages:
@@ -301,13 +301,13 @@ def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], i
             assert len(reply.pack(packer)) >= 12
         if services.hub.reboot_asked:
             services.hub.reboot()
-        services.autopilot.on_imu(sensors.imu(boat))
+        services.autopilot.estimator.on_imu(sensors.imu(boat))
         boat.step((0.0, 0.0))
         actuators = services.autopilot.control(now)
         services.hub.actuators = actuators
         assert all(abs(value) <= 1.0 for value in actuators.command)
-        assert services.autopilot.mode in modes.NAMES
-    estimate = services.autopilot.estimate
+        assert services.autopilot.state.mode in modes.NAMES
+    estimate = services.autopilot.state.estimate
     for value in (*estimate.quat_ned_frd, *estimate.pos_ned_m, *estimate.vel_ned_mps, *estimate.gyro_frd_radps):
         assert math.isfinite(value)
     norm = math.sqrt(sum(value * value for value in estimate.quat_ned_frd))

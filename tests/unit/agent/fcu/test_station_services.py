@@ -92,21 +92,21 @@ def test_arming_by_force(station: MavlinkChannel) -> None:
     assert "PreArm: " in texts(bare)
     assert result(bare, long(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 21195.0)) == FAILED
     assert result(bare, long(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 21196.0)) == ACCEPTED
-    assert bare.autopilot.armed
+    assert bare.autopilot.state.armed
     assert result(bare, long(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)) == ACCEPTED
     assert result(station, long(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)) == ACCEPTED
 
 
 def test_modes_by_command_and_by_message(station: MavlinkChannel) -> None:
     assert result(station, long(mav.MAV_CMD_NAV_LOITER_UNLIM)) == ACCEPTED
-    assert station.autopilot.mode == modes.LOITER
+    assert station.autopilot.state.mode == modes.LOITER
     assert result(station, long(mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)) == ACCEPTED
-    assert station.autopilot.mode == modes.RTL
+    assert station.autopilot.state.mode == modes.RTL
     assert result(station, whole(mav.MAV_CMD_DO_SET_MODE, p1=1.0, p2=float(modes.GUIDED))) == ACCEPTED
-    assert station.autopilot.mode == modes.GUIDED
+    assert station.autopilot.state.mode == modes.GUIDED
     (ack,) = station.handle(sent(mav.MAVLink_set_mode_message(1, 1, modes.MANUAL)), 0)
     assert (ack.command, ack.result) == (mav.MAVLINK_MSG_ID_SET_MODE, ACCEPTED)
-    assert station.autopilot.mode == modes.MANUAL
+    assert station.autopilot.state.mode == modes.MANUAL
     (ack,) = station.handle(sent(mav.MAVLink_set_mode_message(1, 1, 99)), 0)
     assert ack.result == FAILED
     assert "mode 99 is not supported" in texts(station)
@@ -123,7 +123,7 @@ def test_reposition_changes_the_mode_when_it_may(station: MavlinkChannel) -> Non
     assert result(station, whole(mav.MAV_CMD_DO_REPOSITION, **place, p2=1.0)) == ACCEPTED
     target = station.autopilot.guided_target
     assert target is not None
-    assert (station.autopilot.mode, target.kind, target.lat_deg) == (modes.GUIDED, navigation.POSITION, lat / 1e7)
+    assert (station.autopilot.state.mode, target.kind, target.lat_deg) == (modes.GUIDED, navigation.POSITION, lat / 1e7)
     message = station.streams.message(mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT, 0)
     assert message is not None
     assert (message.lat_int, message.lon_int) == (lat, lon)
@@ -163,11 +163,13 @@ def test_home(station: MavlinkChannel) -> None:
 
 
 def test_mission_start_and_current(station: MavlinkChannel) -> None:
-    station.autopilot.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG)] + [waypoint(LAT_DEG + 0.001, LON_DEG)] * 3))
+    station.autopilot.commands.set_mission(
+        make_mission([waypoint(LAT_DEG, LON_DEG)] + [waypoint(LAT_DEG + 0.001, LON_DEG)] * 3)
+    )
     assert result(station, long(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 2.0)) == ACCEPTED
-    assert station.autopilot.pilot.current == 2
+    assert station.autopilot.navigation.progress.current == 2
     assert result(station, long(mav.MAV_CMD_MISSION_START)) == ACCEPTED
-    assert station.autopilot.mode == modes.AUTO
+    assert station.autopilot.state.mode == modes.AUTO
 
 
 def test_fence_on_and_off(station: MavlinkChannel) -> None:
@@ -203,7 +205,7 @@ class Kept:
         self.told.append((name, value))
 
     def keep_plan(self, autopilot: Autopilot) -> None:
-        self.told.append(len(autopilot.mission.items))
+        self.told.append(len(autopilot.navigation.mission.items))
 
     def keep_all_parameters(self, autopilot: Autopilot) -> None:
         self.told.append("all")
@@ -350,7 +352,7 @@ def in_guided(station: MavlinkChannel) -> Autopilot:
 
 def test_a_local_position_in_every_frame(station: MavlinkChannel) -> None:
     autopilot = in_guided(station)
-    frame, estimate = autopilot.estimator.frame, autopilot.estimate
+    frame, estimate = autopilot.estimator.frame, autopilot.state.estimate
     assert frame is not None
     north_m, east_m, _ = estimate.pos_ned_m
     cos, sin = math.cos(estimate.yaw_rad), math.sin(estimate.yaw_rad)
@@ -386,7 +388,7 @@ def test_velocity_heading_and_turn_rate(station: MavlinkChannel) -> None:
     station.handle(local(VELOCITY, 8, vx=2.0), 0)
     target = autopilot.guided_target
     assert target is not None
-    yaw_rad = autopilot.estimate.yaw_rad
+    yaw_rad = autopilot.state.estimate.yaw_rad
     assert (target.north_mps, target.east_mps) == pytest.approx((2.0 * math.cos(yaw_rad), 2.0 * math.sin(yaw_rad)))
     station.handle(local(YAW, yaw=1.0), 0)
     target = autopilot.guided_target
@@ -414,7 +416,7 @@ def test_velocity_heading_and_turn_rate(station: MavlinkChannel) -> None:
 )
 def test_bad_targets_are_refused_in_words(station: MavlinkChannel, message: Any, words: str) -> None:
     autopilot = in_guided(station)
-    autopilot.go_to(LAT_DEG, LON_DEG)
+    autopilot.commands.go_to(LAT_DEG, LON_DEG)
     old = autopilot.guided_target
     assert station.handle(message, 0) == []
     assert words in texts(station)
@@ -454,7 +456,9 @@ def test_sticks_reach_the_channels(station: MavlinkChannel) -> None:
 
 def test_heartbeats_of_ground_stations_are_noted(station: MavlinkChannel, monkeypatch: pytest.MonkeyPatch) -> None:
     heard: list[tuple[int, int]] = []
-    monkeypatch.setattr(station.autopilot, "heard_ground_station", lambda system, now: heard.append((system, now)))
+    monkeypatch.setattr(
+        station.autopilot.failsafes, "heard_ground_station", lambda system, now: heard.append((system, now))
+    )
     station.handle(sent(mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), 254), 7)
     station.handle(sent(mav.MAVLink_heartbeat_message(11, 3, 0, 0, 4, 3), 2), 8)
     assert heard == [(254, 7)]

@@ -12,7 +12,7 @@ import pytest
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.vehicle.autopilot import Autopilot
-from agent.fcu.vehicle_state import INFO, Event
+from agent.fcu.vehicle_state import INFO
 from agent.roles import ground_stations as client_module
 from agent.roles.ground_stations import MOST_CLIENTS, GroundStations
 from agent.wire import dialect as mav
@@ -89,7 +89,7 @@ def test_each_has_its_own_rates_and_requests(world: World) -> None:
 
 def test_events_reach_everybody_once_the_host_too(world: World) -> None:
     links = [world.call(255), world.call(254)]
-    world.vehicle.autopilot.say(Event(INFO, "hear, hear"))
+    world.vehicle.autopilot.events.add(INFO, "hear, hear")
     for link in links:
         assert world.until(link, of("STATUSTEXT")).text == "hear, hear"
     texts = [m.text for m in world.host.poll(world.now_ns) if m.get_type() == "STATUSTEXT"]
