@@ -25,7 +25,7 @@ from sim_core.sensors.optics import WaterSeen
 from sim_core.world.embree_rays import EmbreeCaster
 from sim_core.world.rays import Hits
 from xitl_cli.profile import load_profile
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.world.scenery import scenery_of
 from xitl_cli.run.world.world import build
 

@@ -159,3 +159,74 @@ with open_log({str(path)!r}) as log:
 @pytest.mark.parametrize("file", files("agent"), ids=lambda file: file.relative_to(ROOT).as_posix())
 def test_the_agent_is_python_3_9(file: Path) -> None:
     ast.parse(file.read_text(), filename=str(file), feature_version=(3, 9))
+
+
+KNOWN_CIRCLES = [  # to be taken apart, not to be added to
+    {"xitl_cli/profile", "xitl_cli/profile/checks", "xitl_cli/profile/schema"},
+    {"xitl_cli/logs", *(f"xitl_cli/logs/{name}" for name in ("analyses", "clocks", "compare", "export", "report"))}
+    | {f"xitl_cli/logs/{name}" for name in ("formats", "query", "selecting", "signals", "tables", "timeline")}
+    | {f"xitl_cli/logs/formats/{name}" for name in ("dataflash", "mcap", "tlog")},
+]
+
+
+def modules_named(node: ast.AST, own: list[str]) -> Iterator[str]:
+    """Dotted names that an import statement may bring in; own: the folder of the importing file, by its parts."""
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        start = own[: len(own) + 1 - node.level] if node.level else []
+        base = ".".join([*start, *filter(None, [node.module])])
+        yield base
+        yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def folder_imports() -> dict[str, set[str]]:
+    """Which folder imports from which others. A package's own top files serve all below and are left out."""
+    paths = [file.relative_to(ROOT) for package in PACKAGES for file in files(package)]
+    folders = {
+        ".".join((path.parent if path.name == "__init__.py" else path.with_suffix("")).parts): path for path in paths
+    }
+    edges: dict[str, set[str]] = {}
+    for path in paths:
+        here = path.parent
+        for node in ast.walk(ast.parse((ROOT / path).read_text())):
+            for name in modules_named(node, list(here.parts)):
+                there = folders.get(name)
+                if there is not None and there.parent != here and len(here.parts) > 1 and len(there.parent.parts) > 1:
+                    edges.setdefault(here.as_posix(), set()).add(there.parent.as_posix())
+    return edges
+
+
+def reached_from(start: str, edges: dict[str, set[str]]) -> set[str]:
+    reached: set[str] = set()
+    left = [start]
+    while left:
+        for other in edges.get(left.pop(), set()) - reached:
+            reached.add(other)
+            left.append(other)
+    return reached
+
+
+def circles(edges: dict[str, set[str]]) -> list[set[str]]:
+    """Folders that import each other, directly or by others."""
+    reached = {folder: reached_from(folder, edges) for folder in edges}
+    groups = {frozenset(other for other in reached[folder] if folder in reached.get(other, ())) for folder in edges}
+    return [set(group) for group in groups if group]
+
+
+def test_no_folders_import_each_other() -> None:
+    edges = folder_imports()
+    assert "xitl_cli/run/core" in edges["xitl_cli/run/nodes"], "the test looks in the wrong place"
+    assert [group for group in circles(edges) if not any(group <= known for known in KNOWN_CIRCLES)] == []
+
+
+def test_nodes_of_a_run_stand_on_links_sensors_and_world_and_these_on_no_node() -> None:
+    edges = folder_imports()
+    for below in ("core", "links", "sensors", "world"):
+        assert not edges[f"xitl_cli/run/{below}"] & {"xitl_cli/run", "xitl_cli/run/nodes"}, below
+    assert "xitl_cli/run" not in edges["xitl_cli/run/nodes"]
+
+
+def test_circles_are_found() -> None:
+    edges = {"a/b": {"a/c"}, "a/c": {"a/d"}, "a/d": {"a/b", "a/e"}, "a/e": {"a/f"}, "a/f": set()}
+    assert circles(edges) == [{"a/b", "a/c", "a/d"}]

@@ -43,7 +43,7 @@ def sim(
 
     from xitl_cli.commands.sim_report import show_result
     from xitl_cli.profile import load_profile
-    from xitl_cli.run.directory import default_path
+    from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
     from xitl_cli.run.view import make_view
 

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from xitl_cli.profile import Profile
-from xitl_cli.run import directory
+from xitl_cli.run.core import directory
 from xitl_cli.run.session import Result
 
 _MORE = (directory.DATAFLASH, directory.MAP, directory.TRAJECTORY, directory.TRUTH)

@@ -27,7 +27,7 @@ def launch(
     ] = DEFAULT_URL,
 ) -> None:
     """Put a body into the water of a run."""
-    from xitl_cli.run.world.launch_requests import ask_for
+    from xitl_cli.run.links.launch_requests import ask_for
 
     north_m, east_m = _place(at)
     if not math.isfinite(heading):

@@ -36,7 +36,7 @@ from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import clouds, map_points, online, pings, told, truth
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.yaml_file import parse_yaml
-from xitl_cli.run.directory import PROFILE
+from xitl_cli.run.core.directory import PROFILE
 
 MapFormat = Literal["ply", "pcd"]
 

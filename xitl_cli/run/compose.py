@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import TypeVar
 
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.faults import FaultSchedule
+from xitl_cli.run.core.faults import FaultSchedule
+from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_of
-from xitl_cli.run.node import ControlNode, RunNode, VesselNodes
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
+from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import BridgeNode
 from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
@@ -24,14 +26,12 @@ from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import river_of
-from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
-from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.lidar import lidar_of
-from xitl_cli.run.sensors.sensing import local_frame
 from xitl_cli.run.sensors.sonar import sonar_of
 from xitl_cli.run.view import DisplayNode, View
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.run.world.world import local_frame
 
 Node = TypeVar("Node", bound=RunNode)
 
@@ -134,7 +134,7 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
     profile = setup.profile
     frame = local_frame(profile.site)
 
-    def driver_of(commands: VehicleCommands, agent: AgentConnection) -> VehicleDriver:
+    def driver_of(commands: AutopilotCommands, agent: AgentConnection) -> VehicleDriver:
         driver = make_driver(profile, commands, frame)
         return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 

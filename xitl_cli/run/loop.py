@@ -12,10 +12,10 @@ from sim_core.frames import Array
 from xitl_cli.profile.schema.session import Clock
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand
+from xitl_cli.run.core.node import RunStep, SimulationClock, VesselNodes
+from xitl_cli.run.core.pace import Pace, PaceReport
+from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
-from xitl_cli.run.node import RunStep, SimulationClock, VesselNodes
-from xitl_cli.run.pace import Pace, PaceReport
-from xitl_cli.run.reports import Ending
 from xitl_cli.run.world.plant import Plant
 
 WARNING = 4  # MAV_SEVERITY_WARNING

@@ -15,11 +15,11 @@ from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic, Pair, meas
 from xitl_cli.graph.wdri import VertexCount, Wdri, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.profile.catalogue import shipped_profiles
-from xitl_cli.run.directory import PROFILE, SUMMARY
+from xitl_cli.run.core.directory import PROFILE, SUMMARY
 
 if TYPE_CHECKING:
+    from xitl_cli.run.core.reports import LinkReport, NodeReport, Traffic
     from xitl_cli.run.nodes.bridge import AutopilotReport
-    from xitl_cli.run.reports import LinkReport, NodeReport, Traffic
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,14 +19,14 @@ from agent import __version__
 from xitl_cli.errors import UserError
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run import directory
 from xitl_cli.run.compose import RunSetup, compose, link_names
+from xitl_cli.run.core import directory
+from xitl_cli.run.core.node import RunContext, SimulationClock, VesselNodes
+from xitl_cli.run.core.pace import Lockstep, Pace, Realtime
+from xitl_cli.run.core.reports import ClockReport, Ending
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.loop import Loop
-from xitl_cli.run.node import RunContext, SimulationClock, VesselNodes
-from xitl_cli.run.pace import Lockstep, Pace, Realtime
-from xitl_cli.run.reports import ClockReport, Ending
-from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
 from xitl_cli.run.view import View
 from xitl_cli.run.world.plant import Plant

@@ -10,7 +10,7 @@ from agent import __version__
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import TaskTiming
-from xitl_cli.run.reports import Ending, task_section
+from xitl_cli.run.core.reports import Ending, task_section
 from xitl_cli.run.run_graph import graph_section
 
 FORMAT = 1

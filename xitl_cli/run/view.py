@@ -16,8 +16,8 @@ from rich.table import Table
 from rich.text import Text
 
 from xitl_cli.profile.schema.session import Clock
+from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection, report_of
-from xitl_cli.run.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.nodes.mission_score import MissionScore
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery

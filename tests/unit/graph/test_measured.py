@@ -15,8 +15,8 @@ from xitl_cli.graph.measured import FROM_AGENT, TO_AGENT, AgentTraffic, measured
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile import load_profile, resolved_yaml
 from xitl_cli.profile.schema.graph import is_node_name
+from xitl_cli.run.core.reports import LinkReport, NodeReport
 from xitl_cli.run.nodes.bridge import AutopilotReport, Milestones
-from xitl_cli.run.reports import LinkReport, NodeReport
 from xitl_cli.run.run_graph import graph_section, measured_run
 
 IMU, COMMAND, RUN = (

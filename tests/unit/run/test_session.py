@@ -15,10 +15,10 @@ from xitl_cli.firmware.process import free_port
 from xitl_cli.profile import load_profile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run import session
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.autopilot import AutopilotNode
 from xitl_cli.run.nodes.direct_control import IdealControl
 from xitl_cli.run.nodes.drivers import NoDriver
-from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.view import NoView
 
 

@@ -14,10 +14,8 @@ from rich.console import Console
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import TaskTiming
-from xitl_cli.run.nodes.bridge import AutopilotReport
-from xitl_cli.run.nodes.mission_score import MissionScore
-from xitl_cli.run.pace import PaceReport
-from xitl_cli.run.reports import (
+from xitl_cli.run.core.pace import PaceReport
+from xitl_cli.run.core.reports import (
     ActuatorReport,
     ClockReport,
     Ending,
@@ -26,8 +24,10 @@ from xitl_cli.run.reports import (
     NodeReport,
     TakeoverReport,
 )
+from xitl_cli.run.core.statistics import Histogram
+from xitl_cli.run.nodes.bridge import AutopilotReport
+from xitl_cli.run.nodes.mission_score import MissionScore
 from xitl_cli.run.session import Result
-from xitl_cli.run.statistics import Histogram
 from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
 
 

@@ -17,8 +17,8 @@ from sim_core.sensors.lidar import Lidar
 from sim_core.world.waterway import STILL
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.run.node import RunStep
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.lidar import LidarInstrument, lidar_of
 
 STEP_NS = 2_500_000

@@ -18,13 +18,13 @@ from agent.wire.signing import Signing
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.faults import FaultsInForce
+from xitl_cli.run.core.faults import FaultsInForce
+from xitl_cli.run.core.node import RunContext
+from xitl_cli.run.core.reports import LinkReport, NodeReport
 from xitl_cli.run.links.inbox import AgentInbox
 from xitl_cli.run.links.link_accounts import node_report, state_of
 from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import set_parameters, upload_mission
-from xitl_cli.run.node import RunContext
-from xitl_cli.run.reports import LinkReport, NodeReport
 
 
 @dataclass(frozen=True, slots=True)

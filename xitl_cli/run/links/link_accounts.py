@@ -7,9 +7,9 @@ from typing import Any
 from agent.wire import dialect
 from agent.wire.link import LinkCounters
 from xitl_cli.record.topics import LinkState, NodeState
+from xitl_cli.run.core.reports import LinkReport, NodeReport
+from xitl_cli.run.core.statistics import Histogram
 from xitl_cli.run.links.link_timing import LinkTiming
-from xitl_cli.run.reports import LinkReport, NodeReport
-from xitl_cli.run.statistics import Histogram
 
 
 class LinkAccounts:

@@ -10,8 +10,8 @@ from typing import Any
 from agent.timing.sync import ClockSync
 from agent.wire import dialect
 from xitl_cli.record.topics import ClockExchange
-from xitl_cli.run.reports import ClockReport
-from xitl_cli.run.statistics import DriftWindows, Histogram, TimeBase
+from xitl_cli.run.core.reports import ClockReport
+from xitl_cli.run.core.statistics import DriftWindows, Histogram, TimeBase
 
 STAMPS_KEPT = 4096
 

@@ -22,7 +22,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import Bridge
-from xitl_cli.run.directory import DATAFLASH
+from xitl_cli.run.core.directory import DATAFLASH
 from xitl_cli.run.links.loopback import loopback_of
 
 

@@ -18,7 +18,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.parameter_files import find_parameter_file
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.sensors.sensing import magnetic_field_ned_gauss
+from xitl_cli.run.world.world import magnetic_field_ned_gauss
 
 Place = tuple[float, float, float]
 Send = Callable[[Any], object]

@@ -12,7 +12,10 @@ from agent.wire.link import Link
 from agent.wire.signing import Signing
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import ActuatorAge, MotionEstimate
-from xitl_cli.run import directory
+from xitl_cli.run.core import directory
+from xitl_cli.run.core.node import ControlNode, RunContext, RunStep
+from xitl_cli.run.core.reports import ActuatorReport, Progress
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import (
     WARNING,
@@ -30,14 +33,12 @@ from xitl_cli.run.links.peer import (
     open_peer,
 )
 from xitl_cli.run.links.setup import embedded_parameters, mission_places
-from xitl_cli.run.node import ControlNode, RunContext, RunStep
+from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.estimation import EstimateCheck
 from xitl_cli.run.nodes.standby import Redundancy
-from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
-from xitl_cli.run.reports import ActuatorReport, Progress
-from xitl_cli.run.seeds import Seeds
-from xitl_cli.run.sensors.sensing import local_frame, sensing_of
+from xitl_cli.run.sensors.sensing import sensing_of
+from xitl_cli.run.world.world import local_frame
 from xitl_cli.signing import read_key_file
 
 SYNC_RATE_HZ = 10.0
@@ -63,7 +64,7 @@ class AutopilotNode(ControlNode):
         self,
         profile: RunProfile,
         seeds: Seeds,
-        make_driver: Callable[[VehicleCommands, AgentConnection], VehicleDriver],
+        make_driver: Callable[[AutopilotCommands, AgentConnection], VehicleDriver],
         options: AgentOptions | None = None,
         supervision: Supervision | None = None,
         interrupted: Callable[[], bool] = lambda: False,
@@ -83,7 +84,7 @@ class AutopilotNode(ControlNode):
         if standby is not None:
             self.view = AgentView(self._frame, lambda severity, text: None, lambda agent_us, estimate: None)
             self._redundancy = Redundancy(self.agents, self.view, standby)
-        commands = VehicleCommands(self.view, self.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        commands = AutopilotCommands(self.view, self.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
         self.driver = make_driver(commands, first)
         self._check = EstimateCheck(profile.clock.physics_rate_hz)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)

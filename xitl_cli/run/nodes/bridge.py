@@ -24,17 +24,17 @@ from xitl_cli.logs.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
-from xitl_cli.run import directory
+from xitl_cli.run.core import directory
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.links.setup import live_parameters, mission_places
-from xitl_cli.run.node import RunContext, RunNode, RunStep
+from xitl_cli.run.nodes.autopilot_commands import Send
 from xitl_cli.run.nodes.bridge_clock import SIMULATED_GRAIN_NS, AutopilotClock
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.nodes.preparation import CalibrationStep, MissionStep, ParameterStep, Preparation
-from xitl_cli.run.nodes.vehicle_commands import Send
 
 MOVES_MPS = 0.2
 DRIVES = 0.02

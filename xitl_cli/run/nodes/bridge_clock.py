@@ -10,10 +10,10 @@ from typing import Any
 from agent.wire import dialect
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import ClockExchange
+from xitl_cli.run.core.node import RunContext
+from xitl_cli.run.core.pace import Pace
+from xitl_cli.run.core.reports import ClockReport
 from xitl_cli.run.links.link_timing import LinkTiming
-from xitl_cli.run.node import RunContext
-from xitl_cli.run.pace import Pace
-from xitl_cli.run.reports import ClockReport
 
 NODE = "autopilot"
 REALTIME_HZ, LOCKSTEP_HZ = 10.0, 1.0

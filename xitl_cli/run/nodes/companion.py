@@ -17,12 +17,11 @@ from sim_core.vessel.buoyancy import floating_draft_m
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MotionEstimate
+from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, companion_terms, report_of
 from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import AgentOptions, open_peer
-from xitl_cli.run.node import ExchangePart, RunContext, RunNode, RunStep
-from xitl_cli.run.sensors.sensing import local_frame
-from xitl_cli.run.world.world import vessel_model
+from xitl_cli.run.world.world import local_frame, vessel_model
 from xitl_cli.signing import read_key_file
 
 

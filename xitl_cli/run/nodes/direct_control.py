@@ -18,10 +18,10 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MotorCommand
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file, schedule_from_script
+from xitl_cli.run.core.node import ControlNode, RunStep
+from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.setup import embedded_parameters, mission_places
-from xitl_cli.run.node import ControlNode, RunStep
-from xitl_cli.run.reports import Progress
-from xitl_cli.run.sensors.sensing import local_frame
+from xitl_cli.run.world.world import local_frame
 
 
 class IdealControl(ControlNode):

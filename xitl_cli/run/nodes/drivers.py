@@ -15,9 +15,9 @@ from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
-from xitl_cli.run.node import RunNode, RunStep
-from xitl_cli.run.nodes.vehicle_commands import REPEAT_S, VehicleCommands
-from xitl_cli.run.reports import Progress
+from xitl_cli.run.core.node import RunNode, RunStep
+from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.nodes.autopilot_commands import REPEAT_S, AutopilotCommands
 
 
 class VehicleDriver(RunNode):
@@ -40,7 +40,7 @@ class VehicleDriver(RunNode):
 class NoDriver(VehicleDriver):
     """Nobody gives orders; a mission that the autopilot starts by itself still counts."""
 
-    def __init__(self, commands: VehicleCommands, waypoints: int) -> None:
+    def __init__(self, commands: AutopilotCommands, waypoints: int) -> None:
         self._view = commands.view
         self._total = waypoints
 
@@ -50,7 +50,7 @@ class NoDriver(VehicleDriver):
         return Progress("", reached=reached, finished=done, completed=done)
 
 
-def make_driver(profile: RunProfile, commands: VehicleCommands, frame: LocalFrame) -> VehicleDriver:
+def make_driver(profile: RunProfile, commands: AutopilotCommands, frame: LocalFrame) -> VehicleDriver:
     """The driver that the profile asks for. Raises UserError when its file cannot be played."""
     driver, waypoints = profile.driver, len(profile.mission.waypoints_ned_m)
     if driver.kind == "mission":
@@ -86,7 +86,7 @@ class Departure:
     Raises UserError from `update` when that is not done `timeout_s` after the start.
     """
 
-    def __init__(self, commands: VehicleCommands, mode: str, timeout_s: float = READY_TIMEOUT_S) -> None:
+    def __init__(self, commands: AutopilotCommands, mode: str, timeout_s: float = READY_TIMEOUT_S) -> None:
         self._commands = commands
         self._mode = mode
         self._timeout_s = timeout_s
@@ -119,7 +119,7 @@ def _latest_reasons(texts: Iterable[str]) -> list[str]:
 class MissionDriver(VehicleDriver):
     """Sends the commands a person at a ground station would; the mission has `waypoints` items after home."""
 
-    def __init__(self, commands: VehicleCommands, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
+    def __init__(self, commands: AutopilotCommands, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
         self._view = commands.view
         self._departure = Departure(commands, "AUTO", arm_timeout_s)
         self._total = waypoints
@@ -147,7 +147,7 @@ class ReplayDriver(VehicleDriver):
 
     def __init__(
         self,
-        commands: VehicleCommands,
+        commands: AutopilotCommands,
         schedule: MotorSchedule,
         rc_channels: tuple[int, int],
         arm_timeout_s: float = READY_TIMEOUT_S,
@@ -190,7 +190,7 @@ class ScriptDriver(VehicleDriver):
     """
 
     def __init__(
-        self, commands: VehicleCommands, frame: LocalFrame, steps: Sequence[ScriptStep], waypoints: int
+        self, commands: AutopilotCommands, frame: LocalFrame, steps: Sequence[ScriptStep], waypoints: int
     ) -> None:
         self._commands = commands
         self._steps = steps
@@ -291,7 +291,7 @@ class GroundStationDriver(VehicleDriver):
     after it. `addresses`: where the autopilot talks to ground stations.
     """
 
-    def __init__(self, commands: VehicleCommands, frame: LocalFrame, addresses: Sequence[str], stay: bool) -> None:
+    def __init__(self, commands: AutopilotCommands, frame: LocalFrame, addresses: Sequence[str], stay: bool) -> None:
         self._view = commands.view
         self._frame = frame
         self._addresses = addresses

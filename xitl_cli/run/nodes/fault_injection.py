@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from xitl_cli.profile.schema.session import Clock
-from xitl_cli.run.faults import FaultSchedule
+from xitl_cli.run.core.faults import FaultSchedule
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
-from xitl_cli.run.node import RunContext, RunNode, RunStep
 
 COUNT_RATE_HZ = 1.0
 

@@ -25,11 +25,11 @@ from xitl_cli.mapping.rebuild import points_of, write_map, write_tum
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MAP_SOURCES, MapSource
-from xitl_cli.run import directory
-from xitl_cli.run.node import RunContext, RunNode, RunStep, SimulationClock
+from xitl_cli.run.core import directory
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep, SimulationClock
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
-from xitl_cli.run.sensors.sensing import local_frame
 from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.run.world.world import local_frame
 
 TRUTH_RATE_HZ = 50.0
 TRUTH_KEPT_S = 10.0  # an odometry that is later has no truth

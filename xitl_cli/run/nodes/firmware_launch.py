@@ -14,7 +14,7 @@ from xitl_cli.firmware.process import FirmwareProcess, free_port
 from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.operation import Bridge
-from xitl_cli.run.directory import AUTOPILOT
+from xitl_cli.run.core.directory import AUTOPILOT
 from xitl_cli.run.links.peer import is_free
 from xitl_cli.run.links.setup import EXTERNAL_AHRS_PROTOCOL, parameter_file_text, serial_port_with, start_parameters
 from xitl_cli.shipped import firmware_params_dir

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from xitl_cli.run.node import ControlNode, RunNode, RunStep
+from xitl_cli.run.core.node import ControlNode, RunNode, RunStep
 
 Point = tuple[float, float]
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from agent.wire.codec import Message
 from xitl_cli.record.recorder import PerceptionRecorder
-from xitl_cli.run.node import RunContext, RunNode, RunStep
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 
 SOURCE = "perception"
 WARNING, INFO = 4, 6  # MAV_SEVERITY

@@ -14,10 +14,10 @@ from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
 from agent.mavlink.parameters import ParameterClient
 from agent.wire import dialect
 from xitl_cli.errors import UserError
+from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.setup import Place, Send
 from xitl_cli.run.nodes.drivers import VehicleDriver
-from xitl_cli.run.reports import Progress
 
 SHORTEST_HEARTBEAT_S = 20.0
 ANSWER_S = 1.0

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.session import Clock
 from xitl_cli.record.topics import ActuatorAge
+from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
-from xitl_cli.run.node import ControlNode, RunContext, RunNode, RunStep
-from xitl_cli.run.sensors.sensing import local_frame
+from xitl_cli.run.world.world import local_frame
 
 ENVIRONMENT_RATE_HZ = 10.0
 TASK_RATE_HZ = 1.0

@@ -17,13 +17,13 @@ from sim_core.world.debris import DebrisState, Launch, body_of
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.node import ExchangePart, RunContext, RunNode, RunStep
-from xitl_cli.run.reports import Progress
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
+from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.run.links.launch_requests import LaunchPort
 from xitl_cli.run.world.collisions import Collisions
 from xitl_cli.run.world.debris_scene import debris_scene
 from xitl_cli.run.world.encounters import DebrisEncounters, MissionLegs, draw_encounters
-from xitl_cli.run.world.launch_requests import LaunchPort
 from xitl_cli.run.world.plant import Plant
 
 RECORD_RATE_HZ = 10.0

@@ -11,11 +11,11 @@ from agent.mavlink.modes import ROVER_MODE_NUMBERS
 from xitl_cli.profile.schema.operation import Standby
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import TakeoverEvent
+from xitl_cli.run.core.reports import TakeoverReport
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import WARNING, AgentConnection
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
-from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
-from xitl_cli.run.reports import TakeoverReport
+from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class StandbyFollower:
 
     def __init__(self, agent: AgentConnection) -> None:
         self._view = agent.inbox.view
-        self._commands = VehicleCommands(self._view, agent.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        self._commands = AutopilotCommands(self._view, agent.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
         self._wanted: tuple[bool, str] | None = None
         self._astray_ns: int | None = None
 

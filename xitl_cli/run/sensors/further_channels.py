@@ -15,7 +15,7 @@ from sim_core.sensors.wind_vane import WindVane
 from sim_core.world.river import FlatBed
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.place import LogBoom, World
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors import sensor_messages as standard_messages
 from xitl_cli.run.sensors.channel import Channel, SensorChannel, TruthChannel, VaneChannel
 from xitl_cli.run.world.scenery import boom_of

@@ -21,8 +21,8 @@ from sim_core.world.rays import RayCaster
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
-from xitl_cli.run.node import RunStep
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.world.scenery import Scenery
 
 

@@ -9,22 +9,23 @@ from typing import Any
 from numpy.random import default_rng
 
 from sim_core.frames import Array
-from sim_core.geodesy import LocalFrame, normal_gravity_mps2
+from sim_core.geodesy import normal_gravity_mps2
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.barometer import Barometer
 from sim_core.sensors.gnss import Gnss
 from sim_core.sensors.imu import Imu
-from sim_core.sensors.magnetometer import Magnetometer, local_field_ned_gauss
+from sim_core.sensors.magnetometer import Magnetometer
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.profile.schema.place import Site
 from xitl_cli.profile.schema.sensors import Sensors
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors import sensor_messages
 from xitl_cli.run.sensors.channel import Channel, SensorChannel
 from xitl_cli.run.sensors.further_channels import further_channels
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
+from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
 
 
 class Sensing:
@@ -106,15 +107,3 @@ def sensing_of(profile: RunProfile, seeds: Seeds) -> Sensing:
     assert profile.sensors is not None
     further = list(further_channels(profile, seeds, local_frame(profile.site)))
     return Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
-
-
-def local_frame(site: Site) -> LocalFrame:
-    """NED at the site. Mean sea level is taken for the ellipsoid: their difference is constant over the site."""
-    return LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
-
-
-def magnetic_field_ned_gauss(site: Site) -> tuple[float, float, float]:
-    """The field the profile gives, else that of the world magnetic model."""
-    if site.magnetic_field_ned_gauss is not None:
-        return site.magnetic_field_ned_gauss
-    return local_field_ned_gauss(site.latitude_deg, site.longitude_deg, site.altitude_m, site.year).ned_gauss

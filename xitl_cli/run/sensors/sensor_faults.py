@@ -22,8 +22,8 @@ from xitl_cli.profile.schema.faults import (
     MagnetometerFault,
     SensorFault,
 )
-from xitl_cli.run.faults import span_ns
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.faults import span_ns
+from xitl_cli.run.core.seeds import Seeds
 
 Bias = Callable[[Any], Any]
 

@@ -26,8 +26,8 @@ from sim_core.simulation import Simulation, SimulationState, bodies_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.perception import Sonar
 from xitl_cli.record.recorder import PerceptionRecorder
-from xitl_cli.run.node import RunStep
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.ping360 import Ping360Port
 from xitl_cli.run.world.scenery import Scenery
 

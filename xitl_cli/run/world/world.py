@@ -20,16 +20,19 @@ from sim_core.environment.wind import (
     StillAir,
     Wind,
 )
+from sim_core.geodesy import LocalFrame
 from sim_core.noise import GaussMarkov
+from sim_core.sensors.magnetometer import local_field_ned_gauss
 from sim_core.simulation import Simulation, SimulationState, initial
 from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, SteeringGear, VesselModel, Windage
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema import environment as schema
+from xitl_cli.profile.schema.place import Site
 from xitl_cli.profile.schema.vehicle import Propeller as PropellerKeys
 from xitl_cli.profile.schema.vehicle import Vehicle
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.world.scenery import Scenery, scenery_of
 from xitl_cli.run.world.waterway import has_waterway, waterway_of
 
@@ -65,6 +68,18 @@ def vessel_model(vehicle: Vehicle) -> VesselModel:
         propellers=tuple(_propeller(propeller) for propeller in vehicle.propellers),
         wind=Windage(**vehicle.wind.model_dump()),
     )
+
+
+def local_frame(site: Site) -> LocalFrame:
+    """NED at the site. Mean sea level is taken for the ellipsoid: their difference is constant over the site."""
+    return LocalFrame(site.latitude_deg, site.longitude_deg, site.altitude_m)
+
+
+def magnetic_field_ned_gauss(site: Site) -> tuple[float, float, float]:
+    """The field the profile gives, else that of the world magnetic model."""
+    if site.magnetic_field_ned_gauss is not None:
+        return site.magnetic_field_ned_gauss
+    return local_field_ned_gauss(site.latitude_deg, site.longitude_deg, site.altitude_m, site.year).ned_gauss
 
 
 def _propeller(propeller: PropellerKeys) -> Propeller:

@@ -22,12 +22,12 @@ from xitl_cli.commands.sim_report import autopilot_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
+from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.links.agent_view import AgentView
-from xitl_cli.run.node import RunStep
+from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import NO_BRIDGE_NS, BridgeNode, SchedulerRecord
 from xitl_cli.run.nodes.drivers import NoDriver
-from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
-from xitl_cli.run.sensors.sensing import local_frame
+from xitl_cli.run.world.world import local_frame
 
 SECOND = 1_000_000_000
 STILL = MotorCommand((0.0, 0.0))
@@ -53,7 +53,7 @@ class Case:
         self.sent: list[Any] = []
         self.view = AgentView(frame, lambda *_: None, lambda *_: None)
         self.bridge = BridgeNode(profile, None)
-        driver = NoDriver(VehicleCommands(self.view, self.sent.append, 1, 1), 0)
+        driver = NoDriver(AutopilotCommands(self.view, self.sent.append, 1, 1), 0)
         agent: Any = SimpleNamespace(inbox=SimpleNamespace(view=self.view, command=STILL))
         self.bridge.preparation(driver, agent, self.sent.append, frame)
         self._packer = Packer(1, 1)

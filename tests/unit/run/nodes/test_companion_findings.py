@@ -13,7 +13,7 @@ from agent.wire import dialect as mav
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.geodesy import LocalFrame
 from sim_core.world.debris import no_debris
-from xitl_cli.run.node import RunStep
+from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.nodes.findings import FindingsNode
 from xitl_cli.run.nodes.obstacle_score import ObstacleScore
 

@@ -13,9 +13,9 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.operation import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import READY_TIMEOUT_S, GroundStationDriver, MissionDriver, ReplayDriver, ScriptDriver
 from xitl_cli.run.nodes.mission_score import MissionScore
-from xitl_cli.run.nodes.vehicle_commands import VehicleCommands
 
 S = 1_000_000_000
 TICK = 20_000_000
@@ -30,7 +30,7 @@ class Boat:
     def __init__(self) -> None:
         self.view = AgentView(FRAME, lambda severity, text: None, lambda stamp, estimate: None)
         self.sent: list[Any] = []
-        self.orders = VehicleCommands(self.view, self.sent.append, 1, 1)
+        self.orders = AutopilotCommands(self.view, self.sent.append, 1, 1)
 
     def take(self, kind: type[Any]) -> list[Any]:
         found = [message for message in self.sent if isinstance(message, kind)]

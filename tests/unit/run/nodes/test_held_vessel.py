@@ -12,11 +12,11 @@ from sim_core.geodesy import normal_gravity_mps2
 from sim_core.simulation import kinematics
 from xitl_cli.profile import load_profile
 from xitl_cli.record.topics import MotorCommand
+from xitl_cli.run.core.node import ControlNode, RunStep, SimulationClock, VesselNodes
+from xitl_cli.run.core.pace import Lockstep
+from xitl_cli.run.core.reports import Ending, Progress
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.loop import Loop
-from xitl_cli.run.node import ControlNode, RunStep, SimulationClock, VesselNodes
-from xitl_cli.run.pace import Lockstep
-from xitl_cli.run.reports import Ending, Progress
-from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.sensors.sensing import sensing_of
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.world import build

@@ -12,6 +12,7 @@ from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.record.topics import MotorCommand
+from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes import preparation
 from xitl_cli.run.nodes.bridge import Milestones
@@ -23,7 +24,6 @@ from xitl_cli.run.nodes.preparation import (
     ParameterStep,
     Preparation,
 )
-from xitl_cli.run.reports import Progress
 
 SECOND = 1_000_000_000
 TARGET = (1, 1)

@@ -14,9 +14,9 @@ from numpy.random import default_rng
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.problems import ProfileError
+from xitl_cli.run.core.reports import Progress
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.river import river_of
-from xitl_cli.run.reports import Progress
-from xitl_cli.run.seeds import Seeds
 from xitl_cli.run.session import run
 from xitl_cli.run.view import NoView
 from xitl_cli.run.world.plant import Plant

@@ -13,8 +13,9 @@ from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.faults import Fault
-from xitl_cli.run.seeds import Seeds
-from xitl_cli.run.sensors.sensing import Sensing, local_frame
+from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.run.sensors.sensing import Sensing
+from xitl_cli.run.world.world import local_frame
 
 PHYSICS_HZ = 400
 STILL_AIR = np.zeros((1, 3))

@@ -17,8 +17,8 @@ from sim_core.world.primitive_rays import PrimitiveCaster
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
 from xitl_cli.profile.schema.perception import Sonar
-from xitl_cli.run.node import RunStep
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.node import RunStep
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.sonar import SonarInstrument, ping_settings, sonar_of
 from xitl_cli.run.world.scenery import scenery_of
 from xitl_cli.run.world.world import build

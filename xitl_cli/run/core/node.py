@@ -25,8 +25,8 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand
-from xitl_cli.run.pace import Pace
-from xitl_cli.run.reports import Progress
+from xitl_cli.run.core.pace import Pace
+from xitl_cli.run.core.reports import Progress
 
 
 class SimulationClock:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from xitl_cli.run.statistics import Histogram
+from xitl_cli.run.core.statistics import Histogram
 
 
 @pytest.mark.parametrize("share", [0.01, 0.5, 0.9, 0.99, 0.999])

@@ -18,7 +18,7 @@ from agent.wire.framing import Framer
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.commands.world import launch as launch_command
 from xitl_cli.errors import UserError
-from xitl_cli.run.world.launch_requests import LaunchPort, ask_for
+from xitl_cli.run.links.launch_requests import LaunchPort, ask_for
 
 NOW_NS = 5_000_000_000
 EAST_RAD = struct.unpack("<f", struct.pack("<f", math.pi / 2))[0]  # as it comes over the wire

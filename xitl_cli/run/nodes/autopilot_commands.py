@@ -20,7 +20,7 @@ POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and 
 Send = Callable[[Any], object]
 
 
-class VehicleCommands:
+class AutopilotCommands:
     """Sends to one autopilot through `send`; `view` knows what it answered."""
 
     def __init__(self, view: AgentView, send: Send, system_id: int, component_id: int) -> None:

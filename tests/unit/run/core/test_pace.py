@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xitl_cli.run.pace import Lockstep, Realtime
+from xitl_cli.run.core.pace import Lockstep, Realtime
 
 MS = 1_000_000
 S = 1000 * MS

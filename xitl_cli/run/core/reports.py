@@ -7,7 +7,7 @@ from enum import Enum
 from typing import Any
 
 from xitl_cli.record.topics import TaskTiming
-from xitl_cli.run.statistics import Histogram
+from xitl_cli.run.core.statistics import Histogram
 
 
 class Ending(Enum):

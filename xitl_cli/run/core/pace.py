@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from xitl_cli.record.topics import ClockExchange, TaskTiming
-from xitl_cli.run.statistics import Histogram, Slope, TimeBase
+from xitl_cli.run.core.statistics import Histogram, Slope, TimeBase
 
 SLIP_NS = 500_000_000
 ANCHORS_KEPT = 64

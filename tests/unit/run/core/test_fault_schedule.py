@@ -9,8 +9,8 @@ import pytest
 from agent.wire.impaired import NO_FAULTS, LinkFaults
 from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.record.topics import FaultEvent
-from xitl_cli.run.faults import FaultSchedule, FaultsInForce
-from xitl_cli.run.seeds import Seeds
+from xitl_cli.run.core.faults import FaultSchedule, FaultsInForce
+from xitl_cli.run.core.seeds import Seeds
 
 S = 1_000_000_000
 

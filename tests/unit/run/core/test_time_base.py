@@ -7,7 +7,7 @@ import statistics
 
 import pytest
 
-from xitl_cli.run.statistics import DriftWindows, Slope, Spread, TimeBase
+from xitl_cli.run.core.statistics import DriftWindows, Slope, Spread, TimeBase
 
 S = 1_000_000_000
 

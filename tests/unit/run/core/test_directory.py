@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from xitl_cli.errors import UserError
-from xitl_cli.run import directory
+from xitl_cli.run.core import directory
 
 
 def test_a_directory_with_a_run_is_refused_and_replaced_only_when_asked(tmp_path: Path) -> None:
