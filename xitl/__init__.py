@@ -20,8 +20,10 @@ from agent import __version__
 if TYPE_CHECKING:
     from xitl_cli.api import Result, analyze, compare, load_profile, open_log, simulate, wdri
     from xitl_cli.errors import UserError
+    from xitl_cli.logs.errors import LogError
 
 __all__ = [
+    "LogError",
     "Result",
     "UserError",
     "__version__",
@@ -34,10 +36,13 @@ __all__ = [
 ]
 
 
+_ERRORS = {"LogError": "xitl_cli.logs.errors", "UserError": "xitl_cli.errors"}
+
+
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'xitl' has no attribute {name!r}; it has {', '.join(sorted(__all__))}")
-    return getattr(import_module("xitl_cli.errors" if name == "UserError" else "xitl_cli.api"), name)
+    return getattr(import_module(_ERRORS.get(name, "xitl_cli.api")), name)
 
 
 def __dir__() -> list[str]:

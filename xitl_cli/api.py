@@ -97,7 +97,7 @@ def open_log(path: PathText) -> Log:
     `log["ATT"]` is a table, `log["ATT"]["Roll"]` its column as a numpy array, `log["ATT"].to_pandas()` a data frame
     (needs pandas). Close it, or use it in a `with`. Raises LogError for a file that cannot be read.
     """
-    from xitl_cli.logs.opening import open_log as open_path
+    from xitl_cli.logs import open_log as open_path
 
     return open_path(Path(path))
 

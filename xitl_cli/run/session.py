@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -11,7 +12,7 @@ from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.random import default_rng
 
@@ -34,16 +35,39 @@ from xitl_cli.run.world.scene import scene_of
 from xitl_cli.run.world.scenery import scenery_of
 from xitl_cli.run.world.world import build
 
+if TYPE_CHECKING:
+    from xitl_cli.logs.log import Log
+
 COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What the command needs to say how it went."""
+    """A run that is over.
+
+    summary: the content of summary.json (docs/recording.md). directory: where the run is kept. exit_code: as of
+    `xitl sim`.
+    """
 
     summary: dict[str, Any]
     directory: Path
     exit_code: int
+
+    @property
+    def completed(self) -> bool:
+        """Whether the driver did all it was there for: mission, script or replay."""
+        return self.exit_code == COMPLETED
+
+    @property
+    def recording(self) -> Path:
+        """The MCAP file with every topic."""
+        return self.directory / directory.RECORDING
+
+    def open_log(self) -> Log:
+        """The recording, opened for reading. Close it, or use it in a `with`."""
+        from xitl_cli.logs import open_log
+
+        return open_log(self.recording)
 
 
 def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], View]) -> Result:
@@ -169,7 +193,13 @@ class Interruption:
 
     @contextmanager
     def noticed(self) -> Iterator[None]:
-        """Both end the run at the next exchange instead of anywhere; a second Ctrl-C acts as usual."""
+        """Both end the run at the next exchange instead of anywhere; a second Ctrl-C acts as usual.
+
+        Python delivers signals to the main thread alone: a run in another thread is not interrupted by them.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
 
         def note(number: int, frame: FrameType | None) -> None:
             if self._seen and number == signal.SIGINT:
