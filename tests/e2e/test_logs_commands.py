@@ -85,7 +85,7 @@ def test_dump_raw_values_and_nothing(logs: Run) -> None:
     assert isinstance(json.loads(told.stdout)["fields"]["lat"], int)
     told = logs("dump", str(CALM), "ATT", "--where", "Roll > 1000")
     assert (told.returncode, told.stdout) == (0, "")
-    assert told.stderr == f"{CALM}: no row of ATT is so\n"
+    assert told.stderr == f"{CALM}: no row of ATT matches\n"
 
 
 def test_dump_ends_quietly_when_its_reader_has_enough(tmp_path: Path) -> None:

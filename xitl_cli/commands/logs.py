@@ -43,14 +43,14 @@ def info(
     """
     from xitl_cli.commands.logs_info import summary_lines
     from xitl_cli.logs import open_log
-    from xitl_cli.logs.summary import summary_of
+    from xitl_cli.logs.summary import summarize_log
 
     summaries, refusals = [], []
     with quiet_pipe():
         for path in files:
             try:
                 with open_log(path) as log:
-                    summary = summary_of(log, every_field=fields)
+                    summary = summarize_log(log, every_field=fields)
             except LogError as error:
                 refusals.append(str(error))
                 continue
@@ -90,19 +90,19 @@ def dump(
     from xitl_cli.commands.logs_dump import Asked, row_lines
     from xitl_cli.logs import open_log
     from xitl_cli.logs.query import Condition, stamps_between, tables_named
-    from xitl_cli.logs.text import optional_seconds
+    from xitl_cli.logs.text import parse_optional_seconds
 
     condition = Condition(where) if where.strip() else None
     written = False
     with open_log(file) as log, quiet_pipe():
         tables = tables_named(log, messages)
         names = tuple(name.strip() for name in fields.split(",") if name.strip())
-        span_ns = stamps_between(log, optional_seconds(from_time), optional_seconds(until_time))
+        span_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
         for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
             sys.stdout.write(text)
             written = True
     if not written:
-        typer.echo(f"{file}: no row of {', '.join(table.name for table in tables)} is so", err=True)
+        typer.echo(f"{file}: no row of {', '.join(table.name for table in tables)} matches", err=True)
 
 
 def export(
@@ -128,11 +128,11 @@ def export(
     from xitl_cli.logs import open_log
     from xitl_cli.logs.export.exporting import ExportSelection, export_log
     from xitl_cli.logs.query import stamps_between, tables_named
-    from xitl_cli.logs.text import optional_seconds
+    from xitl_cli.logs.text import parse_optional_seconds
 
     with open_log(file) as log:
         tables = tables_named(log, messages or list(log.tables))
-        from_ns, until_ns = stamps_between(log, optional_seconds(from_time), optional_seconds(until_time))
+        from_ns, until_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
         done = export_log(log, ExportSelection(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
     if as_json:
         typer.echo(json.dumps(done.as_json(), ensure_ascii=False))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.output import quiet_pipe, refuse
+from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ def analyze(
         elif found.files:
             _show(found, page)
     if page is not None and open_it and found.files:
-        _open(page)
+        open_in_browser(page)
     for file in found.files:
         for failure in file.failures:
             typer.echo(f"error: {file.name}: {failure.sentence}", err=True)
@@ -94,10 +93,10 @@ def plot(
     """
     from xitl_cli.logs.report import html
     from xitl_cli.logs.report.signal_page import signal_page
-    from xitl_cli.logs.text import optional_seconds
+    from xitl_cli.logs.text import parse_optional_seconds
 
     files, signals = _files_and_signals(arguments)
-    from_s, until_s = optional_seconds(from_time), optional_seconds(until_time)
+    from_s, until_s = parse_optional_seconds(from_time), parse_optional_seconds(until_time)
     if from_s is not None and until_s is not None and until_s <= from_s:
         raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
     path = out or _beside(files[0], "plot")
@@ -106,7 +105,7 @@ def plot(
     html.write_page(page, path)
     typer.echo(str(path))
     if open_it:
-        _open(path)
+        open_in_browser(path)
     refuse([refusal.sentence for refusal in refusals])
 
 
@@ -135,19 +134,6 @@ def _show(found: Report, page: Path | None) -> None:
 def _beside(log: Path, what: str) -> Path:
     """In the current directory: logs often lie where nothing can be written."""
     return Path(f"{log.stem}.{what}.html")
-
-
-def _open(page: Path) -> None:
-    """In the browser of the desktop; a machine without one gets a line instead of a browser in its terminal."""
-    import webbrowser
-
-    desktop = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    try:
-        opened = bool(desktop) and webbrowser.open(page.absolute().as_uri())
-    except (webbrowser.Error, OSError):
-        opened = False
-    if not opened:
-        typer.echo(f"no browser could be opened here; open {page} yourself", err=True)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from xitl_cli.commands.output import quiet_pipe
+from xitl_cli.commands.output import open_in_browser, quiet_pipe
 from xitl_cli.errors import UserError
 from xitl_cli.logs.text import printable
 
@@ -18,16 +18,11 @@ if TYPE_CHECKING:
 
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.log import Log
-    from xitl_cli.logs.report.page import FileCard as Card
-    from xitl_cli.logs.report.page import Page
-    from xitl_cli.logs.sections import Finding
+    from xitl_cli.logs.report.page import FileCard, Page
 
 
-class Align(StrEnum):
-    NONE = "none"
-    ORIGIN = "origin"
-    SE3 = "se3"
-    SIM3 = "sim3"
+Align = StrEnum("Align", {"NONE": "none", "ORIGIN": "origin", "SE3": "se3", "SIM3": "sim3"})
+Of = StrEnum("Of", {"ESTIMATE": "estimate", "TRUTH": "truth"})
 
 
 class Start(StrEnum):
@@ -39,33 +34,28 @@ class Start(StrEnum):
     CORRELATION = "correlation"
 
 
-class Of(StrEnum):
-    ESTIMATE = "estimate"
-    TRUTH = "truth"
-
-
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="The reference: a .bin, .tlog or MCAP file.")],
-    b: Annotated[Path, typer.Argument(metavar="B", help="What is held against it; may be the same file.")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="The log to compare with it; may be the same file.")],
     align: Annotated[
         Align, typer.Option(help="Move B's path onto A's: by the first poses, or by least squares, with scale or not.")
     ] = Align.NONE,
     start: Annotated[
-        Start, typer.Option(help="How B is laid on A's time: by clocks, or by what happened in both.")
+        Start, typer.Option(help="How B's time is aligned with A's: by clocks, or by what happened in both.")
     ] = Start.AUTO,
     shift: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="B begins so much later than A, instead of --start.")
+        float | None, typer.Option(metavar="SECONDS", help="B begins this much later than A; replaces --start.")
     ] = None,
-    of_a: Annotated[Of, typer.Option("--of-a", help="What the autopilot believed, or the simulator knew.")] = (
+    of_a: Annotated[Of, typer.Option("--of-a", help="A's path: as the autopilot estimated it, or as simulated.")] = (
         Of.ESTIMATE
     ),
-    of_b: Annotated[Of, typer.Option("--of-b", help="The same of B.")] = Of.ESTIMATE,
+    of_b: Annotated[Of, typer.Option("--of-b", help="B's path, likewise.")] = Of.ESTIMATE,
     from_time: Annotated[
         str | None,
-        typer.Option("--from", metavar="TIME", help="Compare from so long after the zero, which is said first."),
+        typer.Option("--from", metavar="TIME", help="Compare from this time after the zero, named at first."),
     ] = None,
     until_time: Annotated[
-        str | None, typer.Option("--until", metavar="TIME", help="Compare until then: 90, 1:30.5 or 1:02:03.")
+        str | None, typer.Option("--until", metavar="TIME", help="Compare up to this time: 90, 1:30.5 or 1:02:03.")
     ] = None,
     armed: Annotated[bool, typer.Option("--armed", help="Compare only while both were armed.")] = False,
     report: Annotated[
@@ -73,24 +63,23 @@ def compare(
     ] = None,
     tum: Annotated[
         Path | None,
-        typer.Option("--tum", metavar="DIRECTORY", help="Write both paths as compared: a.tum and b.tum, for evo."),
+        typer.Option("--tum", metavar="DIRECTORY", help="Write both paths as compared, for evo: a.tum and b.tum."),
     ] = None,
     open_page: Annotated[bool, typer.Option("--open", help="Show the page in a browser.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
-    """Hold one log against another: paths, errors, profiles, channels, events, scheduler, time bases."""
+    """Compare two logs: paths, errors, profiles, channels, events, scheduler, time bases."""
     from xitl_cli.logs import open_log
-    from xitl_cli.logs.compare.comparison import compare as compared
-    from xitl_cli.logs.text import optional_seconds
+    from xitl_cli.logs.compare.comparison import compare as compare_logs
+    from xitl_cli.logs.report import html
+    from xitl_cli.logs.text import parse_optional_seconds
 
     if report is None and open_page:
         report = Path("compare.html")
     if report is not None:
-        from xitl_cli.logs.report.html import refuse_other
-
-        refuse_other(report)
+        html.refuse_other(report)
     with open_log(a) as log_a, open_log(b) as log_b:
-        found = compared(
+        found = compare_logs(
             log_a,
             log_b,
             align=align.value,
@@ -98,26 +87,22 @@ def compare(
             shift_s=shift,
             of_a=of_a.value,
             of_b=of_b.value,
-            from_s=optional_seconds(from_time),
-            until_s=optional_seconds(until_time),
+            from_s=parse_optional_seconds(from_time),
+            until_s=parse_optional_seconds(until_time),
             armed=armed,
         )
         page = _page(log_a, log_b, found) if report is not None else None
     if tum is not None:
         _write_tum(tum, found)
     if page is not None and report is not None:
-        from xitl_cli.logs.report.html import write_page
-
-        write_page(page, report)
+        html.write_page(page, report)
     with quiet_pipe():
         if as_json:
             print(json.dumps(_document(a, b, found), indent=2, allow_nan=False))
         else:
             _show(a, b, found, report)
     if open_page and report is not None:
-        import webbrowser
-
-        webbrowser.open(report.absolute().as_uri())
+        open_in_browser(report)
 
 
 def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
@@ -141,15 +126,14 @@ def _document(a: Path, b: Path, found: Comparison) -> dict[str, Any]:
 def _page(a: Log, b: Log, found: Comparison) -> Page:
     from xitl_cli.logs.clocks.time_line import TimeLine
     from xitl_cli.logs.report.build import short_names
-    from xitl_cli.logs.report.page import Page, PageMark
-    from xitl_cli.logs.report.page import PagePart as Part
+    from xitl_cli.logs.report.page import Page, PageMark, PagePart
 
     line = TimeLine(found.zero_ns)
     names = [a.path.name] * 2 if a.path == b.path else short_names([a.path, b.path])
     return Page(
         " and ".join(names),
         f"{found.pairing.sentence}; {found.zero_sentence}",
-        tuple(Part(section, line) for section in found.sections),
+        tuple(PagePart(section, line) for section in found.sections),
         (_card("A", a), _card("B", b)),
         marks=tuple(
             PageMark(
@@ -163,16 +147,15 @@ def _page(a: Log, b: Log, found: Comparison) -> Page:
     )
 
 
-def _card(name: str, log: Log) -> Card:
-    from xitl_cli.logs.report.page import FileCard as Card
-    from xitl_cli.logs.report.wording import FORMAT_NAMES as FORMATS
-    from xitl_cli.logs.report.wording import damage_sentences
+def _card(name: str, log: Log) -> FileCard:
+    from xitl_cli.logs.report.page import FileCard
+    from xitl_cli.logs.report.wording import FORMAT_NAMES, damage_sentences
     from xitl_cli.logs.text import duration_text
 
-    facts = [("file", str(log.path)), ("format", FORMATS[log.format])]
+    facts = [("file", str(log.path)), ("format", FORMAT_NAMES[log.format])]
     if log.span_ns is not None:
         facts.append(("duration", duration_text((log.span_ns[1] - log.span_ns[0]) * 1e-9)))
-    return Card(name, tuple(facts), damage_sentences(log.health))
+    return FileCard(name, tuple(facts), damage_sentences(log.health))
 
 
 def _show(a: Path, b: Path, found: Comparison, report: Path | None) -> None:
@@ -187,17 +170,13 @@ def _show(a: Path, b: Path, found: Comparison, report: Path | None) -> None:
     findings = by_severity(found.sections)
     if findings:
         console.print()
-        console.print(
-            _hanging([("" if each.severity == Severity.OK else each.severity.name, _said(each)) for each in findings])
-        )
+        words = ["" if each.severity == Severity.OK else each.severity.name for each in findings]
+        sentences = [f"{each.sentence} {each.next_step}".rstrip() for each in findings]
+        console.print(_hanging(list(zip(words, sentences, strict=True))))
     for section in found.sections:
         show_section(console, section)
     if report is not None:
         console.print(f"\n{report}", markup=False, soft_wrap=True)
-
-
-def _said(finding: Finding) -> str:
-    return f"{finding.sentence} {finding.next_step}".rstrip()
 
 
 def _hanging(rows: list[tuple[str, str]]) -> Table:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query import TIME, Condition, merged, rows_at_once
+from xitl_cli.logs.query import TIME, Condition, merge_rows, rows_at_once
 from xitl_cli.logs.table import Table, column_named, json_cells, text_cells
 
 _LINES = 2048
@@ -44,7 +44,7 @@ def row_lines(log: Log, tables: Sequence[Table], asked: Asked) -> Iterator[str]:
     columns = _columns(tables, asked.fields)
     left = asked.limit
     layout: _Layout | None = None
-    for batch in merged(tables, *asked.span_ns, asked.condition, zero, at_once, raw=asked.raw):
+    for batch in merge_rows(tables, *asked.span_ns, asked.condition, zero, at_once, raw=asked.raw):
         if left == 0:
             return
         shown = batch.first(left)

@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import typer
 
@@ -31,3 +32,16 @@ def refuse(sentences: Sequence[str]) -> None:
         typer.echo(f"error: {printable(sentence)}", err=True)
     if sentences:
         raise UserError(sentences[-1])
+
+
+def open_in_browser(page: Path) -> None:
+    """In the browser of the desktop; a machine without one gets a line instead of a browser in its terminal."""
+    import webbrowser
+
+    desktop = sys.platform in ("darwin", "win32") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    try:
+        opened = bool(desktop) and webbrowser.open(page.absolute().as_uri())
+    except (webbrowser.Error, OSError):
+        opened = False
+    if not opened:
+        typer.echo(f"no browser could be opened here; open {page} yourself", err=True)

@@ -83,32 +83,10 @@ class Losses:
         if len(self.damage) < _MOST_DAMAGE:
             self.damage.append(Damage(place, lost, why))
 
-    def health(
-        self,
-        size_bytes: int,
-        records: int,
-        *,
-        unclosed: bool = False,
-        back_in_time: int = 0,
-        replaced_stamps: int = 0,
-        redefined: int = 0,
-        undecoded: Mapping[str, tuple[int, str]],
-    ) -> LogHealth:
-        """With what the reader has counted besides."""
-        return LogHealth(
-            size_bytes,
-            records,
-            self.damaged,
-            tuple(self.damage),
-            self.lost_bytes,
-            self.suspect,
-            self.truncated_bytes,
-            unclosed,
-            back_in_time,
-            replaced_stamps,
-            redefined,
-            undecoded,
-        )
+    def health(self, size_bytes: int, records: int, **counts: Any) -> LogHealth:
+        """With what the reader has counted besides: further fields of LogHealth."""
+        lost = {each.name: getattr(self, each.name) for each in fields(Losses)}
+        return LogHealth(size_bytes, records, **{**lost, "damage": tuple(self.damage), **counts})
 
 
 class Log(ABC):

@@ -225,7 +225,7 @@ class RowBatch:
         return RowBatch(tuple(rows[: np.count_nonzero(order == own)] for own, rows in enumerate(self.rows)), order)
 
 
-def merged(
+def merge_rows(
     tables: Sequence[Table],
     from_ns: int | None,
     until_ns: int | None,
@@ -239,7 +239,7 @@ def merged(
     if condition is not None:
         for table in tables:
             condition.holds(table, slice(0, 1), zero_ns, raw=raw)  # its names are wrong now, not after a thousand rows
-    chosen = [inside(table, from_ns, until_ns) for table in tables]
+    chosen = [rows_between(table, from_ns, until_ns) for table in tables]
     owner = np.concatenate([np.full(len(rows), number, np.intp) for number, rows in enumerate(chosen)])
     rows = np.concatenate(chosen)
     if len(tables) > 1:
@@ -262,7 +262,7 @@ def rows_at_once(log: Log, tables: Sequence[Table]) -> int:
     return max(_MOST, _SEQUENTIAL_BYTES // (8 * max(widest, 1)))
 
 
-def inside(table: Table, from_ns: int | None, until_ns: int | None) -> NDArray[np.intp]:
+def rows_between(table: Table, from_ns: int | None, until_ns: int | None) -> NDArray[np.intp]:
     """Rows stamped from `from_ns` to `until_ns`, both included; None: no limit."""
     if from_ns is None and until_ns is None:
         return np.arange(len(table), dtype=np.intp)

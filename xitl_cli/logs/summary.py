@@ -78,7 +78,7 @@ class Summary:
         }
 
 
-def summary_of(log: Log, *, every_field: bool = False) -> Summary:
+def summarize_log(log: Log, *, every_field: bool = False) -> Summary:
     """Of a large recording only what its index tells, unless `every_field`: its fields are known when it was read."""
     span, zero = log.span_ns, log.zero_ns
     indexed = log.format == "mcap" and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field

@@ -33,7 +33,7 @@ def length_text(length_s: float) -> str:
     return f"{length_s:.2f} s" if length_s < 1.0 else f"{length_s:.1f} s" if length_s < 100.0 else f"{length_s:.0f} s"
 
 
-def seconds_of(text: str) -> float:
+def parse_seconds(text: str) -> float:
     """Of 90, 90.5, 1:30.5 or 1:02:03. Raises LogError."""
     parts = text.strip().lstrip("-").split(":")
     try:
@@ -48,9 +48,9 @@ def seconds_of(text: str) -> float:
     return -total if text.strip().startswith("-") else total
 
 
-def optional_seconds(text: str | None) -> float | None:
-    """As `seconds_of`; None of None."""
-    return None if text is None else seconds_of(text)
+def parse_optional_seconds(text: str | None) -> float | None:
+    """As `parse_seconds`; None of None."""
+    return None if text is None else parse_seconds(text)
 
 
 def printable(text: str) -> str:

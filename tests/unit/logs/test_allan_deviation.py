@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from xitl_cli.logs.allan import (
+from xitl_cli.logs.signals.allan import (
     FLAT,
     AllanCurve,
     bias_instability,

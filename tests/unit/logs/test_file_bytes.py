@@ -12,7 +12,7 @@ from tests.recorded import CALM
 from xitl_cli.logs import open_log
 from xitl_cli.logs.formats import file_bytes
 from xitl_cli.logs.formats.file_bytes import FileBytes
-from xitl_cli.logs.summary import summary_of
+from xitl_cli.logs.summary import summarize_log
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def test_a_mapped_file_has_the_same_bytes(log: Path, monkeypatch: pytest.MonkeyP
 
 def test_rates_come_from_stamps_of_their_own(log: Path) -> None:
     with open_log(log) as opened:
-        summary = summary_of(opened)
+        summary = summarize_log(opened)
         tables = dict(opened.tables)
         for message in summary.messages:
             stamps = tables[message.name].stamp_ns

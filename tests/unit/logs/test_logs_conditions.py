@@ -12,7 +12,7 @@ from made_log import MadeLog, MadeTable
 from made_table import made_table
 
 from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.query import Condition, merged, stamps_between, tables_named
+from xitl_cli.logs.query import Condition, merge_rows, stamps_between, tables_named
 from xitl_cli.logs.table import ALL, Column, json_cells, text_cells
 
 
@@ -123,7 +123,7 @@ def test_rows_come_in_the_order_of_the_file(one: int, other: int, limit: int) ->
         for name, where in (("A", places[:one]), ("B", places[one:]))
     ]
     seen = []
-    for batch in merged(tables, 3, 50, Condition("x % 2 == 0"), 0, 7):
+    for batch in merge_rows(tables, 3, 50, Condition("x % 2 == 0"), 0, 7):
         rows = [iter(table.values("x", own).tolist()) for table, own in zip(tables, batch.rows, strict=True)]
         first = batch.first(limit)
         assert len(first.order) == min(limit, len(batch.order)) == sum(map(len, first.rows))

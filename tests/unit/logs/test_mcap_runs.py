@@ -14,7 +14,7 @@ from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import chunks
 from xitl_cli.logs.formats.mcap import table as table_module
 from xitl_cli.logs.formats.mcap.file import McapLog
-from xitl_cli.logs.summary import summary_of
+from xitl_cli.logs.summary import summarize_log
 from xitl_cli.record.mcap_file import McapFile
 
 pytestmark = pytest.mark.slow
@@ -86,7 +86,7 @@ def test_damage_inside_of_a_chunk_is_told_with_the_summary(run: Path, tmp_path: 
     (tmp_path / "run.mcap").write_bytes(data)
     with McapLog(tmp_path / "run.mcap") as log:
         assert not log.health.degraded
-        assert summary_of(log).health.degraded
+        assert summarize_log(log).health.degraded
 
 
 @pytest.mark.parametrize("share", [0.35, 0.7, 0.97])

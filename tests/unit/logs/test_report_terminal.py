@@ -16,7 +16,7 @@ from xitl_cli.logs.report.json import document, plain
 from xitl_cli.logs.report.terminal import grid_lines
 from xitl_cli.logs.report.wording import evidence_text
 from xitl_cli.logs.sections import Evidence, Grid
-from xitl_cli.logs.text import clock_text, duration_text, seconds_of
+from xitl_cli.logs.text import clock_text, duration_text, parse_seconds
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def test_numbers_of_numpy_become_json(value: object, kept: object) -> None:
 )
 def test_instants_as_people_write_them(at_s: float, text: str) -> None:
     assert clock_text(at_s) == text
-    assert seconds_of(text) == pytest.approx(at_s, abs=0.05)
+    assert parse_seconds(text) == pytest.approx(at_s, abs=0.05)
 
 
 def test_durations_have_a_unit() -> None:

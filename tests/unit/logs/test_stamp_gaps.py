@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xitl_cli.logs.gaps import regularity
+from xitl_cli.logs.signals.gaps import regularity
 from xitl_cli.logs.signals.spans import covered_share
 
 MS = 1_000_000

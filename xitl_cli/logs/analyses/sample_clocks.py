@@ -14,9 +14,9 @@ import numpy as np
 
 from xitl_cli.logs.clocks.fit import ClockRelation, robust_spread
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.gaps import regularity
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Plot, Section, Severity, Trace, Value, make_grid, rounded
+from xitl_cli.logs.signals.gaps import regularity
 from xitl_cli.logs.signals.states import last_parameters
 from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance
 

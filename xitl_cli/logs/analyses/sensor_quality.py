@@ -12,10 +12,17 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.allan import AllanCurve, ReadOff, bias_instability, overlapping, random_walk, white_noise_density
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.sections import Evidence, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.signals.allan import (
+    AllanCurve,
+    ReadOff,
+    bias_instability,
+    overlapping,
+    random_walk,
+    white_noise_density,
+)
+from xitl_cli.logs.signals.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, SensorSeries
 from xitl_cli.logs.signals.series import significant
 from xitl_cli.logs.table import Floats, Stamps

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from xitl_cli.logs import allan
 from xitl_cli.logs.analyses.sample_clocks import sample_clock_section
 from xitl_cli.logs.clocks.fit import ClockRelation, ClockStep, clock_relations
 from xitl_cli.logs.clocks.readings import ClockReadings
@@ -26,6 +25,7 @@ from xitl_cli.logs.sections import (
     make_grid,
     rounded,
 )
+from xitl_cli.logs.signals import allan
 from xitl_cli.logs.signals.deadlines import simulated_clock_reason
 from xitl_cli.logs.table import Floats
 

@@ -14,7 +14,7 @@ from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.files import file_names, make_directory, part_of, refuse_present
 from xitl_cli.logs.export.tabular import COLUMNS_FILE, FlatColumn, stretches, write_columns, write_csv
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query import inside, rows_at_once
+from xitl_cli.logs.query import rows_at_once, rows_between
 from xitl_cli.logs.report.wording import plural
 from xitl_cli.logs.table import Table
 
@@ -83,7 +83,7 @@ def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Pa
     notes: list[str] = []
     described: list[tuple[str, str, list[FlatColumn]]] = []
     for table, path in zip(wanted.tables, paths, strict=True):
-        rows = inside(table, wanted.from_ns, wanted.until_ns)
+        rows = rows_between(table, wanted.from_ns, wanted.until_ns)
         at_once = rows_at_once(log, [table])
         with part_of(path, overwrite) as part:
             columns, left_out = write(part, table, stretches(rows, at_once), zero, utc, wanted.raw)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.export.files import unique_names
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.query import merged, rows_at_once
+from xitl_cli.logs.query import merge_rows, rows_at_once
 from xitl_cli.logs.table import Column, Table
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR, little-endian
@@ -180,7 +180,7 @@ def write_mcap(
             "values": "raw" if raw else "scaled",
         }
         writer.add_metadata("xitl export", source)
-        for batch in merged(tables, *span_ns, None, 0, rows_at_once(log, tables), raw=raw):
+        for batch in merge_rows(tables, *span_ns, None, 0, rows_at_once(log, tables), raw=raw):
             rows_written += len(batch.order)
             waiting = []
             for table, message, channel, own in zip(tables, messages, channels, batch.rows, strict=True):

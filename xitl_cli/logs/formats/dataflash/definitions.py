@@ -16,29 +16,15 @@ HEAD_BYTES = 3
 FMT_ID = 0x80
 FMT_LENGTH = 89
 
+_LETTERS = {
+    **{"i1": "b", "u1": "BM", "<i2": "hc", "<u2": "HC", "<i4": "ieL", "<u4": "IE", "<i8": "q", "<u8": "Q"},
+    **{"<f2": "g", "<f4": "f", "<f8": "d", "S4": "n", "S16": "N", "S64": "Z"},
+}
 _SHAPES: Mapping[str, tuple[str, int]] = {
     "a": ("<i2", 32),
-    "b": ("i1", 1),
-    "B": ("u1", 1),
-    "M": ("u1", 1),
-    "h": ("<i2", 1),
-    "H": ("<u2", 1),
-    "i": ("<i4", 1),
-    "I": ("<u4", 1),
-    "q": ("<i8", 1),
-    "Q": ("<u8", 1),
-    "g": ("<f2", 1),
-    "f": ("<f4", 1),
-    "d": ("<f8", 1),
-    "n": ("S4", 1),
-    "N": ("S16", 1),
-    "Z": ("S64", 1),
-    "c": ("<i2", 1),
-    "C": ("<u2", 1),
-    "e": ("<i4", 1),
-    "E": ("<u4", 1),
-    "L": ("<i4", 1),
+    **{letter: (code, 1) for code, letters in _LETTERS.items() for letter in letters},
 }
+"""By letter: numpy's code of an item, and how many."""
 _DIVISORS: Mapping[str, float] = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 TEXT = frozenset("nNZ")
 WIDTHS: Mapping[str, int] = {letter: np.dtype(code).itemsize * count for letter, (code, count) in _SHAPES.items()}
@@ -108,12 +94,8 @@ class RecordDefinition:
 
     def means(self, other: RecordDefinition) -> bool:
         """Whether rows of both are read alike."""
-        return (self.length, self.name, self.letters, self.names) == (
-            other.length,
-            other.name,
-            other.letters,
-            other.names,
-        )
+        mine, theirs = ((one.length, one.name, one.letters, one.names) for one in (self, other))
+        return mine == theirs
 
     def moved(self, type_id: int) -> RecordDefinition:
         """The same of another type number: it was damaged."""

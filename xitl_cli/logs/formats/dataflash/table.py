@@ -61,11 +61,11 @@ class _Mended:
 
 
 class Times:
-    """blocks: the rows that tell their time, in the order of the file. told_ns: what those at these places tell."""
+    """blocks: the rows that tell their time, in the order of the file. stored_ns: what those at these places tell."""
 
-    def __init__(self, blocks: Callable[[], Iterator[Block]], told_ns: Callable[[Places], Stamps]) -> None:
+    def __init__(self, blocks: Callable[[], Iterator[Block]], stored_ns: Callable[[Places], Stamps]) -> None:
         self._blocks = blocks
-        self._told_ns = told_ns
+        self._told_ns = stored_ns
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -91,9 +91,9 @@ class Times:
             found[behind] = self.mended(before, self._told_ns(before))
         return found
 
-    def mended(self, place: Places, told_ns: Stamps) -> Stamps:
+    def mended(self, place: Places, stored_ns: Stamps) -> Stamps:
         """What rows at these places tell, but for those that cannot be."""
-        return _mended(self._whole[1], place, told_ns)
+        return _mended(self._whole[1], place, stored_ns)
 
     @cached_property
     def _whole(self) -> tuple[_Survey, _Mended]:
@@ -152,7 +152,7 @@ def times_in_columns(tables: Sequence[DataFlashTable]) -> Times:
     place = np.concatenate([np.empty(0, np.int64), *(table.file_offset for table in tables)])
     order = np.argsort(place, kind="stable")
     place = place[order]
-    stamp_ns = np.concatenate([np.empty(0, np.int64), *(table.told_ns() for table in tables)])[order]
+    stamp_ns = np.concatenate([np.empty(0, np.int64), *(table.stored_ns() for table in tables)])[order]
     number = np.repeat(np.arange(len(tables), dtype=np.uint8), [len(table.file_offset) for table in tables])[order]
     return Times(lambda: iter([(place, number)]), lambda places: stamp_ns[np.searchsorted(place, places)])
 
@@ -202,11 +202,11 @@ def _away(stamp_ns: Stamps, rows: NDArray[np.intp], side: int) -> NDArray[np.flo
     return np.where(count > 0, (stamp_ns[rows] - median).astype(np.float64), np.nan)
 
 
-def _mended(mended: _Mended, place: Places, told_ns: Stamps) -> Stamps:
+def _mended(mended: _Mended, place: Places, stored_ns: Stamps) -> Stamps:
     if not len(mended.place) or not len(place):
-        return told_ns
+        return stored_ns
     at = np.minimum(np.searchsorted(mended.place, place), len(mended.place) - 1)
-    return np.where(mended.place[at] == place, mended.stamp_ns[at], told_ns)
+    return np.where(mended.place[at] == place, mended.stamp_ns[at], stored_ns)
 
 
 _WINDOW = 8 << 20
@@ -403,9 +403,9 @@ class DataFlashTable(Table):
     def stamp_ns(self) -> NDArray[np.int64]:
         return self._whole([self._stamps(sense.part, sense.part.place) for sense in self._parts])
 
-    def told_ns(self) -> NDArray[np.int64]:
+    def stored_ns(self) -> NDArray[np.int64]:
         """(N,) what the rows of a timed table tell, also where it cannot be."""
-        return self._whole([self._told(sense.part, sense.part.place) for sense in self._parts])
+        return self._whole([self._stored(sense.part, sense.part.place) for sense in self._parts])
 
     @property
     def ends_ns(self) -> tuple[int, int] | None:
@@ -430,9 +430,9 @@ class DataFlashTable(Table):
     def _stamps(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
         if part.definition.time is None:
             return self._times().last_before(place)
-        return self._times().mended(place, self._told(part, place))
+        return self._times().mended(place, self._stored(part, place))
 
-    def _told(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
+    def _stored(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
         assert part.definition.time is not None
         field, unit_ns = part.definition.time
         return stamps_ns(stored(self._data, place, field), unit_ns)

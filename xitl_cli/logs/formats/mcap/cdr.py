@@ -270,7 +270,7 @@ class NumberLeaf(CdrLeaf):
         self.stored = stored
         self.dtype = stored.newbyteorder("=")
 
-    def take(self, rows: RowNumbers) -> NDArray[Any]:
+    def values(self, rows: RowNumbers) -> NDArray[Any]:
         return self.read(rows, self.stored)
 
 
@@ -284,7 +284,7 @@ class InstantLeaf(CdrLeaf):
         super().__init__(batch, place)
         self.stored = np.dtype([("sec", order + "i4"), ("nanosec", order + "u4")])
 
-    def take(self, rows: RowNumbers) -> NDArray[Any]:
+    def values(self, rows: RowNumbers) -> NDArray[Any]:
         values = self.read(rows, self.stored)
         stamp_ns: NDArray[np.int64] = values["sec"].astype(np.int64) * 1_000_000_000 + values["nanosec"]
         return stamp_ns
@@ -298,7 +298,7 @@ class CountLeaf(Leaf):
     def __init__(self, count: Place) -> None:
         self._count = count
 
-    def take(self, rows: RowNumbers) -> NDArray[Any]:
+    def values(self, rows: RowNumbers) -> NDArray[Any]:
         return np.broadcast_to(np.asarray(of_rows(self._count, rows), dtype=np.int64), (len(rows),)).copy()
 
 
@@ -321,7 +321,7 @@ class ArrayLeaf(CdrLeaf):
             return count, count
         return int(count[self._good].min()), int(count[self._good].max())
 
-    def take(self, rows: RowNumbers) -> list[Any]:
+    def values(self, rows: RowNumbers) -> list[Any]:
         return list(self.packed(rows))
 
     def arrays(self, rows: RowNumbers, width: int) -> NDArray[Any]:
@@ -348,7 +348,7 @@ class BytesLeaf(CdrLeaf):
         super().__init__(batch, place)
         self._count = count
 
-    def take(self, rows: RowNumbers) -> list[Any]:
+    def values(self, rows: RowNumbers) -> list[Any]:
         return list(self.slices(rows, self._count, 1))
 
 
@@ -364,7 +364,7 @@ class TextLeaf(CdrLeaf):
         self._wide = wide
         self._order = order
 
-    def take(self, rows: RowNumbers) -> list[Any]:
+    def values(self, rows: RowNumbers) -> list[Any]:
         known: dict[bytes, str] = {}
         texts = []
         for stored in self.slices(rows, self._count, self._wide or 1):
@@ -457,16 +457,16 @@ class _Reading:
         emit = emit and len(self.leaves) < MOST_LEAVES
         if isinstance(node, CdrNumber):
             dtype = np.dtype(self.order + node.code)
-            self._take(node.size, node.size)
+            self._advance(node.size, node.size)
             if emit:
                 self.leaves[name] = NumberLeaf(self.batch, self._taken, dtype)
         elif isinstance(node, CdrTime):
-            self._take(4, 8)
+            self._advance(4, 8)
             if emit:
                 self.leaves[name] = InstantLeaf(self.batch, self._taken, self.order)
         elif isinstance(node, CdrStruct):
             if not node.fields:  # has an unnamed octet instead
-                self._take(1, 1)
+                self._advance(1, 1)
             for number, (field, child) in enumerate(node.fields):
                 self.walk(child, f"{name}.{field}" if name else field, emit, last and number == len(node.fields) - 1)
         elif isinstance(node, CdrText):
@@ -480,7 +480,7 @@ class _Reading:
         count = self._length()
         if node.wide and not self.wide:
             self.wide = self._width(count)
-        count = self._take_many(1, count, self.wide if node.wide else 1)
+        count = self._advance_by(1, count, self.wide if node.wide else 1)
         if emit:
             self.leaves[name] = TextLeaf(self.batch, self._taken, count, self.wide if node.wide else 0, self.order)
 
@@ -499,7 +499,7 @@ class _Reading:
 
     def _numbers(self, element: CdrNumber, count: int | None, name: str, emit: bool) -> None:
         counts = self._length() if count is None else count
-        counts = self._take_many(element.size, counts, element.size)
+        counts = self._advance_by(element.size, counts, element.size)
         if not emit:
             return
         if element.octet and count is None:
@@ -512,7 +512,7 @@ class _Reading:
     def _elements(self, element: CdrNode, count: int | None, name: str, emit: bool, last: bool) -> None:
         counts = self._length() if count is None else count
         before = self._cursor
-        counts = self._take_many(1, counts, 1)  # an element has an octet at least
+        counts = self._advance_by(1, counts, 1)  # an element has an octet at least
         self._cursor = self._patched(before)
         if emit and count is None:
             self.leaves[f"{name}.length"] = CountLeaf(counts)
@@ -525,7 +525,7 @@ class _Reading:
         left = counts - shown
         if fixed(element):
             self._cursor = advanced(element, self._cursor, left)
-            self._take(1, 0)
+            self._advance(1, 0)
         else:
             self._loop(element, left)
 
@@ -564,17 +564,17 @@ class _Reading:
         return inner
 
     def _length(self) -> Place:
-        self._take(4, 4)
+        self._advance(4, 4)
         dtype = np.dtype(self.order + "u4")
         counts = gathered(self.batch.data, self._start, self._stride, self._taken, dtype, None).astype(np.int64)
         first = int(counts[0])
         return first if (counts == first).all() else counts
 
-    def _take(self, alignment: int, size: int) -> None:
+    def _advance(self, alignment: int, size: int) -> None:
         """Move the cursor behind `size` aligned bytes, which begin at `_taken`."""
-        self._take_many(alignment, 1, size)
+        self._advance_by(alignment, 1, size)
 
-    def _take_many(self, alignment: int, count: Place, size: int) -> Place:
+    def _advance_by(self, alignment: int, count: Place, size: int) -> Place:
         """The same for `count` times as many; the counts as they are after messages were left out."""
         begin = self._cursor
         if alignment > 1:

@@ -12,7 +12,7 @@ from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
 from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, closed, from_summary
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, SchemaRecord
-from xitl_cli.logs.formats.mcap.table import Decoder, Room, TopicTable, UndecodableError
+from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError
 from xitl_cli.logs.formats.mcap.walk import Walk, between
 from xitl_cli.logs.log import Base, Format, Log, LogHealth
 from xitl_cli.logs.table import Table
@@ -172,12 +172,12 @@ class McapLog(Log):
                     alike.append([channel])
                 else:
                     same.append(channel)
-        tables, room = dict[str, TopicTable](), Room()
+        tables, budget = dict[str, TopicTable](), MemoryBudget()
         for topic, alike in groups.items():
             self._tally.redefined += len(alike) - 1
             for number, channels in enumerate(alike):
                 name = topic if number == 0 else f"{topic}#{number + 1}"
-                tables[name] = self._table(name, channels, room)
+                tables[name] = self._table(name, channels, budget)
         return dict(sorted(tables.items()))
 
     def _same(self, one: ChannelRecord, other: ChannelRecord) -> bool:
@@ -186,7 +186,7 @@ class McapLog(Log):
             return one.encoding == other.encoding and first is second
         return (first.name, first.encoding, first.data) == (second.name, second.encoding, second.data)
 
-    def _table(self, name: str, channels: list[ChannelRecord], room: Room) -> TopicTable:
+    def _table(self, name: str, channels: list[ChannelRecord], budget: MemoryBudget) -> TopicTable:
         channel, numbers = channels[0], [channel.id for channel in channels]
         schema = self._index.schemas.get(channel.schema_id)
         count = sum(self._index.counts[number] for number in numbers)
@@ -196,7 +196,7 @@ class McapLog(Log):
             partial(batches, self._chunks, self._index.chunks, numbers),
             partial(_decoder, channel, schema),
             unit_of(schema.name if schema is not None else ""),
-            room,
+            budget,
             self._distrust,
         )
 

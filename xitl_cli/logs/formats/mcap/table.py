@@ -39,7 +39,7 @@ class Leaf:
     dtype: np.dtype[Any]
     lengths: tuple[int, int] | None = None
 
-    def take(self, rows: RowNumbers) -> list[Any] | NDArray[Any]:
+    def values(self, rows: RowNumbers) -> list[Any] | NDArray[Any]:
         """(n,) single values, in an array when they are numbers."""
         raise NotImplementedError
 
@@ -163,7 +163,7 @@ def _numbers(column: Column, shape: Shape, parts: Iterable[tuple[Mapping[str, Le
         elif width:
             blocks.append(leaf.arrays(rows, width[0]))
         else:
-            blocks.append(np.asarray(leaf.take(rows)))
+            blocks.append(np.asarray(leaf.values(rows)))
     if blocks:
         return np.concatenate(blocks)
     return np.zeros((0, *width), dtype=np.float64 if column.shape == (-1,) else shape.dtype)
@@ -173,10 +173,10 @@ def _objects(column: Column, shape: Shape, leaf: Leaf | None, rows: RowNumbers) 
     if leaf is None:
         return [b"" if column.kind == "bytes" else ""] * len(rows)
     if column.kind == "bytes":
-        return leaf.packed(rows) if shape.kind == "number" else list(leaf.take(rows))
+        return leaf.packed(rows) if shape.kind == "number" else list(leaf.values(rows))
     if leaf.lengths is not None:
         return [str(value) for value in leaf.arrays(rows, leaf.lengths[1]).tolist()]
-    return list(leaf.take(rows)) if leaf.kind == "text" else [str(value) for value in leaf.take(rows)]
+    return list(leaf.values(rows)) if leaf.kind == "text" else [str(value) for value in leaf.values(rows)]
 
 
 _LARGEST = 2**63
@@ -190,7 +190,7 @@ class NumberList(Leaf):
         self._values = numbers(values, dtype)
         self.dtype = self._values.dtype
 
-    def take(self, rows: RowNumbers) -> NDArray[Any]:
+    def values(self, rows: RowNumbers) -> NDArray[Any]:
         return self._values[rows]
 
 
@@ -203,7 +203,7 @@ class ArrayList(Leaf):
         self.lengths = (min(counts, default=0), max(counts, default=0))
         self.dtype = dtype or np.result_type(np.int64, *{value.dtype for value in self._values if len(value)})
 
-    def take(self, rows: RowNumbers) -> list[Any]:
+    def values(self, rows: RowNumbers) -> list[Any]:
         return [self._values[row].tolist() for row in rows.tolist()]
 
     def arrays(self, rows: RowNumbers, width: int) -> NDArray[Any]:
@@ -227,7 +227,7 @@ class ObjectList(Leaf):
         self.dtype = np.dtype(np.str_ if kind == "text" else object)
         self._values = values
 
-    def take(self, rows: RowNumbers) -> list[Any]:
+    def values(self, rows: RowNumbers) -> list[Any]:
         return [self._values[row] for row in rows.tolist()]
 
 
@@ -253,13 +253,13 @@ _KEPT_BYTES = 64 << 20
 _PLAIN_BYTES = 96 << 20
 
 
-class Room:
+class MemoryBudget:
     """How many bytes of payloads all topics together may keep in memory."""
 
     def __init__(self, size: int = 192 << 20) -> None:
         self._left = size
 
-    def take(self, size: int) -> bool:
+    def reserve(self, size: int) -> bool:
         """Whether there was room, which is now less."""
         if size > min(self._left, _KEPT_BYTES):
             return False
@@ -302,7 +302,7 @@ class TopicTable(Table):
         batches: Callable[[], Iterator[PayloadBatch]],
         decoder: Callable[[], Decoder],
         unit: Callable[[str], str],
-        room: Room,
+        budget: MemoryBudget,
         distrust: Callable[[str], bool],
     ) -> None:
         self.name = name
@@ -310,7 +310,7 @@ class TopicTable(Table):
         self._batches = batches
         self._make_decoder = decoder
         self._unit = unit
-        self._room = room
+        self._budget = budget
         self._distrust = distrust
         self._decoder: Decoder | None = None
         self._seen: Surveyed | None = None
@@ -419,7 +419,7 @@ class TopicTable(Table):
             columns=columns,
             shapes=shapes,
             good=tuple(goods),
-            kept=tuple(parts) if decoder is not None and self._room.take(held) else None,
+            kept=tuple(parts) if decoder is not None and self._budget.reserve(held) else None,
             undecoded=int((~good).sum()) if decoder is not None else len(good),
             why=why or "its messages are shorter than their definition says",
             back_in_time=steps_back(stamp_ns),

@@ -147,13 +147,13 @@ class Walk:
         opcode, length = records.HEAD.unpack(head)
         if may_be(self._source, at, opcode, length, end):
             try:
-                return self._take(at, opcode, length, end)
+                return self._read(at, opcode, length, end)
             except MalformedError:
                 self._tally.note(at, 9 + length, "a record does not hold what it should")
                 return at + 9 + int(length)
         return self._damaged(at, opcode, length, end)
 
-    def _take(self, at: int, opcode: int, length: int, end: int) -> int:
+    def _read(self, at: int, opcode: int, length: int, end: int) -> int:
         stop = at + 9 + length
         if opcode == records.MESSAGE_INDEX:
             self._add_message_index(at, length)

@@ -28,7 +28,7 @@ from xitl_cli.logs.formats.tlog.frames import (
     FrameHeaders,
     intact,
     parse_headers,
-    tables_of,
+    tables_by_message,
 )
 from xitl_cli.logs.log import Base, Format, Log, LogHealth, Losses
 from xitl_cli.logs.table import Table, steps_back
@@ -303,7 +303,9 @@ class TelemetryLog(Log):
         self._found = found = index_frames(data)
         stamp_us, replaced = _trusted(found)
         self._stamp_ns = stamp_us * 1000
-        self._tables: Mapping[str, Table] = tables_of("", data, found.start, found.kind, self._stamp_ns, found.start)
+        self._tables: Mapping[str, Table] = tables_by_message(
+            "", data, found.start, found.kind, self._stamp_ns, found.start
+        )
         self._health = found.losses.health(
             len(data),
             len(found.start) + sum(found.unknown.values()),

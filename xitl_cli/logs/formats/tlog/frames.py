@@ -263,7 +263,7 @@ def frame_tables(
     good = np.flatnonzero(intact(data, found) & complete)
     rows = framed[good]
     decoded = found.select(good)
-    tables = tables_of(prefix, data, decoded.start, decoded.kind, stamp_ns[rows], place[rows])
+    tables = tables_by_message(prefix, data, decoded.start, decoded.kind, stamp_ns[rows], place[rows])
     counts = FrameCounts(
         frames=len(frames),
         decoded=len(good),
@@ -274,7 +274,7 @@ def frame_tables(
     return tables, counts
 
 
-def tables_of(
+def tables_by_message(
     prefix: str,
     data: NDArray[np.uint8],
     start: NDArray[np.int64],
