@@ -17,7 +17,7 @@ from mcap_truth import payloads_of
 
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.mcap.file import McapLog
-from xitl_cli.logs.summary import summary_of
+from xitl_cli.logs.summary import summarize_log
 
 _ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
 Values = dict[str, dict[str, Any]]
@@ -342,6 +342,6 @@ def test_damage_that_takes_all_of_a_topic_is_summarised(tmp_path: Path) -> None:
     data[data.index(b'{"x": 1}') - 22 - 9] = 0x7E  # the opcode of the message: sequence, stamps and channel are between
     path.write_bytes(data)
     with McapLog(path) as log:
-        summary = summary_of(log)
+        summary = summarize_log(log)
         assert summary.health.degraded
         assert [message.name for message in summary.messages if message.rows] == ["/kept"]
