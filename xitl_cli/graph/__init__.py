@@ -1,1 +1,1 @@
-"""The node graph of a simulation, and how close it stands to a reference (WDRI)."""
+"""The node graph of a simulation and its realism index (WDRI): graph.py, wdri.py; measured.py of what a run carried."""

@@ -14,10 +14,10 @@ from xitl_cli.profile import parameter_files
 from xitl_cli.profile.catalogue import SUFFIXES, find_profile
 from xitl_cli.profile.checks import check
 from xitl_cli.profile.compose import compose, override
-from xitl_cli.profile.derived_graph import complete_graph_group
 from xitl_cli.profile.entry import Entry, Key, KeyPath, Origin
 from xitl_cli.profile.problems import Problem, ProfileError
 from xitl_cli.profile.schema import Profile, RunProfile
+from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.sentences import problems_of
 
 _ANY_FILE: tuple[KeyPath, ...] = (

@@ -1,1 +1,4 @@
-"""One recording, one vocabulary of topics: what a run writes and what live view, report and analysis read."""
+"""The recording of a run: the table of topics (topics), their CDR encoding (cdr), the recorder, the MCAP file.
+
+xitl_cli.logs reads the same topics.
+"""

@@ -10,7 +10,7 @@ Profile
 ├── companion            companion.py
 ├── clock, recording     session.py
 ├── faults               faults.py
-└── graph                graph.py
+└── graph                graph.py, derived_graph.py (what follows from the others)
 """
 
 from xitl_cli.profile.schema.profile import Profile, RunProfile

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.companion import Companion
+from xitl_cli.profile.schema.derived_graph import complete_graph_group
 from xitl_cli.profile.schema.environment import Environment
 from xitl_cli.profile.schema.faults import Fault
 from xitl_cli.profile.schema.graph import NodeGraph
