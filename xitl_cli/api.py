@@ -55,7 +55,7 @@ def simulate(
     A run whose mission was not completed is a result (`completed` is False). Raises UserError when the profile cannot
     run, and when the run failed; what was recorded until then is kept.
     """
-    from xitl_cli.run.directory import default_path
+    from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
     from xitl_cli.run.view import NoView
 
@@ -106,7 +106,7 @@ def analyze(*logs: PathText, sections: Iterable[str] = ()) -> Report:
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
     sections: names of analyses (`"scheduler"`), all by default. A log that cannot be read is one of the report's
-    `refusals`. Raises UserError for a section that does not exist.
+    `refusals`. Raises LogError for a section that does not exist.
     """
     from xitl_cli.logs.report.build import build_report, sections_named
 

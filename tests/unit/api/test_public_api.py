@@ -116,7 +116,7 @@ def test_a_table_becomes_a_data_frame() -> None:
 def test_logs_are_analysed() -> None:
     report = xitl.analyze(CALM, sections=["scheduler"])
     assert {section.section.key for section in report.placed} >= {"scheduler"}
-    with pytest.raises(xitl.UserError, match="schedular"):
+    with pytest.raises(xitl.LogError, match="schedular"):
         xitl.analyze(CALM, sections=["schedular"])
 
 
