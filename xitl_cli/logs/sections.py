@@ -49,6 +49,22 @@ class Finding:
     evidence: tuple[Evidence, ...] = ()
     next_step: str = ""
 
+    @classmethod
+    def ok(cls, key: str, sentence: str, evidence: tuple[Evidence, ...] = ()) -> Finding:
+        return cls(key, Severity.OK, sentence, evidence)
+
+    @classmethod
+    def notice(cls, key: str, sentence: str, evidence: tuple[Evidence, ...], next_step: str) -> Finding:
+        return cls(key, Severity.NOTICE, sentence, evidence, next_step)
+
+    @classmethod
+    def warning(cls, key: str, sentence: str, evidence: tuple[Evidence, ...], next_step: str) -> Finding:
+        return cls(key, Severity.WARNING, sentence, evidence, next_step)
+
+    @classmethod
+    def critical(cls, key: str, sentence: str, evidence: tuple[Evidence, ...], next_step: str) -> Finding:
+        return cls(key, Severity.CRITICAL, sentence, evidence, next_step)
+
 
 @dataclass(frozen=True, slots=True)
 class Fact:
@@ -68,6 +84,13 @@ class Grid:
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Value, ...], ...]
+
+    @classmethod
+    def limited(cls, key: str, title: str, columns: tuple[str, ...], rows: Sequence[tuple[Value, ...]]) -> Grid:
+        """With at most 500 rows; the title says so when there were more."""
+        if len(rows) > MOST_GRID_ROWS:
+            title = f"{title} (the first {MOST_GRID_ROWS} of {len(rows)})"
+        return cls(key, title, columns, tuple(rows[:MOST_GRID_ROWS]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,39 +144,25 @@ class Section:
     plots: tuple[Plot, ...] = ()
     lacks: tuple[str, ...] = ()
 
+    @classmethod
+    def joined(cls, key: str, title: str, parts: Iterable[Section | None]) -> Section:
+        """All facts, findings, grids, plots and lacks of these parts, in their order."""
+        known = [part for part in parts if part is not None]
+        return cls(
+            key,
+            title,
+            tuple(fact for part in known for fact in part.facts),
+            tuple(finding for part in known for finding in part.findings),
+            tuple(grid for part in known for grid in part.grids),
+            tuple(plot for part in known for plot in part.plots),
+            tuple(lack for part in known for lack in part.lacks),
+        )
+
     @property
     def worst(self) -> Severity:
         return max((finding.severity for finding in self.findings), default=Severity.OK)
 
 
-def joined(key: str, title: str, parts: Iterable[Section | None]) -> Section:
-    """One section with all facts, findings, grids, plots and lacks of these parts, in their order."""
-    known = [part for part in parts if part is not None]
-    return Section(
-        key,
-        title,
-        tuple(fact for part in known for fact in part.facts),
-        tuple(finding for part in known for finding in part.findings),
-        tuple(grid for part in known for grid in part.grids),
-        tuple(plot for part in known for plot in part.plots),
-        tuple(lack for part in known for lack in part.lacks),
-    )
-
-
 def by_severity(sections: Sequence[Section]) -> list[Finding]:
     """All findings, the worst first, otherwise in the order of the sections."""
     return sorted((finding for section in sections for finding in section.findings), key=lambda f: -f.severity)
-
-
-def rounded(value: float | np.floating | None, digits: int = 3) -> float | None:
-    """Rounded, None for what is no number: for facts and tables."""
-    if value is None or not np.isfinite(value):
-        return None
-    return round(float(value), digits)
-
-
-def make_grid(key: str, title: str, columns: tuple[str, ...], rows: Sequence[tuple[Value, ...]]) -> Grid:
-    """A table of at most 500 rows, which says so in its title when there were more."""
-    if len(rows) > MOST_GRID_ROWS:
-        title = f"{title} (the first {MOST_GRID_ROWS} of {len(rows)})"
-    return Grid(key, title, columns, tuple(rows[:MOST_GRID_ROWS]))

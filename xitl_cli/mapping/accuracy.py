@@ -60,7 +60,7 @@ def perception_sections(
         errors["rate_hz"] = _rate_hz(odometry)
         moving = umeyama(other.pos_m, reference.pos_m)
         if moving is not None:
-            errors |= _errors(reference, moving.moved(other))
+            errors |= _errors(reference, moving.apply(other))
         laying = laid(reference, other)
         if boom is not None and laying is not None:
             mapping |= boom_section(points_odom_m @ laying.rotation.T + laying.translation, reference.pos_m, boom)

@@ -36,12 +36,12 @@ def test_an_ardupilot_log_tells_motion_as_its_messages_do() -> None:
     assert roll.values == pytest.approx([message.Roll for message in attitudes])
     # ArduPilot's own simulator knows better than its estimator by a degree and a few metres, no more.
     assert true_yaw is not None
-    apart = (true_yaw.at(yaw.stamp_ns) - yaw.values + 180.0) % 360.0 - 180.0
+    apart = (true_yaw.interpolated(yaw.stamp_ns) - yaw.values + 180.0) % 360.0 - 180.0
     assert np.nanmax(np.abs(apart)) < 5.0
     assert place is not None
     assert true_place is not None
     assert true_place.origin == place.origin
-    assert np.nanmax(np.abs(true_place.path.at(place.path.stamp_ns)[:, :2] - place.path.values[:, :2])) < 3.0
+    assert np.nanmax(np.abs(true_place.path.interpolated(place.path.stamp_ns)[:, :2] - place.path.values[:, :2])) < 3.0
     # The square of 60 by 40 m, and nobody farther than its diagonal from its corner.
     assert np.ptp(place.path.values[:, 0]) == pytest.approx(60.0, abs=15.0)
     assert np.hypot(*place.path.values[:, :2].T).max() < 90.0
@@ -102,7 +102,7 @@ def test_a_recording_of_ours_tells_estimate_and_truth() -> None:
     assert yaw is not None
     assert 0 <= heard_ns - armed[0].from_ns <= 1_000_000_000  # once a second
     since = place.path.stamp_ns >= heard_ns  # what the summary goes by
-    apart = (place.path.values - true_place.path.at(place.path.stamp_ns))[since, :2]
+    apart = (place.path.values - true_place.path.interpolated(place.path.stamp_ns))[since, :2]
     rms = float(np.sqrt(np.nanmean(np.sum(apart**2, axis=1))))
     # The truth is recorded at 50 Hz and interpolated here, the summary takes that of the very step; and one estimate at
     # either end of 18 s at 10 Hz is one or not: under 1 in 100.
@@ -124,4 +124,4 @@ def test_a_series_keeps_only_what_can_be_compared() -> None:
 def test_an_angle_goes_the_short_way_round() -> None:
     found = make_series(np.array([0, 10], dtype=np.int64), np.array([350.0, 10.0]), "deg", "T.x", turns=True)
     assert found is not None
-    assert found.at(np.array([-1, 5, 10], dtype=np.int64)) == pytest.approx([np.nan, 0.0, 10.0], nan_ok=True)
+    assert found.interpolated(np.array([-1, 5, 10], dtype=np.int64)) == pytest.approx([np.nan, 0.0, 10.0], nan_ok=True)

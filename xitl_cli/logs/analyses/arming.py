@@ -11,7 +11,8 @@ import numpy as np
 from xitl_cli.logs import signals
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, make_grid, rounded
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
 from xitl_cli.logs.table import Table
 from xitl_cli.logs.tables.events import FAILSAFE_ARMING_METHODS, arming_method_name, checks_left_out
@@ -146,7 +147,7 @@ def _intervals(spans: list[signals.StateSpan], rows: list[ArmSwitch], clock: Log
             return ""
         return arming_method_name(row.method) + (", forced" if row.forced else "")
 
-    return make_grid(
+    return Grid.limited(
         "armed",
         "Armed",
         ("from (s)", "until (s)", "duration (s)", "armed by", "disarmed by"),
@@ -169,7 +170,7 @@ def _row_at(rows: list[ArmSwitch], at_ns: int, armed: bool) -> ArmSwitch | None:
 
 
 def _refusals(refusals: list[ArmRefusal], clock: LogClock) -> Grid:
-    return make_grid(
+    return Grid.limited(
         "refusals",
         "Reasons not to arm",
         ("reason", "when", "times", "first (s)", "last (s)"),
@@ -192,9 +193,8 @@ def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
         return
     if not spans and refusals:
         worst = max(attempts or refusals, key=lambda each: each.last_ns)
-        yield Finding(
+        yield Finding.warning(
             "arming.refused",
-            Severity.WARNING,
             f'It was never armed; the last reason given was "{worst.reason}" ({worst.count} times, until '
             f"{clock.text(worst.last_ns)})",
             tuple(_evidence(each) for each in refusals[:_MOST_FINDINGS]),
@@ -204,14 +204,13 @@ def _never(log: Log, spans: list[signals.StateSpan], refusals: list[ArmRefusal],
     if not spans:
         lasted = (clock.end_ns - clock.start_ns) * 1e-9
         sentence = f"It was not armed in the {lasted:.0f} s of this log, and nobody is told to have tried"
-        yield Finding("arming.never", Severity.NOTICE, sentence, (), "Take a log of a run to judge one.")
+        yield Finding.notice("arming.never", sentence, (), "Take a log of a run to judge one.")
         return
     if not attempts:
         return
     total = sum(each.count for each in attempts)
-    yield Finding(
+    yield Finding.notice(
         "arming.attempts_refused",
-        Severity.NOTICE,
         f'Arming was refused {total} times, first for "{attempts[0].reason}"',
         tuple(_evidence(each) for each in attempts[:_MOST_FINDINGS]),
         "Wait for the pre-arm checks before arming.",
@@ -227,35 +226,31 @@ def _how(rows: list[ArmSwitch], spans: list[signals.StateSpan], clock: LogClock)
     unchecked = [row for row in rows if row.armed and row.checks == 0]
     partly = [row for row in rows if row.armed and row.checks and checks_left_out(row.checks)]
     if unchecked:
-        yield Finding(
+        yield Finding.notice(
             "arming.checks_off",
-            Severity.NOTICE,
             f"It was armed at {clock.text(unchecked[0].at_ns)} with all arming checks switched off",
             tuple(Evidence("ARM", "ArmChecks", row.at_ns, value="0") for row in unchecked[:_MOST_FINDINGS]),
             "Switch the checks on (ARMING_CHECK 1, or ARMING_SKIPCHK 0 since 4.7) before trusting it on water.",
         )
     elif partly:
         left_out = checks_left_out(partly[0].checks or 0)
-        yield Finding(
+        yield Finding.notice(
             "arming.checks_partly_off",
-            Severity.NOTICE,
             f"It was armed at {clock.text(partly[0].at_ns)} without the checks of {', '.join(left_out[:6])}"
             + (f" and {len(left_out) - 6} more" if len(left_out) > 6 else ""),
             tuple(Evidence("ARM", "ArmChecks", row.at_ns, value=str(row.checks)) for row in partly[:_MOST_FINDINGS]),
             "See that each is left out on purpose (ARMING_CHECK, ARMING_SKIPCHK).",
         )
     for row in [row for row in rows if row.armed and row.forced][:_MOST_FINDINGS]:
-        yield Finding(
+        yield Finding.warning(
             "arming.forced",
-            Severity.WARNING,
             f"It was armed by force at {clock.text(row.at_ns)}, past whatever the checks said",
             (Evidence("ARM", "Forced", row.at_ns, value="1"),),
             "Arm without force; the reasons refused are in the table.",
         )
     for row in [row for row in rows if not row.armed and row.method in FAILSAFE_ARMING_METHODS][:_MOST_FINDINGS]:
-        yield Finding(
+        yield Finding.critical(
             "arming.disarmed_by_failsafe",
-            Severity.CRITICAL,
             f"At {clock.text(row.at_ns)} the autopilot disarmed by itself: {arming_method_name(row.method or 0)}",
             (Evidence("ARM", "Method", row.at_ns, value=str(row.method)),),
             "The main loop stood still: see the scheduler section."

@@ -10,48 +10,12 @@ import numpy as np
 
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs import signals
-from xitl_cli.logs.analyses.estimator_cores import (
-    EstimatorCore,
-    EstimatorOrigin,
-    FilterUse,
-    agreement_facts,
-    agreement_findings,
-    bias_facts,
-    bias_findings,
-    estimator_cores,
-    estimator_origin,
-    filter_uses,
-    first_position_ns,
-    flag_column,
-    never_positioned,
-    step_facts,
-)
-from xitl_cli.logs.analyses.estimator_resets import (
-    TestRatios,
-    lane_switches,
-    primary_core,
-    ratio_facts,
-    ratio_plot,
-    refusal_findings,
-    reset_findings,
-    reset_marks,
-    test_ratios,
-)
+from xitl_cli.logs.analyses import estimator_cores as cores
+from xitl_cli.logs.analyses import estimator_resets as resets
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import (
-    Evidence,
-    Fact,
-    Finding,
-    Grid,
-    Mark,
-    Plot,
-    Section,
-    Severity,
-    Trace,
-    make_grid,
-    rounded,
-)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import firmware_text
 from xitl_cli.logs.table import Floats, Stamps
@@ -86,12 +50,12 @@ def position_error(log: Log) -> EstimateError | None:
     """(N, 3) north, east, down in m."""
     local, true = signals.position_ned(log), signals.position_ned(log, "truth")
     if local is not None and true is not None and local.origin == true.origin and log.format == "mcap":
-        return _difference(local.path, true.path, local.path.values - true.path.at(local.path.stamp_ns))
+        return _difference(local.path, true.path, local.path.values - true.path.interpolated(local.path.stamp_ns))
     estimate, truth = signals.position_geodetic(log), signals.position_geodetic(log, "truth")
     if estimate is None or truth is None:
         return None
     frame = LocalFrame(*map(float, truth.values[0]))
-    there = truth.at(estimate.stamp_ns)
+    there = truth.interpolated(estimate.stamp_ns)
     known = np.isfinite(there).all(axis=1)
     values = np.full((len(there), 3), np.nan)
     values[known] = frame.ned(*estimate.values[known].T) - frame.ned(*there[known].T)
@@ -103,7 +67,7 @@ def yaw_error(log: Log) -> EstimateError | None:
     estimate, truth = signals.yaw(log), signals.yaw(log, "truth")
     if estimate is None or truth is None:
         return None
-    values = np.mod(estimate.values - truth.at(estimate.stamp_ns) + 180.0, 360.0) - 180.0
+    values = np.mod(estimate.values - truth.interpolated(estimate.stamp_ns) + 180.0, 360.0) - 180.0
     return _difference(estimate, truth, values)
 
 
@@ -186,8 +150,8 @@ _MOST_REFUSED = 100  # of each measurement and core, in the table
 
 
 def analyse(log: Log) -> Section | None:
-    every = estimator_cores(log)
-    tested = test_ratios(log, every)
+    every = cores.estimator_cores(log)
+    tested = resets.test_ratios(log, every)
     position, yaw = position_error(log), yaw_error(log)
     if not every and not tested and position is None and yaw is None:
         if log.format == "mcap":
@@ -196,9 +160,9 @@ def analyse(log: Log) -> Section | None:
         return Section("estimator", "Estimator", lacks=(lack,))
     clock = LogClock(log)
     stray_m = signals.stray_truth_m(log)
-    primary = primary_core(every)
+    primary = resets.primary_core(every)
     core = next((one for one in every if one.number == primary), None)
-    found, used = estimator_origin(log, every, clock), filter_uses(log)
+    found, used = cores.estimator_origin(log, every, clock), cores.filter_uses(log)
     if position is not None:
         position = position.while_in(clock.armed)
     if yaw is not None:
@@ -209,26 +173,26 @@ def analyse(log: Log) -> Section | None:
         Fact("primary_core", "Core in use", primary if every else None),
         *_origin_facts(found, every, clock),
         *_selection(log),
-        Fact("lane_switches", "Core switches", len(lane_switches(log, every)) if every else None),
-        *ratio_facts(tested, primary, clock),
-        *agreement_facts(every, clock),
-        *step_facts(log),
-        *bias_facts(log, core),
+        Fact("lane_switches", "Core switches", len(resets.lane_switches(log, every)) if every else None),
+        *resets.ratio_facts(tested, primary, clock),
+        *cores.agreement_facts(every, clock),
+        *cores.step_facts(log),
+        *cores.bias_facts(log, core),
         *truth_facts(position, yaw),
     ]
     findings = [
         *_filters(used, clock),
-        *never_positioned(every, clock),
+        *cores.never_positioned(every, clock),
         *_height(log, found, clock),
-        *refusal_findings(tested, primary, clock),
-        *reset_findings(log, every, core, clock),
-        *bias_findings(log, core, clock),
-        *agreement_findings(every, stray_m is not None, clock),
+        *resets.refusal_findings(tested, primary, clock),
+        *resets.reset_findings(log, every, core, clock),
+        *cores.bias_findings(log, core, clock),
+        *cores.agreement_findings(every, stray_m is not None, clock),
         *truth_findings(position, yaw, clock),
         *_not_truth(stray_m),
     ]
-    marks = (*_armed_marks(clock), *reset_marks(log, every, core))
-    plots = [*_drawn(ratio_plot(tested, marks)), *_innovations(core, marks), *truth_plots(position, yaw)]
+    marks = (*_armed_marks(clock), *resets.reset_marks(log, every, core))
+    plots = [*_drawn(resets.ratio_plot(tested, marks)), *_innovations(core, marks), *truth_plots(position, yaw)]
     grids = [each for each in (_uses(used, clock), _refusals(tested, clock)) if each is not None]
     known = tuple(fact for fact in facts if fact.value is not None)
     return Section(
@@ -236,13 +200,15 @@ def analyse(log: Log) -> Section | None:
     )
 
 
-def _filter(log: Log, every: list[EstimatorCore]) -> str | None:
+def _filter(log: Log, every: list[cores.EstimatorCore]) -> str | None:
     if not every:
         return None
     return "embedded, messages as EKF3" if (firmware_text(log) or "").startswith("xitl ") else every[0].filter
 
 
-def _origin_facts(found: EstimatorOrigin | None, every: list[EstimatorCore], clock: LogClock) -> Iterator[Fact]:
+def _origin_facts(
+    found: cores.EstimatorOrigin | None, every: list[cores.EstimatorCore], clock: LogClock
+) -> Iterator[Fact]:
     if found is not None:
         when = "before the log began" if found.set_ns is None else clock.second(found.set_ns)
         yield Fact("origin_set", "Origin set", when, "" if found.set_ns is None else "s")
@@ -250,7 +216,7 @@ def _origin_facts(found: EstimatorOrigin | None, every: list[EstimatorCore], clo
         yield Fact("origin_longitude_deg", "Origin longitude", rounded(found.longitude_deg, 7), "deg")
         yield Fact("origin_altitude_m", "Origin altitude (ORGN)", rounded(found.altitude_m, 2), "m")
         yield Fact("origin_height_m", "Height of the origin (OH)", rounded(found.height_m, 2), "m")
-    if (first_ns := first_position_ns(every)) is not None:
+    if (first_ns := cores.first_position_ns(every)) is not None:
         early = first_ns <= clock.start_ns + 10**9
         value = "before the log began" if early else clock.second(first_ns)
         yield Fact("first_position", "First absolute position", value, "" if early else "s")
@@ -270,7 +236,7 @@ def _selection(log: Log) -> Iterator[Fact]:
         yield Fact("mag_fusion", "Compass fused as", EKF_MAG_FUSION.get(fusion, str(fusion)))
 
 
-def _filters(used: list[FilterUse], clock: LogClock) -> Iterator[Finding]:
+def _filters(used: list[cores.FilterUse], clock: LogClock) -> Iterator[Finding]:
     """Attitude that fell back from a filter to DCM while armed."""
     fallbacks = [
         (before, use) for before, use in itertools.pairwise(used) if use.name == "DCM" and clock.was_armed(use.from_ns)
@@ -279,25 +245,23 @@ def _filters(used: list[FilterUse], clock: LogClock) -> Iterator[Finding]:
         return
     before, use = fallbacks[0]
     lasted = length_text(sum(each.until_ns - each.from_ns for _, each in fallbacks) * 1e-9)
-    yield Finding(
+    yield Finding.critical(
         "estimator.dcm_fallback",
-        Severity.CRITICAL,
         f"{before.name} gave up and DCM took over while armed for {lasted}, first at {clock.text(use.from_ns)}",
         tuple(Evidence("ATT", "AEKF", each.from_ns, each.until_ns, "0") for _, each in fallbacks[:20]),
         "Look at test ratios and faults just before; DCM gives no position worth steering by.",
     )
 
 
-def _height(log: Log, found: EstimatorOrigin | None, clock: LogClock) -> Iterator[Finding]:
+def _height(log: Log, found: cores.EstimatorOrigin | None, clock: LogClock) -> Iterator[Finding]:
     if found is None or found.height_m is None:
         return
     heights = [height for _, height in found.heights]
     moved_m = max(heights) - min(heights)
     if moved_m >= _HEIGHT_MOVED_M:
         at_ns = found.heights[1][0]
-        yield Finding(
+        yield Finding.notice(
             "estimator.height_origin_moved",
-            Severity.NOTICE,
             f"The height of the estimator's origin moved by {moved_m:.1f} m in {len(heights) - 1} steps, first at "
             f"{clock.text(at_ns)}",
             tuple(Evidence("XKF1", "OH", when, value=f"{height:.2f} m") for when, height in found.heights[:20]),
@@ -305,9 +269,8 @@ def _height(log: Log, found: EstimatorOrigin | None, clock: LogClock) -> Iterato
         )
     gps_m = _gps_altitude_m(log, found.heights[0][0])
     if gps_m is not None and abs(gps_m - found.height_m) >= _HEIGHTS_APART_M:
-        yield Finding(
+        yield Finding.notice(
             "estimator.height_origin_off",
-            Severity.NOTICE,
             f"The estimator's origin is at {found.height_m:.1f} m, GPS was at {gps_m:.1f} m when it was set",
             (Evidence("XKF1", "OH", found.heights[0][0], value=f"{found.height_m:.1f} m"), Evidence("GPS", "Alt")),
             "Take heights from one of the two, not across them.",
@@ -322,14 +285,14 @@ def _not_truth(apart_m: float | None) -> Iterator[Finding]:
         "sensors were fed from outside"
     )
     step = "Compare the estimate with the recording of the simulator that fed the sensors (run.mcap)."
-    yield Finding("estimator.truth_of_another", Severity.NOTICE, sentence, (Evidence("SIM"), Evidence("GPS")), step)
+    yield Finding.notice("estimator.truth_of_another", sentence, (Evidence("SIM"), Evidence("GPS")), step)
 
 
 def _gps_altitude_m(log: Log, at_ns: int) -> float | None:
     table = log.tables.get("GPS")
     if table is None or not {"Alt", "Status"} <= set(table.columns):
         return None
-    fixed = np.flatnonzero(flag_column(table, "Status") >= 3)
+    fixed = np.flatnonzero(cores.flag_column(table, "Status") >= 3)
     if not len(fixed):
         return None
     nearest = fixed[np.argmin(np.abs(table.stamp_ns[fixed] - at_ns))]
@@ -344,7 +307,7 @@ def _drawn(plot: Plot | None) -> list[Plot]:
     return [] if plot is None else [plot]
 
 
-def _innovations(core: EstimatorCore | None, marks: tuple[Mark, ...]) -> Iterator[Plot]:
+def _innovations(core: cores.EstimatorCore | None, marks: tuple[Mark, ...]) -> Iterator[Plot]:
     table = None if core is None else core.innovations
     if table is None:
         return
@@ -364,22 +327,17 @@ def _innovations(core: EstimatorCore | None, marks: tuple[Mark, ...]) -> Iterato
             yield Plot(f"innovations_{what}", title, f"innovation ({unit})", tuple(traces), marks=marks)
 
 
-def _uses(used: list[FilterUse], clock: LogClock) -> Grid | None:
+def _uses(used: list[cores.FilterUse], clock: LogClock) -> Grid | None:
     if not used:
         return None
     rows = [
-        (
-            clock.second(use.from_ns),
-            clock.second(use.until_ns),
-            rounded((use.until_ns - use.from_ns) * 1e-9),
-            use.name,
-        )
+        (clock.second(use.from_ns), clock.second(use.until_ns), rounded((use.until_ns - use.from_ns) * 1e-9), use.name)
         for use in used
     ]
-    return make_grid("filters", "Filter in use", ("from (s)", "until (s)", "duration (s)", "filter"), rows)
+    return Grid.limited("filters", "Filter in use", ("from (s)", "until (s)", "duration (s)", "filter"), rows)
 
 
-def _refusals(tested: list[TestRatios], clock: LogClock) -> Grid | None:
+def _refusals(tested: list[resets.TestRatios], clock: LogClock) -> Grid | None:
     rows = []
     for one in tested:
         for begin, end in one.refused[:_MOST_REFUSED]:
@@ -391,10 +349,10 @@ def _refusals(tested: list[TestRatios], clock: LogClock) -> Grid | None:
         return None
     rows.sort(key=lambda row: row[2])
     columns = ("core", "measurement", "from (s)", "for (s)", "largest ratio", "while")
-    return make_grid("refused", "Measurements refused", columns, rows)
+    return Grid.limited("refused", "Measurements refused", columns, rows)
 
 
-def _lacks(log: Log, every: list[EstimatorCore], core: EstimatorCore | None) -> tuple[str, ...]:
+def _lacks(log: Log, every: list[cores.EstimatorCore], core: cores.EstimatorCore | None) -> tuple[str, ...]:
     lacks = []
     own = (firmware_text(log) or "").startswith("xitl ")
     if core is not None and core.innovations is None and not own:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from xitl_cli.logs import signals
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Severity, rounded
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Severity
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import autopilot_messages
 from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance

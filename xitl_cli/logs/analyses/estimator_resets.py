@@ -20,20 +20,7 @@ from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Severity
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_messages, error_rows
 from xitl_cli.logs.table import Flags, Floats, Stamps, Table
-from xitl_cli.logs.tables.events import (
-    EKF_ABSOLUTE,
-    EKF_ALT_RESET,
-    EKF_CONSTANT_POSITION,
-    EKF_DEAD_RECKONING,
-    EKF_FAULTS,
-    EKF_GPS_GLITCHING,
-    EKF_NOT_INITIALISED,
-    EKF_TIMEOUTS,
-    EKF_TIMEOUTS_THAT_COUNT,
-    EKF_YAW_RESET,
-    ERR_EKF_PRIMARY,
-    bit_names,
-)
+from xitl_cli.logs.tables import events as codes
 from xitl_cli.logs.text import length_text
 
 _COLUMNS: Mapping[str, str] = MappingProxyType(
@@ -156,15 +143,14 @@ def timeout_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     table = core.health
     if table is None or "TS" not in table.columns:
         return
-    flags = flag_column(table, "TS") & EKF_TIMEOUTS_THAT_COUNT
+    flags = flag_column(table, "TS") & codes.EKF_TIMEOUTS_THAT_COUNT
     on = inside(table.stamp_ns, clock.armed)
-    for bit, name in EKF_TIMEOUTS.items():
+    for bit, name in codes.EKF_TIMEOUTS.items():
         spans = spans_where(table.stamp_ns, ((flags >> bit & 1) == 1) & on, _JOIN_S)
         if length_s(spans) < _LONG_S:
             continue
-        yield Finding(
+        yield Finding.warning(
             f"estimator.timeout.{name}",
-            Severity.WARNING,
             f"The estimator went without {name} for {length_text(length_s(spans))} while armed, first at "
             f"{clock.text(spans[0][0])}",
             tuple(Evidence(table.name, "TS", begin, end, name) for begin, end in spans[:_MOST]),
@@ -177,7 +163,7 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     if table is None or "FS" not in table.columns:
         return
     flags = flag_column(table, "FS")
-    begun = np.flatnonzero((flags & EKF_NOT_INITIALISED) == 0)
+    begun = np.flatnonzero((flags & codes.EKF_NOT_INITIALISED) == 0)
     if not len(begun):
         return
     flags = flags[begun[0] :]
@@ -187,11 +173,10 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     stamps = table.stamp_ns[begun[0] :]
     bits = int(np.bitwise_or.reduce(flags[rows]))
     spans = spans_where(stamps, flags != 0, _JOIN_S)
-    yield Finding(
+    yield Finding.critical(
         "estimator.faults",
-        Severity.CRITICAL,
         f"The filter itself was faulty for {length_text(length_s(spans))}, first at "
-        f"{clock.text(int(stamps[rows[0]]))}: {', '.join(bit_names(EKF_FAULTS, bits))}",
+        f"{clock.text(int(stamps[rows[0]]))}: {', '.join(codes.bit_names(codes.EKF_FAULTS, bits))}",
         tuple(Evidence(table.name, "FS", begin, end, f"0x{bits:x}") for begin, end in spans[:_MOST]),
         "Do not trust attitude or position there; look at IMU gaps and clipping, and at what it fused.",
     )
@@ -206,8 +191,8 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
     if table is None or column not in table.columns:
         return
     flags, on = flag_column(table, column), inside(table.stamp_ns, clock.armed)
-    had = np.maximum.accumulate((flags & EKF_ABSOLUTE) != 0) if len(flags) else np.zeros(0, dtype=np.bool_)
-    lost = had & on & (((flags & EKF_ABSOLUTE) == 0) | ((flags & EKF_CONSTANT_POSITION) != 0))
+    had = np.maximum.accumulate((flags & codes.EKF_ABSOLUTE) != 0) if len(flags) else np.zeros(0, dtype=np.bool_)
+    lost = had & on & (((flags & codes.EKF_ABSOLUTE) == 0) | ((flags & codes.EKF_CONSTANT_POSITION) != 0))
     if spans := spans_where(table.stamp_ns, lost, _JOIN_S):
         yield Finding(
             "estimator.position_lost",
@@ -223,7 +208,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
 
 def _status(table: Table, on: Flags, flags: Stamps, clock: LogClock) -> Iterator[Finding]:
     """What the filter says of itself while armed, though it keeps a position."""
-    if spans := spans_where(table.stamp_ns, on & ((flags & EKF_GPS_GLITCHING) != 0), _JOIN_S):
+    if spans := spans_where(table.stamp_ns, on & ((flags & codes.EKF_GPS_GLITCHING) != 0), _JOIN_S):
         yield Finding(
             "estimator.gps_glitch",
             Severity.WARNING if length_s(spans) >= _LONG_S else Severity.NOTICE,
@@ -232,11 +217,10 @@ def _status(table: Table, on: Flags, flags: Stamps, clock: LogClock) -> Iterator
             _evidence(table.name, "SS", spans),
             "Compare GPS with the estimate there: a jump, or a drift of the estimate.",
         )
-    spans = spans_where(table.stamp_ns, on & ((flags & EKF_DEAD_RECKONING) != 0), _JOIN_S)
+    spans = spans_where(table.stamp_ns, on & ((flags & codes.EKF_DEAD_RECKONING) != 0), _JOIN_S)
     if length_s(spans) >= _LONG_S:
-        yield Finding(
+        yield Finding.warning(
             "estimator.dead_reckoning",
-            Severity.WARNING,
             f"The estimator was dead reckoning for {_lasting(spans)} while armed, first at {clock.text(spans[0][0])}",
             _evidence(table.name, "SS", spans),
             "Look at GNSS there: a dropout, or all of it refused.",
@@ -274,7 +258,7 @@ def lane_switches(log: Log, every: list[EstimatorCore]) -> list[tuple[int, int]]
         lanes = flag_column(table, "PI")
         rows = np.flatnonzero(np.diff(lanes) != 0) + 1
         return list(zip(table.stamp_ns[rows].tolist(), lanes[rows].tolist(), strict=True))
-    return [(at_ns, code) for at_ns, subsystem, code in error_rows(log) if subsystem == ERR_EKF_PRIMARY]
+    return [(at_ns, code) for at_ns, subsystem, code in error_rows(log) if subsystem == codes.ERR_EKF_PRIMARY]
 
 
 def primary_core(every: list[EstimatorCore]) -> int:
@@ -319,7 +303,7 @@ def _logged(log: Log) -> list[EstimateJump]:
     table = log.tables.get("EV")
     if table is None or "Id" not in table.columns:
         return []
-    names = {EKF_ALT_RESET: "height reset", EKF_YAW_RESET: "yaw reset"}
+    names = {codes.EKF_ALT_RESET: "height reset", codes.EKF_YAW_RESET: "yaw reset"}
     numbers = flag_column(table, "Id")
     return [
         EstimateJump(at_ns, names[number], None, "EV.Id")
@@ -370,9 +354,8 @@ def _lanes(log: Log, every: list[EstimatorCore], clock: LogClock) -> Iterator[Fi
         return
     at_ns, lane = while_armed[0]
     times = "once" if len(while_armed) == 1 else f"{len(while_armed)} times"
-    yield Finding(
+    yield Finding.warning(
         "estimator.lane_switch",
-        Severity.WARNING,
         f"The estimator switched its core {times} while armed, first to core {lane} at {clock.text(at_ns)}",
         tuple(Evidence("XKF4", "PI", when, value=str(to)) for when, to in while_armed[:_MOST]),
         "Look at the test ratios of the core that was left, and at the IMU it used.",

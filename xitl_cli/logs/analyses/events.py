@@ -13,36 +13,12 @@ from xitl_cli.logs import signals
 from xitl_cli.logs.analyses.modes import mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.signals import LogText
 from xitl_cli.logs.signals.states import ErrorSpan, error_rows, error_spans, vehicle_kind
 from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.tables import events as codes
 from xitl_cli.logs.tables.commands import SWITCH_POSITIONS, SWITCH_SOURCES, auxiliary_function_name
-from xitl_cli.logs.tables.events import (
-    ERR_BARO,
-    ERR_BATTERY_FAILSAFE,
-    ERR_COMPASS,
-    ERR_CPU,
-    ERR_CRASH,
-    ERR_EKF_CHECK,
-    ERR_EKF_FAILSAFE,
-    ERR_EKF_PRIMARY,
-    ERR_FENCE,
-    ERR_GCS_FAILSAFE,
-    ERR_GPS,
-    ERR_INTERNAL,
-    ERR_MODE_REFUSED,
-    ERR_NAVIGATION,
-    ERR_RC_FAILSAFE,
-    ERR_SENSORS,
-    INTERNAL_ERRORS,
-    WATCHDOG_RESET,
-    error_name,
-    error_persists,
-    event_name,
-    internal_error_names,
-    is_failsafe_error,
-)
 from xitl_cli.logs.tables.vehicles import VehicleKind
 from xitl_cli.logs.text import length_text
 
@@ -104,22 +80,23 @@ _SOURCES = {"EV", "AUXF", "WDOG", "MON", "PM"}
 _LEVELS = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 _STEPS: Mapping[int, str] = MappingProxyType(
     {
-        ERR_COMPASS: "Compare the compasses and MAG.Health (sensors section); check wiring and interference.",
-        ERR_GPS: "Look at the GNSS section: fix, satellites, HDOP at this time.",
-        ERR_BARO: "Look at BARO.H and BARO.Press (sensors section); its altitude is worth nothing meanwhile.",
-        ERR_EKF_CHECK: "Look at test ratios and position in the estimator section at this time.",
-        ERR_EKF_FAILSAFE: "Look at the estimator section: position was lost or inconsistent.",
-        ERR_CPU: "Look at the scheduler section: the main loop stood still.",
-        ERR_CRASH: "Look at attitude, speed and throttle just before.",
-        ERR_INTERNAL: "Look up the bits in PM.InE or MON.IErr, and report it with this log.",
-        ERR_GCS_FAILSAFE: "Look at the radio section, and FS_GCS_ENABLE.",
-        ERR_RC_FAILSAFE: "Check the receiver, FS_THR_ENABLE and FS_TIMEOUT.",
-        ERR_BATTERY_FAILSAFE: "Look at the power section, BATT_LOW_VOLT and BATT_CRT_VOLT.",
-        ERR_FENCE: "Compare track and fence; FENCE_ACTION decided what followed.",
-        ERR_NAVIGATION: "Check the destination against fence and position at this time.",
-        ERR_MODE_REFUSED: "The mode needs what was missing then, most often a position; see the sentences beside.",
-        ERR_SENSORS: "Look at the sensors section: which of them stopped.",
-        ERR_EKF_PRIMARY: "Look at the estimator section.",
+        codes.ERR_COMPASS: "Compare the compasses and MAG.Health (sensors section); check wiring and interference.",
+        codes.ERR_GPS: "Look at the GNSS section: fix, satellites, HDOP at this time.",
+        codes.ERR_BARO: "Look at BARO.H and BARO.Press (sensors section); its altitude is worth nothing meanwhile.",
+        codes.ERR_EKF_CHECK: "Look at test ratios and position in the estimator section at this time.",
+        codes.ERR_EKF_FAILSAFE: "Look at the estimator section: position was lost or inconsistent.",
+        codes.ERR_CPU: "Look at the scheduler section: the main loop stood still.",
+        codes.ERR_CRASH: "Look at attitude, speed and throttle just before.",
+        codes.ERR_INTERNAL: "Look up the bits in PM.InE or MON.IErr, and report it with this log.",
+        codes.ERR_GCS_FAILSAFE: "Look at the radio section, and FS_GCS_ENABLE.",
+        codes.ERR_RC_FAILSAFE: "Check the receiver, FS_THR_ENABLE and FS_TIMEOUT.",
+        codes.ERR_BATTERY_FAILSAFE: "Look at the power section, BATT_LOW_VOLT and BATT_CRT_VOLT.",
+        codes.ERR_FENCE: "Compare track and fence; FENCE_ACTION decided what followed.",
+        codes.ERR_NAVIGATION: "Check the destination against fence and position at this time.",
+        codes.ERR_MODE_REFUSED: "The mode needs what was missing then, most often a position; see the sentences "
+        "beside.",
+        codes.ERR_SENSORS: "Look at the sensors section: which of them stopped.",
+        codes.ERR_EKF_PRIMARY: "Look at the estimator section.",
     }
 )
 
@@ -138,12 +115,12 @@ def analyse(log: Log) -> Section | None:
         *_from_texts(log, told, spans, clock),
         *_internal_error_findings(log, clock),
     ]
-    table = make_grid(
+    table = Grid.limited(
         "events", "What happened", ("at (s)", "source", "level", "what"), _table(log, texts, rows, kind, clock)
     )
     facts = (
         Fact("events", "Events", len(log.tables["EV"]) if "EV" in log.tables else 0),
-        Fact("errors", "Errors", sum(1 for _, subsystem, code in rows if code or not error_persists(subsystem))),
+        Fact("errors", "Errors", sum(1 for _, subsystem, code in rows if code or not codes.error_persists(subsystem))),
         Fact("errors_open", "Errors never cleared", sum(1 for one in spans if _open(one))),
         Fact("texts", "Sentences", len(texts)),
     )
@@ -151,7 +128,7 @@ def analyse(log: Log) -> Section | None:
 
 
 def _open(span: ErrorSpan) -> bool:
-    return span.until_ns is None and error_persists(span.subsystem)
+    return span.until_ns is None and codes.error_persists(span.subsystem)
 
 
 def _table(
@@ -159,9 +136,10 @@ def _table(
 ) -> list[tuple[float, str, str, str]]:
     found = [(text.at_ns, text.source.partition(".")[0], _level(text.severity), text.text) for text in texts]
     found += [
-        (at_ns, "ERR", "error" if code else "", error_name(subsystem, code, kind)) for at_ns, subsystem, code in rows
+        (at_ns, "ERR", "error" if code else "", codes.error_name(subsystem, code, kind))
+        for at_ns, subsystem, code in rows
     ]
-    found += [(at_ns, "EV", "", event_name(number)) for at_ns, number in _numbers(log, "EV", "Id")]
+    found += [(at_ns, "EV", "", codes.event_name(number)) for at_ns, number in _numbers(log, "EV", "Id")]
     for span in mode_spans(log):
         why = f" ({span.cause})" if span.cause else ""
         found.append((span.from_ns, span.source.partition(".")[0].rpartition(":")[2], "", f"mode {span.name}{why}"))
@@ -201,21 +179,15 @@ def _from_errors(spans: list[ErrorSpan], kind: VehicleKind, clock: LogClock) -> 
     """One a subsystem and code: the open one first, else how often and for how long."""
     groups: dict[tuple[int, int], list[ErrorSpan]] = {}
     for span in spans:
-        if span.subsystem != ERR_EKF_PRIMARY:
+        if span.subsystem != codes.ERR_EKF_PRIMARY:
             groups.setdefault((span.subsystem, span.code), []).append(span)
     yield from (_error(subsystem, code, group, kind, clock) for (subsystem, code), group in groups.items())
 
 
-def _error(
-    subsystem: int,
-    code: int,
-    group: list[ErrorSpan],
-    kind: VehicleKind,
-    clock: LogClock,
-) -> Finding:
+def _error(subsystem: int, code: int, group: list[ErrorSpan], kind: VehicleKind, clock: LogClock) -> Finding:
     on = clock.was_armed(*(span.from_ns for span in group))
     open_one = next((span for span in group if _open(span)), None)
-    name = error_name(subsystem, code, kind)
+    name = codes.error_name(subsystem, code, kind)
     state = "armed" if on else "not armed"
     when = clock.text(group[0].from_ns)
     many = "" if len(group) == 1 else f", {len(group)} times in all"
@@ -239,24 +211,24 @@ def _error(
 
 
 def _severity(subsystem: int, armed: bool, is_open: bool) -> Severity:
-    if subsystem in (ERR_CRASH, ERR_INTERNAL, ERR_CPU):
+    if subsystem in (codes.ERR_CRASH, codes.ERR_INTERNAL, codes.ERR_CPU):
         return Severity.CRITICAL
-    if subsystem in (ERR_MODE_REFUSED, ERR_NAVIGATION):
+    if subsystem in (codes.ERR_MODE_REFUSED, codes.ERR_NAVIGATION):
         return Severity.NOTICE
-    if is_failsafe_error(subsystem) and armed:
+    if codes.is_failsafe_error(subsystem) and armed:
         return Severity.CRITICAL if is_open else Severity.WARNING
     return Severity.WARNING if armed or is_open else Severity.NOTICE
 
 
 def _from_texts(log: Log, told: list[ReportedTrouble], spans: list[ErrorSpan], clock: LogClock) -> Iterator[Finding]:
     """Sentences of trouble that no error code and no mode change tells already."""
-    explained = [span.from_ns for span in spans if span.subsystem != ERR_EKF_PRIMARY]
+    explained = [span.from_ns for span in spans if span.subsystem != codes.ERR_EKF_PRIMARY]
     explained += [span.from_ns for span in mode_spans(log) if span.failsafe]
     for trouble in told:
         at_ns = trouble.text.at_ns
         if trouble.severity < Severity.CRITICAL and any(abs(at_ns - other) <= _NEAR_NS for other in explained):
             continue
-        if trouble.key == "internal_error" and any(span.subsystem == ERR_INTERNAL for span in spans):
+        if trouble.key == "internal_error" and any(span.subsystem == codes.ERR_INTERNAL for span in spans):
             continue
         on = clock.was_armed(at_ns)
         severity = trouble.severity if on or trouble.severity == Severity.CRITICAL else Severity.NOTICE
@@ -282,7 +254,7 @@ def _internal_error_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
             sentence += f", in scheduler task {int(task)}"
         evidence = Evidence("WDOG", None, int(watchdog.stamp_ns[-1]))
         step = "Report it with this log: which code stood still is in WDOG and in @SYS/crash_dump.bin."
-        yield Finding("events.watchdog", Severity.CRITICAL, sentence, (evidence,), step)
+        yield Finding.critical("events.watchdog", sentence, (evidence,), step)
     stuck = log.tables.get("MON")
     if stuck is not None:
         sentence = f"The main loop stood still long enough to be written down {len(stuck)} times"
@@ -291,7 +263,7 @@ def _internal_error_findings(log: Log, clock: LogClock) -> Iterator[Finding]:
         at_ns = int(stuck.stamp_ns[0])
         step = "Look at the scheduler section at this time, and at MON.Tsk for the task it stood in."
         evidence = Evidence("MON", "Dly", at_ns, int(stuck.stamp_ns[-1]))
-        yield Finding("events.main_loop_stuck", Severity.CRITICAL, sentence, (evidence,), step)
+        yield Finding.critical("events.main_loop_stuck", sentence, (evidence,), step)
     for name, columns in (("PM", ("InE", "IntE", "IErr")), ("MON", ("IErr",)), ("WDOG", ("IErr",))):
         table = log.tables.get(name)
         column = None if table is None else first_of(table, columns)
@@ -307,17 +279,16 @@ def _bits(table: Table, column: str) -> int:
     if values.dtype.kind not in "iu" or not len(values):
         return 0
     bits = int(np.bitwise_or.reduce(values.astype(np.int64)))
-    return bits & sum(1 << bit for bit in INTERNAL_ERRORS)
+    return bits & sum(1 << bit for bit in codes.INTERNAL_ERRORS)
 
 
 def _internal_errors(table: Table, name: str, column: str, bits: int, clock: LogClock) -> Finding:
     rows = np.flatnonzero(np.asarray(table.values(column, raw=True)).astype(np.int64) & bits)
     at_ns = int(table.stamp_ns[rows[0]])
-    only_reset = bits == WATCHDOG_RESET
-    return Finding(
+    only_reset = bits == codes.WATCHDOG_RESET
+    return Finding.critical(
         "events.internal_errors",
-        Severity.CRITICAL,
-        f"Internal errors of the firmware, first at {clock.text(at_ns)}: {', '.join(internal_error_names(bits))}",
+        f"Internal errors of the firmware, first at {clock.text(at_ns)}: {', '.join(codes.internal_error_names(bits))}",
         (Evidence(name, column, at_ns, int(table.stamp_ns[rows[-1]]), f"0x{bits:x}"),),
         "The board was reset by its watchdog: look at WDOG." if only_reset else "Report it to ArduPilot with this log.",
     )

@@ -12,21 +12,9 @@ import numpy as np
 from xitl_cli.logs.clocks.fit import clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import (
-    Evidence,
-    Fact,
-    Finding,
-    Grid,
-    Mark,
-    Plot,
-    Section,
-    Severity,
-    Trace,
-    Value,
-    make_grid,
-    rounded,
-)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals.deadlines import missed_deadlines
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.table import Table
 
 MOST_PROFILE = 1 << 20
@@ -104,7 +92,7 @@ def analyse(log: Log) -> Section | None:
     if takeovers is not None and handed:
         findings += _takeovers(takeovers, clock)
         grids.append(
-            make_grid(
+            Grid.limited(
                 "takeovers",
                 "Takeovers",
                 ("at (s)", "from", "to", "silent for (s)", "largest step of a motor command"),
@@ -184,9 +172,8 @@ def _does_something(value: object) -> bool:
 def _finding(fault: FaultSpan, clock: LogClock) -> Finding:
     end = "to the end" if fault.until_ns is None else f"to {clock.text(fault.until_ns)}"
     seen = f"; to be seen: {fault.expected}" if fault.expected else ""
-    return Finding(
+    return Finding.notice(
         "faults.injected",
-        Severity.NOTICE,
         f"On purpose: {fault.name} from {clock.text(fault.from_ns)} {end} ({fault.what}){seen}",
         (Evidence("/faults", "active", fault.from_ns, fault.until_ns, fault.what),),
         "Read what other sections find in this time as its effect; what they find outside of it is not.",
@@ -197,9 +184,8 @@ def _takeovers(table: Table, clock: LogClock) -> Iterator[Finding]:
     for at_ns, one, other, silent_s, step in _rows(table)[:20]:
         silent = f", which had been silent for {silent_s:.2f} s" if math.isfinite(silent_s) else ""
         stepped = f"; a motor command stepped by {step:.2f} at most" if math.isfinite(step) else ""
-        yield Finding(
+        yield Finding.notice(
             "faults.takeover",
-            Severity.NOTICE,
             f"At {clock.text(at_ns)} {other} took over from {one}{silent}{stepped}",
             (Evidence("/takeovers", "from_node", at_ns, value=f"{silent_s:.3f} s" if silent else ""),),
             "See the links and the scheduler for why the first one fell silent.",
@@ -250,7 +236,7 @@ def _grid(log: Log, faults: Sequence[FaultSpan], clock: LogClock) -> Grid:
     columns = (
         "fault", "from (s)", "until (s)", "what", "to be seen", "frames lost then", "deadlines missed", "clock steps",
     )  # fmt: skip
-    return make_grid("faults", "Faults on purpose, and what came with them", columns, rows)
+    return Grid.limited("faults", "Faults on purpose, and what came with them", columns, rows)
 
 
 def _missing(log: Log, from_ns: int, until_ns: int) -> int | None:

@@ -36,9 +36,8 @@ def fix_findings(log: Log, receiver: GnssReceiver, pause: Stamps, clock: LogCloc
     field = receiver.fields["fix"]
     if not fixed.any():
         best = FIX_NAMES.get(int(receiver.fix.max()), f"status {int(receiver.fix.max())}")
-        yield Finding(
+        yield Finding.warning(
             "gnss.no_fix",
-            Severity.WARNING,
             f"{receiver.name} never had a 3D fix; the best was: {best}",
             (Evidence(receiver.message, field, int(receiver.stamp_ns[0]), int(receiver.stamp_ns[-1])),),
             "Check antenna and sky; a receiver that is not fitted should be disabled.",
@@ -48,9 +47,8 @@ def fix_findings(log: Log, receiver: GnssReceiver, pause: Stamps, clock: LogCloc
     fell = np.flatnonzero((receiver.fix[:-1] >= _RTK) & (receiver.fix[1:] < receiver.fix[:-1]) & fixed[1:])
     if len(fell):
         times = listed([clock.text(int(receiver.stamp_ns[row + 1])) for row in fell])
-        yield Finding(
+        yield Finding.notice(
             "gnss.rtk_lost",
-            Severity.NOTICE,
             f"{receiver.name} fell from an RTK solution to a lesser one {_times(len(fell))}: at {times}",
             tuple(Evidence(receiver.message, field, int(receiver.stamp_ns[row + 1])) for row in fell[:8]),
             "Look at the link that carries the corrections, and at the satellites then.",
@@ -205,9 +203,8 @@ def _bias(
         return
     worst = int(np.argmax(speed))
     at_ns = int(stamps[0] + numbers[worst] * int(_WINDOW_S * 1e9))
-    yield Finding(
+    yield Finding.warning(
         "gnss.velocity_off",
-        Severity.WARNING,
         f"The velocity of {receiver.name} is {speed[worst]:.1f} m/s off what its positions do, over ten seconds "
         f"from {clock.text(at_ns)}",
         (Evidence(receiver.message, receiver.fields.get("speed"), at_ns, at_ns + int(_WINDOW_S * 1e9)),),
@@ -229,9 +226,8 @@ def _frozen(receiver: GnssReceiver, good: NDArray[np.intp], step_s: Floats, cloc
     if not spans:
         return
     times = listed([f"from {clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b, _ in spans])
-    yield Finding(
+    yield Finding.warning(
         "gnss.frozen",
-        Severity.WARNING,
         f"{receiver.name} repeats one position while it reports {float(np.nanmedian(spans[0][2])):.1f} m/s: {times}",
         tuple(Evidence(receiver.message, receiver.fields["lat"], a, b) for a, b, _ in spans[:8]),
         "Check the receiver and its driver: a device that no longer measures may repeat its last fix.",
@@ -316,9 +312,8 @@ def _quality(receiver: GnssReceiver) -> Iterator[Finding]:
         if not len(bad) or bad.mean() <= _POOR_SHARE:
             continue
         at = np.flatnonzero(bad)
-        yield Finding(
+        yield Finding.notice(
             "gnss.poor",
-            Severity.NOTICE,
             f"{receiver.name} had {what} for {100.0 * float(bad.mean()):.0f} % of the time with a fix",
             (Evidence(message, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
             "Give the antenna more sky, away from radio and computer; expect the estimator to wander as much.",
@@ -380,9 +375,8 @@ def _glitches(log: Log, clock: LogClock) -> Iterator[Finding]:
     if not spans:
         return
     spans.sort()
-    yield Finding(
+    yield Finding.warning(
         "gnss.glitch",
-        Severity.WARNING,
         f"The autopilot took positions for a glitch, first at {clock.text(spans[0][0])}",
         tuple(Evidence(message, field, a, b) for a, b, message, field in spans[:8]),
         "Compare the receiver's positions with the estimate then: interference, or an estimator that went astray.",

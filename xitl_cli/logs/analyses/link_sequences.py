@@ -12,20 +12,9 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import (
-    Evidence,
-    Fact,
-    Finding,
-    Mark,
-    Plot,
-    Section,
-    Severity,
-    Trace,
-    Value,
-    make_grid,
-    rounded,
-)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals.moments import Moment, moments_near
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.table import Stamps
 
 LOSS_WARNING, LOSS_CRITICAL = 0.02, 0.2
@@ -89,7 +78,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
     whole = [each.name for each in found if each.component == AUTOPILOT and len(each.stamp_ns) >= LEAST_FRAMES]
     if whole and not (losses or silences):
         said = f"No frame of {' and '.join(whole)} is missing by its sequence"
-        losses.append(Finding("links.sequence_whole", Severity.OK, said))
+        losses.append(Finding.ok("links.sequence_whole", said))
     rows: list[tuple[Value, ...]] = [
         (
             each.system,
@@ -109,7 +98,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
         if each.component == AUTOPILOT:
             label = f"Lost of system {each.system}"
             facts.append(Fact(f"system_{each.system}_lost_percent", label, rounded(100.0 * each.ratio, 3), "%"))
-    grids = [make_grid("senders", "MAVLink by sender", columns, rows)] if rows else []
+    grids = [Grid.limited("senders", "MAVLink by sender", columns, rows)] if rows else []
     pauses: list[tuple[Value, ...]] = [
         (name, clock.second(begin), clock.second(end), rounded((end - begin) * 1e-9))
         for name, _, spans in quiet
@@ -117,7 +106,7 @@ def sequence_section(log: Log, happened: Sequence[Moment], clock: LogClock) -> S
     ]
     if pauses:
         grids.append(
-            make_grid("silences", "Intervals without a frame", ("link", "from (s)", "until (s)", "for (s)"), pauses)
+            Grid.limited("silences", "Intervals without a frame", ("link", "from (s)", "until (s)", "for (s)"), pauses)
         )
     if not found and not pauses:
         return None

@@ -9,21 +9,9 @@ import numpy as np
 from xitl_cli.logs.analyses.link_sequences import sequence_section
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import (
-    Evidence,
-    Fact,
-    Finding,
-    Grid,
-    Plot,
-    Section,
-    Severity,
-    Trace,
-    Value,
-    joined,
-    make_grid,
-    rounded,
-)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals.moments import moments
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance, first_of
 
 LOSS_WARNING, LOSS_CRITICAL = 0.01, 0.2
@@ -50,7 +38,7 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
     known = {name: of for name in links if (of := _sent_count(last[name]))}
     if known and not findings:
         counted = " and ".join(f"{of} frames on {name}" for name, of in known.items())
-        findings.append(Finding("links.whole", Severity.OK, f"None of {counted} was lost"))
+        findings.append(Finding.ok("links.whole", f"None of {counted} was lost"))
     facts = []
     for name in links:
         key = name.replace(" ", "_")
@@ -70,7 +58,7 @@ def count_section(log: Log, clock: LogClock) -> Section | None:
         "Links",
         tuple(fact for fact in facts if fact.value is not None),
         tuple(findings),
-        (make_grid("links", "Frames on each link, as both ends counted them", columns, rows),),
+        (Grid.limited("links", "Frames on each link, as both ends counted them", columns, rows),),
         _count_plots(links),
     )
 
@@ -142,9 +130,8 @@ def _count_findings(name: str, link: Table, counts: dict[str, int | None], clock
             )
     p99_s = _latest(link, "latency_p99_s")
     if p99_s is not None and p99_s > LATENCY_WARNING_S:
-        yield Finding(
+        yield Finding.warning(
             "links.latency",
-            Severity.WARNING,
             f"{name}: one message in a hundred took {1e3 * p99_s:.0f} ms or more",
             (Evidence("/links", "latency_p99_s", value=f"{1e3 * p99_s:.1f} ms"),),
             "Control lives with old samples: look at the load of the link and of both machines.",
@@ -191,7 +178,7 @@ ROUND = 1 << 16  # counts of packets are of 16 bits
 
 def autopilot_section(log: Log, clock: LogClock) -> Section | None:
     parts = [part for of in (_channels, _radio, _serial, _trips) if (part := of(log, clock)) is not None]
-    return joined("links", "Links", parts) if parts else None
+    return Section.joined("links", "Links", parts) if parts else None
 
 
 def _grown(table: Table, column: str) -> Stamps:
@@ -230,10 +217,10 @@ def _channels(log: Log, clock: LogClock) -> Section | None:
     heard = sum(int(_grown(mine, "rxp").sum()) for mine in channels.values())
     if heard >= LEAST_PACKETS and not findings:
         said = f"None of {heard} MAVLink packets sent to the autopilot was missed"
-        findings.append(Finding("links.received_whole", Severity.OK, said))
+        findings.append(Finding.ok("links.received_whole", said))
     columns = ("channel", "packets sent", "received", "missed", "stream slowed by, most (ms)")
     facts = (Fact("channels", "MAVLink channels", len(channels)),)
-    return Section("links", "", facts, tuple(findings), (make_grid("channels", "MAVLink channels", columns, rows),))
+    return Section("links", "", facts, tuple(findings), (Grid.limited("channels", "MAVLink channels", columns, rows),))
 
 
 def _radio(log: Log, clock: LogClock) -> Section | None:
@@ -254,9 +241,8 @@ def _radio(log: Log, clock: LogClock) -> Section | None:
         if len(low):
             begin, end = int(table.stamp_ns[low[0]]), int(table.stamp_ns[low[-1]])
             findings.append(
-                Finding(
+                Finding.warning(
                     "links.radio_margin",
-                    Severity.WARNING,
                     f"The radio's signal {where} was within {MARGIN_LOW:.0f} steps of the noise in {len(low)} of "
                     f"{len(table)} reports, first at {clock.text(begin)}",
                     (Evidence("RAD", strength, begin, end, f"{margin.min():.0f}"),),
@@ -288,9 +274,8 @@ def _serial(log: Log, clock: LogClock) -> Section | None:
         if len(at):
             begin, end = int(mine.stamp_ns[at[0]]), int(mine.stamp_ns[at[-1]])
             findings.append(
-                Finding(
+                Finding.warning(
                     "links.serial_overflow",
-                    Severity.WARNING,
                     f"Serial port {port} lost bytes it had received, up to {lost.max():.0f} a second, first at "
                     f"{clock.text(begin)}",
                     (Evidence("UART", "RxDp", begin, end, f"{lost.max():.0f} B/s"),),
@@ -298,7 +283,7 @@ def _serial(log: Log, clock: LogClock) -> Section | None:
                 )
             )
     columns = ("port", "sent, mean (B/s)", "most (B/s)", "received, mean (B/s)", "most (B/s) ")
-    grids: tuple[Grid, ...] = (make_grid("serial_ports", "Serial ports", columns, rows),)
+    grids: tuple[Grid, ...] = (Grid.limited("serial_ports", "Serial ports", columns, rows),)
     return Section("links", "", (), tuple(findings), grids)
 
 
@@ -317,9 +302,8 @@ def _trips(log: Log, clock: LogClock) -> Section | None:
         worst = int(np.argmax(np.where(good, trip_ms, -1.0)))
         at_ns = int(table.stamp_ns[worst])
         findings.append(
-            Finding(
+            Finding.warning(
                 "links.round_trip",
-                Severity.WARNING,
                 f"One round trip in a hundred took {p99:.0f} ms or more, the longest {trip_ms[worst]:.0f} ms at "
                 f"{clock.text(at_ns)}",
                 (Evidence("TSYN", column, at_ns, value=f"{trip_ms[worst]:.0f} ms"),),
@@ -344,7 +328,7 @@ def analyse(log: Log) -> Section | None:
         happened = [one for one in moments(log) if one.kind in ("fault", "takeover", "mode", "arming")]
         parts = [count_section(log, clock), sequence_section(log, happened, clock)]
     if any(part is not None for part in parts):
-        return joined("links", "Links", parts)
+        return Section.joined("links", "Links", parts)
     if log.format != "dataflash":
         return None
     return Section("links", "Links", lacks=("The log has no MAV, RAD, UART or TSYN, so links cannot be judged.",))

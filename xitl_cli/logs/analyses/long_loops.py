@@ -9,22 +9,10 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import (
-    Evidence,
-    Fact,
-    Finding,
-    Grid,
-    Mark,
-    Plot,
-    Section,
-    Severity,
-    Trace,
-    Value,
-    make_grid,
-    rounded,
-)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals.deadlines import LONG_AT, LoopWindows, simulated_clock_reason
 from xitl_cli.logs.signals.moments import Moment, moments_near, moments_text
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import last_parameters
 from xitl_cli.logs.table import Floats, Stamps
 
@@ -129,9 +117,8 @@ def long_loop_section(log: Log, windows: LoopWindows, happened: Sequence[Moment]
 
 
 def _no_evidence(windows: LoopWindows, why: str) -> Finding:
-    return Finding(
+    return Finding.notice(
         "scheduler.simulated_clock",
-        Severity.NOTICE,
         f"PM tells nothing of processor time: {why}, and the time between loops is that of the simulated clock",
         (Evidence("PM", windows.field("longest_us") if "longest_us" in dict(windows.names) else None),),
         "Judge load and long loops on a log of a board, or of the Linux build in real time.",
@@ -262,9 +249,8 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
     mean = float(load[known].mean())
     if len(full):
         at_ns = int(windows.until_ns[full[0]])
-        yield Finding(
+        yield Finding.warning(
             "scheduler.load_saturated",
-            Severity.WARNING,
             f"Load was at 100 % in {len(full)} of {int(known.sum())} windows, first at {clock.text(at_ns)}: the "
             "loop rate fell under 95 % of what it should be",
             (Evidence("PM", windows.field("load_percent"), at_ns, int(windows.until_ns[full[-1]])),),
@@ -274,7 +260,7 @@ def _load(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
     if mean > LOAD_WARNING_PERCENT:
         evidence = Evidence("PM", windows.field("load_percent"), value=f"{mean:.1f} %")
         step = "Lower SCHED_LOOP_RATE or what the autopilot has to do before something is added."
-        yield Finding("scheduler.load", Severity.WARNING, f"The processor was {mean:.0f} % busy", (evidence,), step)
+        yield Finding.warning("scheduler.load", f"The processor was {mean:.0f} % busy", (evidence,), step)
         return
     return
 
@@ -285,9 +271,8 @@ def _rate(log: Log, windows: LoopWindows) -> Iterator[Finding]:
     if not wanted_hz or not len(rates) or float(np.median(rates)) >= RATE_LOW * wanted_hz:
         return
     reached_hz = float(np.median(rates))
-    yield Finding(
+    yield Finding.warning(
         "scheduler.loop_rate",
-        Severity.WARNING,
         f"The main loop ran at {reached_hz:.0f} Hz where SCHED_LOOP_RATE asks for {wanted_hz:.0f} Hz",
         (Evidence("PM", windows.field("rate_hz"), value=f"{reached_hz:.0f} Hz"),),
         "Lower SCHED_LOOP_RATE to what this board reaches: gains and filters count on it.",
@@ -300,9 +285,8 @@ def _extra(windows: LoopWindows, clock: LogClock) -> Iterator[Finding]:
     if not len(rows):
         return
     at_ns = int(windows.until_ns[rows[0]])
-    yield Finding(
+    yield Finding.notice(
         "scheduler.late_tasks",
-        Severity.NOTICE,
         f"Tasks were eight times late, so up to {extra.max():.0f} us were added to each loop, first at "
         f"{clock.text(at_ns)}",
         (Evidence("PM", windows.field("extra_us"), at_ns, int(windows.until_ns[rows[-1]])),),
@@ -327,7 +311,7 @@ def _grid(windows: LoopWindows, found: list[LongLoopWindow], clock: LogClock) ->
             )
         )
     columns = ("window until (s)", "long", "loops", "longest (us)", "from (s)", "until (s)", "armed", "with")
-    return make_grid("long_loops", "Windows with long loops, and what else happened then", columns, rows)
+    return Grid.limited("long_loops", "Windows with long loops, and what else happened then", columns, rows)
 
 
 def _plots(windows: LoopWindows, found: list[LongLoopWindow]) -> tuple[Plot, ...]:

@@ -16,7 +16,8 @@ from xitl_cli.logs import signals
 from xitl_cli.logs.analyses.modes import ModeSpan, mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, make_grid, rounded
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.commands import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
@@ -26,7 +27,7 @@ _PLAUSIBLE_ITEMS = 5000
 
 
 @dataclass(frozen=True, slots=True)
-class MissionItem:
+class LoggedMissionItem:
     """latitude and longitude in deg, altitude in m; place: whether it is somewhere to go to."""
 
     seq: int
@@ -47,10 +48,10 @@ class MissionVersion:
     """The mission from `at_ns` on, by number of the item; item 0 is home."""
 
     at_ns: int
-    items: Mapping[int, MissionItem]
+    items: Mapping[int, LoggedMissionItem]
 
     @property
-    def places(self) -> list[MissionItem]:
+    def places(self) -> list[LoggedMissionItem]:
         return [item for seq, item in sorted(self.items.items()) if seq and item.place]
 
 
@@ -58,7 +59,7 @@ def mission_versions(log: Log) -> list[MissionVersion]:
     """Every mission that was logged and differs from the one before, in the log's order; home is not compared."""
     rows = _items_from_log(log) or _items_from_telemetry(log)
     found: list[MissionVersion] = []
-    current: dict[int, MissionItem] = {}
+    current: dict[int, LoggedMissionItem] = {}
     began_ns, last_seq = 0, -1
     for at_ns, total, item in rows:
         if item.seq <= last_seq or not current:
@@ -91,7 +92,7 @@ def _sequence(table: Table, column: str, changes_only: bool) -> list[tuple[int, 
     return [(at_ns, seq) for at_ns, seq in zip(stamps.tolist(), numbers.tolist(), strict=True) if seq > 0]
 
 
-def _add(found: list[MissionVersion], at_ns: int, items: dict[int, MissionItem]) -> None:
+def _add(found: list[MissionVersion], at_ns: int, items: dict[int, LoggedMissionItem]) -> None:
     if not items:
         return
     before = {seq: item for seq, item in found[-1].items.items() if seq} if found else None
@@ -99,7 +100,7 @@ def _add(found: list[MissionVersion], at_ns: int, items: dict[int, MissionItem])
         found.append(MissionVersion(at_ns, dict(items)))
 
 
-def _items_from_log(log: Log) -> list[tuple[int, int, MissionItem]]:
+def _items_from_log(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
     table = log.tables.get("CMD")
     names = ("CNum", "CId", "Lat", "Lng", "Alt")
     if table is None or not set(names) <= set(table.columns):
@@ -107,7 +108,7 @@ def _items_from_log(log: Log) -> list[tuple[int, int, MissionItem]]:
     return _rows(table, names, "CTot", "Frame")
 
 
-def _items_from_telemetry(log: Log) -> list[tuple[int, int, MissionItem]]:
+def _items_from_telemetry(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
     for table in (
         autopilot_messages(log, "MISSION_ITEM_INT"),
         log.tables.get("MISSION_ITEM_INT"),
@@ -120,7 +121,9 @@ def _items_from_telemetry(log: Log) -> list[tuple[int, int, MissionItem]]:
     return []
 
 
-def _rows(table: Table, names: tuple[str, ...], total: str | None, frame: str) -> list[tuple[int, int, MissionItem]]:
+def _rows(
+    table: Table, names: tuple[str, ...], total: str | None, frame: str
+) -> list[tuple[int, int, LoggedMissionItem]]:
     columns = [np.asarray(table.values(name), dtype=np.float64) for name in names]
     totals = table.values(total, raw=True).tolist() if total and total in table.columns else [0] * len(table)
     frame_column = first_of(table, (frame,))
@@ -132,7 +135,7 @@ def _rows(table: Table, names: tuple[str, ...], total: str | None, frame: str) -
         seq, command, x, y, z = (float(column[row]) for column in columns)
         if not (0 <= seq < _PLAUSIBLE_ITEMS and 0 <= command < 65_536 and np.isfinite((x, y)).all()):
             continue
-        item = MissionItem(int(seq), int(command), x * scale, y * scale, z, int(frames[row]))
+        item = LoggedMissionItem(int(seq), int(command), x * scale, y * scale, z, int(frames[row]))
         rows.append((int(table.stamp_ns[row]), int(totals[row]), item))
     return rows
 
@@ -166,7 +169,7 @@ def length_m(plan: MissionVersion) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-def _path(places: list[MissionItem], origin: MissionItem) -> NDArray[Any]:
+def _path(places: list[LoggedMissionItem], origin: LoggedMissionItem) -> NDArray[Any]:
     """(N, 2) north and east in m."""
     frame = LocalFrame(origin.latitude_deg, origin.longitude_deg, 0.0)
     latitudes, longitudes = (
@@ -182,7 +185,7 @@ def leg_tracks(log: Log, plan: MissionVersion | None, legs: list[MissionLeg]) ->
         return [LegTrack()] * len(legs)
     items = {item.seq: item for item in plan.places}
     found: list[LegTrack] = []
-    before: MissionItem | None = None
+    before: LoggedMissionItem | None = None
     for leg in legs:
         item = items.get(leg.seq)
         rows = (geodetic.stamp_ns >= leg.from_ns) & (geodetic.stamp_ns <= leg.until_ns)
@@ -263,10 +266,7 @@ def analyse(log: Log) -> Section | None:
         Fact("cross_track_rms_m", "Cross track, RMS", overall_rms_m(legs, sailed), "m"),
         Fact("cross_track_max_m", "Cross track, largest", largest_m(sailed), "m"),
     )
-    findings = [
-        *_unfinished(log, legs, complete, done, wanted, modes, clock),
-        *_changed(log, loaded, legs, clock),
-    ]
+    findings = [*_unfinished(log, legs, complete, done, wanted, modes, clock), *_changed(log, loaded, legs, clock)]
     grids = [found for found in (_leg_table(plan, legs, sailed, clock), _plan_table(plan)) if found is not None]
     known = tuple(fact for fact in facts if fact.value is not None)
     return Section("missions", "Mission", known, tuple(findings), tuple(grids), (), tuple(lacks))
@@ -375,7 +375,7 @@ def _leg_table(
         )
     columns = ("item", "command", "begun (s)", "reached (s)", "took (s)", "leg (m)", "way (m)", "mean speed (m/s)",
                "cross track RMS (m)", "cross track max (m)")  # fmt: skip
-    return make_grid("legs", "Legs", columns, rows)
+    return Grid.limited("legs", "Legs", columns, rows)
 
 
 def _plan_table(plan: MissionVersion | None) -> Grid | None:
@@ -392,7 +392,9 @@ def _plan_table(plan: MissionVersion | None) -> Grid | None:
         )
         for _, item in sorted(plan.items.items())
     ]
-    return make_grid("mission", "Mission", ("item", "command", "latitude", "longitude", "altitude (m)", "frame"), rows)
+    return Grid.limited(
+        "mission", "Mission", ("item", "command", "latitude", "longitude", "altitude (m)", "frame"), rows
+    )
 
 
 def _unfinished(
@@ -436,9 +438,8 @@ def _changed(log: Log, loaded: list[MissionVersion], legs: list[MissionLeg], clo
     if not during:
         return
     after_s = length_text((during[0].at_ns - legs[0].from_ns) * 1e-9)
-    yield Finding(
+    yield Finding.notice(
         "missions.changed",
-        Severity.NOTICE,
         f"The mission was changed {len(during)} times while it was carried out, first {after_s} after it began",
         tuple(Evidence("CMD", None, version.at_ns, value=f"{len(version.items)} items") for version in during[:20]),
         f"Legs and cross track here are of the mission in force at {clock.text(legs[-1].from_ns)}.",

@@ -10,7 +10,8 @@ import numpy as np
 from xitl_cli.logs import signals
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid, rounded
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import vehicle_kind
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.events import error_name, is_failsafe_error
@@ -69,7 +70,7 @@ def analyse(log: Log) -> Section | None:
             for name, total_s in sorted(in_mode.items(), key=lambda item: -item[1])[:12]
         ),
     )
-    table = make_grid("modes", "Modes", ("from (s)", "until (s)", "duration (s)", "mode", "why"), rows)
+    table = Grid.limited("modes", "Modes", ("from (s)", "until (s)", "duration (s)", "mode", "why"), rows)
     findings = _failsafes(spans, clock)
     lacks: tuple[str, ...] = ()
     if all(span.reason is None for span in spans):

@@ -11,7 +11,7 @@ import numpy as np
 from xitl_cli.logs import signals
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, make_grid
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import ParameterRow, parameter_rows
 
@@ -62,7 +62,7 @@ def analyse(log: Log) -> Section | None:
     grids = []
     if told:
         grids.append(
-            make_grid(
+            Grid.limited(
                 "parameter_changes",
                 "Changed during the log",
                 ("at (s)", "parameter", "from", "to", "while"),
@@ -81,7 +81,7 @@ def analyse(log: Log) -> Section | None:
     if differ:
         listed = [(row.name, _shown(row.value), _shown(defaults[row.name])) for row in sorted(differ, key=_name)]
         grids.append(
-            make_grid("not_default", "Set to other than their default", ("parameter", "value", "default"), listed)
+            Grid.limited("not_default", "Set to other than their default", ("parameter", "value", "default"), listed)
         )
     lacks = () if defaults else ("Defaults of parameters are not in this log, so which were set is not known.",)
     shown = tuple(fact for fact in facts if fact.value is not None)
@@ -113,9 +113,8 @@ def _findings(
         first = while_armed[0]
         names = list(dict.fromkeys(each.name for each in while_armed))
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        yield Finding(
+        yield Finding.notice(
             "parameters.changed_while_armed",
-            Severity.NOTICE,
             f"{first.name}{more} changed while armed, first at {clock.text(first.at_ns)} from "
             f"{_shown(first.before):g} to {_shown(first.after):g}",
             tuple(
@@ -126,9 +125,8 @@ def _findings(
         )
     threshold = last.get("FS_EKF_THRESH")
     if threshold is not None and threshold.value <= 0.0 and signals.armed(log):
-        yield Finding(
+        yield Finding.notice(
             "parameters.ekf_failsafe_off",
-            Severity.NOTICE,
             f"The EKF check is off (FS_EKF_THRESH {threshold.value:g}): no ERR 16 or 17 says nothing here",
             (Evidence(threshold.source, "FS_EKF_THRESH", threshold.at_ns, value=f"{threshold.value:g}"),),
             "Set FS_EKF_THRESH to 0.8 to have a lost position noticed.",

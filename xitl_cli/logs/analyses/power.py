@@ -13,7 +13,7 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value, joined
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import held_spans, runs
 from xitl_cli.logs.signals.states import error_rows, parameter_values
@@ -118,7 +118,7 @@ def board_section(log: Log, clock: LogClock) -> Section | None:
     if not parts and log.format == "dataflash":
         lack = "The board's own voltage is not logged (POWR): its sensor may be missing."
         return Section("power", _TITLE, lacks=(lack,))
-    return joined("power", _TITLE, parts) if parts else None
+    return Section.joined("power", _TITLE, parts) if parts else None
 
 
 def _supply(log: Log, clock: LogClock) -> Section | None:
@@ -141,11 +141,11 @@ def _supply(log: Log, clock: LogClock) -> Section | None:
                 f"under {LEAST_V} V a brown-out is near"
             )
             step = "Take servos and radios off the board's supply, or fit a stronger one."
-            findings.append(Finding("power.brown_out", Severity.WARNING, sentence, evidence, step))
+            findings.append(Finding.warning("power.brown_out", sentence, evidence, step))
         elif most - least > CHANGE_V:
             sentence = f"The board's supply changed by {most - least:.2f} V, from {least:.2f} to {most:.2f} V"
             step = "See whether it follows the throttle or the servos: the supply is weak or shared."
-            findings.append(Finding("power.supply_changes", Severity.NOTICE, sentence, evidence, step))
+            findings.append(Finding.notice("power.supply_changes", sentence, evidence, step))
         facts = (
             Fact("board_least_v", "Board supply, least", significant(least), "V"),
             Fact("board_most_v", "Board supply, most", significant(most), "V"),
@@ -164,9 +164,8 @@ def _flag_findings(table: Table, clock: LogClock) -> Iterator[Finding]:
     over = np.flatnonzero((bits & _OVERCURRENT) != 0)
     if len(over):
         at_ns = int(table.stamp_ns[over[0]])
-        yield Finding(
+        yield Finding.warning(
             "power.overcurrent",
-            Severity.WARNING,
             f"The board's supply for peripherals was overloaded, first at {clock.text(at_ns)}",
             (Evidence(table.name, field, at_ns, int(table.stamp_ns[over[-1]]), str(int(bits[over[0]]))),),
             "Unplug peripherals one by one, or feed them from a supply of their own.",
@@ -174,9 +173,8 @@ def _flag_findings(table: Table, clock: LogClock) -> Iterator[Finding]:
     lost = np.flatnonzero(((bits[:-1] & _BRICK) != 0) & ((bits[1:] & _BRICK) == 0)) + 1
     if len(lost):
         at_ns = int(table.stamp_ns[lost[0]])
-        yield Finding(
+        yield Finding.warning(
             "power.input_lost",
-            Severity.WARNING,
             f"The main supply of the board failed {len(lost)} times, first at {clock.text(at_ns)}",
             tuple(Evidence(table.name, field, int(table.stamp_ns[row])) for row in lost[:8]),
             "Check the power module and its plug; something else fed the board meanwhile.",
@@ -194,7 +192,7 @@ def _processor(log: Log, clock: LogClock) -> Section | None:
         sentence = f"The processor of the board was at {hottest_degc:.0f} °C at {clock.text(at_ns)}"
         evidence = Evidence("MCU", "MTemp", at_ns, None, f"{hottest_degc:.0f} °C")
         step = "Shade or cool the case: sensors drift with it."
-        findings = (Finding("power.hot", Severity.NOTICE, sentence, (evidence,), step),)
+        findings = (Finding.notice("power.hot", sentence, (evidence,), step),)
     fact = Fact("processor_hottest_degc", "Processor of the board, hottest", significant(hottest_degc), "°C")
     return Section("power", _TITLE, (fact,), findings)
 
@@ -223,7 +221,7 @@ def analyse(log: Log) -> Section | None:
         _plots(found),
         tuple(_lacks(found, parameters)),
     )
-    return joined("power", _TITLE, (supplied, supply))
+    return Section.joined("power", _TITLE, (supplied, supply))
 
 
 def _prefix(each: Battery) -> str:
@@ -256,9 +254,8 @@ def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> 
         under = np.flatnonzero(capacity - np.nan_to_num(each.used_mah) < limit)
         if len(under):
             at_ns = int(each.stamp_ns[under[0]])
-            yield Finding(
+            yield Finding.warning(
                 "power.used_up",
-                Severity.WARNING,
                 f"{each.name} had less than {limit:.0f} mAh of its {capacity:.0f} mAh left from {clock.text(at_ns)} on",
                 (Evidence(each.message, "CurrTot", at_ns),),
                 "Plan shorter runs or fit a larger battery.",
@@ -266,9 +263,8 @@ def _judged(each: Battery, parameters: Mapping[str, float], clock: LogClock) -> 
     yield from _nearly_empty(each)
     if each.healthy is not None and not each.healthy.all():
         bad = np.flatnonzero(~each.healthy)
-        yield Finding(
+        yield Finding.warning(
             "power.unhealthy",
-            Severity.WARNING,
             f"The monitor of {each.name} was unhealthy in {len(bad)} of {len(each.healthy)} rows, first at "
             f"{clock.text(int(each.stamp_ns[bad[0]]))}",
             (Evidence(each.message, "H", int(each.stamp_ns[bad[0]]), int(each.stamp_ns[bad[-1]]), "0"),),
@@ -298,9 +294,8 @@ def _nearly_empty(each: Battery) -> Iterator[Finding]:
     if left >= _LOW_PERCENT:
         return
     at_ns = int(each.stamp_ns[known[-1]])
-    yield Finding(
+    yield Finding.notice(
         "power.nearly_empty",
-        Severity.NOTICE,
         f"{each.name} had {left:.0f} % left at the end",
         (Evidence(each.message, "RemPct", at_ns, None, f"{left:.0f} %"),),
         "Charge it before the next run; the figure counts from what the autopilot took for full at the start.",
@@ -316,9 +311,8 @@ def _falls_at_end(each: Battery) -> Iterator[Finding]:
     if last > _FALL_V_SHARE * usual or each.voltage_v[known[-1]] > each.voltage_v[known[-2]]:
         return
     at_ns = int(each.stamp_ns[known[-1]])
-    yield Finding(
+    yield Finding.critical(
         "power.breakdown",
-        Severity.CRITICAL,
         f"The log ends with {each.name} at {last:.2f} V and falling, where {usual:.2f} V are usual",
         (Evidence(each.message, each.voltage_field, at_ns, None, f"{last:.2f} V"),),
         "Check connectors and the battery: the supply broke down, and the log with it.",
@@ -331,9 +325,8 @@ def _failsafes(log: Log, clock: LogClock) -> Iterator[Finding]:
     ]
     if not acted:
         return
-    yield Finding(
+    yield Finding.warning(
         "power.failsafe",
-        Severity.WARNING,
         f"The battery failsafe acted, first at {clock.text(acted[0][0])}",
         tuple(Evidence("ERR", "ECode", at_ns, None, str(code)) for at_ns, code in acted[:8]),
         "See the voltage then and what BATT_FS_LOW_ACT and BATT_FS_CRT_ACT order.",

@@ -9,7 +9,7 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value, joined
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import find_holds, held_spans, runs
@@ -58,9 +58,8 @@ def _failsafe(
         armed = armed_rows(log, stamps)
         sailing = lost if armed is None else lost & armed
         if lost.all():
-            yield Finding(
+            yield Finding.notice(
                 "radio.none",
-                Severity.NOTICE,
                 "No remote control was heard in this log",
                 (Evidence(message, field, spans[0][0], spans[0][1]),),
                 "As intended without a transmitter; else switch it on and check the receiver.",
@@ -114,9 +113,8 @@ def _held(channels: Mapping[int, Series], clock: LogClock) -> Iterator[Finding]:
     message = first.source.rpartition(".")[0]
     spans = [(int(first.stamp_ns[hold.first]), int(first.stamp_ns[hold.last])) for hold in found.holds]
     times = listed([f"from {clock.text(a)} for {(b - a) * 1e-9:.1f} s" for a, b in spans])
-    yield Finding(
+    yield Finding.notice(
         "radio.held",
-        Severity.NOTICE,
         f"All channels of the remote control stood still {times}, though they tremble otherwise",
         tuple(Evidence(message, None, a, b) for a, b in spans[:8]),
         "A receiver set to hold hides a lost link: set it to send no pulses, so that the failsafe sees it.",
@@ -138,9 +136,8 @@ def _strength(log: Log) -> Iterator[Finding]:
             weak = level < _WEAK
             if float(weak.mean()) > _WEAK_SHARE:
                 at = np.flatnonzero(weak)
-                yield Finding(
+                yield Finding.notice(
                     "radio.weak",
-                    Severity.NOTICE,
                     f"The {what} of the remote control was under {100.0 * _WEAK:.0f} % for "
                     f"{100.0 * float(weak.mean()):.0f} % of the time, at least {100.0 * float(level.min()):.0f} %",
                     (Evidence(table.name, field, int(stamps[at[0]]), int(stamps[at[-1]])),),
@@ -295,9 +292,8 @@ def _swinging(output: OutputChannel) -> Iterator[Finding]:
         return
     message, _, field = output.series.source.rpartition(".")
     stamps = output.series.stamp_ns[output.armed]
-    yield Finding(
+    yield Finding.notice(
         "radio.oscillation",
-        Severity.NOTICE,
         f"{output.name} swings to and fro {reversals / 2.0:.1f} times a second by more than "
         f"{100.0 * _SWING:.0f} % of its way",
         (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
@@ -351,9 +347,8 @@ def _uneven(found: list[OutputChannel]) -> Iterator[Finding]:
         return
     message, _, field = port.series.source.rpartition(".")
     stamps = port.series.stamp_ns[working]
-    yield Finding(
+    yield Finding.notice(
         "radio.uneven",
-        Severity.NOTICE,
         f"{port.name} worked at {100.0 * left:.0f} % and {starboard.name} at {100.0 * right:.0f} % on average",
         (Evidence(message, field, int(stamps[0]), int(stamps[-1])),),
         "Wind or current from one side does that, and so does a fouled or weaker propeller: compare another run.",
@@ -386,9 +381,8 @@ def _too_slow(log: Log, found: list[OutputChannel], clock: LogClock) -> Iterator
         return
     worst = max(long, key=lambda span: span[1] - span[0])
     lag = float(np.nanmean(np.abs(wanted[worst[2] : worst[3]]) - np.abs(speed[worst[2] : worst[3]])))
-    yield Finding(
+    yield Finding.warning(
         "radio.too_slow",
-        Severity.WARNING,
         f"At full throttle the vessel stayed {lag:.1f} m/s under the speed asked for, longest from "
         f"{clock.text(worst[0])} for {(worst[1] - worst[0]) * 1e-9:.1f} s",
         tuple(Evidence("THR", "DesSpeed", a, b) for a, b, _, _ in long[:8]),
@@ -457,4 +451,4 @@ def analyse(log: Log) -> Section | None:
         return None
     parameters = parameter_values(log)
     parts = (input_section(log, channels, parameters, clock), output_section(log, driven, parameters, clock))
-    return joined("radio", "Remote control and outputs", parts)
+    return Section.joined("radio", "Remote control and outputs", parts)

@@ -15,8 +15,9 @@ import numpy as np
 from xitl_cli.logs.clocks.fit import ClockRelation, robust_spread
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Plot, Section, Severity, Trace, Value, make_grid, rounded
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
 from xitl_cli.logs.signals.gaps import regularity
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import last_parameters
 from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance
 
@@ -87,16 +88,20 @@ def sample_clock_section(log: Log, relations: Sequence[ClockRelation], clock: Lo
     )
     title = "Clocks against the sample number"
     return Section(
-        "time_bases", title, facts, _findings(found), (make_grid("sample_clocks", title, columns, rows),), _plots(found)
+        "time_bases",
+        title,
+        facts,
+        _findings(found),
+        (Grid.limited("sample_clocks", title, columns, rows),),
+        _plots(found),
     )
 
 
 def _findings(found: list[SampleClock]) -> tuple[Finding, ...]:
     """Of the rate, where samples are numbered: without a number a lost row looks like a slow clock."""
     return tuple(
-        Finding(
+        Finding.notice(
             "time_bases.sample_rate",
-            Severity.NOTICE,
             f"{each.name} takes {each.per_sample_s * 1e3:.4f} ms a sample where {each.rate_hz:g} Hz is meant "
             f"({(each.off_ppm or 0.0) * 1e-4:+.1f} %)",
             (Evidence(each.message, each.field),),

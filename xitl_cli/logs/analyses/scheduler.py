@@ -11,21 +11,7 @@ from xitl_cli.logs.analyses.long_loops import long_loop_section
 from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import (
-    Evidence,
-    Fact,
-    Finding,
-    Grid,
-    Mark,
-    Plot,
-    Section,
-    Severity,
-    Trace,
-    Value,
-    joined,
-    make_grid,
-    rounded,
-)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals.deadlines import (
     MissedDeadlines,
     TaskTotal,
@@ -35,6 +21,7 @@ from xitl_cli.logs.signals.deadlines import (
     task_totals,
 )
 from xitl_cli.logs.signals.moments import Moment, moments, moments_near, moments_text
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.table import Flags
 
 RATIO_WARNING, RATIO_CRITICAL = 0.01, 0.1
@@ -150,9 +137,8 @@ def _severity(task: TaskTotal, missed: int) -> Severity:
 def _without_totals(misses: MissedDeadlines, names: Sequence[str], clock: LogClock) -> Finding:
     rows = [row for row, name in enumerate(misses.task) if name in names]
     at_ns = int(misses.due_ns[rows[0]])
-    return Finding(
+    return Finding.notice(
         "scheduler.deadlines_missed",
-        Severity.NOTICE,
         f"{len(rows)} deadlines of {', '.join(names)} were missed, the first at {clock.text(at_ns)}",
         (Evidence(misses.message, None, at_ns, int(misses.end_ns[rows[-1]])),),
         "How many cycles there were is not logged; compare with the rate of the task.",
@@ -179,7 +165,7 @@ def _grid(misses: MissedDeadlines, happened: Sequence[Moment], clock: LogClock) 
             )
         )
     columns = ("due (s)", "task", "late (ms)", "ran (ms)", "skipped", "with")
-    return make_grid("misses", "Deadlines missed, and what else happened then", columns, rows)
+    return Grid.limited("misses", "Deadlines missed, and what else happened then", columns, rows)
 
 
 def _plots(misses: MissedDeadlines, by_step: Flags) -> tuple[Plot, ...]:
@@ -224,8 +210,8 @@ def analyse(log: Log) -> Section | None:
     if not findings and not any(part.lacks for part in parts):
         kept = [] if windows is None else ["every loop"]
         kept += [f"every cycle of {len(tasks)} task{'' if len(tasks) == 1 else 's'}"] if tasks else []
-        findings = [Finding("scheduler.on_time", Severity.OK, f"{' and '.join(kept)} kept its time")] if kept else []
-    return replace(joined("scheduler", "Scheduler", parts), findings=tuple(findings))
+        findings = [Finding.ok("scheduler.on_time", f"{' and '.join(kept)} kept its time")] if kept else []
+    return replace(Section.joined("scheduler", "Scheduler", parts), findings=tuple(findings))
 
 
 def clock_steps(log: Log) -> list[ClockStep]:

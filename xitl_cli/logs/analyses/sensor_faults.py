@@ -95,9 +95,8 @@ def _stamp_findings(sensor: JudgedSensor) -> Iterator[Finding]:
     yield from _missing(sensor)
     regular = sensor.regularity
     if regular.backward:
-        yield Finding(
+        yield Finding.warning(
             "sensors.time_backward",
-            Severity.WARNING,
             f"{sensor.name}: {regular.backward} stamps go back, by up to {regular.back_s:.3g} s",
             (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
             "Look for a clock that was set during the run, or a damaged part of the log.",
@@ -112,9 +111,8 @@ def _rates(found: list[JudgedSensor]) -> Iterator[Finding]:
         rates = [sensor.regularity.rate_hz for sensor in group]
         if len(group) > 1 and max(rates) > min(rates) * (1.0 + _RATE_APART):
             told_rates = ", ".join(f"{s.name} {s.regularity.rate_hz:.4g} Hz" for s in group)
-            yield Finding(
+            yield Finding.notice(
                 "sensors.rates_differ",
-                Severity.NOTICE,
                 f"Instances of {message} are logged at different rates: {told_rates}",
                 tuple(Evidence(message, s.field, int(s.stamp_ns[0])) for s in group),
                 "Check that each of them is set to the rate it should have.",
@@ -323,9 +321,8 @@ def _stuck(
     findings = []
     if certain:
         findings.append(
-            Finding(
+            Finding.warning(
                 _STUCK,
-                Severity.WARNING,
                 f"{sensor.name} shows one and the same value {_when(sensor, [hold for hold, _ in certain], clock)}, "
                 f"while {certain[0][1]}",
                 _evidence(sensor, [hold for hold, _ in certain]),
@@ -334,9 +331,8 @@ def _stuck(
         )
     if doubtful:
         findings.append(
-            Finding(
+            Finding.notice(
                 "sensors.still",
-                Severity.NOTICE,
                 f"{sensor.name} shows one and the same value {_when(sensor, doubtful, clock)}, though at other "
                 "times no two samples are equal",
                 _evidence(sensor, doubtful),
@@ -444,9 +440,8 @@ def _saturated(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
                 continue
             at_ns, until_ns = int(unit.stamp_ns[found.first]), int(unit.stamp_ns[found.last])
             field = fields[axis] if len(fields) == 3 else f"{fields[0]}[{axis}]"
-            yield Finding(
+            yield Finding.warning(
                 "sensors.saturated",
-                Severity.WARNING,
                 f"{unit.name}: the {what} is at the end of its range, {found.limit:.4g} {measure} on {field}, in "
                 f"{found.rows} samples, longest from {clock.text(at_ns)} for {(until_ns - at_ns) * 1e-9:.3g} s",
                 (Evidence(unit.table.name, field, at_ns, until_ns, f"{found.limit:.4g}"),),
@@ -463,9 +458,8 @@ def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
         rises = np.flatnonzero(np.diff(counts) > 0)
         if len(rises):
             grown = int(counts[rises + 1].sum() - counts[rises].sum())
-            yield Finding(
+            yield Finding.warning(
                 "sensors.errors",
-                Severity.WARNING,
                 f"{unit.name}: the {what} driver counted {grown} errors, the first at "
                 f"{clock.text(int(unit.stamp_ns[rises[0] + 1]))}",
                 (Evidence(unit.table.name, field, int(unit.stamp_ns[rises[0] + 1]), None, str(grown)),),
@@ -480,9 +474,8 @@ def _unit_errors(unit: InertialUnit, clock: LogClock) -> Iterator[Finding]:
         low = low[unit.stamp_ns[low] > unit.stamp_ns[0] + 5_000_000_000]  # the rate is measured from the start on
         if len(low):
             at_ns = int(unit.stamp_ns[low[int(np.argmin(rates[low]))]])
-            yield Finding(
+            yield Finding.warning(
                 "sensors.slow",
-                Severity.WARNING,
                 f"{unit.name}: the measurement rate fell from {usual:.0f} Hz to {rates[low].min():.0f} Hz at "
                 f"{clock.text(at_ns)}",
                 (Evidence(unit.table.name, field, at_ns, None, f"{rates[low].min():.0f}"),),

@@ -71,9 +71,8 @@ def agreement_section(
             if length.max() > limit:
                 worst = int(np.argmax(length))
                 findings.append(
-                    Finding(
+                    Finding.warning(
                         "sensors.disagree",
-                        Severity.WARNING,
                         f"The {what} of {one.name} and {other.name} differ by {length[worst]:.3g} {unit} over ten "
                         f"seconds from {clock.text(int(at_ns[worst]))}; ArduPilot allows {limit:.3g} {unit} "
                         "before arming",
@@ -104,9 +103,8 @@ def _of_two_worlds(findings: list[Finding]) -> tuple[Finding, ...]:
         return ()
     evidence = tuple(each for finding in findings for each in finding.evidence)
     return (
-        Finding(
+        Finding.notice(
             "sensors.two_worlds",
-            Severity.NOTICE,
             "Instances of sensors differ by more than ArduPilot allows before arming: some are fed from outside, the "
             "others belong to its own simulated vehicle",
             evidence,
@@ -203,9 +201,8 @@ def _compasses(
     if not bad.any():
         return
     worst = int(np.argmax(np.where(bad, length, -1.0)))
-    yield Finding(
+    yield Finding.warning(
         "sensors.compasses_disagree",
-        Severity.WARNING,
         f"{one.name} and {other.name} differ by {length[worst]:.0f} {one.unit} and {turned[worst]:.0f}° in "
         f"the plane of the vessel from {clock.text(int(at_ns[worst]))}; ArduPilot allows "
         f"{MAG_LENGTH_MGAUSS:.0f} mGauss and {MAG_ANGLE_DEG:.0f}°",
@@ -250,9 +247,8 @@ def _barometers(
     if strayed.max() <= BARO_APART_PA:
         return
     worst = int(np.argmax(strayed))
-    yield Finding(
+    yield Finding.notice(
         "sensors.barometers_drift",
-        Severity.NOTICE,
         f"{one.name} and {other.name} move apart by {strayed[worst]:.0f} Pa, as much as "
         f"{strayed[worst] / 12.0:.1f} m of height, at {clock.text(int(at_ns[worst]))}",
         (Evidence(one.message, one.fields[0], int(at_ns[worst]), int(at_ns[worst]) + WINDOW_NS),),
@@ -362,9 +358,8 @@ def _done(inertial: Sequence[InertialUnit], still: RestPeriods, simulated: bool,
     from_ns, until_ns = still.stretches[0]
     speed = "" if still.by_speed else "; no speed is logged, so that slow drifting would not have shown"
     model = "; the sensors are simulated: this is their model's noise" if simulated else ""
-    return Finding(
+    return Finding.ok(
         "sensors.at_rest",
-        Severity.OK,
         f"At rest from {clock.text(from_ns)} for {still.longest_s:.0f} s: Allan deviations up to "
         f"τ = {still.longest_s / 9.0:.0f} s{speed}{model}",
         (Evidence(inertial[0].table.name, None, from_ns, until_ns),),

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from xitl_cli.logs.analyses.sensor_faults import (
-    JudgedSensor,
-    judged_sensor,
-    recording_pauses,
-    timing_section,
-    trouble_section,
-)
+from xitl_cli.logs.analyses import sensor_faults
 from xitl_cli.logs.analyses.sensor_quality import agreement_section, noise_section
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Fact, Grid, Section, Value, joined
+from xitl_cli.logs.sections import Fact, Grid, Section, Value
 from xitl_cli.logs.signals import stray_truth_m
 from xitl_cli.logs.signals.sensors import (
     InertialUnit,
@@ -45,11 +39,11 @@ def analyse(log: Log) -> Section | None:
     pause = log_pauses(log)
     still = find_rest(log, inertial)
     every: list[InertialUnit | SensorSeries] = [*inertial, *plain]
-    found = [sensor for each in every if (sensor := judged_sensor(each, pause)) is not None]
+    found = [sensor for each in every if (sensor := sensor_faults.judged_sensor(each, pause)) is not None]
     armed = {sensor.name: armed_rows(log, sensor.stamp_ns) for sensor in found}
     parts = (
-        timing_section(found, clock),
-        trouble_section(log, found, inertial, armed, clock),
+        sensor_faults.timing_section(found, clock),
+        sensor_faults.trouble_section(log, found, inertial, armed, clock),
         agreement_section(inertial, plain, stray_truth_m(log) is not None, clock),
         noise_section(inertial, plain, still, parameter_values(log), sensors_simulated(log), clock),
     )
@@ -57,14 +51,14 @@ def analyse(log: Log) -> Section | None:
         "sensors",
         _TITLE,
         _facts(found, still, pause),
-        recording_pauses(log, pause, clock),
+        sensor_faults.recording_pauses(log, pause, clock),
         (_grid(found),),
         lacks=_lacks(log, inertial, plain),
     )
-    return joined("sensors", _TITLE, (first, *parts))
+    return Section.joined("sensors", _TITLE, (first, *parts))
 
 
-def _facts(found: list[JudgedSensor], still: RestPeriods, pause: Stamps) -> tuple[Fact, ...]:
+def _facts(found: list[sensor_faults.JudgedSensor], still: RestPeriods, pause: Stamps) -> tuple[Fact, ...]:
     paused_s = float((pause[:, 1] - pause[:, 0]).sum()) * 1e-9
     return (
         Fact("sensors", "Sensors", len(found)),
@@ -73,7 +67,7 @@ def _facts(found: list[JudgedSensor], still: RestPeriods, pause: Stamps) -> tupl
     )
 
 
-def _grid(found: list[JudgedSensor]) -> Grid:
+def _grid(found: list[sensor_faults.JudgedSensor]) -> Grid:
     rows: list[tuple[Value, ...]] = []
     for sensor in found:
         regular = sensor.regularity

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity, Value, make_grid, rounded
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Value
 from xitl_cli.logs.signals.deadlines import TaskTotal, clock_stood_still, simulated_clock_reason, task_totals
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.system_files import (
     MOST_OVERRUNS,
     MOST_US,
@@ -138,7 +139,7 @@ def _own_grid(own: list[TaskTotal], clock: LogClock) -> Grid:
         "task", "rate (Hz)", "cycles", "missed", "skipped", "start late, mean (ms)", "most (ms)", "at (s)",
         "run, mean (ms)", "longest (ms)", "at (s) ", "of a processor (%)",
     )  # fmt: skip
-    return make_grid("tasks", "Tasks, those that take most time first", columns, rows)
+    return Grid.limited("tasks", "Tasks, those that take most time first", columns, rows)
 
 
 def _file_facts(times: list[TaskTime]) -> Iterator[Fact]:
@@ -151,13 +152,12 @@ def _file_facts(times: list[TaskTime]) -> Iterator[Fact]:
 def _file_findings(times: list[TaskTime], source: str) -> Iterator[Finding]:
     over = sorted((task for task in times if task.overruns), key=lambda task: -task.overruns)
     if not over:
-        yield Finding("tasks.in_time", Severity.OK, f"None of {len(times)} tasks ran longer than it is allowed")
+        yield Finding.ok("tasks.in_time", f"None of {len(times)} tasks ran longer than it is allowed")
         return
     named = ", ".join(f"{task.name} {task.overruns} (up to {task.most_us} us)" for task in over[:NAMED])
     more = f" and {len(over) - NAMED} more" if len(over) > NAMED else ""
-    yield Finding(
+    yield Finding.notice(
         "tasks.overruns",
-        Severity.NOTICE,
         f"{len(over)} of {len(times)} tasks ran longer than the scheduler allows them: {named}{more}",
         (Evidence(source, "OVR", value=str(sum(task.overruns for task in over))),),
         "It matters where long loops come together with it; a task that overruns in every window wants its cause "
@@ -183,6 +183,6 @@ def _file_grid(times: list[TaskTime], source: str) -> Grid:
         if task.most_us or task.overruns or task.share_percent
     ]
     columns = ("task", "every loop", "of all tasks (%)", "mean (us)", "longest (us)", "shortest (us)", "overruns")
-    return make_grid(
+    return Grid.limited(
         "task_file", f"Tasks of ArduPilot's scheduler in its last window, by {source} ({TASKS_PATH})", columns, rows
     )

@@ -11,22 +11,10 @@ from xitl_cli.logs.clocks.fit import ClockRelation, ClockStep, clock_relations
 from xitl_cli.logs.clocks.readings import ClockReadings
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import (
-    Evidence,
-    Fact,
-    Finding,
-    Grid,
-    Mark,
-    Plot,
-    Section,
-    Severity,
-    Trace,
-    Value,
-    make_grid,
-    rounded,
-)
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
 from xitl_cli.logs.signals import allan
 from xitl_cli.logs.signals.deadlines import simulated_clock_reason
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.table import Floats
 
 RTC_STEP_S = 0.05  # a message of UTC that came with less delay than any before moves it ahead, which is no news
@@ -209,7 +197,7 @@ def _grid(relations: Sequence[ClockRelation]) -> Grid:
         "clocks", "from", "readings", "over (s)", "drift (ppm)", "standard error (ppm)", "windows vary by (ppm)",
         "readings scatter by (ms)", "steps", "longest gap (s)",
     )  # fmt: skip
-    return make_grid("clock_pairs", "Clocks against each other", columns, rows)
+    return Grid.limited("clock_pairs", "Clocks against each other", columns, rows)
 
 
 def _steps(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Finding]:
@@ -297,7 +285,7 @@ def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
         return ()
     pairs = pair_title(judged[0].readings) if len(judged) == 1 else f"{len(judged)} pairs of clocks"
     said = f"No step and no drift of more than {CRYSTAL_PPM:.0f} ppm: {pairs}"
-    return (Finding("time_bases.even", Severity.OK, said),)
+    return (Finding.ok("time_bases.even", said),)
 
 
 def _known(relation: ClockRelation) -> bool:
@@ -312,9 +300,8 @@ def _scaled(relation: ClockRelation) -> Finding:
     fast, slow, ratio = (
         (readings.second, readings.first, times) if times >= 1.0 else (readings.first, readings.second, 1.0 / times)
     )
-    return Finding(
+    return Finding.notice(
         "time_bases.scaled",
-        Severity.NOTICE,
         f"{fast} went {ratio:.2f} times as fast as {slow}: one of them is a simulation's",
         (Evidence(readings.message, readings.fields, value=f"{ratio:.2f}"),),
         "Rates and delays in this log are in two kinds of seconds: compare along one clock.",
@@ -334,9 +321,8 @@ def _bends(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Find
             error_ppm = float(np.hypot(before.slope_error_ppm, after.slope_error_ppm))
             if abs(change_ppm) < SURE * error_ppm:
                 continue
-            yield Finding(
+            yield Finding.notice(
                 "time_bases.rate_change",
-                Severity.NOTICE,
                 f"About {clock.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
                 f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (± {error_ppm:.1f})",
                 (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
@@ -356,9 +342,8 @@ def _gaps(relation: ClockRelation, clock: LogClock) -> Iterator[Finding]:
         return
     worst = int(long[np.argmax(between_s[long])])
     at_ns = int(readings.at_ns[worst])
-    yield Finding(
+    yield Finding.notice(
         "time_bases.gap",
-        Severity.NOTICE,
         f"{readings.second} was not read for {between_s[worst]:.1f} s after {clock.text(at_ns)}, else every "
         f"{usual_s:.2f} s; {len(long)} such gaps",
         (Evidence(readings.message, readings.fields, at_ns, int(readings.at_ns[worst + 1])),),

@@ -10,7 +10,8 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Severity, Value, rounded
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Value
+from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import (
     autopilot_heartbeats,
     autopilot_messages,
@@ -163,14 +164,14 @@ def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:
             "are what models say"
         )
         step = "Take no processor time, jitter, noise or supply from it; those need a log of the board."
-        yield Finding("vehicle.simulated", Severity.NOTICE, sentence, tuple(evidence), step)
+        yield Finding.notice("vehicle.simulated", sentence, tuple(evidence), step)
         return
     text = _lockstep_text(log)
     if text is None:
         return
     sentence = "The embedded autopilot ran in lockstep: its clock stood still while it worked"
     step = "Judge deadlines and load on a run in real time (clock.mode: realtime)."
-    yield Finding("vehicle.lockstep", Severity.NOTICE, sentence, (text,), step)
+    yield Finding.notice("vehicle.lockstep", sentence, (text,), step)
 
 
 def _lockstep_text(log: Log) -> Evidence | None:
@@ -204,9 +205,8 @@ def _reboots(log: Log) -> Iterator[Finding]:
     many, name, last = several[len(several) // 2]
     times = "once" if many == 1 else f"{many} times"
     first = f"the first time after {length_text(last[0] * 1e-9)} of uptime"
-    yield Finding(
+    yield Finding.critical(
         "vehicle.reboots",
-        Severity.CRITICAL,
         f"The autopilot's clock started again {times} inside this log, {first}: it rebooted",
         tuple(Evidence(name, "TimeUS", at_ns) for at_ns in last),
         "Look at supply voltage, watchdog (WDOG) and the last messages before; judge each part by itself.",
@@ -227,4 +227,4 @@ def _losses(log: Log) -> Iterator[Finding]:
     sentence = f"{lost} records never reached this log: the logger had no room for them"
     evidence = Evidence("DSF", "Dp", int(table.stamp_ns[rows[0]]), int(table.stamp_ns[rows[-1]]), str(lost))
     step = "Use a faster card, raise LOG_FILE_BUFSIZE or log less (LOG_BITMASK); gaps here need not be gaps in flight."
-    yield Finding("vehicle.log_dropped", Severity.WARNING, sentence, (evidence,), step)
+    yield Finding.warning("vehicle.log_dropped", sentence, (evidence,), step)

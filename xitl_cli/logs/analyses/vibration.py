@@ -261,9 +261,8 @@ def _clips(each: VibrationLevels, armed: Flags | None, clock: LogClock) -> Itera
         return
     first, last = int(each.stamp_ns[rows[0]]), int(each.stamp_ns[rows[-1]])
     count = int(grown.sum())
-    yield Finding(
+    yield Finding.warning(
         "vibration.clipping",
-        Severity.WARNING,
         f"{each.name}: accelerometers were at the end of their range {count} times, from {clock.text(first)} to "
         f"{clock.text(last)}",
         (Evidence(each.message, each.clip_field, first, last, str(count)),),

@@ -9,7 +9,7 @@ tlog        time_boot_ms of each autopilot, its SYSTEM_TIME and TIMESYNC, agains
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,6 +105,7 @@ class ClockReadings:
 
 
 LOG, HOST, SIMULATION, UTC = "the recorder's clock", "the host's clock", "simulation time", "UTC"
+AUTOPILOT = "the autopilot's clock"
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
 WEEK_MS = 604_800_000
 GPS_LEAP_S = 18  # GPS less UTC since 2017
@@ -127,18 +128,15 @@ def boot_clock(system: int | str) -> str:
 
 def clock_readings(log: Log) -> list[ClockReadings]:
     """Every pair of clocks of this log that was read three times or more."""
-    by_format: Mapping[str, Callable[[Log], Iterator[ClockReadings]]] = {
-        "dataflash": _of_dataflash,
-        "mcap": _of_recording,
-        "tlog": _of_telemetry,
-    }
+    by_format = {"dataflash": _from_dataflash, "mcap": _from_recording, "tlog": _from_telemetry}
     return [found for found in by_format[log.format](log) if len(found) >= FEWEST]
 
 
-def _of_dataflash(log: Log) -> Iterator[ClockReadings]:
+def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
     gps = log.tables.get("GPS")
     if gps is not None:
-        arrivals = _by_number(log.tables.get("GPA"))
+        arrival = log.tables.get("GPA")
+        arrivals = {} if arrival is None else by_instance(arrival)
         for number, table in by_instance(gps).items():
             found = _gps_time(number, table, arrivals.get(number))
             if found is not None:
@@ -148,30 +146,16 @@ def _of_dataflash(log: Log) -> Iterator[ClockReadings]:
         utc_ns = _whole(performance, "R") * 1000
         known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
         stamps = performance.stamp_ns
-        yield ClockReadings(
-            "rtc", "the autopilot's clock", UTC, stamps, stamps, utc_ns, "PM", "TimeUS, R", resolution_s=1e-6
-        )[known]
+        clocks = "rtc", AUTOPILOT, UTC
+        yield ClockReadings(*clocks, stamps, stamps, utc_ns, "PM", "TimeUS, R", resolution_s=1e-6)[known]
     for name in SAMPLED:
         sensor = log.tables.get(name)
         if sensor is not None and "SampleUS" in sensor.columns:
             sampled_ns, stamps = _whole(sensor, "SampleUS") * 1000, sensor.stamp_ns
-            yield ClockReadings(
-                f"samples.{name}",
-                "the sensors' clock",
-                "the autopilot's clock",
-                stamps,
-                sampled_ns,
-                stamps,
-                name,
-                "SampleUS, TimeUS",
-                late=True,
-                resolution_s=1e-6,
-            )
+            clocks = f"samples.{name}", "the sensors' clock", AUTOPILOT
+            fields = "SampleUS, TimeUS"
+            yield ClockReadings(*clocks, stamps, sampled_ns, stamps, name, fields, late=True, resolution_s=1e-6)
             return
-
-
-def _by_number(table: Table | None) -> dict[int, Table]:
-    return {} if table is None else by_instance(table)
 
 
 def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings | None:
@@ -188,18 +172,9 @@ def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings
         set_ &= (rows >= 0) & (came_ns > 0)
         message, field = "GPA", "GPS.GWk, GPS.GMS, SMS"
     set_[1:] &= came_ns[1:] != came_ns[:-1]  # a message logged twice, or a backlog that came at once
+    clocks = "gps" if number == 0 else f"gps.{number}", f"GPS {number + 1}", AUTOPILOT
     return ClockReadings(
-        "gps" if number == 0 else f"gps.{number}",
-        f"GPS {number + 1}",
-        "the autopilot's clock",
-        at_ns,
-        utc_ns,
-        came_ns,
-        message,
-        field,
-        late=True,
-        resolution_s=1e-3,
-        slack_s=GPS_SLACK_S,
+        *clocks, at_ns, utc_ns, came_ns, message, field, late=True, resolution_s=1e-3, slack_s=GPS_SLACK_S
     )[set_]
 
 
@@ -214,7 +189,7 @@ def _matching(wanted: Stamps, stamps: Stamps) -> NDArray[np.intp]:
     return np.where(stamps[rows] == wanted, rows, -1)
 
 
-def _of_recording(log: Log) -> Iterator[ClockReadings]:
+def _from_recording(log: Log) -> Iterator[ClockReadings]:
     clocks = log.tables.get("/clocks")
     exchanges: list[ClockReadings] = []
     if clocks is not None and {"node", "host_ns", "node_ns", "round_trip_s"} <= set(clocks.columns):
@@ -233,49 +208,20 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
         table = Selection(clocks, nodes == name)
         host_ns, node_ns, at_ns = _whole(table, "host_ns"), _whole(table, "node_ns"), table.stamp_ns
         if name == "PS1":
-            yield ClockReadings(
-                "clocks.PS1",
-                SIMULATION,
-                HOST,
-                at_ns,
-                node_ns,
-                host_ns,
-                "/clocks",
-                "PS1: node_ns, host_ns",
-                late=True,
-                resolution_s=1e-9,
-            )
+            read = at_ns, node_ns, host_ns, "/clocks", "PS1: node_ns, host_ns"
+            yield ClockReadings("clocks.PS1", SIMULATION, HOST, *read, late=True, resolution_s=1e-9)
             continue
         trip_s = np.asarray(table.values("round_trip_s"), dtype=np.float64)
         good = np.isfinite(trip_s) & (trip_s >= 0.0) & (trip_s < LONGEST_TRIP_S)
         trip_ns = np.round(np.where(good, trip_s, 0.0) * 1e9).astype(np.int64)
-        field = f"{name}: host_ns, node_ns, round_trip_s"
+        key, clock = f"clocks.{name}", f"the clock of {name}"
+        read = at_ns, host_ns, node_ns, "/clocks", f"{name}: host_ns, node_ns, round_trip_s"
         if in_lockstep:  # time stands still on the way; the answer is of one of the ticks about
-            yield ClockReadings(
-                f"clocks.{name}",
-                SIMULATION,
-                f"the clock of {name}",
-                at_ns,
-                host_ns,
-                node_ns,
-                "/clocks",
-                field,
-                resolution_s=max(float(np.max(trip_s[good], initial=0.0)), 1e-3),
-            )[good]
-            continue
-        yield ClockReadings(
-            f"clocks.{name}",
-            HOST,
-            f"the clock of {name}",
-            at_ns,
-            host_ns,
-            node_ns,
-            "/clocks",
-            field,
-            late=True,
-            floor_ns=node_ns - host_ns - trip_ns,
-            resolution_s=1e-9,
-        )[good]
+            longest_s = max(float(np.max(trip_s[good], initial=0.0)), 1e-3)
+            yield ClockReadings(key, SIMULATION, clock, *read, resolution_s=longest_s)[good]
+        else:
+            floor_ns = node_ns - host_ns - trip_ns
+            yield ClockReadings(key, HOST, clock, *read, late=True, floor_ns=floor_ns, resolution_s=1e-9)[good]
 
 
 def _header_stamps(log: Log) -> Iterator[ClockReadings]:
@@ -290,31 +236,22 @@ def _header_stamps(log: Log) -> Iterator[ClockReadings]:
         if not len(late_ns) or not late_ns.any():
             continue
         found += 1
+        clocks = f"header.{name}", f"stamps of {name}", LOG
         yield ClockReadings(
-            f"header.{name}",
-            f"stamps of {name}",
-            LOG,
-            table.stamp_ns,
-            said_ns,
-            table.stamp_ns,
-            name,
-            f"{STAMP}, log_time",
-            late=True,
-            resolution_s=1e-9,
+            *clocks, table.stamp_ns, said_ns, table.stamp_ns, name, f"{STAMP}, log_time", late=True, resolution_s=1e-9
         )
 
 
-def _of_telemetry(log: Log) -> Iterator[ClockReadings]:
+def _from_telemetry(log: Log) -> Iterator[ClockReadings]:
     yield from _boot_clocks(log, "the ground station's clock")
     for system, table in _by_system(log.tables.get("SYSTEM_TIME")):
         if {"time_boot_ms", "time_unix_usec"} <= set(table.columns):
             utc_ns = _whole(table, "time_unix_usec") * 1000
             known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
             boot_ns = _whole(table, "time_boot_ms") * 1_000_000
+            clocks = f"system_time.{system}", boot_clock(system), UTC
             yield ClockReadings(
-                f"system_time.{system}",
-                boot_clock(system),
-                UTC,
+                *clocks,
                 table.stamp_ns,
                 boot_ns,
                 utc_ns,
@@ -327,17 +264,9 @@ def _of_telemetry(log: Log) -> Iterator[ClockReadings]:
             continue
         remote_ns, local_ns = _whole(table, "tc1"), _whole(table, "ts1")
         answered = (remote_ns > 0) & (local_ns > 0)
+        clocks = f"timesync.{system}", "the ground station's monotonic clock", boot_clock(system)
         yield ClockReadings(
-            f"timesync.{system}",
-            "the ground station's monotonic clock",
-            boot_clock(system),
-            table.stamp_ns,
-            local_ns,
-            remote_ns,
-            "TIMESYNC",
-            "ts1, tc1",
-            late=True,
-            resolution_s=1e-6,
+            *clocks, table.stamp_ns, local_ns, remote_ns, "TIMESYNC", "ts1, tc1", late=True, resolution_s=1e-6
         )[answered]
 
 
@@ -373,10 +302,9 @@ def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
         boot_ns, at_ns, place = (np.concatenate(each) for each in zip(*found, strict=True))
         order = np.argsort(place, kind="stable")
         known = order[boot_ns[order] > 0]
+        clocks = f"boot.{system}.{link}" if link else f"boot.{system}", boot_clock(system), arrival
         yield ClockReadings(
-            f"boot.{system}" if not link else f"boot.{system}.{link}",
-            boot_clock(system),
-            arrival,
+            *clocks,
             at_ns[known],
             boot_ns[known],
             at_ns[known],

@@ -13,7 +13,7 @@ from xitl_cli.logs.compare.profiles import channel_section, motion_section
 from xitl_cli.logs.compare.trajectories import Alignment, Trajectory
 from xitl_cli.logs.compare.trajectory_section import common_poses, moved_poses, trajectory_section
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
 from xitl_cli.logs.signals import SignalSource, StateSpan
 
 
@@ -22,9 +22,8 @@ def stray_truth_finding(name: str, log: Log) -> Finding | None:
     apart_m = signals.stray_truth_m(log)
     if apart_m is None:
         return None
-    return Finding(
+    return Finding.warning(
         "trajectory.stray_truth",
-        Severity.WARNING,
         f"SIM of {name} is not about this vessel: it came to be {apart_m:.0f} m from the receiver",
         (Evidence("SIM", "Lat, Lng"),),
         "Take the truth from the recording of whoever simulated the vessel (/truth of an MCAP file).",

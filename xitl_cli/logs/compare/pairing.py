@@ -48,7 +48,7 @@ class Pairing:
         """One stamp of B on A's time."""
         return int(self.on_a(np.array([stamp_ns], dtype=np.int64))[0])
 
-    def moved(self, series: Series) -> Series:
+    def on_a_time(self, series: Series) -> Series:
         """Of B, on A's time; samples that come out earlier than the one before are left out."""
         stamps = self.on_a(series.stamp_ns)
         newest = np.maximum.accumulate(stamps)
@@ -61,7 +61,7 @@ def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Stamps, Floa
 
     Stamps within a gap of B are left out: more than 2 s and more than 3 of its usual steps. None unless there are two.
     """
-    other = pairing.moved(b)
+    other = pairing.on_a_time(b)
     inside = (a.stamp_ns >= other.stamp_ns[0]) & (a.stamp_ns <= other.stamp_ns[-1])
     if pairing.from_ns is not None:
         inside &= a.stamp_ns >= pairing.from_ns
@@ -76,7 +76,7 @@ def common_samples(a: Series, b: Series, pairing: Pairing) -> tuple[Stamps, Floa
     after = np.clip(np.searchsorted(other.stamp_ns, stamps), 1, len(other.stamp_ns) - 1)
     near = steps_s[after - 1] <= _gap_s(steps_s)
     stamps, values = stamps[near], values[near]
-    return None if len(stamps) < 2 else (stamps, values, other.at(stamps))
+    return None if len(stamps) < 2 else (stamps, values, other.interpolated(stamps))
 
 
 def time_integral(stamp_ns: Stamps, values: Floats) -> tuple[float, float]:

@@ -49,7 +49,7 @@ class Similarity:
     translation: Floats
     scale: float = 1.0
 
-    def moved(self, trajectory: Trajectory) -> Trajectory:
+    def apply(self, trajectory: Trajectory) -> Trajectory:
         from sim_core.frames import matrix_to_quat
 
         pos_m = self.scale * trajectory.pos_m @ self.rotation.T + self.translation
@@ -111,7 +111,7 @@ def align_trajectory(reference: Trajectory, other: Trajectory, how: Alignment) -
         if found is None:
             return other, None
         moving = found
-    return moving.moved(other), moving
+    return moving.apply(other), moving
 
 
 def absolute_errors_m(reference: Trajectory, other: Trajectory) -> Floats:

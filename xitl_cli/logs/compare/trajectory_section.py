@@ -23,7 +23,7 @@ from xitl_cli.logs.compare.trajectories import (
     relative_errors,
 )
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace
+from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace
 from xitl_cli.logs.signals import SignalSource
 from xitl_cli.logs.table import Floats, Stamps
 
@@ -112,9 +112,9 @@ def _attitude(log: Log, of: SignalSource, stamp_ns: Stamps, pairing: Pairing | N
     for found in (signals.roll(log, of), signals.pitch(log, of), signals.yaw(log, of)):
         if found is None:
             return None
-        moved = found if pairing is None else pairing.moved(found)
+        moved = found if pairing is None else pairing.on_a_time(found)
         held = np.clip(stamp_ns, moved.stamp_ns[0], moved.stamp_ns[-1])
-        angles.append(np.radians(moved.at(held)))
+        angles.append(np.radians(moved.interpolated(held)))
     return quat_ned_frd_to_enu_flu(euler_to_quat(np.stack(angles, axis=1)))
 
 
@@ -168,16 +168,14 @@ def _findings(
 ) -> Iterator[Finding]:
     at = Evidence(poses.sources[0], None, int(poses.a.stamp_ns[worst]), value=f"{level_m[worst]:.2f} m")
     rms = float(np.sqrt(np.mean(level_m**2)))
-    yield Finding(
+    yield Finding.ok(
         "trajectory.distance",
-        Severity.OK,
         f"B is {rms:.3g} m (RMS) from A at the same instant, at most {level_m[worst]:.3g} m",
         (at,),
     )
     if how == "none" and float(np.median(level_m)) > _FAR_M:
-        yield Finding(
+        yield Finding.warning(
             "trajectory.elsewhere",
-            Severity.WARNING,
             f"The two paths lie {float(np.median(level_m)) / 1000:.1f} km apart: they are of different places",
             (at,),
             "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
@@ -185,26 +183,23 @@ def _findings(
     up_rms = float(np.sqrt(np.mean(up_m**2)))
     if up_rms > max(_HIGH_M, _HIGH_SHARE * rms):
         high = int(np.argmax(np.abs(up_m)))
-        yield Finding(
+        yield Finding.notice(
             "trajectory.heights",
-            Severity.NOTICE,
             f"The heights differ by {up_rms:.1f} m (RMS), at most {abs(up_m[high]):.1f} m, the level places by "
             f"{rms:.2f} m: the errors in space are mostly of height",
             (Evidence(poses.sources[0], None, int(poses.a.stamp_ns[high]), value=f"{up_m[high]:.1f} m up"),),
             "Take the level errors, or compare from when both estimators have their origin with --armed or --from.",
         )
     if how == "none" and not poses.common:
-        yield Finding(
+        yield Finding.warning(
             "trajectory.zeros",
-            Severity.WARNING,
             "At least one log does not tell where its local zero is, so the distance includes that of the zeros",
             (at,),
             "Lay the beginnings over each other with --align origin, or fit B to A with --align se3.",
         )
     if how in ("se3", "sim3") and moving is None:
-        yield Finding(
+        yield Finding.warning(
             "trajectory.not_aligned",
-            Severity.WARNING,
             f"B could not be fitted to A ({how}): its path is a point or a straight line, so it was left as it is",
             (at,),
             "Use --align origin, or compare logs in which the vessel turns.",

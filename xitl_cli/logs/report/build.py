@@ -177,7 +177,7 @@ def _track(source: ReportLog, name: str, path: Series, speed: Series | None) -> 
         source.time_line.seconds(stamps),
         east_m[rows].astype(np.float64),
         north_m[rows].astype(np.float64),
-        None if speed is None else speed.at(stamps),
+        None if speed is None else speed.interpolated(stamps),
     )
 
 

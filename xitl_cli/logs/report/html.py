@@ -15,18 +15,10 @@ from pathlib import Path
 
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, report_page
 from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, thinned_note
-from xitl_cli.logs.report.wording import (
-    SEVERITY_NAMES,
-    evidence_text,
-    is_numeric,
-    plural,
-    sentence_text,
-    severity_counts,
-    value_text,
-)
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Severity
 
 _MOST_ROWS = 2000
@@ -34,7 +26,7 @@ _MOST_EVIDENCE = 12
 
 
 def badge(severity: Severity) -> str:
-    name = SEVERITY_NAMES[severity]
+    name = wording.SEVERITY_NAMES[severity]
     return f'<span class="badge {name}">{name}</span>'
 
 
@@ -63,10 +55,10 @@ def _state(card: FileCard) -> str:
 def finding_items(found: Sequence[tuple[Finding, PagePart, str]]) -> str:
     """The list at the head of a page; the third of each is the id of its section."""
     return "".join(
-        f'<li class="finding {SEVERITY_NAMES[finding.severity]}" data-find>{badge(finding.severity)}<div>'
-        f'<p class="sentence">{escape(sentence_text(finding.sentence))}</p>'
+        f'<li class="finding {wording.SEVERITY_NAMES[finding.severity]}" data-find>{badge(finding.severity)}<div>'
+        f'<p class="sentence">{escape(wording.sentence_text(finding.sentence))}</p>'
         + evidence_line(finding.evidence, part.time_line, section_id)
-        + (f'<p class="next">{escape(sentence_text(finding.next_step))}</p>' if finding.next_step else "")
+        + (f'<p class="next">{escape(wording.sentence_text(finding.next_step))}</p>' if finding.next_step else "")
         + f'<p class="from"><a href="#{section_id}">{escape(part.section.title)}</a>'
         + (f" · {escape(part.label)}" if part.label else "")
         + "</p></div></li>"
@@ -85,7 +77,7 @@ def evidence_line(evidence: Sequence[Evidence], time_line: TimeLine, section_id:
 
 
 def _evidence_markup(evidence: Evidence, time_line: TimeLine, section_id: str) -> str:
-    text = escape(evidence_text(evidence, time_line))
+    text = escape(wording.evidence_text(evidence, time_line))
     if evidence.at_ns is None:
         return f'<span class="at">{text}</span>'
     from_s = time_line.second(evidence.at_ns)
@@ -100,8 +92,8 @@ def section_findings(findings: Sequence[Finding], time_line: TimeLine, section_i
     if not findings:
         return ""
     items = "".join(
-        f'<li class="{SEVERITY_NAMES[finding.severity]}" data-find>{badge(finding.severity)}<div>'
-        + escape(sentence_text(finding.sentence))
+        f'<li class="{wording.SEVERITY_NAMES[finding.severity]}" data-find>{badge(finding.severity)}<div>'
+        + escape(wording.sentence_text(finding.sentence))
         + evidence_line(finding.evidence, time_line, section_id)
         + "</div></li>"
         for finding in sorted(findings, key=lambda each: -each.severity)
@@ -113,7 +105,8 @@ def facts_markup(shown: Sequence[Fact]) -> str:
     if not shown:
         return ""
     rows = "".join(
-        f"<div data-find><dt>{escape(sentence_text(fact.label))}</dt><dd>{escape(value_text(fact.value, fact.label))}"
+        f"<div data-find><dt>{escape(wording.sentence_text(fact.label))}</dt>"
+        f"<dd>{escape(wording.value_text(fact.value, fact.label))}"
         + (f' <span class="unit">{escape(fact.unit)}</span>' if fact.unit and fact.value is not None else "")
         + "</dd></div>"
         for fact in shown
@@ -122,7 +115,7 @@ def facts_markup(shown: Sequence[Fact]) -> str:
 
 
 def grid_markup(shown: Grid) -> str:
-    numeric = [is_numeric(shown, index) for index in range(len(shown.columns))]
+    numeric = [wording.is_numeric(shown, index) for index in range(len(shown.columns))]
     head = "".join(
         f'<th scope="col"{_right(right)}>{escape(name)}</th>'
         for name, right in zip(shown.columns, numeric, strict=True)
@@ -130,7 +123,7 @@ def grid_markup(shown: Grid) -> str:
     body = "".join(
         "<tr data-find>"
         + "".join(
-            f"<td{_right(right)}>{escape(value_text(value, name))}</td>"
+            f"<td{_right(right)}>{escape(wording.value_text(value, name))}</td>"
             for value, right, name in zip(row, numeric, shown.columns, strict=False)
         )
         + "</tr>"
@@ -139,8 +132,8 @@ def grid_markup(shown: Grid) -> str:
     left_out = len(shown.rows) - _MOST_ROWS
     note = f" The first {_MOST_ROWS}; --json has all of them." if left_out > 0 else ""
     return (
-        f'<figure class="grid" data-find><figcaption><h3>{escape(sentence_text(shown.title))}</h3>'
-        f'<span class="note">{plural(len(shown.rows), "row")}.{note}</span></figcaption>'
+        f'<figure class="grid" data-find><figcaption><h3>{escape(wording.sentence_text(shown.title))}</h3>'
+        f'<span class="note">{wording.plural(len(shown.rows), "row")}.{note}</span></figcaption>'
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(shown.title)}">'
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></figure>"
     )
@@ -149,7 +142,7 @@ def grid_markup(shown: Grid) -> str:
 def lacks_markup(sentences: Sequence[str]) -> str:
     if not sentences:
         return ""
-    items = "".join(f"<li data-find>{escape(sentence_text(sentence))}</li>" for sentence in sentences)
+    items = "".join(f"<li data-find>{escape(wording.sentence_text(sentence))}</li>" for sentence in sentences)
     return f'<div class="lacks"><h3>Not judged</h3><ul>{items}</ul></div>'
 
 
@@ -158,7 +151,7 @@ def plot_markup(plot_id: str, title: str, kind: str, note: str, payload: str, co
     over_time = ' tabindex="0"' if kind in ("time", "bands") else ""
     return (
         f'<figure class="plot {kind}" id="{plot_id}" data-find{over_time} aria-label="{escape(title)}">'
-        f"<figcaption><h3>{escape(sentence_text(title))}</h3>{controls}"
+        f"<figcaption><h3>{escape(wording.sentence_text(title))}</h3>{controls}"
         f'<span class="note">{escape(note)}</span></figcaption>'
         '<div class="legend"></div><div class="canvas"></div>'
         f'<script type="application/json">{payload}</script></figure>'
@@ -291,19 +284,17 @@ def _navigation(page: Page, identified: list[tuple[PagePart, str]], findings: bo
             links.append(f'<span class="of">{escape(label)}</span>')
         worst = part.section.worst
         many = sum(finding.severity == worst for finding in part.section.findings)
-        dot = (
-            f'<span class="dot {SEVERITY_NAMES[worst]}" title="{plural(many, SEVERITY_NAMES[worst])}">{many}</span>'
-            if worst > Severity.OK
-            else ""
-        )
+        name = wording.SEVERITY_NAMES[worst]
+        title = wording.plural(many, name)
+        dot = f'<span class="dot {name}" title="{title}">{many}</span>' if worst > Severity.OK else ""
         links.append(f'<a href="#{section_id}">{escape(part.section.title)}{dot}</a>')
     return f'<nav aria-label="Sections">{"".join(links)}</nav>'
 
 
 def _head(page: Page, findings: list[Finding]) -> str:
-    verdict = severity_counts([finding.severity for finding in findings])
+    verdict = wording.severity_counts([finding.severity for finding in findings])
     worst = max((finding.severity for finding in findings), default=Severity.OK)
-    summary = f'<p class="verdict {SEVERITY_NAMES[worst]}">{escape(verdict)}</p>' if findings else ""
+    summary = f'<p class="verdict {wording.SEVERITY_NAMES[worst]}">{escape(verdict)}</p>' if findings else ""
     subtitle = f'<p class="subtitle">{escape(page.subtitle)}</p>' if page.subtitle else ""
     notices = "".join(f'<p class="notice-bar" role="note">{escape(notice)}</p>' for notice in page.notices)
     shown = f'<div class="cards">{card_markup(page.cards)}</div>' if page.cards else ""

@@ -8,17 +8,8 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
+from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import FileFinding, FileReport, Report
-from xitl_cli.logs.report.wording import (
-    FORMAT_NAMES,
-    SEVERITY_NAMES,
-    evidence_text,
-    is_numeric,
-    plural,
-    sentence_text,
-    severity_counts,
-    value_text,
-)
 from xitl_cli.logs.sections import Fact, Grid, Section, Severity
 from xitl_cli.logs.text import duration_text, printable
 
@@ -33,7 +24,7 @@ def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
     Where not all columns fit, wide text goes below its row, and columns are left out from the right.
     """
     shown = [
-        [printable(value_text(value, name)) for name, value in zip(grid.columns, row, strict=False)]
+        [printable(wording.value_text(value, name)) for name, value in zip(grid.columns, row, strict=False)]
         for row in grid.rows[:most_rows]
     ]
     shown = [row + [""] * (len(grid.columns) - len(row)) for row in shown]
@@ -42,7 +33,7 @@ def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
         max([*map(len, head.split()), *(len(row[index]) for row in shown)], default=0)
         for index, head in enumerate(heads)
     ]
-    right = [is_numeric(grid, index) for index in range(len(heads))]
+    right = [wording.is_numeric(grid, index) for index in range(len(heads))]
     beside, below = list(range(len(heads))), []
     if _total(widths, beside) > width:
         below = [index for index in beside[1:] if not right[index] and widths[index] > _WIDE]
@@ -85,8 +76,8 @@ def _table_line(cells: list[str], widths: list[int], right: list[bool], columns:
 
 
 def _left_out(rows: int, columns: int) -> list[str]:
-    parts = [plural(rows, "more row")] if rows > 0 else []
-    parts += [plural(columns, "more column")] if columns > 0 else []
+    parts = [wording.plural(rows, "more row")] if rows > 0 else []
+    parts += [wording.plural(columns, "more column")] if columns > 0 else []
     return [f"({' and '.join(parts)} in --report and --json)"] if parts else []
 
 
@@ -111,7 +102,10 @@ def show(console: Console, report: Report) -> None:
         _line(console, "")
         _line(
             console,
-            Text(sentence_text(severity_counts([each.finding.severity for each in report.found])), style="bold"),
+            Text(
+                wording.sentence_text(wording.severity_counts([each.finding.severity for each in report.found])),
+                style="bold",
+            ),
         )
     for each in found:
         _line(console, "")
@@ -120,20 +114,20 @@ def show(console: Console, report: Report) -> None:
         _line(console, "")
     for sentence in dict.fromkeys(each.finding.sentence for each in fine):
         of = [each.file.name for each in fine if each.finding.sentence == sentence]
-        text = sentence_text(sentence) + (f" ({', '.join(of)})" if several else "")
-        _hanging(console, SEVERITY_NAMES[Severity.OK], _STYLES[Severity.OK], _plain(text))
+        text = wording.sentence_text(sentence) + (f" ({', '.join(of)})" if several else "")
+        _hanging(console, wording.SEVERITY_NAMES[Severity.OK], _STYLES[Severity.OK], _plain(text))
     for file in report.files:
         for section in file.sections:
             show_section(console, section, file.name if several else "")
     for lack in report.overview.lacks:
-        _hanging(console, "lacks", "dim", _plain(sentence_text(lack)))
+        _hanging(console, "lacks", "dim", _plain(wording.sentence_text(lack)))
 
 
 def _head(console: Console, file: FileReport, several: bool) -> None:
     health = file.health
     parts = [file.vehicle]
     parts.append("" if file.duration_s is None else duration_text(file.duration_s))
-    parts.append(FORMAT_NAMES[file.format])
+    parts.append(wording.FORMAT_NAMES[file.format])
     line = _plain(file.name, style="bold")
     line.append_text(_plain(f"  {', '.join(part for part in parts if part)}"))
     line.append(", degraded" if health.degraded else ", whole", style="yellow" if health.degraded else "")
@@ -151,16 +145,16 @@ def _finding(console: Console, found: FileFinding, several: bool) -> None:
     place = f"{found.section.title} ({found.file.name})" if several else found.section.title
     _hanging(
         console,
-        SEVERITY_NAMES[finding.severity].upper(),
+        wording.SEVERITY_NAMES[finding.severity].upper(),
         _STYLES[finding.severity],
-        _plain(sentence_text(finding.sentence)),
+        _plain(wording.sentence_text(finding.sentence)),
     )
-    evidence = [evidence_text(each, found.file.time_line) for each in finding.evidence[:_MOST_EVIDENCE]]
+    evidence = [wording.evidence_text(each, found.file.time_line) for each in finding.evidence[:_MOST_EVIDENCE]]
     if len(finding.evidence) > _MOST_EVIDENCE:
         evidence.append(f"and {len(finding.evidence) - _MOST_EVIDENCE} more")
     _hanging(console, "", "", _plain(f"{place}: {'; '.join(evidence)}" if evidence else place, style="dim"))
     if finding.next_step:
-        _hanging(console, "", "", _plain(f"→ {sentence_text(finding.next_step)}"))
+        _hanging(console, "", "", _plain(f"→ {wording.sentence_text(finding.next_step)}"))
 
 
 def show_section(console: Console, section: Section, label: str = "") -> None:
@@ -177,7 +171,7 @@ def show_section(console: Console, section: Section, label: str = "") -> None:
         if grid.rows:
             _grid(console, grid)
     for lack in section.lacks[:_MOST_LACKS]:
-        _hanging(console, "lacks", "dim", _plain(sentence_text(lack)))
+        _hanging(console, "lacks", "dim", _plain(wording.sentence_text(lack)))
     if len(section.lacks) > _MOST_LACKS:
         _hanging(console, "", "", Text(f"and {len(section.lacks) - _MOST_LACKS} more", style="dim"))
 
@@ -186,12 +180,12 @@ def _facts(console: Console, facts: Sequence[Fact]) -> None:
     width = min(max(len(fact.label) for fact in facts), _LONGEST_LABEL)
     for fact in facts:
         unit = f" {fact.unit}" if fact.unit and fact.value is not None else ""
-        text = _plain(value_text(fact.value, fact.label) + unit)
-        _hanging(console, f"  {printable(sentence_text(fact.label))}", "", text, indent=width + 4)
+        text = _plain(wording.value_text(fact.value, fact.label) + unit)
+        _hanging(console, f"  {printable(wording.sentence_text(fact.label))}", "", text, indent=width + 4)
 
 
 def _grid(console: Console, grid: Grid) -> None:
-    _line(console, f"  {printable(sentence_text(grid.title))}", "dim")
+    _line(console, f"  {printable(wording.sentence_text(grid.title))}", "dim")
     for line in grid_lines(grid, console.width - _GRID_INDENT, _MOST_ROWS):
         _line(console, f"{'':{_GRID_INDENT}}{line}")
 

@@ -74,7 +74,7 @@ def _stray_m(log: Log) -> float | None:
         return None
     rows = np.flatnonzero(np.asarray(table.values("Status", raw=True)) >= 3)
     stamps = table.stamp_ns[rows]
-    there, before, after = (truth.at(stamps + shift_ns) for shift_ns in (0, -_HALF_NS, _HALF_NS))
+    there, before, after = (truth.interpolated(stamps + shift_ns) for shift_ns in (0, -_HALF_NS, _HALF_NS))
     course_deg, speed_mps = (np.asarray(table.values(name, rows), dtype=np.float64) for name in ("GCrs", "Spd"))
     known = np.isfinite(there + before + after).all(axis=1) & np.isfinite(course_deg)
     known &= np.isfinite(speed_mps) & (speed_mps > _MOVING_MPS)
@@ -103,7 +103,7 @@ def follows_simulator(told: Series, simulated: Series) -> bool:
     extent_m = float(np.hypot(*np.ptp(true_m, axis=0)))
     if extent_m < _STILL_M:
         return False
-    at = simulated.at(told.stamp_ns)
+    at = simulated.interpolated(told.stamp_ns)
     known = np.isfinite(at).all(axis=1)
     if not known.any():
         return False
@@ -404,7 +404,7 @@ def _run_origin(log: Log) -> tuple[float, float, float] | None:
     truth = _local_odometry(log, "/truth/odometry")
     if fix is None or truth is None:
         return None
-    known = np.isfinite(at := truth.at(fix.stamp_ns)).all(axis=1)
+    known = np.isfinite(at := truth.interpolated(fix.stamp_ns)).all(axis=1)
     if not known.any():
         return None
     nearest = int(np.argmin(np.where(known, np.hypot(at[:, 0], at[:, 1]), np.inf)))

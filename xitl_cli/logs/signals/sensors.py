@@ -196,7 +196,7 @@ def find_rest(log: Log, found: list[InertialUnit]) -> RestPeriods:
     speed = ground_speed(log)
     if speed is not None:
         # The fastest of the window's beginning, middle and end; no speed there: the inertial unit alone decides.
-        at = np.stack([speed.at(from_ns + part) for part in (0, WINDOW_NS // 2, WINDOW_NS)])
+        at = np.stack([speed.interpolated(from_ns + part) for part in (0, WINDOW_NS // 2, WINDOW_NS)])
         calm[np.nan_to_num(np.abs(at)).max(axis=0) > SPEED_MPS] = False
     stretches = []
     for first, after_calm in runs(calm):

@@ -31,7 +31,7 @@ class Series:
     turns: bool = False
     dropped: int = 0
 
-    def at(self, stamp_ns: Stamps) -> Floats:
+    def interpolated(self, stamp_ns: Stamps) -> Floats:
         """(M,) or (M, k) between the samples on a straight line (an angle the short way round), NaN outside them."""
         values = np.unwrap(self.values, period=360.0, axis=0) if self.turns else self.values
         where = (stamp_ns - self.stamp_ns[0]).astype(np.float64)
@@ -133,6 +133,13 @@ def tables_of(log: Log, kinds: Sequence[str]) -> list[Table]:
 def instance_label(table: Table, number: int) -> str:
     """ "IMU[1]"; without the number when the message has no instances."""
     return table.name if table.instance is None else f"{table.name}[{number}]"
+
+
+def rounded(value: float | np.floating | None, digits: int = 3) -> float | None:
+    """Rounded, None for what is no number: for facts and tables."""
+    if value is None or not np.isfinite(value):
+        return None
+    return round(float(value), digits)
 
 
 def significant(value: float | None, digits: int = 4) -> float | None:
