@@ -9,7 +9,7 @@ from typing import Callable
 
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.vehicle_link import VehicleLink
-from agent.mavlink.commands import StatusTextSender
+from agent.mavlink.commands import FORCE_ARM, StatusTextSender, command_long
 from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
@@ -134,7 +134,6 @@ _FOR_INJECTORS = (
 )
 _OWN_FIRST_ID, _OWN_LAST_ID = mav.MAVLINK_MSG_ID_XITL_RUN, mav.MAVLINK_MSG_ID_XITL_RUN + 99
 _WARNING = 4  # MAV_SEVERITY
-_FORCED = 21196.0  # param2 of MAV_CMD_COMPONENT_ARM_DISARM: also in motion
 
 
 class BridgeRole(Role):
@@ -189,8 +188,7 @@ class BridgeRole(Role):
         """The host takes the world away: the autopilot is disarmed, where it still hears."""
         self._running = False
         if self._vehicle.armed:
-            disarm = mav.MAV_CMD_COMPONENT_ARM_DISARM
-            self._vehicle.send(mav.MAVLink_command_long_message(1, 1, disarm, 0, 0, _FORCED, 0, 0, 0, 0, 0))
+            self._vehicle.send(command_long((1, 1), mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE_ARM))
         neutral = (0.0,) * len(self._outputs.channels)
         last = actuators_message(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
         waiting, self._waiting = self._waiting, []

@@ -11,6 +11,7 @@ from agent.wire import dialect as mav
 FORCE_ARM = 21196  # param2 of COMPONENT_ARM_DISARM: without the checks, or in motion
 TEXT_BYTES = 50
 _MOST_CHUNKS = 254
+_RELEASES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}  # by FIRMWARE_VERSION_TYPE
 
 
 class CommandClient:
@@ -48,6 +49,14 @@ def command_long(target: Target, number: int, *parameters: float, confirmation: 
     """COMMAND_LONG with the parameters that count; the others are 0."""
     padded = (*parameters, *([0.0] * (7 - len(parameters))))
     return mav.MAVLink_command_long_message(*target, number, confirmation, *padded)
+
+
+def version_text(autopilot_version: Any) -> str:
+    """`4.6.3-rc (3fc7011a)` of an AUTOPILOT_VERSION: numbers and release type, and the revision where it is told."""
+    major, minor, patch, release = int(autopilot_version.flight_sw_version).to_bytes(4, "big")
+    revision = bytes(autopilot_version.flight_custom_version).partition(b"\0")[0].decode("ascii", "replace").strip()
+    also = f" ({revision})" if revision and revision.isprintable() else ""
+    return f"{major}.{minor}.{patch}{_RELEASES.get(release, f'-{release}')}{also}"
 
 
 class Command(NamedTuple):

@@ -18,7 +18,7 @@ from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
     from xitl_cli.params.check import ParameterFindings
-    from xitl_cli.params.push import ParameterChange
+    from xitl_cli.params.push import PushedParameter
 
 SourceArgument = Annotated[
     str,
@@ -216,7 +216,7 @@ def _show_findings(version: str, found: ParameterFindings) -> None:
 
 def _report(
     vehicle: str,
-    changes: list[ParameterChange],
+    changes: list[PushedParameter],
     asked: int,
     as_json: bool,
     also: dict[str, Any] | None = None,

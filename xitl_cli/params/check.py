@@ -6,12 +6,12 @@ import difflib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
+from agent.mavlink.commands import version_text
 from agent.mavlink.parameters import same_value
 from agent.wire import dialect
 from xitl_cli.params.vehicle import VehicleConnection
 
 NEAREST = 3
-_STAGES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}  # FIRMWARE_VERSION_TYPE
 _VEHICLES = {10: "Rover", 11: "Rover (boat)"}
 
 
@@ -173,8 +173,4 @@ def firmware_name(vehicle: VehicleConnection) -> str:
     message = vehicle.request_message(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     if message is None:
         return f"ArduPilot {kind}"
-    number = int(message.flight_sw_version)
-    major, minor, patch, stage = number >> 24, number >> 16 & 0xFF, number >> 8 & 0xFF, number & 0xFF
-    commit = bytes(message.flight_custom_version).rstrip(b"\0").decode("ascii", "replace")
-    also = f" ({commit})" if commit.isalnum() else ""
-    return f"ArduPilot {kind} {major}.{minor}.{patch}{_STAGES.get(stage, '')}{also}"
+    return f"ArduPilot {kind} {version_text(message)}"

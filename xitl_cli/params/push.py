@@ -36,7 +36,7 @@ _ACCEPTED = 0  # MAV_RESULT
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterChange:
+class PushedParameter:
     """What was asked of a vehicle and what it keeps; `reason` is empty when it took the value."""
 
     name: str
@@ -54,7 +54,7 @@ class PushResult:
     something of it is in force after a restart only, and none was asked for.
     """
 
-    changes: tuple[ParameterChange, ...]
+    changes: tuple[PushedParameter, ...]
     restarts: int = 0
     script: str = ""
     written: bool = False
@@ -74,7 +74,7 @@ def push(
     With `reboot` the vehicle restarts when anything has changed, and what appears then is set too. Raises UserError;
     what the vehicle refuses is among the changes.
     """
-    changes: dict[str, ParameterChange] = {}
+    changes: dict[str, PushedParameter] = {}
     restarts, path, written = 0, "", False
     reached: AbstractContextManager[VehicleConnection] = connect(url, key)
     while True:
@@ -95,7 +95,7 @@ def push(
         reached = restarted(url, key, boot_ms)
 
 
-def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: dict[str, ParameterChange]) -> bool:
+def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: dict[str, PushedParameter]) -> bool:
     """Set what differs, and what appears by that, into `changes`; whether anything was set."""
     set_some = False
     for _ in range(MOST_ROUNDS):
@@ -107,7 +107,7 @@ def _set_all(vehicle: VehicleConnection, wanted: Mapping[str, float], changes: d
         for change in now:
             changes[change.name] = _explained(change, wanted, present) if change.reason else change
         if held:
-            changes[held] = ParameterChange(held, wanted[held], present.get(held), present.get(held), _WAITS)
+            changes[held] = PushedParameter(held, wanted[held], present.get(held), present.get(held), _WAITS)
         if all(change.reason for change in now):
             break
         set_some = True
@@ -125,7 +125,7 @@ def _held(wanted: Mapping[str, float], present: Mapping[str, float]) -> str:
     return _AHRS if still_to_come else ""
 
 
-def _explained(change: ParameterChange, wanted: Mapping[str, float], present: Mapping[str, float]) -> ParameterChange:
+def _explained(change: PushedParameter, wanted: Mapping[str, float], present: Mapping[str, float]) -> PushedParameter:
     switch = hiding_parameter(change.name, wanted, present) if change.before is None else ""
     if not switch:
         return change
@@ -134,26 +134,26 @@ def _explained(change: ParameterChange, wanted: Mapping[str, float], present: Ma
 
 def set_differing(
     vehicle: VehicleConnection, wanted: Mapping[str, float], present: Mapping[str, float], complete: bool = True
-) -> list[ParameterChange]:
+) -> list[PushedParameter]:
     """Set what differs from `present`, each read back. Nothing raises for a value that the vehicle refuses.
 
     `complete`: all that the vehicle has is in `present`; else what is not there was asked for in vain.
     """
-    changes: list[ParameterChange] = []
+    changes: list[PushedParameter] = []
     for name, value in wanted.items():
         before = present.get(name)
         if before is None:
             said = f": {vehicle.texts[-1]}" if vehicle.texts else "; it may have no such parameter"
             reason = "the vehicle has no such parameter" if complete else f"the vehicle does not answer for it{said}"
-            changes.append(ParameterChange(name, value, None, None, reason))
+            changes.append(PushedParameter(name, value, None, None, reason))
         elif not same_value(before, value):
             answer = vehicle.set(name, value)
             if answer.accepts(value):
-                changes.append(ParameterChange(name, value, before, answer.kept))
+                changes.append(PushedParameter(name, value, before, answer.kept))
                 continue
             kept = "does not answer" if answer.kept is None else f"keeps {format_value(answer.kept)}"
             said = f": {answer.texts[-1]}" if answer.texts else ""
-            changes.append(ParameterChange(name, value, before, answer.kept, f"the vehicle {kept}{said}"))
+            changes.append(PushedParameter(name, value, before, answer.kept, f"the vehicle {kept}{said}"))
     return changes
 
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from agent.fcu.parameters import TABLE, Parameter, ParameterError, load_parm
+from agent.fcu.parameters import TABLE, Parameter
 from agent.mavlink.parameters import same_value
 from xitl_cli.errors import UserError
 from xitl_cli.params.vehicle import connect
-from xitl_cli.profile.parameter_files import SUFFIXES, find_parameter_file
+from xitl_cli.profile.parameter_files import SUFFIXES, find_parameter_file, read_parameter_file
 
 DEFAULTS = "defaults"
 TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
@@ -48,18 +48,11 @@ def read_source(source: str, key: bytes | None = None) -> ParameterSet:
 def read_file(source: str) -> ParameterSet:
     """The parameters of a .parm file or a shipped file's name. Raises UserError."""
     try:
-        path = find_parameter_file(source)
+        find_parameter_file(source)
     except UserError as error:
         also = "" if source.endswith(SUFFIXES) else "; a vehicle is tcp://host:port or udp://host:port"
         raise UserError(f"{error}{also}") from None
-    try:
-        return ParameterSet(source, load_parm(path.read_text(encoding="utf-8"), str(path)), complete=False)
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: is not text; give a .parm file, one NAME value a line") from None
-    except ParameterError as error:
-        raise UserError(str(error)) from error
+    return ParameterSet(source, read_parameter_file(source), complete=False)
 
 
 def read_wanted(source: str) -> Mapping[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
+from agent.fcu.parameters import ParameterError, Parameters, load_parm
 from xitl_cli.errors import UserError
 from xitl_cli.shipped import firmware_params_dir
 
@@ -25,3 +26,22 @@ def find_parameter_file(name: str) -> Path:
     close = difflib.get_close_matches(name, shipped, n=1)
     hint = f"did you mean {close[0]!r}?" if close else f"shipped ones: {', '.join(shipped) or 'none'}"
     raise UserError(f"there is no parameter file {name!r}; {hint} (a path ends in .parm)")
+
+
+def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
+    """Names and values in the file of `name`, as `find_parameter_file` finds it.
+
+    Raises UserError for a file that is none or, if it is for the embedded autopilot, that this would refuse.
+    """
+    path = find_parameter_file(name)
+    try:
+        text = path.read_text(encoding="utf-8")
+        if embedded:
+            Parameters().load(text, str(path))
+        return load_parm(text, str(path))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: is not text; give a .parm file, one NAME value a line") from None
+    except ParameterError as error:
+        raise UserError(str(error)) from error

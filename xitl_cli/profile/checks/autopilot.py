@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from agent.fcu.parameters import ParameterError, Parameters, checked
+from agent.fcu.parameters import ParameterError, checked
 from xitl_cli.errors import UserError
 from xitl_cli.profile.entry import KeyPath
 from xitl_cli.profile.ground_stations import problems_of_urls
-from xitl_cli.profile.parameter_files import find_parameter_file
+from xitl_cli.profile.parameter_files import find_parameter_file, read_parameter_file
 from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.operation import Autopilot
@@ -30,10 +30,11 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     for number, name in enumerate(profile.autopilot.parameter_files):
         path = ("autopilot", "parameter_files", number)
         try:
-            file = find_parameter_file(name)
             if profile.autopilot.kind == "embedded":
-                Parameters().load(file.read_text(encoding="utf-8"), str(file))
-        except (UserError, ValueError, OSError) as error:
+                read_parameter_file(name, embedded=True)
+            else:
+                find_parameter_file(name)
+        except UserError as error:
             yield path, f"autopilot.parameter_files.{number}: {error}"
     if profile.autopilot.kind == "embedded":
         for name, value in profile.autopilot.parameters.items():

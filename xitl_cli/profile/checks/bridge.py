@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
-from agent.fcu.parameters import ParameterError, parm_lines
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.link import problem_of_url
 from xitl_cli.profile.entry import KeyPath
 from xitl_cli.profile.ground_stations import ground_stations_of
-from xitl_cli.profile.parameter_files import find_parameter_file
+from xitl_cli.profile.parameter_files import read_parameter_file
 from xitl_cli.profile.problems import shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.operation import Autopilot, Bridge
@@ -63,9 +62,8 @@ def _of_another(autopilot: Autopilot) -> Iterator[Finding]:
 def _parameter_files(autopilot: Autopilot) -> Iterator[Finding]:
     for number, name in enumerate(autopilot.parameter_files):
         try:
-            file = find_parameter_file(name)
-            list(parm_lines(file.read_text(encoding="utf-8"), str(file)))
-        except (UserError, ParameterError, ValueError, OSError) as error:
+            read_parameter_file(name)
+        except UserError as error:
             yield ("autopilot", "parameter_files", number), f"autopilot.parameter_files.{number}: {error}"
 
 

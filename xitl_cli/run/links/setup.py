@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from agent.fcu.parameters import ParameterError, Parameters, parm_lines
 from agent.mavlink.commands import StatusTextReceiver
 from agent.mavlink.exchange import Target, complete
 from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
@@ -16,7 +15,7 @@ from agent.mavlink.parameters import ParameterClient
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
-from xitl_cli.profile.parameter_files import find_parameter_file
+from xitl_cli.profile.parameter_files import read_parameter_file
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.world.world import magnetic_field_ned_gauss
 
@@ -57,20 +56,10 @@ def start_parameters(profile: RunProfile) -> dict[str, float]:
 
 
 def parameter_file_values(names: Iterable[str], embedded: bool = False) -> dict[str, float]:
-    """Values of parameter files, later ones over earlier ones.
-
-    Raises UserError for a file that is none or, if it is for the embedded autopilot, that this would refuse.
-    """
+    """Values of parameter files, later ones over earlier ones. Raises UserError."""
     values: dict[str, float] = {}
     for name in names:
-        path = find_parameter_file(name)
-        try:
-            text = path.read_text(encoding="utf-8")
-            if embedded:
-                Parameters().load(text, str(path))
-            values.update({key: value for _, key, value in parm_lines(text, str(path))})
-        except (OSError, UnicodeDecodeError, ParameterError) as error:
-            raise UserError(str(error)) from error
+        values.update(read_parameter_file(name, embedded))
     return values
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.mavlink.commands import version_text
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
@@ -69,17 +70,6 @@ class Milestones:
             north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
             if math.hypot(north_mps, east_mps) > MOVES_MPS:
                 self.motion_s = now_s
-
-
-_KINDS = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}
-
-
-def version_words(flight_sw_version: int, custom: bytes) -> str:
-    """`4.6.3 (3fc7011a)`: four bytes of numbers and release type, eight characters of the revision."""
-    major, minor, patch, kind = flight_sw_version.to_bytes(4, "big")
-    release = _KINDS.get(kind, f"-{kind}")
-    revision = custom.split(b"\0")[0].decode("ascii", "replace").strip()
-    return f"{major}.{minor}.{patch}{release}" + (f" ({revision})" if revision.isprintable() and revision else "")
 
 
 _LOOPS = ("NL", "NLoop")  # by version
@@ -281,7 +271,7 @@ class BridgeNode(RunNode):
             if self._recorder is not None:
                 self._recorder.write(self._now_ns(), BridgeCounts(**_counts(message)))
         elif number == dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
-            self._version = version_words(message.flight_sw_version, bytes(message.flight_custom_version))
+            self._version = version_text(message)
         elif number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._vehicle = _vehicle(message.type)
             self._problem = self._problem or self._other_make(message.autopilot)
