@@ -7,10 +7,7 @@ import socket
 from importlib import import_module
 from typing import Callable, cast
 
-COMMANDS = {
-    "doctor": "agent.board.doctor",
-    "install": "agent.board.install",
-}
+COMMANDS = {"doctor": "agent.board.doctor", "install": "agent.board.install"}
 """Each module has a `main(arguments, program)` that returns the exit code."""
 
 

@@ -25,9 +25,8 @@ from typing import Callable
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
-from agent.fcu.vehicle_state import BarometerMeasurement, ImuMeasurement, MagnetometerMeasurement
+from agent.fcu.vehicle_state import ImuMeasurement
 from agent.timing.clock import Clock, MonotonicClock
-from agent.wire import dialect as mav
 from agent.wire.codec import Message
 from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport, open_transport
 
@@ -250,14 +249,12 @@ class Ahrs(Injector):
         self._told_slow = self._told_absent = self._was_taken = False
 
     def handle(self, message: Message, now_ns: int) -> None:
-        if isinstance(message, mav.MAVLink_xitl_imu_message):
-            self._on_imu(message)
-        elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            self._readings.handle_field(message)
-        elif isinstance(message, mav.MAVLink_xitl_barometer_message):
-            self._readings.handle_pressure(message)
-        elif isinstance(message, mav.MAVLink_xitl_gnss_message):
-            self._on_gnss(message)
+        sample = self._readings.handle(message)
+        if isinstance(sample, ImuMeasurement):
+            self._on_imu(sample)
+        elif isinstance(sample, ReceiverFix):
+            self._send_frame(self.receiver_frame(sample), _FIX)
+            self._readings.solve(sample)
         self._flush(now_ns)
         self.counts.refused = self._readings.refused
 
@@ -300,23 +297,17 @@ class Ahrs(Injector):
 
     # -- samples
 
-    def _on_imu(self, message: Message) -> None:
+    def _on_imu(self, imu: ImuMeasurement) -> None:
         readings = self._readings
-        sample = readings.handle_imu(message)
-        if sample is None:
-            return
         if readings.field is not None and readings.pressure is not None:
-            self._send_inertial(sample, readings.field, readings.pressure)
-        readings.solve(sample)
-        if self._solution_pace.is_due(sample.stamp_ns):
+            self._send_inertial(imu)
+        readings.solve(imu)
+        if self._solution_pace.is_due(imu.stamp_ns):
             navigation = readings.solution()
-            frame = None if navigation is None else self.solution_frame(navigation)
-            if frame is not None:
-                self._line.send(frame, _SOLUTION)
+            if navigation is not None:
+                self._send_frame(self.solution_frame(navigation), _SOLUTION)
 
-    def _send_inertial(
-        self, imu: ImuMeasurement, field: MagnetometerMeasurement, pressure: BarometerMeasurement
-    ) -> None:
+    def _send_inertial(self, imu: ImuMeasurement) -> None:
         asked_hz = self.requested_hz()
         if asked_hz != self._paced_hz:
             self._inertial_pace, self._paced_hz = SampleDecimator(round(1e9 / asked_hz) if asked_hz else 0), asked_hz
@@ -325,26 +316,9 @@ class Ahrs(Injector):
             self._told_slow = True
             text = f"inertial samples come at {rate_hz:.0f} Hz, the autopilot asks for {asked_hz:.0f}"
             self._say(_WARNING, f"{text}; set EAHRS_RATE to sensors.imu.rate_hz")
-        if not self._inertial_pace.is_due(imu.stamp_ns):
-            return
-        frame = self.inertial_frame(
-            InertialSample(
-                imu.stamp_ns,
-                imu.gyro_frd_radps,
-                imu.accel_frd_mps2,
-                field.field_frd_gauss,
-                pressure.pressure_pa,
-                pressure.temperature_degc,
-            )
-        )
-        if frame is not None:
-            self._line.send(frame, _INERTIAL)
+        if self._inertial_pace.is_due(imu.stamp_ns):
+            self._send_frame(self.inertial_frame(self._readings.inertial_sample(imu)), _INERTIAL)
 
-    def _on_gnss(self, message: Message) -> None:
-        fix = self._readings.handle_fix(message)
-        if fix is None:
-            return
-        frame = self.receiver_frame(fix)
+    def _send_frame(self, frame: bytes | None, kind: str) -> None:
         if frame is not None:
-            self._line.send(frame, _FIX)
-        self._readings.solve(fix)
+            self._line.send(frame, kind)

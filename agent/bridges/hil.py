@@ -14,9 +14,9 @@ from typing import Callable
 from agent.bridges import hil_messages as hil
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SampleDecimator, SensorReadings
-from agent.bridges.samples import InertialSample
+from agent.bridges.samples import ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.vehicle_state import Vector3
+from agent.fcu.vehicle_state import ImuMeasurement
 from agent.options import Options, OptionsError
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
@@ -27,7 +27,6 @@ SILENT_NS = 3_000_000_000
 ABSENT_NS = 1_000_000_000  # a sensor that has not come since the run began will not
 STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_DEGC = 101_325.0, 15.0
 _WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
-_NO_FIELD: Vector3 = (0.0, 0.0, 0.0)
 _PREFIX = "xitl_"
 _COUNTERS = {"in": "script_in", "out": "script_out", "drop": "script_dropped"}
 
@@ -67,15 +66,14 @@ class HilMessages(Injector):
         self._silent = False
 
     def handle(self, message: Message, now_ns: int) -> None:
-        if isinstance(message, mav.MAVLink_xitl_imu_message):
-            self._on_imu(message)
-        elif isinstance(message, mav.MAVLink_xitl_gnss_message):
-            self._on_gnss(message)
-        elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            if self._readings.handle_field(message):
-                self._updated |= hil.FIELD
-        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.handle_pressure(message):
-            self._updated |= hil.PRESSURE | hil.TEMPERATURE
+        sample = self._readings.handle(message)
+        if isinstance(sample, ImuMeasurement):
+            self._on_imu(sample)
+        elif isinstance(sample, ReceiverFix):
+            self.counts.gnss_out += self._send(hil.gps_message(sample))
+            self._readings.solve(sample)
+        else:
+            self._updated |= hil.updated_fields(sample)
         self.counts.refused = self._readings.refused
 
     def serve(self, now_ns: int) -> None:
@@ -100,25 +98,13 @@ class HilMessages(Injector):
 
     # -- samples
 
-    def _on_imu(self, message: Message) -> None:
-        readings = self._readings
-        imu = readings.handle_imu(message)
-        if imu is None:
-            return
-        stamp_ns = imu.stamp_ns
+    def _on_imu(self, imu: ImuMeasurement) -> None:
+        readings, stamp_ns = self._readings, imu.stamp_ns
         if self._first_ns is None:
             self._first_ns = stamp_ns
-        field, pressure = readings.field, readings.pressure
-        complete = field is not None and pressure is not None
+        complete = readings.field is not None and readings.pressure is not None
         if complete or stamp_ns - self._first_ns > ABSENT_NS:
-            sample = InertialSample(
-                stamp_ns,
-                imu.gyro_frd_radps,
-                imu.accel_frd_mps2,
-                _NO_FIELD if field is None else field.field_frd_gauss,
-                STANDARD_PRESSURE_PA if pressure is None else pressure.pressure_pa,
-                STANDARD_TEMPERATURE_DEGC if pressure is None else pressure.temperature_degc,
-            )
+            sample = readings.inertial_sample(imu, STANDARD_PRESSURE_PA, STANDARD_TEMPERATURE_DEGC)
             updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
             self.counts.imu_out += self._send(hil.sensor_message(sample, updated))
         readings.solve(imu)
@@ -126,13 +112,6 @@ class HilMessages(Injector):
             navigation = readings.solution()
             if navigation is not None:
                 self.counts.solution_out += self._send(hil.state_message(navigation, imu.gyro_frd_radps))
-
-    def _on_gnss(self, message: Message) -> None:
-        fix = self._readings.handle_fix(message)
-        if fix is None:
-            return
-        self.counts.gnss_out += self._send(hil.gps_message(fix))
-        self._readings.solve(fix)
 
     def _send(self, message: Message) -> bool:
         taken = self._vehicle.send_sample(message)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from agent.bridges.samples import EPOCH_UNIX_S, LEAP_S, InertialSample, Navigation, ReceiverFix
+from agent.fcu.vehicle_state import BarometerMeasurement, MagnetometerMeasurement
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
@@ -18,19 +19,19 @@ ACCEL, GYRO, FIELD, PRESSURE, TEMPERATURE = 0x7, 0x38, 0x1C0, 0x200, 0x1000
 _UNKNOWN = 0xFFFF
 
 
+def updated_fields(sample: object) -> int:
+    """Bits of HIL_SENSOR.fields_updated for a sample of a magnetometer or barometer, 0 for anything else."""
+    if isinstance(sample, MagnetometerMeasurement):
+        return FIELD
+    return PRESSURE | TEMPERATURE if isinstance(sample, BarometerMeasurement) else 0
+
+
 def sensor_message(sample: InertialSample, updated: int) -> Message:
     """HIL_SENSOR, stamped with the sensors' clock; `updated` says which fields are new since the last one."""
     message: Message = mav.MAVLink_hil_sensor_message(
-        sample.stamp_ns // 1000,
-        *sample.accel_frd_mps2,
-        *sample.gyro_frd_radps,
-        *sample.field_frd_gauss,
-        sample.pressure_pa * 0.01,
-        0.0,
-        0.0,
-        sample.temperature_degc,
-        updated,
-    )
+        sample.stamp_ns // 1000, *sample.accel_frd_mps2, *sample.gyro_frd_radps, *sample.field_frd_gauss,
+        sample.pressure_pa * 0.01, 0.0, 0.0, sample.temperature_degc, updated,
+    )  # fmt: skip
     return message
 
 
@@ -39,39 +40,21 @@ def gps_message(fix: ReceiverFix) -> Message:
     north, east, down = fix.vel_ned_mps
     course_deg = math.degrees(math.atan2(east, north)) % 360.0
     message: Message = mav.MAVLink_hil_gps_message(
-        _unix_us(fix.gps_ns),
-        fix.fix_type,
-        round(fix.lat_deg * 1e7),
-        round(fix.lon_deg * 1e7),
-        round(fix.alt_m * 1e3),
-        _accuracy_cm(fix.horizontal_accuracy_m),
-        _accuracy_cm(fix.vertical_accuracy_m),
-        min(_cmps(math.hypot(north, east)), _UNKNOWN - 1),
-        _cmps(north),
-        _cmps(east),
-        _cmps(down),
-        round(course_deg * 100.0) % 36000,
-        fix.satellites,
-    )
+        _unix_us(fix.gps_ns), fix.fix_type, round(fix.lat_deg * 1e7), round(fix.lon_deg * 1e7), round(fix.alt_m * 1e3),
+        _accuracy_cm(fix.horizontal_accuracy_m), _accuracy_cm(fix.vertical_accuracy_m),
+        min(_cmps(math.hypot(north, east)), _UNKNOWN - 1), _cmps(north), _cmps(east), _cmps(down),
+        round(course_deg * 100.0) % 36000, fix.satellites,
+    )  # fmt: skip
     return message
 
 
 def state_message(navigation: Navigation, gyro_frd_radps: tuple[float, float, float]) -> Message:
     """HIL_STATE_QUATERNION of our own solution, without airspeed and specific force."""
     message: Message = mav.MAVLink_hil_state_quaternion_message(
-        navigation.stamp_ns // 1000,
-        list(navigation.quat_ned_frd),
-        *gyro_frd_radps,
-        round(navigation.lat_deg * 1e7),
-        round(navigation.lon_deg * 1e7),
-        round(navigation.alt_m * 1e3),
-        *(_cmps(speed) for speed in navigation.vel_ned_mps),
-        0,
-        0,
-        0,
-        0,
-        0,
-    )
+        navigation.stamp_ns // 1000, list(navigation.quat_ned_frd), *gyro_frd_radps,
+        round(navigation.lat_deg * 1e7), round(navigation.lon_deg * 1e7), round(navigation.alt_m * 1e3),
+        *(_cmps(speed) for speed in navigation.vel_ned_mps), 0, 0, 0, 0, 0,
+    )  # fmt: skip
     return message
 
 

@@ -51,21 +51,11 @@ def pack_inertial_frame(sample: InertialSample) -> bytes:
     fx, fy, fz = sample.accel_frd_mps2
     g = STANDARD_GRAVITY_MPS2
     fields = _SENSOR_FIELDS.pack(
-        6,
-        0x17,
-        sample.pressure_pa * 1e-2,
-        14,
-        0x06,
-        *sample.field_frd_gauss,
-        14,
-        0x04,
-        fx / g,
-        fy / g,
-        fz / g,
-        14,
-        0x05,
-        *sample.gyro_frd_radps,
-    )
+        6, 0x17, sample.pressure_pa * 1e-2,
+        14, 0x06, *sample.field_frd_gauss,
+        14, 0x04, fx / g, fy / g, fz / g,
+        14, 0x05, *sample.gyro_frd_radps,
+    )  # fmt: skip
     return packet(SENSORS, fields)
 
 
@@ -79,38 +69,13 @@ def pack_solution_frame(navigation: Navigation) -> bytes:
     n = navigation
     horizontal_m, speed_mps = n.horizontal_accuracy_m, n.speed_accuracy_mps
     fields = _FILTER_FIELDS.pack(
-        8,
-        0x10,
-        FULL_NAVIGATION,
-        3,
-        0,
-        28,
-        0x01,
-        n.lat_deg,
-        n.lon_deg,
-        n.alt_m,
-        1,
-        16,
-        0x02,
-        *n.vel_ned_mps,
-        1,
-        20,
-        0x03,
-        *n.quat_ned_frd,
-        1,
-        16,
-        0x08,
-        horizontal_m,
-        horizontal_m,
-        n.vertical_accuracy_m,
-        1,
-        16,
-        0x09,
-        speed_mps,
-        speed_mps,
-        speed_mps,
-        1,
-    )
+        8, 0x10, FULL_NAVIGATION, 3, 0,
+        28, 0x01, n.lat_deg, n.lon_deg, n.alt_m, 1,
+        16, 0x02, *n.vel_ned_mps, 1,
+        20, 0x03, *n.quat_ned_frd, 1,
+        16, 0x08, horizontal_m, horizontal_m, n.vertical_accuracy_m, 1,
+        16, 0x09, speed_mps, speed_mps, speed_mps, 1,
+    )  # fmt: skip
     return packet(FILTER, _time(n.fix_gps_ns) + fields)
 
 
@@ -122,43 +87,13 @@ def pack_receiver_frame(fix: ReceiverFix, receiver: int = RECEIVER_1) -> bytes:
     course_deg = math.degrees(math.atan2(east, north)) % 360.0
     course_accuracy_deg = math.degrees(math.atan2(fix.speed_accuracy_mps, ground_mps))
     fields = _RECEIVER_FIELDS.pack(
-        8,
-        0x0B,
-        _FIX_KINDS.get(fix.fix_type, _NO_FIX),
-        fix.satellites,
-        0,
-        _ALL_VALID,
-        44,
-        0x03,
-        fix.lat_deg,
-        fix.lon_deg,
-        fix.alt_m,
-        fix.alt_m,
-        fix.horizontal_accuracy_m,
-        fix.vertical_accuracy_m,
-        _ALL_VALID,
-        36,
-        0x05,
-        north,
-        east,
-        down,
-        math.hypot(ground_mps, down),
-        ground_mps,
-        course_deg,
-        fix.speed_accuracy_mps,
-        course_accuracy_deg,
-        _ALL_VALID,
-        32,
-        0x07,
-        d.geometric,
-        d.position,
-        d.horizontal,
-        d.vertical,
-        d.time,
-        d.north,
-        d.east,
-        _ALL_VALID,
-    )
+        8, 0x0B, _FIX_KINDS.get(fix.fix_type, _NO_FIX), fix.satellites, 0, _ALL_VALID,
+        44, 0x03, fix.lat_deg, fix.lon_deg, fix.alt_m, fix.alt_m,
+        fix.horizontal_accuracy_m, fix.vertical_accuracy_m, _ALL_VALID,
+        36, 0x05, north, east, down, math.hypot(ground_mps, down), ground_mps, course_deg,
+        fix.speed_accuracy_mps, course_accuracy_deg, _ALL_VALID,
+        32, 0x07, d.geometric, d.position, d.horizontal, d.vertical, d.time, d.north, d.east, _ALL_VALID,
+    )  # fmt: skip
     return packet(receiver, _time(fix.gps_ns) + fields)
 
 

@@ -22,9 +22,9 @@ from typing import Callable
 from agent.bridges import hil_messages as hil
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.readings import SensorReadings
-from agent.bridges.samples import InertialSample
+from agent.bridges.samples import ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
-from agent.fcu.vehicle_state import ImuMeasurement, Vector3
+from agent.fcu.vehicle_state import ImuMeasurement
 from agent.options import Options
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
@@ -207,7 +207,6 @@ UNSIMULATED_NS = 5_000_000_000
 UNPROVEN = "this bridge follows PX4's documentation and has not yet been run against PX4"
 BLOCK_S = 0.4  # the longest wait of one `advance`
 UNCALLED_S = 3.0
-_NO_FIELD: Vector3 = (0.0, 0.0, 0.0)
 _ERROR, _WARNING, _NOTICE = 3, 4, 5  # MAV_SEVERITY
 
 
@@ -251,19 +250,14 @@ class Px4Injector(Injector):
             say(_ERROR, "PX4 on a board keeps its own time; use clock.mode=realtime, or a simulator link for its SITL")
 
     def handle(self, message: Message, now_ns: int) -> None:
-        if isinstance(message, mav.MAVLink_xitl_imu_message):
-            imu = self._readings.handle_imu(message)
-            if imu is not None:
-                self._send(self._sensor_message(imu))
-        elif isinstance(message, mav.MAVLink_xitl_gnss_message):
-            fix = self._readings.handle_fix(message)
-            if fix is not None:
-                self._send(hil.gps_message(fix))
-        elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
-            if self._readings.handle_field(message):
-                self._updated |= hil.FIELD
-        elif isinstance(message, mav.MAVLink_xitl_barometer_message) and self._readings.handle_pressure(message):
-            self._updated |= hil.PRESSURE | hil.TEMPERATURE
+        sample = self._readings.handle(message)
+        if isinstance(sample, ImuMeasurement):
+            updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
+            self._send(hil.sensor_message(self._readings.inertial_sample(sample), updated))
+        elif isinstance(sample, ReceiverFix):
+            self._send(hil.gps_message(sample))
+        else:
+            self._updated |= hil.updated_fields(sample)
         self.counts.refused = self._readings.refused
 
     def serve(self, now_ns: int) -> None:
@@ -352,19 +346,6 @@ class Px4Injector(Injector):
             self.counts.gnss_out += 1
         else:
             self.counts.imu_out += 1
-
-    def _sensor_message(self, imu: ImuMeasurement) -> Message:
-        updated, self._updated = self._updated | hil.ACCEL | hil.GYRO, 0
-        field, pressure = self._readings.field, self._readings.pressure
-        sample = InertialSample(
-            imu.stamp_ns,
-            imu.gyro_frd_radps,
-            imu.accel_frd_mps2,
-            _NO_FIELD if field is None else field.field_frd_gauss,
-            0.0 if pressure is None else pressure.pressure_pa,
-            0.0 if pressure is None else pressure.temperature_degc,
-        )
-        return hil.sensor_message(sample, updated)
 
     # -- in
 

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
-from typing import Callable
+from typing import Callable, Union
 
 from agent.bridges.declination import declination_rad
-from agent.bridges.samples import GpsTime, Navigation, ReceiverFix
+from agent.bridges.samples import GpsTime, InertialSample, Navigation, ReceiverFix
 from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
+from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
 TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG = 0.5, 2.0  # what the estimator keeps at sea; it has no covariance of attitude
 
 
-class NavigationSolution:
-    """Samples in; `newest` is the solution at the newest inertial sample.
+Measurement = Union[ImuMeasurement, MagnetometerMeasurement, BarometerMeasurement, ReceiverFix]
 
-    It knows of no lever arms: the place is that of the antenna. The declination is found with the first fix.
+
+class NavigationSolution:
+    """Our own estimator on the samples of a simulated unit, so that the solution's errors are those of a real one.
+
+    It has no lever arms: the position is that of the antenna. The declination is found with the first fix.
     """
 
     def __init__(self, time: GpsTime) -> None:
@@ -27,34 +31,24 @@ class NavigationSolution:
         self._estimator = Estimator(self._parameters)
         self._fix: ReceiverFix | None = None
 
-    def on_imu(self, sample: ImuMeasurement) -> None:
-        """A sample that cannot be true is passed over, as by the others."""
-        self._estimator.on_imu(sample)
+    def add(self, sample: Measurement) -> None:
+        """A sample; one that cannot be true is passed over."""
+        if isinstance(sample, ImuMeasurement):
+            self._estimator.on_imu(sample)
+        elif isinstance(sample, MagnetometerMeasurement):
+            self._estimator.on_magnetometer(sample)
+        elif isinstance(sample, BarometerMeasurement):
+            self._estimator.on_barometer(sample)
+        else:
+            self._add_fix(sample)
 
-    def on_magnetometer(self, sample: MagnetometerMeasurement) -> None:
-        """Field, FRD."""
-        self._estimator.on_magnetometer(sample)
-
-    def on_barometer(self, sample: BarometerMeasurement) -> None:
-        """Pressure."""
-        self._estimator.on_barometer(sample)
-
-    def on_fix(self, fix: ReceiverFix) -> None:
-        """A fix of the receiver, as late as it comes."""
+    def _add_fix(self, fix: ReceiverFix) -> None:
         accepted = self._estimator.on_gnss(
             GnssMeasurement(
-                fix.stamp_ns,
-                fix.lat_deg,
-                fix.lon_deg,
-                fix.alt_m,
-                fix.vel_ned_mps,
-                fix.horizontal_accuracy_m,
-                fix.vertical_accuracy_m,
-                fix.speed_accuracy_mps,
-                fix.fix_type,
-                fix.satellites,
+                fix.stamp_ns, fix.lat_deg, fix.lon_deg, fix.alt_m, fix.vel_ned_mps, fix.horizontal_accuracy_m,
+                fix.vertical_accuracy_m, fix.speed_accuracy_mps, fix.fix_type, fix.satellites,
             )
-        )
+        )  # fmt: skip
         if not accepted or fix.fix_type < 3:
             return
         if self._fix is None:
@@ -74,20 +68,10 @@ class NavigationSolution:
         north, east, down = e.pos_ned_m
         lat_deg, lon_deg = frame.to_geodetic(north, east)
         return Navigation(
-            e.stamp_ns,
-            fix.gps_ns,
-            e.quat_ned_frd,
-            (e.roll_rad, e.pitch_rad, math.remainder(e.yaw_rad, 2.0 * math.pi)),
-            lat_deg,
-            lon_deg,
-            frame.alt_m - down,
-            e.vel_ned_mps,
-            TILT_ACCURACY_DEG,
-            HEADING_ACCURACY_DEG,
-            fix.horizontal_accuracy_m,
-            fix.vertical_accuracy_m,
-            fix.speed_accuracy_mps,
-        )
+            e.stamp_ns, fix.gps_ns, e.quat_ned_frd, (e.roll_rad, e.pitch_rad, math.remainder(e.yaw_rad, 2.0 * math.pi)),
+            lat_deg, lon_deg, frame.alt_m - down, e.vel_ned_mps, TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG,
+            fix.horizontal_accuracy_m, fix.vertical_accuracy_m, fix.speed_accuracy_mps,
+        )  # fmt: skip
 
 
 LATEST_US = (1 << 62) // 1000
@@ -127,18 +111,9 @@ def receiver_fix_from(message: Message, time: GpsTime) -> ReceiverFix | None:
         return None
     stamp_ns = message.time_usec * 1000
     return ReceiverFix(
-        stamp_ns,
-        time.gps_ns(stamp_ns),
-        message.lat * 1e-7,
-        message.lon * 1e-7,
-        message.alt * 1e-3,
-        (vn, ve, vd),
-        message.h_acc,
-        message.v_acc,
-        message.s_acc,
-        message.fix_type,
-        message.satellites,
-    )
+        stamp_ns, time.gps_ns(stamp_ns), message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3, (vn, ve, vd),
+        message.h_acc, message.v_acc, message.s_acc, message.fix_type, message.satellites,
+    )  # fmt: skip
 
 
 def _is_measured(time_us: int, *values: float) -> bool:
@@ -168,7 +143,7 @@ class SampleDecimator:
 
 
 class SensorReadings:
-    """Of one run: the newest samples of the slow sensors, the date, and the solution of the unit's own estimator.
+    """The samples of one run, the newest of the slow sensors, the date, and the unit's own navigation solution.
 
     field, pressure: None before the first. refused: messages that were no measurement; they are passed over. The date
     is fixed in lockstep, else that of `unix_s` at the first inertial sample. Without `solves` there is no solution.
@@ -184,52 +159,47 @@ class SensorReadings:
         self._solves = solves
         self._solver: NavigationSolution | None = None
 
-    def handle_imu(self, message: Message) -> ImuMeasurement | None:
-        """The sample, None when it is refused."""
-        sample = imu_sample_from(message)
-        if sample is None:
-            self.refused += 1
-        elif self._time is None:
-            self._time = GpsTime.fixed() if self._lockstep else GpsTime.from_unix_time(self._unix_s(), sample.stamp_ns)
-            self._solver = NavigationSolution(self._time) if self._solves else None
+    def handle(self, message: Message) -> Measurement | None:
+        """The sample in a sensor's message; None for one that is refused, and for any other message.
+
+        Samples of the slow sensors reach the estimator at once; `solve` is for the others.
+        """
+        sample: Measurement | None
+        if isinstance(message, mav.MAVLink_xitl_imu_message):
+            sample = imu_sample_from(message)
+            if sample is not None and self._time is None:
+                is_fixed, stamp_ns = self._lockstep, sample.stamp_ns
+                self._time = GpsTime.fixed() if is_fixed else GpsTime.from_unix_time(self._unix_s(), stamp_ns)
+                self._solver = NavigationSolution(self._time) if self._solves else None
+        elif isinstance(message, mav.MAVLink_xitl_magnetometer_message):
+            sample = magnetometer_sample_from(message)
+            self.field = sample or self.field
+        elif isinstance(message, mav.MAVLink_xitl_barometer_message):
+            sample = barometer_sample_from(message)
+            self.pressure = sample or self.pressure
+        elif isinstance(message, mav.MAVLink_xitl_gnss_message):
+            sample = receiver_fix_from(message, self._time or GpsTime.fixed())
+        else:
+            return None
+        self.refused += sample is None
+        if isinstance(sample, (MagnetometerMeasurement, BarometerMeasurement)) and self._solver is not None:
+            self._solver.add(sample)
         return sample
 
-    def handle_fix(self, message: Message) -> ReceiverFix | None:
-        """The fix, None when it is refused."""
-        fix = receiver_fix_from(message, self._time or GpsTime.fixed())
-        self.refused += fix is None
-        return fix
-
-    def handle_field(self, message: Message) -> bool:
-        """Whether there is a new field."""
-        sample = magnetometer_sample_from(message)
-        if sample is None:
-            self.refused += 1
-            return False
-        self.field = sample
-        if self._solver is not None:
-            self._solver.on_magnetometer(sample)
-        return True
-
-    def handle_pressure(self, message: Message) -> bool:
-        """Whether there is a new pressure."""
-        sample = barometer_sample_from(message)
-        if sample is None:
-            self.refused += 1
-            return False
-        self.pressure = sample
-        if self._solver is not None:
-            self._solver.on_barometer(sample)
-        return True
+    def inertial_sample(
+        self, imu: ImuMeasurement, pressure_pa: float = 0.0, temperature_degc: float = 0.0
+    ) -> InertialSample:
+        """An IMU sample with the newest field, pressure and temperature, or no field and the given values."""
+        field_frd_gauss = (0.0, 0.0, 0.0) if self.field is None else self.field.field_frd_gauss
+        if self.pressure is not None:
+            pressure_pa, temperature_degc = self.pressure.pressure_pa, self.pressure.temperature_degc
+        motion = imu.gyro_frd_radps, imu.accel_frd_mps2
+        return InertialSample(imu.stamp_ns, *motion, field_frd_gauss, pressure_pa, temperature_degc)
 
     def solve(self, sample: ImuMeasurement | ReceiverFix) -> None:
         """Let the estimator have a sample; it takes a while, so that what is urgent goes out before."""
-        if self._solver is None:
-            return
-        if isinstance(sample, ImuMeasurement):
-            self._solver.on_imu(sample)
-        else:
-            self._solver.on_fix(sample)
+        if self._solver is not None:
+            self._solver.add(sample)
 
     def solution(self) -> Navigation | None:
         """The solution at the newest inertial sample, None while there is none."""

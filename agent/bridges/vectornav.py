@@ -57,44 +57,28 @@ def pack_inertial_frame(sample: InertialSample) -> bytes:
     Compensated and uncompensated values are the same: what the unit would take off is not simulated.
     """
     gyro, accel = sample.gyro_frd_radps, sample.accel_frd_mps2
+    temperature_degc, pressure_kpa = sample.temperature_degc, sample.pressure_pa * 1e-3
     values = _INERTIAL.pack(
-        sample.stamp_ns,
-        *gyro,
-        *accel,
-        *accel,
-        *gyro,
-        *sample.field_frd_gauss,
-        sample.temperature_degc,
-        sample.pressure_pa * 1e-3,
+        sample.stamp_ns, *gyro, *accel, *accel, *gyro, *sample.field_frd_gauss, temperature_degc, pressure_kpa
     )
     return framed(INERTIAL_HEADER + values)
 
 
 def pack_solution_frame(navigation: Navigation, faults: int = 0) -> bytes:
     """Attitude (deg, and as a quaternion), place (deg, m) and velocity (m/s) with their uncertainty (deg, m, m/s)."""
-    w, x, y, z = navigation.quat_ned_frd
-    yaw, pitch, roll = (math.degrees(angle) for angle in reversed(navigation.euler_rad))
-    tilt_deg, heading_deg = navigation.tilt_accuracy_deg, navigation.heading_accuracy_deg
+    n = navigation
+    w, x, y, z = n.quat_ned_frd
+    tilt_deg, heading_deg = n.tilt_accuracy_deg, n.heading_accuracy_deg
     values = _SOLUTION.pack(
-        navigation.stamp_ns,
-        yaw,
-        pitch,
-        roll,
-        x,
-        y,
-        z,
-        w,
-        heading_deg,
-        tilt_deg,
-        tilt_deg,
+        n.stamp_ns,
+        *(math.degrees(angle) for angle in reversed(n.euler_rad)),
+        x, y, z, w,
+        heading_deg, tilt_deg, tilt_deg,
         TRACKING | HAS_FIX | faults,
-        navigation.lat_deg,
-        navigation.lon_deg,
-        navigation.alt_m,
-        *navigation.vel_ned_mps,
-        navigation.horizontal_accuracy_m,
-        navigation.speed_accuracy_mps,
-    )
+        n.lat_deg, n.lon_deg, n.alt_m,
+        *n.vel_ned_mps,
+        n.horizontal_accuracy_m, n.speed_accuracy_mps,
+    )  # fmt: skip
     return framed(SOLUTION_HEADER + values)
 
 
@@ -106,28 +90,13 @@ def pack_receiver_frame(fix: ReceiverFix) -> bytes:
     d = fix.dilution
     horizontal_m = fix.horizontal_accuracy_m
     values = _RECEIVER.pack(
-        fix.stamp_ns,
-        fix.gps_ns,
-        fix.satellites,
-        fix.fix_type,
-        fix.lat_deg,
-        fix.lon_deg,
-        fix.alt_m,
+        fix.stamp_ns, fix.gps_ns, fix.satellites, fix.fix_type,
+        fix.lat_deg, fix.lon_deg, fix.alt_m,
         *fix.vel_ned_mps,
-        horizontal_m,
-        horizontal_m,
-        fix.vertical_accuracy_m,
-        fix.speed_accuracy_mps,
-        d.geometric,
-        d.position,
-        d.time,
-        d.vertical,
-        d.horizontal,
-        d.north,
-        d.east,
-        fix.satellites,
-        fix.fix_type,
-    )
+        horizontal_m, horizontal_m, fix.vertical_accuracy_m, fix.speed_accuracy_mps,
+        d.geometric, d.position, d.time, d.vertical, d.horizontal, d.north, d.east,
+        fix.satellites, fix.fix_type,
+    )  # fmt: skip
     return framed(RECEIVER_HEADER + values)
 
 

@@ -63,11 +63,11 @@ def test_what_is_no_number_or_beyond_all_sense_is_no_measurement(bad: float) -> 
 
 def test_what_is_refused_is_counted_and_the_last_good_one_stays() -> None:
     readings = SensorReadings(True, lambda: 0.0)
-    assert readings.handle_field(mav.MAVLink_xitl_magnetometer_message(1, (0.2, 0.0, 0.1)))
-    assert not readings.handle_field(mav.MAVLink_xitl_magnetometer_message(2, (math.nan, 0.0, 0.1)))
-    assert not readings.handle_pressure(mav.MAVLink_xitl_barometer_message(2, math.nan, 20.0))
-    assert readings.handle_fix(gnss(velocity=(math.nan, 0.0, 0.0))) is None
-    assert readings.handle_imu(mav.MAVLink_xitl_imu_message(0, (math.nan, 0.0, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
+    assert readings.handle(mav.MAVLink_xitl_magnetometer_message(1, (0.2, 0.0, 0.1)))
+    assert not readings.handle(mav.MAVLink_xitl_magnetometer_message(2, (math.nan, 0.0, 0.1)))
+    assert not readings.handle(mav.MAVLink_xitl_barometer_message(2, math.nan, 20.0))
+    assert readings.handle(gnss(velocity=(math.nan, 0.0, 0.0))) is None
+    assert readings.handle(mav.MAVLink_xitl_imu_message(0, (math.nan, 0.0, 0.0), (0.0, 0.0, 0.0), 20.0)) is None
     assert readings.refused == 4
     assert readings.field is not None
     assert readings.field.stamp_ns == 1000
