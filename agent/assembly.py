@@ -32,7 +32,7 @@ INJECTORS = {
     "hil": "agent.bridges.hil:HilMessages",
     "px4": "agent.bridges.px4:Px4Injector",
 }
-"""How sensors get into another autopilot, by the name in the options: a class with `make(options, vehicle)`."""
+"""How sensors get into another autopilot, by the name in the options: a class with `open(url, vehicle)`."""
 
 _WORLD = "agent.bridges.json_world:JsonWorld"
 
@@ -83,18 +83,22 @@ def _companion(options: Options) -> Role:
 
 
 def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:
+    from agent.bridges.injector import InjectorError
     from agent.bridges.role import BridgeRole, MotorOutputs
     from agent.bridges.vehicle_link import VehicleLink
 
     _refuse_what_the_embedded_one_has(options, "a bridge")
     injectors: list[Injector] = []
-    where = [_WORLD] if options.world else []
-    where += [INJECTORS[options.sensors]] if options.sensors else []
+    wanted = [(_WORLD, options.world)] if options.world else []
+    wanted += [(INJECTORS[options.sensors], options.sensor_link)] if options.sensors else []
     vehicle = VehicleLink(options.autopilot, outputs_wanted=not options.world and options.sensors != "px4")
     opened.callback(vehicle.close)
-    for module, _, name in (entry.partition(":") for entry in where):
-        make: Callable[[Options, VehicleLink], Injector] = getattr(import_module(module), name).make
-        injector = make(options, vehicle)
+    for entry, url in wanted:
+        module, _, name = entry.partition(":")
+        try:
+            injector: Injector = getattr(import_module(module), name).open(url, vehicle)
+        except InjectorError as error:
+            raise OptionsError(str(error)) from None
         opened.callback(injector.close)
         injectors.append(injector)
     outputs = MotorOutputs(options.outputs, options.trim_us, options.span_us)

@@ -12,12 +12,11 @@ from math import isfinite
 from typing import Callable
 
 from agent.bridges import hil_messages as hil
-from agent.bridges.injector import Injector, InjectorCounters
+from agent.bridges.injector import Injector, InjectorCounters, InjectorError
 from agent.bridges.readings import SampleDecimator, SensorReadings
 from agent.bridges.samples import ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
 from agent.fcu.vehicle_state import ImuMeasurement
-from agent.options import Options, OptionsError
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
@@ -45,10 +44,10 @@ class HilMessages(Injector):
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
     @classmethod
-    def make(cls, options: Options, vehicle: VehicleLink) -> HilMessages:
-        """Over the autopilot's link. Raises OptionsError."""
-        if options.sensor_link:
-            raise OptionsError("sensor-link: HIL messages go over the autopilot's own link; leave it out")
+    def open(cls, url: str, vehicle: VehicleLink) -> HilMessages:
+        """Over the autopilot's link, so that `url` is empty. Raises InjectorError."""
+        if url:
+            raise InjectorError("sensor-link: HIL messages go over the autopilot's own link; leave it out")
         return cls(vehicle)
 
     # -- the role's side

@@ -37,6 +37,10 @@ class InjectorCounters:
         self.taken = False
 
 
+class InjectorError(ValueError):
+    """An injector cannot be opened; the message says which option is wrong, why and what to do."""
+
+
 class Injector:
     """The role calls; instants are of the clock of the run. Nothing here raises for what the autopilot sends.
 

@@ -17,7 +17,6 @@ from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.json_line import RANGEFINDERS, JsonLine, extras_text, frame_text, imu_text, pack_datagrams
 from agent.bridges.readings import imu_sample_from
 from agent.bridges.vehicle_link import VehicleLink
-from agent.options import Options
 from agent.timing.clock import Clock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
@@ -165,7 +164,7 @@ _NOTICE, _WARNING = 5, 4  # MAV_SEVERITY
 
 
 class JsonWorld(Injector):
-    """Serves one autopilot at `address`. `make` raises TransportError when that cannot be."""
+    """Serves one autopilot at `address`. `open` raises TransportError when that cannot be."""
 
     title = "JSON world"
 
@@ -178,8 +177,8 @@ class JsonWorld(Injector):
         self._begin(0)
 
     @classmethod
-    def make(cls, options: Options, vehicle: VehicleLink) -> JsonWorld:
-        return cls(options.world, vehicle.request_again)
+    def open(cls, url: str, vehicle: VehicleLink) -> JsonWorld:
+        return cls(url, vehicle.request_again)
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         self._say = say

@@ -16,9 +16,9 @@ import struct
 from itertools import accumulate
 
 from agent.bridges.ahrs import LISTEN, Ahrs, open_line
+from agent.bridges.injector import InjectorError
 from agent.bridges.samples import SECOND_NS, WEEK_S, InertialSample, Navigation, ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
-from agent.options import Options, OptionsError
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 SENSORS, FILTER, RECEIVER_1 = 0x80, 0x82, 0x91
@@ -109,13 +109,12 @@ class MicroStrain7(Ahrs):
     title = "MicroStrain 7"
 
     @classmethod
-    def make(cls, options: Options, vehicle: VehicleLink) -> MicroStrain7:
-        """Opens the line. Raises OptionsError and TransportError."""
-        url = options.sensor_link
+    def open(cls, url: str, vehicle: VehicleLink) -> MicroStrain7:
+        """Opens the line at `url`. Raises InjectorError and TransportError."""
         if not url:
-            raise OptionsError("sensor-link: microstrain7 needs the port of the autopilot, as udp://127.0.0.1:14800")
+            raise InjectorError("sensor-link: microstrain7 needs the port of the autopilot, as udp://127.0.0.1:14800")
         if url.startswith("udp://") and url.endswith(LISTEN):
-            raise OptionsError(
+            raise InjectorError(
                 f"sensor-link: {url}: this driver never speaks, so that its address stays unknown; "
                 "start the autopilot with udpin:0.0.0.0:PORT and call it at udp://HOST:PORT"
             )

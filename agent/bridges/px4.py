@@ -25,7 +25,6 @@ from agent.bridges.readings import SensorReadings
 from agent.bridges.samples import ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
 from agent.fcu.vehicle_state import ImuMeasurement
-from agent.options import Options
 from agent.timing.clock import Clock, MonotonicClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
@@ -224,9 +223,9 @@ class Px4Injector(Injector):
         self.reset(MonotonicClock(), False, lambda severity, text: None)
 
     @classmethod
-    def make(cls, options: Options, vehicle: VehicleLink) -> Px4Injector:
-        """With `sensor_link` a program calls there, without it is a board. Raises TransportError."""
-        return cls(vehicle, Px4Line(options.sensor_link) if options.sensor_link else None)
+    def open(cls, url: str, vehicle: VehicleLink) -> Px4Injector:
+        """A program calls at `url`; without one it is a board. Raises TransportError."""
+        return cls(vehicle, Px4Line(url) if url else None)
 
     # -- the role's side
 

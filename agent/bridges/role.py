@@ -13,7 +13,6 @@ from agent.mavlink.commands import FORCE_ARM, StatusTextSender, command_long
 from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
-from agent.wire import dialect
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
@@ -62,10 +61,10 @@ def actuators_message(
     commands: Sequence[float], armed: bool, imu_stamp_us: int, imu_received_us: int, now_ns: int, count: int
 ) -> Message:
     """XITL_ACTUATORS of these commands; `count` is the tick that it answers, or counts up."""
-    flags = dialect.XITL_ACTUATOR_FLAGS_ARMED if armed else 0
+    flags = mav.XITL_ACTUATOR_FLAGS_ARMED if armed else 0
     motors = list(commands[:MOTORS_ON_WIRE])
     padded = motors + [0.0] * (MOTORS_ON_WIRE - len(motors))
-    message: Message = dialect.MAVLink_xitl_actuators_message(
+    message: Message = mav.MAVLink_xitl_actuators_message(
         now_ns // 1000, imu_stamp_us, imu_received_us, count, padded, len(motors), flags
     )
     return message
@@ -73,14 +72,18 @@ def actuators_message(
 
 HEARD, TAKEN, SCRIPT = 1, 2, 4
 _MOST = 0xFFFFFFFF
+_SUMMED = (
+    "imu_out", "solution_out", "gnss_out", "world_in", "world_resent", "world_lost", "commands_in", "junk",
+    "script_in", "script_out", "script_dropped",
+)  # fmt: skip
 
 
 def bridge_status_message(
     now_ns: int, counts: Sequence[InjectorCounters], vehicle: VehicleLink, outputs_in: int, unsent: int
 ) -> Message:
-    """What all ways together have done since the run began; `outputs_in` sets of outputs were taken.
+    """XITL_BRIDGE_STATUS: counts of all injectors since the run began; `outputs_in` sets of outputs were received.
 
-    unsent: messages of the host that the autopilot's line did not take; they are added to the frames of the ways in.
+    unsent: messages of the host that the autopilot's line did not take; they are added to the injectors' frames.
     """
     link = vehicle.counters
 
@@ -91,29 +94,19 @@ def bridge_status_message(
     connected |= TAKEN if any(count.taken for count in counts) else 0
     connected |= SCRIPT if any(count.script_answers for count in counts) else 0
     damaged = link.dropped_bad_crc + link.dropped_unknown + link.dropped_truncated
-    message: Message = dialect.MAVLink_xitl_bridge_status_message(
+    message: Message = mav.MAVLink_xitl_bridge_status_message(
         time_usec=now_ns // 1000,
-        imu_out=total("imu_out"),
-        solution_out=total("solution_out"),
-        gnss_out=total("gnss_out"),
         unsent=min(total("unsent") + unsent, _MOST),
-        world_in=total("world_in"),
-        world_resent=total("world_resent"),
-        world_lost=total("world_lost"),
         restarts=max(total("restarts"), vehicle.reboots),
         outputs_in=outputs_in & _MOST,
-        commands_in=total("commands_in"),
-        junk=total("junk"),
         mavlink_in=link.received + vehicle.passed,
         mavlink_lost=link.lost,
         mavlink_dropped=damaged,
         mavlink_passed=vehicle.passed,
         mavlink_out=link.sent,
-        script_in=total("script_in"),
-        script_out=total("script_out"),
-        script_dropped=total("script_dropped"),
         world_rate=min(max((count.world_rate for count in counts), default=0), 0xFFFF),
         connected=connected,
+        **{name: total(name) for name in _SUMMED},
     )
     return message
 

@@ -27,9 +27,9 @@ from operator import xor
 from typing import Callable
 
 from agent.bridges.ahrs import Ahrs, SensorLine, open_line
+from agent.bridges.injector import InjectorError
 from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
 from agent.bridges.vehicle_link import VehicleLink
-from agent.options import Options, OptionsError
 from agent.timing.clock import Clock
 
 SYNC = b"\xfa"
@@ -308,11 +308,11 @@ class VectorNav(Ahrs):
         super().__init__(line, unix_s)
 
     @classmethod
-    def make(cls, options: Options, vehicle: VehicleLink) -> VectorNav:
-        """Opens the line. Raises OptionsError and TransportError."""
-        if not options.sensor_link:
-            raise OptionsError("sensor-link: vectornav needs the port of the autopilot, as tcp://127.0.0.1:5765")
-        return cls(open_line(options.sensor_link))
+    def open(cls, url: str, vehicle: VehicleLink) -> VectorNav:
+        """Opens the line at `url`. Raises InjectorError and TransportError."""
+        if not url:
+            raise InjectorError("sensor-link: vectornav needs the port of the autopilot, as tcp://127.0.0.1:5765")
+        return cls(open_line(url))
 
     def reset(self, clock: Clock, lockstep: bool, say: Callable[[int, str], None]) -> None:
         super().reset(clock, lockstep, say)

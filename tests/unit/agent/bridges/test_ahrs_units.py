@@ -10,9 +10,9 @@ import pytest
 
 from agent.bridges import microstrain, vectornav
 from agent.bridges.ahrs import Ahrs, SensorLine
+from agent.bridges.injector import InjectorError
 from agent.bridges.microstrain import MicroStrain7
 from agent.bridges.vectornav import VectorNav, sentence
-from agent.options import Options, OptionsError
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.transport import SenderStatus, Transport
@@ -291,16 +291,16 @@ def test_in_real_time_the_date_is_that_of_the_machine() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "options", "text"),
+    ("make", "url", "text"),
     [
-        (VectorNav.make, Options(sensors="vectornav"), "sensor-link: vectornav needs"),
-        (MicroStrain7.make, Options(sensors="microstrain7"), "sensor-link: microstrain7 needs"),
-        (MicroStrain7.make, Options(sensor_link="udp://127.0.0.1:0?listen"), "this driver never speaks"),
+        (VectorNav.open, "", "sensor-link: vectornav needs"),
+        (MicroStrain7.open, "", "sensor-link: microstrain7 needs"),
+        (MicroStrain7.open, "udp://127.0.0.1:0?listen", "this driver never speaks"),
     ],
 )
-def test_refused_options(make: Callable[..., Ahrs], options: Options, text: str) -> None:
-    with pytest.raises(OptionsError, match=text):
-        make(options, None)
+def test_refused_options(make: Callable[..., Ahrs], url: str, text: str) -> None:
+    with pytest.raises(InjectorError, match=text):
+        make(url, None)
 
 
 @pytest.mark.parametrize("make", [VectorNav, MicroStrain7])

@@ -12,9 +12,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as public
 
 from agent.bridges.hil import ABSENT_NS, SILENT_NS, HilMessages
+from agent.bridges.injector import InjectorError
 from agent.bridges.samples import EPOCH_UNIX_S, LEAP_S, START_OF_RUNS_S
 from agent.bridges.vehicle_link import SAMPLES_WAITING, VehicleLink
-from agent.options import Options, OptionsError
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message, Packer
@@ -288,5 +288,5 @@ def test_numbers_of_others_are_passed_over(bridge: Bridge) -> None:
 
 
 def test_it_has_no_link_of_its_own() -> None:
-    with pytest.raises(OptionsError, match="go over the autopilot's own link"):
-        HilMessages.make(Options(sensor_link="tcp://127.0.0.1:1"), Line())  # type: ignore[arg-type]
+    with pytest.raises(InjectorError, match="go over the autopilot's own link"):
+        HilMessages.open("tcp://127.0.0.1:1", Line())  # type: ignore[arg-type]

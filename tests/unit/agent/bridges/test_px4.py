@@ -11,7 +11,6 @@ from pymavlink.dialects.v20 import common as mavlink
 from agent.bridges import px4
 from agent.bridges.px4 import FIRST_US, Px4Injector, Px4Line
 from agent.bridges.vehicle_link import VehicleLink
-from agent.options import Options
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from tests.doubles.px4 import Px4Double, calling
@@ -312,7 +311,7 @@ class Board:
         self.socket.settimeout(5.0)
         self.vehicle = VehicleLink(f"udp://127.0.0.1:{self.socket.getsockname()[1]}", outputs_wanted=False)
         self.said: list[str] = []
-        self.injector = Px4Injector.make(Options(role="bridge", sensors="px4"), self.vehicle)
+        self.injector = Px4Injector.open("", self.vehicle)
         self.begin(lockstep=False)
         self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self.vehicle.update(0)
