@@ -43,14 +43,14 @@ def ready() -> MavlinkChannel:
     boat, sensors = Boat(), Sensors(1, Noise())
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD}))
     vehicle = MavlinkHub(autopilot)
-    services = MavlinkChannel(autopilot, hub=vehicle, ground=True)
+    channel = MavlinkChannel(autopilot, hub=vehicle, ground=True)
     vehicle.on_gnss(sensors.gnss(boat))
     vehicle.on_magnetometer(sensors.magnetometer(boat))
     vehicle.on_barometer(sensors.barometer(boat))
     vehicle.on_imu(sensors.imu(boat))
     sail(boat, sensors, autopilot, 14.0, lambda _: False)
-    services.poll(boat.time_ns)
-    return services
+    channel.poll(boat.time_ns)
+    return channel
 
 
 @pytest.fixture(scope="module")
@@ -70,14 +70,14 @@ def station(_ready: MavlinkChannel) -> MavlinkChannel:
 _now = [100 * SECOND]
 
 
-def texts(services: MavlinkChannel) -> str:
+def texts(channel: MavlinkChannel) -> str:
     _now[0] += 2 * SECOND
-    said = [m for m in services.poll(_now[0]) if m.get_type() == "STATUSTEXT"]
+    said = [m for m in channel.poll(_now[0]) if m.get_type() == "STATUSTEXT"]
     return "".join(m.text if m.chunk_seq else f" | {m.text}" for m in said)[3:]
 
 
-def result(services: MavlinkChannel, message: Any) -> int:
-    ack = services.handle(message, _now[0])[0]
+def result(channel: MavlinkChannel, message: Any) -> int:
+    ack = channel.handle(message, _now[0])[0]
     assert ack.get_type() == "COMMAND_ACK"
     assert (ack.command, ack.target_system, ack.target_component) == (message.command, 255, 190)
     return int(ack.result)
@@ -219,10 +219,10 @@ def test_what_a_ground_station_sets_is_kept_and_what_the_host_sets_is_not() -> N
     vehicle.storage = kept = Kept()
     ground = MavlinkChannel(vehicle.autopilot, hub=vehicle, ground=True)
     host = MavlinkChannel(vehicle.autopilot, hub=vehicle)
-    for services in (ground, host):
-        services.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 2.0, 9)), 0)
-        services.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", math.nan, 9)), 0)
-        services.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1)), 0)
+    for channel in (ground, host):
+        channel.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 2.0, 9)), 0)
+        channel.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", math.nan, 9)), 0)
+        channel.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1)), 0)
     assert result(ground, long(mav.MAV_CMD_PREFLIGHT_STORAGE, 1.0)) == ACCEPTED
     assert result(ground, long(mav.MAV_CMD_PREFLIGHT_STORAGE, 2.0)) == ACCEPTED
     assert result(host, long(mav.MAV_CMD_PREFLIGHT_STORAGE, 1.0)) == FAILED
@@ -236,39 +236,39 @@ def test_what_a_ground_station_sets_is_kept_and_what_the_host_sets_is_not() -> N
 
 
 def test_intervals_are_set_told_and_kept_to() -> None:
-    services = MavlinkChannel(Autopilot(), rates_hz={})
+    channel = MavlinkChannel(Autopilot(), rates_hz={})
     attitude = float(mav.MAVLINK_MSG_ID_ATTITUDE)
 
     def interval() -> int:
-        ack, message = services.handle(long(mav.MAV_CMD_GET_MESSAGE_INTERVAL, attitude), 0)
+        ack, message = channel.handle(long(mav.MAV_CMD_GET_MESSAGE_INTERVAL, attitude), 0)
         assert ack.result == ACCEPTED
         return int(message.interval_us)
 
     def count() -> int:
         _now[0] += SECOND
-        return sum(len(services.poll(_now[0] + tick * TICK)) for tick in range(50))
+        return sum(len(channel.poll(_now[0] + tick * TICK)) for tick in range(50))
 
     assert (interval(), count()) == (-1, 0)
-    assert result(services, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, 100_000.0)) == ACCEPTED
+    assert result(channel, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, 100_000.0)) == ACCEPTED
     assert (interval(), count()) == (100_000, 10)
-    assert result(services, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, 1.0)) == ACCEPTED
+    assert result(channel, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, 1.0)) == ACCEPTED
     assert (interval(), count()) == (20_000, 50)
-    assert result(services, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, -1.0)) == ACCEPTED
+    assert result(channel, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, -1.0)) == ACCEPTED
     assert (interval(), count()) == (-1, 0)
-    assert result(services, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, math.nan)) == DENIED
-    assert result(services, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 9999.0, 1e5)) == DENIED
-    assert services.handle(long(mav.MAV_CMD_GET_MESSAGE_INTERVAL, 9999.0), 0)[1].interval_us == 0
-    assert result(services, long(mav.MAV_CMD_GET_MESSAGE_INTERVAL, -5.0)) == DENIED
+    assert result(channel, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, attitude, math.nan)) == DENIED
+    assert result(channel, long(mav.MAV_CMD_SET_MESSAGE_INTERVAL, 9999.0, 1e5)) == DENIED
+    assert channel.handle(long(mav.MAV_CMD_GET_MESSAGE_INTERVAL, 9999.0), 0)[1].interval_us == 0
+    assert result(channel, long(mav.MAV_CMD_GET_MESSAGE_INTERVAL, -5.0)) == DENIED
 
 
 def test_stream_groups_are_ardupilots() -> None:
-    services = MavlinkChannel(Autopilot(), ground=True)
+    channel = MavlinkChannel(Autopilot(), ground=True)
 
     def periods(stream: int) -> set[int | None]:
-        return {services.streams.periods_ns.get(message_id) for message_id in STREAMS[stream]}
+        return {channel.streams.periods_ns.get(message_id) for message_id in STREAMS[stream]}
 
     def ask(stream: int, rate_hz: int, start: int) -> None:
-        assert services.handle(sent(mav.MAVLink_request_data_stream_message(1, 1, stream, rate_hz, start)), 0) == []
+        assert channel.handle(sent(mav.MAVLink_request_data_stream_message(1, 1, stream, rate_hz, start)), 0) == []
 
     assert periods(mav.MAV_DATA_STREAM_EXTRA1) == {SECOND}
     ask(mav.MAV_DATA_STREAM_EXTRA1, 10, 1)
@@ -279,7 +279,7 @@ def test_stream_groups_are_ardupilots() -> None:
     ask(mav.MAV_DATA_STREAM_POSITION, 4, 0)
     assert periods(mav.MAV_DATA_STREAM_POSITION) == {None}
     ask(mav.MAV_DATA_STREAM_ALL, 0, 1)
-    assert set(services.streams.periods_ns) == {mav.MAVLINK_MSG_ID_HEARTBEAT}
+    assert set(channel.streams.periods_ns) == {mav.MAVLINK_MSG_ID_HEARTBEAT}
 
 
 def test_version_and_capabilities(station: MavlinkChannel) -> None:
@@ -292,9 +292,9 @@ def test_version_and_capabilities(station: MavlinkChannel) -> None:
 
 def test_every_report_packs_before_and_after_there_is_something_to_say(station: MavlinkChannel) -> None:
     packer = mav.MAVLink(io.BytesIO(), 1, 1)
-    for services in (MavlinkChannel(Autopilot()), station):
+    for channel in (MavlinkChannel(Autopilot()), station):
         for message_id, report in REPORTS.items():
-            message = report(services.hub, 10**10)
+            message = report(channel.hub, 10**10)
             if message is not None:
                 assert message.get_msgId() == message_id
                 assert len(message.pack(packer)) >= 12

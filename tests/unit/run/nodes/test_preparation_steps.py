@@ -20,8 +20,10 @@ from xitl_cli.run.nodes.preparation import (
     CalibrationStep,
     MissionStep,
     ParameterStep,
+    PatientTimer,
 )
 
+SHARE = preparation.WALL_SHARE
 TICK = 10_000_000
 SECOND = 1_000_000_000
 TARGET = (1, 1)
@@ -216,3 +218,33 @@ def test_an_autopilot_that_does_not_answer_to_it_is_left_at_that() -> None:
     assert acceptance.done
     assert len(rover.sent) == TRIES
     assert CalibrationStep(rover.take, TARGET, wanted=False).done
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [100.0]
+    monkeypatch.setattr(preparation, "WALL_SHARE", SHARE)
+    monkeypatch.setattr(preparation.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_it_is_over_when_both_clocks_say_so(wall: list[float]) -> None:
+    waiting = PatientTimer()
+    assert not waiting.started
+    assert not waiting.is_over(50 * SECOND, 1.0)
+    waiting.start(10 * SECOND)
+    wall[0] += 0.9 * SHARE
+    assert not waiting.is_over(30 * SECOND, 1.0)  # twenty seconds of simulation in a moment
+    wall[0] += 0.2 * SHARE
+    assert waiting.is_over(30 * SECOND, 1.0)
+    assert not waiting.is_over(10 * SECOND + SECOND // 2, 1.0)
+
+
+def test_it_starts_anew_and_stops(wall: list[float]) -> None:
+    waiting = PatientTimer()
+    waiting.start(0)
+    wall[0] += 10.0
+    waiting.start(5 * SECOND)
+    assert not waiting.is_over(6 * SECOND, 1.0)
+    waiting.stop()
+    assert not waiting.is_over(60 * SECOND, 1.0)

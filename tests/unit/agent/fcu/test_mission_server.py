@@ -51,79 +51,79 @@ def texts(messages: list[Any]) -> str:
 
 
 def uploaded(number: int = 4) -> MavlinkChannel:
-    services = MavlinkChannel(Autopilot())
-    services.handle(count(number), 0)
+    channel = MavlinkChannel(Autopilot())
+    channel.handle(count(number), 0)
     for seq in range(number):
-        services.handle(item(seq), 0)
-    assert len(services.autopilot.navigation.mission.items) == number
-    return services
+        channel.handle(item(seq), 0)
+    assert len(channel.autopilot.navigation.mission.items) == number
+    return channel
 
 
 def test_upload_and_download_give_back_the_same() -> None:
-    services = MavlinkChannel(Autopilot())
-    replies = services.handle(count(4), 0)
+    channel = MavlinkChannel(Autopilot())
+    replies = channel.handle(count(4), 0)
     assert requests(replies) == [0]
     assert (replies[0].target_system, replies[0].target_component) == (255, 190)
     for seq in range(3):
-        assert requests(services.handle(item(seq, z=5.0), 0)) == [seq + 1]
-    assert acks(services.handle(item(3, command=178, p2=2.5), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert services.autopilot.navigation.mission.waypoints() == (1, 2)
+        assert requests(channel.handle(item(seq, z=5.0), 0)) == [seq + 1]
+    assert acks(channel.handle(item(3, command=178, p2=2.5), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    assert channel.autopilot.navigation.mission.waypoints() == (1, 2)
 
-    (reply,) = services.handle(sent(mav.MAVLink_mission_request_list_message(1, 1)), 0)
+    (reply,) = channel.handle(sent(mav.MAVLink_mission_request_list_message(1, 1)), 0)
     assert reply.count == 4
-    got = [services.handle(sent(mav.MAVLink_mission_request_int_message(1, 1, seq)), 0)[0] for seq in range(4)]
+    got = [channel.handle(sent(mav.MAVLink_mission_request_int_message(1, 1, seq)), 0)[0] for seq in range(4)]
     assert [(one.x, one.y) for one in got[:3]] == PLACES[:3]
     assert [(one.command, one.frame, one.z) for one in got[:3]] == [(16, 3, 5.0)] * 3
     assert (got[3].command, got[3].param2) == (178, 2.5)
     assert [one.current for one in got] == [0, 1, 0, 0]
-    assert acks(services.handle(sent(mav.MAVLink_mission_request_int_message(1, 1, 4)), 0)) == [13]
+    assert acks(channel.handle(sent(mav.MAVLink_mission_request_int_message(1, 1, 4)), 0)) == [13]
 
 
 def test_items_out_of_order_are_asked_again_and_duplicates_ignored() -> None:
-    services = MavlinkChannel(Autopilot())
-    services.handle(count(3), 0)
-    assert requests(services.handle(item(2), 0)) == [0]
-    assert requests(services.handle(item(0), 0)) == [1]
-    assert services.handle(item(0), 0) == []
-    assert requests(services.handle(item(2), 0)) == [1]
-    assert requests(services.handle(item(1), 0)) == [2]
-    assert acks(services.handle(item(2), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert acks(services.handle(item(2), 0)) == [mav.MAV_MISSION_ACCEPTED]  # the acknowledgement was lost
-    assert acks(services.handle(item(1), 0)) == [mav.MAV_MISSION_ERROR]
+    channel = MavlinkChannel(Autopilot())
+    channel.handle(count(3), 0)
+    assert requests(channel.handle(item(2), 0)) == [0]
+    assert requests(channel.handle(item(0), 0)) == [1]
+    assert channel.handle(item(0), 0) == []
+    assert requests(channel.handle(item(2), 0)) == [1]
+    assert requests(channel.handle(item(1), 0)) == [2]
+    assert acks(channel.handle(item(2), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    assert acks(channel.handle(item(2), 0)) == [mav.MAV_MISSION_ACCEPTED]  # the acknowledgement was lost
+    assert acks(channel.handle(item(1), 0)) == [mav.MAV_MISSION_ERROR]
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_upload_over_a_link_that_loses_a_third(seed: int) -> None:
     """A station that only answers requests gets its mission across; the autopilot asks again."""
     rng = random.Random(seed)
-    services = MavlinkChannel(Autopilot(), rates_hz={})
-    replies = services.handle(count(4), 0)
+    channel = MavlinkChannel(Autopilot(), rates_hz={})
+    replies = channel.handle(count(4), 0)
     done: list[int] = []
     now = 0
     while not done and now < 60 * SECOND:
         now += SECOND // 10
         wanted = [seq for seq in requests(replies) if rng.random() > 0.2]
         done = acks(replies)
-        replies = services.poll(now)
+        replies = channel.poll(now)
         for seq in wanted:
             if rng.random() > 0.2:
-                replies += services.handle(item(seq), now)
+                replies += channel.handle(item(seq), now)
     assert done == [mav.MAV_MISSION_ACCEPTED]
-    assert len(services.autopilot.navigation.mission.items) == 4
+    assert len(channel.autopilot.navigation.mission.items) == 4
 
 
 def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> None:
-    services = uploaded(3)
-    old = services.autopilot.navigation.mission
-    services.handle(count(2), 0)
-    services.handle(item(0), 0)
+    channel = uploaded(3)
+    old = channel.autopilot.navigation.mission
+    channel.handle(count(2), 0)
+    channel.handle(item(0), 0)
     said: list[Any] = []
     for tick in range(1, 500):
-        said += services.poll(tick * SECOND // 50)
+        said += channel.poll(tick * SECOND // 50)
     assert requests(said) == [1] * 5
     assert acks(said) == [mav.MAV_MISSION_OPERATION_CANCELLED]
     assert "Mission upload given up: item 1 did not come" in texts(said)
-    assert services.autopilot.navigation.mission == old
+    assert channel.autopilot.navigation.mission == old
 
 
 @pytest.mark.parametrize(
@@ -137,47 +137,47 @@ def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> N
     ],
 )
 def test_a_bad_item_ends_the_upload(bad: Any, result: int, words: str) -> None:
-    services = uploaded(3)
-    old = services.autopilot.navigation.mission
-    services.handle(count(2), 0)
-    services.handle(item(0), 0)
-    assert acks(services.handle(bad, 0)) == [result]
-    assert words in texts(services.poll(0))
-    assert services.autopilot.navigation.mission == old
+    channel = uploaded(3)
+    old = channel.autopilot.navigation.mission
+    channel.handle(count(2), 0)
+    channel.handle(item(0), 0)
+    assert acks(channel.handle(bad, 0)) == [result]
+    assert words in texts(channel.poll(0))
+    assert channel.autopilot.navigation.mission == old
 
 
 def test_home_may_be_anything() -> None:
-    services = MavlinkChannel(Autopilot())
-    services.handle(count(2), 0)
-    assert requests(services.handle(item(0, command=999, frame=77, z=math.nan), 0)) == [1]
-    assert acks(services.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert services.handle(sent(mav.MAVLink_mission_request_int_message(1, 1, 0)), 0)[0].command == 16
+    channel = MavlinkChannel(Autopilot())
+    channel.handle(count(2), 0)
+    assert requests(channel.handle(item(0, command=999, frame=77, z=math.nan), 0)) == [1]
+    assert acks(channel.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    assert channel.handle(sent(mav.MAVLink_mission_request_int_message(1, 1, 0)), 0)[0].command == 16
 
 
 def test_clear_empty_too_large_and_other_plans() -> None:
-    services = uploaded(3)
-    assert acks(services.handle(count(4000), 0)) == [mav.MAV_MISSION_NO_SPACE]
-    assert "Mission of 4000 items refused: at most 724 fit" in texts(services.poll(0))
-    assert acks(services.handle(count(3, mission_type=7), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
-    assert acks(services.handle(count(3, mission_type=2), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
-    assert acks(services.handle(count(0, mission_type=2), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert len(services.autopilot.navigation.mission.items) == 3
-    (reply,) = services.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
+    channel = uploaded(3)
+    assert acks(channel.handle(count(4000), 0)) == [mav.MAV_MISSION_NO_SPACE]
+    assert "Mission of 4000 items refused: at most 724 fit" in texts(channel.poll(0))
+    assert acks(channel.handle(count(3, mission_type=7), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
+    assert acks(channel.handle(count(3, mission_type=2), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
+    assert acks(channel.handle(count(0, mission_type=2), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    assert len(channel.autopilot.navigation.mission.items) == 3
+    (reply,) = channel.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
     assert (reply.count, reply.mission_type) == (0, 1)
-    assert acks(services.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1)), 0)) == [0]
-    assert services.autopilot.navigation.mission.items == ()
-    services = uploaded(3)
-    assert acks(services.handle(count(0), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert services.autopilot.navigation.mission.items == ()
+    assert acks(channel.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1)), 0)) == [0]
+    assert channel.autopilot.navigation.mission.items == ()
+    channel = uploaded(3)
+    assert acks(channel.handle(count(0), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    assert channel.autopilot.navigation.mission.items == ()
 
 
 def test_another_station_does_not_disturb_a_transfer() -> None:
-    services = MavlinkChannel(Autopilot())
-    services.handle(count(2), 0)
-    services.handle(item(0), 0)
-    assert acks(services.handle(sent(count(5), 254), 0)) == [mav.MAV_MISSION_ERROR]
-    assert acks(services.handle(sent(item(1), 254), 0)) == [mav.MAV_MISSION_ERROR]
-    assert acks(services.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    channel = MavlinkChannel(Autopilot())
+    channel.handle(count(2), 0)
+    channel.handle(item(0), 0)
+    assert acks(channel.handle(sent(count(5), 254), 0)) == [mav.MAV_MISSION_ERROR]
+    assert acks(channel.handle(sent(item(1), 254), 0)) == [mav.MAV_MISSION_ERROR]
+    assert acks(channel.handle(item(1), 0)) == [mav.MAV_MISSION_ACCEPTED]
 
 
 def float_item(seq: int, x: float, y: float, **kind: int) -> Any:
@@ -190,25 +190,25 @@ def request(seq: int, kind: int = 0) -> Any:
 
 
 def test_the_float_form_comes_and_goes_in_degrees() -> None:
-    services = MavlinkChannel(Autopilot())
-    services.handle(count(2), 0)
-    services.handle(float_item(0, -8.8, -63.95), 0)
-    assert acks(services.handle(float_item(1, -8.79, -63.94), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    (reply,) = services.handle(sent(mav.MAVLink_mission_request_message(1, 1, 1)), 0)
+    channel = MavlinkChannel(Autopilot())
+    channel.handle(count(2), 0)
+    channel.handle(float_item(0, -8.8, -63.95), 0)
+    assert acks(channel.handle(float_item(1, -8.79, -63.94), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    (reply,) = channel.handle(sent(mav.MAVLink_mission_request_message(1, 1, 1)), 0)
     assert reply.get_type() == "MISSION_ITEM"
     assert (reply.x, reply.y) == (-8.79, -63.94)
-    assert services.handle(request(1), 0)[0].x == -87900000
+    assert channel.handle(request(1), 0)[0].x == -87900000
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e30])
 def test_a_float_item_that_is_nowhere_is_refused(bad: float) -> None:
-    services = uploaded(3)
-    old = services.autopilot.navigation.mission
-    services.handle(count(2), 0)
-    services.handle(float_item(0, bad, bad), 0)
-    assert acks(services.handle(float_item(1, bad, 0.0), 0)) == [mav.MAV_MISSION_INVALID]
-    assert "Mission item 1 refused: position " in texts(services.poll(0))
-    assert services.autopilot.navigation.mission == old
+    channel = uploaded(3)
+    old = channel.autopilot.navigation.mission
+    channel.handle(count(2), 0)
+    channel.handle(float_item(0, bad, bad), 0)
+    assert acks(channel.handle(float_item(1, bad, 0.0), 0)) == [mav.MAV_MISSION_INVALID]
+    assert "Mission item 1 refused: position " in texts(channel.poll(0))
+    assert channel.autopilot.navigation.mission == old
 
 
 def partial(first: int, last: int, kind: int = 0) -> Any:
@@ -216,43 +216,43 @@ def partial(first: int, last: int, kind: int = 0) -> Any:
 
 
 def test_a_part_is_replaced_and_the_mission_goes_on_where_it_was() -> None:
-    services = uploaded(4)
-    services.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 3)), 0)
-    old = services.autopilot.navigation.mission.items
-    assert requests(services.handle(partial(1, 2), 0)) == [1]
-    assert requests(services.handle(item(1, x=-87000000), 0)) == [2]
-    assert requests(services.handle(item(3), 0)) == [2]
-    assert services.autopilot.navigation.mission.items == old
-    assert acks(services.handle(item(2, x=-87000001), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    new = services.autopilot.navigation.mission.items
+    channel = uploaded(4)
+    channel.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 3)), 0)
+    old = channel.autopilot.navigation.mission.items
+    assert requests(channel.handle(partial(1, 2), 0)) == [1]
+    assert requests(channel.handle(item(1, x=-87000000), 0)) == [2]
+    assert requests(channel.handle(item(3), 0)) == [2]
+    assert channel.autopilot.navigation.mission.items == old
+    assert acks(channel.handle(item(2, x=-87000001), 0)) == [mav.MAV_MISSION_ACCEPTED]
+    new = channel.autopilot.navigation.mission.items
     assert [one.lat_deg for one in new[1:3]] == [-8.7, -8.7000001]
     assert (new[0], new[3]) == (old[0], old[3])
-    assert services.autopilot.navigation.progress.current == 3
+    assert channel.autopilot.navigation.progress.current == 3
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 4), (2, 1), (-1, 2), (4, 4), (3, 32767)])
 def test_a_part_that_is_not_there_is_refused(first: int, last: int) -> None:
-    services = uploaded(4)
-    assert acks(services.handle(partial(first, last), 0)) == [mav.MAV_MISSION_INVALID_SEQUENCE]
-    assert f"Mission items {first} to {last} refused: there are 4" in texts(services.poll(0))
+    channel = uploaded(4)
+    assert acks(channel.handle(partial(first, last), 0)) == [mav.MAV_MISSION_INVALID_SEQUENCE]
+    assert f"Mission items {first} to {last} refused: there are 4" in texts(channel.poll(0))
 
 
 def test_set_current_is_answered_and_refused_in_words() -> None:
-    services = uploaded(4)
-    (reply,) = services.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 2)), 0)
+    channel = uploaded(4)
+    (reply,) = channel.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 2)), 0)
     assert (reply.get_type(), reply.seq) == ("MISSION_CURRENT", 2)
-    (reply,) = services.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 9)), 0)
+    (reply,) = channel.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 9)), 0)
     assert reply.seq == 2
-    assert "mission item 9 is not there" in texts(services.poll(0))
+    assert "mission item 9 is not there" in texts(channel.poll(0))
 
 
 def test_a_station_may_end_its_upload() -> None:
-    services = uploaded(3)
-    services.handle(count(2), 0)
-    services.handle(sent(mav.MAVLink_mission_ack_message(1, 1, mav.MAV_MISSION_OPERATION_CANCELLED)), 0)
-    assert acks(services.handle(item(0), 0)) == [mav.MAV_MISSION_ERROR]
-    assert "Mission item 0 refused: no upload is under way" in texts(services.poll(0))
-    assert len(services.autopilot.navigation.mission.items) == 3
+    channel = uploaded(3)
+    channel.handle(count(2), 0)
+    channel.handle(sent(mav.MAVLink_mission_ack_message(1, 1, mav.MAV_MISSION_OPERATION_CANCELLED)), 0)
+    assert acks(channel.handle(item(0), 0)) == [mav.MAV_MISSION_ERROR]
+    assert "Mission item 0 refused: no upload is under way" in texts(channel.poll(0))
+    assert len(channel.autopilot.navigation.mission.items) == 3
 
 
 CORNERS = [(-87000000, -640000000), (-87000000, -639000000), (-89000000, -639000000)]
@@ -266,21 +266,21 @@ def fence_item(seq: int, command: int = 5001, p1: float = 3.0, place: tuple[int,
 
 
 def test_a_fence_goes_up_beside_the_mission_and_comes_down() -> None:
-    services = uploaded(3)
-    assert requests(services.handle(count(4, mission_type=1), 0)) == [0]
+    channel = uploaded(3)
+    assert requests(channel.handle(count(4, mission_type=1), 0)) == [0]
     for seq in range(3):
-        services.handle(fence_item(seq), 0)
-    (ack,) = services.handle(fence_item(3, command=5004, p1=25.0), 0)
+        channel.handle(fence_item(seq), 0)
+    (ack,) = channel.handle(fence_item(3, command=5004, p1=25.0), 0)
     assert (ack.type, ack.mission_type) == (mav.MAV_MISSION_ACCEPTED, 1)
-    assert len(services.autopilot.navigation.mission.items) == 3
-    (reply,) = services.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
+    assert len(channel.autopilot.navigation.mission.items) == 3
+    (reply,) = channel.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
     assert (reply.count, reply.mission_type) == (4, 1)
-    got = [services.handle(request(seq, 1), 0)[0] for seq in range(4)]
+    got = [channel.handle(request(seq, 1), 0)[0] for seq in range(4)]
     assert [(one.command, one.param1) for one in got] == [(5001, 3.0)] * 3 + [(5004, 25.0)]
     assert [(one.x, one.y) for one in got[:3]] == CORNERS
-    assert acks(services.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 1)), 0)) == [0]
-    assert not services.autopilot.fence.items
-    assert len(services.autopilot.navigation.mission.items) == 3
+    assert acks(channel.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 1)), 0)) == [0]
+    assert not channel.autopilot.fence.items
+    assert len(channel.autopilot.navigation.mission.items) == 3
 
 
 @pytest.mark.parametrize(
@@ -294,29 +294,29 @@ def test_a_fence_goes_up_beside_the_mission_and_comes_down() -> None:
     ],
 )
 def test_a_fence_that_is_none_is_refused(bad: Any, result: int) -> None:
-    services = MavlinkChannel(Autopilot())
-    services.handle(count(1, mission_type=1), 0)
-    assert acks(services.handle(bad, 0)) == [result]
-    assert "fence" in texts(services.poll(0)).lower()
-    assert not services.autopilot.fence.items
+    channel = MavlinkChannel(Autopilot())
+    channel.handle(count(1, mission_type=1), 0)
+    assert acks(channel.handle(bad, 0)) == [result]
+    assert "fence" in texts(channel.poll(0)).lower()
+    assert not channel.autopilot.fence.items
 
 
 def test_clear_all_kinds() -> None:
-    services = uploaded(3)
-    services.handle(count(1, mission_type=1), 0)
-    services.handle(fence_item(0, command=5003, p1=50.0), 0)
-    assert services.autopilot.fence.items
-    (ack,) = services.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 255)), 0)
+    channel = uploaded(3)
+    channel.handle(count(1, mission_type=1), 0)
+    channel.handle(fence_item(0, command=5003, p1=50.0), 0)
+    assert channel.autopilot.fence.items
+    (ack,) = channel.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 255)), 0)
     assert (ack.type, ack.mission_type) == (0, 255)
-    assert not services.autopilot.fence.items
-    assert services.autopilot.navigation.mission.items == ()
+    assert not channel.autopilot.fence.items
+    assert channel.autopilot.navigation.mission.items == ()
 
 
 @settings(max_examples=150)
 @given(st.data())
 def test_any_order_and_any_loss_leave_a_valid_state(data: st.DataObject) -> None:
     """Whatever comes in whatever order: no exception, every plan is whole or the old one, and a transfer ends."""
-    services = uploaded(3)
+    channel = uploaded(3)
     step = st.one_of(
         st.builds(count, st.integers(0, 5), mission_type=st.integers(0, 3)),
         st.builds(item, st.integers(0, 5), mission_type=st.integers(0, 1)),
@@ -334,16 +334,16 @@ def test_any_order_and_any_loss_leave_a_valid_state(data: st.DataObject) -> None
     for one in data.draw(st.lists(step, max_size=40)):
         if isinstance(one, int):
             now += one
-            services.poll(now)
+            channel.poll(now)
         else:
-            for reply in services.handle(one, now):
+            for reply in channel.handle(one, now):
                 assert reply.get_type() in ANSWERS
-        items = services.autopilot.navigation.mission.items
+        items = channel.autopilot.navigation.mission.items
         assert len(items) != 1
-        assert 0 <= services.autopilot.navigation.progress.current < max(len(items), 1)
-    late = [m for tick in range(300) for m in services.poll(now + tick * SECOND // 50)]
+        assert 0 <= channel.autopilot.navigation.progress.current < max(len(items), 1)
+    late = [m for tick in range(300) for m in channel.poll(now + tick * SECOND // 50)]
     assert len(requests(late)) <= 6
-    assert requests(services.poll(now + 20 * SECOND)) == []
+    assert requests(channel.poll(now + 20 * SECOND)) == []
 
 
 ANSWERS = ("MISSION_ACK", "MISSION_REQUEST_INT", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_COUNT", "MISSION_CURRENT")

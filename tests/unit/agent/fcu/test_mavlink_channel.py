@@ -42,66 +42,66 @@ def sailing() -> tuple[MavlinkChannel, Boat]:
     boat, sensors = Boat(), Sensors(1, Noise())
     autopilot = Autopilot(Parameters({"COMPASS_DEC": DECLINATION_RAD}))
     autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(LAT_DEG + 0.001, LON_DEG)]))
-    services = MavlinkChannel(autopilot)
+    channel = MavlinkChannel(autopilot)
     sail(boat, sensors, autopilot, 12.0, lambda _: False)
-    services.handle(command(mav.MAV_CMD_MISSION_START), boat.time_ns)
-    services.handle(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), boat.time_ns)
+    channel.handle(command(mav.MAV_CMD_MISSION_START), boat.time_ns)
+    channel.handle(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0), boat.time_ns)
     sail(boat, sensors, autopilot, 10.0, lambda _: False)
     assert autopilot.state.armed
-    return services, boat
+    return channel, boat
 
 
 def test_samples_arrive_in_si_units() -> None:
     """A second autopilot fed through messages ends where one fed directly does."""
     boat, sensors = Boat(), Sensors(1, Noise())
-    direct, services = Autopilot(), MavlinkChannel(Autopilot())
+    direct, channel = Autopilot(), MavlinkChannel(Autopilot())
     for _ in range(1200):
         imu = sensors.imu(boat)
         direct.estimator.on_imu(imu)
         accel, gyro = imu.accel_frd_mps2, imu.gyro_frd_radps
-        services.handle(mav.MAVLink_xitl_imu_message(imu.stamp_ns // 1000, gyro, accel, 20.0), 0)
+        channel.handle(mav.MAVLink_xitl_imu_message(imu.stamp_ns // 1000, gyro, accel, 20.0), 0)
         if boat.time_ns % 20_000_000 == 0:
             field, air = sensors.magnetometer(boat), sensors.barometer(boat)
             direct.estimator.on_magnetometer(field)
             direct.estimator.on_barometer(air)
             stamp = boat.time_ns // 1000
-            services.handle(mav.MAVLink_xitl_magnetometer_message(stamp, field.field_frd_gauss), 0)
-            services.handle(mav.MAVLink_xitl_barometer_message(stamp, air.pressure_pa, 20.0), 0)
+            channel.handle(mav.MAVLink_xitl_magnetometer_message(stamp, field.field_frd_gauss), 0)
+            channel.handle(mav.MAVLink_xitl_barometer_message(stamp, air.pressure_pa, 20.0), 0)
         if boat.time_ns % 200_000_000 == 0:
             fix = sensors.gnss(boat)
             lat, lon, alt = round(fix.lat_deg * 1e7), round(fix.lon_deg * 1e7), round(fix.alt_m * 1e3)
             direct.estimator.on_gnss(fix._replace(lat_deg=lat / 1e7, lon_deg=lon / 1e7, alt_m=alt / 1e3))
-            services.handle(
+            channel.handle(
                 mav.MAVLink_xitl_gnss_message(
                     boat.time_ns // 1000, lat, lon, alt, fix.vel_ned_mps, 0.6, 0.9, 0.1, fix.fix_type, fix.satellites
                 ),
                 0,
             )
         boat.step((0.5, 0.3))
-    assert services.autopilot.estimator.estimate() == direct.estimator.estimate()
-    assert services.autopilot.estimator.position_valid()
-    assert services.refused == 0
-    services.handle(mav.MAVLink_xitl_imu_message(10**9, (math.nan, 0.0, 0.0), (0.0, 0.0, -9.8), 20.0), 0)
-    assert services.refused == 1
+    assert channel.autopilot.estimator.estimate() == direct.estimator.estimate()
+    assert channel.autopilot.estimator.position_valid()
+    assert channel.refused == 0
+    channel.handle(mav.MAVLink_xitl_imu_message(10**9, (math.nan, 0.0, 0.0), (0.0, 0.0, -9.8), 20.0), 0)
+    assert channel.refused == 1
 
 
 def test_all_parameters_are_listed_in_under_two_seconds() -> None:
-    services = MavlinkChannel(Autopilot())
-    assert services.handle(sent(mav.MAVLink_param_request_list_message(1, 1)), 0) == []
-    values = named([m for tick in range(100) for m in services.poll(tick * TICK)], "PARAM_VALUE")
+    channel = MavlinkChannel(Autopilot())
+    assert channel.handle(sent(mav.MAVLink_param_request_list_message(1, 1)), 0) == []
+    values = named([m for tick in range(100) for m in channel.poll(tick * TICK)], "PARAM_VALUE")
     assert [value.param_index for value in values] == list(range(len(TABLE)))
     assert {value.param_count for value in values} == {len(TABLE)}
     assert {value.param_id: value.param_value for value in values} == {row.name: row.default for row in TABLE}
 
 
 def test_parameters_are_read_and_set() -> None:
-    services = MavlinkChannel(Autopilot())
+    channel = MavlinkChannel(Autopilot())
 
     def read(name: bytes, index: int) -> list[Any]:
-        return services.handle(sent(mav.MAVLink_param_request_read_message(1, 1, name, index)), 0)
+        return channel.handle(sent(mav.MAVLink_param_request_read_message(1, 1, name, index)), 0)
 
     def set_to(name: bytes, value: float) -> list[Any]:
-        return services.handle(sent(mav.MAVLink_param_set_message(1, 1, name, value, 9)), 0)
+        return channel.handle(sent(mav.MAVLink_param_set_message(1, 1, name, value, 9)), 0)
 
     assert read(b"WP_SPEED", -1)[0].param_value == 3.0
     assert read(b"", 0)[0].param_id == TABLE[0].name
@@ -115,17 +115,17 @@ def test_parameters_are_read_and_set() -> None:
 
 
 def test_a_parameter_set_in_flight_takes_effect() -> None:
-    services, boat = sailing()
-    services.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 1.5, 9)), boat.time_ns)
-    sail(boat, Sensors(2, Noise()), services.autopilot, 8.0, lambda _: False)
+    channel, boat = sailing()
+    channel.handle(sent(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 1.5, 9)), boat.time_ns)
+    sail(boat, Sensors(2, Noise()), channel.autopilot, 8.0, lambda _: False)
     assert math.hypot(*boat.vel_ne_mps) == pytest.approx(1.5, abs=0.1)
 
 
 def test_commands_are_answered() -> None:
-    services = MavlinkChannel(Autopilot())
+    channel = MavlinkChannel(Autopilot())
 
     def result(message: Any) -> int:
-        ack = services.handle(message, 0)[0]
+        ack = channel.handle(message, 0)[0]
         assert (ack.command, ack.target_system, ack.target_component) == (message.command, 255, 190)
         return int(ack.result)
 
@@ -134,13 +134,13 @@ def test_commands_are_answered() -> None:
     assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.5)) == mav.MAV_RESULT_DENIED
     assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, math.nan)) == mav.MAV_RESULT_DENIED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, float(modes.MANUAL))) == mav.MAV_RESULT_ACCEPTED
-    assert services.autopilot.state.mode == modes.MANUAL
+    assert channel.autopilot.state.mode == modes.MANUAL
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 0.0, float(modes.HOLD))) == mav.MAV_RESULT_DENIED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, float(modes.AUTO))) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, 77.0)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_MISSION_START)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, 2.0, -1.0)) == mav.MAV_RESULT_ACCEPTED
-    assert services.autopilot.navigation.progress.speed_mps == 2.0
+    assert channel.autopilot.navigation.progress.speed_mps == 2.0
     assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, math.nan)) == mav.MAV_RESULT_DENIED
     assert result(command(22)) == mav.MAV_RESULT_UNSUPPORTED
     assert result(command(mav.MAV_CMD_REQUEST_MESSAGE, 0.0)) == mav.MAV_RESULT_ACCEPTED
@@ -149,22 +149,22 @@ def test_commands_are_answered() -> None:
 
 @pytest.mark.parametrize(("system", "component", "answered"), [(1, 1, 1), (0, 0, 1), (1, 0, 1), (2, 1, 0), (1, 2, 0)])
 def test_only_what_is_addressed_here_is_answered(system: int, component: int, answered: int) -> None:
-    services = MavlinkChannel(Autopilot())
+    channel = MavlinkChannel(Autopilot())
     message = sent(mav.MAVLink_mission_request_list_message(system, component))
-    assert len(services.handle(message, 0)) == answered
+    assert len(channel.handle(message, 0)) == answered
 
 
 def test_telemetry_under_way() -> None:
-    services, boat = sailing()
+    channel, boat = sailing()
     start = boat.time_ns
     messages: list[Any] = []
     sensors = Sensors(3, Noise())
 
     def collect(_: object) -> bool:
-        messages.extend(services.poll(boat.time_ns))
+        messages.extend(channel.poll(boat.time_ns))
         return False
 
-    sail(boat, sensors, services.autopilot, 2.0, collect)
+    sail(boat, sensors, channel.autopilot, 2.0, collect)
     rates = {name: len(named(messages, name)) for name in {message.get_type() for message in messages}}
     assert rates["HEARTBEAT"] == 2
     assert rates["ATTITUDE_QUATERNION"] == rates["LOCAL_POSITION_NED"] == 20
@@ -193,10 +193,10 @@ def test_telemetry_under_way() -> None:
 
 
 def test_reached_waypoints_and_texts_are_said_once() -> None:
-    services, boat = sailing()
+    channel, boat = sailing()
     messages: list[Any] = []
     sensors = Sensors(3, Noise())
-    sail(boat, sensors, services.autopilot, 60.0, lambda _: bool(messages.extend(services.poll(boat.time_ns))))
+    sail(boat, sensors, channel.autopilot, 60.0, lambda _: bool(messages.extend(channel.poll(boat.time_ns))))
     assert [message.seq for message in named(messages, "MISSION_ITEM_REACHED")] == [1]
     said = [message.text for message in named(messages, "STATUSTEXT")]
     assert said.count("Mission complete: HOLD") == 1
@@ -205,17 +205,17 @@ def test_reached_waypoints_and_texts_are_said_once() -> None:
 
 
 def test_not_ready_shows_in_the_status() -> None:
-    services = MavlinkChannel(Autopilot())
-    status = named(services.poll(0), "SYS_STATUS")[0]
+    channel = MavlinkChannel(Autopilot())
+    status = named(channel.poll(0), "SYS_STATUS")[0]
     missing = status.onboard_control_sensors_present & ~status.onboard_control_sensors_health
     assert missing & mav.MAV_SYS_STATUS_PREARM_CHECK
     assert missing & mav.MAV_SYS_STATUS_AHRS
 
 
 def test_a_clock_that_jumps_does_not_stop_telemetry_nor_flood() -> None:
-    services = MavlinkChannel(Autopilot())
+    channel = MavlinkChannel(Autopilot())
     for start in (10**15, 0, 10**12):
-        beats = named([m for tick in range(100) for m in services.poll(start + tick * TICK)], "HEARTBEAT")
+        beats = named([m for tick in range(100) for m in channel.poll(start + tick * TICK)], "HEARTBEAT")
         assert 2 <= len(beats) <= 3
 
 
@@ -285,29 +285,29 @@ HANDLED = [
 def test_no_field_values_raise_and_the_state_stays_finite(messages: list[Any], imu_runs: bool) -> None:
     """A host and a ground station send anything to one vehicle."""
     boat, sensors = Boat(), Sensors(1, Noise())
-    services = MavlinkChannel(Autopilot())
-    station = MavlinkChannel(services.autopilot, hub=services.hub, ground=True)
+    channel = MavlinkChannel(Autopilot())
+    station = MavlinkChannel(channel.autopilot, hub=channel.hub, ground=True)
     station.handle(sent(mav.MAVLink_request_data_stream_message(1, 1, 0, 50, 1)), 0)
     packer = mav.MAVLink(io.BytesIO(), 1, 1)
     if imu_runs:
         for _ in range(450):
-            services.autopilot.estimator.on_imu(sensors.imu(boat))
+            channel.autopilot.estimator.on_imu(sensors.imu(boat))
             boat.step((0.0, 0.0))
     now = boat.time_ns
     for message in messages:
         now += TICK
-        replies = services.handle(message, now) + station.handle(message, now)
-        for reply in replies + services.poll(now) + station.poll(now):
+        replies = channel.handle(message, now) + station.handle(message, now)
+        for reply in replies + channel.poll(now) + station.poll(now):
             assert len(reply.pack(packer)) >= 12
-        if services.hub.reboot_asked:
-            services.hub.reboot()
-        services.autopilot.estimator.on_imu(sensors.imu(boat))
+        if channel.hub.reboot_asked:
+            channel.hub.reboot()
+        channel.autopilot.estimator.on_imu(sensors.imu(boat))
         boat.step((0.0, 0.0))
-        actuators = services.autopilot.control(now)
-        services.hub.actuators = actuators
+        actuators = channel.autopilot.control(now)
+        channel.hub.actuators = actuators
         assert all(abs(value) <= 1.0 for value in actuators.command)
-        assert services.autopilot.state.mode in modes.NAMES
-    estimate = services.autopilot.state.estimate
+        assert channel.autopilot.state.mode in modes.NAMES
+    estimate = channel.autopilot.state.estimate
     for value in (*estimate.quat_ned_frd, *estimate.pos_ned_m, *estimate.vel_ned_mps, *estimate.gyro_frd_radps):
         assert math.isfinite(value)
     norm = math.sqrt(sum(value * value for value in estimate.quat_ned_frd))
