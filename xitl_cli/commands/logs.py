@@ -112,8 +112,7 @@ def export(
     ] = None,
     file_format: Annotated[str, typer.Option("--format", help="csv, parquet or mcap.")] = "csv",
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap the file itself."),
+        Path | None, typer.Option("--out", metavar="PATH", help="Directory of the files; for mcap the file itself.")
     ] = None,
     from_time: From = None,
     until_time: Until = None,

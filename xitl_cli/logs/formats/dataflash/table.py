@@ -363,12 +363,7 @@ class DataFlashTable(Table):
     """
 
     def __init__(
-        self,
-        name: str,
-        data: Bytes,
-        parts: Sequence[DefinitionRows],
-        meaning: Meaning,
-        times: Callable[[], Times],
+        self, name: str, data: Bytes, parts: Sequence[DefinitionRows], meaning: Meaning, times: Callable[[], Times]
     ) -> None:
         self.name = name
         self._data = data

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.index import Chunk, RecordingIndex, RecordingLosses
+from xitl_cli.logs.formats.mcap.index import Chunk, RecordingIndex
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, ChunkHead, MalformedError, SchemaRecord
 
 _PIECE = 1 << 16
@@ -93,7 +93,7 @@ class MessageRows:
     size: NDArray[np.int64]
     stamp_ns: NDArray[np.int64]
 
-    def of(self, channel: int) -> MessageRows:
+    def of_channel(self, channel: int) -> MessageRows:
         mine = self.channel == channel
         return MessageRows(self.channel[mine], self.offset[mine], self.size[mine], self.stamp_ns[mine])
 
@@ -236,12 +236,12 @@ _FEW_BYTES = 4096
 
 
 class Chunks:
-    """Reads chunks of `index`; what it finds damaged goes to `tally`, once."""
+    """Reads chunks of `index`; what is damaged goes to its `losses`, once."""
 
-    def __init__(self, source: FileReader, index: RecordingIndex, tally: RecordingLosses) -> None:
+    def __init__(self, source: FileReader, index: RecordingIndex) -> None:
         self._source = source
         self._index = index
-        self._tally = tally
+        self._losses = index.losses
         self._kept: OrderedDict[int, bytes] = OrderedDict()
         self._kept_bytes = 0
         self._kept_rows = 0
@@ -267,7 +267,7 @@ class Chunks:
         if chunk.place not in self._sound:
             self._sound[chunk.place] = not why
             if why and not chunk.cut:
-                self._tally.note(chunk.place, 0 if data else chunk.size, why)
+                self._losses.note(chunk.place, 0 if data else chunk.size, why)
         self._keep(chunk, data)
         return data
 
@@ -299,9 +299,9 @@ class Chunks:
                 rows, whole = at_offsets(data, offsets)
                 if whole.all() and (rows.channel == channel).all():
                     return rows
-                self._tally.note(chunk.place, 0, "a message index names places where no such message is")
+                self._losses.note(chunk.place, 0, "a message index names places where no such message is")
         rows = self.content(chunk, None).rows if chunk.rows is None else chunk.rows
-        return rows.of(channel)
+        return rows.of_channel(channel)
 
     def lone_payloads(self, chunk: Chunk, channel: int) -> tuple[MessageRows, list[bytes]] | None:
         """Messages of a channel read one by one, when that saves reading most of a chunk; None otherwise."""
@@ -343,11 +343,11 @@ class Chunks:
         if chunk.place not in self._scanned_places:
             self._scanned_places.add(chunk.place)
             for offset, lost in found.lost:
-                self._tally.note(chunk.unpacked_from + offset, lost, "no record begins here inside a chunk")
+                self._losses.note(chunk.unpacked_from + offset, lost, "no record begins here inside a chunk")
             if found.cut and not chunk.cut:
-                self._tally.note(chunk.place, found.cut, "the last record of a chunk is cut off")
+                self._losses.note(chunk.place, found.cut, "the last record of a chunk is cut off")
             if not self._sound.get(chunk.place, True) and not chunk.cut:
-                self._tally.suspect += len(found.rows.size)
+                self._losses.suspect += len(found.rows.size)
         return found
 
     def _offsets(self, chunk: Chunk, channel: int, places: dict[int, int]) -> NDArray[np.int64] | None:

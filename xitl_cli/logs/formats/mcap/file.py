@@ -51,26 +51,20 @@ class McapLog(Log):
             raise
 
     def _open(self) -> None:
-        self._tally = RecordingLosses()
-        index = from_summary(self._source, self._tally)
-        if index is not None:
-            self._take(index)
-            walk = Walk(self._source, index, self._tally, self._chunks, counting=False)
+        losses = RecordingLosses()
+        summary = from_summary(self._source, losses)
+        self._index = index = summary or RecordingIndex(closed=closed(self._source), losses=losses)
+        self._chunks = Chunks(self._source, index)
+        walk = Walk(self._source, index, self._chunks, counting=summary is None)
+        if summary is not None:
             for begin, end in list(between(list(index.chunks), len(records.MAGIC), self._source.size)):
                 walk.over(begin, end)
-            index.settle(self._source.size, self._tally)
+            index.settle(self._source.size)
         else:
-            index = RecordingIndex(closed=closed(self._source))
-            self._take(index)
-            walk = Walk(self._source, index, self._tally, self._chunks, counting=True)
             walk.over(len(records.MAGIC), self._source.size)
         self._tables = Tables(self._topics(), self._frame_topics(), self.frame_tables)
         self._frames: dict[str, dict[str, Table]] = {}
         self._frames_left: dict[str, int] = {}
-
-    def _take(self, index: RecordingIndex) -> None:
-        self._index = index
-        self._chunks = Chunks(self._source, index, self._tally)
 
     @property
     def base(self) -> Base:
@@ -89,7 +83,7 @@ class McapLog(Log):
 
     @property
     def health(self) -> LogHealth:
-        tally, undecoded, back = self._tally, dict[str, tuple[int, str]](), 0
+        losses, undecoded, back = self._index.losses, dict[str, tuple[int, str]](), 0
         for name, table in self._tables.topics.items():
             seen = table.surveyed
             why = table.why_undecodable()
@@ -100,12 +94,12 @@ class McapLog(Log):
                 undecoded[name] = len(table), why
             elif self._frames_left.get(name):
                 undecoded[name] = self._frames_left[name], "its frames are damaged, or of messages not known here"
-        return tally.health(
+        return losses.health(
             self._source.size,
             sum(self._index.counts.values()),
             unclosed=not self._index.closed,
             back_in_time=back,
-            redefined=tally.redefined,
+            redefined=losses.redefined,
             undecoded=undecoded,
         )
 
@@ -174,7 +168,7 @@ class McapLog(Log):
                     same.append(channel)
         tables, budget = dict[str, TopicTable](), MemoryBudget()
         for topic, alike in groups.items():
-            self._tally.redefined += len(alike) - 1
+            self._index.losses.redefined += len(alike) - 1
             for number, channels in enumerate(alike):
                 name = topic if number == 0 else f"{topic}#{number + 1}"
                 tables[name] = self._table(name, channels, budget)
@@ -205,7 +199,7 @@ class McapLog(Log):
         distrusted = [chunk for chunk in self._index.chunks if chunk.index_places]
         for chunk in distrusted:
             chunk.index_places = b""
-        self._tally.note(0, 0, f"the index is wrong: {why}")
+        self._index.losses.note(0, 0, f"the index is wrong: {why}")
         return bool(distrusted)
 
 
@@ -213,10 +207,7 @@ class Tables(Mapping[str, Table]):
     """Topics; "topic:MESSAGE" can be asked for, too."""
 
     def __init__(
-        self,
-        topics: dict[str, TopicTable],
-        framed: frozenset[str],
-        frame_tables: Callable[[str], Mapping[str, Table]],
+        self, topics: dict[str, TopicTable], framed: frozenset[str], frame_tables: Callable[[str], Mapping[str, Table]]
     ) -> None:
         self.topics = topics
         self._framed = framed

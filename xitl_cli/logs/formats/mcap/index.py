@@ -82,39 +82,40 @@ class RecordingIndex:
     attachments: list[AttachmentRecord] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     closed: bool = False
+    losses: RecordingLosses = field(default_factory=RecordingLosses)
     schema_bytes: int = 0
     unpacked_bytes: int = 0
     unpacked_to: int = 0
 
-    def add_schema(self, schema: SchemaRecord, tally: RecordingLosses) -> None:
+    def add_schema(self, schema: SchemaRecord) -> None:
         known = self.schemas.get(schema.id)
         if known is not None:
-            tally.redefined += known != schema
+            self.losses.redefined += known != schema
         elif self.schema_bytes + len(schema.data) <= MOST_SCHEMA_BYTES:
             self.schema_bytes += len(schema.data)
             self.schemas[schema.id] = schema
 
-    def add_channel(self, channel: ChannelRecord, tally: RecordingLosses) -> None:
+    def add_channel(self, channel: ChannelRecord) -> None:
         """The first of an id holds: messages before a second one were written for it."""
         known = self.channels.setdefault(channel.id, channel)
-        tally.redefined += known != channel
+        self.losses.redefined += known != channel
 
-    def settle(self, size_bytes: int, tally: RecordingLosses) -> None:
+    def settle(self, size_bytes: int) -> None:
         """Order the chunks, give each its position in the unpacked file, refuse those that would unpack to too much."""
         self.chunks.sort(key=lambda chunk: chunk.place)
         self.unpacked_bytes = self.unpacked_to = 0
         for chunk in self.chunks:
-            self._settle(chunk, size_bytes, tally)
+            self._settle(chunk, size_bytes)
 
-    def settle_last(self, size_bytes: int, tally: RecordingLosses) -> None:
+    def settle_last(self, size_bytes: int) -> None:
         """The same for a chunk just added at the end."""
-        self._settle(self.chunks[-1], size_bytes, tally)
+        self._settle(self.chunks[-1], size_bytes)
 
-    def _settle(self, chunk: Chunk, size_bytes: int, tally: RecordingLosses) -> None:
+    def _settle(self, chunk: Chunk, size_bytes: int) -> None:
         most = LARGEST_CHUNK + _EXPANSION * size_bytes - self.unpacked_bytes
         if chunk.refused or chunk.unpacked_size > min(most, LARGEST_CHUNK):
             if not chunk.refused:
-                tally.note(chunk.place, chunk.size, f"a chunk claims {chunk.unpacked_size} bytes unpacked")
+                self.losses.note(chunk.place, chunk.size, f"a chunk claims {chunk.unpacked_size} bytes unpacked")
             chunk.refused = True
             return
         self.unpacked_bytes += chunk.unpacked_size
@@ -131,7 +132,7 @@ def closed(source: FileReader) -> bool:
     return _footer(source) is not None
 
 
-def from_summary(source: FileReader, tally: RecordingLosses) -> RecordingIndex | None:
+def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex | None:
     """The index, None when there is none that holds. Chunks are not settled, what lies between them is not read."""
     found = _footer(source)
     if found is None:
@@ -141,11 +142,15 @@ def from_summary(source: FileReader, tally: RecordingLosses) -> RecordingIndex |
         return None
     data = source.read(start, end - start)
     if crc and zlib.crc32(source.read(end, 9 + 16), zlib.crc32(data)) != crc:
-        tally.note(start, 0, "the checksum of the summary does not match")
+        losses.note(start, 0, "the checksum of the summary does not match")
         return None
-    index, entries, statistics = RecordingIndex(closed=True), list[ChunkIndexRecord](), list[StatisticsRecord]()
+    index, entries, statistics = (
+        RecordingIndex(closed=True, losses=losses),
+        list[ChunkIndexRecord](),
+        list[StatisticsRecord](),
+    )
     try:
-        _read(data, index, entries, statistics, source, tally)
+        _read_summary(data, index, entries, statistics)
     except MalformedError:
         return None
     if not statistics or not _agree(index, entries, statistics[-1]):
@@ -153,7 +158,7 @@ def from_summary(source: FileReader, tally: RecordingLosses) -> RecordingIndex |
     index.counts = {channel: count for channel, count in statistics[-1].counts.items() if count}
     if statistics[-1].messages:
         index.span_ns = statistics[-1].start_ns, statistics[-1].end_ns
-    return index if _place(index, entries, source, start, bool(crc), tally) else None
+    return index if _add_chunks(index, entries, source, start, bool(crc)) else None
 
 
 def _footer(source: FileReader) -> tuple[int, int, int] | None:
@@ -168,13 +173,8 @@ def _footer(source: FileReader) -> tuple[int, int, int] | None:
     return start, crc, place
 
 
-def _read(
-    data: bytes,
-    index: RecordingIndex,
-    entries: list[ChunkIndexRecord],
-    statistics: list[StatisticsRecord],
-    source: FileReader,
-    tally: RecordingLosses,
+def _read_summary(
+    data: bytes, index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: list[StatisticsRecord]
 ) -> None:
     at = 0
     while at < len(data):
@@ -186,9 +186,9 @@ def _read(
             raise MalformedError
         at += 9 + length
         if opcode == records.SCHEMA:
-            index.add_schema(SchemaRecord.parse(body), tally)
+            index.add_schema(SchemaRecord.parse(body))
         elif opcode == records.CHANNEL:
-            index.add_channel(ChannelRecord.parse(body), tally)
+            index.add_channel(ChannelRecord.parse(body))
         elif opcode == records.CHUNK_INDEX:
             entries.append(ChunkIndexRecord.parse(body))
         elif opcode == records.STATISTICS:
@@ -208,13 +208,8 @@ def _agree(index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: S
     )
 
 
-def _place(
-    index: RecordingIndex,
-    entries: list[ChunkIndexRecord],
-    source: FileReader,
-    end: int,
-    sure: bool,
-    tally: RecordingLosses,
+def _add_chunks(
+    index: RecordingIndex, entries: list[ChunkIndexRecord], source: FileReader, end: int, sure: bool
 ) -> bool:
     """Turn chunk indexes to chunks; False when they are not where the summary says. sure: it has a checksum."""
     entries.sort(key=lambda entry: entry.place)
@@ -249,5 +244,5 @@ def _place(
     if wrong and (not sure or 2 * len(wrong) > len(entries)):
         return False
     for entry in wrong:
-        tally.note(entry.place, 0, "a chunk does not begin where the summary says it does")
+        index.losses.note(entry.place, 0, "a chunk does not begin where the summary says it does")
     return True

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, MessageRows, message_index, scan
-from xitl_cli.logs.formats.mcap.index import LARGEST_CHUNK, MOST_CHUNKS, Chunk, RecordingIndex, RecordingLosses
+from xitl_cli.logs.formats.mcap.index import LARGEST_CHUNK, MOST_CHUNKS, Chunk, RecordingIndex
 from xitl_cli.logs.formats.mcap.records import AttachmentRecord, ChannelRecord, ChunkHead, MalformedError, SchemaRecord
 
 _SHORTEST = {
@@ -114,17 +114,15 @@ _IN_CHUNKS = (records.SCHEMA, records.CHANNEL, records.MESSAGE)
 
 
 class Walk:
-    """Walks the records of `source` and adds what it finds to `index`, what it finds wrong to `tally`.
+    """Walks the records of `source` and adds what it finds to `index`, what is damaged to its `losses`.
 
     counting: add what chunks hold to the index's counts and span; not so where a summary has counted them.
     """
 
-    def __init__(
-        self, source: FileReader, index: RecordingIndex, tally: RecordingLosses, chunks: Chunks, counting: bool
-    ) -> None:
+    def __init__(self, source: FileReader, index: RecordingIndex, chunks: Chunks, counting: bool) -> None:
         self._source = source
         self._index = index
-        self._tally = tally
+        self._losses = index.losses
         self._chunks = chunks
         self._counting = counting
         self._chunk: Chunk | None = None
@@ -142,14 +140,14 @@ class Walk:
         """Take the record at a place; where the next one is."""
         head = self._source.peek(at, 9) if end - at >= 9 else b""
         if len(head) < 9:
-            self._tally.truncated_bytes += end - at
+            self._losses.truncated_bytes += end - at
             return end
         opcode, length = records.HEAD.unpack(head)
         if may_be(self._source, at, opcode, length, end):
             try:
                 return self._read(at, opcode, length, end)
             except MalformedError:
-                self._tally.note(at, 9 + length, "a record does not hold what it should")
+                self._losses.note(at, 9 + length, "a record does not hold what it should")
                 return at + 9 + int(length)
         return self._damaged(at, opcode, length, end)
 
@@ -187,7 +185,7 @@ class Walk:
             stop = at + head.data_at + head.data_size
             if stop == end or self._follows(stop, end):
                 self._finish_chunk()
-                self._tally.note(at, 0, "the record of a chunk is damaged at its begin")
+                self._losses.note(at, 0, "the record of a chunk is damaged at its begin")
                 self._add_chunk(at, stop - at, head, head.data_size)
                 return stop
         following = next_record(self._source, at + 1, end)
@@ -199,9 +197,9 @@ class Walk:
             if self._chunk is not None:
                 self._chunk.cut = True
         if following is None and (at + 9 + length > end or end != self._source.size):
-            self._tally.truncated_bytes += end - at
+            self._losses.truncated_bytes += end - at
         else:
-            self._tally.note(at, stop - at, "no record begins here")
+            self._losses.note(at, stop - at, "no record begins here")
         return stop
 
     def _follows(self, place: int, end: int) -> bool:
@@ -213,7 +211,7 @@ class Walk:
 
     def _add_chunk(self, at: int, size: int, head: ChunkHead, data_size: int) -> None:
         if len(self._index.chunks) >= MOST_CHUNKS:
-            self._tally.note(at, size, "there are too many chunks")
+            self._losses.note(at, size, "there are too many chunks")
             return
         self._chunk = Chunk(
             place=at,
@@ -245,7 +243,7 @@ class Walk:
         if chunk is None:
             return
         self._index.chunks.append(chunk)
-        self._index.settle_last(self._source.size, self._tally)
+        self._index.settle_last(self._source.size)
         if chunk.refused:
             return
         chunk.index_places = b"".join(struct.pack("<HQ", *entry) for entry in self._places.items())
@@ -263,17 +261,17 @@ class Walk:
         if len(found.rows.size) and len(self._index.chunks) < MOST_CHUNKS:
             chunk = Chunk(at, size, at, size, size, "", 0, 2**63 - 1, loose=True)
             self._index.chunks.append(chunk)
-            self._index.settle_last(self._source.size, self._tally)
+            self._index.settle_last(self._source.size)
             self._count(chunk, found.rows)
         for offset, lost in found.lost:
-            self._tally.note(at + offset, lost, "a record does not hold what it should")
+            self._losses.note(at + offset, lost, "a record does not hold what it should")
         return at + size
 
     def _describe(self, schemas: list[SchemaRecord], channels: list[ChannelRecord]) -> None:
         for schema in schemas:
-            self._index.add_schema(schema, self._tally)
+            self._index.add_schema(schema)
         for channel in channels:
-            self._index.add_channel(channel, self._tally)
+            self._index.add_channel(channel)
 
     def _count(self, chunk: Chunk, rows: MessageRows) -> None:
         numbers, counts = np.unique(rows.channel, return_counts=True)
@@ -281,7 +279,7 @@ class Walk:
         known = np.isin(rows.channel, list(self._index.channels))
         strangers = int((~known).sum())
         if strangers:
-            self._tally.note(chunk.place, int(rows.size[~known].sum()), _strangers(strangers))
+            self._losses.note(chunk.place, int(rows.size[~known].sum()), _strangers(strangers))
         if not self._counting or not known.any():
             return
         for number, count in zip(numbers.tolist(), counts.tolist(), strict=True):

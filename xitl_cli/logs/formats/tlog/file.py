@@ -114,15 +114,7 @@ class _Walk:
         stamped = ~np.isin(start, np.array(self.stampless, dtype=np.int64))
         stamp_us = np.zeros(len(start), dtype=np.uint64)
         stamp_us[stamped] = self._stamps(start[stamped])
-        return FrameIndex(
-            start,
-            kind,
-            stamp_us,
-            stamped,
-            self.signed,
-            dict(sorted(self.unknown.items())),
-            self.losses,
-        )
+        return FrameIndex(start, kind, stamp_us, stamped, self.signed, dict(sorted(self.unknown.items())), self.losses)
 
     def _stamps(self, start: NDArray[np.int64]) -> NDArray[np.uint64]:
         if not len(start):
