@@ -37,7 +37,7 @@ def info(
     fields: Annotated[bool, typer.Option("--fields", help="All fields of each message, with their units.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Show what logs hold: time, vehicle, how whole they are, messages.
+    """Show what logs contain: time, vehicle, damage, messages.
 
     Exit code 2 when one of them cannot be read; the others are shown.
     """
@@ -74,12 +74,12 @@ def dump(
     ],
     fields: Annotated[str, typer.Option(metavar="A,B", help="Only these fields, in this order.")] = "",
     where: Annotated[
-        str, typer.Option(metavar="CONDITION", help="Only rows of which this holds: 'Roll > 5 and I == 0'.")
+        str, typer.Option(metavar="CONDITION", help="Only rows that meet this condition: 'Roll > 5 and I == 0'.")
     ] = "",
     from_time: From = None,
     until_time: Until = None,
     raw: Raw = False,
-    limit: Annotated[int | None, typer.Option(min=0, metavar="N", help="At most so many rows.")] = None,
+    limit: Annotated[int | None, typer.Option(min=0, metavar="N", help="At most this many rows.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a row.")] = False,
 ) -> None:
     """Print rows of messages in the order of the file, their time in seconds first.
@@ -152,7 +152,7 @@ def tasks(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show what each task of an ArduPilot's scheduler takes, from @SYS/tasks.txt of the vehicle.
+    """Show the execution time of each task of ArduPilot's scheduler, from @SYS/tasks.txt of the vehicle.
 
     The vehicle then counts until it restarts: bit 0 of its SCHED_OPTIONS is set.
     """
@@ -182,11 +182,11 @@ def tasks(
             f"{task.most_us:>7} {task.overruns:>8} {task.share_percent:>6.2f}%"
         )
     if not tasks_counted(found):
-        typer.echo("nothing was counted: the clock of a simulator stands still while a task runs", err=True)
+        typer.echo("no time was measured: the clock of a simulator stands still while a task runs", err=True)
 
 
 def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
-    """The file of the vehicle at `url`, which starts counting if it did not: that takes up to 12 s.
+    """@SYS/tasks.txt of the vehicle at `url`, which begins to count if it did not: that takes up to 12 s.
 
     Sets bit 0 of SCHED_OPTIONS on the vehicle until it restarts, as asking for the file does. Raises UserError when
     the vehicle does not answer, has no such file, or does not count.

@@ -36,7 +36,7 @@ def analyze(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     open_it: Open = False,
 ) -> None:
-    """Say what happened in a run: findings first, each with its evidence and a next step.
+    """Analyse logs: findings first, each with its evidence and a next step.
 
     Exit code: 0 analysed, whatever was found; 1 an analysis failed; 2 a file could not be read (the others are
     analysed).
@@ -87,7 +87,7 @@ def plot(
     raw: Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")] = False,
     open_it: Open = False,
 ) -> None:
-    """Draw signals of logs into a page: one plot a unit, all on one time line.
+    """Plot signals of logs on one page: a plot for each unit, all on one time line.
 
     Exit code 2 when a file cannot be read (the others are drawn).
     """
@@ -110,7 +110,7 @@ def plot(
 
 
 def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]:
-    """What is there is a file, and so is all before it; the rest are signals."""
+    """Arguments up to the last one that exists are files; the rest are signals."""
     there = [index for index, text in enumerate(arguments) if os.path.exists(text)]  # noqa: PTH110  never raises
     if not there:
         raise UserError(f"{arguments[0]}: does not exist; name a log first, then signals such as ATT.Roll")
@@ -132,13 +132,13 @@ def _show(found: Report, page: Path | None) -> None:
 
 
 def _beside(log: Path, what: str) -> Path:
-    """In the current directory: logs often lie where nothing can be written."""
+    """A page in the current directory: logs often lie where nothing can be written."""
     return Path(f"{log.stem}.{what}.html")
 
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
-    """What is being done, while a person watches."""
+    """Shows the current step on a terminal."""
     from rich.console import Console
     from rich.markup import escape
 

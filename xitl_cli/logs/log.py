@@ -23,7 +23,7 @@ _LONGEST_UPTIME_NS = 40 * 86_400 * 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """`lost` bytes at `place` could not be read, and why, in words that end a sentence: "no record begins here"."""
+    """`lost` bytes at byte `place` that could not be read. why: a clause, such as "no record begins here"."""
 
     place: int
     lost: int
@@ -84,7 +84,7 @@ class Losses:
             self.damage.append(Damage(place, lost, why))
 
     def health(self, size_bytes: int, records: int, **counts: Any) -> LogHealth:
-        """With what the reader has counted besides: further fields of LogHealth."""
+        """These losses as LogHealth. counts: further fields of it, which the reader knows."""
         lost = {each.name: getattr(self, each.name) for each in fields(Losses)}
         return LogHealth(size_bytes, records, **{**lost, "damage": tuple(self.damage), **counts})
 
@@ -115,7 +115,7 @@ class Log(ABC):
     @property
     @abstractmethod
     def span_ns(self) -> tuple[int, int] | None:
-        """Earliest and latest stamp; None without a stamped row. Cheap: it reads no column but time."""
+        """Earliest and latest stamp; None without a stamped row. Only the time column is read."""
 
     @property
     @abstractmethod
@@ -130,7 +130,7 @@ class Log(ABC):
     def close(self) -> None: ...
 
     def __getitem__(self, name: str) -> Table:
-        """The table of a message or topic, its name in any case. Raises UnknownNameError, which has the nearest."""
+        """The table of a message or topic; upper and lower case are the same. Raises UnknownNameError."""
         topic, _, message = name.rpartition(":")
         if topic in self.tables and f"{topic}:{message.upper()}" in self.tables:  # in frames that a recording keeps
             return self.tables[f"{topic}:{message.upper()}"]

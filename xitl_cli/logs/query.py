@@ -48,7 +48,7 @@ _ARITHMETIC: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
 
 
 def tables_named(log: Log, wanted: Iterable[str]) -> list[Table]:
-    """In the order wanted, each once; "IMU,ATT" are two. Raises LogError."""
+    """Tables in the order of the names, each once; "IMU,ATT" are two names. Raises LogError."""
     names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
     if not len(log):
         raise LogError(f"{log.path}: holds no message that can be read; `xitl logs info` says what is wrong with it")
@@ -56,7 +56,7 @@ def tables_named(log: Log, wanted: Iterable[str]) -> list[Table]:
 
 
 def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tuple[int | None, int | None]:
-    """Stamps of a span in seconds. Raises LogError for one that is empty."""
+    """First and last stamp of a span given in seconds. Raises LogError for an empty span."""
     for option, value in (("--from", from_s), ("--until", until_s)):
         if value is not None and not (math.isfinite(value) and abs(value) < 9e9):
             raise LogError(f"{option} = {value} is no time in a log; give seconds since {log.zero_in_words}")
@@ -69,7 +69,7 @@ def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tup
 
 
 class Condition:
-    """Raises LogError when `text` is not one."""
+    """A parsed condition. Raises LogError when `text` is none."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -86,7 +86,7 @@ class Condition:
             raise LogError(f"{text!r} is nested more than {_DEEPEST} deep; write it simpler")
 
     def holds(self, table: Table, rows: Rows, zero_ns: int, *, raw: bool = False) -> NDArray[np.bool_]:
-        """(n,) of these rows. A comparison with NaN does not hold. Raises LogError for names that are not there."""
+        """(n,) whether the condition holds in each of these rows; a comparison with NaN does not. Raises LogError."""
         with np.errstate(all="ignore"):
             result = _Evaluation(self.text, table, rows, zero_ns, raw).of(self._tree)
         if not _is_truth(result):
@@ -212,13 +212,13 @@ def _is_truth(value: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class RowBatch:
-    """One stretch of the file. rows: of each table, ascending; order: (n,) which table's next row comes when."""
+    """Rows of one part of the file. rows: of each table, ascending; order: (n,) which table's next row comes when."""
 
     rows: tuple[NDArray[np.intp], ...]
     order: NDArray[np.intp]
 
     def first(self, count: int | None) -> RowBatch:
-        """No more rows than `count`, if that is a number."""
+        """The first `count` rows; all for None."""
         if count is None or count >= len(self.order):
             return self
         order = self.order[:count]
@@ -235,7 +235,7 @@ def merge_rows(
     *,
     raw: bool = False,
 ) -> Iterator[RowBatch]:
-    """Whatever is not asked for is not read: the first batches are small, and each is chosen when it is its turn."""
+    """Rows of several tables in the order of the file, in batches that begin small: only what is used is read."""
     if condition is not None:
         for table in tables:
             condition.holds(table, slice(0, 1), zero_ns, raw=raw)  # its names are wrong now, not after a thousand rows
@@ -255,7 +255,7 @@ def merge_rows(
 
 
 def rows_at_once(log: Log, tables: Sequence[Table]) -> int:
-    """As many as memory has room for where a log is read from its beginning for any of its rows, else a handful."""
+    """Batch size: large for a recording, which is read from its beginning for any of its rows, else small."""
     if log.format != "mcap":
         return _MOST
     widest = max(sum(math.prod(map(abs, column.shape)) for column in table.columns.values()) for table in tables)

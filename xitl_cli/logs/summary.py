@@ -1,4 +1,4 @@
-"""What a log is, without analysing it: for `xitl logs info`."""
+"""Summary of a log without analysing it, for `xitl logs info`."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Summary:
 
 
 def summarize_log(log: Log, *, every_field: bool = False) -> Summary:
-    """Of a large recording only what its index tells, unless `every_field`: its fields are known when it was read."""
+    """Summary of a log. A large recording is not read for it, only its index, unless `every_field` asks for fields."""
     span, zero = log.span_ns, log.zero_ns
     indexed = log.format == "mcap" and log.health.size_bytes > _READ_WHOLE_BYTES and not every_field
     about = () if indexed else _about(log)
@@ -101,7 +101,7 @@ def summarize_log(log: Log, *, every_field: bool = False) -> Summary:
 
 
 def _messages(log: Log) -> tuple[MessageSummary, ...]:
-    """With those in the MAVLink frames that a recording keeps."""
+    """All messages, including those inside the MAVLink frames of a recording."""
     found = []
     for name, table in log.tables.items():
         found.append(_message(table))

@@ -31,12 +31,12 @@ class EmbeddedFile:
 
 
 def embedded_contents(log: Log) -> dict[str, bytes]:
-    """Content by name, as last written."""
+    """Content of the embedded files by name, as last written."""
     return {name: file.content for name, file in embedded_files(log).items()}
 
 
 def embedded_files(log: Log) -> Mapping[str, EmbeddedFile]:
-    """By name. A piece at offset 0 begins a file anew; what was there before is not told."""
+    """Embedded files by name. A piece at offset 0 begins a file anew; what was there before is dropped."""
     table = log.tables.get("FILE")
     if table is None or any(name not in table.columns for name in _COLUMNS):
         return {}
@@ -96,7 +96,7 @@ class TaskTime:
 
 
 def parse_tasks(text: str) -> list[TaskTime]:
-    """In the order of the file, which is that of priority. Lines that are no task are left out."""
+    """Tasks in the order of the file, which is that of priority. Lines without a task are ignored."""
     found: list[TaskTime] = []
     for line in text[:TASKS_MOST_BYTES].splitlines():
         match = _LINE.fullmatch(line[:200].strip())
@@ -118,5 +118,5 @@ def parse_tasks(text: str) -> list[TaskTime]:
 
 
 def tasks_counted(tasks: Sequence[TaskTime]) -> bool:
-    """Whether any time was measured: where the clock stands still while a task runs (SITL), all is 0."""
+    """Whether any time was measured: in SITL the clock stands still while a task runs, and all is 0."""
     return any(task.most_us or task.share_percent for task in tasks)

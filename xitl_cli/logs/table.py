@@ -44,7 +44,7 @@ class Column:
 
 
 class Table(ABC):
-    """All messages of one type, in the order of the file. Going over it gives the names of its columns.
+    """All messages of one type, in the order of the file. Iterating gives the names of its columns.
 
         table["Roll"]                                 (N,) in the unit of table.columns["Roll"]
         table.values("Roll", slice(10), raw=True)     the first ten, as stored
@@ -141,7 +141,7 @@ class Selection(Table):
 
 
 def by_instance(table: Table) -> dict[int, Table]:
-    """One table an instance, by number; the table itself under 0 when it has no instances."""
+    """One table for each instance, by its number; without instances the table itself, as 0."""
     if table.instance is None:
         return {0: table}
     numbers = table.values(table.instance, raw=True)
@@ -149,23 +149,23 @@ def by_instance(table: Table) -> dict[int, Table]:
 
 
 def steps_back(stamp_ns: NDArray[np.int64]) -> int:
-    """How many are earlier than the one before."""
+    """Number of stamps earlier than the one before."""
     return int(np.count_nonzero(stamp_ns[1:] < stamp_ns[:-1]))
 
 
 def first_of(table: Table, names: Sequence[str]) -> str | None:
-    """The first of these columns that the table has: a field that was renamed."""
+    """The first of these columns that the table has, for a field that was renamed; None without any."""
     return next((name for name in names if name in table.columns), None)
 
 
 def column_named(table: Table, wanted: str) -> str:
-    """The column that is meant, in any case. Raises UnknownNameError."""
+    """The name of the column; upper and lower case are the same. Raises UnknownNameError."""
     return resolve_name(wanted, table.columns, f"{table.name} has no field", f"it has {listed(table.columns)}")
 
 
 def text_cells(values: NDArray[Any]) -> list[str]:
-    """Of values of a column, one a row: the shortest digits that give the same number, arrays in brackets, bytes as
-    hexadecimal digits."""
+    """Values of a column as text, one for each row: the shortest digits that give the same number, arrays in brackets,
+    bytes as hexadecimal digits."""
     if values.ndim > 1:
         flat = text_cells(values.ravel())
         count = values.size // len(values) if len(values) else 0
@@ -178,7 +178,7 @@ def text_cells(values: NDArray[Any]) -> list[str]:
 
 
 def json_cells(values: NDArray[Any]) -> list[Any]:
-    """One a row: numbers, text_cells, lists; None for what is no finite number; bytes as hexadecimal digits."""
+    """Values of a column for JSON, one a row: numbers, texts, lists; None where not finite; bytes as hex digits."""
     if values.ndim > 1:
         return [json_cells(row) for row in values]
     if values.dtype.kind == "f":

@@ -11,7 +11,7 @@ _LISTED = 12
 
 
 def clock_text(at_s: float, decimals: int = 1) -> str:
-    """0:43.2, 12:03.4, 1:02:03.4, -0:01.0."""
+    """Instant as a clock shows it: 0:43.2, 12:03.4, 1:02:03.4, -0:01.0."""
     sign = "-" if at_s < 0 else ""
     units = 10**decimals
     ticks = round(abs(at_s) * units)
@@ -22,19 +22,19 @@ def clock_text(at_s: float, decimals: int = 1) -> str:
 
 
 def duration_text(length_s: float) -> str:
-    """Of a whole log: 0.4 s, 43.2 s, 6:12 min, 1:02:03 h."""
+    """Duration of a log: 0.4 s, 43.2 s, 6:12 min, 1:02:03 h."""
     if length_s < 60.0:
         return f"{length_s:.1f} s"
     return f"{clock_text(length_s, 0)} {'h' if round(length_s) >= 3600 else 'min'}"
 
 
 def length_text(length_s: float) -> str:
-    """Within a sentence: 0.35 s, 12.4 s, 312 s."""
+    """Duration within a sentence: 0.35 s, 12.4 s, 312 s."""
     return f"{length_s:.2f} s" if length_s < 1.0 else f"{length_s:.1f} s" if length_s < 100.0 else f"{length_s:.0f} s"
 
 
 def parse_seconds(text: str) -> float:
-    """Of 90, 90.5, 1:30.5 or 1:02:03. Raises LogError."""
+    """Seconds from 90, 90.5, 1:30.5 or 1:02:03. Raises LogError."""
     parts = text.strip().lstrip("-").split(":")
     try:
         numbers = [float(part) for part in parts]
@@ -49,7 +49,7 @@ def parse_seconds(text: str) -> float:
 
 
 def parse_optional_seconds(text: str | None) -> float | None:
-    """As `parse_seconds`; None of None."""
+    """As `parse_seconds`; None from None."""
     return None if text is None else parse_seconds(text)
 
 
@@ -59,9 +59,9 @@ def printable(text: str) -> str:
 
 
 def resolve_name(wanted: str, known: Collection[str], lacks: str, advice: str) -> str:
-    """The name of `known` that is meant, in any case.
+    """The name in `known` that equals `wanted`, upper and lower case being the same.
 
-    Raises UnknownNameError, which begins with `lacks`, has the nearest name, and ends with `advice`.
+    Raises UnknownNameError: `lacks`, the wanted and the nearest name, `advice`.
     """
     from difflib import get_close_matches
 
@@ -76,7 +76,7 @@ def resolve_name(wanted: str, known: Collection[str], lacks: str, advice: str) -
 
 
 def listed(names: Collection[str]) -> str:
-    """Roll, Pitch, Yaw; the first dozen of many."""
+    """Names as a list, such as "Roll, Pitch, Yaw"; the first twelve and the number of the others."""
     shown = [name for name in names if not name.startswith("_")][:_LISTED]
     more = len(names) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

@@ -1,4 +1,4 @@
-"""The files that an export makes, their names, and what is reported of them."""
+"""Export of a log to CSV, Parquet or MCAP files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FORMATS = ("csv", "parquet", "mcap")
 
 @dataclass(frozen=True, slots=True)
 class ExportSelection:
-    """from_ns, until_ns: stamps, both included; None: no limit."""
+    """What to export. from_ns, until_ns: stamps, both included; None: no limit."""
 
     tables: tuple[Table, ...]
     from_ns: int | None = None
@@ -33,7 +33,7 @@ class ExportSelection:
 
 @dataclass(frozen=True, slots=True)
 class ExportResult:
-    """notes: whatever of the log is not in the files as it is in the log, a sentence each."""
+    """The files written. notes: a sentence for each difference between the log and the files."""
 
     files: tuple[str, ...]
     rows: int
@@ -45,7 +45,7 @@ class ExportResult:
 
 
 def export_log(log: Log, wanted: ExportSelection, file_format: str, out: Path | None, overwrite: bool) -> ExportResult:
-    """Raises LogError for a format that is none, a place that takes no files, and a file that is there already."""
+    """Write the selected tables. Raises LogError for an unknown format, an unwritable place, an existing file."""
     if file_format not in FORMATS:
         raise LogError(f"--format = {file_format!r} is not known; choose from {', '.join(FORMATS)}")
     if file_format == "mcap":

@@ -14,7 +14,7 @@ _LONGEST_FILE_NAME = 120
 
 
 def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
-    """Raises LogError for a file that would be replaced, before anything is written."""
+    """Check, before anything is written, that no file would be replaced. Raises LogError."""
     for path in paths:
         if path.is_dir():
             raise LogError(f"{path}: is a directory; name another place with --out")
@@ -25,7 +25,7 @@ def refuse_present(paths: Collection[Path], overwrite: bool) -> None:
 
 
 def make_directory(path: Path) -> None:
-    """With its parents. Raises LogError."""
+    """Make a directory and its parents. Raises LogError."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
@@ -36,7 +36,7 @@ def make_directory(path: Path) -> None:
 
 @contextmanager
 def part_of(final: Path, overwrite: bool) -> Iterator[Path]:
-    """A path beside `final` to write to; when all went well the file there gets that name, otherwise it is removed.
+    """A temporary path beside `final`; the file written there is renamed to `final`, or removed after an error.
 
     Raises LogError when the place takes no file, when the disk is full, and when `final` has turned up meanwhile.
     """
@@ -74,7 +74,7 @@ def _refusal(path: Path, error: OSError) -> LogError:
 
 
 def file_names(messages: Iterable[str], reserved: Iterable[str] = ()) -> dict[str, str]:
-    """Without an ending: "/link/agent/rx:ATTITUDE" → "link_agent_rx_ATTITUDE". Each its own where case makes none."""
+    """File names without ending: "/link/agent/rx:ATTITUDE" → "link_agent_rx_ATTITUDE". Unique in any case."""
 
     def named(message: str) -> str:
         return re.sub(r"[^A-Za-z0-9_.-]+", "_", message).strip("._")[:_LONGEST_FILE_NAME]
@@ -85,7 +85,7 @@ def file_names(messages: Iterable[str], reserved: Iterable[str] = ()) -> dict[st
 def unique_names(
     names: Iterable[str], named: Callable[[str], str], joined: str = "_", reserved: Iterable[str] = ()
 ) -> dict[str, str]:
-    """By name what `named` makes of it, with a number behind it where case alone makes no difference."""
+    """`named(name)` by name, made unique, without regard to case, by a number behind it."""
     taken = set(reserved)
     result: dict[str, str] = {}
     for name in names:

@@ -58,7 +58,7 @@ class _Field:
 
 
 class RosMessage:
-    """Of a table that has rows. definition: in ros2msg."""
+    """A table's rows as ROS 2 messages. definition: of the message, in ros2msg."""
 
     def __init__(self, table: Table, raw: bool) -> None:
         self._table, self._raw = table, raw
@@ -145,7 +145,7 @@ def _pad(payload: bytearray, size: int) -> None:
 
 
 def _used(value: NDArray[Any]) -> int:
-    """Without the NaN that stands behind a row shorter than others."""
+    """Length without the NaN that pad a row."""
     if value.dtype.kind != "f":
         return len(value)
     there = np.flatnonzero(~np.isnan(value))
@@ -159,7 +159,7 @@ _APART_BYTES = 32 << 10
 def write_mcap(
     path: Path, log: Log, tables: Sequence[Table], span_ns: tuple[int | None, int | None], raw: bool
 ) -> tuple[int, int]:
-    """How many rows were written, and how many of them at 0, as their stamp was before the log's zero."""
+    """Write `path`. Returns how many rows were written, and how many of them at 0 for a stamp before the log's zero."""
     from mcap.writer import CompressionType, Writer
 
     names = type_names(table.name for table in tables)
@@ -205,7 +205,7 @@ def _topic(name: str) -> str:
 
 
 def field_names(columns: Iterable[str]) -> dict[str, str]:
-    """As ROS 2 wants them, of small letters, digits and single underscores: "GyrX" → "gyrx", "pose.x" → "pose_x"."""
+    """ROS 2 field names, of small letters, digits and single underscores: "GyrX" → "gyrx", "pose.x" → "pose_x"."""
 
     def named(column: str) -> str:
         name = re.sub(r"[^a-z0-9]+", "_", column.lower()).strip("_")
@@ -215,7 +215,7 @@ def field_names(columns: Iterable[str]) -> dict[str, str]:
 
 
 def type_names(messages: Iterable[str]) -> dict[str, str]:
-    """Of letters and digits, with a capital first: "GPS_RAW_INT" → "GpsRawInt", "ATT" → "ATT"."""
+    """ROS 2 type names, of letters and digits with a capital first: "GPS_RAW_INT" → "GpsRawInt", "ATT" → "ATT"."""
 
     def named(message: str) -> str:
         parts = re.findall(r"[A-Za-z0-9]+", message)

@@ -34,7 +34,7 @@ class FlatColumn:
 
 
 def stretches(rows: NDArray[np.intp], at_once: int) -> list[NDArray[np.intp]]:
-    """`rows` a piece at a time; one empty piece when there are none."""
+    """`rows` in pieces of `at_once`; one empty piece without rows."""
     return [rows[begin : begin + at_once] for begin in range(0, max(len(rows), 1), at_once)]
 
 
@@ -56,7 +56,7 @@ def flat_columns(table: Table, pieces: Sequence[NDArray[np.intp]], raw: bool) ->
 
 
 def flat_values(table: Table, columns: Sequence[FlatColumn], rows: NDArray[np.intp], raw: bool) -> list[NDArray[Any]]:
-    """(n,) of each column. Where an array is shorter than the longest of its column: NaN."""
+    """Values (n,) of each column; NaN where an array is shorter than the longest of its column."""
     read: dict[str, NDArray[Any]] = {}
     result = []
     for flat in columns:
@@ -89,7 +89,10 @@ _BREAKS = str.maketrans({"\n": "\\n", "\r": "\\r", "\0": ""})
 def write_csv(
     path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: bool, raw: bool
 ) -> tuple[list[FlatColumn], list[str]]:
-    """Time in seconds since `zero_ns`, with `utc` also since 1970. What was written, and fields that were left out."""
+    """Write a CSV file, its time in seconds since `zero_ns` and, with `utc`, since 1970.
+
+    Returns the columns written and the fields left out.
+    """
     columns, left_out = flat_columns(table, pieces, raw)
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -105,7 +108,7 @@ def write_csv(
 
 
 def write_columns(path: Path, written: Sequence[tuple[str, str, Sequence[FlatColumn]]], raw: bool) -> None:
-    """written: of each file its name, its message and its columns."""
+    """Write columns.csv. written: name, message and columns of each file."""
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["file", "message", "column", "unit", "kind"])
@@ -116,7 +119,7 @@ def write_columns(path: Path, written: Sequence[tuple[str, str, Sequence[FlatCol
 
 
 def time_names(table: Table, utc: bool) -> list[str]:
-    """Of the columns of time, with an underscore where a field has the name."""
+    """Names of the time columns, with an underscore where a field has the name."""
     names = ["time_s", "utc_s"] if utc else ["time_s"]
     return [f"{name}_" if name in table.columns else name for name in names]
 
@@ -127,7 +130,7 @@ def _cells(flat: FlatColumn, values: NDArray[Any]) -> list[str]:
 
 
 def _seconds(since_ns: NDArray[np.int64]) -> list[str]:
-    """Without loss: a double has too few digits for nanoseconds since 1970."""
+    """Seconds without loss: a double has too few digits for nanoseconds since 1970."""
     result = []
     for since in since_ns.tolist():
         whole, part = divmod(abs(since), 1_000_000_000)
@@ -149,7 +152,7 @@ def require_parquet() -> None:
 def write_parquet(
     path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: bool, raw: bool
 ) -> tuple[list[FlatColumn], list[str]]:
-    """time_s (double), with `utc` also utc_s, then stamp_ns (int64, as logged) and the fields."""
+    """Write a Parquet file: time_s (double), with `utc` also utc_s, stamp_ns (int64, as logged) and the fields."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -190,7 +193,7 @@ def _type(pa: Any, kind: str, values: NDArray[Any]) -> Any:
 
 
 def _widened(values: NDArray[Any]) -> NDArray[Any]:
-    """Half precision is read by few."""
+    """Half precision as float32: few programs read it."""
     return values.astype(np.float32) if values.dtype == np.float16 else values
 
 

@@ -39,9 +39,9 @@ _WANTED = "give a DataFlash .bin, a .tlog or an .mcap"
 
 
 def open_log(path: str | Path) -> Log:
-    """The log at `path`; damaged ones too, their `health` says how much of them is left.
+    """Open the log at `path`, also a damaged one: `health` says what of it is lost.
 
-    Raises LogError when there is no file, when it cannot be read, and when it is no log.
+    Raises LogError when the file is missing, unreadable or no log.
     """
     path = Path(path)
     head, size = _head(path)
@@ -109,7 +109,7 @@ def _inside(directory: Path) -> str:
 
 
 def _is_telemetry(head: bytes, size: int) -> bool:
-    """Two records that check out, or one and nothing else."""
+    """Whether two records have a right checksum, or the only one."""
     import numpy as np
 
     from xitl_cli.logs.formats.tlog.file import index_frames

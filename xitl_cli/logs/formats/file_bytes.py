@@ -33,7 +33,7 @@ class FileBytes:
         self.data = np.frombuffer(content, np.uint8)
 
     def forget(self, start: int, stop: int) -> None:
-        """Give the memory of these bytes back, where they can be had again."""
+        """Release the memory of these bytes where the file is mapped."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED, start, min(stop, len(self.data)) - start)
 
@@ -48,7 +48,7 @@ _WINDOW = 1 << 16
 
 
 class FileReader:
-    """`size` is that of the file when it was opened: what a recorder adds later is not seen."""
+    """Reads pieces of a file. size: when it was opened; what a recorder adds later is not seen."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -64,7 +64,7 @@ class FileReader:
         self._window_at = 0
 
     def read(self, place: int, size: int) -> bytes:
-        """The bytes from `place`, fewer at the end of the file, none outside of it or where the disk fails."""
+        """`size` bytes from `place`; fewer at the end of the file, none outside of it or on a disk error."""
         end = min(place + size, self.size)
         if place < 0 or end <= place:
             return b""
@@ -82,7 +82,7 @@ class FileReader:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def peek(self, place: int, size: int) -> bytes:
-        """As `read`, for a few bytes of many records one after another."""
+        """As `read`, buffered, for a few bytes of many records in turn."""
         begin = place - self._window_at
         if begin < 0 or begin + size > len(self._window):
             if size > _WINDOW:

@@ -56,7 +56,7 @@ class RecordField:
         return _DIVISORS.get(self.letter)
 
     def conversion(self, measure: Measure, *, raw: bool) -> tuple[float, float]:
-        """What a stored number is divided and multiplied by: the letter's divisor, else the factor of what it measures.
+        """Divisor and multiplier of a stored number: the letter's divisor, else the factor of its measure.
 
         A tenth, a hundredth … is divided by: that is what the decimal number rounds to.
         """
@@ -87,22 +87,22 @@ class RecordDefinition:
 
     @property
     def letters_length(self) -> int | None:
-        """Of a record with its head as the letters have it; None when a letter is not known."""
+        """Length of a record, head included, by its letters; None with an unknown letter."""
         if any(letter not in WIDTHS for letter in self.letters):
             return None
         return HEAD_BYTES + sum(WIDTHS[letter] for letter in self.letters)
 
-    def means(self, other: RecordDefinition) -> bool:
-        """Whether rows of both are read alike."""
+    def same_layout(self, other: RecordDefinition) -> bool:
+        """Whether rows of both have the same layout."""
         mine, theirs = ((one.length, one.name, one.letters, one.names) for one in (self, other))
         return mine == theirs
 
-    def moved(self, type_id: int) -> RecordDefinition:
-        """The same of another type number: it was damaged."""
+    def with_type_id(self, type_id: int) -> RecordDefinition:
+        """A copy with another type number, which was damaged."""
         return replace(self, type_id=type_id)
 
-    def resized(self, length: int) -> RecordDefinition:
-        """The same of another length: it was damaged."""
+    def with_length(self, length: int) -> RecordDefinition:
+        """A copy with another length, which was damaged."""
         return definition(self.place, self.type_id, length, self.name, self.letters, self.names)
 
     @property
@@ -113,7 +113,7 @@ class RecordDefinition:
 
     @property
     def time(self) -> tuple[RecordField, int] | None:
-        """The column that tells when a row was written, and its unit in nanoseconds."""
+        """The column of the time stamp, and its unit in nanoseconds."""
         for place, field in enumerate(self.fields):
             if field.name == "TimeUS" and field.letter in "QqIi":
                 return field, 1_000
@@ -126,7 +126,7 @@ class RecordDefinition:
 def definition(
     place: int, type_id: int, length: int, name: str, letters: str, names: tuple[str, ...]
 ) -> RecordDefinition:
-    """Raises nothing: what cannot be read is said in `why`."""
+    """Build a definition; never raises, `why` says what cannot be read."""
     fields, unread, why = _fields(length, letters, names)
     if not name:
         name = f"type {type_id}"
@@ -137,7 +137,7 @@ def definition(
 
 @lru_cache(4096)  # the same ones are read again where a log is damaged
 def parse_fmt(payload: bytes, place: int) -> RecordDefinition:
-    """From the 86 bytes that follow the head of an FMT record; raises nothing."""
+    """Definition from the 86 bytes behind the head of an FMT record; never raises."""
     type_id, length = payload[0], payload[1]
     name, columns = _cut(payload[2:6]), _cut(payload[22:86])
     letters = payload[6:22].partition(b"\0")[0].decode("latin-1")
@@ -245,7 +245,7 @@ Meaning = Callable[[RecordDefinition], Mapping[str, Measure]]
 def measures(
     definition: RecordDefinition, units: str, multipliers: str, labels: Mapping[str, str], factors: Mapping[str, float]
 ) -> dict[str, Measure]:
-    """By column: what FMTU's characters for it mean. labels, factors: by character, from UNIT and MULT."""
+    """Measures by column, from FMTU's characters. labels, factors: by character, from UNIT and MULT."""
     found = {}
     names = _distinct(definition.names, len(definition.letters))
     fields = {field.name: field for field in definition.fields}

@@ -19,9 +19,9 @@ from xitl_cli.logs.formats.dataflash.table import (
     DataFlashTable,
     DefinitionRows,
     Times,
-    fill,
-    stored,
-    text,
+    decode_text,
+    read_columns,
+    read_field,
     times_in_columns,
     times_in_heads,
 )
@@ -60,7 +60,7 @@ class DataFlashLog(Log):
             raise LogError(f"{path}: is no DataFlash log; give a .bin as ArduPilot writes it")
 
     def _forget_huge(self, start: int, stop: int) -> None:
-        """Give the memory of these bytes back, of a file that can be larger than what memory there is."""
+        """Release the memory of these bytes where the file may be larger than memory."""
         if len(self._data) > _HUGE:
             self._bytes.forget(start, stop)
 
@@ -102,7 +102,7 @@ class DataFlashLog(Log):
         return parts
 
     def _find(self, type_id: int) -> NDArray[np.int64]:
-        """Places of a type's rows: looked for a few times, then sorted out for all types at once."""
+        """Places of a type's rows: searched for the first few types, then sorted for all at once."""
         found = self._index.found
         self._looked_for += 1
         if self._looked_for <= _SEARCHES:
@@ -119,7 +119,7 @@ class DataFlashLog(Log):
     def read(self, *, raw: bool = False) -> dict[str, dict[str, NDArray[Any]]]:
         """Every column of every table, by name of table and of column."""
         jobs = {name: table.jobs(raw=raw) for name, table in self.tables.items()}
-        fill(self._data, [job for some in jobs.values() for job in some], self._bytes.forget)
+        read_columns(self._data, [job for some in jobs.values() for job in some], self._bytes.forget)
         return {name: self.tables[name].filled(some) for name, some in jobs.items()}
 
     @cached_property
@@ -212,5 +212,5 @@ def _column(data: Bytes, part: DefinitionRows, name: str, letters: str) -> NDArr
     field = next((field for field in part.definition.fields if field.name == name and field.letter in letters), None)
     if field is None:
         return np.empty(0, np.int64)
-    values = stored(data, part.place, field)
-    return text(values) if values.dtype.kind == "S" else values
+    values = read_field(data, part.place, field)
+    return decode_text(values) if values.dtype.kind == "S" else values

@@ -67,7 +67,7 @@ class DescribedTypes:
 
 
 def likely_fmt(data: Bytes, heads: Heads, place: Places) -> Places:
-    """Those of these places of FMT records that end at a head, or that read like one."""
+    """The places of FMT records that end at a head, or whose content is plausible."""
     place = place[place + FMT_LENGTH <= len(data)]
     followed = heads.are_at(place + FMT_LENGTH, len(data))
     first = data[place + HEAD_BYTES + 2]
@@ -83,11 +83,13 @@ def payload_at(data: Bytes, place: int) -> bytes:
 def describe(
     data: Bytes, heads: Heads, fmt_places: Sequence[int], unknown: Sequence[tuple[int, int, int]] = ()
 ) -> DescribedTypes:
-    """From the FMT records at these places. unknown: head, type number and length of records
-    in line that no FMT described."""
+    """Types described by the FMT records at these places.
+
+    unknown: head, type number and length of records in line that no FMT record described.
+    """
     settling = _DefinitionSearch(data, heads)
     settling.add(fmt_places)
-    assumed = settling.adopt(unknown)
+    assumed = settling.assign_undescribed(unknown)
     versions = settling.versions
     return DescribedTypes(versions, settling.ignored + sum(len(some) - 1 for some in versions.values()), assumed)
 
@@ -112,7 +114,7 @@ class _DefinitionSearch:
             versions = self.versions.setdefault(new.type_id, [])
             if not versions:
                 versions.append(new)
-            elif not versions[-1].means(new):
+            elif not versions[-1].same_layout(new):
                 if len(versions) < _MOST_VERSIONS and self._holds(versions[-1], new):
                     versions.append(new)
                 else:
@@ -136,7 +138,7 @@ class _DefinitionSearch:
         if length is None or length in (new.length, HEAD_BYTES) or length > 255:
             return new
         declared = self._fit(new.type_id, new.length) if new.length > HEAD_BYTES else 0.0
-        return new.resized(length) if self._fit(new.type_id, length) > declared else new
+        return new.with_length(length) if self._fit(new.type_id, length) > declared else new
 
     def _holds(self, old: RecordDefinition, new: RecordDefinition) -> bool:
         """Whether a description anew is one: rows behind it are as long as it says, rather than as they were."""
@@ -154,8 +156,8 @@ class _DefinitionSearch:
             return 0.0
         return float(np.count_nonzero(self._heads.are_at(place + length, len(self._data)))) / len(place)
 
-    def adopt(self, unknown: Sequence[tuple[int, int, int]]) -> dict[int, int]:
-        """Find which description was meant for the types that have none; the lengths of those that stay without."""
+    def assign_undescribed(self, unknown: Sequence[tuple[int, int, int]]) -> dict[int, int]:
+        """Find the description meant for each type without one. Returns the lengths of types that stay without."""
         lengths: dict[int, Counter[int]] = {}
         for _, type_id, length in unknown:
             lengths.setdefault(type_id, Counter())[length] += 1
@@ -166,7 +168,7 @@ class _DefinitionSearch:
                 continue
             meant = self._behind_another_head(type_id, length) or self._meant_for(type_id, length)
             if meant is not None:
-                self.versions[type_id] = [meant.moved(type_id)]
+                self.versions[type_id] = [meant.with_type_id(type_id)]
             elif times >= _ASSUMED_FROM:
                 assumed[type_id] = length
         return assumed
@@ -196,7 +198,7 @@ class _DefinitionSearch:
                 for known, versions in self.versions.items()
                 if versions[0].length == length and self._fit(known, length) == 0.0
             ]
-            speaking = [one for one in idle if one.name == "FMTU" and self._speaks_of_types(one.moved(type_id))]
+            speaking = [one for one in idle if one.name == "FMTU" and self._speaks_of_types(one.with_type_id(type_id))]
             if speaking:
                 likely = speaking
             elif columns:
@@ -244,7 +246,7 @@ class _DefinitionSearch:
 
 
 def in_line_lengths(heads: Heads, unknown: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """Of these heads the number, the type number and the distance to the next head."""
+    """Number, type number and distance to the next head, for each of these heads."""
     unknown = unknown[unknown + 1 < len(heads.place)]
     gaps = heads.place[unknown + 1] - heads.place[unknown]
     return list(zip(unknown.tolist(), heads.type_id[unknown].tolist(), gaps.tolist(), strict=True))
@@ -261,7 +263,7 @@ class RecordIndex:
 
 
 def index_records(data: Bytes, forget: Forget) -> RecordIndex:
-    """Of a log of any content. `forget` is told what was read and is not needed at once."""
+    """Index a log of any content. forget: called with ranges that were read and are not needed soon."""
     heads = find_heads(data, forget)
     places = likely_fmt(data, heads, heads.place[heads.type_id == FMT_ID]).tolist()
     unknown: list[tuple[int, int, int]] = []

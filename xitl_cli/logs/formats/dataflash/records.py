@@ -1,7 +1,7 @@
 """The records of a DataFlash log: from heads (A3 95) to a chain in which each record ends where the next begins.
 
 A record in line begins where the last one ended; it is believed. Elsewhere a head is believed when its record ends at
-another head, or at the end of the file. What lies between and still makes sense is kept and counted as suspect: its
+another head, or at the end of the file. What lies between and still makes rows is kept and counted as suspect: its
 length fits, and its time lies between that of its neighbours. The rest is damage, and is skipped.
 """
 
@@ -43,7 +43,7 @@ class Heads:
 
 
 def find_heads(data: Bytes, forget: Forget) -> Heads:
-    """All of them, also those that stand in a payload by chance.
+    """All heads, including those within a payload by chance.
 
     One thread: a second one waits for the interpreter as often as it saves time.
     """
@@ -83,7 +83,7 @@ def _true(mask: NDArray[np.bool_]) -> Places:
 
 
 def u64_at(data: Bytes, places: Places) -> NDArray[np.uint64]:
-    """Little-endian numbers of 8 bytes that begin at these places."""
+    """Little-endian uint64 at these places."""
     if not len(places):
         return np.empty(0, np.uint64)
     every = np.lib.stride_tricks.as_strided(data[: len(data) // 8 * 8].view("<u8"), (len(data) - 7,), (1,))
@@ -143,7 +143,7 @@ class FoundRecords:
 
 
 def chain(data: Bytes, heads: Heads, types: RecordTypes) -> FoundRecords:
-    """The records of a log; takes time in proportion to its size, whatever it holds."""
+    """The records of a log, in time proportional to its size."""
     return _RecordChain(data, heads, types).run()
 
 
@@ -270,7 +270,7 @@ class _RecordChain:
         return (self._count, self._size) if sound < 0 else (sound, int(self._place[sound]))
 
     def _resume(self, place: int, head: int, why: str = "no record begins here") -> int:
-        """The head to go on from. Until there, from `place` and `head` on, keep what makes sense; the rest is lost."""
+        """The head to go on from. Until there, from `place` and `head` on, keep what makes rows; the rest is lost."""
         resumed, until = self._next_sound(head)
         sensible = self._sensible(head, resumed, place, until)
         place = self._past_damaged_head(place, until)
@@ -321,7 +321,7 @@ class _RecordChain:
         return at < self._count and int(self._place[at]) == place
 
     def _sensible(self, start: int, stop: int, place: int, until: int) -> list[int]:
-        """Heads among those from `start` to before `stop` whose records fit between two places and make sense there."""
+        """Heads among those from `start` to before `stop` whose records fit between two places and make rows there."""
         if stop <= start:
             return []
         low_us, high_us = self._near(start, stop)

@@ -53,7 +53,7 @@ class _Survey:
 
 
 @dataclass(frozen=True, slots=True)
-class _Mended:
+class _ReplacedStamps:
     """Rows with a time that cannot be, by place, and the stamp that they get."""
 
     place: Places
@@ -78,7 +78,7 @@ class Times:
 
     @property
     def replaced(self) -> int:
-        """Rows with a time that cannot be."""
+        """Number of rows with an implausible time."""
         return len(self._whole[1].place)
 
     def last_before(self, place: Places) -> Stamps:
@@ -88,16 +88,16 @@ class Times:
             at = np.searchsorted(places, place) - 1
             behind = np.flatnonzero(at >= 0)
             before = places[at[behind]]
-            found[behind] = self.mended(before, self._told_ns(before))
+            found[behind] = self.with_replaced(before, self._told_ns(before))
         return found
 
-    def mended(self, place: Places, stored_ns: Stamps) -> Stamps:
-        """What rows at these places tell, but for those that cannot be."""
-        return _mended(self._whole[1], place, stored_ns)
+    def with_replaced(self, place: Places, stored_ns: Stamps) -> Stamps:
+        """Stamps of rows at these places, implausible ones replaced."""
+        return _with_replaced(self._whole[1], place, stored_ns)
 
     @cached_property
-    def _whole(self) -> tuple[_Survey, _Mended]:
-        nothing = _Mended(np.empty(0, np.int64), np.empty(0, np.int64))
+    def _whole(self) -> tuple[_Survey, _ReplacedStamps]:
+        nothing = _ReplacedStamps(np.empty(0, np.int64), np.empty(0, np.int64))
         found = self._survey(nothing)
         if not found.jumps:
             return found, nothing
@@ -110,17 +110,17 @@ class Times:
         right[wrong] = False
         trusted = np.flatnonzero(right)
         before = np.maximum(np.searchsorted(trusted, wrong) - 1, 0)
-        mended = _Mended(np.concatenate(places)[wrong], stamp_ns[trusted[before]])
+        mended = _ReplacedStamps(np.concatenate(places)[wrong], stamp_ns[trusted[before]])
         return self._survey(mended), mended
 
-    def _survey(self, mended: _Mended) -> _Survey:
+    def _survey(self, mended: _ReplacedStamps) -> _Survey:
         lowest, highest, back, jumps = [], [], 0, False
         last_of = np.full(256, -1)
         last: int | None = None
         for place, type_id in self._blocks():
             if not len(place):
                 continue
-            stamps = _mended(mended, place, self._told_ns(place))
+            stamps = _with_replaced(mended, place, self._told_ns(place))
             lowest.append(int(stamps.min()))
             highest.append(int(stamps.max()))
             jumps |= last is not None and abs(int(stamps[0]) - last) > FAR_NS
@@ -133,7 +133,7 @@ class Times:
 
 
 def times_in_heads(data: Bytes, place: Places, type_id: Bytes, timed: NDArray[np.bool_]) -> Times:
-    """Of a log whose timed records all begin with their time in microseconds: nothing else of it is read.
+    """Times of a log whose timed records all begin with microseconds; nothing else is read.
 
     timed: (256,) whether records of a type do.
     """
@@ -148,7 +148,7 @@ def times_in_heads(data: Bytes, place: Places, type_id: Bytes, timed: NDArray[np
 
 
 def times_in_columns(tables: Sequence[DataFlashTable]) -> Times:
-    """Of any other log. At most 256 tables."""
+    """Times of any other log, from at most 256 tables."""
     place = np.concatenate([np.empty(0, np.int64), *(table.file_offset for table in tables)])
     order = np.argsort(place, kind="stable")
     place = place[order]
@@ -173,12 +173,12 @@ def _back_in_time(stamps: Stamps, type_id: Bytes, last_of: Stamps) -> int:
 
 
 def stamps_ns(counted: NDArray[np.integer], unit_ns: int) -> Stamps:
-    """From counts of a unit since boot; one that is too large, or negative, becomes the nearest that there can be."""
+    """Nanoseconds from counts of `unit_ns` since boot, clipped to [0, largest int64]."""
     return np.asarray(np.clip(counted, 0, _LATEST_NS // unit_ns).astype(np.int64) * unit_ns)
 
 
 def implausible(stamp_ns: Stamps) -> NDArray[np.intp]:
-    """Which of the rows, in the order of the file, have a time that cannot be. Stamps are not negative."""
+    """Rows with an implausible time, in the order of the file. Stamps are not negative."""
     jumps = np.flatnonzero(np.abs(np.diff(stamp_ns)) > FAR_NS)
     doubtful = np.unique(np.concatenate((jumps, jumps + 1)))
     found = [np.empty(0, np.intp)]
@@ -202,7 +202,7 @@ def _away(stamp_ns: Stamps, rows: NDArray[np.intp], side: int) -> NDArray[np.flo
     return np.where(count > 0, (stamp_ns[rows] - median).astype(np.float64), np.nan)
 
 
-def _mended(mended: _Mended, place: Places, stored_ns: Stamps) -> Stamps:
+def _with_replaced(mended: _ReplacedStamps, place: Places, stored_ns: Stamps) -> Stamps:
     if not len(mended.place) or not len(place):
         return stored_ns
     at = np.minimum(np.searchsorted(mended.place, place), len(mended.place) - 1)
@@ -229,8 +229,8 @@ class ColumnJob:
     layout: np.dtype[np.void]
 
 
-def stored(data: Bytes, place: Places, field: RecordField) -> NDArray[Any]:
-    """(n,) or (n, items) of a field as it is in the file."""
+def read_field(data: Bytes, place: Places, field: RecordField) -> NDArray[Any]:
+    """(n,) or (n, items) values of a field as stored."""
     shape = (len(place), field.items) if field.items > 1 else (len(place),)
     width = field.dtype.itemsize * field.items
     if not len(place):
@@ -240,7 +240,7 @@ def stored(data: Bytes, place: Places, field: RecordField) -> NDArray[Any]:
 
 
 def column_job(place: Places, length: int, fields: Sequence[tuple[RecordField, float, float]]) -> ColumnJob:
-    """With an array for each of these fields, divided and multiplied by the two numbers behind it."""
+    """A job with an output array for each of these fields and its divisor and multiplier."""
     count, listed = len(place), []
     for field, divisor, multiplier in fields:
         plain = divisor == multiplier == 1.0
@@ -257,8 +257,8 @@ def column_job(place: Places, length: int, fields: Sequence[tuple[RecordField, f
     return ColumnJob(place, length, listed, layout)
 
 
-def fill(data: Bytes, many: Sequence[ColumnJob], forget: Forget | None = None) -> None:
-    """Fill the arrays of all. `forget` is told what was read.
+def read_columns(data: Bytes, many: Sequence[ColumnJob], forget: Forget | None = None) -> None:
+    """Fill the arrays of all jobs. forget: called with ranges that were read.
 
     One thread: what Python does between the copies would hold up a second.
     """
@@ -288,19 +288,19 @@ def _fill_rows(data: Bytes, one: ColumnJob, start: int, stop: int) -> None:
 
 
 def _every(data: Bytes, width: int) -> NDArray[np.void]:
-    """As many bytes from every place of the file on."""
+    """A view of `width` bytes from every place of the file."""
     return np.ndarray((len(data) - width + 1,), f"V{width}", data, strides=(1,))
 
 
-def shown(values: NDArray[Any], column: Column) -> NDArray[Any]:
-    """Text as str, bytes as objects; numbers unchanged."""
+def decoded_column(values: NDArray[Any], column: Column) -> NDArray[Any]:
+    """Text as str, bytes as objects, numbers unchanged."""
     if column.kind == "number":
         return values
-    return text(values) if column.kind == "text" else _objects(values)
+    return decode_text(values) if column.kind == "text" else _objects(values)
 
 
-def text(values: NDArray[np.bytes_]) -> NDArray[np.str_]:
-    """Cut at the first NUL. Bytes that are no UTF-8 are read as ISO-8859-1."""
+def decode_text(values: NDArray[np.bytes_]) -> NDArray[np.str_]:
+    """Text up to the first NUL, as UTF-8, else as ISO-8859-1."""
     count, width = len(values), values.dtype.itemsize
     if not count:
         return np.empty(0, "U1")
@@ -349,7 +349,7 @@ class DefinitionRows:
 
 @dataclass(frozen=True, slots=True)
 class _TypedRows:
-    """A part with what its columns are."""
+    """A part and its columns."""
 
     part: DefinitionRows
     columns: Mapping[str, tuple[RecordField, Measure, Column]]
@@ -375,36 +375,36 @@ class DataFlashTable(Table):
     @cached_property
     def columns(self) -> Mapping[str, Column]:
         found: dict[str, Column] = {}
-        for sense in self._parts:
-            for name, (_, _, column) in sense.columns.items():
+        for rows in self._parts:
+            for name, (_, _, column) in rows.columns.items():
                 found.setdefault(name, column)
         return MappingProxyType(found)
 
     def __len__(self) -> int:
-        return sum(len(sense.part) for sense in self._parts)
+        return sum(len(rows.part) for rows in self._parts)
 
     @cached_property
     def _order(self) -> NDArray[np.intp] | None:
         """Of the rows of all parts, one behind the other; None when there is one."""
         if len(self._parts) == 1:
             return None
-        return np.argsort(np.concatenate([sense.part.place for sense in self._parts]), kind="stable")
+        return np.argsort(np.concatenate([rows.part.place for rows in self._parts]), kind="stable")
 
     @cached_property
     def file_offset(self) -> Places:
-        return self._whole([sense.part.place for sense in self._parts])
+        return self._whole([rows.part.place for rows in self._parts])
 
     @cached_property
     def stamp_ns(self) -> NDArray[np.int64]:
-        return self._whole([self._stamps(sense.part, sense.part.place) for sense in self._parts])
+        return self._whole([self._stamps(rows.part, rows.part.place) for rows in self._parts])
 
     def stored_ns(self) -> NDArray[np.int64]:
-        """(N,) what the rows of a timed table tell, also where it cannot be."""
-        return self._whole([self._stored(sense.part, sense.part.place) for sense in self._parts])
+        """(N,) stamps as stored, also implausible ones."""
+        return self._whole([self._stored(rows.part, rows.part.place) for rows in self._parts])
 
     @property
     def ends_ns(self) -> tuple[int, int] | None:
-        """Stamps of the first and the last row, without those between; None when rows do not tell."""
+        """Stamps of the first and the last row, without those between; None when rows have no time."""
         if not self.timed:
             return None
         if len(self._parts) > 1:
@@ -419,53 +419,53 @@ class DataFlashTable(Table):
 
     @property
     def timed(self) -> bool:
-        """Whether rows say themselves when they were written."""
-        return all(sense.part.definition.time is not None for sense in self._parts)
+        """Whether all rows have a time of their own."""
+        return all(rows.part.definition.time is not None for rows in self._parts)
 
     def _stamps(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
         if part.definition.time is None:
             return self._times().last_before(place)
-        return self._times().mended(place, self._stored(part, place))
+        return self._times().with_replaced(place, self._stored(part, place))
 
     def _stored(self, part: DefinitionRows, place: Places) -> NDArray[np.int64]:
         assert part.definition.time is not None
         field, unit_ns = part.definition.time
-        return stamps_ns(stored(self._data, place, field), unit_ns)
+        return stamps_ns(read_field(self._data, place, field), unit_ns)
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
         known = self.columns[column]
         if self._order is None:
             return self._values(self._parts[0], self.file_offset[rows], known, raw=raw)
-        whole = [self._values(sense, sense.part.place, known, raw=raw) for sense in self._parts]
+        whole = [self._values(rows, rows.part.place, known, raw=raw) for rows in self._parts]
         return np.concatenate(whole)[self._order][rows]
 
-    def _values(self, sense: _TypedRows, place: Places, known: Column, *, raw: bool) -> NDArray[Any]:
-        field, measure, column = sense.columns.get(known.name, (None, NOTHING, known))
+    def _values(self, rows: _TypedRows, place: Places, known: Column, *, raw: bool) -> NDArray[Any]:
+        field, measure, column = rows.columns.get(known.name, (None, NOTHING, known))
         if field is None or (column.kind, column.shape) != (known.kind, known.shape):
             return _missing(known, len(place))
-        values = stored(self._data, place, field)
+        values = read_field(self._data, place, field)
         divisor, multiplier = field.conversion(measure, raw=raw)
         if divisor != 1.0:
             return np.asarray(np.divide(values, divisor, dtype=np.float64))
         if multiplier != 1.0:
             return np.asarray(np.multiply(values, multiplier, dtype=np.float64))
-        return shown(values, known)
+        return decoded_column(values, known)
 
     def read(self, *, raw: bool = False) -> dict[str, NDArray[Any]]:
         """All columns at once, which is faster than one by one."""
         jobs = self.jobs(raw=raw)
-        fill(self._data, jobs)
+        read_columns(self._data, jobs)
         return self.filled(jobs)
 
     def jobs(self, *, raw: bool = False) -> list[ColumnJob]:
-        """All there is to read, one a part; `filled` gives the columns of them."""
+        """Read jobs for all columns, one for each part; `filled` gives the columns."""
         return [
             column_job(
-                sense.part.place,
-                sense.part.definition.length,
-                [(field, *field.conversion(measure, raw=raw)) for field, measure, _ in sense.columns.values()],
+                rows.part.place,
+                rows.part.definition.length,
+                [(field, *field.conversion(measure, raw=raw)) for field, measure, _ in rows.columns.values()],
             )
-            for sense in self._parts
+            for rows in self._parts
         ]
 
     def filled(self, jobs: Sequence[ColumnJob]) -> dict[str, NDArray[Any]]:
@@ -473,13 +473,13 @@ class DataFlashTable(Table):
 
     def _joined(self, known: Column, jobs: Sequence[ColumnJob]) -> NDArray[Any]:
         found = []
-        for sense, job in zip(self._parts, jobs, strict=True):
+        for rows, job in zip(self._parts, jobs, strict=True):
             values = next((values for field, _, _, values in job.fields if field.name == known.name), None)
-            column = sense.columns[known.name][2] if values is not None else known
+            column = rows.columns[known.name][2] if values is not None else known
             if values is None or (column.kind, column.shape) != (known.kind, known.shape):
-                found.append(_missing(known, len(sense.part)))
+                found.append(_missing(known, len(rows.part)))
             else:
-                found.append(shown(values, known))
+                found.append(decoded_column(values, known))
         return found[0] if self._order is None else np.concatenate(found)[self._order]
 
 

@@ -85,7 +85,7 @@ CdrNode = CdrNumber | CdrText | CdrTime | CdrStruct | CdrArray
 
 
 def definition(name: str, text: bytes) -> CdrStruct:
-    """Of a `ros2msg` schema. Raises UndecodableError when it does not say how messages look."""
+    """Layout from a `ros2msg` schema. Raises UndecodableError."""
     if len(text) > _MOST_TEXT:
         raise UndecodableError("its definition is too long")
     types: dict[str, Any] = {}
@@ -166,17 +166,19 @@ _COARSEST = 8
 _MOST_DEPTH_STEPS = 10_000
 
 
-def fixed(node: CdrNode) -> bool:
+def has_fixed_size(node: CdrNode) -> bool:
     """Whether the size is the same in every message."""
     if isinstance(node, CdrStruct):
-        return all(fixed(child) for _, child in node.fields)
+        return all(has_fixed_size(child) for _, child in node.fields)
     if isinstance(node, CdrArray):
-        return node.count is not None and fixed(node.element)
+        return node.count is not None and has_fixed_size(node.element)
     return not isinstance(node, CdrText)
 
 
-def advanced(node: CdrNode, place: int | NDArray[np.int64], count: int | NDArray[np.int64]) -> int | NDArray[np.int64]:
-    """Where `count` fixed elements from `place` on end; counts below 2^32."""
+def end_of_elements(
+    node: CdrNode, place: int | NDArray[np.int64], count: int | NDArray[np.int64]
+) -> int | NDArray[np.int64]:
+    """Place behind `count` elements of fixed size from `place` on; counts below 2^32."""
     places, counts = np.broadcast_arrays(np.asarray(place, dtype=np.int64), np.asarray(count, dtype=np.int64))
     ends = places.copy()
     step = np.array([_end(node, rest) - rest for rest in range(_COARSEST)], dtype=np.int64)
@@ -203,7 +205,7 @@ def _end(node: CdrNode, at: int) -> int:
     assert node.count is not None
     if isinstance(node.element, CdrNumber):
         return at + -at % node.element.size + node.count * node.element.size if node.count else at
-    return int(advanced(node.element, at + _HEADER, node.count)) - _HEADER
+    return int(end_of_elements(node.element, at + _HEADER, node.count)) - _HEADER
 
 
 Place = int | NDArray[np.int64]
@@ -212,7 +214,7 @@ Place = int | NDArray[np.int64]
 _KNOWN_TEXTS = 10_000
 
 
-def gathered(
+def gather_values(
     data: bytes, start: NDArray[np.int64], stride: int | None, place: Place, dtype: np.dtype[Any], count: int | None
 ) -> NDArray[Any]:
     """(n,) or (n, count) values at `place` in messages beginning at `start`; all must be inside of `data`.
@@ -230,12 +232,12 @@ def gathered(
     return view[start + place]  # type: ignore[no-any-return]
 
 
-def of_rows(place: Place, rows: RowNumbers) -> Place:
+def select_places(place: Place, rows: RowNumbers) -> Place:
     return place if isinstance(place, int) else place[rows]
 
 
-def even(start: NDArray[np.int64]) -> int | None:
-    """The distance from message to message when it is always the same."""
+def even_stride(start: NDArray[np.int64]) -> int | None:
+    """Distance from message to message where it is constant, else None."""
     if len(start) < 2:
         return 0 if len(start) else None
     steps = np.diff(start)
@@ -251,13 +253,15 @@ class CdrLeaf(Leaf):
 
     def read(self, rows: RowNumbers, dtype: np.dtype[Any], count: int | None = None) -> NDArray[Any]:
         start = self.batch.start[rows]
-        values = gathered(self.batch.data, start, even(start), of_rows(self.place, rows), dtype, count)
+        values = gather_values(
+            self.batch.data, start, even_stride(start), select_places(self.place, rows), dtype, count
+        )
         return values.astype(dtype.newbyteorder("="), copy=False)
 
     def slices(self, rows: RowNumbers, count: Place, size: int) -> list[bytes]:
         """`count` times `size` bytes of each message."""
-        begin = self.batch.start[rows] + of_rows(self.place, rows)
-        end = begin + np.asarray(of_rows(count, rows)) * size
+        begin = self.batch.start[rows] + select_places(self.place, rows)
+        end = begin + np.asarray(select_places(count, rows)) * size
         data = self.batch.data
         return [data[first:last] for first, last in zip(begin.tolist(), end.tolist(), strict=True)]
 
@@ -299,7 +303,7 @@ class CountLeaf(Leaf):
         self._count = count
 
     def values(self, rows: RowNumbers) -> NDArray[Any]:
-        return np.broadcast_to(np.asarray(of_rows(self._count, rows), dtype=np.int64), (len(rows),)).copy()
+        return np.broadcast_to(np.asarray(select_places(self._count, rows), dtype=np.int64), (len(rows),)).copy()
 
 
 class ArrayLeaf(CdrLeaf):
@@ -325,7 +329,7 @@ class ArrayLeaf(CdrLeaf):
         return list(self.packed(rows))
 
     def arrays(self, rows: RowNumbers, width: int) -> NDArray[Any]:
-        counts = np.broadcast_to(np.asarray(of_rows(self._count, rows)), (len(rows),))
+        counts = np.broadcast_to(np.asarray(select_places(self._count, rows)), (len(rows),))
         if (counts == width).all():
             return self.read(rows, self.stored, width)
         padded = np.full((len(rows), width), np.nan)
@@ -441,7 +445,7 @@ class _Reading:
         self.leaves: dict[str, Leaf] = {}
         self._start = batch.start.copy()
         self._size = batch.size.copy()
-        self._stride = even(self._start)
+        self._stride = even_stride(self._start)
         self._least = int(self._size.min())
         self._cursor: Place = HEADER
         self._taken: Place = HEADER
@@ -523,8 +527,8 @@ class _Reading:
         if last:
             return
         left = counts - shown
-        if fixed(element):
-            self._cursor = advanced(element, self._cursor, left)
+        if has_fixed_size(element):
+            self._cursor = end_of_elements(element, self._cursor, left)
             self._advance(1, 0)
         else:
             self._loop(element, left)
@@ -566,7 +570,7 @@ class _Reading:
     def _length(self) -> Place:
         self._advance(4, 4)
         dtype = np.dtype(self.order + "u4")
-        counts = gathered(self.batch.data, self._start, self._stride, self._taken, dtype, None).astype(np.int64)
+        counts = gather_values(self.batch.data, self._start, self._stride, self._taken, dtype, None).astype(np.int64)
         first = int(counts[0])
         return first if (counts == first).all() else counts
 

@@ -118,7 +118,7 @@ def stamps(times: NDArray[np.uint64]) -> NDArray[np.int64]:
     return np.minimum(times, _LATEST_NS).astype(np.int64)
 
 
-def at_offsets(data: bytes, offsets: NDArray[np.int64]) -> tuple[MessageRows, NDArray[np.bool_]]:
+def messages_at(data: bytes, offsets: NDArray[np.int64]) -> tuple[MessageRows, NDArray[np.bool_]]:
     """The messages whose records begin at `offsets`, and which of them are messages at all."""
     last = len(data) - MESSAGE_OVERHEAD
     inside = (offsets >= 0) & (offsets <= last)
@@ -133,10 +133,10 @@ def at_offsets(data: bytes, offsets: NDArray[np.int64]) -> tuple[MessageRows, ND
     return MessageRows(heads["channel"], offsets + MESSAGE_OVERHEAD, size, stamps(heads["log"])), whole
 
 
-def by_index(data: bytes, offsets: NDArray[np.int64]) -> ChunkContent | None:
-    """Everything in the chunk when its message indexes name all its messages; None when they do not."""
+def read_by_index(data: bytes, offsets: NDArray[np.int64]) -> ChunkContent | None:
+    """All records of the chunk when its message indexes name all its messages, else None."""
     offsets = np.unique(offsets)
-    rows, whole = at_offsets(data, offsets)
+    rows, whole = messages_at(data, offsets)
     if not whole.all():
         return None
     ends = rows.offset + rows.size
@@ -272,10 +272,10 @@ class Chunks:
         return data
 
     def content(self, chunk: Chunk, offsets: NDArray[np.int64] | None) -> ChunkContent:
-        """Everything in a chunk, looked for with the help of `offsets`, where its message indexes say messages are."""
+        """All records of a chunk, found by the `offsets` of its message indexes where these are right."""
         data = self.unpacked(chunk)
         if offsets is not None and self._sound.get(chunk.place, True):
-            found = by_index(data, offsets)
+            found = read_by_index(data, offsets)
             if found is not None:
                 return found
         found = self._scanned(chunk, data)
@@ -296,7 +296,7 @@ class Chunks:
             offsets = self._offsets(chunk, channel, places)
             data = self.unpacked(chunk)
             if offsets is not None and self._sound.get(chunk.place, True):
-                rows, whole = at_offsets(data, offsets)
+                rows, whole = messages_at(data, offsets)
                 if whole.all() and (rows.channel == channel).all():
                     return rows
                 self._losses.note(chunk.place, 0, "a message index names places where no such message is")
@@ -412,7 +412,7 @@ class PayloadBatch:
         return self.data[begin : begin + int(self.size[row])]
 
     def rows(self, kept: NDArray[np.bool_]) -> PayloadBatch:
-        """Some of them, the payloads where they are."""
+        """A selection of payloads, not copied."""
         return PayloadBatch(self.data, self.start[kept], self.size[kept], self.stamp_ns[kept], self.place[kept])
 
 

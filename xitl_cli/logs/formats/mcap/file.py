@@ -10,7 +10,7 @@ from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
-from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, closed, from_summary
+from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, from_summary, has_footer
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, SchemaRecord
 from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError
 from xitl_cli.logs.formats.mcap.walk import Walk, between
@@ -53,15 +53,15 @@ class McapLog(Log):
     def _open(self) -> None:
         losses = RecordingLosses()
         summary = from_summary(self._source, losses)
-        self._index = index = summary or RecordingIndex(closed=closed(self._source), losses=losses)
+        self._index = index = summary or RecordingIndex(closed=has_footer(self._source), losses=losses)
         self._chunks = Chunks(self._source, index)
         walk = Walk(self._source, index, self._chunks, counting=summary is None)
         if summary is not None:
             for begin, end in list(between(list(index.chunks), len(records.MAGIC), self._source.size)):
-                walk.over(begin, end)
+                walk.read_range(begin, end)
             index.settle(self._source.size)
         else:
-            walk.over(len(records.MAGIC), self._source.size)
+            walk.read_range(len(records.MAGIC), self._source.size)
         self._tables = Tables(self._topics(), self._frame_topics(), self.frame_tables)
         self._frames: dict[str, dict[str, Table]] = {}
         self._frames_left: dict[str, int] = {}
@@ -189,13 +189,13 @@ class McapLog(Log):
             count,
             partial(batches, self._chunks, self._index.chunks, numbers),
             partial(_decoder, channel, schema),
-            unit_of(schema.name if schema is not None else ""),
+            unit_from_name(schema.name if schema is not None else ""),
             budget,
             self._distrust,
         )
 
     def _distrust(self, why: str) -> bool:
-        """Do without message indexes, as they or the summary are wrong; False when that has been done before."""
+        """Ignore message indexes, as they or the summary are wrong; False when they are ignored already."""
         distrusted = [chunk for chunk in self._index.chunks if chunk.index_places]
         for chunk in distrusted:
             chunk.index_places = b""
@@ -204,7 +204,7 @@ class McapLog(Log):
 
 
 class Tables(Mapping[str, Table]):
-    """Topics; "topic:MESSAGE" can be asked for, too."""
+    """Tables by topic; also by "topic:MESSAGE", which iterating leaves out."""
 
     def __init__(
         self, topics: dict[str, TopicTable], framed: frozenset[str], frame_tables: Callable[[str], Mapping[str, Table]]
@@ -265,7 +265,7 @@ _BY_SUFFIX = {
 }
 
 
-def unit_of(schema: str) -> Callable[[str], str]:
+def unit_from_name(schema: str) -> Callable[[str], str]:
     """The unit of a column of messages of this type, "" when its name has none."""
     if not schema.startswith(_OURS):
         return lambda _: ""

@@ -63,7 +63,7 @@ class Chunk:
 
 @dataclass(slots=True)
 class RecordingLosses(Losses):
-    """What is wrong with the file, counted while it is read."""
+    """What of a recording could not be read, and what was described twice."""
 
     redefined: int = 0
 
@@ -96,7 +96,7 @@ class RecordingIndex:
             self.schemas[schema.id] = schema
 
     def add_channel(self, channel: ChannelRecord) -> None:
-        """The first of an id holds: messages before a second one were written for it."""
+        """Add a channel; the first of an id is kept, as messages before a second one belong to it."""
         known = self.channels.setdefault(channel.id, channel)
         self.losses.redefined += known != channel
 
@@ -108,7 +108,7 @@ class RecordingIndex:
             self._settle(chunk, size_bytes)
 
     def settle_last(self, size_bytes: int) -> None:
-        """The same for a chunk just added at the end."""
+        """As `settle`, for a chunk just added at the end."""
         self._settle(self.chunks[-1], size_bytes)
 
     def _settle(self, chunk: Chunk, size_bytes: int) -> None:
@@ -127,13 +127,13 @@ _FOOTER_SIZE = 9 + 20
 _LARGEST = 1 << 30
 
 
-def closed(source: FileReader) -> bool:
-    """Whether the file ends as a finished one does."""
+def has_footer(source: FileReader) -> bool:
+    """Whether the file ends with a footer, as a finished one does."""
     return _footer(source) is not None
 
 
 def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex | None:
-    """The index, None when there is none that holds. Chunks are not settled, what lies between them is not read."""
+    """The index from the summary; None when there is none or it is wrong. Its chunks are not settled yet."""
     found = _footer(source)
     if found is None:
         return None
@@ -162,7 +162,7 @@ def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex 
 
 
 def _footer(source: FileReader) -> tuple[int, int, int] | None:
-    """Begin of the summary, its checksum, and where it ends."""
+    """Start of the summary, its checksum and its end."""
     place = source.size - len(records.MAGIC) - _FOOTER_SIZE
     tail = source.read(place, _FOOTER_SIZE + len(records.MAGIC))
     if place <= 0 or len(tail) != _FOOTER_SIZE + len(records.MAGIC) or not tail.endswith(records.MAGIC):
@@ -196,7 +196,7 @@ def _read_summary(
 
 
 def _agree(index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: StatisticsRecord) -> bool:
-    """Whether the parts of the summary tell the same story."""
+    """Whether the parts of the summary are consistent."""
     counts = statistics.counts
     return (
         len(entries) == statistics.chunks
@@ -211,7 +211,7 @@ def _agree(index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: S
 def _add_chunks(
     index: RecordingIndex, entries: list[ChunkIndexRecord], source: FileReader, end: int, sure: bool
 ) -> bool:
-    """Turn chunk indexes to chunks; False when they are not where the summary says. sure: it has a checksum."""
+    """Add the chunks of the summary; False when they are not where it says. sure: it has a checksum."""
     entries.sort(key=lambda entry: entry.place)
     free, wrong = len(records.MAGIC), list[ChunkIndexRecord]()
     for entry in entries:

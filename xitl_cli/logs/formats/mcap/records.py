@@ -23,7 +23,7 @@ class MalformedError(ValueError):
 
 
 class Cursor:
-    """Takes fields off the begin of bytes. Raises MalformedError when there are too few."""
+    """Reads fields one after another. Raises MalformedError behind the end."""
 
     def __init__(self, data: bytes, at: int = 0) -> None:
         self.data = data
@@ -85,7 +85,7 @@ class ChunkHead:
 
     @classmethod
     def parse(cls, record: bytes, length: int) -> ChunkHead:
-        """Of the begin of a chunk's record, its own nine bytes included; `length` as these say."""
+        """From the first bytes of a chunk's record, opcode and length included. length: of the record."""
         if len(record) < 9 + CHUNK_FIXED:
             raise MalformedError
         start_ns, end_ns, unpacked_size, crc, name_size = _CHUNK_HEAD.unpack_from(record, 9)
@@ -156,7 +156,7 @@ class AttachmentRecord:
 
     @classmethod
     def parse(cls, begin: bytes, place: int, length: int) -> AttachmentRecord:
-        """Of the begin of an attachment's body; `place` of the body."""
+        """From the first bytes of an attachment's body. place: of the body in the file."""
         cursor = Cursor(begin, 16)
         name, _ = cursor.text(), cursor.text()
         size = cursor.number(8)

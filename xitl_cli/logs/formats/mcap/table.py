@@ -28,7 +28,7 @@ RowNumbers = NDArray[np.intp]
 
 
 class UndecodableError(Exception):
-    """A topic cannot be read at all; the reason in words that end a sentence."""
+    """A topic cannot be decoded at all; the message is the reason, as a clause."""
 
 
 class Leaf:
@@ -232,7 +232,7 @@ class ObjectList(Leaf):
 
 
 def numbers(values: Sequence[Any], dtype: np.dtype[Any] | None) -> NDArray[Any]:
-    """None becomes NaN; whole numbers that 64 bits cannot hold become the nearest that a float can."""
+    """Array of numbers: None becomes NaN; whole numbers that 64 bits cannot hold become the nearest float."""
     if dtype is not None and None not in values:
         return np.array(values, dtype=dtype)
     if dtype is None and all(isinstance(value, int) and -_LARGEST <= value < _LARGEST for value in values):
@@ -260,7 +260,7 @@ class MemoryBudget:
         self._left = size
 
     def reserve(self, size: int) -> bool:
-        """Whether there was room, which is now less."""
+        """Reserve `size` bytes; False when they do not fit."""
         if size > min(self._left, _KEPT_BYTES):
             return False
         self._left -= size
@@ -268,8 +268,8 @@ class MemoryBudget:
 
 
 @dataclass(frozen=True, slots=True)
-class Surveyed:
-    """What one pass over a topic's messages told.
+class TopicSurvey:
+    """Result of one pass over a topic's messages.
 
     good: of each batch, the rows that could be decoded. kept: the decoded batches when they are small enough.
     """
@@ -313,7 +313,7 @@ class TopicTable(Table):
         self._budget = budget
         self._distrust = distrust
         self._decoder: Decoder | None = None
-        self._seen: Surveyed | None = None
+        self._seen: TopicSurvey | None = None
         self._why = ""
         self._plains: dict[str, NDArray[Any]] | None = None
 
@@ -333,8 +333,8 @@ class TopicTable(Table):
         return self.survey().place
 
     @property
-    def surveyed(self) -> Surveyed | None:
-        """What is known once the messages were read."""
+    def surveyed(self) -> TopicSurvey | None:
+        """The survey, once the messages were read."""
         return self._seen
 
     def values(self, column: str, rows: Rows = ALL, *, raw: bool = False) -> NDArray[Any]:
@@ -351,7 +351,7 @@ class TopicTable(Table):
         values = seen.shapes.values(described, self._parts(seen, column, wanted))
         return values if order is None else values[order]
 
-    def _plain(self, seen: Surveyed, column: str) -> NDArray[Any] | None:
+    def _plain(self, seen: TopicSurvey, column: str) -> NDArray[Any] | None:
         """A column of one number a row, of messages that are not kept: all such columns are read at once, and kept."""
         if seen.kept is not None:
             return None
@@ -367,7 +367,7 @@ class TopicTable(Table):
                 self._plains = {name: np.concatenate(block) for name, block in blocks.items()}
         return None if self._plains is None else self._plains.get(column)
 
-    def survey(self) -> Surveyed:
+    def survey(self) -> TopicSurvey:
         """Read all messages once."""
         if self._seen is None:
             why = self.why_undecodable()
@@ -387,7 +387,7 @@ class TopicTable(Table):
                 self._why = str(reason)
         return self._why
 
-    def _survey(self, decoder: Decoder | None, why: str) -> Surveyed:
+    def _survey(self, decoder: Decoder | None, why: str) -> TopicSurvey:
         shapes = Shapes(decoder is not None and decoder.open_ended)
         stamps, places = list[NDArray[np.int64]](), list[NDArray[np.int64]]()
         goods, parts, held = list[NDArray[np.bool_]](), list[DecodedBatch](), 0
@@ -413,7 +413,7 @@ class TopicTable(Table):
             name: replace(column, unit=unit, raw_unit=unit) if (unit := column.unit or self._unit(name)) else column
             for name, column in shapes.columns(len(stamp_ns)).items()
         }
-        return Surveyed(
+        return TopicSurvey(
             stamp_ns=stamp_ns,
             place=place,
             columns=columns,
@@ -426,7 +426,7 @@ class TopicTable(Table):
         )
 
     def _parts(
-        self, seen: Surveyed, column: str | None, wanted: NDArray[np.intp]
+        self, seen: TopicSurvey, column: str | None, wanted: NDArray[np.intp]
     ) -> Iterator[tuple[Mapping[str, Leaf], RowNumbers]]:
         """The batches that have wanted rows, which increase, and these rows in each."""
         assert self._decoder is not None

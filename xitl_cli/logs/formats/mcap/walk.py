@@ -54,8 +54,8 @@ def chunk_at(source: FileReader, place: int) -> ChunkHead | None:
     return head if head.data_size else None
 
 
-def may_be(source: FileReader, place: int, opcode: int, length: int, end: int) -> bool:
-    """Whether a record of this opcode and length can be at `place`, all of it before `end`."""
+def plausible_record(source: FileReader, place: int, opcode: int, length: int, end: int) -> bool:
+    """Whether a record of this opcode and length is plausible at `place`, before `end`."""
     if place + 9 + length > end or length < _SHORTEST.get(opcode, 0):
         return False
     if opcode in _EXACT:
@@ -98,7 +98,7 @@ def _chain(source: FileReader, place: int, end: int) -> bool:
         if len(head) < 9:
             return False
         opcode, length = records.HEAD.unpack(head)
-        if opcode >= _PRIVATE or not may_be(source, place, opcode, length, end):
+        if opcode >= _PRIVATE or not plausible_record(source, place, opcode, length, end):
             return False
         if opcode == records.CHUNK and chunk_at(source, place) is not None:
             return True
@@ -129,21 +129,21 @@ class Walk:
         self._offsets: dict[int, NDArray[np.int64]] = {}
         self._places: dict[int, int] = {}
 
-    def over(self, begin: int, end: int) -> None:
-        """Look at what is between two places; nothing before or after counts as part of it."""
+    def read_range(self, begin: int, end: int) -> None:
+        """Read the records between two places."""
         at = begin
         while at < end:
             at = self._one(at, end)
         self._finish_chunk()
 
     def _one(self, at: int, end: int) -> int:
-        """Take the record at a place; where the next one is."""
+        """Read the record at a place. Returns the place of the next."""
         head = self._source.peek(at, 9) if end - at >= 9 else b""
         if len(head) < 9:
             self._losses.truncated_bytes += end - at
             return end
         opcode, length = records.HEAD.unpack(head)
-        if may_be(self._source, at, opcode, length, end):
+        if plausible_record(self._source, at, opcode, length, end):
             try:
                 return self._read(at, opcode, length, end)
             except MalformedError:
@@ -207,7 +207,7 @@ class Walk:
         if len(head) < 9:
             return False
         opcode, length = records.HEAD.unpack(head)
-        return may_be(self._source, place, opcode, length, end)
+        return plausible_record(self._source, place, opcode, length, end)
 
     def _add_chunk(self, at: int, size: int, head: ChunkHead, data_size: int) -> None:
         if len(self._index.chunks) >= MOST_CHUNKS:
@@ -238,7 +238,7 @@ class Walk:
             self._offsets[number], self._places[number] = offsets, at
 
     def _finish_chunk(self) -> None:
-        """Look into a chunk once all that belongs to it has been seen."""
+        """Read a chunk once its message indexes have been read."""
         chunk, self._chunk = self._chunk, None
         if chunk is None:
             return
@@ -292,7 +292,7 @@ class Walk:
 
 
 def between(chunks: list[Chunk], begin: int, end: int) -> Iterator[tuple[int, int]]:
-    """The places that no chunk covers."""
+    """Ranges that no chunk covers."""
     for chunk in chunks:
         if chunk.place > begin:
             yield begin, chunk.place

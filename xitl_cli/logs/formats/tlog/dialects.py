@@ -84,12 +84,12 @@ _UNKNOWN: Mapping[tuple[str, str], int] = {
 }
 
 
-def scale_of(unit: str) -> Scale | None:
-    """None: the unit is kept."""
+def scale_for(unit: str) -> Scale | None:
+    """Scale of a unit; None: the unit is kept."""
     return _SCALES.get(unit)
 
 
-def unknown_of(message: str, field: str) -> int | None:
+def unknown_value(message: str, field: str) -> int | None:
     """The raw value that says "not known" of a field, from the text of its definition; None: it has none."""
     return _UNKNOWN.get((message, field))
 
@@ -128,13 +128,13 @@ class MessageDefinition:
 
     @property
     def size(self) -> int:
-        """Of the payload with all extension fields."""
+        """Size of the payload with all extension fields."""
         return max((field.end for field in self.fields.values()), default=0)
 
 
 @cache
 def definitions() -> Mapping[int, MessageDefinition]:
-    """By message number."""
+    """Message definitions by message number."""
     found: dict[int, MessageDefinition] = {}
     for module in _MODULES:
         for number, generated in import_module(module).mavlink_map.items():
@@ -167,7 +167,7 @@ def _definition(number: int, generated: type) -> MessageDefinition:
 def _field(
     message: str, name: str, offset: int, dtype: np.dtype[np.generic], count: int, text: bool, unit: str
 ) -> MessageField:
-    scale = None if text else scale_of(unit)
+    scale = None if text else scale_for(unit)
     column = Column(
         name,
         unit if scale is None else scale.unit,
@@ -175,4 +175,4 @@ def _field(
         "text" if text else "number",
         () if text or not count else (count,),
     )
-    return MessageField(name, offset, dtype, count, text, scale, unknown_of(message, name), column)
+    return MessageField(name, offset, dtype, count, text, scale, unknown_value(message, name), column)

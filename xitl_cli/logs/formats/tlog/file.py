@@ -59,7 +59,7 @@ class FrameIndex:
 
 
 def index_frames(data: NDArray[np.uint8]) -> FrameIndex:
-    """Never raises, whatever `data` is."""
+    """Index the frames of `data`; never raises."""
     walk = _Walk(data)
     for low in range(0, len(data), BLOCK_BYTES):
         walk.block(low, min(low + BLOCK_BYTES, len(data)))
@@ -333,7 +333,7 @@ class TelemetryLog(Log):
 
 
 def _trusted(found: FrameIndex) -> tuple[NDArray[np.int64], int]:
-    """(N,) µs, and how many of them had to be replaced."""
+    """Stamps (N,) in µs, and how many of them were replaced."""
     doubted = ~found.stamped | (found.stamp_us > _LARGEST_US)
     stamps = np.where(doubted, 0, found.stamp_us).astype(np.int64)
     told = np.flatnonzero(~doubted)
@@ -348,7 +348,7 @@ def _trusted(found: FrameIndex) -> tuple[NDArray[np.int64], int]:
 
 
 def _strange(stamp_us: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Those a day from the median of the five around them, or a minute and out of order.
+    """Rows whose stamp is a day from the median of the five around them, or a minute and out of order.
 
     A clock that is set, once, has none of them, and neither has a log with long silences.
     """

@@ -19,7 +19,7 @@ _POLYNOMIAL = 0x8408
 def checksums(
     data: NDArray[np.uint8], start: NDArray[np.int64], length: NDArray[np.int64], extra: NDArray[np.uint8]
 ) -> NDArray[np.uint16]:
-    """(N,) of `length` bytes of `data` from `start`, each followed by its byte `extra`.
+    """Checksums (N,) of `length` bytes of `data` from `start`, each followed by its byte `extra`.
 
     The work is done two bytes at a time over all frames, the longest first, so that those still going on are the front
     of an array. Every frame must lie in `data`.
@@ -47,7 +47,7 @@ def _byte(table: NDArray[np.uint16], crc: NDArray[np.uint16], byte: NDArray[np.u
 
 @cache
 def _tables() -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """What two bytes (65536 entries) and what one byte (256) make of a checksum."""
+    """Checksum tables of two bytes (65536 entries) and of one byte (256)."""
     one = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         one = np.where(one & 1, (one >> 1) ^ _POLYNOMIAL, one >> 1).astype(np.uint16)
@@ -83,7 +83,7 @@ class FrameHeaders:
 
 
 def parse_headers(data: NDArray[np.uint8], start: NDArray[np.int64]) -> FrameHeaders:
-    """Every `start` is where a byte MAGIC_1 or MAGIC_2 is."""
+    """Headers of the frames at `start`, where a byte MAGIC_1 or MAGIC_2 is."""
     last = len(data) - 1
 
     def at(offset: int) -> NDArray[np.int64]:
@@ -116,7 +116,7 @@ def intact(data: NDArray[np.uint8], frames: FrameHeaders) -> NDArray[np.bool_]:
 
 @cache
 def numbers() -> tuple[int, ...]:
-    """Message number by kind."""
+    """Message numbers by kind."""
     return tuple(sorted(definitions()))
 
 
@@ -282,7 +282,7 @@ def tables_by_message(
     stamp_ns: NDArray[np.int64],
     place: NDArray[np.int64],
 ) -> dict[str, Table]:
-    """One table a kind; each keeps the order of the frames."""
+    """One table for each message; rows keep the order of the frames."""
     if not len(kind):
         return {}
     order = np.argsort(kind, kind="stable")
@@ -296,6 +296,6 @@ def tables_by_message(
 
 
 def unknown_numbers(frames: FrameHeaders, unknown: NDArray[np.bool_]) -> dict[int, int]:
-    """How many of each message number no dialect has."""
+    """Number of frames by message number that no dialect has."""
     found, count = np.unique(frames.number[unknown], return_counts=True)
     return dict(zip(found.tolist(), count.tolist(), strict=True))
