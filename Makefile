@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run package test test-fast lint format types dialect check-dialect topics bench soak wheel lock clean
+.PHONY: run package test test-fast lint format types dialect check-dialect topics reference bench soak wheel lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: pyproject.toml constraints.txt
@@ -46,6 +46,9 @@ types: $(VENV)/.dev
 
 dialect: $(VENV)/.dev  ## regenerate the codec after an edit of agent/wire/xitl.xml
 	$(BIN)/python tools/generate_dialect.py
+
+reference: $(VENV)/.dev  ## regenerate the tables of docs/profiles.md after an edit of the profile's schema
+	$(BIN)/python tools/generate_profile_reference.py
 
 check-dialect: $(VENV)/.dev
 	$(BIN)/python tools/generate_dialect.py --check

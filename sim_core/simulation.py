@@ -17,7 +17,7 @@ from sim_core.environment.waves import HullWaves, StillHull
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
-from sim_core.vessel.model import VesselModel
+from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.vessel import Surroundings, Vessel, VesselState
 from sim_core.world import waterway as waterways
 from sim_core.world.contact import Contacts, Outline
@@ -43,7 +43,7 @@ class Simulation:
 
     @classmethod
     def of(
-        cls, model: VesselModel, environment: Environment, dt_s: float, waterway: Waterway = OPEN_WATER
+        cls, model: VesselSpec, environment: Environment, dt_s: float, waterway: Waterway = OPEN_WATER
     ) -> Simulation:
         """Raises ValueError when dt_s is no whole number of nanoseconds or the vessel does not float."""
         dt_ns = round(dt_s * 1e9)
@@ -92,7 +92,7 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
-    """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselModel."""
+    """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselSpec."""
     environment = state.environment
     if state.time_ns % simulation.drift_ns == 0:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)

@@ -11,7 +11,7 @@ import numpy as np
 from sim_core.frames import Array32
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.run.world.scenery import Scenery, scenery_of
+from xitl_cli.run.world.scenery import Scenery
 
 HALF_VIEW_RAD = math.radians(35.2)
 
@@ -28,7 +28,7 @@ def river_profile() -> RunProfile:
 @cache
 def river_scenery() -> Scenery:
     """Of that profile."""
-    return scenery_of(river_profile())
+    return Scenery(river_profile())
 
 
 def fan(count: int, seed: int = 0) -> tuple[Array32, Array32]:

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 
 from numpy.random import Generator
 
-from sim_core.environment.water import Current, StillWater, Water
-from sim_core.environment.waves import FlatWater, WaveField
-from sim_core.environment.wind import Air, StillAir, WindState
+from sim_core.environment.current import Current, StillWater, make_current
+from sim_core.environment.spec import EnvironmentSpec, Water
+from sim_core.environment.waves import FlatWater, WaveField, realise_waves
+from sim_core.environment.wind import Air, StillAir, WindState, make_wind
 from sim_core.frames import Array
 
 
@@ -23,6 +24,12 @@ class Environment:
     current: Current = field(default_factory=StillWater)
     waves: WaveField | FlatWater = field(default_factory=FlatWater)
     wind: Air = field(default_factory=StillAir)
+
+    @classmethod
+    def from_spec(cls, spec: EnvironmentSpec, rng: Generator) -> Environment:
+        """What the specification describes, its waves with phases drawn from `rng`."""
+        waves = realise_waves(spec.waves, spec.water, rng)
+        return cls(spec.water, make_current(spec.current), waves, make_wind(spec.wind))
 
     def surface_ned_z_m(self, time_s: float, pos_ne_m: Array) -> Array:
         """(...,) down coordinate of the water's surface at (..., 2) positions, for scenes and range sensors."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy import float32, float64
 from numpy.random import Generator
 
-from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
 from sim_core.frames import Array, Array32
 
 LOWEST_OF_PEAK = 0.5  # band of the realised field in units of the peak frequency; the energy outside goes inside
@@ -84,70 +84,29 @@ class WaveField:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class RegularWave:
-    """One harmonic wave, `height_m` from trough to crest."""
+def realise_waves(spec: WaveSpec, water: Water, rng: Generator) -> WaveField | FlatWater:
+    """The sea of a specification with random phases; flat water where it has no waves.
 
-    height_m: float
-    period_s: float
-    direction_deg: float
-
-    def __post_init__(self) -> None:
-        _require_sea(self.height_m, self.period_s, self.direction_deg)
-
-    def realise(self, water: Water, rng: Generator) -> WaveField:
-        """The field, with a random phase."""
-        omega = np.array([2.0 * np.pi / self.period_s])
-        course = np.array([math.radians(self.direction_deg)])
-        return _field(np.array([0.5 * self.height_m]), omega, course, water, rng)
-
-
-@dataclass(frozen=True, slots=True)
-class IrregularWaves:
-    """A sea state; `spreading` is the s of cos^2s(angle / 2), None for long-crested waves."""
-
-    spectrum: str
-    significant_height_m: float
-    peak_period_s: float
-    direction_deg: float
-    gamma: float = 3.3
-    spreading: float | None = None
-    components: int = 32
-
-    def __post_init__(self) -> None:
-        _require_sea(self.significant_height_m, self.peak_period_s, self.direction_deg)
-        wave_density(self.spectrum, self.significant_height_m, self.peak_period_s, self.gamma)
-        if self.components < 8:
-            raise ValueError(f"waves.components = {self.components} is too few for an irregular sea; use 8 or more")
-        if not self.gamma >= 1.0:
-            raise ValueError(f"waves.gamma = {self.gamma} must be 1 or more")
-        if self.spreading is not None and not self.spreading > 0.0:
-            raise ValueError(f"waves.spreading = {self.spreading} must be positive, or null for long-crested waves")
-
-    def realise(self, water: Water, rng: Generator) -> WaveField:
-        """A field with random phases: one component per band, at a random frequency in it, with the band's energy.
-
-        Bands of equal ratio and frequencies off their centres leave no common period; the amplitudes sum to Hs exactly.
-        """
-        density = wave_density(self.spectrum, self.significant_height_m, self.peak_period_s, self.gamma)
-        peak_radps = 2.0 * np.pi / self.peak_period_s
-        edges = peak_radps * np.geomspace(LOWEST_OF_PEAK, HIGHEST_OF_PEAK, self.components + 1)
-        fine = np.geomspace(edges[:-1], edges[1:], 33, axis=1)
-        variance = np.trapezoid(density(fine), fine, axis=1)
-        variance = variance * (self.significant_height_m**2 / 16.0 / variance.sum())
-        omega = rng.uniform(edges[:-1], edges[1:])
-        course = np.full(self.components, math.radians(self.direction_deg))
-        if self.spreading is not None:
-            course = course + rng.permutation(spreading_quantiles(self.spreading, self.components))
-        return _field(np.sqrt(2.0 * variance), omega, course, water, rng)
-
-
-def _require_sea(height_m: float, period_s: float, direction_deg: float) -> None:
-    for name, value in (("height", height_m), ("period", period_s)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"waves: {name} = {value} must be a positive number; for no waves use spectrum: none")
-    if not math.isfinite(direction_deg):
-        raise ValueError(f"waves.direction_deg = {direction_deg} must be a number of degrees")
+    A random sea has one component per band, at a random frequency in it, with the band's energy. Bands of equal ratio
+    and frequencies off their centres leave no common period; the amplitudes sum to Hs exactly.
+    """
+    if spec.spectrum == "none" or not spec.significant_height_m:
+        return FlatWater()
+    direction_rad = math.radians(spec.direction_deg)
+    if spec.spectrum == "regular":
+        omega = np.array([2.0 * np.pi / spec.peak_period_s])
+        return _field(np.array([0.5 * spec.significant_height_m]), omega, np.array([direction_rad]), water, rng)
+    density = wave_density(spec.spectrum, spec.significant_height_m, spec.peak_period_s, spec.gamma)
+    peak_radps = 2.0 * np.pi / spec.peak_period_s
+    edges = peak_radps * np.geomspace(LOWEST_OF_PEAK, HIGHEST_OF_PEAK, spec.components + 1)
+    fine = np.geomspace(edges[:-1], edges[1:], 33, axis=1)
+    variance = np.trapezoid(density(fine), fine, axis=1)
+    variance = variance * (spec.significant_height_m**2 / 16.0 / variance.sum())
+    omega = rng.uniform(edges[:-1], edges[1:])
+    course = np.full(spec.components, direction_rad)
+    if spec.spreading is not None:
+        course = course + rng.permutation(spreading_quantiles(spec.spreading, spec.components))
+    return _field(np.sqrt(2.0 * variance), omega, course, water, rng)
 
 
 def _field(amplitude_m: Array, omega_radps: Array, course_rad: Array, water: Water, rng: Generator) -> WaveField:

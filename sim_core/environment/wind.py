@@ -1,10 +1,9 @@
 """Wind and gusts.
 
-    Wind(mean_mps, direction_deg, direction_deviation_deg=0.0, direction_correlation_s=300.0, gust=NoGust(),
-         discrete_gusts=())
+    air = make_wind(spec)
 
-`direction_deg` is where the wind comes from, clockwise from north; the mean speed is the one at the vessels. A gust is
-a deviation of the speed from its mean. Gust spectra are one-sided densities S(f) in (m/s)^2/Hz of the frequency in Hz.
+A gust is a deviation of the speed from its mean. Gust spectra are one-sided densities S(f) in (m/s)^2/Hz of the
+frequency f in Hz.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import numpy as np
 from numpy import float32
 from numpy.random import Generator
 
+from sim_core.environment.spec import DiscreteGust, WindSpec
 from sim_core.frames import Array
 from sim_core.noise import GaussMarkov
 
@@ -111,27 +111,11 @@ class SpectralGust:
         return speed
 
 
-@dataclass(frozen=True, slots=True)
-class DiscreteGust:
-    """A single gust that rises as (1 - cos), holds and falls the same way (EASA CS-25.341's shape, in time)."""
-
-    start_s: float
-    rise_s: float
-    hold_s: float
-    fall_s: float
-    speed_mps: float
-
-    def __post_init__(self) -> None:
-        if not (self.rise_s > 0.0 and self.fall_s > 0.0 and self.hold_s >= 0.0 and math.isfinite(self.speed_mps)):
-            raise ValueError(
-                f"discrete gust at start_s = {self.start_s}: rise_s and fall_s must be positive, hold_s not negative"
-            )
-
-    def at(self, time_s: float) -> float:
-        """Speed in m/s that this gust adds."""
-        risen = min(max((time_s - self.start_s) / self.rise_s, 0.0), 1.0)
-        fallen = min(max((time_s - self.start_s - self.rise_s - self.hold_s) / self.fall_s, 0.0), 1.0)
-        return 0.5 * self.speed_mps * (math.cos(math.pi * fallen) - math.cos(math.pi * risen))
+def discrete_gust_mps(gust: DiscreteGust, time_s: float) -> float:
+    """Speed that a single gust adds at an instant."""
+    risen = min(max((time_s - gust.start_s) / gust.rise_s, 0.0), 1.0)
+    fallen = min(max((time_s - gust.start_s - gust.rise_s - gust.hold_s) / gust.fall_s, 0.0), 1.0)
+    return 0.5 * gust.speed_mps * (math.cos(math.pi * fallen) - math.cos(math.pi * risen))
 
 
 def npd_density(frequency_hz: Array, mean_mps: float, height_m: float) -> Array:
@@ -212,35 +196,46 @@ class StillAir:
 class Wind:
     """A mean wind that veers slowly, with random and discrete gusts along it; a gust never turns the wind round."""
 
-    mean_mps: float
-    direction_deg: float
-    direction_deviation_deg: float = 0.0
-    direction_correlation_s: float = 300.0
-    gust: Gust = field(default_factory=NoGust)
-    discrete_gusts: tuple[DiscreteGust, ...] = ()
+    spec: WindSpec
+    _gust: Gust = field(init=False, repr=False, compare=False)
     _veer: GaussMarkov = field(init=False, repr=False, compare=False)
     _course_rad: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.mean_mps) and self.mean_mps >= 0.0):
-            raise ValueError(f"wind.mean_mps = {self.mean_mps} must be zero or a positive number")
-        if not math.isfinite(self.direction_deg):
-            raise ValueError(f"wind.direction_deg = {self.direction_deg} must be a number of degrees")
-        veer = GaussMarkov(math.radians(self.direction_deviation_deg), self.direction_correlation_s)
+        spec = self.spec
+        veer = GaussMarkov(math.radians(spec.direction_deviation_deg), spec.direction_correlation_s)
+        object.__setattr__(self, "_gust", make_gust(spec))
         object.__setattr__(self, "_veer", veer)
-        object.__setattr__(self, "_course_rad", math.radians(self.direction_deg) + math.pi)
+        object.__setattr__(self, "_course_rad", math.radians(spec.direction_deg) + math.pi)
 
     def initial(self, vessels: int, rng: Generator) -> WindState:
-        return WindState(self.gust.initial(vessels, rng), self._veer.initial(vessels, rng))
+        return WindState(self._gust.initial(vessels, rng), self._veer.initial(vessels, rng))
 
     def step(self, state: WindState, dt_s: float, rng: Generator) -> WindState:
-        return WindState(self.gust.step(state.gust, dt_s, rng), self._veer.step(state.veer_rad, dt_s, rng))
+        return WindState(self._gust.step(state.gust, dt_s, rng), self._veer.step(state.veer_rad, dt_s, rng))
 
     def velocity_ned_mps(self, state: WindState, time_s: float) -> Array:
-        steady_mps = self.mean_mps + sum(gust.at(time_s) for gust in self.discrete_gusts)
-        speed_mps = np.maximum(steady_mps + self.gust.speed_mps(state.gust, time_s), 0.0)
+        steady_mps = self.spec.mean_mps + sum(discrete_gust_mps(gust, time_s) for gust in self.spec.discrete_gusts)
+        speed_mps = np.maximum(steady_mps + self._gust.speed_mps(state.gust, time_s), 0.0)
         course_rad = self._course_rad + state.veer_rad
         velocity_mps = np.zeros((len(speed_mps), 3))
         np.multiply(speed_mps, np.cos(course_rad), out=velocity_mps[:, 0])
         np.multiply(speed_mps, np.sin(course_rad), out=velocity_mps[:, 1])
         return velocity_mps
+
+
+def make_gust(spec: WindSpec) -> Gust:
+    """The random gusts that the specification asks for."""
+    gust = spec.gust
+    if gust.spectrum == "none":
+        return NoGust()
+    if gust.spectrum == "ornstein-uhlenbeck":
+        return OrnsteinUhlenbeckGust(GaussMarkov(gust.deviation_mps, gust.correlation_s))
+    return SpectralGust.from_spectrum(gust.spectrum, spec.mean_mps, spec.reference_height_m, gust.deviation_mps or None)
+
+
+def make_wind(spec: WindSpec) -> Air:
+    """Still air for no wind at all."""
+    if not spec.mean_mps and spec.gust.spectrum == "none" and not spec.discrete_gusts:
+        return StillAir()
+    return Wind(spec)

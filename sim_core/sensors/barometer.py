@@ -7,14 +7,17 @@ difference from the geometric one (16 cm at 1 km) is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.random import Generator
 
 from sim_core.frames import Array
+from sim_core.keys import Bounds, Positive, check_values
 from sim_core.kinematics import Kinematics
 from sim_core.noise import SampledGaussMarkov, sampled_gauss_markov
-from sim_core.sensors.measurement import Digitiser, digitiser, require_finite, require_non_negative, require_positive
+from sim_core.sensors.measurement import Digitiser, digitiser
+from sim_core.sensors.spec import BarometerSpec
 
 SEA_LEVEL_PRESSURE_PA = 101325.0
 SEA_LEVEL_TEMPERATURE_K = 288.15
@@ -22,7 +25,6 @@ LAPSE_RATE_KPM = 0.0065
 PRESSURE_EXPONENT = 9.80665 / (287.05287 * LAPSE_RATE_KPM)
 
 _ZERO_CELSIUS_K = 273.15
-_TROPOPAUSE_M = 11000.0
 
 
 def pressure_pa(altitude_m: Array, sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA) -> Array:
@@ -52,51 +54,27 @@ class BarometerState:
     drift_pa: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Barometer:
-    """Static pressure at the body origin with white noise, drift and quantisation.
+    """White noise, drift and quantisation of the static pressure: see BarometerSpec.
 
-    origin_altitude_m: of NED's origin above mean sea level, at most 11 km. noise_pa: deviation from one sample to the
-    next; drift_pa: deviation of the error correlated over drift_correlation_s. resolution_pa: step of the output, 0 for
-    none. Raises ValueError naming the field that cannot be.
+    origin_altitude_m: of NED's origin above mean sea level, within the troposphere.
     """
 
-    origin_altitude_m: float = 0.0
-    rate_hz: float = 50.0
-    latency_s: float = 0.0
-    noise_pa: float = 0.0
-    drift_pa: float = 0.0
-    drift_correlation_s: float = 600.0
-    resolution_pa: float = 0.0
-    sea_level_pressure_pa: float = SEA_LEVEL_PRESSURE_PA
+    spec: BarometerSpec
+    origin_altitude_m: Annotated[float, Bounds(at_most=11_000)] = 0.0
+    sea_level_pressure_pa: Positive = SEA_LEVEL_PRESSURE_PA
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
     _scale: Array = field(init=False, repr=False, compare=False)
     _output: Digitiser = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_positive(
-            "barometer",
-            rate_hz=self.rate_hz,
-            drift_correlation_s=self.drift_correlation_s,
-            sea_level_pressure_pa=self.sea_level_pressure_pa,
-        )
-        require_non_negative(
-            "barometer",
-            latency_s=self.latency_s,
-            noise_pa=self.noise_pa,
-            drift_pa=self.drift_pa,
-            resolution_pa=self.resolution_pa,
-        )
-        require_finite("barometer", origin_altitude_m=self.origin_altitude_m)
-        if self.origin_altitude_m > _TROPOPAUSE_M:
-            raise ValueError(
-                f"barometer.origin_altitude_m = {self.origin_altitude_m} is above the troposphere; give at most 11000"
-            )
-        drift = sampled_gauss_markov([self.drift_pa], self.drift_correlation_s, self.rate_hz)
+        check_values(self)
+        drift = sampled_gauss_markov([self.spec.drift_pa], self.spec.drift_correlation_s, self.spec.rate_hz)
         put = object.__setattr__
         put(self, "_drift", drift)
-        put(self, "_scale", np.hstack([[[self.noise_pa]], drift.drive]))
-        put(self, "_output", digitiser(self.resolution_pa))
+        put(self, "_scale", np.hstack([[[self.spec.noise_pa]], drift.drive]))
+        put(self, "_output", digitiser(self.spec.resolution_pa))
 
     def initial(self, vessels: int, rng: Generator) -> BarometerState:
         """`vessels` barometers whose drift is already at its stationary deviation."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from sim_core.frames import Array
+from sim_core.keys import check_values
 from sim_core.kinematics import Kinematics
 from sim_core.noise import SampledGaussMarkov, bias_deviation, sampled_gauss_markov, white_deviation
 from sim_core.sensors.measurement import (
@@ -16,11 +17,8 @@ from sim_core.sensors.measurement import (
     cross_matrix,
     digitiser,
     pair_products,
-    require_finite,
-    require_non_negative,
-    require_positive,
-    require_vector,
 )
+from sim_core.sensors.spec import ImuSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,34 +42,16 @@ class ImuState:
     temperature_degc: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Imu:
-    """Gyroscopes and accelerometers with white noise, drifting and turn-on bias, quantisation and range.
+    """White noise, drifting and turn-on bias, quantisation and range: see ImuSpec.
 
-    *_noise_density_*: white noise; the Allan deviation at 1 s. *_bias_instability_*: the maximum of the Allan deviation
-    of the drifting bias, reached at 1.89 times *_bias_correlation_s. *_turn_on_bias_*: deviation of the constant bias.
-    *_resolution_*: step of the output, 0 for none; *_range_*: full scale, None for unlimited.
-    position_frd_m: of the sensor, from the body origin. gravity_mps2: local, see `geodesy.normal_gravity_mps2`.
-    Raises ValueError naming the field that cannot be.
+    gravity_mps2: local, see `geodesy.normal_gravity_mps2`.
     """
 
-    rate_hz: float = 200.0
-    latency_s: float = 0.0
-    gyro_noise_density_radpsprthz: float = 0.0
-    gyro_bias_instability_radps: float = 0.0
-    gyro_bias_correlation_s: float = 100.0
-    gyro_turn_on_bias_radps: float = 0.0
-    gyro_resolution_radps: float = 0.0
-    gyro_range_radps: float | None = None
-    accel_noise_density_mps2prthz: float = 0.0
-    accel_bias_instability_mps2: float = 0.0
-    accel_bias_correlation_s: float = 100.0
-    accel_turn_on_bias_mps2: float = 0.0
-    accel_resolution_mps2: float = 0.0
-    accel_range_mps2: float | None = None
-    position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    temperature_degc: float = 25.0
+    spec: ImuSpec
     gravity_mps2: float = 9.80665
+    temperature_degc: float = 25.0
     _scale: Array = field(init=False, repr=False, compare=False)
     _turn_on: Array = field(init=False, repr=False, compare=False)
     _drift: SampledGaussMarkov = field(init=False, repr=False, compare=False)
@@ -82,49 +62,27 @@ class Imu:
     _centripetal: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        self._check()
-        gyro_white = white_deviation(self.gyro_noise_density_radpsprthz, self.rate_hz)
-        accel_white = white_deviation(self.accel_noise_density_mps2prthz, self.rate_hz)
+        check_values(self)
+        spec = self.spec
+        gyro_white = white_deviation(spec.gyro_noise_density_radpsprthz, spec.rate_hz)
+        accel_white = white_deviation(spec.accel_noise_density_mps2prthz, spec.rate_hz)
         drift = sampled_gauss_markov(
-            _six(bias_deviation(self.gyro_bias_instability_radps), bias_deviation(self.accel_bias_instability_mps2)),
-            _six(self.gyro_bias_correlation_s, self.accel_bias_correlation_s),
-            self.rate_hz,
+            _six(
+                bias_deviation(spec.gyro_bias_instability_radps),
+                bias_deviation(spec.accel_bias_instability_mps2),
+            ),
+            _six(spec.gyro_bias_correlation_s, spec.accel_bias_correlation_s),
+            spec.rate_hz,
         )
         put = object.__setattr__
         put(self, "_scale", np.hstack([_six(gyro_white, accel_white), drift.drive]))
-        put(self, "_turn_on", _six(self.gyro_turn_on_bias_radps, self.accel_turn_on_bias_mps2))
+        put(self, "_turn_on", _six(spec.gyro_turn_on_bias_radps, spec.accel_turn_on_bias_mps2))
         put(self, "_drift", drift)
         put(self, "_gravity_ned_mps2", np.array([[0.0, 0.0, self.gravity_mps2]]))
-        put(self, "_cross", cross_matrix(self.position_frd_m) if any(self.position_frd_m) else None)
-        put(self, "_gyro_output", digitiser(self.gyro_resolution_radps, self.gyro_range_radps))
-        put(self, "_accel_output", digitiser(self.accel_resolution_mps2, self.accel_range_mps2))
-        put(self, "_centripetal", centripetal_matrix(self.position_frd_m))
-
-    def _check(self) -> None:
-        require_positive(
-            "imu",
-            rate_hz=self.rate_hz,
-            gyro_bias_correlation_s=self.gyro_bias_correlation_s,
-            accel_bias_correlation_s=self.accel_bias_correlation_s,
-        )
-        require_non_negative(
-            "imu",
-            latency_s=self.latency_s,
-            gyro_noise_density_radpsprthz=self.gyro_noise_density_radpsprthz,
-            gyro_bias_instability_radps=self.gyro_bias_instability_radps,
-            gyro_turn_on_bias_radps=self.gyro_turn_on_bias_radps,
-            gyro_resolution_radps=self.gyro_resolution_radps,
-            accel_noise_density_mps2prthz=self.accel_noise_density_mps2prthz,
-            accel_bias_instability_mps2=self.accel_bias_instability_mps2,
-            accel_turn_on_bias_mps2=self.accel_turn_on_bias_mps2,
-            accel_resolution_mps2=self.accel_resolution_mps2,
-        )
-        if self.gyro_range_radps is not None:
-            require_positive("imu", gyro_range_radps=self.gyro_range_radps)
-        if self.accel_range_mps2 is not None:
-            require_positive("imu", accel_range_mps2=self.accel_range_mps2)
-        require_vector("imu", position_frd_m=self.position_frd_m)
-        require_finite("imu", temperature_degc=self.temperature_degc, gravity_mps2=self.gravity_mps2)
+        put(self, "_cross", cross_matrix(spec.position_frd_m) if any(spec.position_frd_m) else None)
+        put(self, "_gyro_output", digitiser(spec.gyro_resolution_radps, spec.gyro_range_radps))
+        put(self, "_accel_output", digitiser(spec.accel_resolution_mps2, spec.accel_range_mps2))
+        put(self, "_centripetal", centripetal_matrix(spec.position_frd_m))
 
     def initial(self, vessels: int, rng: Generator) -> ImuState:
         """Biases of `vessels` units as they are switched on."""

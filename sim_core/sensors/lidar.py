@@ -21,8 +21,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from sim_core.frames import Array, Array32, euler_to_quat, quat_to_matrix
-from sim_core.sensors.measurement import require_non_negative, require_positive, require_vector
-from sim_core.sensors.optics import Air, WaterSeen, through_surface
+from sim_core.keys import Share, check_values
+from sim_core.sensors.optics import Atmosphere, WaterSeen, through_surface
+from sim_core.sensors.spec import LidarSpec
 from sim_core.world.geometry import MATERIALS
 from sim_core.world.rays import NO_BODIES, Bodies, RayCaster
 
@@ -185,51 +186,23 @@ class Scan:
     fates: Fates
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Lidar:
-    """A lidar at position_frd_m, turned by roll, pitch (up positive) and yaw; see the profile's `sensors.lidar`.
+    """A lidar of a specification, over water of which silt scatters water_reflectivity of the light that is in it."""
 
-    water_reflectivity: what silt scatters back, of light that is in the water. Raises ValueError naming the field
-    that cannot be.
-    """
-
-    rosette: Rosette = field(default_factory=Rosette)
-    position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    roll_deg: float = 0.0
-    pitch_deg: float = 0.0
-    yaw_deg: float = 0.0
-    range_noise_m: float = 0.02
-    min_range_m: float = 0.05
-    max_range_m: float = 260.0
-    range_at_10_percent_m: float = 90.0
-    drop_share: float = 0.0
-    spray_share: float = 0.0
-    water_reflectivity: float = 0.06
-    air: Air = field(default_factory=Air)
+    spec: LidarSpec
+    water_reflectivity: Share = 0.05
+    air: Atmosphere = field(default_factory=Atmosphere)
     _position: Array = field(init=False, repr=False, compare=False)
     _mount: Array = field(init=False, repr=False, compare=False)
+    _rosette: Rosette = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_positive("lidar", max_range_m=self.max_range_m, range_at_10_percent_m=self.range_at_10_percent_m)
-        require_non_negative(
-            "lidar",
-            range_noise_m=self.range_noise_m,
-            min_range_m=self.min_range_m,
-            drop_share=self.drop_share,
-            spray_share=self.spray_share,
-            water_reflectivity=self.water_reflectivity,
-        )
-        for name in ("drop_share", "spray_share", "water_reflectivity"):
-            if getattr(self, name) > 1.0:
-                raise ValueError(f"lidar.{name} = {getattr(self, name)} must be a share; give 0 to 1")
-        require_vector("lidar", position_frd_m=self.position_frd_m)
-        if not self.min_range_m < self.max_range_m:
-            raise ValueError(
-                f"lidar.min_range_m = {self.min_range_m} must be less than lidar.max_range_m = {self.max_range_m}"
-            )
-        turned = np.radians([self.roll_deg, self.pitch_deg, self.yaw_deg])
-        object.__setattr__(self, "_position", np.array(self.position_frd_m))
+        check_values(self)
+        turned = np.radians([self.spec.roll_deg, self.spec.pitch_deg, self.spec.yaw_deg])
+        object.__setattr__(self, "_position", np.array(self.spec.position_frd_m))
         object.__setattr__(self, "_mount", quat_to_matrix(euler_to_quat(turned)))
+        object.__setattr__(self, "_rosette", Rosette(self.spec.points_hz))
 
     def scan(
         self,
@@ -241,19 +214,23 @@ class Lidar:
     ) -> Scan:
         """All points from the first instant of the track up to its last; water and bodies are of the first."""
         start_ns, end_ns = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
-        interval_s = 1.0 / self.rosette.points_hz
+        interval_s = 1.0 / self._rosette.points_hz
         first = math.ceil(start_ns * 1e-9 / interval_s - 1e-6)
         count = math.ceil(end_ns * 1e-9 / interval_s - 1e-6) - first
         first_s = max(first * interval_s - start_ns * 1e-9, 0.0)
-        looking = self.rosette.directions(first, count)
+        looking = self._rosette.directions(first, count)
         rays = rays_from(track, self._position, self._mount, looking, first_s, interval_s)
         ends = self._in_the_air(self._targets(rays, caster, bodies, water, rng), rng)
 
-        near, far = ends.range_m < self.min_range_m, ends.range_m > self.max_range_m
+        near, far = ends.range_m < self.spec.min_range_m, ends.range_m > self.spec.max_range_m
         within = ends.seen & ~near & ~far
-        dropped = within & (rng.random(count, dtype=float32) < self.drop_share) if self.drop_share else ~within & False
+        dropped = (
+            within & (rng.random(count, dtype=float32) < self.spec.drop_share)
+            if self.spec.drop_share
+            else ~within & False
+        )
         kept, measured_m, drowned = self._measured(rays, ends, np.flatnonzero(within & ~dropped), water, rng)
-        nearer = measured_m < self.min_range_m  # the device knows the range that it measures, no other
+        nearer = measured_m < self.spec.min_range_m  # the device knows the range that it measures, no other
         if nearer.any():
             kept, measured_m = kept[~nearer], measured_m[~nearer]
 
@@ -282,7 +259,7 @@ class Lidar:
         """What each ray would end at in empty air."""
         origin, direction, later_s = rays.origin_ned_m, rays.direction_ned, rays.later_s
         still_m = water.distance_m(origin, direction, later_s)
-        reach_m = np.minimum(water.certain_m(still_m, direction), float32(self.max_range_m))
+        reach_m = np.minimum(water.certain_m(still_m, direction), float32(self.spec.max_range_m))
         hits = caster.cast(origin, direction, bodies, later_s if bodies.meshes else None, reach_m)
         water_m = water.hides(origin, direction, later_s, hits.range_m, still_m)
         wet = water_m < hits.range_m
@@ -307,7 +284,7 @@ class Lidar:
 
     def _signal(self, albedo: Array32, range_m: Array32) -> Array32:
         """(n,) what returns, of what is just enough."""
-        farthest = albedo * float32(self.range_at_10_percent_m**2 / 0.1)
+        farthest = albedo * float32(self.spec.range_at_10_percent_m**2 / 0.1)
         signal: Array32 = farthest / np.maximum(range_m * range_m, float32(1e-6)) * self.air.both_ways(range_m)
         return signal
 
@@ -319,9 +296,9 @@ class Lidar:
             thick = np.full(count, self.air.reflectivity, float32)
             fog = (clump_m < ends.range_m) & (self._signal(thick, clump_m) > 1.0)
             ends = replace(ends.cut(fog, clump_m, self.air.reflectivity), fog=fog)
-        if self.spray_share:
+        if self.spec.spray_share:
             drop_m = rng.standard_exponential(count, dtype=float32) * float32(_SPRAY_M)
-            spray = (rng.random(count, dtype=float32) < self.spray_share) & (drop_m < ends.range_m)
+            spray = (rng.random(count, dtype=float32) < self.spec.spray_share) & (drop_m < ends.range_m)
             ends = replace(ends.cut(spray, drop_m, _SPRAY_REFLECTIVITY), fog=ends.fog & ~spray, spray=spray)
         return ends
 
@@ -333,7 +310,7 @@ class Lidar:
         Noise that puts a return under water is taken back.
         """
         range_m = ends.range_m[kept]
-        measured_m = range_m + rng.standard_normal(len(kept), dtype=float32) * float32(self.range_noise_m)
+        measured_m = range_m + rng.standard_normal(len(kept), dtype=float32) * float32(self.spec.range_noise_m)
         np.maximum(measured_m, float32(0.0), out=measured_m)
         if not water.crest_m:
             return kept, np.minimum(measured_m, ends.still_m[kept]), 0

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from sim_core.frames import Array, euler_to_quat, quat_conjugate, quat_multiply, quat_to_matrix
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.measurement import require_non_negative, require_positive
+from sim_core.sensors.spec import OdometrySpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,40 +38,18 @@ class OdometryState:
     samples: int = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Odometry:
-    """Position and heading drift as random walks, by their deviation after one second; the rest is white noise.
+    """Random walks of position and heading, and white noise: see OdometrySpec."""
 
-    Deviations are per axis and sample, drift_mprts and yaw_drift_degprts per square root of a second. Raises ValueError
-    naming the field that cannot be.
-    """
-
-    rate_hz: float = 20.0
-    latency_s: float = 0.0
-    position_noise_m: float = 0.0
-    velocity_noise_mps: float = 0.0
-    attitude_noise_deg: float = 0.0
-    rate_noise_radps: float = 0.0
-    drift_mprts: float = 0.0
-    yaw_drift_degprts: float = 0.0
+    spec: OdometrySpec
     _drift_m: float = field(init=False, repr=False, compare=False)
     _drift_rad: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_positive("odometry", rate_hz=self.rate_hz)
-        require_non_negative(
-            "odometry",
-            latency_s=self.latency_s,
-            position_noise_m=self.position_noise_m,
-            velocity_noise_mps=self.velocity_noise_mps,
-            attitude_noise_deg=self.attitude_noise_deg,
-            rate_noise_radps=self.rate_noise_radps,
-            drift_mprts=self.drift_mprts,
-            yaw_drift_degprts=self.yaw_drift_degprts,
-        )
-        per_sample = math.sqrt(1.0 / self.rate_hz)
-        object.__setattr__(self, "_drift_m", self.drift_mprts * per_sample)
-        object.__setattr__(self, "_drift_rad", math.radians(self.yaw_drift_degprts) * per_sample)
+        per_sample = math.sqrt(1.0 / self.spec.rate_hz)
+        object.__setattr__(self, "_drift_m", self.spec.drift_mprts * per_sample)
+        object.__setattr__(self, "_drift_rad", math.radians(self.spec.yaw_drift_degprts) * per_sample)
 
     def initial(self, vessels: int, rng: Generator) -> OdometryState:
         """It starts with its first sample."""
@@ -94,19 +72,19 @@ class Odometry:
         turn[:, 2] = drift_yaw
         to_local = quat_multiply(euler_to_quat(turn), quat_conjugate(state.start_quat))
         moved = (quat_to_matrix(to_local) @ (truth.pos_ned_m - state.start_ned_m)[:, :, None])[:, :, 0]
-        shake = euler_to_quat(math.radians(self.attitude_noise_deg) * noise[:, 4:7])
+        shake = euler_to_quat(math.radians(self.spec.attitude_noise_deg) * noise[:, 4:7])
         sample = OdometrySample(
-            pos_local_m=moved + drift_m + self.position_noise_m * noise[:, 7:10],
+            pos_local_m=moved + drift_m + self.spec.position_noise_m * noise[:, 7:10],
             quat_local_frd=quat_multiply(quat_multiply(to_local, truth.quat_ned_frd), shake),
             vel_frd_mps=(truth.vel_ned_mps[:, None] @ truth.rot_ned_frd)[:, 0]
-            + self.velocity_noise_mps * noise[:, 10:13],
-            gyro_frd_radps=truth.gyro_frd_radps + self.rate_noise_radps * noise[:, 13:16],
+            + self.spec.velocity_noise_mps * noise[:, 10:13],
+            gyro_frd_radps=truth.gyro_frd_radps + self.spec.rate_noise_radps * noise[:, 13:16],
             position_deviation_m=np.full(
-                vessels, math.hypot(self.position_noise_m, self._drift_m * math.sqrt(state.samples))
+                vessels, math.hypot(self.spec.position_noise_m, self._drift_m * math.sqrt(state.samples))
             ),
             yaw_deviation_rad=np.full(
                 vessels,
-                math.hypot(math.radians(self.attitude_noise_deg), self._drift_rad * math.sqrt(state.samples)),
+                math.hypot(math.radians(self.spec.attitude_noise_deg), self._drift_rad * math.sqrt(state.samples)),
             ),
         )
         return OdometryState(state.start_ned_m, state.start_quat, drift_m, drift_yaw, state.samples + 1), sample

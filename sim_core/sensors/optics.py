@@ -46,7 +46,7 @@ def through_surface(cosine: Array32) -> Array32:
 
 
 @dataclass(frozen=True, slots=True)
-class Air:
+class Atmosphere:
     """Air of one visibility, inf for clear. It weakens what passes and, in clumps, returns light itself."""
 
     visibility_m: float = math.inf

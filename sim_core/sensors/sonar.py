@@ -25,7 +25,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from sim_core.frames import Array
-from sim_core.sensors.measurement import require_finite, require_vector
+from sim_core.sensors.spec import SonarSpec
 from sim_core.world.geometry import MATERIALS
 from sim_core.world.rays import NO_BODIES, Bodies, RayCaster
 
@@ -50,6 +50,8 @@ def sound_speed_mps(temperature_c: float) -> float:
 
 
 TURN_GRAD = 400
+DEGREES_A_GRAD = 360.0 / TURN_GRAD
+_GRAD_RAD = 2.0 * math.pi / TURN_GRAD
 BEAM_DEG = (2.0, 25.0)  # across and up and down, between the half-power points
 _HALF_POWER = 0.443  # sinc(0.443)^2 = 0.5
 _NULLS_RAD = tuple(math.asin(math.sin(math.radians(0.5 * width)) / _HALF_POWER) for width in BEAM_DEG)
@@ -105,25 +107,17 @@ class Below:
     bodies: Bodies = NO_BODIES
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ScanningSonar:
-    """A transducer at position_frd_m from the body origin, in water of temperature_c.
+    """The transducer of a specification. backscatter: by the number of a material, the last one for no hit."""
 
-    heading_rad: of its zero angle, clockwise from the bow. Raises ValueError naming the field that cannot be.
-    """
-
-    position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    heading_rad: float = 0.0
-    water_temperature_c: float = 27.0
+    spec: SonarSpec
     backscatter: Array = field(default_factory=lambda: _BACKSCATTER, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        require_vector("sonar", position_frd_m=self.position_frd_m)
-        require_finite("sonar", heading_rad=self.heading_rad)
-        if not 0.0 <= self.water_temperature_c <= 40.0:
-            raise ValueError(
-                f"sonar.water_temperature_c = {self.water_temperature_c} is no river's; use 0 to 40 degrees Celsius"
-            )
+    @property
+    def heading_grad(self) -> int:
+        """Of its zero angle, clockwise from the bow, rounded as the head turns."""
+        return round(self.spec.heading_deg / DEGREES_A_GRAD)
 
     def echo(
         self, settings: PingSettings, pos_ned_m: Array, rot_ned_frd: Array, below: Below, rng: Generator
@@ -139,11 +133,13 @@ class ScanningSonar:
         Which part of each cell of the beam its ray stands for is drawn.
         """
         power = np.zeros(settings.samples)
-        origin = pos_ned_m + rot_ned_frd @ np.array(self.position_frd_m)
+        origin = pos_ned_m + rot_ned_frd @ np.array(self.spec.position_frd_m)
         depth_m = float(origin[2]) - below.surface_down_m
         if depth_m <= 0.0:
             return power  # out of the water
-        heading_rad = self.heading_rad + settings.angle_grad * (2.0 * math.pi / TURN_GRAD)
+        heading_rad = self.heading_grad * (2.0 * math.pi / TURN_GRAD) + settings.angle_grad * (
+            2.0 * math.pi / TURN_GRAD
+        )
         beam = _beam(heading_rad, rng)
         rays = beam.direction @ rot_ned_frd.T
         range_m, backscatter, normal = self._met(origin, rays, depth_m, below)
@@ -154,11 +150,11 @@ class ScanningSonar:
             length_m = np.minimum(np.abs(slant) * range_m * _CELL_RAD, LONGEST_M)
         parts_m = range_m + length_m * ((np.arange(_PARTS)[:, None] + rng.random((_PARTS, 1))) / _PARTS - 0.5)
         parts_m = np.maximum(np.nan_to_num(parts_m, nan=np.inf), 1e-2)
-        loss_db = 2.0 * absorption_dbpm(settings.frequency_khz, self.water_temperature_c)
+        loss_db = 2.0 * absorption_dbpm(settings.frequency_khz, self.spec.water_temperature_c)
         off_db = 6.0 * ((settings.frequency_khz - CENTRE_KHZ) / BAND_KHZ) ** 2
         back = beam.weight * backscatter * cosine / _PARTS
         back = back * 10.0 ** (-0.1 * (loss_db * parts_m + off_db)) / parts_m**2
-        sample_m = 0.5 * sound_speed_mps(self.water_temperature_c) * settings.sample_period_s
+        sample_m = 0.5 * sound_speed_mps(self.spec.water_temperature_c) * settings.sample_period_s
         number = np.minimum(parts_m / sample_m, settings.samples).astype(np.intp)
         power += np.bincount(number.ravel(), back.ravel(), settings.samples + 1)[:-1]
         middle_m = (np.arange(settings.samples) + 0.5) * sample_m
@@ -243,6 +239,13 @@ class Sector:
     start_grad: int
     span_grad: int
     step_grad: int
+
+    @classmethod
+    def from_spec(cls, spec: SonarSpec) -> Sector:
+        """The sector in the head's own directions."""
+        first_deg, last_deg = spec.sector_deg
+        first_grad = round(first_deg / DEGREES_A_GRAD)
+        return cls(first_grad % TURN_GRAD, round(last_deg / DEGREES_A_GRAD) - first_grad, spec.step_grad)
 
     def angle_grad(self, offset_grad: int) -> int:
         """Direction so far into the sector."""

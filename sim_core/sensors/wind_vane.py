@@ -14,10 +14,8 @@ from sim_core.sensors.measurement import (
     Digitiser,
     cross_matrix,
     digitiser,
-    require_non_negative,
-    require_positive,
-    require_vector,
 )
+from sim_core.sensors.spec import WindVaneSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,46 +33,23 @@ class WindVaneState:
     felt_frd_mps: Array | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class WindVane:
-    """What of the wind lies in the deck's plane, behind the lag of vane and cups, with noise, steps and a full scale.
+    """What of the wind lies in the deck's plane, behind the lag of vane and cups: see WindVaneSpec."""
 
-    position_frd_m: from the body origin. response_s: time constant of the lag, 0 for none. The deviations are per
-    sample. Raises ValueError naming the field that cannot be.
-    """
-
-    rate_hz: float = 10.0
-    latency_s: float = 0.0
-    position_frd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    response_s: float = 0.0
-    speed_noise_mps: float = 0.0
-    direction_noise_deg: float = 0.0
-    speed_resolution_mps: float = 0.0
-    direction_resolution_deg: float = 0.0
-    max_speed_mps: float = 60.0
+    spec: WindVaneSpec
     _cross: Array = field(init=False, repr=False, compare=False)
     _gain: float = field(init=False, repr=False, compare=False)
     _speed: Digitiser = field(init=False, repr=False, compare=False)
     _direction: Digitiser = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_positive("wind_vane", rate_hz=self.rate_hz, max_speed_mps=self.max_speed_mps)
-        require_non_negative(
-            "wind_vane",
-            latency_s=self.latency_s,
-            response_s=self.response_s,
-            speed_noise_mps=self.speed_noise_mps,
-            direction_noise_deg=self.direction_noise_deg,
-            speed_resolution_mps=self.speed_resolution_mps,
-            direction_resolution_deg=self.direction_resolution_deg,
-        )
-        require_vector("wind_vane", position_frd_m=self.position_frd_m)
         put = object.__setattr__
-        put(self, "_cross", cross_matrix(self.position_frd_m))
-        gain = -math.expm1(-1.0 / (self.rate_hz * self.response_s)) if self.response_s else 1.0
+        put(self, "_cross", cross_matrix(self.spec.position_frd_m))
+        gain = -math.expm1(-1.0 / (self.spec.rate_hz * self.spec.response_s)) if self.spec.response_s else 1.0
         put(self, "_gain", gain)
-        put(self, "_speed", digitiser(self.speed_resolution_mps))
-        put(self, "_direction", digitiser(math.radians(self.direction_resolution_deg)))
+        put(self, "_speed", digitiser(self.spec.speed_resolution_mps))
+        put(self, "_direction", digitiser(math.radians(self.spec.direction_resolution_deg)))
 
     def initial(self, vessels: int, rng: Generator) -> WindVaneState:
         """The vane stands in the wind already at the first sample."""
@@ -90,11 +65,11 @@ class WindVane:
         if state.felt_frd_mps is not None:
             felt = state.felt_frd_mps + self._gain * (felt - state.felt_frd_mps)
         noise = rng.standard_normal((2, len(felt)))
-        speed = np.sqrt(np.vecdot(felt, felt)) + self.speed_noise_mps * noise[0]
-        direction = np.arctan2(-felt[:, 1], -felt[:, 0]) + math.radians(self.direction_noise_deg) * noise[1]
+        speed = np.sqrt(np.vecdot(felt, felt)) + self.spec.speed_noise_mps * noise[0]
+        direction = np.arctan2(-felt[:, 1], -felt[:, 0]) + math.radians(self.spec.direction_noise_deg) * noise[1]
         direction = self._direction.read(direction)
         sample = WindSample(
-            speed_mps=np.clip(self._speed.read(speed), 0.0, self.max_speed_mps),
+            speed_mps=np.clip(self._speed.read(speed), 0.0, self.spec.max_speed_mps),
             direction_rad=np.pi - np.mod(np.pi - direction, 2.0 * np.pi),
         )
         return WindVaneState(felt), sample

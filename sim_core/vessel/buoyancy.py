@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import HullSurface
 from sim_core.frames import Array
-from sim_core.vessel.model import Hull, VesselModel
+from sim_core.vessel.spec import Hull, VesselSpec
 
 
 def segment_area_m2(submerged_m: Array, radius_m: float) -> Array:
@@ -51,7 +51,7 @@ def strip_axes_frd_m(hull: Hull) -> Array:
     return axes
 
 
-def floating_draft_m(model: VesselModel, water: Water) -> float:
+def floating_draft_m(model: VesselSpec, water: Water) -> float:
     """Depth of the keel at rest. Raises ValueError when the hulls cannot carry the vessel."""
     kg_per_m2 = 2.0 * water.density_kgpm3 * model.hull.length_m
     carried = model.mass_kg / kg_per_m2
@@ -82,7 +82,7 @@ class Buoyancy:
     wrench: Array  # (12, 6): (lift, lift x position) times the direction of the lift
 
     @classmethod
-    def of(cls, model: VesselModel, water: Water) -> Buoyancy:
+    def of(cls, model: VesselSpec, water: Water) -> Buoyancy:
         """Constants from the vessel's hull and the water."""
         hull = model.hull
         axes = strip_axes_frd_m(hull)

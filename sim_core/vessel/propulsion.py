@@ -16,7 +16,7 @@ from numpy import intp
 from numpy.typing import NDArray
 
 from sim_core.frames import Array
-from sim_core.vessel.model import VesselModel
+from sim_core.vessel.spec import VesselSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +28,7 @@ class Propulsion:
     wrench: Array  # (2 P, 6) force and moment per n |n|, then per n^2, which tells reverse from forward
 
     @classmethod
-    def of(cls, model: VesselModel, dt_s: float) -> Propulsion:
+    def of(cls, model: VesselSpec, dt_s: float) -> Propulsion:
         """Constants from the vessel's propellers for steps of dt_s."""
         forward = np.array([propeller.max_thrust_n for propeller in model.propellers])
         reverse = np.array([propeller.max_reverse_thrust_n for propeller in model.propellers])
@@ -68,7 +68,7 @@ class SteeredPropulsion:
     wrench: Array  # (4 P, 6) as of Propulsion for thrust ahead, then the same for thrust to port
 
     @classmethod
-    def of(cls, model: VesselModel, dt_s: float) -> SteeredPropulsion:
+    def of(cls, model: VesselSpec, dt_s: float) -> SteeredPropulsion:
         """Constants from the vessel's propellers for steps of dt_s."""
         propulsion = Propulsion.of(model, dt_s)
         gears = [(index, p.steering) for index, p in enumerate(model.propellers) if p.steering is not None]
@@ -103,6 +103,6 @@ class SteeredPropulsion:
         return signed * cosine, square * cosine, signed * sine, square * sine
 
 
-def propulsion_of(model: VesselModel, dt_s: float) -> Propulsion | SteeredPropulsion:
+def propulsion_of(model: VesselSpec, dt_s: float) -> Propulsion | SteeredPropulsion:
     """Whichever the vessel's propellers need."""
     return Propulsion.of(model, dt_s) if model.commands == len(model.propellers) else SteeredPropulsion.of(model, dt_s)

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import HullSurface
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
 from sim_core.vessel.forces import Hydrodynamics, WindDrag
-from sim_core.vessel.model import VesselModel
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, propulsion_of
+from sim_core.vessel.spec import VesselSpec
 
 # Rows: outer(q, (p, q, r)); q' = 1/2 q * (0, p, q, r), Fossen 2021, eq 2.78.
 _HALF_RATES = 0.5 * np.array(
@@ -50,7 +50,7 @@ class Surroundings:
 class Vessel:
     """A vessel model made ready for one water and one step length."""
 
-    model: VesselModel
+    model: VesselSpec
     dt_s: float
     hydrodynamics: Hydrodynamics
     buoyancy: Buoyancy
@@ -61,7 +61,7 @@ class Vessel:
     level_m: float
 
     @classmethod
-    def of(cls, model: VesselModel, water: Water, dt_s: float) -> Vessel:
+    def of(cls, model: VesselSpec, water: Water, dt_s: float) -> Vessel:
         """Matrices of all parts. Raises ValueError when the vessel does not float."""
         hydrodynamics = Hydrodynamics.of(model)
         buoyancy = Buoyancy.of(model, water)

@@ -15,9 +15,9 @@ import numpy as np
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.vessel.model import VesselModel
-from sim_core.world.capsules import Capsules, Numbers, touches
+from sim_core.vessel.spec import VesselSpec
 from sim_core.world.debris import DebrisState, Push, body_velocity, capsules_of, pushed_at
+from sim_core.world.plan import Capsules, Numbers, touches
 from sim_core.world.river import Bed
 
 STIFFNESS_NPM = 60e3  # a hull of glass fibre against a float that gives: 0.1 m at 3 m/s for 113 kg
@@ -42,7 +42,7 @@ class Outline:
     reach_m: float
 
     @classmethod
-    def of(cls, model: VesselModel) -> Outline:
+    def of(cls, model: VesselSpec) -> Outline:
         hull = model.hull
         along, axis_m = max(0.5 * hull.length_m - hull.radius_m, 0.0), hull.keel_below_cg_m - hull.radius_m
         sides = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))

@@ -26,8 +26,8 @@ from numpy import float64
 from numpy.typing import NDArray
 
 from sim_core.frames import Array
-from sim_core.world.capsules import Capsules, Numbers
 from sim_core.world.geometry import HIDE, LEAVES, WOOD, Material, Mesh, cylinder, ellipsoid, merged, moved
+from sim_core.world.plan import Capsules, Numbers
 from sim_core.world.rays import NO_BODIES, Bodies
 
 

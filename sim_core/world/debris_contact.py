@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_core.frames import Array
-from sim_core.world.capsules import Capsules, Numbers, touches
 from sim_core.world.contact import FRICTION, STIFFNESS_NPM, bed_normal
 from sim_core.world.debris import DebrisState, Push, capsules_of, pushed_at
+from sim_core.world.plan import Capsules, Numbers, touches
 from sim_core.world.river import Bed
 
 RELEASE_S = 0.2  # in which what is pressed in comes out again, c / k: nothing bounces off a boom

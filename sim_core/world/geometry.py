@@ -14,13 +14,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy import float64, int32
 from numpy.typing import ArrayLike, NDArray
 
 from sim_core.frames import Array, enu_to_ned
+from sim_core.world.spec import MESH_FORMATS, MeshFileSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,44 +159,40 @@ UPRIGHT = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 """Turns what lies along x upright, its +x end up."""
 
 
-FORMATS = ("stl", "dae", "obj", "ply", "gltf", "glb")
 LARGEST_M = 2000.0
 """Of what is not suspected to be in millimetres."""
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def import_mesh(
-    path: Path,
-    position_ned_m: tuple[float, float, float],
-    heading_deg: float = 0.0,
-    scale: float = 1.0,
-    up: Literal["y", "z"] = "z",
-    material: Material = CONCRETE,
-) -> tuple[Mesh, str | None]:
-    """The mesh in NED, its origin at position_ned_m; and a warning if it looks like millimetres.
+def import_mesh(spec: MeshFileSpec) -> tuple[Mesh, str | None]:
+    """The mesh in NED; and a warning if it looks like millimetres.
+
+    A heading turns the file's axes clockwise as seen from above, so that its y axis, north before, points there.
 
     Raises:
         WorldError: no such file, another format, no triangles, or coordinates that are not numbers.
     """
+    path = Path(spec.file)
     vertices, faces = _read(path)
     if not len(faces):
         raise WorldError(f"{path} has no triangles; export it again, as a mesh of triangles")
     if not np.isfinite(vertices).all():
         raise WorldError(f"{path} has vertices that are not numbers; repair the mesh and export it again")
-    own = scale * (vertices if up == "z" else vertices @ _Y_UP.T)
+    own = spec.scale * (vertices if spec.up == "z" else vertices @ _Y_UP.T)
     extent_m = float(np.ptp(own[faces].reshape(-1, 3), axis=0).max())
     warning = None
     if extent_m > LARGEST_M:
-        warning = f"{path} is {extent_m:.0f} m across; if it is in millimetres, give it scale: {scale / 1000:g}"
-    turned = enu_to_ned(own) @ heading_matrix(math.radians(heading_deg)).T
-    return Mesh(turned + np.array(position_ned_m), faces, material), warning
+        warning = f"{path} is {extent_m:.0f} m across; if it is in millimetres, give it scale: {spec.scale / 1000:g}"
+    turned = enu_to_ned(own) @ heading_matrix(math.radians(spec.heading_deg)).T
+    material = next(one for one in MATERIALS if one.name == spec.material)
+    return Mesh(turned + np.array(spec.position_ned_m), faces, material), warning
 
 
 def _read(path: Path) -> tuple[Array, NDArray[int32]]:
     """Vertices (V, 3) and faces (F, 3), of all that the file holds."""
     kind = path.suffix.lower().lstrip(".")
-    if kind not in FORMATS:
-        raise WorldError(f"{path} is not of a known format; use one of {', '.join(FORMATS)}")
+    if kind not in MESH_FORMATS:
+        raise WorldError(f"{path} is not of a known format; use one of {', '.join(MESH_FORMATS)}")
     if not path.is_file():
         raise WorldError(f"{path} does not exist; give the path of a mesh, relative to the profile")
     try:

@@ -30,12 +30,19 @@ from sim_core.world.geometry import (
     heading_matrix,
     moved,
 )
+from sim_core.world.plan import Capsules, Wall, Walls, box_walls, line_walls
 from sim_core.world.rays import Part
-from sim_core.world.river import Bed
+from sim_core.world.river import Bed, FlatBed
+from sim_core.world.spec import BuildingSpec, DamSpec, LogBoomSpec
 
 _FILLED = 0.95
 """Of the line is float, the rest is the gap."""
 _AT_ONCE = 1_000_000
+_BAR_M = 0.15
+_FOUNDATION_M = 1.0
+_PILE_SUNK_M = 1.0
+NEAR_SURFACE_M = 0.5
+"""What lies deeper, or hangs higher, is passed by hulls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +113,17 @@ class LogBoom:
             lengths.append(np.full(count, _FILLED * line_m / count))
         return cls(np.concatenate(centres), np.concatenate(along), np.concatenate(lengths), radius_m, piles)
 
+    @classmethod
+    def from_spec(cls, spec: LogBoomSpec, bed: Bed, water_down_m: float) -> LogBoom:
+        """With piles at the anchors where they have a radius."""
+        if spec.anchors_ne_m is None:
+            return cls.along(spec.points_ned_m or (), spec.float_length_m, spec.float_radius_m)
+        piles = []
+        for place in spec.anchors_ne_m if spec.pile_radius_m else ():
+            bottom_m = float(bed.bed_down_m(np.array(place))) + _PILE_SUNK_M
+            piles.append(Pile(place, spec.pile_radius_m, water_down_m - spec.pile_height_m, bottom_m))
+        return cls.of(spec.anchors_ne_m, spec.sag_m, spec.float_length_m, spec.float_radius_m, water_down_m, piles)
+
     @property
     def axis_ne(self) -> Array:
         """(K, 2) unit vectors along the floats."""
@@ -146,6 +164,17 @@ class LogBoom:
         aside = relative[..., 1] * axis[:, 0] - relative[..., 0] * axis[:, 1]
         return _capped(np.hypot(aside, relative[..., 2]) - self.radius_m, np.abs(ahead) - self.length_m / 2)
 
+    def capsules(self, water_down_m: float) -> list[Capsules]:
+        """Floats that are at the surface, and piles."""
+        ends = self.ends_ned_m
+        afloat = np.abs(self.centre_ned_m[:, 2] - water_down_m) < self.radius_m + NEAR_SURFACE_M
+        ends = ends[afloat]
+        count = len(ends)
+        floats = Capsules(ends[:, 0, :2], ends[:, 1, :2], np.full(count, self.radius_m), ("log boom",) * count)
+        places = np.array([pile.place_ne_m for pile in self.piles]).reshape(-1, 2)
+        radii = np.array([pile.radius_m for pile in self.piles])
+        return [floats, Capsules(places, places, radii, ("boom pile",) * len(places))]
+
     def parts(self) -> list[Part]:
         """Each float and pile as a part of the scene."""
         parts = []
@@ -176,28 +205,17 @@ def _capped(beyond_side: Array, beyond_end: Array) -> Array:
     return distance
 
 
-_BAR_M = 0.15
+def dam_box(spec: DamSpec) -> Part:
+    """The dam as one box, whatever its intakes."""
+    return block("dam", spec.centre_ned_m, spec.size_m, math.radians(spec.heading_deg), CONCRETE)
 
 
-@dataclass(frozen=True, slots=True)
-class Intakes:
-    """`count` openings of width and height, their middles at `down_m`, each behind `bars` upright bars."""
-
-    count: int
-    width_m: float
-    height_m: float
-    down_m: float
-    bars: int = 0
-
-
-def dam_parts(
-    centre_ned_m: Array, size_m: tuple[float, float, float], heading_rad: float, intakes: Intakes | None = None
-) -> list[Part]:
-    """`size_m`: length along the heading, width, height. The intakes are niches half as deep, on the left."""
-    length, width, height = size_m
-    centre = np.asarray(centre_ned_m, dtype=float64)
+def dam_parts(spec: DamSpec) -> list[Part]:
+    """A box, or with intakes a wall and niches half as deep, on the left, with bars across their mouths."""
+    (length, width, height), intakes = spec.size_m, spec.intakes
+    centre, heading_rad = np.array(spec.centre_ned_m), math.radians(spec.heading_deg)
     if intakes is None:
-        return [block("dam", centre, size_m, heading_rad, CONCRETE)]
+        return [dam_box(spec)]
     blocks = [((0.0, width / 4, 0.0), (length, width / 2, height))]
     top, bottom = -height / 2, height / 2
     middle_down = intakes.down_m - centre[2]
@@ -225,9 +243,6 @@ def dam_parts(
     return parts
 
 
-_FOUNDATION_M = 1.0
-
-
 def block(
     name: str, centre_ned_m: ArrayLike, size_m: tuple[float, float, float], heading_rad: float, material: Material
 ) -> Part:
@@ -237,14 +252,30 @@ def block(
     return Part(name, mesh, (Box(centre, np.array(size_m), turn, material),))
 
 
-def building(
-    bed: Bed, centre_ne_m: tuple[float, float], size_m: tuple[float, float, float], heading_rad: float
-) -> Part:
-    """A block that stands on the ground at its middle, size_m[2] high above it, its foundation a metre below."""
-    length, width, height = size_m
-    ground = float(bed.bed_down_m(np.array(centre_ne_m)))
-    centre = np.array([*centre_ne_m, ground + (_FOUNDATION_M - height) / 2])
-    return block("building", centre, (length, width, height + _FOUNDATION_M), heading_rad, WALL)
+def building_part(bed: Bed, spec: BuildingSpec) -> Part:
+    """A block that stands on the ground at its middle, its height above it, its foundation a metre below."""
+    length, width, height = spec.size_m
+    ground = float(bed.bed_down_m(np.array(spec.centre_ne_m)))
+    centre = np.array([*spec.centre_ne_m, ground + (_FOUNDATION_M - height) / 2])
+    size = (length, width, height + _FOUNDATION_M)
+    return block("building", centre, size, math.radians(spec.heading_deg), WALL)
+
+
+def upright_walls(boom: LogBoomSpec | None, dam: DamSpec | None, surface_down_m: float = 0.0) -> Walls:
+    """Log boom and dam as range sensors meet them; a boom between anchors floats at the surface."""
+    walls: list[Wall] = []
+    if boom is not None and boom.points_ned_m is not None:
+        walls += line_walls(boom.points_ned_m, boom.float_radius_m)
+    elif boom is not None:
+        for (north0, east0, down0), (north1, east1, down1) in LogBoom.from_spec(
+            boom, FlatBed(0.0), surface_down_m
+        ).ends_ned_m.tolist():
+            walls += line_walls([(north0, east0, down0), (north1, east1, down1)], boom.float_radius_m)
+    if dam is not None:
+        (north_m, east_m, down_m), (length_m, width_m, height_m) = dam.centre_ned_m, dam.size_m
+        top_m, bottom_m = down_m - height_m / 2, down_m + height_m / 2
+        walls += box_walls((north_m, east_m), length_m, width_m, math.radians(dam.heading_deg), top_m, bottom_m)
+    return Walls.of(walls)
 
 
 def catenary_parameter_m(span_m: float, sag_m: float) -> float:

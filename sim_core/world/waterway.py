@@ -14,10 +14,10 @@ import numpy as np
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.world.capsules import Capsules
 from sim_core.world.contact import NO_CONTACTS, NOTHING_NEAR, Contacts, Near, Outline, meet, near_of
 from sim_core.world.debris import DebrisState, Launch, Push, drift, launched, no_debris
 from sim_core.world.debris_contact import held_by, together
+from sim_core.world.plan import Capsules
 from sim_core.world.river import Bed
 
 

@@ -22,12 +22,13 @@ from sim_core.environment.waves import FlatWater
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.sensors.lidar import Lidar, Track
 from sim_core.sensors.optics import WaterSeen
+from sim_core.sensors.spec import LidarSpec
 from sim_core.world.embree_rays import EmbreeCaster
 from sim_core.world.rays import Hits
 from xitl_cli.profile import load_profile
 from xitl_cli.run.core.seeds import Seeds
-from xitl_cli.run.world.scenery import scenery_of
-from xitl_cli.run.world.world import build
+from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.run.world.world import build_simulation
 
 PROFILE = "sitl-perception"
 FRAME_NS = 100_000_000
@@ -59,10 +60,10 @@ class River:
     @classmethod
     def of_profile(cls) -> River:
         profile = load_profile(PROFILE).runnable()
-        scenery = scenery_of(profile)
+        scenery = Scenery(profile)
         caster = scenery.caster()
         assert isinstance(caster, EmbreeCaster)
-        simulation, _ = build(profile, Seeds(1), scenery)
+        simulation, _ = build_simulation(profile, Seeds(1), scenery)
         legs = np.array(profile.mission.waypoints_ned_m)[:, :2]
         return cls(caster, simulation.environment, legs[:2])
 
@@ -82,7 +83,7 @@ def costs_us(river: River) -> tuple[float, float]:
     """Of a point: all of the sensor, and the bare embree."""
     witness = Witness(river.caster)
     embree = river.caster._still._scene
-    lidar = Lidar(position_frd_m=(1.0, 0.0, -0.8))
+    lidar = Lidar(LidarSpec(position_frd_m=(1.0, 0.0, -0.8)))
     rng = np.random.default_rng(1)
     whole, bare = [], []
     for number in range(FRAMES):

@@ -26,7 +26,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.setup import embedded_parameters, mission_places, set_parameters, upload_mission
 from xitl_cli.run.sensors.sensing import Sensing
-from xitl_cli.run.world.world import build, local_frame
+from xitl_cli.run.world.world import build_simulation, local_frame
 
 RATE_HZ = 400
 BLOCK, BLOCKS = 200, 20  # trips and echoes take turns, half a second each: the machine is noisy
@@ -74,7 +74,7 @@ class Rig:
         profile = load_profile("sitl").runnable()
         assert profile.sensors is not None
         seeds = Seeds(1)
-        self._simulation, self._state = build(profile, seeds)
+        self._simulation, self._state = build_simulation(profile, seeds)
         self._sensing = Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds)
         self._rng = default_rng(1)
         self.link = Link(opened.enter_context(open_transport(url, listen=False)), 255, 190)

@@ -10,15 +10,15 @@ import time
 
 import numpy as np
 
+from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import UniformCurrent, Water
-from sim_core.environment.waves import IrregularWaves
-from sim_core.environment.wind import DiscreteGust, OrnsteinUhlenbeckGust, Wind
-from sim_core.noise import GaussMarkov
+from sim_core.environment.spec import CurrentSpec, DiscreteGust, GustSpec, Water, WaveSpec, WindSpec
+from sim_core.environment.waves import realise_waves
+from sim_core.environment.wind import Wind
 from sim_core.simulation import Simulation, initial, step
-from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, VesselModel, Windage
+from sim_core.vessel.spec import AddedMass, Damping, Hull, Propeller, VesselSpec, Windage
 
-ASV = VesselModel(
+ASV = VesselSpec(
     name="asv-full",
     mass_kg=113.0,
     inertia_kgm2=(23.0, 35.0, 56.0),
@@ -36,10 +36,10 @@ def median_step_us(vessels: int, steps: int) -> float:
     water = Water(level_m=-0.01)
     environment = Environment(
         water=water,
-        current=UniformCurrent(0.5, 90.0, deviation_mps=0.05, correlation_s=60.0),
-        waves=IrregularWaves("jonswap", 0.2, 2.5, 90.0, spreading=10.0, components=32).realise(water, rng),
+        current=UniformCurrent(CurrentSpec(0.5, 90.0, deviation_mps=0.05, correlation_s=60.0)),
+        waves=realise_waves(WaveSpec("jonswap", 0.2, 2.5, 90.0, spreading=10.0, components=32), water, rng),
         wind=Wind(
-            5.0, 270.0, 10.0, 120.0, OrnsteinUhlenbeckGust(GaussMarkov(1.5, 8.0)), (DiscreteGust(5, 2, 3, 2, 4),)
+            WindSpec(5.0, 270.0, 10.0, 120.0, GustSpec("ornstein-uhlenbeck", 1.5, 8.0), (DiscreteGust(5, 2, 3, 2, 4),))
         ),
     )
     simulation = Simulation.of(ASV, environment, dt_s=0.0025)

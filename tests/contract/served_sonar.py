@@ -12,6 +12,7 @@ from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from sim_core.sensors.sonar import Below, PingSettings, ScanningSonar
+from sim_core.sensors.spec import SonarSpec
 from sim_core.world.geometry import STEEL, Plane
 from sim_core.world.primitive_rays import PrimitiveCaster
 from xitl_cli.run.sensors.ping360 import Ping360Port
@@ -22,7 +23,7 @@ WALL_M = 6.0  # to the north
 @contextmanager
 def served(url: str) -> Iterator[Ping360Port]:
     """The port, polled every 2.5 ms as a run does."""
-    sonar, rng = ScanningSonar(), default_rng(1)
+    sonar, rng = ScanningSonar(SonarSpec(position_frd_m=(0.0, 0.0, 0.0))), default_rng(1)
     below = Below(PrimitiveCaster([Plane(np.array([-1.0, 0.0, 0.0]), -WALL_M, STEEL)]), -2.0)
     port = Ping360Port(url)
     stop = threading.Event()

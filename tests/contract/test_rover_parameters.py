@@ -17,8 +17,8 @@ from pymavlink.dialects.v20 import common
 from agent.wire import dialect
 from sim_core.sensors.gnss import GnssSample
 from sim_core.sensors.rangefinder import RangefinderSample
+from sim_core.sensors.spec import RangefinderSpec
 from tests.ardupilot import Rover
-from xitl_cli.profile.schema.sensors import Rangefinder
 from xitl_cli.run.links.setup import parameter_file_values
 from xitl_cli.run.sensors import sensor_messages as standard_messages
 
@@ -32,7 +32,7 @@ COMBINATIONS = {
     "microstrain": ("rover-microstrain7", "rover-differential", "rover-asv-full"),
     "script": ("rover-hil", "rover-differential", "rover-asv-full"),
 }
-RANGEFINDER = Rangefinder(min_range_m=0.3, max_range_m=50.0)
+RANGEFINDER = RangefinderSpec(min_range_m=0.3, max_range_m=50.0)
 LAT_DEG, LON_DEG, ALT_M = -8.79, -63.94, 71.0
 
 

@@ -62,7 +62,7 @@ def profile_wdri(
     if profile.graph is None:
         raise UserError(f"{profile.name}: has no graph; add a `graph:` group with nodes and links")
     count = profile.graph.vertices if vertices is None else vertices
-    reference = profile.graph.reference if reference is None else reference
+    reference = (profile.graph.reference or COMPLETE) if reference is None else reference
     return graph_wdri(graph_from_profile(profile.graph), reference, count, profile.name)
 
 
@@ -93,7 +93,7 @@ def graph_from_profile(group: NodeGraph) -> Graph:
     for name, node in group.nodes.items():
         kind = node.kind or "absent"
         weight = KIND_WEIGHTS[kind] if node.weight is None else node.weight
-        vertices.append(Vertex(name, kind, weight, node.runs_on, node.does))
+        vertices.append(Vertex(name, kind, weight, node.runs_on or "", node.does or ""))
     return build_graph(vertices, [(one, other) for one, others in group.links.items() for other in others])
 
 

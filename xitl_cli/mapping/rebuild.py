@@ -14,7 +14,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from agent.companion.autopilot_state import AutopilotState
 from agent.companion.clouds import CloudReassembler, PointCloud, cloud_messages
@@ -34,7 +33,8 @@ from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import clouds, map_points, online, pings, told, truth
-from xitl_cli.profile.schema import Profile, RunProfile
+from xitl_cli.profile.reader import read_profile
+from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.run.core.directory import PROFILE
 
@@ -217,8 +217,8 @@ def profile_of(log: Log) -> RunProfile | None:
         return None
     try:
         entry = parse_yaml(data.decode(errors="replace"), PROFILE)
-        return None if entry is None else Profile.model_validate(entry.plain()).runnable()
-    except (ValidationError, UserError):
+        return None if entry is None else read_profile(entry, PROFILE).runnable()
+    except UserError:
         return None
 
 
@@ -254,10 +254,10 @@ class Measured:
 
 def measure(log: Log) -> Measured:
     """Raises UserError without clouds and without KISS-ICP."""
-    from xitl_cli.run.world.scenery import scenery_of
+    from xitl_cli.run.world.scenery import Scenery
 
     profile = profile_of(log)
-    boom = None if profile is None else scenery_of(profile).boom
+    boom = None if profile is None else Scenery(profile).boom
     rebuilt = rebuild(log, profile)
     true, said = truth(log), online(log)
     offline = perception_sections(true, rebuilt.trajectory, rebuilt.points_odom_m[rebuilt.source == LIDAR], boom)

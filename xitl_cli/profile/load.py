@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-
-from pydantic import ValidationError
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import parameter_files
 from xitl_cli.profile.catalogue import SUFFIXES, find_profile
 from xitl_cli.profile.checks import check
 from xitl_cli.profile.compose import compose, override
-from xitl_cli.profile.entry import Entry, Key, KeyPath, Origin
-from xitl_cli.profile.problems import Problem, ProfileError
+from xitl_cli.profile.entry import Entry, Key, KeyPath, Origin, Problem, ProfileError
+from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
-from xitl_cli.profile.sentences import problems_of
 
 _ANY_FILE: tuple[KeyPath, ...] = (
     ("driver", "file"),
@@ -71,11 +68,8 @@ def load_with_origins(name: str, overrides: Iterable[str] = ()) -> LoadedProfile
 
 
 def _validated(entry: Entry, name: str) -> Profile:
-    try:
-        profile = Profile.model_validate(entry.plain())
-    except ValidationError as error:
-        raise ProfileError(problems_of(error, entry), name) from None
-    profile = profile.model_copy(update={"graph": complete_graph_group(profile)})
+    profile = read_profile(entry, name)
+    profile = replace(profile, graph=complete_graph_group(profile))
     problems = [Problem(entry.nearest(path)[0].origin, sentence) for path, sentence in check(profile)]
     if problems:
         raise ProfileError(problems, name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -40,10 +41,9 @@ _Dumper.add_representer(tuple, _sequence)
 
 def resolved_yaml(profile: Profile) -> str:
     """`profile` with everything it extends, every override and every default written out."""
-    values = profile.model_dump(mode="python")
-    present = _present(values)
+    present = _present(asdict(profile))
     if profile.faults is not None:
-        present["faults"] = {name: _present(fault.model_dump(mode="python")) for name, fault in profile.faults.items()}
+        present["faults"] = {name: _present(asdict(fault)) for name, fault in profile.faults.items()}
     return yaml.dump(present, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
 
 

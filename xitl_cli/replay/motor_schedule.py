@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile.schema.operation import Replay, ScriptStep
+from xitl_cli.profile.schema.agents import ReplaySpec, ScriptStep
 from xitl_cli.replay.pulse_log import NO_PULSE_US, PulseLog, read_pulse_log
 
 THROTTLE_LEFT, THROTTLE_RIGHT, GROUND_STEERING, THROTTLE = 73, 74, 26, 70  # SERVOn_FUNCTION
@@ -46,12 +46,12 @@ def schedule_from_script(steps: Sequence[ScriptStep]) -> MotorSchedule:
     return MotorSchedule(tuple(at_ns for at_ns, _ in moving), tuple(motors for _, motors in moving), end_ns)
 
 
-def schedule_from_file(file: str, replay: Replay, propellers: int) -> MotorSchedule:
+def schedule_from_file(file: str, replay: ReplaySpec, propellers: int) -> MotorSchedule:
     """The recording as commands of the motors. Raises UserError with what is wrong in the file."""
     return schedule_from_pulses(read_pulse_log(Path(file)), replay, propellers)
 
 
-def schedule_from_pulses(log: PulseLog, replay: Replay, propellers: int) -> MotorSchedule:
+def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, propellers: int) -> MotorSchedule:
     """Recorded pulse widths as commands of the motors, from `start_s` (or the first armed output) on.
 
     Steering and throttle are mixed as a skid-steered ArduRover does: port is throttle plus steering.
@@ -83,7 +83,7 @@ def schedule_from_pulses(log: PulseLog, replay: Replay, propellers: int) -> Moto
     )
 
 
-def _outputs(log: PulseLog, replay: Replay, propellers: int) -> tuple[tuple[int, ...], bool]:
+def _outputs(log: PulseLog, replay: ReplaySpec, propellers: int) -> tuple[tuple[int, ...], bool]:
     """Channels to read, and whether they are steering and throttle."""
     mixed = replay.outputs_are == "steering-throttle"
     if replay.outputs is not None:
@@ -109,7 +109,7 @@ def _first_armed_s(log: PulseLog, rows: Sequence[tuple[float, ...]], trim_us: fl
     )
 
 
-def _command(pulse_us: float, replay: Replay) -> float:
+def _command(pulse_us: float, replay: ReplaySpec) -> float:
     if pulse_us == NO_PULSE_US:
         return 0.0
     return min(max((pulse_us - replay.trim_us) / replay.span_us, -1.0), 1.0)

@@ -26,8 +26,8 @@ from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import river_of
-from xitl_cli.run.sensors.lidar import lidar_of
-from xitl_cli.run.sensors.sonar import sonar_of
+from xitl_cli.run.sensors.lidar import make_lidar
+from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.view import DisplayNode, View
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
@@ -154,9 +154,9 @@ def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionN
     profile, sensors = setup.profile, setup.profile.sensors
     instruments: dict[str, PerceptionInstrument] = {}
     if sensors is not None and sensors.lidar is not None:
-        instruments["lidar"] = lidar_of(profile, setup.seeds, setup.scenery, setup.plant.simulation)
+        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, setup.plant.simulation)
     if sensors is not None and sensors.sonar is not None:
-        instruments["sonar"] = sonar_of(profile, setup.seeds, setup.scenery, setup.plant.simulation)
+        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, setup.plant.simulation)
     if not instruments:
         return None
     send = (lambda messages: None) if companion is None else companion.send

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim_core.frames import Array
-from xitl_cli.profile.schema.session import Clock
+from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand
 from xitl_cli.run.core.node import RunStep, SimulationClock, VesselNodes
@@ -30,7 +30,7 @@ class Loop:
 
     def __init__(
         self,
-        keys: Clock,
+        keys: ClockSpec,
         plant: Plant,
         vessels: Sequence[VesselNodes],
         pace: Pace,

@@ -15,6 +15,7 @@ from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic, Pair, meas
 from xitl_cli.graph.wdri import VertexCount, Wdri, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
 from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.profile.schema.graph import COMPLETE
 from xitl_cli.run.core.directory import PROFILE, SUMMARY
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def _measured_wdri(graph: Graph, profile: RunProfile) -> Wdri | None:
     vertices: VertexCount = profile.graph.vertices
     if isinstance(vertices, int):
         vertices = max(vertices, present)
-    return graph_wdri(graph, profile.graph.reference, vertices, f"{profile.name} as it ran")
+    return graph_wdri(graph, profile.graph.reference or COMPLETE, vertices, f"{profile.name} as it ran")
 
 
 def _agents(links: Sequence[LinkReport], nodes: Sequence[NodeReport], traffic: Traffic) -> Iterator[AgentTraffic]:
@@ -173,7 +174,7 @@ def measured_run(folder: Path, reference: str | None = None, vertices: VertexCou
     count = profile.graph.vertices if vertices is None else vertices
     if vertices is None and isinstance(count, int):
         count = max(count, graph.present())
-    reference = profile.graph.reference if reference is None else reference
+    reference = (profile.graph.reference or COMPLETE) if reference is None else reference
     return MeasuredRun(graph_wdri(graph, reference, count, str(folder)), claimed, missing, unclaimed)
 
 

@@ -31,9 +31,9 @@ from xitl_cli.run.loop import Loop
 from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
 from xitl_cli.run.view import View
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.scene import scene_of
-from xitl_cli.run.world.scenery import scenery_of
-from xitl_cli.run.world.world import build
+from xitl_cli.run.world.scene import make_scene
+from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.run.world.world import build_simulation
 
 if TYPE_CHECKING:
     from xitl_cli.logs.log import Log
@@ -80,8 +80,8 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     ready = profile.runnable()
     directory.check_writable(out)
     seeds = Seeds(ready.clock.seed)
-    scenery = scenery_of(ready)
-    plant = Plant(*build(ready, seeds, scenery), default_rng(seeds.of("environment")))
+    scenery = Scenery(ready)
+    plant = Plant(*build_simulation(ready, seeds, scenery), default_rng(seeds.of("environment")))
     interruption = Interruption()
     with ExitStack() as opened:
         setup = RunSetup(ready, seeds, scenery, plant, out, make_view, interruption)
@@ -171,7 +171,7 @@ def _write_head(recorder: Recorder, profile: Profile, setup: RunSetup, started: 
     recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
     recorder.attach("xitl.xml", "application/xml", files("agent.wire").joinpath("xitl.xml").read_bytes())
     if ready.recording.scene:
-        recorder.scene(scene_of(ready, setup.scenery))
+        recorder.scene(make_scene(ready, setup.scenery))
 
 
 def _exit_code(outcome: RunOutcome) -> int:

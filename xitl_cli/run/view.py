@@ -15,7 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from xitl_cli.profile.schema.session import Clock
+from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection, report_of
 from xitl_cli.run.nodes.mission_score import MissionScore
@@ -210,7 +210,7 @@ class DisplayNode(RunNode):
         self,
         make_view: Callable[[], View],
         scenery: Scenery,
-        clock: Clock,
+        clock: ClockSpec,
         plant: Plant,
         control: ControlNode,
         score: MissionScore,

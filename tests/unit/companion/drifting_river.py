@@ -20,10 +20,11 @@ from agent.fcu.geodetic import LocalProjection
 from agent.fcu.parameters import Parameters
 from agent.wire import dialect as mav
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import Water
-from sim_core.environment.waves import FlatWater, IrregularWaves
+from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.waves import FlatWater, realise_waves
 from sim_core.sensors.lidar import Lidar, Track
 from sim_core.sensors.optics import WaterSeen
+from sim_core.sensors.spec import LidarSpec
 from sim_core.world.debris import Body
 from sim_core.world.rays import Bodies, Scene, caster_of
 
@@ -72,11 +73,11 @@ class Trial:
         self.rng = np.random.default_rng(river.seed)
         waves: Any = FlatWater()
         if river.wave_height_m:
-            sea = IrregularWaves("jonswap", river.wave_height_m, river.wave_period_s, float(self.rng.uniform(0, 360)))
-            waves = sea.realise(Water(), self.rng)
+            sea = WaveSpec("jonswap", river.wave_height_m, river.wave_period_s, float(self.rng.uniform(0, 360)))
+            waves = realise_waves(sea, Water(), self.rng)
         self.environment = Environment(waves=waves)
         self.caster = caster_of(river.scene)
-        self.lidar = Lidar(position_frd_m=(1.0, 0.0, -0.8))
+        self.lidar = Lidar(LidarSpec(position_frd_m=(1.0, 0.0, -0.8)))
         self.time_s = 0.0
         self.pos = np.array(river.start_ne_m)
         course = math.atan2(river.waypoints_ne_m[0][1] - self.pos[1], river.waypoints_ne_m[0][0] - self.pos[0])

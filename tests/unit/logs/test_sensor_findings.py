@@ -10,6 +10,7 @@ from made_log import MadeLog, MadeTable
 
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.imu import Imu
+from sim_core.sensors.spec import ImuSpec
 from xitl_cli.logs.analyses.sensors import analyse
 from xitl_cli.logs.sections import Finding, Section, Severity
 
@@ -181,11 +182,13 @@ def at_rest(seconds: float, rate_hz: float, imu_model: Imu, seed: int) -> dict[s
 def test_allan_deviation_finds_the_densities_that_the_simulator_was_given():
     rate_hz, seconds = 100.0, 120.0
     model = Imu(
-        rate_hz=rate_hz,
-        gyro_noise_density_radpsprthz=GYRO_DENSITY,
-        accel_noise_density_mps2prthz=ACCEL_DENSITY,
-        gyro_turn_on_bias_radps=1.7e-3,
-        accel_turn_on_bias_mps2=0.05,
+        ImuSpec(
+            rate_hz=rate_hz,
+            gyro_noise_density_radpsprthz=GYRO_DENSITY,
+            accel_noise_density_mps2prthz=ACCEL_DENSITY,
+            gyro_turn_on_bias_radps=0.0017,
+            accel_turn_on_bias_mps2=0.05,
+        )
     )
     columns = at_rest(seconds, rate_hz, model, seed=3)
     section = report(MadeTable("IMU", stamps(seconds, rate_hz), columns))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -175,7 +176,7 @@ def test_an_override_leaves_everything_else_as_it_was() -> None:
         before.vehicle.propellers[0].max_thrust_n,
         50,
     ]
-    assert after.model_copy(update={"vehicle": before.vehicle}) == before
+    assert replace(after, vehicle=before.vehicle) == before
 
 
 def test_a_mapping_merges_into_what_is_there() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel
 
+from sim_core.keys import key_annotations
 from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
 from xitl_cli.profile.catalogue import shipped_profiles
 from xitl_cli.profile.schema import faults as schema
@@ -129,9 +130,6 @@ def test_the_page_names_every_key_and_every_shipped_part() -> None:
     text = (Path(__file__).parents[3] / "docs/faults.md").read_text()
     words = set(re.findall(r"\w+", text))
 
-    def keys(model: type[BaseModel]) -> Iterator[str]:
-        yield from model.model_fields
-
-    groups = [value for value in vars(schema).values() if isinstance(value, type) and issubclass(value, schema.Group)]
-    assert {key for group in groups for key in keys(group)} <= words
+    groups = [value for value in vars(schema).values() if dataclasses.is_dataclass(value)]
+    assert {key for group in groups if group is not schema.Bounds for key in key_annotations(group)} <= words
     assert all(f"`{name.removeprefix('faults/')}`" in text for name in PARTS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -17,15 +18,16 @@ from agent.wire.can_transfer import CanLine, Segmenter
 from agent.wire.codec import Packer
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
+from sim_core.sensors.spec import ObstacleScannerSpec, OdometrySpec, RangefinderSpec
 from xitl_cli.profile import ProfileError, load_profile
-from xitl_cli.profile.link_load import MOST_SHARE, bytes_per_s, load_of
-from xitl_cli.profile.schema.sensors import Sensors
+from xitl_cli.profile.checks.link import MOST_SHARE, bytes_per_s, load_of
+from xitl_cli.profile.schema.sensors import GpsInputSpec, MessagesSpec, SensorsSpec
 
 Write = Callable[..., Path]
 
 
 @pytest.fixture
-def sensors() -> Sensors:
+def sensors() -> SensorsSpec:
     found = load_profile("hitl-loopback").sensors
     assert found is not None
     return found
@@ -167,7 +169,7 @@ def test_only_real_time_over_the_line_needs_its_capacity(write: Write, runs: str
     assert problem_of(write, "serial://pty?baud=9600", runs, more) == ""
 
 
-def test_the_load_is_what_the_messages_take(sensors: Sensors) -> None:
+def test_the_load_is_what_the_messages_take(sensors: SensorsSpec) -> None:
     """Frames of messages without trailing zeros, which MAVLink 2 does not send."""
     imu = dialect.MAVLink_xitl_imu_message(1, [1.1] * 3, [2.2] * 3, 33.3)
     actuators = dialect.MAVLink_xitl_actuators_message(2**63, 1, 1, 1, [0.7] * 8, 2, 1)
@@ -184,13 +186,18 @@ def test_the_load_is_what_the_messages_take(sensors: Sensors) -> None:
     assert faster.can_share(line) - load.can_share(line) == pytest.approx(alone)
 
 
-def test_further_sensors_are_in_the_load(sensors: Sensors) -> None:
-    more = sensors.model_dump() | {
-        "rangefinders": ({"rate_hz": 5.0}, {"rate_hz": 20.0}),
-        "messages": {"gps_input": sensors.gnss.model_dump(), "obstacle_distance": {}, "odometry": {}},
-    }
+def test_further_sensors_are_in_the_load(sensors: SensorsSpec) -> None:
+    more = replace(
+        sensors,
+        rangefinders=(RangefinderSpec(rate_hz=5.0), RangefinderSpec(rate_hz=20.0)),
+        messages=MessagesSpec(
+            gps_input=GpsInputSpec(**asdict(sensors.gnss)),
+            obstacle_distance=ObstacleScannerSpec(),
+            odometry=OdometrySpec(),
+        ),
+    )
     usual = load_of(sensors).to_agent
-    further = [flow for flow in load_of(Sensors(**more)).to_agent if flow not in usual]
+    further = [flow for flow in load_of(more).to_agent if flow not in usual]
     assert [(flow.what, flow.rate_hz) for flow in further] == [
         ("rangefinders.0", 5.0),
         ("rangefinders.1", 20.0),
@@ -200,7 +207,7 @@ def test_further_sensors_are_in_the_load(sensors: Sensors) -> None:
     ]
 
 
-def test_every_task_of_an_agent_with_ground_stations_is_in_the_load(sensors: Sensors, tmp_path: Path) -> None:
+def test_every_task_of_an_agent_with_ground_stations_is_in_the_load(sensors: SensorsSpec, tmp_path: Path) -> None:
     here, there = memory_pair()
     with ExitStack() as opened:
         node = assemble(there, Options(ground=("tcp://127.0.0.1:0",), log_dir=tmp_path), opened)
@@ -215,7 +222,7 @@ def test_every_task_of_an_agent_with_ground_stations_is_in_the_load(sensors: Sen
     assert flow.rate_hz == len(set(told)) > 4
 
 
-def test_what_is_planned_with_leaves_room(sensors: Sensors) -> None:
+def test_what_is_planned_with_leaves_room(sensors: SensorsSpec) -> None:
     assert MOST_SHARE == 0.8
     load = load_of(sensors)
     baud = 115_200

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile.entry import Entry
-from xitl_cli.profile.problems import ProfileError
+from xitl_cli.profile.entry import Entry, ProfileError
 from xitl_cli.profile.yaml_file import parse_yaml, read_yaml
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import Water
+from sim_core.environment.spec import Water
 from sim_core.environment.waves import FlatWater, WaveField
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.sensors.lidar import Fates, Track

@@ -10,11 +10,12 @@ from lidar_scenes import NOTHING, PlaneCaster, SquareOn, accounted, moving, wate
 
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.sensors.lidar import Lidar, Rosette
+from sim_core.sensors.spec import LidarSpec
 from sim_core.world import geometry as shapes
 from sim_core.world.geometry import WALL, WOOD
 from sim_core.world.rays import Bodies, Part, Scene, caster_of
 
-EXACT = Lidar(range_noise_m=0.0)
+EXACT = Lidar(LidarSpec(range_noise_m=0.0, position_frd_m=(0.0, 0.0, 0.0)))
 
 
 def test_a_wall_ahead_is_flat_and_each_ray_has_the_range_of_its_angle() -> None:
@@ -29,7 +30,9 @@ def test_a_wall_ahead_is_flat_and_each_ray_has_the_range_of_its_angle() -> None:
 
 def test_the_mount_is_taken_out() -> None:
     """A sensor turned and off the middle sees the same wall in body axes."""
-    turned = Lidar(range_noise_m=0.0, position_frd_m=(1.2, -0.4, -0.9), roll_deg=20.0, pitch_deg=-12.0, yaw_deg=35.0)
+    turned = Lidar(
+        LidarSpec(range_noise_m=0.0, position_frd_m=(1.2, -0.4, -0.9), roll_deg=20.0, pitch_deg=-12.0, yaw_deg=35.0)
+    )
     caster = PlaneCaster((1.0, 0.0, 0.0), 30.0)
     scan = turned.scan(moving(), caster, water(), np.random.default_rng(1))
     np.testing.assert_allclose(scan.points_frd_m[:, 0], 30.0, atol=3e-5)
@@ -43,7 +46,7 @@ def test_the_mount_is_taken_out() -> None:
 def test_pitch_is_up_positive_and_yaw_to_starboard() -> None:
     for turned, component, sign in (({"pitch_deg": 30.0}, 2, -1.0), ({"yaw_deg": 30.0}, 1, 1.0)):
         caster = PlaneCaster((1.0, 0.0, 0.0), 30.0)
-        Lidar(**turned).scan(moving(), caster, water(), np.random.default_rng(1))
+        Lidar(LidarSpec(**turned)).scan(moving(), caster, water(), np.random.default_rng(1))
         assert sign * caster.asked[0][1][:, component].mean() > 0.3
 
 
@@ -59,7 +62,7 @@ def test_each_point_is_of_its_own_instant(points_hz: float) -> None:
     }
     normal = np.array([np.cos(0.3), np.sin(0.3), 0.0])
     distance_m = float(normal @ [940.0, -400.0, 0.0])
-    lidar = Lidar(range_noise_m=0.0, rosette=Rosette(points_hz), position_frd_m=(1.0, 0.2, -0.8), yaw_deg=5.0)
+    lidar = Lidar(LidarSpec(range_noise_m=0.0, points_hz=points_hz, position_frd_m=(1.0, 0.2, -0.8), yaw_deg=5.0))
     caster = PlaneCaster(tuple(normal), distance_m)
     scan = lidar.scan(moving(**motion), caster, water(), np.random.default_rng(1))
     assert scan.fates.fired == pytest.approx(0.1 * points_hz, abs=1)
@@ -76,7 +79,7 @@ def test_each_point_is_of_its_own_instant(points_hz: float) -> None:
 
 
 def test_frames_follow_each_other_without_a_gap_or_a_point_twice() -> None:
-    lidar = Lidar(range_noise_m=0.0, rosette=Rosette(12_345.6))
+    lidar = Lidar(LidarSpec(range_noise_m=0.0, points_hz=12345.6, position_frd_m=(0.0, 0.0, 0.0)))
     stamps = []
     for number in range(20):
         scan = lidar.scan(moving(number * 100_000_000), SquareOn(10.0, WALL), water(), np.random.default_rng(1))
@@ -86,7 +89,7 @@ def test_frames_follow_each_other_without_a_gap_or_a_point_twice() -> None:
 
 
 def test_noise_is_along_the_ray_and_as_large_as_it_says() -> None:
-    lidar = Lidar(range_noise_m=0.02)
+    lidar = Lidar(LidarSpec(range_noise_m=0.02, position_frd_m=(0.0, 0.0, 0.0)))
     scan = lidar.scan(moving(), PlaneCaster((1.0, 0.0, 0.0), 25.0), water(), np.random.default_rng(2))
     range_m = np.linalg.norm(scan.points_frd_m.astype(float), axis=1)
     looking = scan.points_frd_m / range_m[:, None]
@@ -119,7 +122,7 @@ def test_a_body_that_comes_nearer_is_nearer_at_the_end_of_a_frame(backend: Liter
 
 
 def test_one_seed_one_cloud() -> None:
-    lidar = Lidar(drop_share=0.1, spray_share=0.01)
+    lidar = Lidar(LidarSpec(drop_share=0.1, spray_share=0.01, position_frd_m=(0.0, 0.0, 0.0)))
     one, same, other = (
         lidar.scan(moving(), PlaneCaster((1.0, 0.0, 0.0), 60.0), water(-1.0), np.random.default_rng(seed))
         for seed in (1, 1, 2)

@@ -12,14 +12,15 @@ from lidar_scenes import PlaneCaster, moving
 
 from agent.companion.clouds import CloudReassembler, PointCloud
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import Water
+from sim_core.environment.spec import Water
 from sim_core.sensors.lidar import Lidar
+from sim_core.sensors.spec import LidarSpec
 from sim_core.world.waterway import STILL
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.core.seeds import Seeds
-from xitl_cli.run.sensors.lidar import LidarInstrument, lidar_of
+from xitl_cli.run.sensors.lidar import LidarInstrument, make_lidar
 
 STEP_NS = 2_500_000
 SIMULATION: Any = SimpleNamespace(environment=Environment(water=Water(level_m=-1.5)))
@@ -37,7 +38,12 @@ def run(steps: int, latency_s: float = 0.0) -> tuple[list[tuple[int, PointCloud]
     """Clouds as a companion gets them, with the instants."""
     caster = PlaneCaster((1.0, 0.0, 0.0), 40.0)
     instrument = LidarInstrument(
-        Lidar(), caster, SIMULATION, every=40, latency_ns=round(latency_s * 1e9), rng=np.random.default_rng(5)
+        Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))),
+        caster,
+        SIMULATION,
+        every=40,
+        latency_ns=round(latency_s * 1e9),
+        rng=np.random.default_rng(5),
     )
     kept, clouds, came = Kept(), CloudReassembler(), []
     instrument.begin(kept)
@@ -89,7 +95,7 @@ def test_clouds_wait_out_the_latency_and_keep_their_order(latency_s: float) -> N
 def of_profile(*overrides: str) -> LidarInstrument:
     profile = load_profile("sitl-perception", overrides).runnable()
     scenery: Any = SimpleNamespace(caster=lambda: PlaneCaster((1.0, 0.0, 0.0), 40.0))
-    return lidar_of(profile, Seeds(1), scenery, SIMULATION)
+    return make_lidar(profile, Seeds(1), scenery, SIMULATION)
 
 
 def test_it_is_as_the_profile_says() -> None:
@@ -97,12 +103,12 @@ def test_it_is_as_the_profile_says() -> None:
         "environment.visibility_m=200", "sensors.lidar.pitch_deg=-4", "environment.water_reflectivity=0.1"
     )
     assert lidar._lidar.air.visibility_m == 200.0
-    assert (lidar._lidar.pitch_deg, lidar._lidar.water_reflectivity) == (-4.0, 0.1)
+    assert (lidar._lidar.spec.pitch_deg, lidar._lidar.water_reflectivity) == (-4.0, 0.1)
     assert of_profile()._lidar.air.extinction_per_m == 0.0
 
 
 def test_what_the_profile_cannot_mean_is_one_sentence() -> None:
-    with pytest.raises(UserError, match=r"lidar\.min_range_m = 30\.0 must be less than lidar\.max_range_m = 20\.0"):
+    with pytest.raises(UserError, match=r"lidar\.min_range_m = 30 is not below max_range_m = 20"):
         of_profile("sensors.lidar.min_range_m=30", "sensors.lidar.max_range_m=20")
     with pytest.raises(UserError, match=r"sensors\.lidar\.rate_hz = 7 does not divide the physics rate 400 Hz"):
         of_profile("sensors.lidar.rate_hz=7")

@@ -10,7 +10,8 @@ import pytest
 from lidar_scenes import PlaneCaster, SquareOn, accounted, moving, water
 
 from sim_core.sensors.lidar import Fates, Lidar, Scan
-from sim_core.sensors.optics import Air, extinction_per_m, through_surface
+from sim_core.sensors.optics import Atmosphere, extinction_per_m, through_surface
+from sim_core.sensors.spec import LidarSpec
 from sim_core.world.geometry import BED, CONCRETE, MATERIALS, STEEL, WALL, Material
 
 TENTH = BED  # a material of 10 %
@@ -29,9 +30,13 @@ def share(lidar: Lidar, range_m: float, material: Material) -> float:
 
 def test_the_dark_target_is_seen_as_far_as_the_maker_says() -> None:
     assert TENTH.reflectivity == 0.1
-    assert share(Lidar(), 80.0, TENTH) > 0.97  # 12 % nearer is 24 % more light, 2.4 of its deviations
-    assert share(Lidar(), 90.0, TENTH) == pytest.approx(0.5, abs=4 * 0.5 / 100)  # half by chance, 4 sigma
-    assert share(Lidar(), 101.0, TENTH) < 0.03
+    assert (
+        share(Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))), 80.0, TENTH) > 0.97
+    )  # 12 % nearer is 24 % more light, 2.4 of its deviations
+    assert share(Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))), 90.0, TENTH) == pytest.approx(
+        0.5, abs=4 * 0.5 / 100
+    )  # half by chance, 4 sigma
+    assert share(Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))), 101.0, TENTH) < 0.03
 
 
 @pytest.mark.parametrize(("reflectivity", "maker_m"), [(0.2, 130.0), (0.8, 260.0)])
@@ -41,7 +46,9 @@ def test_other_reflectivities_go_by_the_root(reflectivity: float, maker_m: float
     assert farthest_m == pytest.approx(maker_m, rel=0.025)
     material = min(MATERIALS, key=lambda one: abs(one.reflectivity - reflectivity))
     own_m = 90.0 * math.sqrt(material.reflectivity / 0.1)
-    assert share(Lidar(max_range_m=300.0), own_m, material) == pytest.approx(0.5, abs=0.02)
+    assert share(Lidar(LidarSpec(max_range_m=300.0, position_frd_m=(0.0, 0.0, 0.0))), own_m, material) == pytest.approx(
+        0.5, abs=0.02
+    )
 
 
 def test_what_is_aslant_is_seen_less_far() -> None:
@@ -49,7 +56,7 @@ def test_what_is_aslant_is_seen_less_far() -> None:
     slanted = PlaneCaster(
         (0.5, math.sqrt(0.75), 0.0), 0.5 * 90.0 * math.sqrt(CONCRETE.reflectivity / 0.1 * 0.5), CONCRETE
     )
-    scan = looked(Lidar(range_noise_m=0.0), slanted)
+    scan = looked(Lidar(LidarSpec(range_noise_m=0.0, position_frd_m=(0.0, 0.0, 0.0))), slanted)
     looking = scan.points_frd_m / np.linalg.norm(scan.points_frd_m, axis=1, keepdims=True)
     _, direction, _ = slanted.asked[0]
     ahead = np.flatnonzero(direction @ [1.0, 0.0, 0.0] > math.cos(math.radians(2.0)))
@@ -59,15 +66,17 @@ def test_what_is_aslant_is_seen_less_far() -> None:
 
 
 def test_nothing_from_beyond_the_longest_range_and_from_the_blind_zone() -> None:
-    assert share(Lidar(max_range_m=100.0), 101.0, WALL) == 0.0
-    assert share(Lidar(max_range_m=100.0), 99.0, WALL) == 1.0
-    assert looked(Lidar(min_range_m=0.5), SquareOn(0.49, WALL)).fates == Fates(fired=10_000, near=10_000)
-    assert share(Lidar(min_range_m=0.5), 0.6, WALL) == 1.0
+    assert share(Lidar(LidarSpec(max_range_m=100.0, position_frd_m=(0.0, 0.0, 0.0))), 101.0, WALL) == 0.0
+    assert share(Lidar(LidarSpec(max_range_m=100.0, position_frd_m=(0.0, 0.0, 0.0))), 99.0, WALL) == 1.0
+    assert looked(
+        Lidar(LidarSpec(min_range_m=0.5, position_frd_m=(0.0, 0.0, 0.0))), SquareOn(0.49, WALL)
+    ).fates == Fates(fired=10_000, near=10_000)
+    assert share(Lidar(LidarSpec(min_range_m=0.5, position_frd_m=(0.0, 0.0, 0.0))), 0.6, WALL) == 1.0
 
 
 def test_noise_brings_nothing_into_the_blind_zone() -> None:
     """Of what is at its edge, half is measured nearer than the device knows."""
-    scan = looked(Lidar(), SquareOn(0.05, WALL))
+    scan = looked(Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))), SquareOn(0.05, WALL))
     assert np.linalg.norm(scan.points_frd_m, axis=1).min() >= 0.05 - 1e-6
     assert scan.fates.returned == pytest.approx(0.5 * scan.fates.fired, rel=0.05)  # 5 deviations of 10 000 draws
 
@@ -76,18 +85,18 @@ def test_intensity_is_reflectivity_in_the_makers_scale() -> None:
     """150 for a diffuse target of 100 %, whatever the range; the flicker of 10 % averages out to 0.5 % of itself."""
     for range_m in (5.0, 50.0):
         for material in (BED, CONCRETE, WALL):
-            scan = looked(Lidar(), SquareOn(range_m, material))
+            scan = looked(Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))), SquareOn(range_m, material))
             assert scan.intensity.mean() == pytest.approx(150.0 * material.reflectivity, rel=0.01, abs=0.1)
 
 
 def test_returns_are_lost_at_random() -> None:
-    fates = looked(Lidar(drop_share=0.3), SquareOn(30.0, WALL)).fates
+    fates = looked(Lidar(LidarSpec(drop_share=0.3, position_frd_m=(0.0, 0.0, 0.0))), SquareOn(30.0, WALL)).fates
     assert fates.dropped == pytest.approx(3000, abs=4 * math.sqrt(10_000 * 0.3 * 0.7))
     assert fates.returned == 10_000 - fates.dropped
 
 
 def test_spray_hides_what_is_behind() -> None:
-    scan = looked(Lidar(spray_share=0.2), SquareOn(30.0, WALL))
+    scan = looked(Lidar(LidarSpec(spray_share=0.2, position_frd_m=(0.0, 0.0, 0.0))), SquareOn(30.0, WALL))
     nearer = np.linalg.norm(scan.points_frd_m, axis=1) < 29.0
     assert np.count_nonzero(nearer) == scan.fates.from_spray
     # Droplets lie exponentially about 1.5 m off; some within the blind zone of 5 cm.
@@ -109,7 +118,9 @@ def test_fog_takes_light_both_ways(visibility_m: float) -> None:
     for _ in range(60):
         middle_m = 0.5 * (low_m + high_m)
         low_m, high_m = (middle_m, high_m) if light(middle_m) > 1.0 else (low_m, middle_m)
-    fates = looked(Lidar(air=Air(visibility_m)), SquareOn(low_m, TENTH)).fates
+    fates = looked(
+        Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0)), air=Atmosphere(visibility_m)), SquareOn(low_m, TENTH)
+    ).fates
     behind = fates.fired - fates.from_fog
     assert (fates.returned - fates.from_fog) / behind == pytest.approx(0.5, abs=0.025)
 
@@ -126,11 +137,14 @@ def test_haze_lets_red_pass_better_than_green_does() -> None:
 
 def test_fog_returns_light_itself_the_denser_the_more() -> None:
     counts = [
-        looked(Lidar(air=Air(visibility_m)), SquareOn(40.0, STEEL)).fates.from_fog for visibility_m in (800, 200, 50)
+        looked(
+            Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0)), air=Atmosphere(visibility_m)), SquareOn(40.0, STEEL)
+        ).fates.from_fog
+        for visibility_m in (800, 200, 50)
     ]
     assert counts[0] < counts[1] < counts[2]
-    assert looked(Lidar(), SquareOn(40.0, STEEL)).fates.from_fog == 0
-    scan = looked(Lidar(air=Air(50.0)), SquareOn(25.0, STEEL))
+    assert looked(Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0))), SquareOn(40.0, STEEL)).fates.from_fog == 0
+    scan = looked(Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0)), air=Atmosphere(50.0)), SquareOn(25.0, STEEL))
     range_m = np.linalg.norm(scan.points_frd_m, axis=1)
     assert np.count_nonzero(range_m < 24.0) == scan.fates.from_fog
     # As of a diffuse target of pi beta dR, beta = extinction / 18 sr: 1 % at 50 m, which is seen to 13 m.
@@ -150,17 +164,17 @@ def test_the_surface_lets_pass_what_fresnel_says() -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"range_noise_m": -0.1}, r"lidar\.range_noise_m = -0\.1 must be"),
-        ({"min_range_m": 30.0, "max_range_m": 20.0}, r"lidar\.min_range_m = 30\.0 must be less"),
-        ({"position_frd_m": (0.0, math.nan, 0.0)}, r"lidar\.position_frd_m"),
-        ({"drop_share": 1.5}, r"lidar\.drop_share = 1\.5 must be"),
+        ({"range_noise_m": -0.1}, r"LidarSpec\.range_noise_m = -0\.1 is too small"),
+        ({"min_range_m": 30.0, "max_range_m": 20.0}, r"min_range_m = 30 is not below max_range_m"),
+        ({"position_frd_m": (0.0, math.nan, 0.0)}, r"LidarSpec\.position_frd_m"),
+        ({"drop_share": 1.5}, r"LidarSpec\.drop_share = 1\.5 is too large"),
     ],
 )
 def test_what_cannot_be_is_refused(wrong: dict[str, object], said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        Lidar(**wrong)
+        Lidar(LidarSpec(**wrong))
 
 
 def test_visibility_cannot_be_nothing() -> None:
     with pytest.raises(ValueError, match=r"environment\.visibility_m = 0\.0 must be above zero"):
-        Air(0.0)
+        Atmosphere(0.0)

@@ -9,20 +9,21 @@ import pytest
 from lidar_scenes import NOTHING, PlaneCaster, accounted, moving, water
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import Water
-from sim_core.environment.waves import FlatWater, IrregularWaves, RegularWave, WaveField
+from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.waves import FlatWater, WaveField, realise_waves
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.sensors.lidar import Lidar, Scan, Track
 from sim_core.sensors.optics import WaterSeen
+from sim_core.sensors.spec import LidarSpec
 from sim_core.world.geometry import ROCK
 
 METRE_UP = (0.0, 0.0, -1.0)
-EXACT = Lidar(range_noise_m=0.0)
+EXACT = Lidar(LidarSpec(range_noise_m=0.0, position_frd_m=(0.0, 0.0, 0.0)))
 
 
 def sea(seed: int = 1, height_m: float = 0.3) -> WaveField:
-    waves = IrregularWaves("jonswap", height_m, 2.5, 40.0, spreading=10.0, components=32)
-    return waves.realise(Water(), np.random.default_rng(seed))
+    waves = WaveSpec("jonswap", height_m, 2.5, 40.0, spreading=10.0, components=32)
+    return realise_waves(waves, Water(), np.random.default_rng(seed))
 
 
 def in_ned(scan: Scan, track: Track) -> np.ndarray:
@@ -50,7 +51,7 @@ def test_flat_water_is_a_plane_that_ends_nearby() -> None:
 
 def test_how_far_water_is_seen_is_where_its_light_is_just_enough() -> None:
     """rho (1 - F)^2 cos / 0.1 (90 m / r)^2 = 1, cos = height / r: half the rays there return."""
-    lidar = Lidar(range_noise_m=0.0, water_reflectivity=0.05, pitch_deg=-8.0)
+    lidar = Lidar(LidarSpec(range_noise_m=0.0, pitch_deg=-8.0, position_frd_m=(0.0, 0.0, 0.0)), water_reflectivity=0.05)
 
     def light(range_m: float) -> float:
         cosine = 1.0 / range_m
@@ -78,7 +79,7 @@ def test_how_far_water_is_seen_is_where_its_light_is_just_enough() -> None:
 
 
 def test_water_that_scatters_nothing_returns_nothing() -> None:
-    lidar = Lidar(water_reflectivity=0.0)
+    lidar = Lidar(LidarSpec(position_frd_m=(0.0, 0.0, 0.0)), water_reflectivity=0.0)
     scan = lidar.scan(moving(place_ned_m=METRE_UP), NOTHING, water(0.0), np.random.default_rng(1))
     assert scan.fates.returned == 0
 
@@ -99,12 +100,12 @@ def test_a_bed_in_shallow_water_is_not_seen() -> None:
 
 
 @pytest.mark.parametrize(
-    "waves", [FlatWater(), sea(), RegularWave(0.4, 2.0, 10.0).realise(Water(), np.random.default_rng(3))]
+    "waves", [FlatWater(), sea(), realise_waves(WaveSpec("regular", 0.4, 2.0, 10.0), Water(), np.random.default_rng(3))]
 )
 @pytest.mark.parametrize("level_m", [-0.01, 2.5])
 def test_nothing_is_ever_seen_under_water(waves: WaveField | FlatWater, level_m: float) -> None:
     """Of the true surface in double precision, at each point's own instant and place, with noise of 10 cm."""
-    lidar = Lidar(range_noise_m=0.1, position_frd_m=(1.0, 0.0, -0.7), spray_share=0.02, pitch_deg=-5.0)
+    lidar = Lidar(LidarSpec(range_noise_m=0.1, position_frd_m=(1.0, 0.0, -0.7), spray_share=0.02, pitch_deg=-5.0))
     environment = Environment(water=Water(level_m=level_m), waves=waves)
     wall = PlaneCaster((0.8, 0.6, 0.0), 0.8 * 700.0 + 12.0, ROCK)
     from_water = 0
@@ -183,7 +184,7 @@ def test_a_turn_over_puts_it_under_water_too() -> None:
     turned = quat_to_matrix(euler_to_quat(np.radians([180.0, 20.0, 0.0])))
     assert turned[2, 2] < 0.0
     track = moving(place_ned_m=(0.0, 0.0, -0.1), turned_deg=(180.0, 20.0, 0.0))
-    lidar = Lidar(position_frd_m=(1.0, 0.0, -0.8))
+    lidar = Lidar(LidarSpec(position_frd_m=(1.0, 0.0, -0.8)))
     wall = PlaneCaster((1.0, 0.0, 0.0), 10.0, ROCK)
     scan = lidar.scan(track, wall, water(0.0), np.random.default_rng(1))
     assert scan.fates.returned == 0

@@ -22,6 +22,7 @@ from sim_core.sensors.sonar import (
     sound_speed_mps,
     turning_s,
 )
+from sim_core.sensors.spec import SonarSpec
 from sim_core.world import geometry as shapes
 from sim_core.world.geometry import BED, CONCRETE, STEEL, Box, Plane, Solid, Sphere
 from sim_core.world.primitive_rays import PrimitiveCaster
@@ -29,7 +30,7 @@ from sim_core.world.rays import Part, Scene, caster_of
 
 Array = NDArray[np.float64]
 
-SONAR = ScanningSonar(water_temperature_c=25.0)
+SONAR = ScanningSonar(SonarSpec(position_frd_m=(0.0, 0.0, 0.0), water_temperature_c=25.0))
 SPEED_MPS = sound_speed_mps(25.0)
 DEEP_M = -1000.0  # a surface so far up that nothing is heard of it
 LEVEL = np.eye(3)
@@ -214,7 +215,7 @@ def test_a_turn_takes_as_long_as_the_maker_says(range_m: float, turn_s: float) -
 
 
 def test_impossible_figures_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"sonar\.water_temperature_c = 90"):
-        ScanningSonar(water_temperature_c=90.0)
-    with pytest.raises(ValueError, match=r"sonar\.heading_rad"):
-        ScanningSonar(heading_rad=math.nan)
+    with pytest.raises(ValueError, match=r"SonarSpec\.water_temperature_c = 90"):
+        ScanningSonar(SonarSpec(water_temperature_c=90.0))
+    with pytest.raises(ValueError, match=r"SonarSpec\.heading_deg"):
+        ScanningSonar(SonarSpec(heading_deg=math.nan))

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from vessels import FULL
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import Water
+from sim_core.environment.spec import Water
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.buoyancy import floating_draft_m, segment_area_m2, strip_axes_frd_m
 

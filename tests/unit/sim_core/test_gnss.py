@@ -6,6 +6,7 @@ from motion import at_rest, swinging
 
 from sim_core.geodesy import LocalFrame
 from sim_core.sensors.gnss import Gnss
+from sim_core.sensors.spec import GnssSpec
 
 FRAME = LocalFrame(-8.8016, -63.9509, 55.0)
 ERRORS = {
@@ -21,7 +22,7 @@ ERRORS = {
 @pytest.fixture(scope="module")
 def errors() -> tuple[np.ndarray, np.ndarray]:
     """Position and velocity errors in NED, each (samples, vessels, 3): 400 receivers at 2 Hz for two minutes."""
-    gnss = Gnss(frame=FRAME, rate_hz=2.0, **ERRORS)
+    gnss = Gnss(GnssSpec(rate_hz=2.0, **ERRORS), frame=FRAME)
     rng = np.random.default_rng(21)
     truth = at_rest(400, pos_ned_m=(300.0, -200.0, 1.0))
     state = gnss.initial(400, rng)
@@ -70,7 +71,7 @@ def test_velocity_error_is_white(errors):
 
 
 def test_horizontal_rms_is_the_accuracy_it_reports(errors):
-    gnss = Gnss(frame=FRAME, **ERRORS)
+    gnss = Gnss(GnssSpec(**ERRORS), frame=FRAME)
     state = gnss.initial(2, np.random.default_rng(0))
     position, velocity = errors
     horizontal = np.sqrt(np.mean(np.sum(position[:, :, :2] ** 2, axis=2)))
@@ -83,7 +84,7 @@ def test_horizontal_rms_is_the_accuracy_it_reports(errors):
 @pytest.mark.parametrize("time_s", [0.0, 2.1])
 def test_antenna_moves_as_a_point_of_the_body(time_s):
     lever = np.array([0.4, -0.6, -1.5])
-    gnss = Gnss(frame=FRAME, antenna_frd_m=tuple(lever))
+    gnss = Gnss(GnssSpec(antenna_frd_m=tuple(lever)), frame=FRAME)
     rng = np.random.default_rng(0)
 
     def antenna(t: float) -> np.ndarray:
@@ -99,7 +100,7 @@ def test_antenna_moves_as_a_point_of_the_body(time_s):
 
 
 def test_sample_has_one_row_a_vessel_and_the_quality_configured():
-    gnss = Gnss(frame=FRAME, satellites=17, fix_type=3)
+    gnss = Gnss(GnssSpec(satellites=17), frame=FRAME, fix_type=3)
     rng = np.random.default_rng(0)
     _, sample = gnss.measure(gnss.initial(5, rng), at_rest(5), rng)
     assert sample.vel_ned_mps.shape == (5, 3)
@@ -113,7 +114,7 @@ def test_sample_has_one_row_a_vessel_and_the_quality_configured():
 
 def test_the_seed_decides_every_fix():
     def fixes(seed: int) -> np.ndarray:
-        gnss = Gnss(frame=FRAME, **ERRORS)
+        gnss = Gnss(GnssSpec(**ERRORS), frame=FRAME)
         rng = np.random.default_rng(seed)
         state = gnss.initial(2, rng)
         latitudes = []
@@ -138,5 +139,5 @@ def test_the_seed_decides_every_fix():
     ],
 )
 def test_a_configuration_that_cannot_be_is_refused_by_name(field, value):
-    with pytest.raises(ValueError, match=rf"gnss\.{field} = .*; give"):
-        Gnss(frame=FRAME, **{field: value})
+    with pytest.raises(ValueError, match=rf"Gnss(Spec)?\.{field} = .*; (use|write)"):
+        Gnss(GnssSpec(), FRAME, value) if field == "fix_type" else GnssSpec(**{field: value})

@@ -10,15 +10,15 @@ from scipy.spatial.transform import Rotation
 from vessels import BARE, FULL
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import Water
-from sim_core.environment.waves import FlatWater, IrregularWaves, RegularWave
+from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.waves import FlatWater, realise_waves
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.buoyancy import strip_axes_frd_m
-from sim_core.vessel.model import Damping
+from sim_core.vessel.spec import Damping
 
 POINTS = strip_axes_frd_m(FULL.hull)
 HS_M = 0.25
-FIELD = IrregularWaves("jonswap", HS_M, 2.2, 35.0, spreading=6.0).realise(Water(depth_m=5.0), np.random.default_rng(8))
+FIELD = realise_waves(WaveSpec("jonswap", HS_M, 2.2, 35.0, spreading=6.0), Water(depth_m=5.0), np.random.default_rng(8))
 TIME_S = 1234.5
 RNG = np.random.default_rng(9)
 POS = RNG.uniform(-2000.0, 2000.0, (40, 3))
@@ -44,7 +44,7 @@ def test_slope_is_the_plane_through_the_strips() -> None:
 
 
 def test_slope_of_a_long_wave_is_its_gradient_in_the_body() -> None:
-    field = RegularWave(0.5, 8.0, 70.0).realise(Water(depth_m=50.0), RNG)
+    field = realise_waves(WaveSpec("regular", 0.5, 8.0, 70.0), Water(depth_m=50.0), RNG)
     heading = Rotation.from_euler("Z", RNG.uniform(-3.0, 3.0, (40, 1))).as_matrix()
     surface = field.at_hull(POINTS).sample(3.0, POS, heading)
     gradient = field.slope(3.0, POS[:, :2])
@@ -76,7 +76,7 @@ def test_flat_water_is_flat() -> None:
 def test_in_a_long_wave_the_vessel_moves_with_the_water(heading_rad: float) -> None:
     """A frictionless hull without wind is a particle of the water, (k L)^2 and (omega / omega_heave)^2 apart."""
     water = Water(depth_m=200.0)
-    field = RegularWave(0.3, 12.0, 0.0).realise(water, np.random.default_rng(1))
+    field = realise_waves(WaveSpec("regular", 0.3, 12.0, 0.0), water, np.random.default_rng(1))
     model = replace(FULL, wind=BARE.wind, damping_linear=Damping(30, 250, 500, 50, 50, 150))
     simulation = Simulation.of(model, Environment(water=water, waves=field), 0.01)
     rng = np.random.default_rng(0)

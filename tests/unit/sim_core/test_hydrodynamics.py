@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from vessels import FULL
 
-from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import StillHull
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.forces import coriolis_products, stern_forces, transport_products

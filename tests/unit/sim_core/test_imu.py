@@ -7,6 +7,7 @@ from motion import at_rest, swinging
 from sim_core.geodesy import normal_gravity_mps2
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.imu import Imu
+from sim_core.sensors.spec import ImuSpec
 
 GRAVITY = 9.81
 GYRO_DENSITY, GYRO_INSTABILITY, GYRO_CORRELATION_S = 5e-5, 2.4e-5, 100.0
@@ -52,7 +53,7 @@ def gauss_markov_variance(tau_s: float, peak: float, correlation_s: float) -> fl
 
 @pytest.fixture(scope="module")
 def ten_minutes() -> tuple[np.ndarray, np.ndarray]:
-    return record(Imu(rate_hz=50.0, **NOISY), vessels=48, samples=30_000, seed=7)
+    return record(Imu(ImuSpec(rate_hz=50.0, **NOISY)), vessels=48, samples=30_000, seed=7)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +91,11 @@ def test_allan_deviation_of_ten_minutes_at_rest(ten_minutes, channel, density, i
 
 @pytest.mark.parametrize("rate_hz", [100.0, 400.0])
 def test_density_does_not_depend_on_the_rate(rate_hz):
-    imu = Imu(rate_hz=rate_hz, gyro_noise_density_radpsprthz=GYRO_DENSITY, accel_noise_density_mps2prthz=ACCEL_DENSITY)
+    imu = Imu(
+        ImuSpec(
+            rate_hz=rate_hz, gyro_noise_density_radpsprthz=GYRO_DENSITY, accel_noise_density_mps2prthz=ACCEL_DENSITY
+        )
+    )
     seconds, vessels = 40, 32
     gyro, accel = record(imu, vessels, round(seconds * rate_hz), seed=3)
     tolerance = 4.0 * np.sqrt(2.0 / (vessels * 3 * (seconds - 1)))
@@ -101,7 +106,7 @@ def test_density_does_not_depend_on_the_rate(rate_hz):
 
 
 def test_axes_vessels_and_samples_are_independent():
-    imu = Imu(gyro_noise_density_radpsprthz=GYRO_DENSITY, accel_noise_density_mps2prthz=ACCEL_DENSITY)
+    imu = Imu(ImuSpec(gyro_noise_density_radpsprthz=GYRO_DENSITY, accel_noise_density_mps2prthz=ACCEL_DENSITY))
     samples, vessels = 10_000, 8
     gyro, accel = record(imu, vessels, samples, seed=11)
     columns = np.concatenate([gyro.reshape(samples, -1), accel.reshape(samples, -1)], axis=1)
@@ -114,7 +119,7 @@ def test_axes_vessels_and_samples_are_independent():
 
 def test_biases_are_independent_and_as_wide_as_configured():
     vessels = 4000
-    state = Imu(**NOISY).initial(vessels, np.random.default_rng(5))
+    state = Imu(ImuSpec(**NOISY)).initial(vessels, np.random.default_rng(5))
     columns = np.concatenate([state.turn_on_bias, state.drifting_bias], axis=1)
     correlation = np.corrcoef(columns, rowvar=False) - np.eye(12)
     assert np.abs(correlation).max() < 5.0 / np.sqrt(vessels)
@@ -128,7 +133,7 @@ def test_biases_are_independent_and_as_wide_as_configured():
 
 def exact(truth: Kinematics, **configuration) -> tuple[np.ndarray, np.ndarray]:
     """gyro and accel of an IMU without errors."""
-    imu = Imu(gravity_mps2=GRAVITY, **configuration)
+    imu = Imu(ImuSpec(**configuration), gravity_mps2=GRAVITY)
     rng = np.random.default_rng(0)
     _, sample = imu.measure(imu.initial(len(truth.pos_ned_m), rng), truth, rng)
     return sample.gyro_frd_radps, sample.accel_frd_mps2
@@ -185,10 +190,10 @@ def test_lever_arm_is_the_second_derivative_of_the_points_path(time_s):
 
 def test_output_comes_in_steps_within_half_a_step_of_the_value():
     configuration = NOISY | {"rate_hz": 100.0}
-    fine = record(Imu(**configuration), 4, 200, seed=2)
+    fine = record(Imu(ImuSpec(**configuration)), 4, 200, seed=2)
     steps = (1e-3, 5e-3)
     coarse = record(
-        Imu(**configuration, gyro_resolution_radps=steps[0], accel_resolution_mps2=steps[1]), 4, 200, seed=2
+        Imu(ImuSpec(**configuration, gyro_resolution_radps=steps[0], accel_resolution_mps2=steps[1])), 4, 200, seed=2
     )
     for smooth, stepped, step in zip(fine, coarse, steps, strict=True):
         np.testing.assert_allclose(stepped / step, np.rint(stepped / step), atol=1e-9)
@@ -207,7 +212,7 @@ def test_output_saturates_at_full_scale():
 
 
 def test_the_seed_decides_every_sample():
-    imu = Imu(**NOISY)
+    imu = Imu(ImuSpec(**NOISY))
     first, again, other = (record(imu, 3, 50, seed=seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first[0], again[0])
     np.testing.assert_array_equal(first[1], again[1])
@@ -215,7 +220,7 @@ def test_the_seed_decides_every_sample():
 
 
 def test_measuring_leaves_the_state_it_was_given_alone():
-    imu = Imu(**NOISY)
+    imu = Imu(ImuSpec(**NOISY))
     state = imu.initial(2, np.random.default_rng(0))
     one = imu.measure(state, at_rest(2), np.random.default_rng(9))[1]
     two = imu.measure(state, at_rest(2), np.random.default_rng(9))[1]
@@ -224,7 +229,7 @@ def test_measuring_leaves_the_state_it_was_given_alone():
 
 def test_gravity_is_that_of_the_place():
     gravity = normal_gravity_mps2(-8.8)
-    imu = Imu(gravity_mps2=gravity)
+    imu = Imu(ImuSpec(), gravity_mps2=gravity)
     rng = np.random.default_rng(0)
     _, sample = imu.measure(imu.initial(1, rng), at_rest(), rng)
     assert sample.accel_frd_mps2[0, 2] == pytest.approx(-gravity)
@@ -244,5 +249,5 @@ def test_gravity_is_that_of_the_place():
     ],
 )
 def test_a_configuration_that_cannot_be_is_refused_by_name(field, value):
-    with pytest.raises(ValueError, match=rf"imu\.{field} = .*; give"):
-        Imu(**{field: value})
+    with pytest.raises(ValueError, match=rf"ImuSpec\.{field} = .*; (use|write|give)"):
+        Imu(ImuSpec(**{field: value}))

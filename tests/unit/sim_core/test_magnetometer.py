@@ -5,6 +5,7 @@ import pytest
 from motion import at_rest
 
 from sim_core.sensors.magnetometer import Magnetometer, local_field_ned_gauss
+from sim_core.sensors.spec import MagnetometerSpec
 
 FIELD_NED_GAUSS = (0.26, -0.07, 0.05)
 
@@ -62,7 +63,9 @@ def test_level_compass_reads_true_heading_less_declination():
     local = local_field_ned_gauss(-8.8016, -63.9509, 55.0, 2025.5)
     headings = np.radians(np.arange(0.0, 360.0, 15.0))
     euler = np.column_stack([np.zeros_like(headings), np.zeros_like(headings), headings])
-    field = measured(at_rest(len(headings), euler_rad=euler), Magnetometer(field_ned_gauss=local.ned_gauss))
+    field = measured(
+        at_rest(len(headings), euler_rad=euler), Magnetometer(MagnetometerSpec(), field_ned_gauss=local.ned_gauss)
+    )
     compass = np.arctan2(-field[:, 1], field[:, 0])
     difference = np.angle(np.exp(1j * (headings - np.radians(local.declination_deg) - compass)))
     assert np.abs(difference).max() < 1e-9
@@ -71,7 +74,7 @@ def test_level_compass_reads_true_heading_less_declination():
 def test_the_field_turns_but_keeps_its_strength():
     euler = np.random.default_rng(4).uniform(-3.0, 3.0, (200, 3)) * [1.0, 0.5, 1.0]
     truth = at_rest(200, euler_rad=euler)
-    field = measured(truth, Magnetometer(field_ned_gauss=FIELD_NED_GAUSS))
+    field = measured(truth, Magnetometer(MagnetometerSpec(), field_ned_gauss=FIELD_NED_GAUSS))
     np.testing.assert_allclose(np.linalg.norm(field, axis=1), np.linalg.norm(FIELD_NED_GAUSS), rtol=1e-12)
     back = (truth.rot_ned_frd @ field[:, :, None])[:, :, 0]
     np.testing.assert_allclose(back, np.broadcast_to(FIELD_NED_GAUSS, (200, 3)), atol=1e-12)
@@ -80,16 +83,18 @@ def test_the_field_turns_but_keeps_its_strength():
 def test_hard_iron_stays_with_the_body():
     iron = np.array([0.03, -0.02, 0.01])
     truth = at_rest(3, euler_rad=[[0.1, 0.2, 0.3], [0.0, 0.0, 2.0], [-0.4, 0.0, -1.0]])
-    clean = measured(truth, Magnetometer(field_ned_gauss=FIELD_NED_GAUSS))
-    magnetised = measured(truth, Magnetometer(field_ned_gauss=FIELD_NED_GAUSS, hard_iron_frd_gauss=tuple(iron)))
+    clean = measured(truth, Magnetometer(MagnetometerSpec(), field_ned_gauss=FIELD_NED_GAUSS))
+    magnetised = measured(
+        truth, Magnetometer(MagnetometerSpec(hard_iron_frd_gauss=tuple(iron)), field_ned_gauss=FIELD_NED_GAUSS)
+    )
     np.testing.assert_allclose(magnetised - clean, np.broadcast_to(iron, (3, 3)), atol=1e-15)
 
 
 def test_output_comes_in_steps():
     truth = at_rest(50, euler_rad=np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3)))
     step = 3e-3
-    fine = measured(truth, Magnetometer(field_ned_gauss=FIELD_NED_GAUSS))
-    coarse = measured(truth, Magnetometer(field_ned_gauss=FIELD_NED_GAUSS, resolution_gauss=step))
+    fine = measured(truth, Magnetometer(MagnetometerSpec(), field_ned_gauss=FIELD_NED_GAUSS))
+    coarse = measured(truth, Magnetometer(MagnetometerSpec(resolution_gauss=step), field_ned_gauss=FIELD_NED_GAUSS))
     np.testing.assert_allclose(coarse / step, np.rint(coarse / step), atol=1e-9)
     assert 0.4 * step < np.abs(coarse - fine).max() <= 0.5 * step
 
@@ -98,11 +103,13 @@ def test_noise_and_drift_are_as_configured():
     vessels, samples, rate_hz = 400, 300, 50.0
     density, instability, correlation_s = 1e-4, 1e-3, 2.0
     magnetometer = Magnetometer(
+        MagnetometerSpec(
+            rate_hz=rate_hz,
+            noise_density_gaussprthz=density,
+            bias_instability_gauss=instability,
+            bias_correlation_s=correlation_s,
+        ),
         field_ned_gauss=FIELD_NED_GAUSS,
-        rate_hz=rate_hz,
-        noise_density_gaussprthz=density,
-        bias_instability_gauss=instability,
-        bias_correlation_s=correlation_s,
     )
     rng = np.random.default_rng(8)
     state = magnetometer.initial(vessels, rng)
@@ -134,5 +141,5 @@ def test_noise_and_drift_are_as_configured():
     ],
 )
 def test_a_configuration_that_cannot_be_is_refused_by_name(field, value):
-    with pytest.raises(ValueError, match=rf"magnetometer\.{field} = .*; give"):
-        Magnetometer(**({"field_ned_gauss": FIELD_NED_GAUSS} | {field: value}))
+    with pytest.raises(ValueError, match=rf"Magnetometer(Spec)?\.{field} = .*; (use|write)"):
+        Magnetometer(MagnetometerSpec(), value) if field == "field_ned_gauss" else MagnetometerSpec(**{field: value})

@@ -10,14 +10,15 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from vessels import BARE, FULL, froude_scaled
 
+from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import GRAVITY_MPS2, UniformCurrent, Water
-from sim_core.environment.waves import IrregularWaves, RegularWave
+from sim_core.environment.spec import GRAVITY_MPS2, CurrentSpec, Water, WaveSpec, WindSpec
+from sim_core.environment.waves import realise_waves
 from sim_core.environment.wind import Wind
 from sim_core.frames import euler_to_quat, quat_to_euler, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, initial, kinematics, step
-from sim_core.vessel.model import Damping, VesselModel
+from sim_core.vessel.spec import Damping, VesselSpec
 
 DENSITY = 997.8
 STOPPED = np.zeros((1, 2))
@@ -55,7 +56,7 @@ def period_s(signal: np.ndarray, dt_s: float) -> float:
     return float(np.diff(times).mean())
 
 
-def waterline_m(model: VesselModel) -> tuple[float, float]:
+def waterline_m(model: VesselSpec) -> tuple[float, float]:
     """Draft and width of one hull's waterline, from the mass by integration."""
     r, target = model.hull.radius_m, model.mass_kg / (2.0 * DENSITY * model.hull.length_m)
     angle = np.linspace(0.0, np.pi, 200_001)
@@ -76,7 +77,9 @@ def test_terminal_speed_solves_the_drag_equation() -> None:
 def test_three_metres_per_second_against_current_and_wind_leave_a_margin() -> None:
     """3 m/s over ground against 0.7 m/s of current and 8 m/s of wind at no more than 90 % command."""
     environment = Environment(
-        water=Water(density_kgpm3=DENSITY), current=UniformCurrent(0.7, 180.0), wind=Wind(8.0, 0.0)
+        water=Water(density_kgpm3=DENSITY),
+        current=UniformCurrent(CurrentSpec(0.7, 180.0)),
+        wind=Wind(WindSpec(8.0, 0.0)),
     )
     simulation = Simulation.of(FULL, environment, 0.01)
     motion = run(simulation, at_start(simulation), 30.0, np.full((1, 2), 0.9))[-1]
@@ -116,7 +119,7 @@ def test_heave_period_and_decay() -> None:
     assert down[last] / down[0] == pytest.approx(np.exp(-rate * last * 0.0025), rel=0.02)
 
 
-def metacentric_stiffness(model: VesselModel, second_moment_m4: float) -> float:
+def metacentric_stiffness(model: VesselSpec, second_moment_m4: float) -> float:
     """rho g I - W (KG - KB), with the centre of buoyancy by integration over the segment."""
     draft, _ = waterline_m(model)
     r = model.hull.radius_m
@@ -154,7 +157,7 @@ def test_pitch_period() -> None:
 
 @pytest.mark.slow
 def test_a_drifting_vessel_ends_with_the_current() -> None:
-    environment = Environment(water=Water(density_kgpm3=DENSITY), current=UniformCurrent(0.7, 60.0))
+    environment = Environment(water=Water(density_kgpm3=DENSITY), current=UniformCurrent(CurrentSpec(0.7, 60.0)))
     simulation = Simulation.of(replace(FULL, wind=BARE.wind), environment, 0.01)
     rng = np.random.default_rng(0)
     state = initial(simulation, np.zeros((4, 2)), np.array([0.0, 0.8, 2.0, 4.5]), rng)
@@ -221,7 +224,7 @@ def test_the_vessel_keeps_its_course_and_trim_at_full_speed() -> None:
 def test_wind_and_vessel_turned_together_feel_the_same() -> None:
     accelerations = []
     for yaw_deg in (0.0, 137.0):
-        environment = Environment(wind=Wind(9.0, 40.0 + yaw_deg))
+        environment = Environment(wind=Wind(WindSpec(9.0, 40.0 + yaw_deg)))
         simulation = Simulation.of(FULL, environment, 0.0025)
         motion = run(simulation, at_start(simulation, euler_rad=(0, 0, np.radians(yaw_deg))), 0.0025)[1]
         surge_sway_heave = motion.acc_ned_mps2 @ motion.rot_ned_frd[0]
@@ -234,7 +237,7 @@ def test_wind_and_vessel_turned_together_feel_the_same() -> None:
 def test_an_imu_can_integrate_what_the_vessel_does() -> None:
     """Specific force and gyro, integrated without knowing the vessel, return velocity, position and attitude."""
     rng = np.random.default_rng(2)
-    waves = IrregularWaves("jonswap", 0.3, 2.5, 30.0, spreading=5.0).realise(Water(), rng)
+    waves = realise_waves(WaveSpec("jonswap", 0.3, 2.5, 30.0, spreading=5.0), Water(), rng)
     simulation = Simulation.of(FULL, Environment(waves=waves), 0.0025)
     motions = run(simulation, at_start(simulation), 10.0, np.array([[0.9, 0.3]]))
     attitude = Rotation.identity()
@@ -259,8 +262,8 @@ def test_a_froude_scaled_vessel_moves_alike() -> None:
     tracks = []
     for scale in (1.0, 0.25):
         water = Water(depth_m=3.0 * scale)
-        waves = RegularWave(0.2 * scale, 2.5 * scale**0.5, 50.0).realise(water, np.random.default_rng(0))
-        wind, current = Wind(6.0 * scale**0.5, 20.0), UniformCurrent(0.6 * scale**0.5, 80.0)
+        waves = realise_waves(WaveSpec("regular", 0.2 * scale, 2.5 * scale**0.5, 50.0), water, np.random.default_rng(0))
+        wind, current = Wind(WindSpec(6.0 * scale**0.5, 20.0)), UniformCurrent(CurrentSpec(0.6 * scale**0.5, 80.0))
         environment = Environment(water, current, waves, wind)
         simulation = Simulation.of(froude_scaled(FULL, scale), environment, 0.004 * scale**0.5)
         motions = run(simulation, at_start(simulation), 20.0 * scale**0.5, np.array([[0.9, 0.4]]))

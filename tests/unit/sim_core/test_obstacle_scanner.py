@@ -7,7 +7,9 @@ import math
 import numpy as np
 from motion import at_rest
 
-from sim_core.sensors.rangefinder import SECTORS, ObstacleScanner, Wall, Walls, boom
+from sim_core.sensors.rangefinder import SECTORS, ObstacleScanner
+from sim_core.sensors.spec import ObstacleScannerSpec
+from sim_core.world.plan import Wall, Walls, line_walls
 
 RNG = np.random.default_rng(1)
 
@@ -18,8 +20,8 @@ def scan(scanner: ObstacleScanner, **motion: object) -> np.ndarray:
 
 def test_a_long_boom_to_starboard_is_nearest_abeam() -> None:
     """In the sector about 90 degrees it is 7.6 m off, in one about a the nearest ray is 2 degrees nearer to abeam."""
-    walls = Walls.of(boom([(-500.0, 8.0, 0.0), (500.0, 8.0, 0.0)], 0.4))
-    ranges = scan(ObstacleScanner(walls=walls))
+    walls = Walls.of(line_walls([(-500.0, 8.0, 0.0), (500.0, 8.0, 0.0)], 0.4))
+    ranges = scan(ObstacleScanner(ObstacleScannerSpec(), walls=walls))
     assert len(ranges) == SECTORS
     for sector in range(SECTORS):
         to_abeam = abs(sector * 5.0 - 90.0)
@@ -32,7 +34,7 @@ def test_a_long_boom_to_starboard_is_nearest_abeam() -> None:
 
 def test_it_turns_with_the_bow_and_starts_where_it_is_mounted() -> None:
     walls = Walls.of([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 1.0)])
-    scanner = ObstacleScanner(walls=walls, position_frd_m=(1.0, 0.0, -1.5))
+    scanner = ObstacleScanner(ObstacleScannerSpec(position_frd_m=(1.0, 0.0, -1.5)), walls=walls)
     np.testing.assert_allclose(scan(scanner)[0], 29.0)
     ranges = scan(scanner, euler_rad=(0.0, 0.0, math.radians(90.0)))
     np.testing.assert_allclose(ranges[54], 30.0)  # 270 degrees from the bow
@@ -41,4 +43,4 @@ def test_it_turns_with_the_bow_and_starts_where_it_is_mounted() -> None:
 
 def test_noise_never_makes_a_range_negative() -> None:
     walls = Walls.of([Wall((0.1, -100.0), (0.1, 100.0), -1.0, 1.0)])
-    assert scan(ObstacleScanner(walls=walls, noise_m=1.0)).min() >= 0.0
+    assert scan(ObstacleScanner(ObstacleScannerSpec(noise_m=1.0), walls=walls)).min() >= 0.0

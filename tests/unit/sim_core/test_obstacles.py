@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sim_core.sensors.rangefinder import Wall, Walls, boom, box
+from sim_core.world.plan import Wall, Walls, box_walls, line_walls
 
 ORIGIN = np.zeros((1, 3))
 
@@ -41,7 +41,7 @@ def test_the_nearest_of_several_counts_and_open_water_has_none() -> None:
 @pytest.mark.parametrize("heading_deg", [0.0, 36.87, 90.0, 200.0])
 def test_a_box_from_its_middle_ends_at_its_sides(heading_deg: float) -> None:
     heading = math.radians(heading_deg)
-    walls = Walls.of(box((0.0, 0.0), 40.0, 6.0, heading, -1.0, 1.0))
+    walls = Walls.of(box_walls((0.0, 0.0), 40.0, 6.0, heading, -1.0, 1.0))
     ahead = (math.cos(heading), math.sin(heading), 0.0)
     right = (-math.sin(heading), math.cos(heading), 0.0)
     np.testing.assert_allclose(walls.range_m(ORIGIN, rays(ahead, right)), [[20.0, 3.0]])
@@ -49,7 +49,7 @@ def test_a_box_from_its_middle_ends_at_its_sides(heading_deg: float) -> None:
 
 def test_a_boom_is_as_wide_and_as_high_as_its_floats() -> None:
     """Across a line of floats of radius 0.4 whose axis lies 8 m to the right, a ray ends 0.4 m before it."""
-    walls = Walls.of(boom([(-50.0, 8.0, 0.0), (50.0, 8.0, 0.0)], 0.4))
+    walls = Walls.of(line_walls([(-50.0, 8.0, 0.0), (50.0, 8.0, 0.0)], 0.4))
     found = walls.range_m(ORIGIN, rays((0, 1, 0), (0, 8, 0.3), (0, 8, 0.5)))
     assert found[0, 0] == pytest.approx(7.6)
     assert found[0, 1] == pytest.approx(7.6 * math.hypot(8, 0.3) / 8)

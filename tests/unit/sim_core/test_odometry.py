@@ -10,11 +10,12 @@ from motion import at_rest, swinging
 
 from sim_core.frames import quat_to_matrix
 from sim_core.sensors.odometry import Odometry, OdometryState
+from sim_core.sensors.spec import OdometrySpec
 
 
 def test_without_errors_it_is_the_motion_since_its_start_in_the_axes_of_then() -> None:
     rng = np.random.default_rng(1)
-    odometry = Odometry()
+    odometry = Odometry(OdometrySpec())
     state, first = odometry.measure(odometry.initial(1, rng), swinging(1.0), rng)
     np.testing.assert_allclose(first.pos_local_m, 0.0, atol=1e-12)
     start, now = swinging(1.0), swinging(4.0)
@@ -30,7 +31,7 @@ def test_without_errors_it_is_the_motion_since_its_start_in_the_axes_of_then() -
 def test_drift_grows_with_the_root_of_time_and_it_says_how_far() -> None:
     """0.1 m and 0.5 degrees a root second over 16 s: 0.4 m and 2 degrees; of 3000 within 5 % (3.9 sigma)."""
     rng = np.random.default_rng(3)
-    odometry = Odometry(rate_hz=10.0, drift_mprts=0.1, yaw_drift_degprts=0.5)
+    odometry = Odometry(OdometrySpec(rate_hz=10.0, drift_mprts=0.1, yaw_drift_degprts=0.5))
     state, truth = odometry.initial(3000, rng), at_rest(3000)
     for _ in range(161):
         state, sample = odometry.measure(state, truth, rng)
@@ -43,7 +44,7 @@ def test_drift_grows_with_the_root_of_time_and_it_says_how_far() -> None:
 
 
 def test_the_first_sample_has_not_wandered_yet() -> None:
-    odometry = Odometry(rate_hz=1.0, drift_mprts=5.0, yaw_drift_degprts=40.0)
+    odometry = Odometry(OdometrySpec(rate_hz=1.0, drift_mprts=5.0, yaw_drift_degprts=40.0))
     rng = np.random.default_rng(5)
     _, sample = odometry.measure(odometry.initial(50, rng), at_rest(50), rng)
     np.testing.assert_allclose(sample.pos_local_m, 0.0, atol=1e-12)
@@ -53,7 +54,9 @@ def test_the_first_sample_has_not_wandered_yet() -> None:
 
 def test_white_noise_is_that_of_the_configuration() -> None:
     rng = np.random.default_rng(4)
-    odometry = Odometry(position_noise_m=0.05, velocity_noise_mps=0.02, attitude_noise_deg=0.3, rate_noise_radps=0.01)
+    odometry = Odometry(
+        OdometrySpec(position_noise_m=0.05, velocity_noise_mps=0.02, attitude_noise_deg=0.3, rate_noise_radps=0.01)
+    )
     _, sample = odometry.measure(OdometryState(), at_rest(4000), rng)
     assert sample.pos_local_m.std() == pytest.approx(0.05, rel=0.03)
     assert sample.vel_frd_mps.std() == pytest.approx(0.02, rel=0.03)
@@ -65,5 +68,5 @@ def test_white_noise_is_that_of_the_configuration() -> None:
 
 
 def test_what_cannot_be_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match=r"odometry.drift_mprts = -0.1"):
-        Odometry(drift_mprts=-0.1)
+    with pytest.raises(ValueError, match=r"OdometrySpec.drift_mprts = -0.1"):
+        Odometry(OdometrySpec(drift_mprts=-0.1))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from vessels import FULL
 
+from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import UniformCurrent, Water
-from sim_core.environment.waves import IrregularWaves
-from sim_core.environment.wind import OrnsteinUhlenbeckGust, Wind
-from sim_core.noise import GaussMarkov
+from sim_core.environment.spec import CurrentSpec, GustSpec, Water, WaveSpec, WindSpec
+from sim_core.environment.waves import realise_waves
+from sim_core.environment.wind import Wind
 from sim_core.simulation import Simulation, SimulationState, initial, kinematics, step
-from sim_core.vessel.model import Damping, Hull
+from sim_core.vessel.spec import Damping
 
 WATER = Water(level_m=-0.01)
 
@@ -23,9 +23,9 @@ def rough(seed: int) -> tuple[Simulation, np.random.Generator]:
     rng = np.random.default_rng(seed)
     environment = Environment(
         water=WATER,
-        current=UniformCurrent(0.5, 90.0, 0.05, 60.0),
-        waves=IrregularWaves("jonswap", 0.2, 2.5, 90.0, spreading=10.0).realise(WATER, rng),
-        wind=Wind(5.0, 270.0, 10.0, 120.0, OrnsteinUhlenbeckGust(GaussMarkov(1.5, 8.0))),
+        current=UniformCurrent(CurrentSpec(0.5, 90.0, 0.05, 60.0)),
+        waves=realise_waves(WaveSpec("jonswap", 0.2, 2.5, 90.0, spreading=10.0), WATER, rng),
+        wind=Wind(WindSpec(5.0, 270.0, 10.0, 120.0, GustSpec("ornstein-uhlenbeck", 1.5, 8.0))),
     )
     return Simulation.of(FULL, environment, 0.0025), rng
 
@@ -56,8 +56,8 @@ def test_a_seed_repeats_a_run_bit_for_bit() -> None:
 
 def test_a_batch_equals_single_runs() -> None:
     """Equal but for rounding: products of other shapes sum in another order, in single precision for the waves."""
-    waves = IrregularWaves("pierson-moskowitz", 0.3, 2.5, 40.0).realise(WATER, np.random.default_rng(5))
-    environment = Environment(WATER, UniformCurrent(0.5, 120.0), waves, Wind(6.0, 200.0))
+    waves = realise_waves(WaveSpec("pierson-moskowitz", 0.3, 2.5, 40.0), WATER, np.random.default_rng(5))
+    environment = Environment(WATER, UniformCurrent(CurrentSpec(0.5, 120.0)), waves, Wind(WindSpec(6.0, 200.0)))
     simulation = Simulation.of(FULL, environment, 0.0025)
     rng = np.random.default_rng(0)
     places = rng.uniform(-50.0, 50.0, (8, 2))
@@ -109,9 +109,9 @@ def test_shapes_and_unit_quaternions() -> None:
 def test_a_storm_stays_finite_and_capsizes_nobody() -> None:
     """Hulls that dive and leave the water under any command: 64 vessels, 20 s each, waves as high as the hulls."""
     water = Water()
-    waves = IrregularWaves("jonswap", 0.5, 3.0, 0.0, spreading=2.0).realise(water, np.random.default_rng(0))
-    wind = Wind(15.0, 180.0, 20.0, 10.0, OrnsteinUhlenbeckGust(GaussMarkov(5.0, 2.0)))
-    simulation = Simulation.of(FULL, Environment(water, UniformCurrent(2.0, 90.0), waves, wind), 0.0025)
+    waves = realise_waves(WaveSpec("jonswap", 0.5, 3.0, 0.0, spreading=2.0), water, np.random.default_rng(0))
+    wind = Wind(WindSpec(15.0, 180.0, 20.0, 10.0, GustSpec("ornstein-uhlenbeck", 5.0, 2.0)))
+    simulation = Simulation.of(FULL, Environment(water, UniformCurrent(CurrentSpec(2.0, 90.0)), waves, wind), 0.0025)
     rng = np.random.default_rng(1)
     state = initial(simulation, np.zeros((64, 2)), np.linspace(0.0, 6.0, 64), rng)
     commands = rng.uniform(-1.0, 1.0, (64, 2))
@@ -128,14 +128,14 @@ def test_a_storm_stays_finite_and_capsizes_nobody() -> None:
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        (lambda: replace(FULL, mass_kg=-1.0), "vehicle.mass_kg = -1.0"),
+        (lambda: replace(FULL, mass_kg=-1.0), "VesselSpec.mass_kg = -1.0"),
         (lambda: replace(FULL, inertia_kgm2=(1.0, 1.0, 5.0)), "belongs to no body"),
-        (lambda: replace(FULL, propellers=()), "vehicle.propellers is empty"),
-        (lambda: Hull(2.3, 0.5, 0.2, 0.25), "leaves no room for two hulls"),
-        (lambda: Hull(2.3, 1.6, 0.2, 0.25, strips=1), "hull.strips = 1"),
-        (lambda: Damping(sway=-3.0), "damping.sway = -3.0"),
-        (lambda: replace(FULL.propellers[0], position_frd_m=(1.0, 2.0)), "three numbers"),
-        (lambda: replace(FULL.propellers[0], spin_up_s=0.0), "propeller.spin_up_s = 0.0"),
+        (lambda: replace(FULL, propellers=()), "VesselSpec.propellers.*too short"),
+        (lambda: replace(FULL.hull, width_m=0.5), "too narrow for two hulls"),
+        (lambda: replace(FULL.hull, strips=1), "Hull.strips = 1"),
+        (lambda: Damping(sway=-3.0), "Damping.sway = -3.0"),
+        (lambda: replace(FULL.propellers[0], position_frd_m=(1.0, 2.0)), "position_frd_m = .*too short"),
+        (lambda: replace(FULL.propellers[0], spin_up_s=0.0), "Propeller.spin_up_s = 0.0"),
     ],
 )
 def test_impossible_vessels_are_refused(change, problem: str) -> None:

@@ -8,13 +8,12 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.signal import welch
 
-from sim_core.environment.water import GRAVITY_MPS2, Water
+from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
 from sim_core.environment.waves import (
-    IrregularWaves,
-    RegularWave,
     WaveField,
     jonswap,
     pierson_moskowitz,
+    realise_waves,
     spreading_quantiles,
     wave_number,
 )
@@ -25,7 +24,7 @@ WATER = Water(depth_m=20.0)
 
 
 def sea(spectrum: str, seed: int, **settings) -> WaveField:
-    return IrregularWaves(spectrum, HS_M, TP_S, 90.0, **settings).realise(WATER, np.random.default_rng(seed))
+    return realise_waves(WaveSpec(spectrum, HS_M, TP_S, 90.0, **settings), WATER, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("depth_m", [0.3, 2.0, 20.0])
@@ -116,7 +115,7 @@ def test_derivatives_agree_with_finite_differences() -> None:
 
 
 def test_orbital_velocity_in_shallow_water_has_the_coth() -> None:
-    field = RegularWave(0.2, 3.0, 0.0).realise(Water(depth_m=1.0), np.random.default_rng(0))
+    field = realise_waves(WaveSpec("regular", 0.2, 3.0, 0.0), Water(depth_m=1.0), np.random.default_rng(0))
     k, omega = field.wave_vector_radpm[0, 0], 2.0 * np.pi / 3.0
     crest = field.phase_rad[0] / omega
     orbital = field.orbital_velocity_ned_mps(crest, np.zeros(2))
@@ -125,7 +124,7 @@ def test_orbital_velocity_in_shallow_water_has_the_coth() -> None:
 
 
 def test_regular_wave_travels_toward_its_direction() -> None:
-    field = RegularWave(0.4, 2.0, 90.0).realise(WATER, np.random.default_rng(3))
+    field = realise_waves(WaveSpec("regular", 0.4, 2.0, 90.0), WATER, np.random.default_rng(3))
     celerity = np.pi / np.hypot(*field.wave_vector_radpm[0])
     here = field.elevation_m(1.0, np.array([0.0, 0.0]))
     assert field.elevation_m(3.5, np.array([9.0, 2.5 * celerity])) == pytest.approx(here)
@@ -142,7 +141,7 @@ def test_spreading() -> None:
 def test_spread_waves_run_toward_the_mean_direction() -> None:
     flux = np.zeros(2)
     for seed in range(100):
-        field = IrregularWaves("jonswap", HS_M, TP_S, 40.0, spreading=8.0).realise(WATER, np.random.default_rng(seed))
+        field = realise_waves(WaveSpec("jonswap", HS_M, TP_S, 40.0, spreading=8.0), WATER, np.random.default_rng(seed))
         unit = field.wave_vector_radpm / np.linalg.norm(field.wave_vector_radpm, axis=1, keepdims=True)
         flux += (field.amplitude_m**2 @ unit) / (field.amplitude_m**2).sum() / 100
     # One sea's direction scatters by about 27 deg / sqrt(10 energetic components), a hundred by a tenth of that.
@@ -153,9 +152,9 @@ def test_spread_waves_run_toward_the_mean_direction() -> None:
 @pytest.mark.parametrize(
     ("settings", "problem"),
     [
-        ({"spectrum": "bretschneider"}, "bretschneider.*use one of pierson-moskowitz, jonswap"),
-        ({"significant_height_m": 0.0}, "height = 0.0 must be a positive"),
-        ({"components": 3}, "components = 3"),
+        ({"spectrum": "bretschneider"}, "bretschneider.*use none, regular, pierson-moskowitz or jonswap"),
+        ({"significant_height_m": -0.1}, "significant_height_m = -0.1"),
+        ({"components": 3}, "components = 3 is too few"),
         ({"spreading": -1.0}, "spreading = -1.0"),
         ({"gamma": 0.5}, "gamma = 0.5"),
     ],
@@ -163,4 +162,4 @@ def test_spread_waves_run_toward_the_mean_direction() -> None:
 def test_impossible_seas_are_refused(settings: dict, problem: str) -> None:
     good = {"spectrum": "jonswap", "significant_height_m": 0.2, "peak_period_s": 2.5, "direction_deg": 0.0}
     with pytest.raises(ValueError, match=problem):
-        IrregularWaves(**{**good, **settings})
+        WaveSpec(**{**good, **settings})

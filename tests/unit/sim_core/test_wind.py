@@ -9,16 +9,17 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
 
-from sim_core.environment.water import ChannelCurrent, StillWater, UniformCurrent
+from sim_core.environment.current import StillWater, UniformCurrent, make_current
+from sim_core.environment.spec import CurrentSpec, DiscreteGust, WindSpec
 from sim_core.environment.wind import (
     HIGHEST_HZ,
     LOWEST_HZ,
-    DiscreteGust,
     OrnsteinUhlenbeckGust,
     SpectralGust,
     StillAir,
     Wind,
     davenport_density,
+    discrete_gust_mps,
     gust_density,
     harris_density,
     npd_density,
@@ -102,20 +103,21 @@ def test_unknown_and_impossible_gusts_are_refused() -> None:
 
 def test_discrete_gust_rises_and_falls_as_one_minus_cosine() -> None:
     gust = DiscreteGust(start_s=10.0, rise_s=2.0, hold_s=3.0, fall_s=4.0, speed_mps=6.0)
-    assert [gust.at(t) for t in (0.0, 10.0, 12.0, 13.5, 15.0, 19.0, 50.0)] == pytest.approx([0, 0, 6, 6, 6, 0, 0])
-    assert gust.at(10.5) == pytest.approx(3.0 * (1.0 - math.cos(math.pi / 4)))
-    assert gust.at(16.0) == pytest.approx(3.0 * (1.0 + math.cos(math.pi / 4)))
+    times = (0.0, 10.0, 12.0, 13.5, 15.0, 19.0, 50.0)
+    assert [discrete_gust_mps(gust, t) for t in times] == pytest.approx([0, 0, 6, 6, 6, 0, 0])
+    assert discrete_gust_mps(gust, 10.5) == pytest.approx(3.0 * (1.0 - math.cos(math.pi / 4)))
+    assert discrete_gust_mps(gust, 16.0) == pytest.approx(3.0 * (1.0 + math.cos(math.pi / 4)))
 
 
 def test_wind_comes_from_its_direction() -> None:
-    wind = Wind(5.0, 270.0, discrete_gusts=(DiscreteGust(0.0, 1.0, 100.0, 1.0, 2.0),))
+    wind = Wind(WindSpec(5.0, 270.0, discrete_gusts=(DiscreteGust(0.0, 1.0, 100.0, 1.0, 2.0),)))
     state = wind.initial(3, np.random.default_rng(0))
     np.testing.assert_allclose(wind.velocity_ned_mps(state, -1.0), np.tile([0.0, 5.0, 0.0], (3, 1)), atol=1e-12)
     np.testing.assert_allclose(wind.velocity_ned_mps(state, 10.0), np.tile([0.0, 7.0, 0.0], (3, 1)), atol=1e-12)
 
 
 def test_wind_veers_about_its_mean() -> None:
-    wind = Wind(5.0, 0.0, direction_deviation_deg=10.0, direction_correlation_s=50.0)
+    wind = Wind(WindSpec(5.0, 0.0, direction_deviation_deg=10.0, direction_correlation_s=50.0))
     rng = np.random.default_rng(0)
     state = wind.step(wind.initial(20_000, rng), 1.0, rng)
     velocity = wind.velocity_ned_mps(state, 0.0)
@@ -132,7 +134,7 @@ def test_still_air_and_still_water() -> None:
 
 
 def test_current_fluctuates_about_its_mean_along_its_direction() -> None:
-    current = UniformCurrent(0.5, 30.0, deviation_mps=0.1, correlation_s=20.0)
+    current = UniformCurrent(CurrentSpec(0.5, 30.0, deviation_mps=0.1, correlation_s=20.0))
     rng = np.random.default_rng(0)
     first = current.initial(20_000, rng)
     state = first
@@ -147,7 +149,8 @@ def test_current_fluctuates_about_its_mean_along_its_direction() -> None:
 
 
 def test_channel_current_slackens_toward_the_banks() -> None:
-    channel = ChannelCurrent(UniformCurrent(1.0, 90.0), 100.0, (20.0, 0.0), bank_ratio=0.25, bank_exponent=2.0)
+    banks = {"channel_centre_ned_m": (20.0, 0.0), "channel_bank_ratio": 0.25, "channel_bank_exponent": 2.0}
+    channel = make_current(CurrentSpec(1.0, 90.0, channel_width_m=100.0, **banks))
     places = np.array([[20.0, 7.0, 0.0], [45.0, -90.0, 0.0], [-30.0, 5.0, 0.0], [500.0, 0.0, 0.0]])
     velocity = channel.velocity_ned_mps(channel.initial(4, np.random.default_rng(0)), places)
     np.testing.assert_allclose(velocity[:, 1], [1.0, 1.0 - 0.75 * 0.25, 0.25, 0.25])
@@ -156,6 +159,6 @@ def test_channel_current_slackens_toward_the_banks() -> None:
 
 def test_impossible_currents_are_refused() -> None:
     with pytest.raises(ValueError, match="speed_mps = -1"):
-        UniformCurrent(-1.0, 0.0)
+        UniformCurrent(CurrentSpec(-1.0, 0.0))
     with pytest.raises(ValueError, match="bank_ratio = 2"):
-        ChannelCurrent(UniformCurrent(1.0, 0.0), 100.0, bank_ratio=2.0)
+        CurrentSpec(1.0, 0.0, channel_bank_ratio=2.0)

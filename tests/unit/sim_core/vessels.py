@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 
-from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, VesselModel, Windage
+from sim_core.vessel.spec import AddedMass, Damping, Hull, Propeller, VesselSpec, Windage
 
 LINEAR = Damping(surge=15.0, sway=250.0, heave=500.0, roll=50.0, pitch=50.0, yaw=150.0)
 QUADRATIC = Damping(surge=20.0, sway=150.0, yaw=200.0)
@@ -14,7 +14,7 @@ def propeller(side: float) -> Propeller:
     return Propeller((-0.7, 0.5 * side, -0.55), 250.0, 150.0, 0.25, 0.4)
 
 
-FULL = VesselModel(
+FULL = VesselSpec(
     name="asv-full",
     mass_kg=113.0,
     inertia_kgm2=(23.0, 35.0, 56.0),
@@ -29,7 +29,7 @@ FULL = VesselModel(
 BARE = replace(FULL, name="bare", added_mass=AddedMass(), wind=Windage())
 
 
-def froude_scaled(model: VesselModel, scale: float) -> VesselModel:
+def froude_scaled(model: VesselSpec, scale: float) -> VesselSpec:
     """The same vessel with lengths times `scale`, in the same water and gravity: time goes with its root."""
 
     def damping(values: Damping, force: float) -> Damping:
@@ -41,7 +41,7 @@ def froude_scaled(model: VesselModel, scale: float) -> VesselModel:
     quadratic = replace(quadratic, yaw=model.damping_quadratic.yaw * scale**5)
     masses = {k: v * scale ** (3 if k.endswith("_kg") else 5) for k, v in asdict(model.added_mass).items()}
     hull = model.hull
-    return VesselModel(
+    return VesselSpec(
         name=f"{model.name}-{scale:.3g}",
         mass_kg=model.mass_kg * scale**3,
         inertia_kgm2=tuple(value * scale**5 for value in model.inertia_kgm2),

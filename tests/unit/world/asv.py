@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from sim_core.vessel.model import AddedMass, Damping, Hull, Propeller, VesselModel
+from sim_core.vessel.spec import AddedMass, Damping, Hull, Propeller, VesselSpec
 
-ASV = VesselModel(
+ASV = VesselSpec(
     name="asv",
     mass_kg=113.0,
     inertia_kgm2=(23.0, 35.0, 56.0),

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from asv import ASV
 
+from sim_core.environment.current import UniformCurrent
 from sim_core.environment.environment import Environment
-from sim_core.environment.water import UniformCurrent
+from sim_core.environment.spec import CurrentSpec
 from sim_core.simulation import Simulation, SimulationState, initial, launch, step
 from sim_core.world import contact
-from sim_core.world.capsules import Capsules, box, touches
 from sim_core.world.contact import (
     DAMPING_RATIO,
     FRICTION,
@@ -22,6 +22,7 @@ from sim_core.world.contact import (
     wrench_frd,
 )
 from sim_core.world.debris import BodyKind, Launch
+from sim_core.world.plan import Capsules, box_capsules, touches
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import OPEN_WATER, Waterway
 
@@ -54,7 +55,7 @@ def sailed(
 
 
 def simulation_in(waterway: Waterway, current_mps: float = 0.0, dt_s: float = 0.0025) -> Simulation:
-    environment = Environment(current=UniformCurrent(current_mps, 90.0))
+    environment = Environment(current=UniformCurrent(CurrentSpec(current_mps, 90.0)))
     return Simulation.of(ASV, environment, dt_s, waterway)
 
 
@@ -81,7 +82,7 @@ def test_capsules_touch_where_their_axes_come_nearest() -> None:
 
 
 def test_the_sides_of_a_box_are_where_they_should_be() -> None:
-    sides = box("dam", (10.0, 20.0), (40.0, 6.0), math.radians(30.0))
+    sides = box_capsules("dam", (10.0, 20.0), (40.0, 6.0), math.radians(30.0))
     ahead, right = np.array([math.cos(math.pi / 6), 0.5]), np.array([-0.5, math.cos(math.pi / 6)])
     middle = np.array([10.0, 20.0])
     points = np.array([middle + 5.0 * right, middle + 22.0 * ahead, middle + 7.0 * ahead - 3.0 * right])

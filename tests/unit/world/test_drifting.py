@@ -7,12 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from sim_core.environment.water import Water as StillLake
-from sim_core.environment.waves import RegularWave
+from sim_core.environment.spec import Water as StillLake
+from sim_core.environment.spec import WaveSpec
+from sim_core.environment.waves import realise_waves
 from sim_core.kinematics import Kinematics
-from sim_core.world.capsules import Capsules
 from sim_core.world.contact import Outline
 from sim_core.world.debris import BodyKind, DebrisState, Launch, bodies_at, body_of, drift, launched, no_debris
+from sim_core.world.plan import Capsules
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import STILL, Afloat, Water, Waterway
 from sim_core.world.waterway import step as waterway_step
@@ -76,7 +77,7 @@ def test_it_turns_a_little_and_each_in_its_own_way() -> None:
 
 
 def test_it_rides_the_waves() -> None:
-    field = RegularWave(0.3, 4.0, 0.0).realise(StillLake(), np.random.default_rng(1))
+    field = realise_waves(WaveSpec("regular", 0.3, 4.0, 0.0), StillLake(), np.random.default_rng(1))
     debris = one(BodyKind.TRUNK)
     middle = body_of(BodyKind.TRUNK).middle_below_surface_m
     for step in range(200):

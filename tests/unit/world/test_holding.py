@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_core.world.capsules import Capsules
 from sim_core.world.contact import FRICTION
 from sim_core.world.debris import BodyKind, DebrisState, Launch, drift, launched, no_debris
 from sim_core.world.debris_contact import held_by
+from sim_core.world.plan import Capsules
 
 LONG_NS = 20_000_000
 

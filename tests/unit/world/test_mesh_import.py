@@ -9,8 +9,7 @@ import pytest
 import trimesh
 
 from sim_core.world.geometry import ROCK, WorldError, import_mesh
-
-NOWHERE = (0.0, 0.0, 0.0)
+from sim_core.world.spec import MeshFileSpec
 
 
 def wedge() -> trimesh.Trimesh:
@@ -29,7 +28,7 @@ def test_every_format_gives_the_same_solid(kind: str, tmp_path: Path) -> None:
             (tmp_path / name.replace("model.gltf", "wedge.gltf")).write_bytes(data)
     else:
         wedge().export(path)
-    mesh, warning = import_mesh(path, (100.0, 200.0, -1.0), material=ROCK)
+    mesh, warning = import_mesh(MeshFileSpec(str(path), (100.0, 200.0, -1.0), material="rock"))
     assert warning is None
     assert mesh.material is ROCK
     read = trimesh.Trimesh(mesh.vertices_m, mesh.faces)
@@ -43,7 +42,7 @@ def test_every_format_gives_the_same_solid(kind: str, tmp_path: Path) -> None:
 def test_a_heading_turns_clockwise_and_the_scale_is_metres_to_the_unit(tmp_path: Path) -> None:
     path = tmp_path / "pole.stl"
     trimesh.creation.box((10.0, 40.0, 10.0)).apply_translation((0.0, 20.0, 0.0)).export(path)
-    mesh, _ = import_mesh(path, NOWHERE, heading_deg=90.0, scale=0.1)
+    mesh, _ = import_mesh(MeshFileSpec(str(path), heading_deg=90.0, scale=0.1))
     np.testing.assert_allclose(mesh.vertices_m.min(axis=0), [-0.5, 0.0, -0.5], atol=1e-6)
     np.testing.assert_allclose(mesh.vertices_m.max(axis=0), [0.5, 4.0, 0.5], atol=1e-6)
     assert trimesh.Trimesh(mesh.vertices_m, mesh.faces).volume == pytest.approx(4.0)
@@ -52,7 +51,7 @@ def test_a_heading_turns_clockwise_and_the_scale_is_metres_to_the_unit(tmp_path:
 def test_y_up_is_turned_upright(tmp_path: Path) -> None:
     path = tmp_path / "mast.glb"
     trimesh.creation.box((1.0, 8.0, 2.0)).apply_translation((0.0, 4.0, -3.0)).export(path)
-    mesh, _ = import_mesh(path, NOWHERE, up="y")
+    mesh, _ = import_mesh(MeshFileSpec(str(path), up="y"))
     # 8 m high; what was 3 m along -z is 3 m to the north.
     np.testing.assert_allclose(mesh.vertices_m.min(axis=0), [2.0, -0.5, -8.0], atol=1e-6)
     np.testing.assert_allclose(mesh.vertices_m.max(axis=0), [4.0, 0.5, 0.0], atol=1e-6)
@@ -61,10 +60,10 @@ def test_y_up_is_turned_upright(tmp_path: Path) -> None:
 def test_what_looks_like_millimetres_is_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "gate.stl"
     trimesh.creation.box((12_000.0, 500.0, 8_000.0)).export(path)
-    mesh, warning = import_mesh(path, NOWHERE)
+    mesh, warning = import_mesh(MeshFileSpec(str(path)))
     assert warning == f"{path} is 12000 m across; if it is in millimetres, give it scale: 0.001"
     assert np.ptp(mesh.vertices_m[:, 1]) == pytest.approx(12_000.0)
-    assert import_mesh(path, NOWHERE, scale=0.001)[1] is None
+    assert import_mesh(MeshFileSpec(str(path), scale=0.001))[1] is None
 
 
 @pytest.mark.parametrize(
@@ -87,14 +86,14 @@ def test_a_file_without_a_mesh_is_refused_in_a_sentence(
 ) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(WorldError, match=sentence) as raised:
-        import_mesh(tmp_path / name, NOWHERE)
+        import_mesh(MeshFileSpec(str(tmp_path / name)))
     assert str(raised.value).startswith(str(tmp_path / name))
     assert "\n" not in str(raised.value)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(WorldError, match=r"dam\.stl does not exist; give the path of a mesh"):
-        import_mesh(tmp_path / "dam.stl", NOWHERE)
+        import_mesh(MeshFileSpec(str(tmp_path / "dam.stl")))
 
 
 def test_a_file_cut_off_anywhere_raises_nothing_else(tmp_path: Path) -> None:
@@ -105,7 +104,7 @@ def test_a_file_cut_off_anywhere_raises_nothing_else(tmp_path: Path) -> None:
         for share in np.linspace(0.0, 0.99, 25):
             path.write_bytes(content[: int(share * len(content))])
             try:
-                mesh, _ = import_mesh(path, NOWHERE)
+                mesh, _ = import_mesh(MeshFileSpec(str(path)))
             except WorldError:
                 continue
             assert np.isfinite(mesh.vertices_m).all()

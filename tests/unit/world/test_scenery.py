@@ -11,30 +11,30 @@ import numpy as np
 import pytest
 import trimesh
 
-from sim_core.world.geometry import FORMATS, MATERIALS
+from sim_core.world.geometry import MATERIALS
 from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.rays import RayCaster
-from sim_core.world.structures import LogBoom
+from sim_core.world.spec import MeshFileSpec
+from sim_core.world.structures import LogBoom, upright_walls
 from tests.river import fan, river_profile, river_scenery
 from xitl_cli.errors import UserError
+from xitl_cli.profile.entry import ProfileError
 from xitl_cli.profile.load import load_profile
-from xitl_cli.profile.problems import ProfileError
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.place import MESH_FORMATS, World
-from xitl_cli.run.sensors.further_channels import walls_of
-from xitl_cli.run.world import scene_land
+from xitl_cli.profile.schema.world import WorldSpec
+from xitl_cli.run.world import scene
 from xitl_cli.run.world import scenery as scenery_module
-from xitl_cli.run.world.scene import scene_of
-from xitl_cli.run.world.scenery import scenery_of
+from xitl_cli.run.world.scene import make_scene
+from xitl_cli.run.world.scenery import Scenery
 
 
 def run_in(**world: Any) -> RunProfile:
     """The shipped run in another world."""
-    return dataclasses.replace(load_profile("sitl").runnable(), world=World.model_validate(world, strict=False))
+    return dataclasses.replace(load_profile("sitl").runnable(), world=WorldSpec(**world))
 
 
 def test_a_world_with_nothing_in_it_has_a_flat_bed_at_the_waters_depth() -> None:
-    scenery = scenery_of(run_in())
+    scenery = Scenery(run_in())
     assert scenery.boom is None
     assert scenery.boxes == ()
     # 20 m below a surface 0.01 m below the origin.
@@ -47,7 +47,7 @@ def test_a_world_with_nothing_in_it_has_a_flat_bed_at_the_waters_depth() -> None
 
 def test_the_shipped_boom_by_points_is_where_it_was() -> None:
     profile = load_profile("sitl").runnable()
-    boom = scenery_of(profile).boom
+    boom = Scenery(profile).boom
     assert boom is not None
     assert len(boom.centre_ned_m) == 40
     assert boom.piles == ()
@@ -94,7 +94,7 @@ def test_everywhere_on_the_way_something_ahead_fixes_the_place_along_it() -> Non
 
 def test_walls_of_a_catenary_lie_along_its_floats() -> None:
     world = river_profile().world
-    walls = walls_of(world, 0.01)
+    walls = upright_walls(world.log_boom, world.dam, 0.01)
     boom = river_scenery().boom
     assert isinstance(boom, LogBoom)
     assert len(walls.top_down_m) == 4 * len(boom.centre_ned_m) + 4
@@ -107,7 +107,7 @@ def test_walls_of_a_catenary_lie_along_its_floats() -> None:
 def test_the_river_is_drawn() -> None:
     """As much as a recording can bear, and the world of before as it was."""
     profiles = load_profile("sitl").runnable(), river_profile()
-    small, large = (len(scene_of(profile, scenery_of(profile)).encode()) for profile in profiles)
+    small, large = (len(make_scene(profile, Scenery(profile)).encode()) for profile in profiles)
     assert small < 10_000
     assert 500_000 < large < 4_000_000
 
@@ -115,19 +115,19 @@ def test_the_river_is_drawn() -> None:
 def test_a_mesh_by_file_stands_in_the_scene_and_is_warned_of(tmp_path: Path) -> None:
     path = tmp_path / "pier.stl"
     trimesh.creation.box((4.0, 4.0, 6.0)).export(path)
-    profile = run_in(meshes=[{"file": str(path), "position_ned_m": (30.0, 0.0, 0.0), "material": "steel"}])
-    scenery = scenery_of(profile)
+    profile = run_in(meshes=(MeshFileSpec(str(path), (30.0, 0.0, 0.0), material="steel"),))
+    scenery = Scenery(profile)
     hits = scenery.caster().cast(np.zeros((1, 3), dtype=np.float32), np.array([[1.0, 0, 0]], dtype=np.float32))
     assert hits.range_m[0] == pytest.approx(28.0)
     assert MATERIALS[hits.material[0]].name == "steel"
     assert scenery.warnings == ()
-    large = scenery_of(run_in(meshes=[{"file": str(path), "scale": 1000.0}]))
+    large = Scenery(run_in(meshes=(MeshFileSpec(str(path), scale=1000.0),)))
     assert large.scene.triangles
     assert large.warnings == (
         f"world.meshes.0: {path} is 6000 m across; if it is in millimetres, give it scale: 1",
     )  # fmt: skip
     with pytest.raises(UserError, match=r"sitl: world\.meshes\.0: .*none\.stl does not exist; give the path"):
-        _ = scenery_of(run_in(meshes=[{"file": str(tmp_path / "none.stl")}])).scene
+        _ = Scenery(run_in(meshes=(MeshFileSpec(str(tmp_path / "none.stl")),))).scene
 
 
 def test_a_meshs_path_is_meant_from_its_profile(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_a_meshs_path_is_meant_from_its_profile(tmp_path: Path) -> None:
 
 def test_without_embree_numpy_casts_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scenery_module, "find_spec", lambda name: None)
-    scenery = scenery_of(run_in())
+    scenery = Scenery(run_in())
     caster: RayCaster = scenery.caster()
     assert isinstance(caster, PrimitiveCaster)
     assert [warning for warning in scenery.warnings if "pip install 'xitl[perception]'" in warning] != []
@@ -166,8 +166,8 @@ def test_without_embree_numpy_casts_and_it_is_said(monkeypatch: pytest.MonkeyPat
         (
             "dam: {centre_ned_m: [0, 0, 0], size_m: [100, 10, 20], "
             "intakes: {count: 2, width_m: 12, height_m: 5, down_m: 9}}",
-            "world.dam.intakes reach from 6.5 to 11.5 m down, out of the dam, which reaches from -10 to 10; "
-            "change down_m or height_m",
+            "world.dam.intakes.height_m = 5 reaches from 6.5 to 11.5 m down, out of the dam, "
+            "which reaches from -10 to 10; change down_m or height_m",
         ),
         (
             "river: {width_m: 100, depth_m: 9, along_m: [5, -5]}",
@@ -205,11 +205,11 @@ def test_a_mesh_too_large_to_be_drawn_is_met_by_rays_and_told_of(
 ) -> None:
     path = tmp_path / "pier.stl"
     trimesh.creation.box((4.0, 4.0, 6.0)).export(path)
-    profile = run_in(meshes=[{"file": str(path), "position_ned_m": (30.0, 0.0, 0.0)}])
-    assert b"pier.stl" in scene_of(profile, scenery_of(profile)).encode()
-    monkeypatch.setattr(scene_land, "MOST_DRAWN", 11)
-    scenery = scenery_of(profile)
-    assert b"pier.stl" not in scene_of(profile, scenery).encode()
+    profile = run_in(meshes=(MeshFileSpec(str(path), (30.0, 0.0, 0.0)),))
+    assert b"pier.stl" in make_scene(profile, Scenery(profile)).encode()
+    monkeypatch.setattr(scene, "MOST_DRAWN", 11)
+    scenery = Scenery(profile)
+    assert b"pier.stl" not in make_scene(profile, scenery).encode()
     assert scenery.warnings == ("pier.stl has 12 triangles and is not drawn in the recording; rays do meet it",)
     hits = scenery.caster().cast(np.zeros((1, 3), dtype=np.float32), np.array([[1.0, 0, 0]], dtype=np.float32))
     assert hits.range_m[0] == pytest.approx(28.0)
@@ -224,7 +224,3 @@ def test_a_mesh_that_cannot_be_had_is_found_by_the_check(file: str, said: str, t
     profile.write_text(f"extends: sitl\nworld: {{meshes: [{{file: {file}}}]}}\n")
     with pytest.raises(ProfileError, match=rf"quay\.yaml:2: world\.meshes\.0\.file.*{said}"):
         load_profile(str(profile))
-
-
-def test_the_check_knows_the_formats_that_are_read() -> None:
-    assert MESH_FORMATS == FORMATS

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import fields
 
 from xitl_cli.profile.entry import KeyPath, dotted
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.faults import AgentFault, Fault, LinkFault
-from xitl_cli.profile.schema.group import Group
-from xitl_cli.profile.schema.session import Clock
+from xitl_cli.profile.schema.faults import AgentFault, FaultSpec, LinkFault, SensorFault
+from xitl_cli.profile.schema.profile import ClockSpec
 
 GROUPS = ("link", "agent", "imu", "gnss", "magnetometer", "barometer")
 CLOCK_KEYS = ("clock_offset_s", "clock_skew_ppm")
@@ -27,7 +27,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             yield from _group(profile, (*path, group), fault, value)
 
 
-def _times(path: KeyPath, fault: Fault) -> Iterator[tuple[KeyPath, str]]:
+def _times(path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
     if fault.until_s is not None and fault.until_s <= fault.from_s:
         yield (
             (*path, "until_s"),
@@ -36,12 +36,15 @@ def _times(path: KeyPath, fault: Fault) -> Iterator[tuple[KeyPath, str]]:
         )
 
 
-def _group(profile: Profile, path: KeyPath, fault: Fault, value: Group) -> Iterator[tuple[KeyPath, str]]:
+def _group(
+    profile: Profile, path: KeyPath, fault: FaultSpec, value: LinkFault | AgentFault | SensorFault
+) -> Iterator[tuple[KeyPath, str]]:
     key = dotted(path)
     default = type(value)()
-    set_keys = [name for name in type(value).model_fields if getattr(value, name) != getattr(default, name)]
+    known = [field.name for field in fields(value)]
+    set_keys = [name for name in known if getattr(value, name) != getattr(default, name)]
     if not set(set_keys) - set(_WHERE):
-        keys = [name for name in type(value).model_fields if name not in _WHERE]
+        keys = [name for name in known if name not in _WHERE]
         yield path, f"{key} does nothing; give it {', '.join(keys[:-1])} or {keys[-1]}"
     if profile.autopilot is not None and profile.autopilot.kind == "none":
         yield (
@@ -64,9 +67,9 @@ def _group(profile: Profile, path: KeyPath, fault: Fault, value: Group) -> Itera
         yield from _standby(profile, path, value)
 
 
-def _shortest(profile: Profile, path: KeyPath, fault: Fault) -> Iterator[tuple[KeyPath, str]]:
+def _shortest(profile: Profile, path: KeyPath, fault: FaultSpec) -> Iterator[tuple[KeyPath, str]]:
     """Faults of links and agents are put in force at exchanges: between two of them there is nothing to hurt."""
-    period_s = 1.0 / (profile.clock or Clock()).exchange_rate_hz
+    period_s = 1.0 / (profile.clock or ClockSpec()).exchange_rate_hz
     if fault.until_s is not None and 0.0 < fault.until_s - fault.from_s < period_s:
         name = dotted(path[:-1])
         yield (
@@ -82,7 +85,7 @@ def _mode(
     """In lockstep time stands still while agent and messages are under way: nothing there can take longer."""
     if profile.clock is None and profile.missing_for_run():
         return
-    if (profile.clock or Clock()).mode != "lockstep":
+    if (profile.clock or ClockSpec()).mode != "lockstep":
         return
     timed = ("delay_s", "jitter_s") if isinstance(value, LinkFault) else ("cpu_load", *CLOCK_KEYS)
     for name in set_keys:

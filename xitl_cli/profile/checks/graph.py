@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.catalogue import find_profile
-from xitl_cli.profile.entry import KeyPath, dotted
-from xitl_cli.profile.problems import shown
+from xitl_cli.profile.entry import KeyPath, dotted, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.graph import COMPLETE, MEANINGS, architecture, is_node_name
 
@@ -35,7 +34,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         for number, other in enumerate(others):
             yield from _link_end(profile, other, (*path, number), f"{dotted(path)}: {shown(other)}")
     reference = profile.graph.reference
-    if reference != COMPLETE:
+    if reference not in (None, COMPLETE):
         try:
             find_profile(reference)
         except (UserError, ValueError, OSError) as error:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
-from xitl_cli.profile.entry import KeyPath
-from xitl_cli.profile.ground_stations import ground_stations_of
-from xitl_cli.profile.problems import shown
+from xitl_cli.profile.checks.world import is_file
+from xitl_cli.profile.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.operation import Driver
+from xitl_cli.profile.schema.agents import DriverSpec
+from xitl_cli.profile.schema.profile import ground_stations_of
 
 STEERED_PROPELLERS = 2
 SHORTEST_PULSE_US = 800
@@ -24,7 +23,7 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     yield from _technique(profile)
 
 
-def _driver(profile: Profile, driver: Driver) -> Iterator[tuple[KeyPath, str]]:
+def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str]]:
     kind: KeyPath = ("driver", "kind")
     autopilot = profile.autopilot
     if driver.kind == "mission":
@@ -68,7 +67,7 @@ def _ground_station(profile: Profile, embedded: bool) -> Iterator[tuple[KeyPath,
         )
 
 
-def _script(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
+def _script(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
     if not driver.script:
         example = "{at_s: 0, mode: MANUAL, arm: true}" if embedded else "{at_s: 0, motors: [0.3, 0.3]}"
         yield ("driver", "kind"), f"driver.kind = script has no steps; add driver.script, a list of {example}"
@@ -124,7 +123,7 @@ def _motors(profile: Profile, path: KeyPath, key: str, motors: tuple[float, ...]
         )
 
 
-def _replay(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
+def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
     replay = driver.replay
     if driver.file is None:
         yield ("driver", "kind"), "driver.kind = replay has no file; add driver.file, a DataFlash .bin or a .csv"
@@ -134,7 +133,7 @@ def _replay(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[
             f"driver.file = {shown(driver.file)} is neither a .bin nor a .csv; "
             "give a DataFlash log or a table of pulse widths",
         )
-    elif not _is_file(driver.file):
+    elif not is_file(driver.file):
         yield ("driver", "file"), f"driver.file: {driver.file} does not exist; check the path"
     if replay.start_s is not None and replay.end_s is not None and replay.end_s <= replay.start_s:
         yield (
@@ -160,13 +159,6 @@ def _replay(profile: Profile, driver: Driver, embedded: bool) -> Iterator[tuple[
             ("driver", "replay", "rc_channels"),
             f"driver.replay.rc_channels gives steering and throttle the one channel {replay.rc_channels[0]}; use two",
         )
-
-
-def _is_file(path: str) -> bool:
-    try:
-        return Path(path).is_file()
-    except (OSError, ValueError):
-        return False
 
 
 def _technique(profile: Profile) -> Iterator[tuple[KeyPath, str]]:

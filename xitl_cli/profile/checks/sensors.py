@@ -1,39 +1,99 @@
-"""Sensors that can be, and whose samples reach somebody."""
+"""Sensors whose samples fall on physics steps and reach somebody: every rate must divide the physics rate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 
-from xitl_cli.profile.entry import KeyPath, dotted
-from xitl_cli.profile.problems import shown
+from xitl_cli.profile.checks.link import problem_of_url
+from xitl_cli.profile.entry import KeyPath, dotted, shown
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.sensors import ObstacleScanner, Rangefinder, sensors_of
+from xitl_cli.profile.schema.profile import ClockSpec
+from xitl_cli.profile.schema.sensors import sampled_sensors
 
-SHORTEST_DIRECTION = 1e-6
+_NS = 1_000_000_000
+_SERVE = "use udp://127.0.0.1:9092, serial:///dev/ttyUSB0?baud=115200 or serial://pty"
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Limits the wrong way round, beams that look nowhere, a wind vane without an autopilot that takes its wind."""
+    """Rates that do not divide, a wind vane without an autopilot that takes its wind, a sonar that cannot be served."""
+    yield from _rate_problems(profile)
     if profile.sensors is None:
         return
-    for path, sensor in sensors_of(profile.sensors):
-        if isinstance(sensor, (Rangefinder, ObstacleScanner)) and sensor.min_range_m >= sensor.max_range_m:
-            yield (
-                (*path, "min_range_m"),
-                f"{dotted((*path, 'min_range_m'))} = {sensor.min_range_m:g} is not below max_range_m = "
-                f"{sensor.max_range_m:g}; lower it, or raise the other",
-            )
-        if isinstance(sensor, Rangefinder) and math.hypot(*sensor.direction_frd) < SHORTEST_DIRECTION:
-            yield (
-                (*path, "direction_frd"),
-                f"{dotted((*path, 'direction_frd'))} = {shown(sensor.direction_frd)} looks nowhere; "
-                "use [0, 0, 1] for down, [1, 0, 0] for ahead",
-            )
-    autopilot = profile.autopilot
+    autopilot, sonar = profile.autopilot, profile.sensors.sonar
     if profile.sensors.wind_vane is not None and autopilot is not None and autopilot.bridge.world is None:
         yield (
             ("sensors", "wind_vane"),
             "sensors.wind_vane reaches nobody: the wind goes to an autopilot whose world is served; "
             "leave it out, or use autopilot.bridge.world",
         )
+    if sonar is not None and sonar.serve is not None and (problem := _problem_of_serve(sonar.serve)) is not None:
+        yield ("sensors", "sonar", "serve"), f"sensors.sonar.serve = {shown(sonar.serve)} {problem}"
+
+
+def _rate_problems(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Rates that do not divide the physics rate, and a physics step that is not a whole number of nanoseconds."""
+    physics_hz = (profile.clock or ClockSpec()).physics_rate_hz
+    step_ns = _NS / physics_hz
+    if not _is_whole(step_ns):
+        below, above = _step_rates(physics_hz)
+        yield (
+            ("clock", "physics_rate_hz"),
+            f"clock.physics_rate_hz = {physics_hz:g} has a step of {step_ns:.10g} ns, which is not a whole number; "
+            f"use {_one_of(below, above)}",
+        )
+        return
+    for path, rate_hz in _rates(profile):
+        if _is_whole(physics_hz / rate_hz):
+            continue
+        key = f"{dotted(path)} = {rate_hz:g}"
+        if rate_hz > physics_hz:
+            yield path, f"{key} is above the physics rate {physics_hz:g} Hz; use {physics_hz:g} or less"
+            continue
+        below, above = divisors_around(rate_hz, physics_hz)
+        yield path, f"{key} does not divide the physics rate {physics_hz:g} Hz; use {_one_of(below, above)}"
+
+
+def divisors_around(rate_hz: float, physics_hz: float) -> tuple[float | None, float]:
+    """The nearest rates below and above `rate_hz` that divide `physics_hz`, whole numbers where there are any."""
+    if physics_hz == int(physics_hz) and physics_hz >= rate_hz > 1:
+        whole = [divisor for divisor in range(1, int(physics_hz) + 1) if int(physics_hz) % divisor == 0]
+        return max(d for d in whole if d < rate_hz), min(d for d in whole if d > rate_hz)
+    steps = physics_hz / rate_hz
+    return physics_hz / math.ceil(steps), physics_hz / math.floor(steps)
+
+
+def _rates(profile: Profile) -> Iterator[tuple[KeyPath, float]]:
+    if profile.sensors is not None:
+        for path, sensor in sampled_sensors(profile.sensors):
+            yield (*path, "rate_hz"), sensor.rate_hz
+        if profile.sensors.lidar is not None:
+            yield ("sensors", "lidar", "rate_hz"), profile.sensors.lidar.rate_hz
+    if profile.clock is not None:
+        yield ("clock", "exchange_rate_hz"), profile.clock.exchange_rate_hz
+    if profile.recording is not None:
+        yield ("recording", "truth_rate_hz"), profile.recording.truth_rate_hz
+
+
+def _step_rates(physics_hz: float) -> tuple[float | None, float | None]:
+    whole = sorted(2**i * 5**j for i in range(10) for j in range(10))
+    below = [rate for rate in whole if rate < physics_hz]
+    above = [rate for rate in whole if rate > physics_hz]
+    return (below[-1] if below else None), (above[0] if above else None)
+
+
+def _is_whole(number: float) -> bool:
+    return number >= 0.5 and abs(number - round(number)) <= 1e-9 * number
+
+
+def _one_of(below: float | None, above: float | None) -> str:
+    return " or ".join(f"{rate:g}" for rate in (below, above) if rate is not None)
+
+
+def _problem_of_serve(url: str) -> str | None:
+    scheme, _, rest = url.partition("://")
+    if scheme == "serial" and (rest == "pty" or rest.startswith("pty/")):
+        return None
+    if scheme in ("tcp", "can"):
+        return f"is no line that a Ping360 has; {_SERVE}"
+    return problem_of_url(url)

@@ -1,16 +1,18 @@
-"""The schema of a profile, one file per group of keys.
+"""The schema of a profile: frozen dataclasses, one for each group of keys.
 
-Profile
+What a simulated thing is in numbers stands with its model: sim_core/{vessel,environment,world,sensors}/spec.py. Here is
+the rest: what a profile is put together from.
+
+Profile                        profile.py
 ├── name, description, technique
-├── site, world          place.py, debris.py
-├── vehicle              vehicle.py
-├── environment          environment.py
-├── sensors              sensors.py, perception.py
-├── mission, driver, autopilot   operation.py
-├── companion            companion.py
-├── clock, recording     session.py
-├── faults               faults.py
-└── graph                graph.py, derived_graph.py (what follows from the others)
+├── site, world                world.py, sim_core/world/spec.py
+├── vehicle                    sim_core/vessel/spec.py
+├── environment                sim_core/environment/spec.py
+├── sensors                    sensors.py, sim_core/sensors/spec.py
+├── mission, driver, autopilot, companion   agents.py
+├── clock, recording           profile.py
+├── faults                     faults.py
+└── graph                      graph.py, derived_graph.py (what follows from the others)
 """
 
 from xitl_cli.profile.schema.profile import Profile, RunProfile

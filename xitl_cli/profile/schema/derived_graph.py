@@ -6,13 +6,14 @@ A profile's `graph` group holds only what differs from it. A new part of a run i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Literal
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import urlsplit
 
-from xitl_cli.profile.schema.graph import Node, NodeGraph, architecture
+from xitl_cli.profile.schema.graph import COMPLETE, Node, NodeGraph, architecture
 
 if TYPE_CHECKING:
-    from xitl_cli.profile.schema.operation import Autopilot
+    from xitl_cli.profile.schema.agents import AutopilotSpec
     from xitl_cli.profile.schema.profile import Profile
 
 REFERENCE = "paper/eq24-general-use"
@@ -99,16 +100,17 @@ def complete_graph_group(profile: Profile) -> NodeGraph | None:
     if runs:
         present = {name: others for name, (_, others) in derived.items() if nodes[name].kind != "absent"}
         links = {**_links(present), **links}
-    given = {key: getattr(written, key) for key in ("reference", "vertices") if key in written.model_fields_set}
-    return NodeGraph(nodes=nodes, links=links, **{"reference": REFERENCE, **given} if runs else given)
+    reference = written.reference or (REFERENCE if runs else COMPLETE)
+    return NodeGraph(nodes=nodes, links=links, reference=reference, vertices=written.vertices)
 
 
 def _merged(derived: Node, written: Node | None) -> Node:
-    values = derived.model_dump()
-    if written is not None:
-        values |= {key: getattr(written, key) for key in written.model_fields_set}
-        values["kind"] = written.kind or derived.kind
-    return Node(**values)
+    """What is written of a node over what follows for it; the rest empty."""
+    return Node(**{"runs_on": "", "does": "", **_values(derived), **_values(written)})
+
+
+def _values(node: Node | None) -> dict[str, Any]:
+    return {} if node is None else {name: value for name, value in asdict(node).items() if value is not None}
 
 
 def _links(nodes: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
@@ -136,7 +138,7 @@ def _agent_place(runs: str, name: str) -> tuple[Literal["real", "virtual"], str]
     return "virtual", THIS_MACHINE if runs == "in-process" else f"{name} process on {THIS_MACHINE}"
 
 
-def _autopilot_place(autopilot: Autopilot) -> tuple[Literal["real", "virtual"], str]:
+def _autopilot_place(autopilot: AutopilotSpec) -> tuple[Literal["real", "virtual"], str]:
     """Of another make: on a board where the agent is on one, or at the end of a cable."""
     standby = autopilot.standby
     if autopilot.runs == "board" or (standby is not None and standby.runs == "board"):

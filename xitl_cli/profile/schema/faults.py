@@ -2,83 +2,87 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field
+from sim_core.keys import Bounds, NonNegative, Share, Specification, Vector
 
-from xitl_cli.profile.schema.group import Group, NonNegative, Vector
-
-Share = Annotated[float, Field(ge=0, le=1)]
+AgentName = Literal["agent", "standby", "companion"]
+Delay = Annotated[float, Bounds(at_least=0, at_most=60)]
 _ZEROS = (0.0, 0.0, 0.0)
 
 
-class LinkFault(Group):
-    """A bad link, to `which` agent. `direction`: to the agent (sensors), from it (actuators), or both.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkFault(Specification):
+    """A bad link to an agent, frame by frame."""
 
-    Every frame is kept back for `delay_s` and up to `jitter_s` more; `loss`, `duplicate` and `reorder` are shares of
-    the frames; `cut` lets nothing through.
-    """
-
-    which: Literal["agent", "standby", "companion"] = "agent"
-    direction: Literal["both", "sensors", "actuators"] = "both"
-    delay_s: Annotated[float, Field(ge=0, le=60)] = 0.0
-    jitter_s: Annotated[float, Field(ge=0, le=60)] = 0.0
-    loss: Share = 0.0
-    duplicate: Share = 0.0
-    reorder: Share = 0.0
-    cut: bool = False
+    which: Annotated[AgentName, "whose link"] = "agent"
+    direction: Annotated[Literal["both", "sensors", "actuators"], "sensors: to the agent; actuators: from it"] = "both"
+    delay_s: Annotated[Delay, "of every frame"] = 0.0
+    jitter_s: Annotated[Delay, "up to so much more"] = 0.0
+    loss: Annotated[Share, "of the frames"] = 0.0
+    duplicate: Annotated[Share, "of the frames"] = 0.0
+    reorder: Annotated[Share, "of the frames"] = 0.0
+    cut: Annotated[bool, "lets nothing through"] = False
 
 
-class AgentFault(Group):
-    """A bad computer, that of `which` agent.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AgentFault(Specification):
+    """A bad computer."""
 
-    A share of every processor is kept busy; the clock is ahead by an offset, and runs fast.
-    """
-
-    which: Literal["agent", "standby", "companion"] = "agent"
-    cpu_load: Share = 0.0
-    clock_offset_s: Annotated[float, Field(ge=0, le=100_000)] = 0.0
-    clock_skew_ppm: Annotated[float, Field(ge=-10_000, le=10_000)] = 0.0
+    which: Annotated[AgentName, "whose"] = "agent"
+    cpu_load: Annotated[Share, "of every processor that is kept busy"] = 0.0
+    clock_offset_s: Annotated[float, Bounds(at_least=0, at_most=100_000), "by which its clock is ahead"] = 0.0
+    clock_skew_ppm: Annotated[float, Bounds(at_least=-10_000, at_most=10_000), "by which it runs fast"] = 0.0
 
 
-class SensorFault(Group):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorFault(Specification):
     """What can befall every sensor: samples that do not come, values that stand still."""
 
-    dropout: Share = 0.0
-    freeze: bool = False
+    dropout: Annotated[Share, "of the samples that do not come"] = 0.0
+    freeze: Annotated[bool, "values stand still"] = False
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ImuFault(SensorFault):
-    """The same, and constants added to what it measures."""
+    """Dropout, freeze and constants added to what the IMU measures."""
 
     gyro_bias_frd_radps: Vector = _ZEROS
     accel_bias_frd_mps2: Vector = _ZEROS
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GnssFault(SensorFault):
-    """The same, and constants added to position and velocity."""
+    """Dropout, freeze and constants added to position and velocity."""
 
     position_bias_ned_m: Vector = _ZEROS
     velocity_bias_ned_mps: Vector = _ZEROS
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class MagnetometerFault(SensorFault):
-    """The same, and a constant added to the field."""
+    """Dropout, freeze and a constant added to the field."""
 
     field_bias_frd_gauss: Vector = _ZEROS
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BarometerFault(SensorFault):
-    """The same, and a constant added to the pressure."""
+    """Dropout, freeze and a constant added to the pressure."""
 
     pressure_bias_pa: float = 0.0
 
 
-class Fault(Group):
-    """What goes wrong from `from_s` to before `until_s` (null: to the end), in simulation time."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultSpec(Specification):
+    """What goes wrong, and when, in simulation time: [faults.md](faults.md).
+
+    Another autopilot simulates its own GNSS, magnetometer and barometer unless it has `autopilot.bridge.sensors`.
+    """
 
     from_s: NonNegative = 0.0
-    until_s: NonNegative | None = None
+    until_s: Annotated[NonNegative | None, "to before this instant; null: to the end"] = None
     link: LinkFault | None = None
     agent: AgentFault | None = None
     imu: ImuFault | None = None

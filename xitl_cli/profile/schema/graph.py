@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
-from pydantic_core import PydanticCustomError
+from sim_core.keys import Share, Specification, ValueProblem
 
-from xitl_cli.profile.schema.group import Group
+MOST_VERTICES = 1000
 
 MEANINGS = {
     "D": "driver",
@@ -49,26 +49,42 @@ def architecture(names: Iterable[str] = ()) -> tuple[str, ...]:
     return ("D", *(f"PS{number}" for number in sorted(simulators)), "LS", "LC", "LA", "HS", "HC", "HA", "M")
 
 
-def _count(value: object) -> object:
-    whole = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= 1000
-    if whole or (isinstance(value, str) and value in ("architecture", "present")):
-        return value
-    raise PydanticCustomError("sentence", "is not a count of vertices; write architecture, present or 1 to 1000")
+def _vertices_problem(value: object) -> str | None:
+    whole = isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_VERTICES
+    if whole or value in ("architecture", "present"):
+        return None
+    return f"is not a count of vertices; write architecture, present or 1 to {MOST_VERTICES}"
 
 
-class Node(Group):
-    """One node; its weight is 1 (real), 0.5 (virtual) or 0 (absent) unless given. None: see `complete_graph_group`."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Node(Specification):
+    """One node: what differs from what the run's composition says of it."""
 
-    kind: Literal["real", "virtual", "absent"] | None = None
-    runs_on: str = ""
-    does: str = ""
-    weight: Annotated[float, Field(ge=0, le=1)] | None = None
+    kind: Annotated[
+        Literal["real", "virtual", "absent"] | None, "null: as composed; a node that is not composed needs one"
+    ] = None
+    runs_on: Annotated[str | None, "null: as composed"] = None
+    does: Annotated[str | None, "null: as composed"] = None
+    weight: Annotated[Share | None, "null: 1 for real, 0.5 for virtual, 0 for absent"] = None
 
 
-class NodeGraph(Group):
-    """Nodes by name and, per node, the nodes it is linked to. A pair may be written once or twice."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeGraph(Specification):
+    """What differs from the graph that follows from driver, autopilot, companion and where they run.
 
-    nodes: dict[str, Node] = {}  # noqa: RUF012 - pydantic copies it
-    links: dict[str, tuple[str, ...]] = {}  # noqa: RUF012 - pydantic copies it
-    reference: str = COMPLETE
-    vertices: Annotated[Literal["architecture", "present"] | int, BeforeValidator(_count)] = "architecture"
+    `xitl profiles show` and `xitl wdri` show the whole graph.
+    """
+
+    nodes: Annotated[dict[str, Node], "D, PS1, PS2 ..., LS, LC, LA, HS, HC, HA and M, by name"] = field(
+        default_factory=dict
+    )
+    links: Annotated[
+        dict[str, tuple[str, ...]],
+        "per node, the nodes it exchanges data with, in place of those that follow; a pair once or twice",
+    ] = field(default_factory=dict)
+    reference: Annotated[
+        str | None, "a profile, or complete; null: complete, of a profile that runs paper/eq24-general-use"
+    ] = None
+    vertices: Annotated[
+        Literal["architecture", "present"] | int, ValueProblem(_vertices_problem), f"or a number, 1 to {MOST_VERTICES}"
+    ] = "architecture"

@@ -2,43 +2,68 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Annotated, Literal
 
+from sim_core.environment.spec import EnvironmentSpec
+from sim_core.keys import Bounds, Positive, RateHz, Seed, Specification
+from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
-from xitl_cli.profile.schema.companion import Companion
+from xitl_cli.profile.schema.agents import AutopilotSpec, CompanionSpec, DriverSpec, MissionSpec
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
-from xitl_cli.profile.schema.environment import Environment
-from xitl_cli.profile.schema.faults import Fault
+from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.schema.graph import NodeGraph
-from xitl_cli.profile.schema.group import Group
-from xitl_cli.profile.schema.operation import Autopilot, Driver, Mission
-from xitl_cli.profile.schema.place import Site, World
-from xitl_cli.profile.schema.sensors import Sensors
-from xitl_cli.profile.schema.session import Clock, Recording
-from xitl_cli.profile.schema.vehicle import Vehicle
+from xitl_cli.profile.schema.sensors import SensorsSpec
+from xitl_cli.profile.schema.world import SiteSpec, WorldSpec
 
+USUAL = ("udp://127.0.0.1:14550", "tcp://0.0.0.0:5760")
+"""Where ground stations listen (UDP), and where they look for a simulated vehicle (TCP)."""
 Technique = Literal["mitl", "sitl", "hitl", "huitl", "ritl", "syitl"]
 
 
-class Profile(Group):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockSpec(Specification):
+    """How time passes in a run."""
+
+    mode: Annotated[
+        Literal["lockstep", "realtime"],
+        "lockstep: as fast as it goes, and bit for bit again; realtime: by the wall clock",
+    ] = "lockstep"
+    physics_rate_hz: Annotated[RateHz, "every other rate divides it"] = 400.0
+    exchange_rate_hz: Annotated[RateHz, "of commands from the autopilot"] = 50.0
+    duration_s: Positive = 600.0
+    seed: Annotated[Seed, Bounds(below=2**63), "of everything that is drawn"] = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingSpec(Specification):
+    """What is kept of a run."""
+
+    compression: Literal["lz4", "zstd", "none"] = "lz4"
+    truth_rate_hz: RateHz = 50.0
+    scene: Annotated[bool, "the surroundings, drawn"] = True
+    dataflash: Annotated[bool, "the autopilot's own log"] = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile(Specification):
     """A profile; every group is optional, since a profile may be a part of others or describe a graph only."""
 
-    name: str
+    name: Annotated[str, "the file's, unless given"]
     description: str = ""
     technique: Technique | None = None
-    site: Site | None = None
-    world: World | None = None
-    vehicle: Vehicle | None = None
-    environment: Environment | None = None
-    sensors: Sensors | None = None
-    mission: Mission | None = None
-    driver: Driver | None = None
-    autopilot: Autopilot | None = None
-    companion: Companion | None = None
-    clock: Clock | None = None
-    recording: Recording | None = None
-    faults: dict[str, Fault] | None = None
+    site: SiteSpec | None = None
+    world: WorldSpec | None = None
+    vehicle: VesselSpec | None = None
+    environment: EnvironmentSpec | None = None
+    sensors: SensorsSpec | None = None
+    mission: MissionSpec | None = None
+    driver: DriverSpec | None = None
+    autopilot: AutopilotSpec | None = None
+    companion: CompanionSpec | None = None
+    clock: ClockSpec | None = None
+    recording: RecordingSpec | None = None
+    faults: Annotated[dict[str, FaultSpec] | None, "by name"] = None
     graph: NodeGraph | None = None
 
     def missing_for_run(self) -> tuple[str, ...]:
@@ -51,50 +76,29 @@ class Profile(Group):
     def runnable(self) -> RunProfile:
         """The same profile with every group in place; UserError naming what is missing for a run."""
         missing, graph = self.missing_for_run(), complete_graph_group(self)
-        if (
-            missing
-            or self.technique is None
-            or self.site is None
-            or self.vehicle is None
-            or self.environment is None
-            or self.mission is None
-            or self.driver is None
-            or self.autopilot is None
-            or graph is None
+        if missing or graph is None:
+            needs = ", ".join(missing)
+            what = f"is a part of a profile; a run also needs {needs}"
+            if self.role() == "graph only":
+                what = f"describes a graph only; `xitl wdri {self.name}` shows it, a run also needs {needs}"
+            raise UserError(f"{self.name}: {what}; `xitl profiles list` marks those that run")
+        given = {field.name: getattr(self, field.name) for field in fields(self)} | {"graph": graph}
+        for group, default in (
+            ("world", WorldSpec),
+            ("clock", ClockSpec),
+            ("recording", RecordingSpec),
+            ("faults", dict),
         ):
-            raise UserError(f"{self.name}: {self._lack(missing)}; `xitl profiles list` marks those that run")
-        return RunProfile(
-            name=self.name,
-            description=self.description,
-            technique=self.technique,
-            site=self.site,
-            world=self.world or World(),
-            vehicle=self.vehicle,
-            environment=self.environment,
-            sensors=self.sensors,
-            mission=self.mission,
-            driver=self.driver,
-            autopilot=self.autopilot,
-            companion=self.companion,
-            clock=self.clock or Clock(),
-            recording=self.recording or Recording(),
-            faults=self.faults or {},
-            graph=graph,
-        )
+            given[group] = given[group] or default()
+        return RunProfile(**given)
 
     def role(self) -> Literal["runs", "graph only", "part"]:
         """What the profile is good for: a run, its graph, or as a part of other profiles."""
         if not self.missing_for_run():
             return "runs"
-        groups = set(type(self).model_fields) - {"name", "description", "technique"}
+        groups = {field.name for field in fields(self)} - {"name", "description", "technique"}
         present = {group for group in groups if getattr(self, group) is not None}
         return "graph only" if present == {"graph"} else "part"
-
-    def _lack(self, missing: tuple[str, ...]) -> str:
-        needs = ", ".join(missing)
-        if self.role() == "graph only":
-            return f"describes a graph only; `xitl wdri {self.name}` shows it, a run also needs {needs}"
-        return f"is a part of a profile; a run also needs {needs}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,16 +108,26 @@ class RunProfile:
     name: str
     description: str
     technique: Technique
-    site: Site
-    world: World
-    vehicle: Vehicle
-    environment: Environment
-    sensors: Sensors | None
-    mission: Mission
-    driver: Driver
-    autopilot: Autopilot
-    companion: Companion | None
-    clock: Clock
-    recording: Recording
-    faults: dict[str, Fault]
+    site: SiteSpec
+    world: WorldSpec
+    vehicle: VesselSpec
+    environment: EnvironmentSpec
+    sensors: SensorsSpec | None
+    mission: MissionSpec
+    driver: DriverSpec
+    autopilot: AutopilotSpec
+    companion: CompanionSpec | None
+    clock: ClockSpec
+    recording: RecordingSpec
+    faults: dict[str, FaultSpec]
     graph: NodeGraph
+
+
+def ground_stations_of(profile: Profile | RunProfile) -> tuple[str, ...]:
+    """Where the autopilot of this profile talks to ground stations; on a board its own command line says so."""
+    autopilot = profile.autopilot
+    if autopilot is None or autopilot.kind == "none" or autopilot.runs == "board":
+        return ()
+    if autopilot.ground_stations is not None:
+        return autopilot.ground_stations
+    return USUAL if profile.clock is not None and profile.clock.mode == "realtime" else ()

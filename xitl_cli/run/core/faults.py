@@ -14,7 +14,7 @@ from agent.wire.impaired import NO_FAULTS, LinkFaults
 from xitl_cli.profile.schema.faults import (
     AgentFault,
     BarometerFault,
-    Fault,
+    FaultSpec,
     GnssFault,
     ImuFault,
     LinkFault,
@@ -35,7 +35,7 @@ _BIASES = {
 }
 
 
-def words_of(fault: Fault) -> str:
+def words_of(fault: FaultSpec) -> str:
     """`link both ways: delay 0.1 s, loss 5 %; imu: gyro + [0, 0, 0.01] rad/s`."""
     parts = []
     if fault.link is not None:
@@ -129,7 +129,7 @@ class FaultsInForce:
 class FaultSchedule:
     """The faults of a profile in simulation time. `seeds` make what is drawn repeat."""
 
-    def __init__(self, faults: Mapping[str, Fault], seeds: Seeds) -> None:
+    def __init__(self, faults: Mapping[str, FaultSpec], seeds: Seeds) -> None:
         self._timed = [_Timed(name, fault, seeds) for name, fault in faults.items()]
         self._next_ns: dict[str, int] = {}
         self._in_force: dict[str, FaultsInForce] = {}
@@ -208,7 +208,7 @@ class FaultSchedule:
 class _Timed:
     """One fault, its instants in nanoseconds and what it did. In force from from_ns to before until_ns."""
 
-    def __init__(self, name: str, fault: Fault, seeds: Seeds) -> None:
+    def __init__(self, name: str, fault: FaultSpec, seeds: Seeds) -> None:
         self.name = name
         self.fault = fault
         self.from_ns, self.until_ns = span_ns(fault)
@@ -223,7 +223,7 @@ class _Timed:
         return self.from_ns <= sim_ns < self.until_ns
 
 
-def span_ns(fault: Fault) -> tuple[int, int]:
+def span_ns(fault: FaultSpec) -> tuple[int, int]:
     """From when to before when `fault` is in force."""
     return round(fault.from_s * 1e9), NEVER_NS if fault.until_s is None else round(fault.until_s * 1e9)
 

@@ -19,9 +19,9 @@ from agent.options import BRIDGE, COMPANION, FCU, Options
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
-from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.operation import Bridge
+from xitl_cli.profile.schema.agents import BridgeSpec
+from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.core.directory import DATAFLASH
 from xitl_cli.run.links.loopback import loopback_of
 
@@ -38,7 +38,7 @@ class AgentOptions:
     signing_key_file: str | None = None
     link_key_file: str | None = None
     log_dir: Path | None = None
-    bridge: Bridge | None = None
+    bridge: BridgeSpec | None = None
     companion: bool = False
 
     @property
@@ -63,7 +63,7 @@ class AgentOptions:
         return [word for pair in given for word in pair]
 
 
-def _bridge_options(bridge: Bridge) -> list[tuple[str, str]]:
+def _bridge_options(bridge: BridgeSpec) -> list[tuple[str, str]]:
     given = [("--autopilot", bridge.mavlink)]
     others = {"--world": bridge.world, "--sensors": bridge.sensors, "--sensor-link": bridge.sensor_link}
     given += [(option, value) for option, value in others.items() if value is not None]
@@ -71,7 +71,7 @@ def _bridge_options(bridge: Bridge) -> list[tuple[str, str]]:
     return [*given, ("--trim", f"{bridge.trim_us:g}"), ("--span", f"{bridge.span_us:g}")]
 
 
-def options_of(profile: RunProfile, run_directory: Path | None, bridge: Bridge | None = None) -> AgentOptions:
+def options_of(profile: RunProfile, run_directory: Path | None, bridge: BridgeSpec | None = None) -> AgentOptions:
     """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
     autopilot = profile.autopilot
     if bridge is not None:

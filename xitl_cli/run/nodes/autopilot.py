@@ -37,7 +37,7 @@ from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.estimation import EstimateCheck
 from xitl_cli.run.nodes.standby import Redundancy
-from xitl_cli.run.sensors.sensing import sensing_of
+from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.world import local_frame
 from xitl_cli.signing import read_key_file
 
@@ -76,7 +76,7 @@ class AutopilotNode(ControlNode):
         self._interrupted = interrupted
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
-        self._sensing = sensing_of(profile, seeds)
+        self._sensing = make_sensing(profile, seeds)
         self.agents = [self._connection(name) for name in autopilot_links(profile)]
         first, standby = self.agents[0], profile.autopilot.standby
         self.view = first.inbox.view

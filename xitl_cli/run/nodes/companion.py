@@ -11,7 +11,6 @@ from typing import Any
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.signing import Signing
-from sim_core.environment.water import Water
 from sim_core.geodesy import LocalFrame
 from sim_core.vessel.buoyancy import floating_draft_m
 from xitl_cli.errors import UserError
@@ -21,7 +20,7 @@ from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, companion_terms, report_of
 from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import AgentOptions, open_peer
-from xitl_cli.run.world.world import local_frame, vessel_model
+from xitl_cli.run.world.world import local_frame
 from xitl_cli.signing import read_key_file
 
 
@@ -46,11 +45,11 @@ def companion_parameters(profile: RunProfile) -> dict[str, float]:
     """What vessel, lidar and mission imply, then the profile's own."""
     assert profile.companion is not None
     hull = profile.vehicle.hull
-    water = Water(**profile.environment.water.model_dump())
+    water = profile.environment.water
     values = {
         "HULL_LENGTH": hull.length_m,
         "HULL_WIDTH": hull.width_m,
-        "HULL_WATER": hull.keel_below_cg_m - floating_draft_m(vessel_model(profile.vehicle), water),
+        "HULL_WATER": hull.keel_below_cg_m - floating_draft_m(profile.vehicle, water),
         "WP_SPEED": profile.mission.speed_mps,
     }
     if profile.sensors is not None and profile.sensors.lidar is not None:

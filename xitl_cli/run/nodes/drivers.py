@@ -11,9 +11,9 @@ import numpy as np
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
-from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.operation import ScriptStep
+from xitl_cli.profile.schema.agents import ScriptStep
+from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.core.reports import Progress

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from xitl_cli.profile.schema.session import Clock
+from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
@@ -25,7 +25,7 @@ class FaultInjection(RunNode):
         agents: Sequence[AgentConnection],
         autopilots: Sequence[AgentConnection],
         sample_faults: Callable[[], Mapping[str, Mapping[str, int]]],
-        clock: Clock,
+        clock: ClockSpec,
     ) -> None:
         self.schedule = schedule
         self._agents = agents

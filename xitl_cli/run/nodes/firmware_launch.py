@@ -5,15 +5,16 @@ from __future__ import annotations
 import shutil
 import socket
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import SplitResult, urlsplit
 
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.firmware.process import FirmwareProcess, free_port
-from xitl_cli.profile.ground_stations import ground_stations_of
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.operation import Bridge
+from xitl_cli.profile.schema.agents import BridgeSpec
+from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.core.directory import AUTOPILOT
 from xitl_cli.run.links.peer import is_free
 from xitl_cli.run.links.setup import EXTERNAL_AHRS_PROTOCOL, parameter_file_text, serial_port_with, start_parameters
@@ -28,10 +29,15 @@ SPEEDUP = 200  # as fast as the world comes
 _LISTENS = ("SERIAL0 on TCP port", "Waiting for connection", "Loaded defaults")
 
 
-def resolved_bridge(bridge: Bridge) -> Bridge:
+def resolved_bridge(bridge: BridgeSpec) -> BridgeSpec:
     """Port 0 in an address of the bridge is one that is free."""
-    urls = {key: getattr(bridge, key) for key in ("mavlink", "world", "sensor_link")}
-    return bridge.model_copy(update={key: _with_port(url) for key, url in urls.items() if url is not None})
+
+    def free(url: str | None) -> str | None:
+        return None if url is None else _with_port(url)
+
+    return replace(
+        bridge, mavlink=_with_port(bridge.mavlink), world=free(bridge.world), sensor_link=free(bridge.sensor_link)
+    )
 
 
 class FirmwareLaunch:
@@ -40,7 +46,7 @@ class FirmwareLaunch:
     Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
     """
 
-    def __init__(self, profile: RunProfile, bridge: Bridge) -> None:
+    def __init__(self, profile: RunProfile, bridge: BridgeSpec) -> None:
         autopilot = profile.autopilot
         self.program = find_firmware("rover", autopilot.firmware_build, autopilot.firmware)
         self._profile = profile

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.session import Clock
+from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.topics import ActuatorAge
 from xitl_cli.run.core.node import ControlNode, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import AgentConnection
@@ -53,7 +53,9 @@ class TruthRecorder(RunNode):
 class LinkRecorder(RunNode):
     """Records once a second how the links to `agents` have done, and how old motor commands were, where `age` tells."""
 
-    def __init__(self, clock: Clock, agents: Sequence[AgentConnection], age: Callable[[], ActuatorAge] | None) -> None:
+    def __init__(
+        self, clock: ClockSpec, agents: Sequence[AgentConnection], age: Callable[[], ActuatorAge] | None
+    ) -> None:
         self._agents = agents
         self._age = age
         self._every = max(round(clock.exchange_rate_hz / LINKS_RATE_HZ), 1)

@@ -22,9 +22,9 @@ from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.launch_requests import LaunchPort
 from xitl_cli.run.world.collisions import Collisions
-from xitl_cli.run.world.debris_scene import debris_scene
 from xitl_cli.run.world.encounters import DebrisEncounters, MissionLegs, draw_encounters
 from xitl_cli.run.world.plant import Plant
+from xitl_cli.run.world.scene import make_debris_scene
 
 RECORD_RATE_HZ = 10.0
 MOST_BODIES = 500
@@ -147,7 +147,7 @@ class RiverNode(RunNode):
             )
             recorder.log(state.time_ns, INFO, SOURCE, text)
         if self._drawn:
-            recorder.scene(debris_scene(debris.bodies, self._told), state.time_ns)
+            recorder.scene(make_debris_scene(debris.bodies, self._told), state.time_ns)
         self._told = len(debris.bodies)
 
     def _record_contact(self, recorder: Recorder, stamp_ns: int, what: str, began: bool) -> None:

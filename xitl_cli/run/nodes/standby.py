@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import copysign
 
 from agent.mavlink.modes import ROVER_MODE_NUMBERS
-from xitl_cli.profile.schema.operation import Standby
+from xitl_cli.profile.schema.agents import StandbySpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import TakeoverEvent
 from xitl_cli.run.core.reports import TakeoverReport
@@ -143,7 +143,7 @@ class Redundancy:
     `view` is what the driver sees: that of the active agent, with the waypoints that any has reached.
     """
 
-    def __init__(self, agents: Sequence[AgentConnection], view: AgentView, standby: Standby) -> None:
+    def __init__(self, agents: Sequence[AgentConnection], view: AgentView, standby: StandbySpec) -> None:
         self.takeovers: list[TakeoverReport] = []
         self._agents = agents
         self._view = view

@@ -40,8 +40,8 @@ class SensorChannel:
         encode: Callable[[int, Any], Message],
         faults: SensorFaults | None = None,
     ) -> None:
-        self.every = round(physics_rate_hz / sensor.rate_hz)
-        self.latency_ns = round(sensor.latency_s * 1e9)
+        self.every = round(physics_rate_hz / sensor.spec.rate_hz)
+        self.latency_ns = round(sensor.spec.latency_s * 1e9)
         self.faults = faults or None
         self._sensor = sensor
         self._rng = rng
@@ -87,11 +87,11 @@ class VaneChannel:
     latency_ns = 0
 
     def __init__(self, vane: WindVane, rng: Generator, physics_rate_hz: float) -> None:
-        self.every = round(physics_rate_hz / vane.rate_hz)
+        self.every = round(physics_rate_hz / vane.spec.rate_hz)
         self._vane = vane
         self._rng = rng
         self._state = vane.initial(1, rng)
-        self._latency_ns = round(vane.latency_s * 1e9)
+        self._latency_ns = round(vane.spec.latency_s * 1e9)
         self._waiting: deque[tuple[int, float, float]] = deque()
         self._latest = (UNKNOWN_WIND_MPS, 0.0)
 

@@ -14,11 +14,10 @@ from agent.wire import dialect
 from agent.wire.codec import Message
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.lidar import Fates, Lidar, Rosette, Scan, Track
-from sim_core.sensors.optics import Air, WaterSeen
+from sim_core.sensors.lidar import Fates, Lidar, Scan, Track
+from sim_core.sensors.optics import Atmosphere, WaterSeen
 from sim_core.simulation import Simulation, bodies_of
 from sim_core.world.rays import RayCaster
-from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
@@ -106,25 +105,14 @@ class LidarInstrument:
         self._frames += 1
 
 
-def lidar_of(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> LidarInstrument:
-    """The lidar of the profile, which has one.
-
-    Raises UserError when the model refuses a value that the profile's own checks let through.
-    """
+def make_lidar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> LidarInstrument:
+    """The lidar of the profile, which has one."""
     assert profile.sensors is not None
     assert profile.sensors.lidar is not None
     keys, environment = profile.sensors.lidar, profile.environment
-    try:
-        lidar = Lidar(
-            rosette=Rosette(keys.points_hz),
-            air=Air() if environment.visibility_m is None else Air(environment.visibility_m),
-            water_reflectivity=environment.water_reflectivity,
-            **keys.model_dump(exclude={"rate_hz", "points_hz", "latency_s"}),
-        )
-    except ValueError as error:
-        raise UserError(f"{profile.name}: {error}") from error
+    air = Atmosphere() if environment.visibility_m is None else Atmosphere(environment.visibility_m)
     return LidarInstrument(
-        lidar=lidar,
+        lidar=Lidar(keys, environment.water_reflectivity, air),
         caster=scenery.caster(),
         simulation=simulation,
         every=round(profile.clock.physics_rate_hz / keys.rate_hz),

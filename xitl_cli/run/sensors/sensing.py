@@ -1,31 +1,35 @@
-"""The simulated sensors of one vessel, their samples as custom MAVLink messages, and their latency."""
+"""The simulated sensors of one vessel, their samples as messages to the agents, and their latency."""
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 from numpy.random import default_rng
 
 from sim_core.frames import Array
-from sim_core.geodesy import normal_gravity_mps2
+from sim_core.geodesy import LocalFrame, normal_gravity_mps2
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.barometer import Barometer
 from sim_core.sensors.gnss import Gnss
 from sim_core.sensors.imu import Imu
 from sim_core.sensors.magnetometer import Magnetometer
+from sim_core.sensors.odometry import Odometry
+from sim_core.sensors.rangefinder import ObstacleScanner, Rangefinder
+from sim_core.sensors.wind_vane import WindVane
+from sim_core.world.structures import upright_walls
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.faults import Fault
-from xitl_cli.profile.schema.place import Site
-from xitl_cli.profile.schema.sensors import Sensors
+from xitl_cli.profile.schema.faults import FaultSpec
+from xitl_cli.profile.schema.sensors import SensorsSpec
+from xitl_cli.profile.schema.world import SiteSpec
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors import sensor_messages
-from xitl_cli.run.sensors.channel import Channel, SensorChannel
-from xitl_cli.run.sensors.further_channels import further_channels
+from xitl_cli.run.sensors.channel import Channel, SensorChannel, TruthChannel, VaneChannel
 from xitl_cli.run.sensors.sensor_faults import SensorFaults
 from xitl_cli.run.sensors.sensor_messages import Message
 from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
+
+BRIDGED = ("ardupilot", "px4")
 
 
 class Sensing:
@@ -36,32 +40,25 @@ class Sensing:
 
     def __init__(
         self,
-        sensors: Sensors,
-        site: Site,
+        sensors: SensorsSpec,
+        site: SiteSpec,
         physics_rate_hz: float,
         seeds: Seeds,
-        faults: Mapping[str, Fault] | None = None,
+        faults: Mapping[str, FaultSpec] | None = None,
         further: Sequence[Channel] = (),
     ) -> None:
         frame = local_frame(site)
-        models: list[tuple[str, Any, Callable[[int, Any], Message]]] = [
-            (
-                "imu",
-                Imu(gravity_mps2=normal_gravity_mps2(site.latitude_deg, site.altitude_m), **sensors.imu.model_dump()),
-                sensor_messages.imu,
-            ),
-            ("gnss", Gnss(frame=frame, **sensors.gnss.model_dump()), sensor_messages.gnss),
+        gravity_mps2 = normal_gravity_mps2(site.latitude_deg, site.altitude_m)
+        models = (
+            ("imu", Imu(sensors.imu, gravity_mps2), sensor_messages.imu),
+            ("gnss", Gnss(sensors.gnss, frame), sensor_messages.gnss),
             (
                 "magnetometer",
-                Magnetometer(field_ned_gauss=magnetic_field_ned_gauss(site), **sensors.magnetometer.model_dump()),
+                Magnetometer(sensors.magnetometer, magnetic_field_ned_gauss(site)),
                 sensor_messages.magnetometer,
             ),
-            (
-                "barometer",
-                Barometer(origin_altitude_m=site.altitude_m, **sensors.barometer.model_dump()),
-                sensor_messages.barometer,
-            ),
-        ]
+            ("barometer", Barometer(sensors.barometer, site.altitude_m), sensor_messages.barometer),
+        )
         self._sensors = [
             SensorChannel(
                 model,
@@ -102,8 +99,35 @@ class Sensing:
         return counts
 
 
-def sensing_of(profile: RunProfile, seeds: Seeds) -> Sensing:
+def make_sensing(profile: RunProfile, seeds: Seeds) -> Sensing:
     """All that the profile's agents are told of the world."""
     assert profile.sensors is not None
-    further = list(further_channels(profile, seeds, local_frame(profile.site)))
+    further = list(_further_channels(profile, seeds, local_frame(profile.site)))
     return Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
+
+
+def _further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> Iterator[Channel]:
+    """Sensors that a profile may leave out, and the truth for an autopilot that simulates its own."""
+    assert profile.sensors is not None
+    sensors, water, physics_hz = profile.sensors, profile.environment.water, profile.clock.physics_rate_hz
+    walls = upright_walls(profile.world.log_boom, profile.world.dam, -water.level_m)
+    for number, rangefinder in enumerate(sensors.rangefinders):
+        unit = Rangefinder(rangefinder, water.depth_m - water.level_m, -water.level_m, walls)
+        rng = default_rng(seeds.of(f"rangefinder {number}"))
+        yield SensorChannel(unit, rng, physics_hz, sensor_messages.distance_sensor(number, rangefinder))
+    messages = sensors.messages
+    if (fixes := messages.gps_input) is not None:
+        rng = default_rng(seeds.of("gps input"))
+        yield SensorChannel(Gnss(fixes, frame), rng, physics_hz, sensor_messages.gps_input(fixes.gps_id))
+    if (scan := messages.obstacle_distance) is not None:
+        rng = default_rng(seeds.of("obstacle distance"))
+        yield SensorChannel(ObstacleScanner(scan, walls), rng, physics_hz, sensor_messages.obstacle_distance(scan))
+    if (pose := messages.odometry) is not None:
+        encode = sensor_messages.odometry(pose.velocity_noise_mps, pose.rate_noise_radps)
+        yield SensorChannel(Odometry(pose), default_rng(seeds.of("odometry")), physics_hz, encode)
+    if profile.autopilot.bridge.world is not None and profile.autopilot.kind in BRIDGED:
+        vane = None
+        if sensors.wind_vane is not None:
+            vane = VaneChannel(WindVane(sensors.wind_vane), default_rng(seeds.of("wind vane")), physics_hz)
+            yield vane
+        yield TruthChannel(round(physics_hz / profile.clock.exchange_rate_hz), vane)

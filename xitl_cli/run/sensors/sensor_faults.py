@@ -16,7 +16,7 @@ from sim_core.sensors.imu import ImuSample
 from sim_core.sensors.magnetometer import MagnetometerSample
 from xitl_cli.profile.schema.faults import (
     BarometerFault,
-    Fault,
+    FaultSpec,
     GnssFault,
     ImuFault,
     MagnetometerFault,
@@ -31,7 +31,7 @@ Bias = Callable[[Any], Any]
 class SensorFaults:
     """All faults of one sensor. `counts[fault]` says how many samples each has touched, as `<sensor>_dropped`."""
 
-    def __init__(self, sensor: str, faults: Mapping[str, Fault], seeds: Seeds, frame: LocalFrame) -> None:
+    def __init__(self, sensor: str, faults: Mapping[str, FaultSpec], seeds: Seeds, frame: LocalFrame) -> None:
         self.counts: dict[str, dict[str, int]] = {}
         self._faults = [
             _SensorFault(name, sensor, fault, seeds, frame, self.counts.setdefault(name, {}))
@@ -63,7 +63,7 @@ class SensorFaults:
 
 class _SensorFault:
     def __init__(
-        self, name: str, sensor: str, fault: Fault, seeds: Seeds, frame: LocalFrame, counts: dict[str, int]
+        self, name: str, sensor: str, fault: FaultSpec, seeds: Seeds, frame: LocalFrame, counts: dict[str, int]
     ) -> None:
         what: SensorFault = getattr(fault, sensor)
         self.from_ns, self.until_ns = span_ns(fault)

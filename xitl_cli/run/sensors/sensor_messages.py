@@ -14,7 +14,7 @@ from sim_core.sensors.imu import ImuSample
 from sim_core.sensors.magnetometer import MagnetometerSample
 from sim_core.sensors.odometry import OdometrySample
 from sim_core.sensors.rangefinder import RangefinderSample, ScanSample
-from xitl_cli.profile.schema.sensors import ObstacleScanner, Rangefinder
+from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
 
 Message = Any  # the generated codec is untyped
 
@@ -71,7 +71,7 @@ _WEEK_MS = WEEK_S * 1000
 _NO_DILUTION = 6  # ignore_flags: horizontal and vertical dilution
 
 
-def distance_sensor(number: int, rangefinder: Rangefinder) -> Callable[[int, RangefinderSample], Message]:
+def distance_sensor(number: int, rangefinder: RangefinderSpec) -> Callable[[int, RangefinderSample], Message]:
     """DISTANCE_SENSOR with this number. Beyond its limits a unit reads just outside of them."""
     low_cm, high_cm = round(rangefinder.min_range_m * 100), round(rangefinder.max_range_m * 100)
     length = math.hypot(*rangefinder.direction_frd)
@@ -135,7 +135,7 @@ def gps_input(gps_id: int) -> Callable[[int, GnssSample], Message]:
     return encode
 
 
-def obstacle_distance(scanner: ObstacleScanner) -> Callable[[int, ScanSample], Message]:
+def obstacle_distance(scanner: ObstacleScannerSpec) -> Callable[[int, ScanSample], Message]:
     """OBSTACLE_DISTANCE, the bow in the middle of the first of 72 sectors."""
     low_cm, high_cm = round(scanner.min_range_m * 100), round(scanner.max_range_m * 100)
 

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numpy import uint8
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
@@ -22,16 +21,15 @@ from sim_core.sensors.sonar import (
     Sector,
     turning_s,
 )
+from sim_core.sensors.spec import SonarSpec
 from sim_core.simulation import Simulation, SimulationState, bodies_of
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.perception import Sonar
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.ping360 import Ping360Port
 from xitl_cli.run.world.scenery import Scenery
 
-DEGREES_A_GRAD = 360.0 / TURN_GRAD
 TICK_S = 25e-9
 TICKS = (80, 40_000)
 PULSE_SHARE = 0.004  # of the time to listen: long pulses reach far, short ones tell close things apart
@@ -48,16 +46,15 @@ class SonarInstrument:
     """
 
     def __init__(
-        self, settings: Sonar, temperature_c: float, below_of: BelowOf, seeds: Seeds, port: Ping360Port | None = None
+        self,
+        settings: SonarSpec,
+        below_of: BelowOf,
+        seeds: Seeds,
+        port: Ping360Port | None = None,
     ) -> None:
-        self._heading_grad = round(settings.heading_deg / DEGREES_A_GRAD)
-        self._sonar = ScanningSonar(
-            position_frd_m=settings.position_frd_m,
-            heading_rad=self._heading_grad * (2.0 * np.pi / TURN_GRAD),
-            water_temperature_c=temperature_c,
-        )
+        self._sonar = ScanningSonar(settings)
         self._sound_speed_mps = settings.sound_speed_mps
-        self._sector = sector_of(settings)
+        self._sector = Sector.from_spec(settings)
         self._ping = ping_settings(settings)
         self._busy_s = self._ping.listen_s + OVERHEAD_S
         self._latency_s = settings.latency_s
@@ -100,8 +97,8 @@ class SonarInstrument:
         ping = SonarPing(
             self._pings % 65536,
             sim_ns,
-            (angle_grad + self._heading_grad) % TURN_GRAD,
-            self._sonar.position_frd_m,
+            (angle_grad + self._sonar.heading_grad) % TURN_GRAD,
+            self._sonar.spec.position_frd_m,
             settings.sample_period_s,
             self._sound_speed_mps,
             self._echo(settings, state, motion, self._rng),
@@ -135,7 +132,7 @@ class SonarInstrument:
             self._port.close()
 
 
-def sonar_of(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> SonarInstrument:
+def make_sonar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> SonarInstrument:
     """The sonar of a profile that has one. Raises UserError when `serve` cannot be had."""
     assert profile.sensors is not None
     assert profile.sensors.sonar is not None
@@ -147,17 +144,10 @@ def sonar_of(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Si
         return Below(caster, surface_down_m, bodies_of(simulation, state))
 
     port = None if settings.serve is None else Ping360Port(settings.serve)
-    return SonarInstrument(settings, settings.water_temperature_c, below_of, seeds, port)
+    return SonarInstrument(settings, below_of, seeds, port)
 
 
-def sector_of(settings: Sonar) -> Sector:
-    """The sector in the head's own directions."""
-    first_deg, last_deg = settings.sector_deg
-    first_grad = round(first_deg / DEGREES_A_GRAD)
-    return Sector(first_grad % TURN_GRAD, round(last_deg / DEGREES_A_GRAD) - first_grad, settings.step_grad)
-
-
-def ping_settings(settings: Sonar) -> PingSettings:
+def ping_settings(settings: SonarSpec) -> PingSettings:
     """As a client of the device sets them: whole ticks, fewer samples where the range is short for them."""
     listen_s = 2.0 * settings.range_m / settings.sound_speed_mps
     samples = max(min(settings.samples, int(listen_s / (TICKS[0] * TICK_S))), 200)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sim_core.world.debris import USUAL_LENGTH_M, Body, BodyKind, Launch, body_of
 from sim_core.world.waterway import Waterway
-from xitl_cli.profile.schema.debris import Encounters
+from xitl_cli.profile.schema.world import EncountersSpec
 
 Array = NDArray[float64]
 Point = tuple[float, float]
@@ -40,7 +40,7 @@ class DebrisEncounter:
     heading_rad: float
 
 
-def draw_encounters(keys: Encounters, legs_m: float, rng: Generator) -> tuple[DebrisEncounter, ...]:
+def draw_encounters(keys: EncountersSpec, legs_m: float, rng: Generator) -> tuple[DebrisEncounter, ...]:
     """`count` encounters on legs of that length in all, each on its own share of the way, in their order."""
     if not keys.count or not keys.kinds:
         return ()

@@ -1,4 +1,7 @@
-"""The surroundings drawn for Foxglove and Lichtblick: log boom, dam, mission, and the vessel itself."""
+"""The surroundings drawn for Foxglove and Lichtblick: structures, land, water, mission, the vessel, and debris.
+
+Debris is drawn once, each body in a frame of its own that moves with it.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,14 @@ import numpy as np
 from foxglove import messages
 
 from sim_core import frames
+from sim_core.vessel.spec import VesselSpec
+from sim_core.world.debris import Body, BodyKind
+from sim_core.world.geometry import MATERIALS, Mesh
+from sim_core.world.river import RiverBed
+from sim_core.world.spec import DamSpec
 from sim_core.world.structures import LogBoom
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.schema.place import Dam
-from xitl_cli.profile.schema.vehicle import Vehicle
-from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME
-from xitl_cli.run.world.scene_land import land_of
+from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame
 from xitl_cli.run.world.scenery import Scenery
 
 _ORANGE = messages.Color(r=0.95, g=0.45, b=0.1, a=1.0)
@@ -24,16 +29,43 @@ _WHITE = messages.Color(r=0.92, g=0.93, b=0.95, a=1.0)
 _DARK = messages.Color(r=0.2, g=0.22, b=0.25, a=1.0)
 _WATER = messages.Color(r=0.35, g=0.3, b=0.2, a=0.6)
 _WATER_MARGIN_M = 100.0
+_ORIGIN = messages.Pose(
+    position=messages.Vector3(x=0.0, y=0.0, z=0.0), orientation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+)
+_CELL_M = 8.0
+"""Of the ground as drawn: it would be most of a short recording as it is cast."""
+MOST_DRAWN = 300_000
+"""Triangles of one mesh: more would be most of any recording, and no viewer's pleasure."""
+_DRAWN_OTHERWISE = ("bed", "ground", "log boom", "boom pile")
+_MATERIAL_COLOURS = {
+    "concrete": (0.6, 0.6, 0.6),
+    "steel": (0.45, 0.47, 0.5),
+    "plastic": (0.95, 0.45, 0.1),
+    "wood": (0.4, 0.28, 0.18),
+    "leaves": (0.2, 0.45, 0.15),
+    "hide": (0.45, 0.3, 0.2),
+    "earth": (0.55, 0.45, 0.3),
+    "rock": (0.4, 0.38, 0.36),
+    "wall": (0.85, 0.82, 0.75),
+    "bed": (0.3, 0.25, 0.18),
+}
+assert set(_MATERIAL_COLOURS) == {material.name for material in MATERIALS}
+_BODY_COLOURS = {
+    BodyKind.TRUNK: messages.Color(r=0.4, g=0.26, b=0.13, a=1.0),
+    BodyKind.BRANCH: messages.Color(r=0.5, g=0.36, b=0.2, a=1.0),
+    BodyKind.PLANTS: messages.Color(r=0.25, g=0.6, b=0.2, a=1.0),
+    BodyKind.ANIMAL: messages.Color(r=0.55, g=0.42, b=0.35, a=1.0),
+}
 
 
-def scene_of(profile: RunProfile, scenery: Scenery) -> messages.SceneUpdate:
+def make_scene(profile: RunProfile, scenery: Scenery) -> messages.SceneUpdate:
     """One update with everything that does not move against its frame."""
     entities = [_mission(profile), _vessel(profile.vehicle), _water(profile)]
     if scenery.boom is not None:
         entities.append(_log_boom(scenery.boom))
     if profile.world.dam is not None and profile.world.dam.intakes is None:
         entities.append(_dam(profile.world.dam))
-    entities += land_of(profile, scenery)
+    entities += _land(profile, scenery)
     return messages.SceneUpdate(entities=entities)
 
 
@@ -61,7 +93,7 @@ def _mission(profile: RunProfile) -> messages.SceneEntity:
     return messages.SceneEntity(frame_id=MAP_FRAME, id="mission", lines=[line], cylinders=circles)
 
 
-def _vessel(vehicle: Vehicle) -> messages.SceneEntity:
+def _vessel(vehicle: VesselSpec) -> messages.SceneEntity:
     hull = vehicle.hull
     side = hull.width_m / 2 - hull.radius_m
     keel = hull.radius_m - hull.keel_below_cg_m
@@ -140,7 +172,7 @@ def _log_boom(boom: LogBoom) -> messages.SceneEntity:
     return messages.SceneEntity(frame_id=MAP_FRAME, id="log boom", cylinders=floats)
 
 
-def _dam(dam: Dam) -> messages.SceneEntity:
+def _dam(dam: DamSpec) -> messages.SceneEntity:
     length, width, height = dam.size_m
     pose = _pose(_enu(*dam.centre_ned_m), _quaternion(yaw_rad=math.radians(90.0 - dam.heading_deg)))
     box = messages.CubePrimitive(pose=pose, size=messages.Vector3(x=length, y=width, z=height), color=_CONCRETE)
@@ -160,3 +192,55 @@ def _quaternion(pitch_rad: float = 0.0, yaw_rad: float = 0.0) -> messages.Quater
 def _pose(position: Sequence[float], orientation: messages.Quaternion | None = None) -> messages.Pose:
     x, y, z = position
     return messages.Pose(position=messages.Vector3(x=x, y=y, z=z), orientation=orientation or _quaternion())
+
+
+def _land(profile: RunProfile, scenery: Scenery) -> list[messages.SceneEntity]:
+    """What stands around, without the boom; nothing where the world is a boom and a plain dam alone.
+
+    A mesh of more than MOST_DRAWN triangles is left out, with a warning of the scenery's.
+    """
+    world, by_name = profile.world, dict[str, list[Mesh]]()
+    plain = world.dam is None or world.dam.intakes is None
+    if plain and world.river is None and not (world.shoals or world.buildings or world.meshes):
+        return []
+    if isinstance(scenery.bed, RiverBed):
+        by_name["ground"] = scenery.bed.meshes(_CELL_M)
+    for part in scenery.scene.parts:
+        if part.name in _DRAWN_OTHERWISE or (plain and part.name == "dam"):
+            continue
+        if len(part.mesh.faces) > MOST_DRAWN:
+            scenery.warn(
+                f"{part.name} has {len(part.mesh.faces)} triangles and is not drawn in the recording; rays do meet it"
+            )
+            continue
+        by_name.setdefault(part.name, []).append(part.mesh)
+    return [
+        messages.SceneEntity(frame_id=MAP_FRAME, id=name, triangles=[_triangles(mesh) for mesh in meshes])
+        for name, meshes in by_name.items()
+    ]
+
+
+def _triangles(mesh: Mesh) -> messages.TriangleListPrimitive:
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    red, green, blue = _MATERIAL_COLOURS[mesh.material.name]
+    return messages.TriangleListPrimitive(
+        pose=_ORIGIN,
+        points=[messages.Point3(x=x, y=y, z=z) for x, y, z in frames.ned_to_enu(mesh.vertices_m[used]).tolist()],
+        color=messages.Color(r=red, g=green, b=blue, a=1.0),
+        indices=faces.ravel().tolist(),
+    )
+
+
+def make_debris_scene(bodies: Sequence[Body], first: int) -> messages.SceneUpdate:
+    """Bodies by number from `first` on."""
+    entities = []
+    for number, body in enumerate(bodies[first:], start=first):
+        corners = frames.frd_to_flu(body.mesh.vertices_m[body.mesh.faces].reshape(-1, 3)).tolist()
+        triangles = messages.TriangleListPrimitive(
+            pose=_ORIGIN,
+            points=[messages.Point3(x=x, y=y, z=z) for x, y, z in corners],
+            color=_BODY_COLOURS[body.kind],
+        )
+        frame = body_frame(number)
+        entities.append(messages.SceneEntity(frame_id=frame, id=frame, frame_locked=True, triangles=[triangles]))
+    return messages.SceneUpdate(entities=entities)

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
 
 from agent.wire.impaired import NO_FAULTS, LinkFaults
-from xitl_cli.profile.schema.faults import Fault
+from xitl_cli.profile.reader import read_group
+from xitl_cli.profile.schema.faults import FaultSpec
+from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.record.topics import FaultEvent
 from xitl_cli.run.core.faults import FaultSchedule, FaultsInForce
 from xitl_cli.run.core.seeds import Seeds
 
 S = 1_000_000_000
+
+
+def fault_from(keys: object) -> FaultSpec:
+    """A fault as a profile gives it."""
+    entry = parse_yaml(json.dumps(keys), "test")
+    assert entry is not None
+    return read_group(entry, FaultSpec, "test")
 
 
 class Recorder:
@@ -29,7 +39,7 @@ class Recorder:
 
 
 def schedule(seed: int = 1, **faults: Any) -> FaultSchedule:
-    made = {name.replace("_", "-"): Fault.model_validate(fault) for name, fault in faults.items()}
+    made = {name.replace("_", "-"): fault_from(fault) for name, fault in faults.items()}
     return FaultSchedule(made, Seeds(seed))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from agent.options import parse
 from xitl_cli.profile import load_profile
-from xitl_cli.profile.ground_stations import USUAL, ground_stations_of
+from xitl_cli.profile.schema.profile import USUAL, ground_stations_of
 from xitl_cli.run.core import directory
 from xitl_cli.run.links.peer import AgentOptions, missing_addresses, options_of, own_options
 

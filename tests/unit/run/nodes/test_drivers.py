@@ -10,7 +10,7 @@ import pytest
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
-from xitl_cli.profile.schema.operation import ScriptStep
+from xitl_cli.profile.schema.agents import ScriptStep
 from xitl_cli.replay.motor_schedule import MotorSchedule
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands

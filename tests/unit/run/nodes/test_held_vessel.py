@@ -17,9 +17,9 @@ from xitl_cli.run.core.pace import Lockstep
 from xitl_cli.run.core.reports import Ending, Progress
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.loop import Loop
-from xitl_cli.run.sensors.sensing import sensing_of
+from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.world import build
+from xitl_cli.run.world.world import build_simulation
 
 HELD_S, FREE_S = 3.0, 1.0
 
@@ -32,7 +32,7 @@ class Watcher(ControlNode):
         self.progress = Progress("", waits_for="the test")
         self.motions: list[Any] = []
         self.accelerations: list[Any] = []
-        self._sensing = sensing_of(profile, seeds)
+        self._sensing = make_sensing(profile, seeds)
 
     def sense(self, step: RunStep) -> None:
         if step.now_ns <= HELD_S * 1e9:
@@ -53,7 +53,7 @@ class Deaf:
 def test_it_does_not_move_turn_or_accelerate_in_waves_wind_and_current() -> None:
     profile = load_profile("sitl-ardupilot", [f"clock.duration_s={FREE_S}"]).runnable()
     seeds = Seeds(1)
-    simulation, state = build(profile, seeds)
+    simulation, state = build_simulation(profile, seeds)
     watcher, pace = Watcher(profile, seeds), Lockstep()
     nobody: Any = Deaf()
     plant = Plant(simulation, state, default_rng(seeds.of("environment")))

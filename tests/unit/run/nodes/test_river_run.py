@@ -13,14 +13,14 @@ from numpy.random import default_rng
 
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile import load_profile
-from xitl_cli.profile.problems import ProfileError
+from xitl_cli.profile.entry import ProfileError
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.river import river_of
 from xitl_cli.run.session import run
 from xitl_cli.run.view import NoView
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.world import build
+from xitl_cli.run.world.world import build_simulation
 
 LAUNCHES = (
     "world.debris.launches=[{kind: trunk, pos_ned_m: [9.0, -14.5], heading_deg: 126.9, at_s: 1.0}, "
@@ -80,13 +80,13 @@ def test_every_collision_is_in_the_recording(ended: tuple[dict[str, Any], Path])
 
 def test_without_a_word_in_the_profile_it_is_open_water() -> None:
     profile = load_profile("sitl").runnable()
-    simulation, _ = build(profile, Seeds(1))
+    simulation, _ = build_simulation(profile, Seeds(1))
     assert simulation.waterway is OPEN_WATER
 
 
 def test_what_stands_in_the_river_of_the_profile_is_felt() -> None:
     profile = load_profile("sitl", ["world.contact=true"]).runnable()
-    standing = build(profile, Seeds(1))[0].waterway.standing
+    standing = build_simulation(profile, Seeds(1))[0].waterway.standing
     assert set(standing.names) == {"log boom", "dam"}
     boom, dam = profile.world.log_boom, profile.world.dam
     assert boom is not None
@@ -117,7 +117,7 @@ def test_bad_debris_is_refused(value: str, problem: str) -> None:
 
 def test_nothing_is_put_on_land_by_hand() -> None:
     profile = load_profile("sitl-perception").runnable()
-    simulation, state = build(profile, Seeds(1))
+    simulation, state = build_simulation(profile, Seeds(1))
     river = river_of(profile, Seeds(1), Plant(simulation, state, default_rng(1)), lambda: Progress(""))
     assert river is not None
     assert river.encounters.afloat(*profile.mission.waypoints_ned_m[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -15,7 +16,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.seeds import Seeds
-from xitl_cli.run.sensors.sensing import sensing_of
+from xitl_cli.run.sensors.sensing import make_sensing
 from xitl_cli.run.world.world import local_frame
 
 STILL_AIR = np.zeros((1, 3))
@@ -44,7 +45,7 @@ def at(
 
 
 def sensed(profile: RunProfile, motion: Kinematics, seconds: float, air: np.ndarray = STILL_AIR) -> list[Any]:
-    sensing, physics_hz = sensing_of(profile, Seeds(3)), round(profile.clock.physics_rate_hz)
+    sensing, physics_hz = make_sensing(profile, Seeds(3)), round(profile.clock.physics_rate_hz)
     messages = []
     for step in range(1, round(seconds * physics_hz) + 1):
         messages += sensing.due(step, step * 1_000_000_000 // physics_hz, motion, air)
@@ -106,7 +107,7 @@ def test_a_slanted_beam_goes_as_custom_with_the_turn_from_the_bow() -> None:
 
 
 def test_a_second_receiver_sends_fixes_with_its_number_latency_and_gps_time() -> None:
-    gnss = load_profile("sitl").sensors.gnss.model_dump()  # type: ignore[union-attr]
+    gnss = dataclasses.asdict(load_profile("sitl").sensors.gnss)  # type: ignore[union-attr]
     gnss |= {"horizontal_noise_m": 0.0, "horizontal_drift_m": 0.0, "velocity_noise_mps": 0.0, "gps_id": 1}
     gnss["antenna_frd_m"] = list(gnss["antenna_frd_m"])
     profile = ready(f"sensors.messages.gps_input={gnss}")

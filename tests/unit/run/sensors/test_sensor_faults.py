@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from typing import Any
 
@@ -12,7 +13,9 @@ import pytest
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile import load_profile
-from xitl_cli.profile.schema.faults import Fault
+from xitl_cli.profile.reader import read_group
+from xitl_cli.profile.schema.faults import FaultSpec
+from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.sensing import Sensing
 from xitl_cli.run.world.world import local_frame
@@ -20,6 +23,13 @@ from xitl_cli.run.world.world import local_frame
 PHYSICS_HZ = 400
 STILL_AIR = np.zeros((1, 3))
 IDS = {54002: "imu", 54003: "gnss", 54004: "magnetometer", 54005: "barometer"}
+
+
+def fault_from(keys: object) -> FaultSpec:
+    """A fault as a profile gives it."""
+    entry = parse_yaml(json.dumps(keys), "test")
+    assert entry is not None
+    return read_group(entry, FaultSpec, "test")
 
 
 def motion(step: int) -> Kinematics:
@@ -44,7 +54,7 @@ def sensed(faults: dict[str, Any] | None, seconds: float, seed: int = 3) -> tupl
     profile = load_profile("sitl")
     assert profile.sensors is not None
     assert profile.site is not None
-    made = None if faults is None else {name: Fault.model_validate(fault) for name, fault in faults.items()}
+    made = None if faults is None else {name: fault_from(fault) for name, fault in faults.items()}
     sensing = Sensing(profile.sensors, profile.site, PHYSICS_HZ, Seeds(seed), made)
     by_sensor: dict[str, dict[int, Any]] = {name: {} for name in IDS.values()}
     for step in range(1, round(seconds * PHYSICS_HZ) + 1):

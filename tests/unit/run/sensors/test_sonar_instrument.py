@@ -11,17 +11,17 @@ from agent.companion.sonar import PingReassembler, SonarPing, echo_points
 from agent.wire.codec import Packer, decode
 from sim_core.kinematics import Kinematics
 from sim_core.sensors.sonar import OVERHEAD_S, TURN_S, Below
+from sim_core.sensors.spec import SonarSpec
 from sim_core.simulation import SimulationState, kinematics
 from sim_core.world.geometry import STEEL, Plane
 from sim_core.world.primitive_rays import PrimitiveCaster
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.load import ProfileError
-from xitl_cli.profile.schema.perception import Sonar
 from xitl_cli.run.core.node import RunStep
 from xitl_cli.run.core.seeds import Seeds
-from xitl_cli.run.sensors.sonar import SonarInstrument, ping_settings, sonar_of
-from xitl_cli.run.world.scenery import scenery_of
-from xitl_cli.run.world.world import build
+from xitl_cli.run.sensors.sonar import SonarInstrument, make_sonar, ping_settings
+from xitl_cli.run.world.scenery import Scenery
+from xitl_cli.run.world.world import build_simulation
 
 STEP_NS = 2_500_000
 NOWHERE = cast(SimulationState, None)
@@ -59,7 +59,7 @@ def told(sonar: SonarInstrument, seconds: float, motion: Kinematics | None = Non
 
 
 def instrument(seed: int = 1, **keys: Any) -> SonarInstrument:
-    return SonarInstrument(Sonar(**keys), 27.0, lambda _: WALL, Seeds(seed))
+    return SonarInstrument(SonarSpec(**keys), 27.0, lambda _: WALL, Seeds(seed))
 
 
 def test_pings_scan_the_sector_and_come_when_heard_out() -> None:
@@ -103,7 +103,7 @@ def test_a_seed_repeats_and_another_does_not() -> None:
 
 def test_a_short_range_has_fewer_samples_and_whole_ticks() -> None:
     for range_m, samples, expected in ((0.75, 1200, 500), (0.75, 200, 200), (50.0, 1200, 1200), (2.0, 1200, 1200)):
-        settings = ping_settings(Sonar(range_m=range_m, samples=samples))
+        settings = ping_settings(SonarSpec(range_m=range_m, samples=samples))
         assert settings.samples == expected
         ticks = settings.sample_period_s / 25e-9
         assert ticks == pytest.approx(round(ticks), abs=1e-6)
@@ -118,9 +118,9 @@ def test_a_run_hears_where_its_boom_is() -> None:
     boom = f"world.log_boom={{points_ned_m: {ends}, float_length_m: 4.0, float_radius_m: 0.3}}"
     profile = load_profile("sitl", ["sensors.sonar={sector_deg: [-60.0, 0.0]}", boom]).runnable()
     seeds = Seeds(1)
-    simulation, state = build(profile, seeds)
+    simulation, state = build_simulation(profile, seeds)
     sonar, kept, motion = (
-        sonar_of(profile, seeds, scenery_of(profile), simulation),
+        make_sonar(profile, seeds, Scenery(profile), simulation),
         Kept(),
         kinematics(simulation, state),
     )

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from sim_core.world.capsules import Capsules
 from sim_core.world.debris import BodyKind, Launch, body_of
+from sim_core.world.plan import Capsules
 from sim_core.world.waterway import Waterway
-from xitl_cli.profile.schema.debris import Encounters as Keys
+from xitl_cli.profile.schema.world import EncountersSpec as Keys
 from xitl_cli.run.world.encounters import DebrisEncounter, DebrisEncounters, MissionLegs, draw_encounters
 
 PLACES = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0))

@@ -1,26 +1,31 @@
-"""Another autopilot than the embedded one: how the bridge reaches it, and how its sensors and outputs go."""
+"""Autopilot, bridge and companion: addresses, files, parameters, and how sensors and outputs of a bridge go."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from urllib.parse import urlsplit
 
+from agent.companion.settings import checked_parameter
+from agent.fcu.parameters import ParameterError, checked
 from xitl_cli.errors import UserError
-from xitl_cli.profile.checks.link import problem_of_url
-from xitl_cli.profile.entry import KeyPath
-from xitl_cli.profile.ground_stations import ground_stations_of
-from xitl_cli.profile.parameter_files import read_parameter_file
-from xitl_cli.profile.problems import shown
+from xitl_cli.profile.checks.link import misplaced, problem_of_url
+from xitl_cli.profile.entry import KeyPath, shown
+from xitl_cli.profile.parameter_files import find_parameter_file, read_parameter_file
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.operation import Autopilot, Bridge
+from xitl_cli.profile.schema.agents import AutopilotSpec, BridgeSpec, CompanionSpec
+from xitl_cli.profile.schema.profile import ground_stations_of
+from xitl_cli.signing import read_key_file
 
-Finding = tuple[KeyPath, str]
-
+_URL = re.compile(r"(udp|tcp)://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]@?#]+):([0-9]{1,5})")
+_CLASS = re.compile(r"([A-Za-z_]\w*(\.[A-Za-z_]\w*)*|.+\.py):[A-Za-z_]\w*")
 EXTERNAL = "external"
 OWN_LINK = ("vectornav", "microstrain7")
 OWN_SIMULATION = ("gnss", "magnetometer", "barometer")
 LOCAL_HOSTS = ("127.0.0.1", "localhost")
 MOST_GROUND_STATIONS = 2
+USUAL_PORTS = {"mavlink": "5760", "world": "9002", "sensor_link": "that of its SERIAL3, 5763 or as it was started"}
+FAST = ("udp", "tcp")
 _EMBEDDED_ONLY = {
     "controller": "steers by itself",
     "signing_key_file": "signs by its own settings",
@@ -28,7 +33,103 @@ _EMBEDDED_ONLY = {
 }
 
 
-def check(profile: Profile) -> Iterator[Finding]:
+def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """What of autopilot, standby, bridge and companion does not go together, is not there, or is no address."""
+    yield from _autopilot(profile)
+    yield from _bridge(profile)
+    yield from _companion(profile)
+
+
+def _autopilot(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Addresses that are none, files that are not there, parameters that the autopilot does not have."""
+    if profile.autopilot is None:
+        return
+    yield from _ground_stations(profile.autopilot)
+    yield from _extras(profile.autopilot)
+    yield from _standby(profile, profile.autopilot)
+    if profile.autopilot.kind not in ("none", "embedded"):
+        return
+    for number, name in enumerate(profile.autopilot.parameter_files):
+        path = ("autopilot", "parameter_files", number)
+        try:
+            if profile.autopilot.kind == "embedded":
+                read_parameter_file(name, embedded=True)
+            else:
+                find_parameter_file(name)
+        except UserError as error:
+            yield path, f"autopilot.parameter_files.{number}: {error}"
+    if profile.autopilot.kind == "embedded":
+        for name, value in profile.autopilot.parameters.items():
+            try:
+                checked(name, value)
+            except ParameterError as error:
+                yield ("autopilot", "parameters", name), f"autopilot.parameters: {error}"
+
+
+def _ground_stations(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
+    if autopilot.ground_stations and autopilot.kind != "none" and autopilot.runs == "board":
+        yield (
+            ("autopilot", "ground_stations"),
+            "autopilot.ground_stations cannot be given to a board from here; "
+            "start the agent there with --gcs, once for each address",
+        )
+        return
+    for number, sentence in _url_problems(autopilot.ground_stations or ()):
+        yield ("autopilot", "ground_stations", number), sentence
+
+
+def _extras(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
+    options = {"controller": "--controller", "signing_key_file": "--signing-key"}
+    for key, option in options.items():
+        if getattr(autopilot, key) is not None and autopilot.kind != "none" and autopilot.runs == "board":
+            yield (
+                ("autopilot", key),
+                f"autopilot.{key} cannot be given to a board from here; start the agent there with {option}",
+            )
+    if autopilot.controller is not None and not _CLASS.fullmatch(autopilot.controller):
+        yield (
+            ("autopilot", "controller"),
+            f"autopilot.controller = {shown(autopilot.controller)} is not a class; "
+            "write package.module:Class or path/to/file.py:Class",
+        )
+    for key in ("signing_key_file", "link_key_file"):
+        file = getattr(autopilot, key)
+        if file is not None:
+            try:
+                read_key_file(file)
+            except UserError as error:
+                yield ("autopilot", key), f"autopilot.{key}: {error}"
+
+
+def _standby(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
+    standby = autopilot.standby
+    if standby is None or autopilot.kind == "none":
+        return
+    path: KeyPath = ("autopilot", "standby")
+    if profile.clock is not None and profile.clock.mode == "lockstep":
+        yield (
+            path,
+            "autopilot.standby has nothing to do in lockstep, where time stands still for an agent that is silent; "
+            "use clock.mode: realtime, or leave the standby out",
+        )
+    if profile.driver is not None and profile.driver.kind == "ground-station":
+        yield (
+            path,
+            "autopilot.standby would not get the mission that a ground station gives to the first agent; "
+            "use driver.kind: mission, or leave the standby out",
+        )
+    if standby.runs != "in-process":
+        if standby.link is None:
+            example = "udp://192.168.8.2:14660" if standby.runs == "board" else "udp://127.0.0.1:14661"
+            yield path, f"autopilot.standby.link is missing with runs = {standby.runs}; add one such as {example}"
+        elif standby.link == autopilot.link and "/pty" not in standby.link and "://pty" not in standby.link:
+            yield (
+                (*path, "link"),
+                f"autopilot.standby.link = {shown(standby.link)} is that of the first agent; give each its own",
+            )
+
+
+def _bridge(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """What does not go together in the keys of another autopilot, or is of one where there is none."""
     autopilot = profile.autopilot
     if autopilot is None:
@@ -49,9 +150,9 @@ def check(profile: Profile) -> Iterator[Finding]:
     yield from _sensor_faults(profile, autopilot.bridge)
 
 
-def _of_another(autopilot: Autopilot) -> Iterator[Finding]:
+def _of_another(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     for key in ("firmware", "firmware_build", "firmware_arguments", "moored_until_armed", "bridge"):
-        if getattr(autopilot, key) != getattr(Autopilot(), key):
+        if getattr(autopilot, key) != getattr(AutopilotSpec(), key):
             yield (
                 ("autopilot", key),
                 f"autopilot.{key} is for another autopilot than autopilot.kind = {autopilot.kind}; "
@@ -59,7 +160,7 @@ def _of_another(autopilot: Autopilot) -> Iterator[Finding]:
             )
 
 
-def _parameter_files(autopilot: Autopilot) -> Iterator[Finding]:
+def _parameter_files(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     for number, name in enumerate(autopilot.parameter_files):
         try:
             read_parameter_file(name)
@@ -67,7 +168,7 @@ def _parameter_files(autopilot: Autopilot) -> Iterator[Finding]:
             yield ("autopilot", "parameter_files", number), f"autopilot.parameter_files.{number}: {error}"
 
 
-def _firmware(profile: Profile, autopilot: Autopilot) -> Iterator[Finding]:
+def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     path: KeyPath = ("autopilot", "firmware")
     if autopilot.firmware == EXTERNAL:
         if autopilot.ground_stations and autopilot.runs != "board":
@@ -108,7 +209,7 @@ def _firmware(profile: Profile, autopilot: Autopilot) -> Iterator[Finding]:
         )
 
 
-def _ways_in(profile: Profile, autopilot: Autopilot, bridge: Bridge) -> Iterator[Finding]:
+def _ways_in(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     lockstep = profile.clock is not None and profile.clock.mode == "lockstep"
     world: KeyPath = ("autopilot", "bridge", "world")
     sensors: KeyPath = ("autopilot", "bridge", "sensors")
@@ -142,7 +243,7 @@ def _ways_in(profile: Profile, autopilot: Autopilot, bridge: Bridge) -> Iterator
         yield link, f"autopilot.bridge.sensor_link leads nowhere with sensors = {shown(bridge.sensors)}; leave it out"
 
 
-def _px4(profile: Profile, autopilot: Autopilot, bridge: Bridge) -> Iterator[Finding]:
+def _px4(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     if autopilot.kind != "px4":
         return
     if bridge.world is not None:
@@ -158,10 +259,7 @@ def _px4(profile: Profile, autopilot: Autopilot, bridge: Bridge) -> Iterator[Fin
         )
 
 
-USUAL_PORTS = {"mavlink": "5760", "world": "9002", "sensor_link": "that of its SERIAL3, 5763 or as it was started"}
-
-
-def _urls(autopilot: Autopilot) -> Iterator[Finding]:
+def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     started = autopilot.firmware != EXTERNAL
     for key in ("mavlink", "world", "sensor_link"):
         url = getattr(autopilot.bridge, key)
@@ -192,7 +290,7 @@ def _urls(autopilot: Autopilot) -> Iterator[Finding]:
         )
 
 
-def _schemes(autopilot: Autopilot, key: str) -> tuple[str, ...]:
+def _schemes(autopilot: AutopilotSpec, key: str) -> tuple[str, ...]:
     if key == "world":
         return ("udp",)
     if key == "mavlink":
@@ -200,7 +298,7 @@ def _schemes(autopilot: Autopilot, key: str) -> tuple[str, ...]:
     return ("tcp", "serial") if autopilot.firmware_build == "sitl" else ("tcp", "udp", "serial")
 
 
-def _outputs(profile: Profile, bridge: Bridge) -> Iterator[Finding]:
+def _outputs(profile: Profile, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     if profile.vehicle is None:
         return
     propellers = profile.vehicle.propellers
@@ -217,7 +315,7 @@ def _outputs(profile: Profile, bridge: Bridge) -> Iterator[Finding]:
         yield path, f"autopilot.bridge.outputs = {shown(bridge.outputs)} has a channel twice; give each command its own"
 
 
-def _moored(profile: Profile, autopilot: Autopilot) -> Iterator[Finding]:
+def _moored(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     driver = profile.driver
     if not autopilot.moored_until_armed or driver is None:
         return
@@ -229,7 +327,7 @@ def _moored(profile: Profile, autopilot: Autopilot) -> Iterator[Finding]:
         )
 
 
-def _sensor_faults(profile: Profile, bridge: Bridge) -> Iterator[Finding]:
+def _sensor_faults(profile: Profile, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     """With a world alone ArduPilot takes the motion and our IMU, and makes the other sensors itself."""
     if bridge.world is None or bridge.sensors is not None:
         return
@@ -241,3 +339,60 @@ def _sensor_faults(profile: Profile, bridge: Bridge) -> Iterator[Finding]:
                     f"faults.{name}.{sensor} reaches nobody: this autopilot simulates its own {sensor} from the true "
                     "motion; use autopilot.bridge.sensors, such as in sitl-ardupilot-ahrs, or drop it",
                 )
+
+
+def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """A link that is missing, is none, is too slow or another's; settings that do not exist; nobody to serve."""
+    companion = profile.companion
+    if companion is None:
+        return
+    if profile.autopilot is not None and profile.autopilot.kind == "none":
+        yield (
+            ("companion",),
+            "companion: there is no autopilot for it to hear and to give orders to; "
+            "use autopilot.kind = embedded, or leave it out",
+        )
+    yield from _companion_link(profile, companion)
+    for name, value in companion.parameters.items():
+        try:
+            checked_parameter(name, value)
+        except ParameterError as error:
+            yield ("companion", "parameters", name), f"companion.parameters: {error}"
+
+
+def _companion_link(profile: Profile, companion: CompanionSpec) -> Iterator[tuple[KeyPath, str]]:
+    path, link, runs = ("companion", "link"), companion.link, companion.runs
+    if link is None:
+        if runs != "in-process":
+            example = "udp://192.168.55.1:14661" if runs == "board" else "udp://127.0.0.1:14661"
+            yield path, f"companion.link is missing with companion.runs = {runs}; add one such as {example}"
+        return
+    problem = problem_of_url(link) or misplaced(urlsplit(link), "companion.runs", runs)
+    scheme = urlsplit(link).scheme if problem is None else ""
+    sensors = profile.sensors
+    if scheme and scheme not in FAST and sensors is not None and sensors.lidar is not None and runs != "in-process":
+        most = sensors.lidar.points_hz * 10.3 / 1e6
+        problem = f"is too slow for the clouds of sensors.lidar, up to {most:.1f} MB/s; use udp:// or tcp://"
+    if problem is None and runs != "in-process" and profile.autopilot is not None and profile.autopilot.link == link:
+        problem = "is the autopilot's too; give each a port of its own"
+    if problem is not None:
+        yield path, f"companion.link = {shown(link)} {problem}"
+
+
+def _url_problems(urls: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """(index, sentence) of each URL that is none, or that is there twice."""
+    seen: dict[tuple[str, ...], int] = {}
+    for number, url in enumerate(urls):
+        key = f"autopilot.ground_stations.{number} = {shown(url)}"
+        match = _URL.fullmatch(url)
+        if match is None:
+            yield number, f"{key} is not an address; write udp://host:port (sent to) or tcp://host:port (listened at)"
+            continue
+        if not 0 < int(match[3]) < 65536:
+            yield number, f"{key} has no such port; use a port from 1 to 65535"
+            continue
+        # Two listeners on one TCP port clash whatever their addresses are.
+        same = ("tcp", match[3]) if match[1] == "tcp" else (match[1], match[2].lower(), str(int(match[3])))
+        if same in seen:
+            yield number, f"{key} is there twice, first as number {seen[same]}; drop one"
+        seen.setdefault(same, number)

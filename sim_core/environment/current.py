@@ -1,0 +1,106 @@
+"""Water currents: StillWater, UniformCurrent, ChannelCurrent.
+
+    current = make_current(spec)
+
+The state of a current is (N,): the speed's deviation from its mean.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.random import Generator
+
+from sim_core.environment.spec import CurrentSpec
+from sim_core.frames import Array
+from sim_core.noise import GaussMarkov
+
+
+class Current(Protocol):
+    """A current: how its state evolves and what velocity it has where the vessels are."""
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        """(N,) initial state."""
+        ...
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        """(N,) state one step later."""
+        ...
+
+    def velocity_ned_mps(self, state: Array, pos_ned_m: Array) -> Array:
+        """(N, 3) velocity of the water at (N, 3) positions."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class StillWater:
+    """No current."""
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        return np.zeros(vessels)
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        return state
+
+    def velocity_ned_mps(self, state: Array, pos_ned_m: Array) -> Array:
+        return np.zeros(pos_ned_m.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class UniformCurrent:
+    """The same current everywhere; its speed a first-order Gauss-Markov process (Fossen 2021, eq 10.117)."""
+
+    spec: CurrentSpec
+    direction_ned: Array = field(init=False, repr=False, compare=False)  # (3,) unit vector of the flow
+    _variation: GaussMarkov = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        course = math.radians(self.spec.direction_deg)
+        object.__setattr__(self, "direction_ned", np.array([math.cos(course), math.sin(course), 0.0]))
+        object.__setattr__(self, "_variation", GaussMarkov(self.spec.deviation_mps, self.spec.correlation_s))
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        return self._variation.initial(vessels, rng)
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        return self._variation.step(state, dt_s, rng)
+
+    def velocity_ned_mps(self, state: Array, pos_ned_m: Array) -> Array:
+        velocity: Array = (self.spec.speed_mps + state)[:, None] * self.direction_ned
+        return velocity
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelCurrent:
+    """A uniform current that slackens toward two straight banks: see CurrentSpec. Its channel has a width."""
+
+    uniform: UniformCurrent
+
+    def initial(self, vessels: int, rng: Generator) -> Array:
+        return self.uniform.initial(vessels, rng)
+
+    def step(self, state: Array, dt_s: float, rng: Generator) -> Array:
+        return self.uniform.step(state, dt_s, rng)
+
+    def velocity_ned_mps(self, state: Array, pos_ned_m: Array) -> Array:
+        spec = self.uniform.spec
+        assert spec.channel_width_m is not None
+        centre_north_m, centre_east_m = spec.channel_centre_ned_m
+        north, east = self.uniform.direction_ned[:2]
+        across_m = north * (pos_ned_m[:, 1] - centre_east_m) - east * (pos_ned_m[:, 0] - centre_north_m)
+        shear = np.minimum(np.abs(across_m) * (2.0 / spec.channel_width_m), 1.0) ** spec.channel_bank_exponent
+        velocity: Array = (1.0 - (1.0 - spec.channel_bank_ratio) * shear)[:, None] * self.uniform.velocity_ned_mps(
+            state, pos_ned_m
+        )
+        return velocity
+
+
+def make_current(spec: CurrentSpec) -> Current:
+    """The kind of current that the specification asks for."""
+    if not spec.speed_mps and not spec.deviation_mps:
+        return StillWater()
+    uniform = UniformCurrent(spec)
+    return uniform if spec.channel_width_m is None else ChannelCurrent(uniform)

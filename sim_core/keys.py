@@ -1,0 +1,257 @@
+"""Keys of a specification: fields of a frozen dataclass whose annotations say what a value means and may be.
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Hull(Specification):
+        length_m: Annotated[Positive, "of each hull"]
+        strips: Annotated[int, Bounds(at_least=2), "of each hull"] = 6
+
+A name carries its unit. Bounds are checked wherever a specification is made; whoever reads it from a file finds names,
+types, bounds, defaults and meanings here too. No numpy: a file is checked without it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """Which numbers are allowed."""
+
+    above: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+    at_most: float | None = None
+
+    def problem(self, value: float) -> str | None:
+        """What is wrong with a value and what to use, to follow `key = value`; None for an allowed one."""
+        if self.above is not None and not value > self.above:
+            return f"is too small; use a value above {self.above:g}"
+        if self.at_least is not None and not value >= self.at_least:
+            return f"is too small; use a value of at least {self.at_least:g}"
+        if self.below is not None and not value < self.below:
+            return f"is too large; use a value below {self.below:g}"
+        if self.at_most is not None and not value <= self.at_most:
+            return f"is too large; use a value of at most {self.at_most:g}"
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Items:
+    """How many entries a list has."""
+
+    at_least: int = 0
+    at_most: int | None = None
+
+    def problem(self, value: tuple[object, ...]) -> str | None:
+        """As of `Bounds`, for a list."""
+        if len(value) < self.at_least:
+            return f"is too short; give at least {self.at_least}"
+        if self.at_most is not None and len(value) > self.at_most:
+            return f"is too long; give {self.at_most}"
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class ValueProblem:
+    """A rule of its own, in place of the type's: what is wrong with a value, None for an allowed one."""
+
+    problem: Callable[[object], str | None]
+
+
+class Required:
+    """Marks a key that a profile has to give, although the class has a neutral default."""
+
+
+Positive: TypeAlias = Annotated[float, Bounds(above=0)]
+NonNegative: TypeAlias = Annotated[float, Bounds(at_least=0)]
+Share: TypeAlias = Annotated[float, Bounds(at_least=0, at_most=1)]
+Direction: TypeAlias = Annotated[float, Bounds(at_least=-360, at_most=360)]
+RateHz: TypeAlias = Annotated[float, Bounds(above=0, at_most=100_000)]
+Seed: TypeAlias = Annotated[int, Bounds(at_least=0)]
+Place: TypeAlias = tuple[float, float]
+"""North and east."""
+Vector: TypeAlias = tuple[float, float, float]
+"""Three numbers along the axes the key's name says (ned or frd)."""
+Size: TypeAlias = tuple[Positive, Positive, Positive]
+
+
+class SpecificationError(ValueError):
+    """A key that does not go with the others of its group.
+
+    path: of the key within the group; text: the rest of the sentence, after the key.
+    """
+
+    def __init__(self, path: tuple[str | int, ...], text: str) -> None:
+        super().__init__(f"{'.'.join(map(str, path))} {text}".strip())
+        self.path = path
+        self.text = text
+
+
+class Specification:
+    """A group of keys. Raises ValueError for a value out of its bounds, naming class, key, value and fix.
+
+    What keys must fulfil together is for `check` of the class to say, as a SpecificationError.
+    """
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        check_values(self)
+        self.check()
+
+    def check(self) -> None:
+        """Raises SpecificationError when keys do not go together."""
+
+
+def check_values(instance: object) -> None:
+    """Raises ValueError for the first field of a dataclass that its annotation does not allow."""
+    group: type = type(instance)
+    for name, annotation in key_annotations(group).items():
+        for value, problem in problems(getattr(instance, name), annotation, unit_of(name)):
+            raise ValueError(f"{group.__name__}.{name} = {value} {problem}")
+
+
+@lru_cache(maxsize=256)
+def key_annotations(group: type) -> dict[str, Any]:
+    """The annotation of each key of a dataclass, in order."""
+    hints = get_type_hints(group, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(group) if field.init}
+
+
+def unpacked(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
+    """The type within an annotation, and its markers and meaning."""
+    if get_origin(annotation) is Annotated:
+        kind, *markers = get_args(annotation)
+        return kind, tuple(markers)
+    return annotation, ()
+
+
+def alternatives(annotation: Any) -> list[tuple[Any, tuple[Any, ...]]]:
+    """The types that a value may have, each with its markers; without None."""
+    kind, markers = unpacked(annotation)
+    if get_origin(kind) not in (Union, UnionType):
+        return [] if kind is type(None) else [(kind, markers)]
+    return [(inner, (*own, *markers)) for one in get_args(kind) for inner, own in alternatives(one)]
+
+
+def optional(annotation: Any) -> bool:
+    """Whether null is allowed."""
+    kind, _ = unpacked(annotation)
+    return get_origin(kind) in (Union, UnionType) and type(None) in get_args(kind)
+
+
+def entries(kind: Any, count: int) -> tuple[Any, ...]:
+    """The annotations of `count` entries of a tuple type; as many as it has where that is fixed."""
+    arguments = get_args(kind)
+    return arguments[:1] * count if arguments[-1] is Ellipsis else arguments
+
+
+def problems(value: Any, annotation: Any, unit: str = "") -> Iterator[tuple[Any, str]]:
+    """Values at and below `value` that are not allowed, with what is wrong with each; groups check themselves."""
+    if value is None and optional(annotation):
+        return
+    if (rule := own_rule(annotation)) is not None:
+        if problem := rule.problem(value):
+            yield value, problem
+        return
+    for kind, markers in alternatives(annotation):
+        if isinstance(value, tuple) and get_origin(kind) is tuple:
+            inner = entries(kind, len(value))
+            if problem := length_problem(value, kind, markers):
+                yield value, problem
+            for one, own in zip(value, inner, strict=False):
+                yield from problems(one, own, unit)
+        elif (kind in (float, int) or get_origin(kind) is Literal) and (
+            problem := value_problem(value, kind, markers, unit)
+        ):
+            yield value, problem
+
+
+def own_rule(annotation: Any) -> ValueProblem | None:
+    """The rule that stands in place of the type's."""
+    return next((marker for marker in unpacked(annotation)[1] if isinstance(marker, ValueProblem)), None)
+
+
+def meaning_of(annotation: Any) -> str:
+    """What a key means, empty where its name says it."""
+    return next((marker for marker in unpacked(annotation)[1] if isinstance(marker, str)), "")
+
+
+def length_problem(value: tuple[object, ...], kind: Any, markers: tuple[Any, ...]) -> str | None:
+    """What is wrong with the length of a list."""
+    fixed = len(entries(kind, len(value)))
+    if len(value) < fixed:
+        return "is too short; give every entry, as in the shipped profiles"
+    if len(value) > fixed:
+        return f"is too long; give {fixed}"
+    return next((found for one in markers if isinstance(one, Items) and (found := one.problem(value))), None)
+
+
+def value_problem(value: object, kind: Any, markers: tuple[Any, ...], unit: str = "") -> str | None:
+    """What is wrong with a scalar and what to write instead, to follow `key = value`; None where it is allowed."""
+    inside = f" in {unit}" if unit else ""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if get_origin(kind) is Literal:
+        words = [str(word) for word in get_args(kind)]
+        if value in words:
+            return None
+        close = difflib.get_close_matches(value, words, n=1) if isinstance(value, str) else []
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        either = words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
+        return f"is not one of the choices; {hint}use {either}"
+    if kind is str:
+        return None if isinstance(value, str) else "is not text; put it in quotes"
+    if kind is bool:
+        return None if isinstance(value, bool) else "is neither true nor false; write true or false"
+    if kind is int and not (number and isinstance(value, int)):
+        return "is not a whole number; write a whole number"
+    if not number or (kind is float and isinstance(value, int) and value.bit_length() > LARGEST_BITS):
+        return f"is not a number; write a number{inside}"
+    assert isinstance(value, (int, float))
+    if isinstance(value, float) and not math.isfinite(value):
+        return f"is not finite; write a finite number{inside}"
+    found = (marker.problem(value) for marker in markers if isinstance(marker, Bounds))
+    return next((f"{problem}{inside}" for problem in found if problem), None)
+
+
+LARGEST_BITS = 64
+UNITS = {
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "radps": "rad/s",
+    "degps": "degrees/s",
+    "m": "m",
+    "m2": "m²",
+    "s": "s",
+    "hz": "Hz",
+    "khz": "kHz",
+    "deg": "degrees",
+    "c": "°C",
+    "kg": "kg",
+    "kgm2": "kg m²",
+    "kgpm3": "kg/m³",
+    "n": "N",
+    "pa": "Pa",
+    "gauss": "gauss",
+    "ppm": "ppm",
+    "us": "µs",
+    "grad": "gradians",
+    "radpsprthz": "rad/s/√Hz",
+    "mps2prthz": "m/s²/√Hz",
+    "gaussprthz": "gauss/√Hz",
+    "mprts": "m/√s",
+    "degprts": "degrees/√s",
+}
+
+
+def unit_of(key: str) -> str:
+    """The unit at the end of a key's name, empty where there is none."""
+    return UNITS.get(key.rsplit("_", 1)[-1], "") if "_" in key else ""

@@ -1,0 +1,203 @@
+"""What stands in the river, in plan: capsules that hulls and bodies touch, and upright walls that range sensors meet.
+
+A capsule is all points within a radius of a straight axis; what it is of stands upright through the surface. Two
+capsules touch where an end of one axis is nearer to the other axis than the radii reach; axes that lie along each other
+touch at two ends, so that neither turns on one point.
+
+A wall is a segment from a to b. The ray from o along d meets it where o + s d = a + t (b - a), that is with the
+two-dimensional cross product x: s = (a - o) x (b - a) / d x (b - a) and t = (a - o) x d / d x (b - a), 0 <= t <= 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy import intp
+from numpy.typing import NDArray
+
+from sim_core.frames import Array
+
+Numbers = NDArray[intp]
+Point = tuple[float, float]
+_PARALLEL = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capsules:
+    """S capsules: axes from from_ne_m to to_ne_m (S, 2) north, east; radius_m (S,). names: what each belongs to."""
+
+    from_ne_m: Array
+    to_ne_m: Array
+    radius_m: Array
+    names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @classmethod
+    def of(cls, parts: Sequence[Capsules]) -> Capsules:
+        """All of these, one after the other."""
+        return cls(
+            np.concatenate([np.empty((0, 2)), *(part.from_ne_m for part in parts)]),
+            np.concatenate([np.empty((0, 2)), *(part.to_ne_m for part in parts)]),
+            np.concatenate([np.empty(0), *(part.radius_m for part in parts)]),
+            tuple(name for part in parts for name in part.names),
+        )
+
+    def distance_m(self, points_ne_m: Array) -> Array:
+        """(P, S) of (P, 2) points from the capsules' edges, negative inside."""
+        nearest, _ = nearest_on_axis(points_ne_m[:, None], self.from_ne_m[None], self.to_ne_m[None])
+        between = points_ne_m[:, None] - nearest
+        distance: Array = np.sqrt(np.vecdot(between, between)) - self.radius_m
+        return distance
+
+
+def box_capsules(
+    name: str, centre_ne_m: tuple[float, float], size_m: tuple[float, float], heading_rad: float
+) -> Capsules:
+    """The four sides of a box of length and width; its corners are rounded by a quarter of its width, 0.5 m at most."""
+    length, width = size_m
+    radius = min(0.25 * min(length, width), 0.5)
+    ahead = np.array([np.cos(heading_rad), np.sin(heading_rad)])
+    half = np.array([0.5 * length - radius, 0.5 * width - radius])
+    signs = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
+    corners = np.array(centre_ne_m) + (signs * half) @ np.array([ahead, [-ahead[1], ahead[0]]])
+    return Capsules(corners, np.roll(corners, -1, axis=0), np.full(4, radius), (name,) * 4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touches:
+    """K places where a capsule presses on another: which of the first ones and of the second ones (K,).
+
+    normal_ne (K, 2): unit, pushes the first; place_ne_m (K, 2): middle of the overlap; depth_m (K,): of it.
+    """
+
+    first: Numbers
+    second: Numbers
+    normal_ne: Array
+    place_ne_m: Array
+    depth_m: Array
+
+
+def touches(a: Capsules, b: Capsules, first: Numbers, second: Numbers) -> Touches:
+    """Where capsules a[first] touch b[second], pair by pair."""
+    a0, a1, b0, b1 = a.from_ne_m[first], a.to_ne_m[first], b.from_ne_m[second], b.to_ne_m[second]
+    reach = a.radius_m[first] + b.radius_m[second]
+    found = []
+    for end in (a0, a1):
+        nearest, _ = nearest_on_axis(end, b0, b1)
+        found.append((end - nearest, nearest, reach > 0.0))
+    for end in (b0, b1):
+        nearest, share = nearest_on_axis(end, a0, a1)
+        found.append((nearest - end, end, (share > 0.0) & (share < 1.0)))  # else an end of a found it already
+    between = np.concatenate([row[0] for row in found])
+    on_b = np.concatenate([row[1] for row in found])
+    counts = np.concatenate([row[2] for row in found])
+    distance = np.sqrt(np.vecdot(between, between))
+    reach, first, second = np.tile(reach, 4), np.tile(first, 4), np.tile(second, 4)
+    met = np.flatnonzero(counts & (distance < reach))
+    apart = distance[met]
+    normal = between[met] / np.maximum(apart, 1e-9)[:, None]
+    depth = reach[met] - apart
+    outward = b.radius_m[second[met]] - 0.5 * depth
+    return Touches(first[met], second[met], normal, on_b[met] + outward[:, None] * normal, depth)
+
+
+def nearest_on_axis(points: Array, start: Array, end: Array) -> tuple[Array, Array]:
+    """Nearest place (..., 2) on the straight from start to end, and its share (...,) of the way, 0 to 1."""
+    along = end - start
+    square = np.vecdot(along, along)
+    share = np.vecdot(points - start, along) / np.where(square > 0.0, square, 1.0)
+    share = np.minimum(np.maximum(share, 0.0), 1.0)
+    return start + share[..., None] * along, share
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """An upright rectangle over the segment between two points (north, east), between two heights (down)."""
+
+    from_ne_m: Point
+    to_ne_m: Point
+    top_down_m: float
+    bottom_down_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Walls:
+    """K walls: from_ne_m, span_ne_m (K, 2), top_down_m, bottom_down_m (K,)."""
+
+    from_ne_m: Array
+    span_ne_m: Array
+    top_down_m: Array
+    bottom_down_m: Array
+
+    @classmethod
+    def of(cls, walls: Sequence[Wall]) -> Walls:
+        """All of these; none at all is open water."""
+        start = np.array([wall.from_ne_m for wall in walls], dtype=np.float64).reshape(-1, 2)
+        end = np.array([wall.to_ne_m for wall in walls], dtype=np.float64).reshape(-1, 2)
+        top = np.array([wall.top_down_m for wall in walls], dtype=np.float64)
+        return cls(start, end - start, top, np.array([wall.bottom_down_m for wall in walls], dtype=np.float64))
+
+    def range_in_plan_m(self, origin_ne_m: Array, direction_ne: Array) -> Array:
+        """(N, M) range to the nearest wall in plan, whatever its height, inf where there is none.
+
+        origin_ne_m: (N, 2); direction_ne: (N, M, 2) unit vectors.
+        """
+        distance = self._crossings(origin_ne_m, direction_ne)
+        nearest: Array = np.min(distance, axis=2, initial=np.inf)
+        return nearest
+
+    def range_m(self, origin_ned_m: Array, direction_ned: Array) -> Array:
+        """(N, M) range to the nearest wall along (N, M, 3) unit vectors from (N, 3), inf where there is none."""
+        distance = self._crossings(origin_ned_m[:, :2], direction_ned[:, :, :2])
+        finite = np.where(np.isfinite(distance), distance, 0.0)
+        down_m = origin_ned_m[:, None, None, 2] + finite * direction_ned[:, :, None, 2]
+        met = (down_m >= self.top_down_m) & (down_m <= self.bottom_down_m)
+        nearest: Array = np.min(np.where(met, distance, np.inf), axis=2, initial=np.inf)
+        return nearest
+
+    def _crossings(self, origin: Array, direction: Array) -> Array:
+        """(N, M, K) how far along each ray each wall is, inf where it is not."""
+        to_wall = self.from_ne_m[None, None] - origin[:, None, None]
+        ray, span = direction[:, :, None], self.span_ne_m[None, None]
+        turn = ray[..., 0] * span[..., 1] - ray[..., 1] * span[..., 0]
+        slanted = np.abs(turn) > _PARALLEL
+        per_turn = 1.0 / np.where(slanted, turn, 1.0)
+        along = (to_wall[..., 0] * span[..., 1] - to_wall[..., 1] * span[..., 0]) * per_turn
+        share = (to_wall[..., 0] * ray[..., 1] - to_wall[..., 1] * ray[..., 0]) * per_turn
+        hit = slanted & (along >= 0.0) & (share >= 0.0) & (share <= 1.0)
+        distance: Array = np.where(hit, along, np.inf)
+        return distance
+
+
+def box_walls(
+    centre_ne_m: Point, length_m: float, width_m: float, heading_rad: float, top_down_m: float, bottom_down_m: float
+) -> list[Wall]:
+    """The four sides of a box; its length lies along the heading."""
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    corners = [
+        (
+            centre_ne_m[0] + cosine * ahead * length_m / 2 - sine * right * width_m / 2,
+            centre_ne_m[1] + sine * ahead * length_m / 2 + cosine * right * width_m / 2,
+        )
+        for ahead, right in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    ]
+    return [
+        Wall(corner, following, top_down_m, bottom_down_m)
+        for corner, following in zip(corners, corners[1:] + corners[:1], strict=True)
+    ]
+
+
+def line_walls(points_ned_m: Sequence[tuple[float, float, float]], radius_m: float) -> list[Wall]:
+    """A line of cylinders: a box as wide and as high as they are along each piece, its axis at the points' height."""
+    walls: list[Wall] = []
+    for (north0, east0, down0), (north1, east1, down1) in pairwise(points_ned_m):
+        centre, axis_m = ((north0 + north1) / 2, (east0 + east1) / 2), (down0 + down1) / 2
+        length_m, heading = math.hypot(north1 - north0, east1 - east0), math.atan2(east1 - east0, north1 - north0)
+        walls += box_walls(centre, length_m, 2 * radius_m, heading, axis_m - radius_m, axis_m + radius_m)
+    return walls

@@ -1,0 +1,164 @@
+"""What stands and lies in the river, as data: log boom, dam, bed and banks, shoals, buildings, mesh files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from sim_core.keys import (
+    Bounds,
+    Direction,
+    Items,
+    NonNegative,
+    Place,
+    Positive,
+    Seed,
+    Size,
+    Specification,
+    SpecificationError,
+    Vector,
+)
+
+MaterialName = Literal[
+    "concrete", "steel", "plastic", "wood", "leaves", "hide", "earth", "rock", "wall", "bed"
+]  # fmt: skip
+MESH_FORMATS = ("stl", "dae", "obj", "ply", "gltf", "glb")
+NEAREST_TREE_M = 4.0
+"""From the waterline."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogBoomSpec(Specification):
+    """A floating line of cylinders, along points, or at the water's level between anchors."""
+
+    points_ned_m: Annotated[Annotated[tuple[Vector, ...], Items(2)] | None, "a line straight between points"] = None
+    anchors_ne_m: Annotated[
+        Annotated[tuple[Place, ...], Items(2)] | None, "instead: a line at the water's level between anchors"
+    ] = None
+    sag_m: Annotated[NonNegative, "between two anchors, to the right of the way along them"] = 0.0
+    float_length_m: Positive
+    float_radius_m: Positive
+    pile_radius_m: Annotated[NonNegative, "of a pile at each anchor, from the bed up; 0: no piles"] = 0.0
+    pile_height_m: Annotated[Positive, "of the piles above the water"] = 3.0
+
+    def check(self) -> None:
+        if self.points_ned_m is None and self.anchors_ne_m is None:
+            raise SpecificationError((), "lies nowhere; give anchors_ne_m (or points_ned_m)")
+        if self.points_ned_m is not None and self.anchors_ne_m is not None:
+            raise SpecificationError(("anchors_ne_m",), "and points_ned_m are both there; leave out one of them (null)")
+        key = "anchors_ne_m" if self.anchors_ne_m is not None else "points_ned_m"
+        for number, (one, following) in enumerate(pairwise(self.anchors_ne_m or self.points_ned_m or ())):
+            if one[:2] == following[:2]:
+                raise SpecificationError(
+                    (key, number + 1), f"= {_numbers(following)} is where the one before it is; leave one out"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class Intakes(Specification):
+    """Openings in the left side of a dam, as seen along its heading, each behind upright bars."""
+
+    count: Annotated[int, Bounds(at_least=1, at_most=500)]
+    width_m: Positive
+    height_m: Positive
+    down_m: Annotated[float, "of their middles below the local origin"]
+    bars: Annotated[int, Bounds(at_least=0, at_most=200), "before each"] = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DamSpec(Specification):
+    """A box."""
+
+    centre_ned_m: Vector
+    size_m: Annotated[Size, "length along the heading, width and height"]
+    heading_deg: Direction = 0.0
+    intakes: Intakes | None = None
+
+    def check(self) -> None:
+        intakes = self.intakes
+        if intakes is None:
+            return
+        most = self.size_m[0] / intakes.count
+        if intakes.width_m > most:
+            raise SpecificationError(
+                ("intakes", "width_m"),
+                f"= {intakes.width_m:g} is too wide for {intakes.count} intakes along "
+                f"{self.size_m[0]:g} m; use {most:g} or less",
+            )
+        middle, half = self.centre_ned_m[2], self.size_m[2] / 2
+        top_m, bottom_m = intakes.down_m - intakes.height_m / 2, intakes.down_m + intakes.height_m / 2
+        if top_m < middle - half or bottom_m > middle + half:
+            raise SpecificationError(
+                ("intakes", "height_m"),
+                f"= {intakes.height_m:g} reaches from {top_m:g} to {bottom_m:g} m down, out of the dam, which reaches "
+                f"from {middle - half:g} to {middle + half:g}; change down_m or height_m",
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RiverSpec(Specification):
+    """The bed and the land beside it as triangles: a straight channel, its banks with trees and rocks."""
+
+    direction_deg: Annotated[Direction, "where the water goes"] = 0.0
+    through_ne_m: Annotated[Place, "a point of the channel's middle line"] = (0.0, 0.0)
+    width_m: Annotated[Positive, "between the waterlines"]
+    depth_m: Annotated[Positive, "where it is deepest; may differ from `environment.water.depth_m`, which waves go by"]
+    bank_slope: Annotated[float, Bounds(above=0.01, at_most=10)] = 0.5
+    bank_height_m: Annotated[NonNegative, "of the land above the water"] = 4.0
+    undulation_m: Annotated[NonNegative, "standard deviation of bed and land about that shape"] = 0.3
+    along_m: Annotated[tuple[float, float], "the triangles' ends along the channel"] = (-200.0, 200.0)
+    beside_m: Annotated[Positive, "how far the triangles reach beyond the waterlines"] = 30.0
+    cell_m: Annotated[float, Bounds(at_least=0.2, at_most=100), "of the triangles near the waterlines"] = 2.5
+    trees: Annotated[int, Bounds(at_least=0, at_most=5000)] = 0
+    rocks: Annotated[int, Bounds(at_least=0, at_most=5000)] = 0
+    seed: Annotated[Seed, "of undulation, trees and rocks: of the site, not of the run"] = 1
+
+    def check(self) -> None:
+        if self.along_m[0] >= self.along_m[1]:
+            raise SpecificationError(
+                ("along_m",),
+                f"= {_numbers(self.along_m)} has its ends the wrong way round; put the lesser first",
+            )
+        if self.trees and self.beside_m <= NEAREST_TREE_M:
+            raise SpecificationError(
+                ("beside_m",), f"= {self.beside_m:g} leaves no room for trees; use more than {NEAREST_TREE_M:g}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShoalSpec(Specification):
+    """Rocks from the bed to above the water, in a strip."""
+
+    count: Annotated[int, Bounds(at_least=1, at_most=1000)]
+    from_ne_m: Place
+    to_ne_m: Place
+    width_m: Annotated[NonNegative, "of the strip"] = 0.0
+    radius_m: Annotated[tuple[Positive, Positive], "at the waterline, from, to"] = (1.0, 3.0)
+    height_m: Annotated[tuple[Positive, Positive], "above the water, from, to"] = (0.5, 2.0)
+    seed: Seed = 1
+
+
+@dataclass(frozen=True, slots=True)
+class BuildingSpec(Specification):
+    """A box on the ground."""
+
+    centre_ne_m: Place
+    size_m: Annotated[Size, "length along the heading, width and height"]
+    heading_deg: Direction = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class MeshFileSpec(Specification):
+    """A mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB); vessels see it and do not run into it."""
+
+    file: Annotated[str, "relative to the profile"]
+    position_ned_m: Annotated[Vector, "of its origin"] = (0.0, 0.0, 0.0)
+    heading_deg: Annotated[Direction, "turns it clockwise"] = 0.0
+    scale: Annotated[Positive, "metres to its unit"] = 1.0
+    up: Annotated[Literal["y", "z"], "z: its axes are x east, y north, z up; y: x east, y up"] = "z"
+    material: MaterialName = "concrete"
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return f"[{', '.join(f'{value:g}' for value in values)}]"

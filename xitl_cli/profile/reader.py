@@ -1,0 +1,136 @@
+"""Entries -> profile: names, types, bounds and defaults as the schema has them, every problem with its line and fix.
+
+No silent conversions, except that a whole number is a number; unknown keys are refused.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, fields, is_dataclass
+from typing import Any, TypeVar, get_args, get_origin
+
+from sim_core.keys import (
+    Required,
+    SpecificationError,
+    alternatives,
+    entries,
+    key_annotations,
+    length_problem,
+    optional,
+    own_rule,
+    unit_of,
+    unpacked,
+    value_problem,
+)
+from xitl_cli.profile.entry import Entry, KeyPath, Problem, ProfileError, dotted, shown
+from xitl_cli.profile.schema import Profile
+
+T = TypeVar("T")
+
+
+def read_profile(entry: Entry, name: str) -> Profile:
+    """The profile in `entry`, each value and each group right in itself; `name` is what the user calls it.
+
+    Raises ProfileError with all problems.
+    """
+    return read_group(entry, Profile, name)
+
+
+def read_group(entry: Entry, group: type[T], name: str) -> T:
+    """The same for one group of a profile."""
+    reader = _Reader()
+    found = reader.group(entry, group, ())
+    if reader.unknown or reader.problems:
+        raise ProfileError([*reader.unknown, *reader.problems], name)
+    assert isinstance(found, group)
+    return found
+
+
+class _Reader:
+    def __init__(self) -> None:
+        self.unknown: list[Problem] = []
+        self.problems: list[Problem] = []
+
+    def group(self, entry: Entry, group: Any, path: KeyPath) -> Any:
+        """The group at `path`; None where it has problems."""
+        known = key_annotations(group)
+        if not isinstance(entry.value, dict):
+            return self._wrong(entry, path, f"is not a group; indent keys under it: {', '.join(known)}")
+        before, meant = len(self.unknown) + len(self.problems), set()
+        for key in entry.value:
+            if key not in known:
+                meant.add(self._unknown_key(entry.value[key], list(known), (*path, key)))
+        values = {}
+        for field in fields(group):
+            below = entry.value.get(field.name)
+            if below is not None:
+                values[field.name] = self._value(below, known[field.name], (*path, field.name))
+            elif _required(field, known[field.name]) and field.name not in meant:
+                unit = unit_of(field.name)
+                needs = f"{dotted(path) or 'the profile'} needs {field.name!r}; add it{f' in {unit}' if unit else ''}"
+                self.problems.append(Problem(entry.origin, needs))
+        if len(self.unknown) + len(self.problems) > before:
+            return None
+        try:
+            return group(**values)
+        except SpecificationError as error:
+            at = entry.nearest(error.path)[0]
+            return self._wrong(at, (*path, *error.path), error.text, value=False)
+
+    def _value(self, entry: Entry, annotation: Any, path: KeyPath) -> Any:
+        if entry.value is None and optional(annotation):
+            return None
+        if (rule := own_rule(annotation)) is not None:
+            problem = rule.problem(entry.plain())
+            return entry.plain() if problem is None else self._wrong(entry, path, problem)
+        kind, markers = alternatives(annotation)[0]
+        if is_dataclass(kind):
+            return self.group(entry, kind, path)
+        if get_origin(kind) is dict:
+            if not isinstance(entry.value, dict):
+                return self._wrong(entry, path, "is not a group; indent keys under it")
+            inner = get_args(kind)[1]
+            return {key: self._value(below, inner, (*path, key)) for key, below in entry.value.items()}
+        if get_origin(kind) is tuple:
+            if not isinstance(entry.value, tuple):
+                return self._wrong(entry, path, "is not a list; write [a, b, ...]")
+            if problem := length_problem(entry.value, kind, markers):
+                return self._wrong(entry, path, problem)
+            pairs = zip(entry.value, entries(kind, len(entry.value)), strict=True)
+            return tuple(self._value(one, own, (*path, number)) for number, (one, own) in enumerate(pairs))
+        name = next((key for key in reversed(path) if isinstance(key, str)), "")
+        if problem := value_problem(entry.plain(), kind, markers, unit_of(name)):
+            return self._wrong(entry, path, problem)
+        return float(entry.value) if kind is float else entry.value  # type: ignore[arg-type]
+
+    def _wrong(self, entry: Entry, path: KeyPath, problem: str, value: bool = True) -> None:
+        key = f"{dotted(path)} = {shown(entry.plain())}" if value else dotted(path)
+        self.problems.append(Problem(entry.origin, f"{key} {problem}"))
+
+    def _unknown_key(self, entry: Entry, known: list[str], path: KeyPath) -> str | None:
+        """Reports it; returns the key that was probably meant."""
+        key = str(path[-1])
+        elsewhere = sorted((found for found in _paths(Profile, ()) if found[-1] == key), key=len)
+        close = difflib.get_close_matches(key, known, n=1, cutoff=0.8 if elsewhere else 0.6)
+        if close:
+            fix = f"did you mean {close[0]!r}?"
+        elif elsewhere:
+            fix = f"did you mean {' or '.join(repr(dotted(place)) for place in elsewhere[:2])}?"
+        else:
+            fix = f"known keys: {', '.join(known)}"
+        self.unknown.append(Problem(entry.origin, f"{dotted(path)} is not a known key; {fix}"))
+        return close[0] if close else None
+
+
+def _required(field: Field[Any], annotation: Any) -> bool:
+    return Required in unpacked(annotation)[1] or (field.default is MISSING and field.default_factory is MISSING)
+
+
+def _paths(group: Any, above: KeyPath) -> Iterator[KeyPath]:
+    """Every known key, not inside lists."""
+    for name, annotation in key_annotations(group).items():
+        yield (*above, name)
+        for kind, _ in alternatives(annotation):
+            if is_dataclass(kind):
+                yield from _paths(kind, (*above, name))

@@ -1,0 +1,184 @@
+"""`mission`, `driver`, `autopilot` and `companion`: what the vessel is to do, and who steers it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from sim_core.keys import Bounds, Direction, Items, NonNegative, Place, Positive, Specification
+
+Runs = Literal["in-process", "process", "board"]
+Channels = Annotated[tuple[Annotated[int, Bounds(at_least=1, at_most=32)], ...], Items(1)]
+NeutralPulse = Annotated[float, Bounds(at_least=800, at_most=2200)]
+PulseSpan = Annotated[float, Bounds(above=0, at_most=1000)]
+RcChannel = Annotated[int, Bounds(at_least=1, at_most=18)]
+RcPulse = Annotated[int, Bounds(at_least=0, at_most=2200)]
+Timeout = Annotated[float, Bounds(above=0, at_most=600)]
+Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
+
+
+@dataclass(frozen=True, slots=True)
+class StartSpec(Specification):
+    """Where the vessel lies at the start, at rest."""
+
+    north_m: float = 0.0
+    east_m: float = 0.0
+    heading_deg: Direction = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionSpec(Specification):
+    """Waypoints from the local origin."""
+
+    speed_mps: Annotated[float, Bounds(above=0, at_most=30), "over ground"] = 3.0
+    acceptance_radius_m: Positive = 3.0
+    start: StartSpec = StartSpec()
+    waypoints_ned_m: Annotated[tuple[Place, ...], "a list of [north, east]"] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScriptStep(Specification):
+    """What happens at an instant: motor commands without an autopilot, with one orders by MAVLink."""
+
+    at_s: Annotated[NonNegative, "in simulation time; steps come in order"]
+    motors: Annotated[
+        Annotated[tuple[Annotated[float, Bounds(at_least=-1, at_most=1)], ...], Items(1)] | None,
+        "without an autopilot: commands, one per propeller, then per steering; in force until the next",
+    ] = None
+    arm: bool | None = None
+    mode: Annotated[
+        Literal["MANUAL", "ACRO", "STEERING", "HOLD", "LOITER", "AUTO", "RTL", "GUIDED"] | None, "by name"
+    ] = None
+    rc_us: Annotated[
+        Annotated[tuple[RcPulse | None, ...], Items(1, 18)] | None,
+        "pulse widths of RC channels 1 to 18; null leaves a channel alone, 0 gives it back",
+    ] = None
+    goto_ned_m: Annotated[Place | None, "a GUIDED target, north and east"] = None
+    end: Annotated[bool, "ends the run"] = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplaySpec(Specification):
+    """How the outputs of a recording become commands: (pulse - trim) / span, limited to [-1, 1]."""
+
+    outputs: Annotated[
+        Channels | None,
+        "recorded channels, in the order of the propellers, or steering and throttle; null: as a DataFlash log says of "
+        "itself (SERVOn_FUNCTION), else 1 and 3 as motors",
+    ] = None
+    outputs_are: Annotated[Literal["motors", "steering-throttle"] | None, "null: as the log says"] = None
+    trim_us: Annotated[NeutralPulse, "neutral"] = 1500.0
+    span_us: Annotated[PulseSpan, "from neutral to full"] = 400.0
+    start_s: Annotated[float | None, "on the recording's clock; null: at the first armed output"] = None
+    end_s: Annotated[float | None, "on the recording's clock; null: to the end"] = None
+    rc_channels: Annotated[tuple[RcChannel, RcChannel], "with an autopilot: of steering and throttle"] = (1, 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriverSpec(Specification):
+    """Who gives the orders."""
+
+    kind: Annotated[
+        Literal["mission", "ground-station", "script", "replay", "none"],
+        "ground-station: the vessel's state is frozen until a ground station arms it",
+    ] = "none"
+    stay: Annotated[bool, "with a ground station: go on after its mission has ended"] = False
+    script: Annotated[tuple[ScriptStep, ...], "in order of time"] = ()
+    file: Annotated[str | None, "of a replay: a DataFlash log (.bin) or a table of pulse widths (.csv)"] = None
+    replay: ReplaySpec = ReplaySpec()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandbySpec(Specification):
+    """A second agent with the same sensors, parameters, mission and orders as the first, in real time."""
+
+    runs: Runs = "process"
+    link: Annotated[str | None, "its URL"] = None
+    takeover_s: Annotated[
+        float, Bounds(at_least=0.06, at_most=60), "it takes over when no motor command has come for so long"
+    ] = 0.3
+    max_step: Annotated[
+        float,
+        Bounds(above=0, at_most=2),
+        "no motor command changes by more from one exchange to the next, until it is where the new agent wants it",
+    ] = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BridgeSpec(Specification):
+    """How another autopilot is reached. Every URL is as seen from where the agent runs, port 0 is one that is free."""
+
+    mavlink: Annotated[str, "its MAVLink"] = "tcp://127.0.0.1:5760"
+    world: Annotated[str | None, "where its JSON simulator interface is served, in lockstep"] = None
+    sensors: Annotated[
+        Literal["vectornav", "microstrain7", "hil", "px4"] | None,
+        "how ours get in; null leaves them to its own simulation of the true motion",
+    ] = None
+    sensor_link: Annotated[str | None, "a line of their own"] = None
+    outputs: Annotated[Channels, "its channels in the order of the propellers, then of what steers"] = (1, 3)
+    trim_us: Annotated[NeutralPulse, "neutral"] = 1500.0
+    span_us: Annotated[PulseSpan, "from neutral to full"] = 400.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotSpec(Specification):
+    """The autopilot, where it runs, the link to it, and who else may talk to it.
+
+    Of another autopilot than the embedded one the agent is a bridge.
+    """
+
+    kind: Literal["none", "embedded", "ardupilot", "px4"] = "none"
+    runs: Annotated[Runs, "where the agent does"] = "in-process"
+    link: Annotated[str | None, "the agent's URL"] = None
+    ground_stations: Annotated[
+        tuple[str, ...] | None,
+        "`udp://host:port` is sent to, `tcp://host:port` is listened at; null: UDP 14550 and TCP 5760 in real time, "
+        "none in lockstep",
+    ] = None
+    controller: Annotated[str | None, "`module:Class` or `path/to/file.py:Class`, in place of the built-in one"] = None
+    signing_key_file: Annotated[str | None, "signs what goes to ground stations"] = None
+    link_key_file: Annotated[str | None, "signs the link to the agent both ways"] = None
+    parameter_files: Annotated[
+        tuple[str, ...],
+        "what it starts with, shipped ones by name or .parm files; an autopilot that is started elsewhere gets them by "
+        "`xitl params push`",
+    ] = ()
+    parameters: Annotated[dict[str, float], "by name, over those of the files; set on a live autopilot too"] = field(
+        default_factory=dict
+    )
+    connect_timeout_s: Timeout = 6.0
+    silent_s: Annotated[Silence, "an agent that is silent for so long ends the run"] = 10.0
+    standby: StandbySpec | None = None
+    bridge: BridgeSpec = BridgeSpec()
+    firmware: Annotated[
+        str,
+        "external: somebody else starts it; find: it is started here, from the PATH or what `xitl firmware get` has "
+        "brought; or the path of its program",
+    ] = "external"
+    firmware_build: Literal["sitl", "linux"] = "sitl"
+    firmware_arguments: Annotated[tuple[str, ...], "after our own"] = ()
+    arm_timeout_s: Annotated[
+        float, Bounds(above=0, at_most=3600), "not armed by then ends the run, of the embedded one too"
+    ] = 60.0
+    moored_until_armed: Annotated[
+        bool, "the vessel's state is frozen until the autopilot is armed, and the duration does not run"
+    ] = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompanionSpec(Specification):
+    """A computer beside the autopilot that perceives, maps and avoids."""
+
+    runs: Runs = "in-process"
+    link: Annotated[str | None, "its URL"] = None
+    link_key_file: Annotated[str | None, "signs the link to it both ways"] = None
+    parameters: Annotated[dict[str, float], "its settings by name: [perception.md](perception.md)"] = field(
+        default_factory=dict
+    )
+    lag: Annotated[
+        int,
+        Bounds(at_least=1, at_most=100),
+        "in lockstep: exchanges from what it is told to what comes of it, while the host goes on",
+    ] = 5
+    connect_timeout_s: Timeout = 6.0
+    silent_s: Annotated[Silence, "one that is silent for so long is given up; the run goes on without it"] = 10.0

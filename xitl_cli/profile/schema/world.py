@@ -1,0 +1,91 @@
+"""`site` and `world`: where the local origin is, what stands around it and what drifts there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from sim_core.keys import (
+    Bounds,
+    Direction,
+    NonNegative,
+    Place,
+    Positive,
+    Specification,
+    SpecificationError,
+    Vector,
+)
+from sim_core.world.spec import BuildingSpec, DamSpec, LogBoomSpec, MeshFileSpec, RiverSpec, ShoalSpec
+
+BodyKindName = Literal["trunk", "branch", "plants", "animal"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SiteSpec(Specification):
+    """The local origin on the Earth."""
+
+    name: str
+    latitude_deg: Annotated[float, Bounds(at_least=-90, at_most=90)]
+    longitude_deg: Annotated[float, Bounds(at_least=-180, at_most=180)]
+    altitude_m: Annotated[float, Bounds(at_least=-500, at_most=9000)]
+    magnetic_field_ned_gauss: Annotated[Vector | None, "null takes the world magnetic model of `year`"] = None
+    year: Annotated[float, Bounds(at_least=1980, at_most=2100)] = 2026.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaunchSpec(Specification):
+    """One body that is put into the water."""
+
+    at_s: Annotated[NonNegative, "in simulation time"] = 0.0
+    kind: BodyKindName = "trunk"
+    pos_ned_m: Annotated[Place, "north and east"]
+    heading_deg: Direction = 0.0
+    length_m: Annotated[
+        Annotated[float, Bounds(at_least=0.1, at_most=50)] | None, "null: the usual size of its kind"
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EncountersSpec(Specification):
+    """Bodies of kinds, sizes, places and instants drawn from the run's seed.
+
+    Each is launched so that it drifts onto the mission's legs about when the vessel is there at `mission.speed_mps`.
+    """
+
+    count: Annotated[int, Bounds(at_least=0, at_most=200)] = 0
+    kinds: tuple[BodyKindName, ...] = ("trunk", "branch", "plants", "animal")
+    ahead_m: Annotated[tuple[Positive, Positive], "from, to: how far before the vessel gets there"] = (40.0, 60.0)
+    off_m: Annotated[NonNegative, "by how much it may miss the leg"] = 1.0
+
+    def check(self) -> None:
+        if self.count and not self.kinds:
+            raise SpecificationError(("kinds",), "is empty; name one of trunk, branch, plants, animal, or set count: 0")
+        if self.ahead_m[0] > self.ahead_m[1]:
+            raise SpecificationError(
+                ("ahead_m",), f"= {list(self.ahead_m)} is from far to near; write the nearer first"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DebrisSpec(Specification):
+    """What drifts: bodies launched one by one, and others drawn."""
+
+    launches: tuple[LaunchSpec, ...] = ()
+    encounters: EncountersSpec = EncountersSpec()
+    control: Annotated[
+        str | None, "where `xitl world launch` is heard, like `udp://127.0.0.1:14670`; null: nowhere"
+    ] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WorldSpec(Specification):
+    """What stands in the river, drawn and seen by lidar, sonar and range sensors."""
+
+    log_boom: LogBoomSpec | None = None
+    dam: DamSpec | None = None
+    river: RiverSpec | None = None
+    shoals: tuple[ShoalSpec, ...] = ()
+    buildings: tuple[BuildingSpec, ...] = ()
+    meshes: tuple[MeshFileSpec, ...] = ()
+    contact: Annotated[bool, "whether the vessel runs into it; debris always does"] = False
+    debris: DebrisSpec = DebrisSpec()
