@@ -43,7 +43,7 @@ def _sections() -> Iterator[str]:
         paths.setdefault(group, []).append(path)
     for group, places in paths.items():
         yield f"## {', '.join(f'`{place}`' for place in places if place) or 'Top'}\n"
-        yield " ".join(line.strip() for line in (group.__doc__ or "").split("\n")).strip() + "\n"
+        yield " ".join((group.__doc__ or "").split()) + "\n"
         yield "| key | type | unit | default | range | meaning |\n|---|---|---|---|---|---|"
         for field in fields(group):
             yield _row(field, key_annotations(group)[field.name])

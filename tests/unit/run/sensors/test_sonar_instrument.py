@@ -59,7 +59,7 @@ def told(sonar: SonarInstrument, seconds: float, motion: Kinematics | None = Non
 
 
 def instrument(seed: int = 1, **keys: Any) -> SonarInstrument:
-    return SonarInstrument(SonarSpec(**keys), 27.0, lambda _: WALL, Seeds(seed))
+    return SonarInstrument(SonarSpec(**keys), lambda _: WALL, Seeds(seed))
 
 
 def test_pings_scan_the_sector_and_come_when_heard_out() -> None:
