@@ -36,7 +36,7 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
         node.identity = node.identity._replace(standing=standing)
         said = [f"xitl agent {agent.__version__}: {node.role.title} waits at {transport.address}"]
         if node.role.addresses:
-            said.append(f"{node.role.others}: {', '.join(node.role.addresses)}")
+            said.append(f"{node.role.peers}: {', '.join(node.role.addresses)}")
         sys.stdout.write("\n".join([*said, *standing.said, ""]))
         sys.stdout.flush()
         notify_ready()

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Callable
 
 from agent.faults import AgentFaults
 from agent.fcu.control.controller import ControllerError
-from agent.fcu.dataflash.flight_log import NullFlightLog
 from agent.fcu.parameters import ParameterError
 from agent.machine import read_machine
 from agent.node import AgentNode
@@ -25,6 +24,7 @@ from agent.wire.transport import Transport, TransportError
 
 if TYPE_CHECKING:
     from agent.bridges.injector import Injector
+    from agent.fcu.dataflash.flight_log import FlightLog
 
 INJECTORS = {
     "vectornav": "agent.bridges.vectornav:VectorNav",
@@ -135,7 +135,7 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
     return AutopilotRole(channel, send, ground, storage, _log_of(options, opened))
 
 
-def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]], NullFlightLog] | None:
+def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]], FlightLog] | None:
     directory, file = options.log_dir, options.log_file
     if directory is None and file is None:
         return None
@@ -146,7 +146,7 @@ def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]]
 
     opener = fixed_log_opener(file) if file is not None else numbered_log_opener(directory or Path())
 
-    def make(now_ns: Callable[[], int]) -> NullFlightLog:
+    def make(now_ns: Callable[[], int]) -> FlightLog:
         log = FlightLog(opener, now_ns)
         opened.callback(log.close)
         return log

@@ -71,7 +71,7 @@ class AgentFaults:
         """Frames kept back for good since the run began."""
         return 0 if self._transport is None else self._transport.lost - self._lost_before
 
-    def begin(self, clock: SteppedClock | None) -> None:
+    def start_run(self, clock: SteppedClock | None) -> None:
         """A run starts, on this clock, None in lockstep. None is in force."""
         self.end()
         self._clock = clock
@@ -79,7 +79,7 @@ class AgentFaults:
             self._lost_before = self._transport.lost
             self._transport.patience_s = inf if clock is None else OVERTAKEN_S
 
-    def take(self, message: Message) -> Iterator[str]:
+    def handle(self, message: Message) -> Iterator[str]:
         """XITL_FAULTS: put in force what it says; a repetition changes nothing. Yields what is to be said about it."""
         self._heard_ns = self._monotonic.now_ns()
         wanted = (

@@ -65,7 +65,7 @@ class HealthMonitor:
         self._last_cpu_s = time.process_time()
         self._percent: float | None = None
 
-    def look(self) -> MachineHealth:
+    def read(self) -> MachineHealth:
         """How it is doing now."""
         now_s, cpu_s = time.monotonic(), time.process_time()
         elapsed_s = now_s - self._last_s

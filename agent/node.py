@@ -64,10 +64,10 @@ class AgentNode:
         self._heard_ns = 0
         self._ahead = 0  # messages of the batch at hand that were received, but not yet handled
         self._host_is_gone = False
-        self._last_word: Sequence[Message] = ()
-        self._untold: list[Prepared] = []
+        self._last_messages: Sequence[Message] = ()
+        self._deferred: list[Prepared] = []
         self._reset(lockstep=False, start_ns=0)
-        self._be_idle()
+        self._start_idle()
 
     def serve(self, keep_on: Callable[[], bool]) -> None:
         """Poll until `keep_on` says no; asked at least every `IDLE_WAIT_S`."""
@@ -86,17 +86,17 @@ class AgentNode:
         messages = self._link.receive(timeout_s)
         if messages:
             self._heard_ns = self._monotonic.now_ns()
-            handlers, take = self._handlers, self._take
+            handlers, other = self._handlers, self._handle_other
             self._ahead = len(messages)
             for message in messages:
                 self._ahead -= 1
-                handlers.get(type(message), take)(message)
+                handlers.get(type(message), other)(message)
         executor = self._due_now()
         if executor is not None:
             executor.run_due(executor.clock.now_ns())
         if self._host_is_gone:
             self._end_run()
-        self.role.serve(self._now_ns)
+        self.role.serve_peers(self._now_ns)
 
     def _wait(self, timeout_s: float) -> float:
         """Wait for all who may have something to say; returns what is left to wait for the host alone."""
@@ -126,17 +126,17 @@ class AgentNode:
         self._lockstep = lockstep
         self._ticks = TickClock(start_ns)
         self._last_tick: int | None = None
-        self._untold.clear()
+        self._deferred.clear()
         disturbed = None if lockstep else SteppedClock(self._monotonic)
         self._clock: Clock = self._ticks if disturbed is None else disturbed
-        self._faults.begin(disturbed)
+        self._faults.start_run(disturbed)
         self.executor = Executor(self._clock)
         self.role.reset(self._clock, lockstep)
 
-    def _be_idle(self) -> None:
+    def _start_idle(self) -> None:
         """Between runs the role may have others to serve than the host."""
         self._idle = Executor(self._monotonic)
-        self.role.other_tasks(self._idle)
+        self.role.add_peer_tasks(self._idle)
 
     def _on_run(self, message: Message) -> None:
         self._faults.answering = True
@@ -153,16 +153,16 @@ class AgentNode:
 
     def _start_run(self, lockstep: bool, start_ns: int) -> None:
         if self._running:  # the host that started the last run is gone
-            self.role.end(self._clock.now_ns())
+            self.role.end_run(self._clock.now_ns())
         self._link.reset_counters()
         self._reset(lockstep, start_ns)
         self._running = True
         self._host_is_gone = False
         executor = self.executor
-        self.role.begin(executor, self._silent_s)
+        self.role.start_run(executor, self._silent_s)
         executor.add("telemetry", self.role.telemetry_hz, self._telemetry)
         executor.add("status", STATUS_RATE_HZ, self._status)
-        self.role.other_tasks(executor)
+        self.role.add_peer_tasks(executor)
         if lockstep:
             executor.run_due(self._clock.now_ns())
 
@@ -171,21 +171,21 @@ class AgentNode:
         self._host_is_gone = False
         was_running, self._running = self._running, False
         now_ns = self._clock.now_ns()
-        self._link.send_prepared(self._untold)
-        self._untold.clear()
+        self._link.send_prepared(self._deferred)
+        self._deferred.clear()
         if was_running:
             self._faults.end()
             self._send_misses(now_ns)
-            self._last_word = self.role.end(now_ns)
-            self._be_idle()
+            self._last_messages = self.role.end_run(now_ns)
+            self._start_idle()
         if self.executor.next_due_ns is not None:
-            self._link.send(*self._last_word)
+            self._link.send(*self._last_messages)
             self._send_task_stats(now_ns)
 
     # Messages
 
-    def _take(self, message: Message) -> None:
-        replies = self.role.take(message, self._clock.now_ns())
+    def _handle_other(self, message: Message) -> None:
+        replies = self.role.handle(message, self._clock.now_ns())
         if replies:
             self._link.send(*replies)
 
@@ -197,13 +197,13 @@ class AgentNode:
             self._ticks.advance_to(min(message.time_usec * 1000, LATEST_NS))
             self.executor.run_urgent(self._clock.now_ns())
         now_ns = self._clock.now_ns()
-        self._link.send_prepared([*self._untold, *map(prepare, self.role.answer(message.tick, now_ns))])
-        self._untold.clear()
+        self._link.send_prepared([*self._deferred, *map(prepare, self.role.end_tick(message.tick, now_ns))])
+        self._deferred.clear()
         self.executor.run_due(now_ns)
 
-    def _tell(self, *messages: Message) -> None:
+    def _send(self, *messages: Message) -> None:
         if self._lockstep and self._running:
-            self._untold += map(prepare, messages)  # here, as the host works on
+            self._deferred += map(prepare, messages)  # here, as the host works on
         else:
             self._link.send(*messages)
 
@@ -215,21 +215,21 @@ class AgentNode:
 
     def _on_faults(self, message: Message) -> None:
         if self._running:
-            for sentence in self._faults.take(message):
-                self.role.say(_WARNING, sentence)
+            for sentence in self._faults.handle(message):
+                self.role.add_event(_WARNING, sentence)
 
     # Tasks
 
     def _telemetry(self, now_ns: int) -> None:
-        self._tell(*self.role.telemetry(now_ns))
+        self._send(*self.role.telemetry(now_ns))
         if self.executor.misses:
             self._send_misses(now_ns)
 
     def _status(self, now_ns: int) -> None:
         self._faults.lapse()
-        self.role.performance(now_ns, self.executor.stats)
+        self.role.log_task_stats(now_ns, self.executor.stats)
         self._send_task_stats(now_ns)
-        self._tell(self._status_message(now_ns, self._lockstep))
+        self._send(self._status_message(now_ns, self._lockstep))
         if not self._lockstep and self._silence_ns:
             self._host_is_gone = self._silent_s() * 1e9 > self._silence_ns
 
@@ -239,13 +239,13 @@ class AgentNode:
     # Reports
 
     def _send_misses(self, now_ns: int) -> None:
-        misses = self.executor.misses.take(MISSES_A_CYCLE)
+        misses = self.executor.misses.drain(MISSES_A_CYCLE)
         if misses and not self._lockstep:
-            self.role.missed(now_ns, misses)
-            self._tell(*map(task_miss, misses))
+            self.role.log_missed_deadlines(now_ns, misses)
+            self._send(*map(task_miss, misses))
 
     def _send_task_stats(self, now_ns: int) -> None:
-        self._tell(*[task_stats(now_ns, stats) for stats in self.executor.stats])
+        self._send(*[task_stats(now_ns, stats) for stats in self.executor.stats])
 
     def _status_message(self, now_ns: int, repeatable: bool) -> Message:
         counters = self._link.counters
@@ -255,6 +255,6 @@ class AgentNode:
             self._faults.impaired,
             self.role.traffic,
             0 if repeatable else self.executor.misses.unreported,
-            UNKNOWN if repeatable else self._health.look(),
+            UNKNOWN if repeatable else self._health.read(),
             self._running,
         )

@@ -136,7 +136,7 @@ class BridgeRole(Role):
     """
 
     title = "bridge to an autopilot"
-    others = "autopilot"
+    peers = "autopilot"
     nodes = "LS,LC,LA"
     telemetry_hz = TELEMETRY_HZ
 
@@ -169,15 +169,15 @@ class BridgeRole(Role):
         self._estimates = 0
         self._unsent = 0  # of the host's messages, once the autopilot was there
         self._imu_stamp_us = self._imu_received_us = 0
-        self._vehicle.reset(clock, self.say)
+        self._vehicle.reset(clock, self.add_event)
         for injector in self._injectors:
-            injector.reset(clock, lockstep, self.say)
+            injector.reset(clock, lockstep, self.add_event)
 
-    def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
+    def start_run(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         self._running = True
         executor.add("bridge", WATCH_HZ, self._watch)
 
-    def end(self, now_ns: int) -> Sequence[Message]:
+    def end_run(self, now_ns: int) -> Sequence[Message]:
         """The host takes the world away: the autopilot is disarmed, where it still hears."""
         self._running = False
         if self._vehicle.armed:
@@ -189,7 +189,7 @@ class BridgeRole(Role):
 
     # -- the host's messages
 
-    def take(self, message: Message, now_ns: int) -> Sequence[Message]:
+    def handle(self, message: Message, now_ns: int) -> Sequence[Message]:
         if isinstance(message, _FOR_INJECTORS):
             if isinstance(message, mav.MAVLink_xitl_imu_message):
                 self._imu_stamp_us, self._imu_received_us = message.time_usec, now_ns // 1000
@@ -202,7 +202,7 @@ class BridgeRole(Role):
             injector.handle(message, now_ns)
         return ()
 
-    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+    def end_tick(self, tick: int, now_ns: int) -> Sequence[Message]:
         self._count = tick
         followed = True
         for injector in self._injectors:
@@ -226,13 +226,15 @@ class BridgeRole(Role):
             up = vehicle.wait_for_line(REACH_S)
             self._patience_s -= monotonic() - began_s
             if not up and self._patience_s <= 0.0:
-                self.say(_WARNING, f"no connection to the autopilot's MAVLink at {vehicle.address}; going on without")
+                self.add_event(
+                    _WARNING, f"no connection to the autopilot's MAVLink at {vehicle.address}; going on without"
+                )
             return up
         return True
 
     # -- the autopilot's side
 
-    def serve(self, now: Callable[[], int]) -> None:
+    def serve_peers(self, now: Callable[[], int]) -> None:
         now_ns = now()
         for injector in self._injectors:
             injector.serve(now_ns)
@@ -299,7 +301,7 @@ class BridgeRole(Role):
         self._told_ns = now_ns
         return (self._status(now_ns),)
 
-    def say(self, severity: int, text: str) -> None:
+    def add_event(self, severity: int, text: str) -> None:
         self._waiting.extend(self._texts.messages(severity, PREFIX + text))
 
     def _status(self, now_ns: int) -> Message:

@@ -46,7 +46,7 @@ class CompanionRole(Role):
 
     def __init__(self) -> None:
         self._texts = StatusTextSender()
-        self._settings = CompanionParameters(lambda problem: self.say(_WARNING, problem))
+        self._settings = CompanionParameters(lambda problem: self.add_event(_WARNING, problem))
 
     def reset(self, clock: Clock, lockstep: bool) -> None:
         self._clock = clock
@@ -58,14 +58,14 @@ class CompanionRole(Role):
         self._blind = False
         self._orders = 0
 
-    def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
+    def start_run(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         self._silent_s = silent_s
         executor.add("watch", WATCH_HZ, self._watch)
         executor.add("perceive", PERCEIVE_HZ, self._perceive)
         executor.add("plan", PLAN_HZ, self._plan)
         executor.add("tell", TELL_HZ, self._tell)
 
-    def take(self, message: Message, now_ns: int) -> Sequence[Message]:
+    def handle(self, message: Message, now_ns: int) -> Sequence[Message]:
         answers = self._settings.handle(message)
         perceiver = self._perceiver
         if perceiver is None:
@@ -85,7 +85,7 @@ class CompanionRole(Role):
             from agent.companion.perception import Perception
         except ImportError as error:
             self._blind = True
-            self.say(_WARNING, f"No perception: {error}; pip install numpy kiss-icp")
+            self.add_event(_WARNING, f"No perception: {error}; pip install numpy kiss-icp")
             return None
         settings = self._settings
         watch = ObstacleAvoidance(
@@ -99,13 +99,13 @@ class CompanionRole(Role):
             avoids=bool(settings["AVD_ENABLE"]),
             view_yaw_rad=math.radians(settings["LIDAR_YAW"]),
         )
-        return Perception(settings, watch, self._lockstep, lambda text: self.say(_WARNING, text))
+        return Perception(settings, watch, self._lockstep, lambda text: self.add_event(_WARNING, text))
 
     def _watch(self, now_ns: int) -> None:
         silent = self._silent_s() > SILENCE_S
         if silent != self._silent:
             self._silent = silent
-            self.say(_NOTICE, "Host is silent" if silent else "Host is back")
+            self.add_event(_NOTICE, "Host is silent" if silent else "Host is back")
 
     def _perceive(self, now_ns: int) -> None:
         if self._perceiver is not None:
@@ -131,7 +131,7 @@ class CompanionRole(Role):
             return Traffic()
         return Traffic(estimates=self._perceiver.clouds, efforts=self._orders)
 
-    def say(self, severity: int, text: str) -> None:
+    def add_event(self, severity: int, text: str) -> None:
         self._waiting.extend(self._texts.messages(severity, text))
 
     def telemetry(self, now_ns: int) -> Sequence[Message]:
@@ -150,8 +150,8 @@ class CompanionRole(Role):
             )
         return due
 
-    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+    def end_tick(self, tick: int, now_ns: int) -> Sequence[Message]:
         return (dialect.MAVLink_xitl_tick_message(now_ns // 1000, tick),)
 
-    def end(self, now_ns: int) -> Sequence[Message]:
+    def end_run(self, now_ns: int) -> Sequence[Message]:
         return () if self._perceiver is None else (self._perceiver.status(now_ns),)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Callable
+from typing import TYPE_CHECKING, Callable
 
-from agent.fcu.dataflash.flight_log import NullFlightLog
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import Outbox
 from agent.fcu.vehicle.autopilot import LOOP_HZ
@@ -14,9 +13,12 @@ from agent.roles.ground_stations import GroundStations
 from agent.roles.role import Role, Traffic
 from agent.roles.storage import Storage
 from agent.timing.clock import Clock, MonotonicClock
-from agent.timing.tasks import DeadlineMiss, Executor, TaskStats
+from agent.timing.tasks import Executor, MissedDeadline, TaskStats
 from agent.wire import dialect
 from agent.wire.codec import Message
+
+if TYPE_CHECKING:
+    from agent.fcu.dataflash.flight_log import FlightLog
 
 MOTORS_ON_WIRE = 8
 
@@ -39,7 +41,7 @@ class AutopilotRole(Role):
         send: Callable[[Message], bool],
         ground: GroundStations | None = None,
         storage: Storage | None = None,
-        make_log: Callable[[Callable[[], int]], NullFlightLog] | None = None,
+        make_log: Callable[[Callable[[], int]], FlightLog] | None = None,
     ) -> None:
         self._make_channel = make_channel
         self._send = send
@@ -77,31 +79,31 @@ class AutopilotRole(Role):
         if self._ground is not None:
             self._ground.attach(self._hub)
 
-    def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
+    def start_run(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         if self._log is not None:
-            self._log.begin(self._clock.now_ns(), self._lockstep)
+            self._log.start(self._clock.now_ns(), self._lockstep)
         executor.add("control", LOOP_HZ, self._control, urgent=True)
         if self._log is not None:
             executor.add("log", LOOP_HZ, self._keep)
 
-    def end(self, now_ns: int) -> Sequence[Message]:
+    def end_run(self, now_ns: int) -> Sequence[Message]:
         """The host takes the world away: nothing is steered any more."""
         self._autopilot.disarm()
         self._actuators = self._hub.actuators = Actuators()
         if self._log is not None:
-            self._log.arm(now_ns, False)
+            self._log.log_disarmed(now_ns)
             self._log_events(self._log, now_ns)
             self._log.close()
         return (self._actuators_message(now_ns),)
 
     # -- the host's messages
 
-    def take(self, message: Message, now_ns: int) -> Sequence[Message]:
+    def handle(self, message: Message, now_ns: int) -> Sequence[Message]:
         if isinstance(message, dialect.MAVLink_xitl_imu_message):
             self._imu_stamp_us, self._imu_received_us = message.time_usec, now_ns // 1000
         return self._channel.handle(message, now_ns)
 
-    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+    def end_tick(self, tick: int, now_ns: int) -> Sequence[Message]:
         self._count = tick
         return (self._actuators_message(now_ns),)
 
@@ -116,7 +118,7 @@ class AutopilotRole(Role):
 
     def _keep(self, now_ns: int) -> None:
         assert self._log is not None
-        self._log.cycle(self._controlled_ns, self._autopilot, self._actuators)
+        self._log.log_cycle(self._controlled_ns, self._autopilot, self._actuators)
         self._log_events(self._log, now_ns)
 
     def telemetry(self, now_ns: int) -> Sequence[Message]:
@@ -141,24 +143,24 @@ class AutopilotRole(Role):
 
     # -- records
 
-    def say(self, severity: int, text: str) -> None:
+    def add_event(self, severity: int, text: str) -> None:
         self._autopilot.events.add(severity, text)
 
-    def _log_events(self, log: NullFlightLog, now_ns: int) -> None:
+    def _log_events(self, log: FlightLog, now_ns: int) -> None:
         outbox = self._log_outbox
         if outbox is not None:
             self._hub.distribute(now_ns)
             while outbox.events:
                 event = outbox.events.popleft()
-                log.event(now_ns, event.severity, event.text)
+                log.log_event(now_ns, event.severity, event.text)
 
-    def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
+    def log_task_stats(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
         if self._log is not None:
-            self._log.performance(now_ns, stats)
+            self._log.log_task_stats(now_ns, stats)
 
-    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
+    def log_missed_deadlines(self, now_ns: int, misses: Sequence[MissedDeadline]) -> None:
         if self._log is not None:
-            self._log.missed(now_ns, misses)
+            self._log.log_missed_deadlines(now_ns, misses)
 
     @property
     def traffic(self) -> Traffic:
@@ -177,7 +179,7 @@ class AutopilotRole(Role):
 
     # -- ground stations
 
-    def other_tasks(self, executor: Executor) -> None:
+    def add_peer_tasks(self, executor: Executor) -> None:
         if self._ground is not None:
             executor.add("ground", LOOP_HZ, self._serve_ground)
 
@@ -188,7 +190,7 @@ class AutopilotRole(Role):
     def descriptors(self) -> Sequence[int]:
         return () if self._ground is None else self._ground.descriptors()
 
-    def serve(self, now: Callable[[], int]) -> None:
+    def serve_peers(self, now: Callable[[], int]) -> None:
         if self._ground is not None:
             self._ground.receive(now)
             self._ground.keep_alive(now())

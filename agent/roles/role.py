@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Callable, NamedTuple
 
 from agent.timing.clock import Clock
-from agent.timing.tasks import DeadlineMiss, Executor, TaskStats
+from agent.timing.tasks import Executor, MissedDeadline, TaskStats
 from agent.wire.codec import Message
 
 
@@ -27,12 +27,12 @@ class Traffic(NamedTuple):
 class Role:
     """The node calls; instants are of the clock of the run, which between runs is this machine's.
 
-    title: for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: how often `telemetry` is asked. others:
-    who is at `addresses`.
+    title: for people. nodes: node kinds, for instance LS,LC,LA. telemetry_hz: how often `telemetry` is asked.
+    peers: who is at `addresses`, beside the host.
     """
 
     title: str
-    others = "ground stations"
+    peers = "ground stations"
     nodes: str
     telemetry_hz: float
 
@@ -40,14 +40,14 @@ class Role:
         """Fresh, as for a run on this clock; the run itself is not on yet."""
         raise NotImplementedError
 
-    def begin(self, executor: Executor, silent_s: Callable[[], float]) -> None:
+    def start_run(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         """A run starts: add the tasks it needs, in the order in which they run when due together.
 
         `silent_s` tells how long nothing has come from the host, 0 in lockstep.
         """
         raise NotImplementedError
 
-    def take(self, message: Message, now_ns: int) -> Sequence[Message]:
+    def handle(self, message: Message, now_ns: int) -> Sequence[Message]:
         """A message that is not the node's own; returns the replies."""
         raise NotImplementedError
 
@@ -55,23 +55,23 @@ class Role:
         """What is due to be sent."""
         raise NotImplementedError
 
-    def answer(self, tick: int, now_ns: int) -> Sequence[Message]:
+    def end_tick(self, tick: int, now_ns: int) -> Sequence[Message]:
         """Lockstep: what ends a tick."""
         return ()
 
-    def end(self, now_ns: int) -> Sequence[Message]:
+    def end_run(self, now_ns: int) -> Sequence[Message]:
         """The run is over, whoever ended it; returns the last word to the host."""
         return ()
 
-    def say(self, severity: int, text: str) -> None:
+    def add_event(self, severity: int, text: str) -> None:
         """A sentence for people, with a MAV_SEVERITY."""
 
     # -- records
 
-    def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
+    def log_task_stats(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
         """Once a second: how the tasks did since the start."""
 
-    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
+    def log_missed_deadlines(self, now_ns: int, misses: Sequence[MissedDeadline]) -> None:
         """Deadlines that were missed."""
 
     @property
@@ -79,9 +79,9 @@ class Role:
         """Counts so far."""
         return Traffic()
 
-    # -- others than the host
+    # -- peers beside the host
 
-    def other_tasks(self, executor: Executor) -> None:
+    def add_peer_tasks(self, executor: Executor) -> None:
         """Add what has to be done for them, in runs and between."""
 
     @property
@@ -93,5 +93,5 @@ class Role:
         """What becomes readable when others have something to say."""
         return ()
 
-    def serve(self, now: Callable[[], int]) -> None:
+    def serve_peers(self, now: Callable[[], int]) -> None:
         """Called with every poll, in runs and between them."""

@@ -70,7 +70,7 @@ class Storage:
 
     def keep_plan(self, autopilot: Autopilot) -> None:
         self._keep(
-            self._contents._replace(mission=autopilot.navigation.mission.items, fence=tuple(autopilot.fence.items))
+            self._contents._replace(mission=autopilot.navigator.mission.items, fence=tuple(autopilot.fence.items))
         )
 
     def forget_parameters(self, autopilot: Autopilot) -> None:

@@ -1,8 +1,7 @@
-"""What the autopilot logs, and when: ArduRover's messages, from samples as they come and from its state each cycle.
+"""What the autopilot logs, and when: ArduRover's messages, from measurements as they come and from each control cycle.
 
-Every sample is logged; attitude and motor outputs at the loop's rate, the rest in turns at a fifth of it. TimeUS is the
-agent's clock. What a cycle finds changed (mode, arming, parameters, mission, home, failsafes) it logs by itself; the
-hooks of those names only make the instant exact.
+Every measurement is logged; attitude and motor outputs at the loop's rate, the rest in turns at a fifth of it. TimeUS
+is the agent's clock. What a cycle finds changed (mode, arming, parameters, mission, home, failsafes) is logged then.
 """
 
 from __future__ import annotations
@@ -30,68 +29,20 @@ from agent.fcu.vehicle_state import (
     GnssMeasurement,
     ImuMeasurement,
     MagnetometerMeasurement,
-    StateEstimate,
     Vector3,
 )
-from agent.timing.tasks import DeadlineMiss, TaskStats
+from agent.timing.tasks import MissedDeadline, TaskStats
 
 ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42  # EV
 EKF_CHECK, EKF_BAD = 16, 2  # ERR subsystem and its code
 FAILSAFES = {"GCS": 8, "Fence": 9, "EKF": 17, "IMU": 26}  # ERR subsystems
 RESOLVED, OCCURRED = 0, 1  # ERR codes
+WINDOW_NS = 10_000_000_000
+_CALL_NS = 1_000_000_000  # between calls of `LoopWindow.finish`; the window ends with the nearest one
 _ITEMS_A_CYCLE = 8  # a mission of hundreds of items is not logged in one cycle
 _TEXT_BYTES = 64
 _DEFAULTS = {row.name: float(row.default) for row in TABLE}
-WINDOW_NS = 10_000_000_000
-_CALL_NS = 1_000_000_000  # between calls of `take`; the window ends with the nearest one
-
-
-class NullFlightLog:
-    """The hooks, doing nothing. Instants are the agent's clock's."""
-
-    def begin(self, now_ns: int, lockstep: bool = False) -> None:
-        """A new log starts here; one still open is closed."""
-
-    def imu(self, sample: ImuMeasurement) -> None:
-        """A sample has come, as have those of the next three."""
-
-    def gnss(self, sample: GnssMeasurement) -> None: ...
-
-    def magnetometer(self, sample: MagnetometerMeasurement) -> None: ...
-
-    def barometer(self, sample: BarometerMeasurement) -> None: ...
-
-    def cycle(self, now_ns: int, autopilot: Autopilot, actuators: Actuators) -> None:
-        """After each `Autopilot.control`."""
-
-    def event(self, now_ns: int, severity: int, text: str) -> None:
-        """A sentence for the person at the ground station."""
-
-    def mode(self, now_ns: int, number: int, reason: int = 0) -> None:
-        """The mode is now this; `reason` is ArduPilot's ModeReason, 0 unknown."""
-
-    def arm(self, now_ns: int, armed: bool) -> None:
-        """Armed, or disarmed."""
-
-    def command(self, now_ns: int, seq: int, item: MissionItem) -> None:
-        """An item of the mission."""
-
-    def parameters(self, now_ns: int, parameters: Parameters) -> None:
-        """What changed since the last call; at first, all."""
-
-    def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
-        """How the executor's tasks did since its start; call it about once a second."""
-
-    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
-        """Deadlines that the executor's tasks missed, each once."""
-
-    @property
-    def dropped(self) -> int:
-        """Records of the newest log that it could not keep."""
-        return 0
-
-    def close(self) -> None:
-        """The log ends here. Waits for the disk, but not long."""
+_CLOSE_S, _CLOSE_IN_LOCKSTEP_S = 2.0, 60.0
 
 
 class LoopTimes(NamedTuple):
@@ -104,7 +55,10 @@ class LoopTimes(NamedTuple):
 
 
 class LoopWindow:
-    """Told of every loop; a loop is long at 1.2 times its period."""
+    """How regularly the loop came and what the tasks took, over ten seconds, as ArduPilot's PM reports it.
+
+    A loop is long at 1.2 times its period.
+    """
 
     def __init__(self, now_ns: int, loop_hz: int) -> None:
         self._long_ns = 1_200_000_000 // loop_hz
@@ -118,7 +72,7 @@ class LoopWindow:
         self._long_loops = 0
         self._longest_ns = 0
 
-    def loop(self, now_ns: int) -> None:
+    def add_loop(self, now_ns: int) -> None:
         """A loop starts."""
         if self._last_ns is not None:
             interval_ns = now_ns - self._last_ns
@@ -128,8 +82,8 @@ class LoopWindow:
                 self._longest_ns = interval_ns
         self._last_ns = now_ns
 
-    def take(self, now_ns: int, stats: Sequence[TaskStats]) -> LoopTimes | None:
-        """The window, once it is full; a new one then starts. Ask about once a second.
+    def finish(self, now_ns: int, stats: Sequence[TaskStats]) -> LoopTimes | None:
+        """The window, once it is full; a new one then starts. Call it about once a second.
 
         `stats` count since the executor's start.
         """
@@ -143,7 +97,7 @@ class LoopWindow:
         return times
 
 
-class _Seen(NamedTuple):
+class _Snapshot(NamedTuple):
     """What a cycle compares with the cycle before."""
 
     mode: int = -1
@@ -157,134 +111,114 @@ class _Seen(NamedTuple):
     current: int = 0
 
 
-class Changes(NullFlightLog):
-    """Finds them from cycle to cycle, and takes the hooks that make their instants exact."""
+class ChangeLog:
+    """Logs by `put` what changes now and then: mode, arming, parameters, mission, home, failsafes.
 
-    def _forget(self) -> None:
-        """All is new again."""
-        self._seen = _Seen()
+    offset_mgauss: COMPASS_OFS of the parameters last logged.
+    """
+
+    def __init__(self, put: Callable[[bytes], None]) -> None:
+        self._put = put
+        self._snapshot = _Snapshot()
         self._mode = -1
         self._armed = False
         self._ekf_bad = False
         self._fence_on = False
         self._values: dict[str, float] = {}
-        self._offset_mgauss: Vector3 = (0.0, 0.0, 0.0)
+        self.offset_mgauss: Vector3 = (0.0, 0.0, 0.0)
         self._items: Iterator[tuple[int, MissionItem]] = iter(())
         self._items_total = 0
 
-    def _put_important(self, record: bytes) -> None:
-        """Log what may not be dropped for want of room."""
-        raise NotImplementedError
-
-    # -- from cycle to cycle
-
-    def _look(self, now_ns: int, autopilot: Autopilot) -> None:
+    def update(self, now_ns: int, autopilot: Autopilot) -> None:
         """Compare with the cycle before, and log what is new."""
-        old = self._seen
-        seen = self._seen = _Seen(
-            autopilot.state.mode,
-            autopilot.state.armed,
+        state, navigator = autopilot.state, autopilot.navigator
+        old = self._snapshot
+        new = self._snapshot = _Snapshot(
+            state.mode,
+            state.armed,
             autopilot.failsafes.active,
             autopilot.parameters.version,
-            autopilot.state.estimate.position_valid,
-            autopilot.navigation.home,
+            state.estimate.position_valid,
+            navigator.home,
             autopilot.estimator.frame,
-            autopilot.navigation.mission,
-            autopilot.navigation.progress.current
-            if autopilot.state.armed and autopilot.state.mode == modes.AUTO
-            else 0,
+            navigator.mission,
+            navigator.progress.current if state.armed and state.mode == modes.AUTO else 0,
         )
-        if seen != old:
-            self._log_changes(now_ns, autopilot, old, seen)
+        if new != old:
+            self._log_changes(now_ns // 1000, autopilot, old, new)
 
-    def _log_changes(self, now_ns: int, autopilot: Autopilot, old: _Seen, seen: _Seen) -> None:
-        now_us = now_ns // 1000
-        if seen.parameters_version != old.parameters_version:
-            self.parameters(now_ns, autopilot.parameters)
-            self._log_fence(now_us, autopilot.fence.enabled)
-        self.mode(now_ns, seen.mode)
-        self.arm(now_ns, seen.armed)
-        frame, home = seen.frame, seen.home
+    def _log_changes(self, now_us: int, autopilot: Autopilot, old: _Snapshot, new: _Snapshot) -> None:
+        if new.parameters_version != old.parameters_version:
+            self._log_parameters(now_us, autopilot.parameters)
+            if autopilot.fence.enabled != self._fence_on:
+                self._fence_on = autopilot.fence.enabled
+                self._put(FORMATS["EV"].pack(now_us, FENCE_ON if self._fence_on else FENCE_OFF))
+        if new.mode != self._mode:
+            self._mode = new.mode
+            self._put(FORMATS["MODE"].pack(now_us, new.mode, new.mode, 0))
+        self.set_armed(now_us, new.armed)
+        frame, home = new.frame, new.home
         if frame is not None and frame is not old.frame:
-            self._put_important(records.place(now_us, records.ORIGIN, frame.lat_deg, frame.lon_deg, frame.alt_m))
+            self._put(records.position_mark(now_us, records.ORIGIN, frame.lat_deg, frame.lon_deg, frame.alt_m))
         if home is not None and home != old.home:
-            self._put_important(records.place(now_us, records.HOME, *home))
-            self._put_important(FORMATS["EV"].pack(now_us, HOME_SET))
-        if old.position_valid and not seen.position_valid:
+            self._put(records.position_mark(now_us, records.HOME, *home))
+            self._put(FORMATS["EV"].pack(now_us, HOME_SET))
+        if old.position_valid and not new.position_valid:
             self._ekf_bad = True
-            self._error(now_us, EKF_CHECK, EKF_BAD)
-        elif self._ekf_bad and seen.position_valid:
+            self._log_error(now_us, EKF_CHECK, EKF_BAD)
+        elif self._ekf_bad and new.position_valid:
             self._ekf_bad = False
-            self._error(now_us, EKF_CHECK, RESOLVED)
-        if seen.failsafes != old.failsafes:
-            self._log_failsafes(now_us, autopilot.parameters, old.failsafes, seen.failsafes)
-        if seen.mission != old.mission:
-            self._items_total = len(seen.mission.items)
-            self._items = iter(enumerate(seen.mission.items))
-        if seen.current != old.current and 0 < seen.current < len(seen.mission.items):
-            item = seen.mission.items[seen.current]
-            total = len(seen.mission.items)
-            self._put_important(records.mission_item("MISE", now_us, seen.current, total, item))
+            self._log_error(now_us, EKF_CHECK, RESOLVED)
+        if new.failsafes != old.failsafes:
+            self._log_failsafes(now_us, autopilot.parameters, old.failsafes, new.failsafes)
+        items = new.mission.items
+        if new.mission != old.mission:
+            self._items_total = len(items)
+            self._items = iter(enumerate(items))
+        if new.current != old.current and 0 < new.current < len(items):
+            self._put(records.mission_item("MISE", now_us, new.current, len(items), items[new.current]))
 
-    def _log_fence(self, now_us: int, on: bool) -> None:
-        if on != self._fence_on:
-            self._put_important(FORMATS["EV"].pack(now_us, FENCE_ON if on else FENCE_OFF))
-        self._fence_on = on
+    def log_mission_items(self, now_us: int) -> None:
+        """Some items of a new mission each cycle, until all are logged."""
+        for _ in range(_ITEMS_A_CYCLE if self._items_total else 0):
+            following = next(self._items, None)
+            if following is None:
+                self._items_total = 0
+                return
+            seq, item = following
+            self._put(records.mission_item("CMD", now_us, seq, max(self._items_total, seq + 1), item))
+
+    def set_armed(self, now_us: int, armed: bool) -> None:
+        """Log arming or disarming at its own instant."""
+        if armed != self._armed:
+            self._armed = armed
+            self._put(FORMATS["ARM"].pack(now_us, int(armed), int(self._values.get("ARMING_CHECK", 0))))
+            self._put(FORMATS["EV"].pack(now_us, ARMED if armed else DISARMED))
+
+    def _log_parameters(self, now_us: int, parameters: Parameters) -> None:
+        """What changed since the last call; at first, all."""
+        pack, values = FORMATS["PARM"].pack, self._values
+        for name in parameters:
+            value = parameters[name]
+            if values.get(name) != value:
+                values[name] = value
+                self._put(pack(now_us, name.encode(), value, _DEFAULTS.get(name, math.nan)))
+        x, y, z = (values.get(f"COMPASS_OFS_{axis}", 0.0) for axis in "XYZ")
+        self.offset_mgauss = (x, y, z)
 
     def _log_failsafes(self, now_us: int, p: Parameters, old: tuple[str, ...], new: tuple[str, ...]) -> None:
         for name, subsystem in FAILSAFES.items():
             if (name in old) != (name in new):
                 # A fence's code is the bits of FENCE_TYPE that were breached; which of two it was is not told apart.
                 occurred = int(p["FENCE_TYPE"]) & 0xFF if name == "Fence" else OCCURRED
-                self._error(now_us, subsystem, occurred if name in new else RESOLVED)
+                self._log_error(now_us, subsystem, occurred if name in new else RESOLVED)
 
-    def _log_items(self, now_ns: int) -> None:
-        for _ in range(_ITEMS_A_CYCLE if self._items_total else 0):
-            following = next(self._items, None)
-            if following is None:
-                self._items_total = 0
-                return
-            self.command(now_ns, *following)
-
-    def _error(self, now_us: int, subsystem: int, code: int) -> None:
-        self._put_important(FORMATS["ERR"].pack(now_us, subsystem, code))
-
-    # -- the hooks
-
-    def event(self, now_ns: int, severity: int, text: str) -> None:
-        data = text.encode("ascii", "replace")
-        for at in range(0, len(data), _TEXT_BYTES):
-            self._put_important(FORMATS["MSG"].pack(now_ns // 1000, data[at : at + _TEXT_BYTES]))
-
-    def mode(self, now_ns: int, number: int, reason: int = 0) -> None:
-        if number != self._mode:
-            self._mode = number
-            self._put_important(FORMATS["MODE"].pack(now_ns // 1000, number, number, reason))
-
-    def arm(self, now_ns: int, armed: bool) -> None:
-        if armed != self._armed:
-            self._armed = armed
-            now_us = now_ns // 1000
-            self._put_important(FORMATS["ARM"].pack(now_us, int(armed), int(self._values.get("ARMING_CHECK", 0))))
-            self._put_important(FORMATS["EV"].pack(now_us, ARMED if armed else DISARMED))
-
-    def command(self, now_ns: int, seq: int, item: MissionItem) -> None:
-        total = max(self._items_total, seq + 1)
-        self._put_important(records.mission_item("CMD", now_ns // 1000, seq, total, item))
-
-    def parameters(self, now_ns: int, parameters: Parameters) -> None:
-        pack, values = FORMATS["PARM"].pack, self._values
-        for name in parameters:
-            value = parameters[name]
-            if values.get(name) != value:
-                values[name] = value
-                self._put_important(pack(now_ns // 1000, name.encode(), value, _DEFAULTS.get(name, math.nan)))
-        x, y, z = (values.get(f"COMPASS_OFS_{axis}", 0.0) for axis in "XYZ")
-        self._offset_mgauss = (x, y, z)
+    def _log_error(self, now_us: int, subsystem: int, code: int) -> None:
+        self._put(FORMATS["ERR"].pack(now_us, subsystem, code))
 
 
-class FlightLog(Changes):
-    """Logs to where `opener` says, each run to a new log; `now_ns` is the agent's clock, for what carries no instant.
+class FlightLog:
+    """Logs to where `opener` opens a file, each run to a new log; `now_ns` is the agent's clock, for measurements.
 
     Nothing here waits for the disk, except in lockstep, where time stands still meanwhile and the log is to be the same
     every time.
@@ -308,11 +242,11 @@ class FlightLog(Changes):
     def _reset(self, now_ns: int, lockstep: bool) -> None:
         self._lockstep = lockstep
         self._formats = FORMATS_IN_LOCKSTEP if lockstep else FORMATS
-        self._count = 0
-        self._forget()
+        self._cycles = 0
+        self._changes = ChangeLog(self._put_important)
         self._gnss_us: int | None = None
-        self._said_problem = ""
-        self._said_drops = False
+        self._reported_problem = ""
+        self._reported_drops = False
         self._window = LoopWindow(now_ns, LOOP_HZ)
 
     # -- the log itself
@@ -339,111 +273,129 @@ class FlightLog(Changes):
 
     @property
     def dropped(self) -> int:
+        """Records of the newest log that it could not keep."""
         writer = self._writer or self._closed
         return 0 if writer is None else writer.dropped
 
-    def begin(self, now_ns: int, lockstep: bool = False) -> None:
+    def start(self, now_ns: int, lockstep: bool = False) -> None:
+        """A new log starts here; one still open is closed."""
         self.close()
         self._reset(now_ns, lockstep)
         self._writer = LogWriter(self._opener, lossless=lockstep)
         self._put = self._writer.put
         self._writer.put(header(self._formats, now_ns // 1000), True)
         # Readers tell by the name what vehicle's mode numbers these are.
-        self.event(now_ns, INFO, f"xitl {agent.__version__}, messages and modes as ArduRover V4")
+        self.log_event(now_ns, INFO, f"xitl {agent.__version__}, messages and modes as ArduRover V4")
         if lockstep:
-            self.event(now_ns, INFO, "Lockstep: loop times are the clock's own; no CPU load")
+            self.log_event(now_ns, INFO, "Lockstep: loop times are the clock's own; no CPU load")
 
     def close(self) -> None:
+        """The log ends here. Waits for the disk, but not long."""
         writer, self._writer = self._writer, None
         if writer is not None:
             self._closed = writer
-            writer.close(_drops(self._now_ns() // 1000, writer), 60.0 if self._lockstep else 2.0)
+            timeout_s = _CLOSE_IN_LOCKSTEP_S if self._lockstep else _CLOSE_S
+            writer.close(_drops(self._now_ns() // 1000, writer), timeout_s)
 
-    # -- sensors
+    # -- measurements
 
-    def imu(self, sample: ImuMeasurement) -> None:
+    def log_imu(self, sample: ImuMeasurement) -> None:
+        """A measurement that was accepted now, as with the other three."""
         if self._writer is not None:
             self._put(records.imu(self._now_ns() // 1000, sample))
 
-    def gnss(self, sample: GnssMeasurement) -> None:
+    def log_gnss(self, sample: GnssMeasurement) -> None:
         if self._writer is not None:
             now_us = self._now_ns() // 1000
             self._put(records.gnss(now_us, sample, now_us if self._gnss_us is None else self._gnss_us))
             self._gnss_us = now_us
 
-    def magnetometer(self, sample: MagnetometerMeasurement) -> None:
+    def log_magnetometer(self, sample: MagnetometerMeasurement) -> None:
         if self._writer is not None:
-            self._put(records.magnetometer(self._now_ns() // 1000, sample, self._offset_mgauss))
+            self._put(records.magnetometer(self._now_ns() // 1000, sample, self._changes.offset_mgauss))
 
-    def barometer(self, sample: BarometerMeasurement) -> None:
+    def log_barometer(self, sample: BarometerMeasurement) -> None:
         if self._writer is not None:
             self._put(records.barometer(self._now_ns() // 1000, sample))
 
     # -- the loop
 
-    def cycle(self, now_ns: int, autopilot: Autopilot, actuators: Actuators) -> None:
+    def log_cycle(self, now_ns: int, autopilot: Autopilot, actuators: Actuators) -> None:
+        """After each `Autopilot.control`."""
         if self._writer is None:
             return
-        self._window.loop(now_ns)
-        estimate = autopilot.state.estimate
-        self._look(now_ns, autopilot)
+        self._window.add_loop(now_ns)
+        self._changes.update(now_ns, autopilot)
         now_us = now_ns // 1000
-        output = autopilot.navigation.output if autopilot.state.armed else None
-        self._put(records.attitude(now_us, estimate, math.nan if output is None else output.heading_rad))
+        output = autopilot.navigator.output if autopilot.state.armed else None
+        desired_rad = math.nan if output is None else output.heading_rad
+        self._put(records.attitude(now_us, autopilot.state.estimate, desired_rad))
         self._put(records.outputs(now_us, actuators))
-        self._turns[self._count % len(self._turns)](now_us, autopilot, estimate)
-        self._log_items(now_ns)
-        if self._count % LOOP_HZ == 0:
-            self._watch_writer(now_us, autopilot, self._writer)
-        self._count += 1
+        self._turns[self._cycles % len(self._turns)](now_us, autopilot)
+        self._changes.log_mission_items(now_us)
+        if self._cycles % LOOP_HZ == 0:
+            self._check_writer(now_us, autopilot, self._writer)
+        self._cycles += 1
 
-    def _log_position(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
+    def _log_position(self, now_us: int, autopilot: Autopilot) -> None:
         frame = autopilot.estimator.frame
         if frame is not None:
-            self._put(records.position(now_us, estimate, frame, autopilot.navigation.home))
+            self._put(records.position(now_us, autopilot.state.estimate, frame, autopilot.navigator.home))
 
-    def _log_solution(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
+    def _log_solution(self, now_us: int, autopilot: Autopilot) -> None:
         estimator = autopilot.estimator
-        self._put(records.solution(now_us, estimate, estimator.gyro_bias_frd_radps, estimator.frame))
+        bias = estimator.gyro_bias_frd_radps
+        self._put(records.solution(now_us, autopilot.state.estimate, bias, estimator.frame))
 
-    def _log_health(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
-        self._put(records.health(now_us, estimate, autopilot.estimator.ratios))
+    def _log_health(self, now_us: int, autopilot: Autopilot) -> None:
+        self._put(records.health(now_us, autopilot.state.estimate, autopilot.estimator.ratios))
 
-    def _log_navigation(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
-        output = autopilot.navigation.output
-        if output is not None and autopilot.state.armed:
-            self._put(records.navigation(now_us, output, estimate.yaw_rad))
+    def _log_navigation(self, now_us: int, autopilot: Autopilot) -> None:
+        output, state = autopilot.navigator.output, autopilot.state
+        if output is not None and state.armed:
+            self._put(records.navigation(now_us, output, state.estimate.yaw_rad))
 
-    def _log_inputs(self, now_us: int, autopilot: Autopilot, estimate: StateEstimate) -> None:
-        self._put(records.inputs(now_us, autopilot.manual.widths_us(autopilot.state.now_ns)))
-        (vn, ve, _), desired_mps = estimate.vel_ned_mps, math.nan
-        speed_mps = ground_speed_mps(estimate.yaw_rad, vn, ve)
-        if autopilot.state.armed and autopilot.state.mode not in (modes.MANUAL, modes.HOLD):
-            desired_mps = speed_mps + autopilot.state.speed_error_mps
-        sticks = autopilot.manual.sticks(now_us * 1000)
-        self._put(records.control(now_us, sticks, speed_mps, desired_mps, estimate.gyro_frd_radps[2]))
+    def _log_inputs(self, now_us: int, autopilot: Autopilot) -> None:
+        state, manual = autopilot.state, autopilot.manual
+        self._put(records.inputs(now_us, manual.widths_us(state.now_ns)))
+        (vn, ve, _), desired_mps = state.estimate.vel_ned_mps, math.nan
+        speed_mps = ground_speed_mps(state.estimate.yaw_rad, vn, ve)
+        if state.armed and state.mode not in (modes.MANUAL, modes.HOLD):
+            desired_mps = speed_mps + state.speed_error_mps
+        sticks = manual.sticks(now_us * 1000)
+        self._put(records.control(now_us, sticks, speed_mps, desired_mps, state.estimate.gyro_frd_radps[2]))
 
-    # -- trouble
-
-    def _watch_writer(self, now_us: int, autopilot: Autopilot, writer: LogWriter) -> None:
+    def _check_writer(self, now_us: int, autopilot: Autopilot, writer: LogWriter) -> None:
         """Once a second: what was dropped into the log, and trouble to the ground station."""
         self._put_important(_drops(now_us, writer))
         problem = writer.problem
-        if problem != self._said_problem:
+        if problem != self._reported_problem:
             autopilot.events.add(WARNING, f"Log: {problem}" if problem else "Log: writing again")
-            self._said_problem = problem
-        if writer.dropped and not self._said_drops:
+            self._reported_problem = problem
+        if writer.dropped and not self._reported_drops:
             autopilot.events.add(WARNING, "Log: the disk is too slow, records are dropped")
-            self._said_drops = True
+            self._reported_drops = True
 
     def _put_important(self, record: bytes) -> None:
+        """Log what may not be dropped for want of room."""
         if self._writer is not None:
             self._writer.put(record, True)
 
-    # -- deadlines
+    # -- events and deadlines
 
-    def performance(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
-        times = None if self._writer is None else self._window.take(now_ns, stats)
+    def log_event(self, now_ns: int, severity: int, text: str) -> None:
+        """A sentence for the person at the ground station."""
+        data = text.encode("ascii", "replace")
+        for at in range(0, len(data), _TEXT_BYTES):
+            self._put_important(FORMATS["MSG"].pack(now_ns // 1000, data[at : at + _TEXT_BYTES]))
+
+    def log_disarmed(self, now_ns: int) -> None:
+        """Disarmed at this instant, without a cycle after it."""
+        self._changes.set_armed(now_ns // 1000, False)
+
+    def log_task_stats(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
+        """How the executor's tasks did since its start; call it about once a second."""
+        times = None if self._writer is None else self._window.finish(now_ns, stats)
         if times is None:
             return
         now_us = now_ns // 1000
@@ -454,9 +406,10 @@ class FlightLog(Changes):
         for index, task in enumerate(stats):
             self._put(records.task(now_us, index, task))
 
-    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
-        for one in () if self._lockstep else misses:
-            self._put_important(records.miss(now_ns // 1000, one))
+    def log_missed_deadlines(self, now_ns: int, misses: Sequence[MissedDeadline]) -> None:
+        """Deadlines that the executor's tasks missed, each once."""
+        for miss in () if self._lockstep else misses:
+            self._put_important(records.missed_deadline(now_ns // 1000, miss))
 
 
 def _drops(now_us: int, writer: LogWriter) -> bytes:

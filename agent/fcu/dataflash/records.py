@@ -20,7 +20,7 @@ from agent.fcu.vehicle_state import (
     StateEstimate,
     Vector3,
 )
-from agent.timing.tasks import DeadlineMiss, TaskStats, quantile_us
+from agent.timing.tasks import MissedDeadline, TaskStats, quantile_us
 
 _IMU, _GPS, _GPA, _MAG, _BARO = (FORMATS[name].pack for name in ("IMU", "GPS", "GPA", "MAG", "BARO"))
 _ATT, _POS, _XKF1, _XKF4, _XKQ = (FORMATS[name].pack for name in ("ATT", "POS", "XKF1", "XKF4", "XKQ"))
@@ -146,7 +146,7 @@ def control(now_us: int, sticks: Sticks, speed_mps: float, desired_mps: float, t
     return steer + _THR(now_us, _whole(100.0 * sticks.throttle), desired_mps, speed_mps)
 
 
-def place(now_us: int, kind: int, lat_deg: float, lon_deg: float, alt_m: float) -> bytes:
+def position_mark(now_us: int, kind: int, lat_deg: float, lon_deg: float, alt_m: float) -> bytes:
     """ORGN."""
     return _ORGN(now_us, kind, lat_deg, lon_deg, alt_m)
 
@@ -186,7 +186,7 @@ def task(now_us: int, index: int, stats: TaskStats) -> bytes:
     )
 
 
-def miss(now_us: int, missed: DeadlineMiss) -> bytes:
+def missed_deadline(now_us: int, missed: MissedDeadline) -> bytes:
     """MISS."""
     late_us, run_us = (missed.start_ns - missed.due_ns) // 1000, (missed.end_ns - missed.start_ns) // 1000
     return _MISS(now_us, missed.task, missed.cycle, missed.due_ns // 1000, late_us, run_us, missed.skipped)

@@ -217,7 +217,7 @@ class Estimator:
             and sample.satellites >= self._least_satellites
             and sample.horizontal_accuracy_m <= _ACCURACY_LIMIT_M
         )
-        then = self._history.at(sample.stamp_ns)
+        then = self._history.state_at(sample.stamp_ns)
         if then is not None and self._fix_usable:
             self._fuse_fix(then, sample)
         return True
@@ -305,7 +305,7 @@ class Estimator:
         if state is None:
             self._alignment.field_frd_gauss = field
             return True
-        then = self._history.at(sample.stamp_ns)
+        then = self._history.state_at(sample.stamp_ns)
         if then is None:
             return True
         self._heading_ns = sample.stamp_ns

@@ -184,7 +184,7 @@ class InertialHistory:
         self._states.clear()
         self._states.append(state)
 
-    def at(self, stamp_ns: int) -> InertialState | None:
+    def state_at(self, stamp_ns: int) -> InertialState | None:
         """The last state not newer than `stamp_ns`, or None when it has been forgotten."""
         for state in reversed(self._states):
             if state.stamp_ns <= stamp_ns:

@@ -24,13 +24,13 @@ _TEXTS_KEPT = 32
 class SampleLog(Protocol):
     """The part of the flight log that takes samples."""
 
-    def imu(self, sample: ImuMeasurement) -> None: ...
+    def log_imu(self, sample: ImuMeasurement) -> None: ...
 
-    def gnss(self, sample: GnssMeasurement) -> None: ...
+    def log_gnss(self, sample: GnssMeasurement) -> None: ...
 
-    def magnetometer(self, sample: MagnetometerMeasurement) -> None: ...
+    def log_magnetometer(self, sample: MagnetometerMeasurement) -> None: ...
 
-    def barometer(self, sample: BarometerMeasurement) -> None: ...
+    def log_barometer(self, sample: BarometerMeasurement) -> None: ...
 
 
 class SettingsStorage(Protocol):
@@ -86,7 +86,7 @@ class MavlinkHub:
         if accepted:
             self.imu = sample
             if self.log is not None:
-                self.log.imu(sample)
+                self.log.log_imu(sample)
         return accepted
 
     def on_gnss(self, sample: GnssMeasurement) -> bool:
@@ -94,7 +94,7 @@ class MavlinkHub:
         if accepted:
             self.gnss = sample
             if self.log is not None:
-                self.log.gnss(sample)
+                self.log.log_gnss(sample)
         return accepted
 
     def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:
@@ -102,7 +102,7 @@ class MavlinkHub:
         if accepted:
             self.magnetometer = sample
             if self.log is not None:
-                self.log.magnetometer(sample)
+                self.log.log_magnetometer(sample)
         return accepted
 
     def on_barometer(self, sample: BarometerMeasurement) -> bool:
@@ -110,7 +110,7 @@ class MavlinkHub:
         if accepted:
             self.barometer = sample
             if self.log is not None:
-                self.log.barometer(sample)
+                self.log.log_barometer(sample)
         return accepted
 
     def reboot(self) -> None:
@@ -138,7 +138,7 @@ class MavlinkHub:
 
         A station that sends something wrong sends it fifty times a second.
         """
-        reached, events = self.autopilot.navigation.drain_reached(), self.autopilot.events.drain()
+        reached, events = self.autopilot.navigator.drain_reached(), self.autopilot.events.drain()
         if not reached and not events:
             return
         events = [event for event in events if event.severity != WARNING or self._is_news(event.text, now_ns)]

@@ -40,10 +40,10 @@ class MissionPlan:
         self._stored = stored
 
     def items(self) -> list[MissionItem]:
-        return list(self._autopilot.navigation.mission.items)
+        return list(self._autopilot.navigator.mission.items)
 
     def current(self) -> int:
-        return self._autopilot.navigation.progress.current
+        return self._autopilot.navigator.progress.current
 
     def read(self, item: PlanItem) -> MissionItem | RefusedItem:
         if item.seq == 0:
@@ -64,8 +64,8 @@ class MissionPlan:
         return RefusedItem(int(mav.MAV_MISSION_INVALID if known else mav.MAV_MISSION_UNSUPPORTED), problem)
 
     def write(self, seq: int) -> PlanItem:
-        item = self._autopilot.navigation.mission.items[seq]
-        home = self._autopilot.navigation.home
+        item = self._autopilot.navigator.mission.items[seq]
+        home = self._autopilot.navigator.home
         if seq == 0 and home is not None:
             item = MissionItem(WAYPOINT, home.lat_deg, home.lon_deg, home.alt_m, frame=0)
         return PlanItem(seq, item.frame, item.command, item_parameters(item), item.lat_deg, item.lon_deg, item.alt_m)

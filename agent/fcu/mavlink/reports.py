@@ -100,7 +100,7 @@ def local_position(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 def global_position(hub: MavlinkHub, now_ns: int) -> Any | None:
     autopilot = hub.autopilot
-    estimate, frame, home = autopilot.state.estimate, autopilot.estimator.frame, autopilot.navigation.home
+    estimate, frame, home = autopilot.state.estimate, autopilot.estimator.frame, autopilot.navigator.home
     if frame is None or not estimate.position_valid:
         return None
     north_m, east_m, down_m = estimate.pos_ned_m
@@ -132,7 +132,7 @@ def origin(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def home_position(hub: MavlinkHub, now_ns: int) -> Any | None:
-    home, frame = hub.autopilot.navigation.home, hub.autopilot.estimator.frame
+    home, frame = hub.autopilot.navigator.home, hub.autopilot.estimator.frame
     if home is None:
         return None
     x_m = y_m = z_m = 0.0
@@ -350,7 +350,7 @@ def system_time(hub: MavlinkHub, now_ns: int) -> Any:
 
 def nav_controller_output(hub: MavlinkHub, now_ns: int) -> Any | None:
     autopilot = hub.autopilot
-    output = autopilot.navigation.output
+    output = autopilot.navigator.output
     if output is None:
         return None
     return mav.MAVLink_nav_controller_output_message(
@@ -367,7 +367,7 @@ def nav_controller_output(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 def mission_current(hub: MavlinkHub, now_ns: int) -> Any:
     autopilot = hub.autopilot
-    pilot, waypoints = autopilot.navigation.progress, autopilot.navigation.mission.waypoints()
+    pilot, waypoints = autopilot.navigator.progress, autopilot.navigator.mission.waypoints()
     if not waypoints:
         state = 1
     elif pilot.state == COMPLETE:
@@ -377,7 +377,7 @@ def mission_current(hub: MavlinkHub, now_ns: int) -> Any:
     else:
         state = 2
     seq = pilot.current or (waypoints[-1] if waypoints else 0)
-    total = max(0, len(autopilot.navigation.mission.items) - 1)
+    total = max(0, len(autopilot.navigator.mission.items) - 1)
     return mav.MAVLink_mission_current_message(seq, total, state, 1 if autopilot.state.mode == modes.AUTO else 2)
 
 

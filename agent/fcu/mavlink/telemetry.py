@@ -162,7 +162,7 @@ class TelemetryStreams:
         if autopilot.estimator.frame is not self._frame:
             self._frame = autopilot.estimator.frame
             found.append(self.message(mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, now_ns))
-        if autopilot.navigation.home != self._home:
-            self._home = autopilot.navigation.home
+        if autopilot.navigator.home != self._home:
+            self._home = autopilot.navigator.home
             found.append(self.message(mav.MAVLINK_MSG_ID_HOME_POSITION, now_ns))
         return [message for message in found if message is not None]

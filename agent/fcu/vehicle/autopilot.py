@@ -21,9 +21,9 @@ from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import MissionSequence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
-from agent.fcu.vehicle.commands import VehicleCommands
+from agent.fcu.vehicle.commands import OperatorCommands
 from agent.fcu.vehicle.failsafes import FailsafeHandler
-from agent.fcu.vehicle.navigation import GuidedTarget, ModeInput, Navigation
+from agent.fcu.vehicle.navigation import GuidedTarget, ModeInput, Navigator
 from agent.fcu.vehicle_state import ERROR, INFO, NOTICE, WARNING, Actuators, EventQueue, VehicleState
 
 LOOP_HZ = 50
@@ -60,7 +60,7 @@ class Autopilot:
 
     def reset(self) -> None:
         """Fresh state for a new run: disarmed, not aligned, no events. Parameters, mission and fence are kept."""
-        self._start_over(self.navigation.mission)
+        self._start_over(self.navigator.mission)
 
     def _start_over(self, mission: MissionSequence) -> None:
         p = self.parameters
@@ -71,7 +71,7 @@ class Autopilot:
             mode=initial_mode if initial_mode in modes.BY_NUMBER else modes.HOLD, estimate=self.estimator.estimate()
         )
         self.manual = ManualControl(p)
-        self.navigation = Navigation(mission, p, self.events)
+        self.navigator = Navigator(mission, p, self.events)
         self.controller = ControllerGuard(self._make_controller, p, self.events)
         self.allocator = ThrustAllocator(p)
         self.fence.breach = FenceBreach()
@@ -79,7 +79,7 @@ class Autopilot:
             p,
             self.state,
             self.estimator,
-            self.navigation,
+            self.navigator,
             self.fence,
             self.manual,
             self.events,
@@ -87,11 +87,11 @@ class Autopilot:
             switch_mode=self.switch_mode,
             disarm=self.disarm,
         )
-        self.commands = VehicleCommands(
+        self.commands = OperatorCommands(
             p,
             self.state,
             self.estimator,
-            self.navigation,
+            self.navigator,
             self.fence,
             self.manual,
             self.events,
@@ -107,7 +107,7 @@ class Autopilot:
         self._parameters_version = self.parameters.version
         self.estimator.configure()
         self.manual.configure()
-        self.navigation.configure(self.parameters)
+        self.navigator.configure(self.parameters)
         self.controller.configure()
         self.allocator.configure()
         self.failsafes.configure()
@@ -126,8 +126,8 @@ class Autopilot:
         if self.parameters.version != self._parameters_version:
             self._configure()
         estimate = state.estimate = self.estimator.estimate()
-        if self.navigation.home is None and estimate.position_valid:
-            self.navigation.set_home_here(self.estimator.frame, estimate)
+        if self.navigator.home is None and estimate.position_valid:
+            self.navigator.set_home_here(self.estimator.frame, estimate)
         self.failsafes.update(now_ns)
         if not state.armed or self.failsafes.imu_lost:
             self._restart_control()
@@ -144,7 +144,7 @@ class Autopilot:
         (north_m, east_m, _), (vn, ve, _) = estimate.pos_ned_m, estimate.vel_ned_mps
         speed_mps = ground_speed_mps(estimate.yaw_rad, vn, ve)
         asked = mode.steer(
-            self.navigation,
+            self.navigator,
             ModeInput(
                 now_ns,
                 dt_s,
@@ -197,7 +197,7 @@ class Autopilot:
         found = list(self.estimator.problems())
         if self.failsafes.imu_lost or self.estimator.imu_accepted == 0:
             found.insert(0, "IMU: no data")
-        if self.state.mode == modes.AUTO and not self.navigation.mission.waypoints():
+        if self.state.mode == modes.AUTO and not self.navigator.mission.waypoints():
             found.append("Mission: no waypoint")
         found += self.failsafes.fence_problems()
         found += self.manual.problems(self.state.now_ns)
@@ -218,9 +218,9 @@ class Autopilot:
         state.armed = True
         self._restart_control()
         if state.mode != modes.GUIDED:  # a target that was given already is kept
-            modes.BY_NUMBER[state.mode].enter(self.navigation)
-        if state.estimate.position_valid and not self.navigation.home_is_set:
-            self.navigation.set_home_here(self.estimator.frame, state.estimate)
+            modes.BY_NUMBER[state.mode].enter(self.navigator)
+        if state.estimate.position_valid and not self.navigator.home_is_set:
+            self.navigator.set_home_here(self.estimator.frame, state.estimate)
         self.failsafes.restart_fence()
         if force:
             self.events.add(WARNING, "Armed by force, checks skipped")
@@ -232,7 +232,7 @@ class Autopilot:
         """Outputs are neutral from now on."""
         if self.state.armed:
             self.state.armed = False
-            self.navigation.output = None
+            self.navigator.output = None
             self.events.add(INFO, "Disarmed")
 
     # -- modes
@@ -253,7 +253,7 @@ class Autopilot:
             known = ", ".join(f"{number} {name}" for number, name in modes.NAMES.items())
             return f"mode {mode} is not supported; use {known}"
         wanted = modes.BY_NUMBER[mode]
-        if mode == modes.AUTO and not self.navigation.mission.waypoints():
+        if mode == modes.AUTO and not self.navigator.mission.waypoints():
             return "AUTO needs a mission with a waypoint"
         needs_position = self.state.armed and wanted.needs_position and mode != self.state.mode
         if needs_position and not self.estimator.position_valid():
@@ -264,15 +264,15 @@ class Autopilot:
         """Change to a mode that can be had; a mode in force goes on as it is."""
         if mode != self.state.mode:
             self.state.mode = mode
-            self.navigation.output = None
-            self.navigation.asked_mps = None
+            self.navigator.output = None
+            self.navigator.asked_mps = None
             self._restart_control()
-            modes.BY_NUMBER[mode].enter(self.navigation)
+            modes.BY_NUMBER[mode].enter(self.navigator)
 
     @property
     def guided_target(self) -> GuidedTarget | None:
         """The target of GUIDED in force."""
-        return self.navigation.guided.target if self.state.mode == modes.GUIDED else None
+        return self.navigator.guided.target if self.state.mode == modes.GUIDED else None
 
 
 def _enabled_checks(problems: Iterable[str], checks: int, needs_position: bool) -> Iterator[str]:

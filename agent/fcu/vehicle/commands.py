@@ -15,7 +15,7 @@ from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.navigation import (
     POSITION,
     GuidedTarget,
-    Navigation,
+    Navigator,
     course_target,
     turn_target,
     velocity_target,
@@ -23,7 +23,7 @@ from agent.fcu.vehicle.navigation import (
 from agent.fcu.vehicle_state import NOTICE, EventQueue, VehicleState
 
 
-class VehicleCommands:
+class OperatorCommands:
     """Each command returns the reason when it is refused, which is an event too; empty when done."""
 
     def __init__(
@@ -31,7 +31,7 @@ class VehicleCommands:
         parameters: Parameters,
         state: VehicleState,
         estimator: Estimator,
-        navigation: Navigation,
+        navigator: Navigator,
         fence: Fence,
         manual: ManualControl,
         events: EventQueue,
@@ -41,7 +41,7 @@ class VehicleCommands:
         self._parameters = parameters
         self._state = state
         self._estimator = estimator
-        self._navigation = navigation
+        self._navigator = navigator
         self._fence = fence
         self._manual = manual
         self._events = events
@@ -52,7 +52,7 @@ class VehicleCommands:
 
     def set_mission(self, mission: MissionSequence) -> None:
         """Replace the mission; in AUTO the new one starts from its first waypoint, an empty one ends in HOLD."""
-        self._navigation.load_mission(mission)
+        self._navigator.load_mission(mission)
         if self._state.mode == modes.AUTO and not mission.waypoints():
             self._events.add(NOTICE, "Mission cleared: HOLD")
             self._switch_mode(modes.HOLD)
@@ -61,17 +61,17 @@ class VehicleCommands:
         """AUTO from the first waypoint; the vessel moves once armed."""
         refused = self._set_mode(modes.AUTO)
         if not refused:
-            self._navigation.progress.restart()
+            self._navigator.progress.restart()
         return refused
 
     def set_current(self, seq: int) -> str:
         """Go on from mission item `seq`, 0 for the first."""
-        mission = self._navigation.mission
+        mission = self._navigator.mission
         if not 0 <= seq < len(mission.items):
             return self._events.refuse(f"mission item {seq} is not there; the mission has {len(mission.items)} items")
         if mission.next_waypoint(seq) is None:
             return self._events.refuse(f"mission item {seq}: no waypoint comes after it")
-        self._navigation.progress.resume_from(max(seq, 1))
+        self._navigator.progress.resume_from(max(seq, 1))
         return ""
 
     def change_speed(self, speed_mps: float) -> str:
@@ -79,9 +79,9 @@ class VehicleCommands:
         if not 0.0 < speed_mps <= 100.0:
             return self._events.refuse(f"speed {speed_mps:g} m/s; use more than 0, at most 100")
         if self._state.mode in (modes.RTL, modes.GUIDED):
-            self._navigation.asked_mps = speed_mps
+            self._navigator.asked_mps = speed_mps
         else:
-            self._navigation.progress.speed_mps = speed_mps
+            self._navigator.progress.speed_mps = speed_mps
         return ""
 
     # -- targets of GUIDED
@@ -91,7 +91,7 @@ class VehicleCommands:
         problem = position_problem(lat_deg, lon_deg)
         frame = self._estimator.frame
         if not problem and frame is not None and self._fence.enabled:
-            clearance_m = self._fence.clearance_m(frame, self._navigation.home, lat_deg, lon_deg)
+            clearance_m = self._fence.clearance_m(frame, self._navigator.home, lat_deg, lon_deg)
             if clearance_m < self._parameters["FENCE_MARGIN"]:
                 problem = f"position {lat_deg:g}, {lon_deg:g} is not inside the fence by FENCE_MARGIN"
         return self._guide(problem or GuidedTarget(POSITION, lat_deg, lon_deg))
@@ -124,7 +124,7 @@ class VehicleCommands:
             return self._events.refuse(target)
         if self._state.mode != modes.GUIDED:
             return self._events.refuse(f"targets are for GUIDED; the mode is {modes.NAMES[self._state.mode]}")
-        self._navigation.guided.set_target(target, self._state.now_ns)
+        self._navigator.guided.set_target(target, self._state.now_ns)
         return ""
 
     # -- sticks, home, fence
@@ -148,16 +148,16 @@ class VehicleCommands:
             problem = "home cannot be set before there is a position"
         if problem:
             return self._events.refuse(problem)
-        self._navigation.home_is_set = True
-        self._navigation.set_home(Home(lat_deg, lon_deg, alt_m))
+        self._navigator.home_is_set = True
+        self._navigator.set_home(Home(lat_deg, lon_deg, alt_m))
         return ""
 
     def set_home_here(self) -> str:
         """Home is where the vessel is now."""
         if not self._state.estimate.position_valid:
             return self._events.refuse("home cannot be set here: no position")
-        self._navigation.home_is_set = True
-        self._navigation.set_home_here(self._estimator.frame, self._state.estimate)
+        self._navigator.home_is_set = True
+        self._navigator.set_home_here(self._estimator.frame, self._state.estimate)
         return ""
 
     def set_fence(self, items: Sequence[FenceItem]) -> str:

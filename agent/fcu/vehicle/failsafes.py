@@ -11,7 +11,7 @@ from agent.fcu.estimation.position_filter import InnovationRatios
 from agent.fcu.fence import Fence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
-from agent.fcu.vehicle.navigation import Navigation
+from agent.fcu.vehicle.navigation import Navigator
 from agent.fcu.vehicle_state import CRITICAL, NOTICE, WARNING, EventQueue, VehicleState
 
 _FENCE_EVERY = 10  # cycles
@@ -144,7 +144,7 @@ class FailsafeHandler:
         parameters: Parameters,
         state: VehicleState,
         estimator: Estimator,
-        navigation: Navigation,
+        navigator: Navigator,
         fence: Fence,
         manual: ManualControl,
         events: EventQueue,
@@ -156,7 +156,7 @@ class FailsafeHandler:
         self._parameters = parameters
         self._state = state
         self._estimator = estimator
-        self._navigation = navigation
+        self._navigator = navigator
         self._fence = fence
         self._manual = manual
         self._events = events
@@ -265,7 +265,7 @@ class FailsafeHandler:
         if frame is None or not self._fence.enabled:
             return math.inf
         north_m, east_m, _ = self._state.estimate.pos_ned_m
-        return self._fence.clearance_m(frame, self._navigation.home, *frame.to_geodetic(north_m, east_m))
+        return self._fence.clearance_m(frame, self._navigator.home, *frame.to_geodetic(north_m, east_m))
 
     def _update_fence(self, now_ns: int) -> None:
         fence = self._fence

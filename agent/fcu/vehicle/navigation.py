@@ -295,7 +295,7 @@ class ModeInput(NamedTuple):
     sticks: Sticks
 
 
-class Navigation:
+class Navigator:
     """What the modes keep from cycle to cycle.
 
     output: guidance of the mode in force, None when it has none. asked_mps: speed asked for while the mode lasts. home:

@@ -59,13 +59,13 @@ def test_junk_is_unknown(tmp_path: Path, junk: str) -> None:
 def test_the_temperature_is_the_processors(tmp_path: Path) -> None:
     zones = "sys__class__thermal__thermal_zone"
     made(tmp_path, **{f"{zones}0__type": "acpitz\n", f"{zones}0__temp": "27800\n"})
-    assert HealthMonitor(tmp_path).look().temperature_degc == pytest.approx(27.8)
+    assert HealthMonitor(tmp_path).read().temperature_degc == pytest.approx(27.8)
     made(tmp_path, **{f"{zones}1__type": "cpu-thermal\n", f"{zones}1__temp": "51500\n"})
     monitor = HealthMonitor(tmp_path)
-    assert monitor.look().temperature_degc == pytest.approx(51.5)
+    assert monitor.read().temperature_degc == pytest.approx(51.5)
     made(tmp_path, **{f"{zones}1__temp": "-274000\n"})
-    assert monitor.look().temperature_degc is None
-    assert HealthMonitor(tmp_path / "nowhere").look().temperature_degc is None
+    assert monitor.read().temperature_degc is None
+    assert HealthMonitor(tmp_path / "nowhere").read().temperature_degc is None
 
 
 def test_a_moment_says_nothing_about_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,7 +77,7 @@ def test_a_moment_says_nothing_about_the_processor(monkeypatch: pytest.MonkeyPat
     told = []
     for clock_s, used_s in ((1.0, 0.05), (2.0, 0.15), (2.01, 0.155), (3.0, 0.20)):
         now.update(monotonic=clock_s, process_time=used_s)
-        told.append(monitor.look().cpu_percent)
+        told.append(monitor.read().cpu_percent)
     assert told == pytest.approx([5.0, 10.0, 10.0, 5.0])
 
 
@@ -86,7 +86,7 @@ def test_how_this_machine_is_doing() -> None:
     used_s = resource.getrusage(resource.RUSAGE_SELF).ru_utime
     while resource.getrusage(resource.RUSAGE_SELF).ru_utime < used_s + 0.05:
         pass
-    health = monitor.look()
+    health = monitor.read()
     assert 0.0 < health.cpu_percent <= 100.0 * (os.cpu_count() or 1) + 50.0
     assert health.load_1min >= 0.0
     # VmRSS counts the same pages, and the two looks are a moment apart.

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import pytest
-from node_host import BOARD, HELLO, LOCKSTEP, MS, REALTIME, START, STOP, Host, of
+from node_host import BOARD, HELLO, LOCKSTEP, MS, REALTIME, START, STOP, Host, LogDouble, of
 
 import agent
-from agent.fcu.dataflash.flight_log import NullFlightLog
-from agent.timing.tasks import MOST_KEPT, DeadlineMiss
+from agent.timing.tasks import MOST_KEPT, MissedDeadline
 from agent.wire import dialect as mav
 
 
@@ -114,16 +111,8 @@ def test_task_statistics_have_their_histograms() -> None:
     assert told.rate_hz == 50.0
 
 
-class Missed(NullFlightLog):
-    def __init__(self) -> None:
-        self.misses: list[DeadlineMiss] = []
-
-    def missed(self, now_ns: int, misses: Sequence[DeadlineMiss]) -> None:
-        self.misses += misses
-
-
 def test_each_missed_deadline_is_told_and_logged() -> None:
-    log = Missed()
+    log = LogDouble()
     host = Host(log=log)
     host.run(START)
     host.live(0.2)
@@ -143,7 +132,7 @@ def test_of_many_misses_ten_a_cycle_are_told() -> None:
     host.run(START)
     misses = host.node.executor.misses
     for cycle in range(MOST_KEPT + 3):
-        misses.note(DeadlineMiss("control", cycle, 0, 0, 0, 0))
+        misses.add(MissedDeadline("control", cycle, 0, 0, 0, 0))
     told = [len(of("XITL_TASK_MISS", host.live(0.02))) for _ in range(8)]
     assert told == [10] * 6 + [4, 0]
     assert of("XITL_NODE_STATUS", host.live(1.0))[-1].misses_unreported == 3

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from node_host import LogDouble
 
-from agent.fcu.dataflash.flight_log import NullFlightLog
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.node import AgentNode
@@ -31,7 +31,7 @@ TICK_US = 20_000
 class Bench:
     """A node, its host, and a ground station when it has a port for one."""
 
-    def __init__(self, with_ground: bool, storage: Path | None = None, log: NullFlightLog | None = None) -> None:
+    def __init__(self, with_ground: bool, storage: Path | None = None, log: LogDouble | None = None) -> None:
         here, there = memory_pair()
         self.frames: list[bytes] = []
         self.host = Link(here, 255, 190, tap=lambda way, frame: self.frames.append(frame) if way == "rx" else None)
@@ -182,34 +182,21 @@ def test_what_is_kept_is_there_in_the_next_run(tmp_path: Path) -> None:
     assert '"WP_SPEED": 1.0' in path.read_text()
 
 
-class Noted(NullFlightLog):
-    """A log that notes which hooks are called."""
-
-    def __init__(self) -> None:
-        self.calls: dict[str, int] = {}
-
-    def __getattribute__(self, name: str) -> Any:
-        if name in vars(NullFlightLog) and not name.startswith("_"):
-            calls = object.__getattribute__(self, "calls")
-            calls[name] = calls.get(name, 0) + 1
-        return object.__getattribute__(self, name)
-
-
-def test_the_flight_log_is_told() -> None:
-    log = Noted()
+def test_the_flight_log_is_fed() -> None:
+    log = LogDouble()
     bench = Bench(with_ground=False, log=log)
     bench.run(mav.XITL_RUN_COMMAND_START)
     bench.host.send(mav.MAVLink_command_long_message(1, 1, 400, 0, 1.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     bench.step(60)
     bench.run(mav.XITL_RUN_COMMAND_STOP)
-    assert {name: log.calls[name] for name in ("begin", "close", "performance")} == {
-        "begin": 1,
+    assert {name: log.calls[name] for name in ("start", "close", "log_task_stats")} == {
+        "start": 1,
         "close": 1,
-        "performance": 2,
+        "log_task_stats": 2,
     }
-    assert log.calls["cycle"] == 61
-    assert log.calls["imu"] >= 200
-    assert log.calls["event"] >= 2  # armed by force, disarmed at the end
+    assert log.calls["log_cycle"] == 61
+    assert log.calls["log_imu"] >= 200
+    assert log.calls["log_event"] >= 2  # armed by force, disarmed at the end
 
 
 def test_the_host_hears_the_same_with_and_without_ground_stations() -> None:

@@ -34,7 +34,7 @@ def test_parameters_and_plans_are_back_after_a_restart(tmp_path: Path) -> None:
     storage.close()
     again = restarted(path)
     assert again.parameters["WP_SPEED"] == 1.5
-    assert again.navigation.mission == PLAN
+    assert again.navigator.mission == PLAN
     assert list(again.fence.items) == FENCE
     assert list(tmp_path.iterdir()) == [path]
 

@@ -46,7 +46,7 @@ class Track:
         assert all(abs(command) <= 1.0 for command in actuators.command)
         place = (self.boat.north_m, self.boat.east_m)
         self.off_m.append(min(_distance(place, a, b) for a, b in zip(self.corners, self.corners[1:], strict=False)))
-        course = self.autopilot.navigation.output
+        course = self.autopilot.navigator.output
         full = course is not None and course.speed_mps == self.autopilot.parameters["WP_SPEED"]
         self.speeds = [*self.speeds, math.hypot(*self.boat.vel_ne_mps)] if full else []
         if len(self.speeds) > 400:  # four seconds after the ramp up to the desired speed: settled
@@ -86,7 +86,7 @@ def test_a_square_is_sailed(current, push, limit_m: float) -> None:
     track = Track(boat, autopilot)
     sail(boat, sensors, autopilot, 150.0, track)
     assert autopilot.state.mode == modes.HOLD
-    assert autopilot.navigation.drain_reached() == [1, 2, 3, 4]
+    assert autopilot.navigator.drain_reached() == [1, 2, 3, 4]
     assert "Mission complete: HOLD" in [event.text for event in autopilot.events.drain()]
     assert track.rms_m < limit_m
     mean = sum(track.cruising_mps) / len(track.cruising_mps)

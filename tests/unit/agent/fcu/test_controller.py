@@ -63,12 +63,12 @@ def test_a_mission_is_flown_in_a_current(spec: str | None) -> None:
     def look() -> bool:
         north_m, east_m = ship.boat.north_m, ship.boat.east_m
         sides = (abs(north_m - 40.0), abs(east_m - 40.0), abs(north_m), abs(east_m))
-        if ship.autopilot.navigation.progress.current in (2, 3, 4):
+        if ship.autopilot.navigator.progress.current in (2, 3, 4):
             off_m.append(min(sides))
         return ship.mode != "AUTO"
 
     ship.sail(150.0, look)
-    assert ship.autopilot.navigation.drain_reached() == [1, 2, 3, 4]
+    assert ship.autopilot.navigator.drain_reached() == [1, 2, 3, 4]
     assert math.sqrt(sum(off * off for off in off_m) / len(off_m)) < 1.0
     assert ship.autopilot.controller.failures == 0
 

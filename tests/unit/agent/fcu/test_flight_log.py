@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 import struct
 import time
@@ -31,7 +30,7 @@ from dataflash_reader import rows_of
 from pymavlink import mavutil
 
 from agent.fcu.dataflash import writer as writer_module
-from agent.fcu.dataflash.flight_log import FlightLog, NullFlightLog
+from agent.fcu.dataflash.flight_log import FlightLog
 from agent.fcu.dataflash.format import FORMATS, header
 from agent.fcu.dataflash.records import health
 from agent.fcu.dataflash.writer import fixed_log_opener, numbered_log_opener
@@ -44,7 +43,7 @@ from agent.fcu.vehicle_state import (
     Actuators,
     ImuMeasurement,
 )
-from agent.timing.tasks import DeadlineMiss, TaskStats
+from agent.timing.tasks import MissedDeadline, TaskStats
 
 AHEAD_NS = 7_000_000_000  # the agent's clock against the sensors'
 OFFSET_MGAUSS = 12.0
@@ -65,7 +64,7 @@ class Logged(Autopilot):
 
     def _logged(self, name: str, fuse: Callable[[Any], bool]) -> Callable[[Any], bool]:
         def log_and_fuse(sample: Any) -> bool:
-            getattr(self.log, name)(sample)
+            getattr(self.log, f"log_{name}")(sample)
             self.samples[name].append(sample)
             return fuse(sample)
 
@@ -83,7 +82,7 @@ class Flight:
             Parameters({"COMPASS_DEC": DECLINATION_RAD, "COMPASS_OFS_X": OFFSET_MGAUSS, **parameters}), self.log
         )
         self.diary: list[tuple[int, Any, Actuators, int, bool, float, float]] = []
-        self.log.begin(self.now_ns(), lockstep)
+        self.log.start(self.now_ns(), lockstep)
 
     def now_ns(self) -> int:
         return self.boat.time_ns + AHEAD_NS
@@ -106,8 +105,8 @@ class Flight:
     def cycle(self, actuators: Actuators) -> None:
         autopilot, boat = self.autopilot, self.boat
         for event in autopilot.events.drain():
-            self.log.event(self.now_ns(), event.severity, event.text)
-        self.log.cycle(self.now_ns(), autopilot, actuators)
+            self.log.log_event(self.now_ns(), event.severity, event.text)
+        self.log.log_cycle(self.now_ns(), autopilot, actuators)
         self.diary.append(
             (
                 self.now_ns() // 1000,
@@ -120,7 +119,7 @@ class Flight:
             )
         )
         if len(self.diary) % 50 == 0:
-            self.log.performance(self.now_ns(), [TaskStats("control", 50.0, len(self.diary), run_mean_ns=2e6)])
+            self.log.log_task_stats(self.now_ns(), [TaskStats("control", 50.0, len(self.diary), run_mean_ns=2e6)])
 
 
 def fly(path: Path) -> Flight:
@@ -183,7 +182,7 @@ def test_position_is_the_boats(flown: tuple[Flight, dict[str, list[Any]]]) -> No
         assert (row.Lng - LON_DEG) * EAST_M_PER_DEG == pytest.approx(east_m, abs=3.0)
         assert row.Alt == pytest.approx(frame.alt_m - estimate.pos_ned_m[2], abs=1e-4)
         assert row.RelOriginAlt == pytest.approx(-estimate.pos_ned_m[2], abs=1e-6)
-    home = flight.autopilot.navigation.home
+    home = flight.autopilot.navigator.home
     assert home is not None
     assert rows["POS"][-1].RelHomeAlt == pytest.approx(rows["POS"][-1].Alt - home.alt_m, abs=1e-4)
 
@@ -252,7 +251,7 @@ def test_parameters_at_first_and_when_they_change(flown: tuple[Flight, dict[str,
 
 def test_mission_and_navigation(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
     flight, rows = flown
-    items = flight.autopilot.navigation.mission.items
+    items = flight.autopilot.navigator.mission.items
     assert [(row.CTot, row.CNum, row.CId) for row in rows["CMD"]] == [(4, n, items[n].command) for n in range(4)]
     assert rows["CMD"][2].Prm2 == 2.0
     assert (rows["CMD"][3].Lat, rows["CMD"][3].Lng) == pytest.approx(degrees(25.0, 35.0), abs=0.6e-7)
@@ -345,10 +344,10 @@ def test_the_bytes_are_the_same_every_time(tmp_path: Path, monkeypatch: pytest.M
 def test_long_loops_load_and_tasks_in_real_time(tmp_path: Path) -> None:
     flight = Flight(tmp_path / "log.bin", lockstep=False)
     autopilot, log, now = flight.autopilot, flight.log, flight.now_ns()
-    log.begin(now)
+    log.start(now)
     late_ns = {100: 4_000_000, 200: 4_100_000, 300: 30_000_000}  # 24 ms is 1.2 times the period, and not yet long
     for cycle in range(501):
-        log.cycle(now, autopilot, Actuators())
+        log.log_cycle(now, autopilot, Actuators())
         now += 20_000_000 + late_ns.get(cycle, 0)
     stats = [
         TaskStats(
@@ -368,11 +367,11 @@ def test_long_loops_load_and_tasks_in_real_time(tmp_path: Path) -> None:
         ),
         TaskStats("telemetry", 50.0, 501, run_mean_ns=1e6),
     ]
-    log.performance(now, stats)
-    log.performance(now + 1_000_000_000, stats)
+    log.log_task_stats(now, stats)
+    log.log_task_stats(now + 1_000_000_000, stats)
     later = [replace(stats[0], cycles=1002), stats[1]]
-    log.performance(now + 10_000_000_000, later)
-    log.missed(now, [DeadlineMiss("control", 300, 6_000_000_000, 6_030_000_000, 6_032_500_000, 1)])
+    log.log_task_stats(now + 10_000_000_000, later)
+    log.log_missed_deadlines(now, [MissedDeadline("control", 300, 6_000_000_000, 6_030_000_000, 6_032_500_000, 1)])
     log.close()
     rows = rows_of(tmp_path / "log.bin")
     row, second = rows["PM"]
@@ -487,12 +486,12 @@ def test_drops_and_a_full_disk_show_in_the_log_and_at_the_ground_station(
 
 def test_logs_of_one_agent_follow_each_other(tmp_path: Path) -> None:
     log = FlightLog(numbered_log_opener(tmp_path), lambda: 5_000)
-    log.imu(ImuMeasurement(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))  # before the first: nothing happens
-    log.event(0, 6, "nobody listens")
+    log.log_imu(ImuMeasurement(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))  # before the first: nothing happens
+    log.log_event(0, 6, "nobody listens")
     assert log.path is None
     for text in ("first", "second"):
-        log.begin(1_000_000)
-        log.event(2_000_000, 6, text)
+        log.start(1_000_000)
+        log.log_event(2_000_000, 6, text)
     log.close()
     log.close()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["00000001.BIN", "00000002.BIN", "LASTLOG.TXT"]
@@ -502,9 +501,9 @@ def test_logs_of_one_agent_follow_each_other(tmp_path: Path) -> None:
 
 def test_a_long_sentence_is_whole(tmp_path: Path) -> None:
     log = FlightLog(fixed_log_opener(tmp_path / "log.bin"), lambda: 0)
-    log.begin(0)
+    log.start(0)
     text = "".join(chr(65 + place % 26) for place in range(150))
-    log.event(0, 4, text)
+    log.log_event(0, 4, text)
     log.close()
     assert "".join(row.Message for row in rows_of(tmp_path / "log.bin")["MSG"][1:]) == text
 
@@ -518,13 +517,3 @@ def test_a_big_mission_is_spread_over_cycles(tmp_path: Path) -> None:
     rows = rows_of(tmp_path / "log.bin")["CMD"]
     assert [(row.CTot, row.CNum) for row in rows] == [(count, n) for n in range(count)]
     assert max(sum(row.TimeUS == time for row in rows) for time in {row.TimeUS for row in rows}) <= 8
-
-
-def test_the_null_log_has_the_same_hooks() -> None:
-    hooks = {name for name, value in vars(NullFlightLog).items() if inspect.isfunction(value)}
-    assert hooks == {
-        "begin", "imu", "gnss", "magnetometer", "barometer", "cycle", "event", "mode", "arm", "command", "parameters",
-        "performance", "missed", "close",
-    }  # fmt: skip
-    for name in hooks:
-        assert inspect.signature(getattr(NullFlightLog, name)) == inspect.signature(getattr(FlightLog, name))

@@ -28,7 +28,7 @@ def test_a_correction_in_the_past_equals_integrating_again() -> None:
     newest = history.correct(correction, 0)
     again = run(shift_state(START, correction.vel_ned_mps, correction.pos_ned_m), correction.bias_ned_mps2)
     assert newest[:11] == pytest.approx(again[-1][:11], abs=1e-9)
-    then = history.at(250_000_000)
+    then = history.state_at(250_000_000)
     assert then is not None
     assert then[:11] == pytest.approx(again[50][:11], abs=1e-9)
 
@@ -39,7 +39,7 @@ def test_only_states_since_the_measurement_are_corrected() -> None:
     for state in states:
         history.append(state)
     history.correct(StateCorrection((1.0, 0.0, 0.0), ZERO, ZERO), 250_000_000)
-    before, after = history.at(245_000_000), history.at(250_000_000)
+    before, after = history.state_at(245_000_000), history.state_at(250_000_000)
     assert before is not None
     assert after is not None
     assert before.north_m == states[49].north_m
@@ -50,5 +50,5 @@ def test_the_state_of_an_instant_is_the_last_before_it() -> None:
     history = InertialHistory()
     for state in run(START):
         history.append(state)
-    got = [history.at(stamp) for stamp in (12_499_999, 10_000_000, -1, 10**12)]
+    got = [history.state_at(stamp) for stamp in (12_499_999, 10_000_000, -1, 10**12)]
     assert [None if state is None else state.stamp_ns for state in got] == [10_000_000, 10_000_000, None, 500_000_000]

@@ -140,7 +140,7 @@ def test_commands_are_answered() -> None:
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, 77.0)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_MISSION_START)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, 2.0, -1.0)) == mav.MAV_RESULT_ACCEPTED
-    assert channel.autopilot.navigation.progress.speed_mps == 2.0
+    assert channel.autopilot.navigator.progress.speed_mps == 2.0
     assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, math.nan)) == mav.MAV_RESULT_DENIED
     assert result(command(22)) == mav.MAV_RESULT_UNSUPPORTED
     assert result(command(mav.MAV_CMD_REQUEST_MESSAGE, 0.0)) == mav.MAV_RESULT_ACCEPTED

@@ -167,7 +167,7 @@ def test_mission_start_and_current(station: MavlinkChannel) -> None:
         make_mission([waypoint(LAT_DEG, LON_DEG)] + [waypoint(LAT_DEG + 0.001, LON_DEG)] * 3)
     )
     assert result(station, long(mav.MAV_CMD_DO_SET_MISSION_CURRENT, 2.0)) == ACCEPTED
-    assert station.autopilot.navigation.progress.current == 2
+    assert station.autopilot.navigator.progress.current == 2
     assert result(station, long(mav.MAV_CMD_MISSION_START)) == ACCEPTED
     assert station.autopilot.state.mode == modes.AUTO
 
@@ -205,7 +205,7 @@ class Kept:
         self.told.append((name, value))
 
     def keep_plan(self, autopilot: Autopilot) -> None:
-        self.told.append(len(autopilot.navigation.mission.items))
+        self.told.append(len(autopilot.navigator.mission.items))
 
     def keep_all_parameters(self, autopilot: Autopilot) -> None:
         self.told.append("all")

@@ -55,7 +55,7 @@ def uploaded(number: int = 4) -> MavlinkChannel:
     channel.handle(count(number), 0)
     for seq in range(number):
         channel.handle(item(seq), 0)
-    assert len(channel.autopilot.navigation.mission.items) == number
+    assert len(channel.autopilot.navigator.mission.items) == number
     return channel
 
 
@@ -67,7 +67,7 @@ def test_upload_and_download_give_back_the_same() -> None:
     for seq in range(3):
         assert requests(channel.handle(item(seq, z=5.0), 0)) == [seq + 1]
     assert acks(channel.handle(item(3, command=178, p2=2.5), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert channel.autopilot.navigation.mission.waypoints() == (1, 2)
+    assert channel.autopilot.navigator.mission.waypoints() == (1, 2)
 
     (reply,) = channel.handle(sent(mav.MAVLink_mission_request_list_message(1, 1)), 0)
     assert reply.count == 4
@@ -109,12 +109,12 @@ def test_upload_over_a_link_that_loses_a_third(seed: int) -> None:
             if rng.random() > 0.2:
                 replies += channel.handle(item(seq), now)
     assert done == [mav.MAV_MISSION_ACCEPTED]
-    assert len(channel.autopilot.navigation.mission.items) == 4
+    assert len(channel.autopilot.navigator.mission.items) == 4
 
 
 def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> None:
     channel = uploaded(3)
-    old = channel.autopilot.navigation.mission
+    old = channel.autopilot.navigator.mission
     channel.handle(count(2), 0)
     channel.handle(item(0), 0)
     said: list[Any] = []
@@ -123,7 +123,7 @@ def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> N
     assert requests(said) == [1] * 5
     assert acks(said) == [mav.MAV_MISSION_OPERATION_CANCELLED]
     assert "Mission upload given up: item 1 did not come" in texts(said)
-    assert channel.autopilot.navigation.mission == old
+    assert channel.autopilot.navigator.mission == old
 
 
 @pytest.mark.parametrize(
@@ -138,12 +138,12 @@ def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> N
 )
 def test_a_bad_item_ends_the_upload(bad: Any, result: int, words: str) -> None:
     channel = uploaded(3)
-    old = channel.autopilot.navigation.mission
+    old = channel.autopilot.navigator.mission
     channel.handle(count(2), 0)
     channel.handle(item(0), 0)
     assert acks(channel.handle(bad, 0)) == [result]
     assert words in texts(channel.poll(0))
-    assert channel.autopilot.navigation.mission == old
+    assert channel.autopilot.navigator.mission == old
 
 
 def test_home_may_be_anything() -> None:
@@ -161,14 +161,14 @@ def test_clear_empty_too_large_and_other_plans() -> None:
     assert acks(channel.handle(count(3, mission_type=7), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
     assert acks(channel.handle(count(3, mission_type=2), 0)) == [mav.MAV_MISSION_UNSUPPORTED]
     assert acks(channel.handle(count(0, mission_type=2), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert len(channel.autopilot.navigation.mission.items) == 3
+    assert len(channel.autopilot.navigator.mission.items) == 3
     (reply,) = channel.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
     assert (reply.count, reply.mission_type) == (0, 1)
     assert acks(channel.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1)), 0)) == [0]
-    assert channel.autopilot.navigation.mission.items == ()
+    assert channel.autopilot.navigator.mission.items == ()
     channel = uploaded(3)
     assert acks(channel.handle(count(0), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    assert channel.autopilot.navigation.mission.items == ()
+    assert channel.autopilot.navigator.mission.items == ()
 
 
 def test_another_station_does_not_disturb_a_transfer() -> None:
@@ -203,12 +203,12 @@ def test_the_float_form_comes_and_goes_in_degrees() -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, 1e30])
 def test_a_float_item_that_is_nowhere_is_refused(bad: float) -> None:
     channel = uploaded(3)
-    old = channel.autopilot.navigation.mission
+    old = channel.autopilot.navigator.mission
     channel.handle(count(2), 0)
     channel.handle(float_item(0, bad, bad), 0)
     assert acks(channel.handle(float_item(1, bad, 0.0), 0)) == [mav.MAV_MISSION_INVALID]
     assert "Mission item 1 refused: position " in texts(channel.poll(0))
-    assert channel.autopilot.navigation.mission == old
+    assert channel.autopilot.navigator.mission == old
 
 
 def partial(first: int, last: int, kind: int = 0) -> Any:
@@ -218,16 +218,16 @@ def partial(first: int, last: int, kind: int = 0) -> Any:
 def test_a_part_is_replaced_and_the_mission_goes_on_where_it_was() -> None:
     channel = uploaded(4)
     channel.handle(sent(mav.MAVLink_mission_set_current_message(1, 1, 3)), 0)
-    old = channel.autopilot.navigation.mission.items
+    old = channel.autopilot.navigator.mission.items
     assert requests(channel.handle(partial(1, 2), 0)) == [1]
     assert requests(channel.handle(item(1, x=-87000000), 0)) == [2]
     assert requests(channel.handle(item(3), 0)) == [2]
-    assert channel.autopilot.navigation.mission.items == old
+    assert channel.autopilot.navigator.mission.items == old
     assert acks(channel.handle(item(2, x=-87000001), 0)) == [mav.MAV_MISSION_ACCEPTED]
-    new = channel.autopilot.navigation.mission.items
+    new = channel.autopilot.navigator.mission.items
     assert [one.lat_deg for one in new[1:3]] == [-8.7, -8.7000001]
     assert (new[0], new[3]) == (old[0], old[3])
-    assert channel.autopilot.navigation.progress.current == 3
+    assert channel.autopilot.navigator.progress.current == 3
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 4), (2, 1), (-1, 2), (4, 4), (3, 32767)])
@@ -252,7 +252,7 @@ def test_a_station_may_end_its_upload() -> None:
     channel.handle(sent(mav.MAVLink_mission_ack_message(1, 1, mav.MAV_MISSION_OPERATION_CANCELLED)), 0)
     assert acks(channel.handle(item(0), 0)) == [mav.MAV_MISSION_ERROR]
     assert "Mission item 0 refused: no upload is under way" in texts(channel.poll(0))
-    assert len(channel.autopilot.navigation.mission.items) == 3
+    assert len(channel.autopilot.navigator.mission.items) == 3
 
 
 CORNERS = [(-87000000, -640000000), (-87000000, -639000000), (-89000000, -639000000)]
@@ -272,7 +272,7 @@ def test_a_fence_goes_up_beside_the_mission_and_comes_down() -> None:
         channel.handle(fence_item(seq), 0)
     (ack,) = channel.handle(fence_item(3, command=5004, p1=25.0), 0)
     assert (ack.type, ack.mission_type) == (mav.MAV_MISSION_ACCEPTED, 1)
-    assert len(channel.autopilot.navigation.mission.items) == 3
+    assert len(channel.autopilot.navigator.mission.items) == 3
     (reply,) = channel.handle(sent(mav.MAVLink_mission_request_list_message(1, 1, 1)), 0)
     assert (reply.count, reply.mission_type) == (4, 1)
     got = [channel.handle(request(seq, 1), 0)[0] for seq in range(4)]
@@ -280,7 +280,7 @@ def test_a_fence_goes_up_beside_the_mission_and_comes_down() -> None:
     assert [(one.x, one.y) for one in got[:3]] == CORNERS
     assert acks(channel.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 1)), 0)) == [0]
     assert not channel.autopilot.fence.items
-    assert len(channel.autopilot.navigation.mission.items) == 3
+    assert len(channel.autopilot.navigator.mission.items) == 3
 
 
 @pytest.mark.parametrize(
@@ -309,7 +309,7 @@ def test_clear_all_kinds() -> None:
     (ack,) = channel.handle(sent(mav.MAVLink_mission_clear_all_message(1, 1, 255)), 0)
     assert (ack.type, ack.mission_type) == (0, 255)
     assert not channel.autopilot.fence.items
-    assert channel.autopilot.navigation.mission.items == ()
+    assert channel.autopilot.navigator.mission.items == ()
 
 
 @settings(max_examples=150)
@@ -338,9 +338,9 @@ def test_any_order_and_any_loss_leave_a_valid_state(data: st.DataObject) -> None
         else:
             for reply in channel.handle(one, now):
                 assert reply.get_type() in ANSWERS
-        items = channel.autopilot.navigation.mission.items
+        items = channel.autopilot.navigator.mission.items
         assert len(items) != 1
-        assert 0 <= channel.autopilot.navigation.progress.current < max(len(items), 1)
+        assert 0 <= channel.autopilot.navigator.progress.current < max(len(items), 1)
     late = [m for tick in range(300) for m in channel.poll(now + tick * SECOND // 50)]
     assert len(requests(late)) <= 6
     assert requests(channel.poll(now + 20 * SECOND)) == []

@@ -99,8 +99,8 @@ def test_loiter_starts_where_the_vessel_can_stop() -> None:
     start_m, speed_mps = ship.boat.north_m, ship.boat.surge_mps
     ship.autopilot.set_mode(modes.LOITER)
     ship.sail(0.1)
-    assert ship.autopilot.navigation.output is not None
-    assert ship.autopilot.navigation.output.distance_m == pytest.approx(speed_mps**2 / 2.0 / 0.7, rel=0.15)
+    assert ship.autopilot.navigator.output is not None
+    assert ship.autopilot.navigator.output.distance_m == pytest.approx(speed_mps**2 / 2.0 / 0.7, rel=0.15)
     ship.sail(30.0)
     assert ship.boat.north_m - start_m < speed_mps**2 / 2.0 / 0.7 + 4.0
 

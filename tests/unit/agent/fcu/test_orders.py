@@ -167,19 +167,19 @@ def test_home_moves_at_arming_unless_it_was_set() -> None:
     ship = Ship()
     assert "before there is a position" in ship.autopilot.commands.set_home(*degrees(5.0, 5.0), 0.0)
     ship.sail(12.0)
-    first = ship.autopilot.navigation.home
+    first = ship.autopilot.navigator.home
     assert first is not None
     ship.boat.current_ne_mps = (1.0, 0.0)
     ship.sail(10.0)
-    assert ship.autopilot.navigation.home == first
+    assert ship.autopilot.navigator.home == first
     ship.autopilot.arm()
-    assert ship.autopilot.navigation.home != first
+    assert ship.autopilot.navigator.home != first
     assert ship.autopilot.commands.set_home(*degrees(5.0, 5.0), 7.0) == ""
     ship.autopilot.disarm()
     ship.autopilot.arm()
-    assert ship.autopilot.navigation.home == (*degrees(5.0, 5.0), 7.0)
+    assert ship.autopilot.navigator.home == (*degrees(5.0, 5.0), 7.0)
     assert ship.autopilot.commands.set_home_here() == ""
-    assert ship.autopilot.navigation.home.lat_deg > first.lat_deg
+    assert ship.autopilot.navigator.home.lat_deg > first.lat_deg
 
 
 def test_going_on_from_an_item() -> None:
@@ -187,9 +187,9 @@ def test_going_on_from_an_item() -> None:
     items = [waypoint(*degrees(north_m, 0.0)) for north_m in (0.0, 10.0, 20.0, 30.0)]
     ship.autopilot.commands.set_mission(make_mission([*items[:3], change_speed(2.0), items[3], change_speed(1.0)]))
     assert ship.autopilot.commands.set_current(2) == ""
-    assert ship.autopilot.navigation.progress.current == 2
+    assert ship.autopilot.navigator.progress.current == 2
     assert ship.autopilot.commands.set_current(3) == ""
-    assert (ship.autopilot.navigation.progress.current, ship.autopilot.navigation.progress.speed_mps) == (4, 2.0)
+    assert (ship.autopilot.navigator.progress.current, ship.autopilot.navigator.progress.speed_mps) == (4, 2.0)
     assert ship.autopilot.commands.set_current(0) == ""
-    assert ship.autopilot.navigation.progress.current == 1
+    assert ship.autopilot.navigator.progress.current == 1
     assert "no waypoint comes after it" in ship.autopilot.commands.set_current(5)

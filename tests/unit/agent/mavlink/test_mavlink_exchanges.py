@@ -136,7 +136,7 @@ def test_a_mission_goes_there_and_comes_back(lost: float) -> None:
         upload := MissionUpload(VEHICLE, waypoint_items(PLACES), repeat_s=3.0, give_up_s=120.0, refused_s=100.0), 120.0
     )
     assert upload.accepted
-    assert len(channel.autopilot.navigation.mission.items) == len(PLACES)
+    assert len(channel.autopilot.navigator.mission.items) == len(PLACES)
     line.run(download := MissionDownload(VEHICLE), 120.0)
     assert [item.x for item in download.items] == [round(lat * 1e7) for lat, _, _ in PLACES]
     if not lost:
@@ -154,7 +154,7 @@ def test_a_fence_is_a_plan_of_another_type() -> None:
     line.run(download := MissionDownload(VEHICLE, FENCE))
     assert upload.accepted
     assert (len(download.items), channel.autopilot.fence.items[0].radius_m) == (1, 200.0)
-    assert channel.autopilot.navigation.mission.items == ()
+    assert channel.autopilot.navigator.mission.items == ()
 
 
 def test_a_mission_that_is_refused_has_its_reason() -> None:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.timing.clock import SteppedClock, TickClock
-from agent.timing.tasks import MOST_KEPT, DeadlineMiss, Executor
+from agent.timing.tasks import MOST_KEPT, Executor, MissedDeadline
 
 MS = 1_000_000
 
@@ -195,10 +195,10 @@ def test_each_miss_is_told_with_its_instants() -> None:
     executor.add("loop", 100.0, task)
     run_until(executor, clock, 100 * MS)
     # Cycle 1 takes from 10 to 45 ms and so ends late; when it is over, 2 and 3 are skipped in favour of 4.
-    overrun, skipped = executor.misses.take(10)
-    assert overrun == DeadlineMiss("loop", cycle=1, due_ns=10 * MS, start_ns=10 * MS, end_ns=45 * MS, skipped=0)
-    assert skipped == DeadlineMiss("loop", cycle=2, due_ns=20 * MS, start_ns=45 * MS, end_ns=46 * MS, skipped=2)
-    assert executor.misses.take(10) == []
+    overrun, skipped = executor.misses.drain(10)
+    assert overrun == MissedDeadline("loop", cycle=1, due_ns=10 * MS, start_ns=10 * MS, end_ns=45 * MS, skipped=0)
+    assert skipped == MissedDeadline("loop", cycle=2, due_ns=20 * MS, start_ns=45 * MS, end_ns=46 * MS, skipped=2)
+    assert executor.misses.drain(10) == []
 
 
 @given(st.lists(st.tuples(st.integers(0, 60 * MS), st.integers(0, 40 * MS)), min_size=1, max_size=200))
@@ -214,7 +214,7 @@ def test_misses_told_and_untold_add_up(steps_ns: list[tuple[int, int]]) -> None:
         before = executor.stats[0].missed
         executor.run_due(clock.now_ns())
         came += executor.stats[0].missed > before
-    told = executor.misses.take(1000)
+    told = executor.misses.drain(1000)
     assert len(told) == min(came, MOST_KEPT)
     assert executor.misses.unreported == came - len(told)
     if not executor.misses.unreported:
@@ -268,7 +268,7 @@ def test_a_clock_that_jumps_ahead_costs_what_was_skipped() -> None:
     executor.run_due(clock.now_ns())
     (stats,) = executor.stats
     assert (stats.cycles, stats.skipped) == (2, 24)  # at 510 ms it is cycle 25 that runs
-    (miss,) = executor.misses.take(9)
+    (miss,) = executor.misses.drain(9)
     assert (miss.cycle, miss.skipped, miss.start_ns) == (1, 24, 510 * MS)
 
 
