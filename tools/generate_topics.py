@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from xitl_cli.record.cdr import MessageField
+from xitl_cli.record.cdr import TopicField
 from xitl_cli.record.topics import TOPICS, OdometryMessage
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "recording.md"
@@ -31,7 +31,7 @@ def field_table() -> Iterator[str]:
         yield f"| `{schema.rpartition('/')[2]}` | {fields} |"
 
 
-def described(field: MessageField) -> str:
+def described(field: TopicField) -> str:
     """`velocity_ned_mps` float64[3], m/s, NED."""
     kind = ", ".join(filter(None, (field.type, field.unit, field.frame)))
     return f"`{field.name}` {kind}" + (f" ({field.meaning})" if field.meaning else "")

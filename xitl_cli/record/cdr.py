@@ -23,7 +23,7 @@ Float64x6: TypeAlias = Annotated[Sequence[float], "float64[6]"]
 Float64x36: TypeAlias = Annotated[Sequence[float], "float64[36]"]
 
 SEPARATOR = "=" * 80
-TIME_DEFINITION = f"{SEPARATOR}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+_TIME_DEFINITION = f"{SEPARATOR}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 
 _HEADER = b"\x00\x01\x00\x00"  # little-endian CDR
 _BYTES_HEAD = struct.Struct("<4siII")
@@ -39,7 +39,7 @@ _FRAMES = {"ned": "NED", "frd": "FRD", "enu": "ENU", "flu": "FLU"}
 
 
 @dataclass(frozen=True, slots=True)
-class MessageField:
+class TopicField:
     """One field of a message: `type` as ROS 2 writes it, `meaning` where the name leaves something to say."""
 
     name: str
@@ -68,7 +68,7 @@ class MessageType:
         self.fields = tuple(_fields(declaration))
         lines = "".join(f"{field.type} {field.name}\n" for field in self.fields)
         own: str | None = getattr(declaration, "definition", None)
-        self.definition = f"builtin_interfaces/Time stamp\n{lines}{TIME_DEFINITION}" if own is None else own
+        self.definition = f"builtin_interfaces/Time stamp\n{lines}{_TIME_DEFINITION}" if own is None else own
         self._plan = [_plan(field.type) for field in self.fields]
         self._structs: dict[tuple[int, ...], struct.Struct] = {}
         raw = [kind for kind, _ in self._plan] == [_BYTES]  # most messages of a recording are such
@@ -127,13 +127,13 @@ def _encode_bytes(stamp_ns: int, *values: Any) -> bytes:
     return payload
 
 
-def _fields(declaration: type) -> list[MessageField]:
+def _fields(declaration: type) -> list[TopicField]:
     fields = []
     for name, hint in get_type_hints(declaration, include_extras=True).items():
         alternatives = get_args(hint) if not hasattr(hint, "__metadata__") else (hint,)
         annotated = next((each for each in alternatives if hasattr(each, "__metadata__")), None)
         if annotated is not None:
-            fields.append(MessageField(name, *annotated.__metadata__))
+            fields.append(TopicField(name, *annotated.__metadata__))
     return fields
 
 

@@ -64,16 +64,12 @@ _COMPANION_FIELDS = attrgetter(
 )
 
 
-def _records() -> dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]]:
-    """Topic and values of each record that is written as it is."""
-    return {
-        topic.fields: (topic.name, attrgetter(*(field.name for field in fields(topic.fields))))
-        for topic in TOPICS.values()
-        if topic.fields is not None and is_dataclass(topic.fields)
-    }
-
-
-_RECORDS = _records()
+_RECORDS: dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]] = {
+    topic.fields: (topic.name, attrgetter(*(field.name for field in fields(topic.fields))))
+    for topic in TOPICS.values()
+    if topic.fields is not None and is_dataclass(topic.fields)
+}
+"""Topic and values of each record that is written as it is."""
 
 
 class TopicWriter:
@@ -142,7 +138,7 @@ class Recorder:
         return PerceptionRecorder(self._topics)
 
     def write(self, stamp_ns: int, record: Any) -> None:
-        """One of the records of `topics`: TaskTiming, DeadlineMiss, ClockExchange, LinkState, FaultEvent, ..."""
+        """One of the records of `topics`: TaskTiming, MissedDeadline, ClockExchange, LinkState, FaultEvent, ..."""
         topic, values = _RECORDS[type(record)]
         self._topics.write(topic, stamp_ns, *values(record))
 

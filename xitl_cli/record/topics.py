@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from xitl_cli.record.cdr import (
     SEPARATOR,
-    TIME_DEFINITION,
     Bool,
     Bytes,
     Float64,
@@ -76,48 +75,21 @@ class OdometryMessage:
     twist: Annotated[Float64x6, "linear, angular"]
     twist_covariance: Float64x36
 
-    definition = f"""\
-std_msgs/Header header
-string child_frame_id
-geometry_msgs/PoseWithCovariance pose
-geometry_msgs/TwistWithCovariance twist
-{SEPARATOR}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{TIME_DEFINITION}{SEPARATOR}
-MSG: geometry_msgs/PoseWithCovariance
-geometry_msgs/Pose pose
-float64[36] covariance
-{SEPARATOR}
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-{SEPARATOR}
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-float64 z
-{SEPARATOR}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-{SEPARATOR}
-MSG: geometry_msgs/TwistWithCovariance
-geometry_msgs/Twist twist
-float64[36] covariance
-{SEPARATOR}
-MSG: geometry_msgs/Twist
-geometry_msgs/Vector3 linear
-geometry_msgs/Vector3 angular
-{SEPARATOR}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-"""
+    definition = f"\n{SEPARATOR}\nMSG: ".join(
+        (
+            "std_msgs/Header header\nstring child_frame_id\n"
+            "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist",
+            "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
+            "builtin_interfaces/Time\nint32 sec\nuint32 nanosec",
+            "geometry_msgs/PoseWithCovariance\ngeometry_msgs/Pose pose\nfloat64[36] covariance",
+            "geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
+            "geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z",
+            "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+            "geometry_msgs/TwistWithCovariance\ngeometry_msgs/Twist twist\nfloat64[36] covariance",
+            "geometry_msgs/Twist\ngeometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
+            "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n",
+        )
+    )
 
 
 class EnvironmentMessage:
@@ -303,7 +275,7 @@ class TaskTiming:
 
 
 @dataclass(frozen=True, slots=True)
-class DeadlineMiss:
+class MissedDeadline:
     """One deadline that a task missed; instants in simulation time."""
 
     node: String
@@ -430,7 +402,7 @@ _TABLE = (
     Topic("/tasks", "xitl_msgs/msg/Task", "1 Hz",
           "deadlines of every periodic task of every node, with histograms of start jitter and run time", TaskTiming),
     Topic("/misses", "xitl_msgs/msg/Miss", "each, real time only",
-          "one deadline that an agent's task missed: when it was due, started and ended", DeadlineMiss),
+          "one deadline that an agent's task missed: when it was due, started and ended", MissedDeadline),
     Topic("/clocks", "xitl_msgs/msg/Clock", "10 Hz, real time only",
           "one exchange of time stamps with a node (`sample` against `node_ns` is its time base) and the relation "
           "estimated from all of them; `autopilot` is one of another make behind a bridge, 1 Hz in lockstep too; of "
