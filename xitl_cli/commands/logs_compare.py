@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from xitl_cli.logs.report.page import FileCard, Page
 
 
-Align = StrEnum("Align", {"NONE": "none", "ORIGIN": "origin", "SE3": "se3", "SIM3": "sim3"})
-Of = StrEnum("Of", {"ESTIMATE": "estimate", "TRUTH": "truth"})
+AlignMethod = StrEnum("AlignMethod", {"NONE": "none", "ORIGIN": "origin", "SE3": "se3", "SIM3": "sim3"})
+PathKind = StrEnum("PathKind", {"ESTIMATE": "estimate", "TRUTH": "truth"})
 
 
-class Start(StrEnum):
+class StartMethod(StrEnum):
     AUTO = "auto"
     CLOCKS = "clocks"
     MISSION = "mission"
@@ -38,18 +38,19 @@ def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="The reference: a .bin, .tlog or MCAP file.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="The log to compare with it; may be the same file.")],
     align: Annotated[
-        Align, typer.Option(help="Move B's path onto A's: by the first poses, or by least squares, with scale or not.")
-    ] = Align.NONE,
+        AlignMethod,
+        typer.Option(help="Move B's path onto A's: by the first poses, or by least squares, with scale or not."),
+    ] = AlignMethod.NONE,
     start: Annotated[
-        Start, typer.Option(help="How B's time is aligned with A's: by clocks, or by what happened in both.")
-    ] = Start.AUTO,
+        StartMethod, typer.Option(help="How B's time is aligned with A's: by clocks, or by what happened in both.")
+    ] = StartMethod.AUTO,
     shift: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="B begins this much later than A; replaces --start.")
     ] = None,
-    of_a: Annotated[Of, typer.Option("--of-a", help="A's path: as the autopilot estimated it, or as simulated.")] = (
-        Of.ESTIMATE
-    ),
-    of_b: Annotated[Of, typer.Option("--of-b", help="B's path, likewise.")] = Of.ESTIMATE,
+    of_a: Annotated[
+        PathKind, typer.Option("--of-a", help="A's path: as the autopilot estimated it, or as simulated.")
+    ] = (PathKind.ESTIMATE),
+    of_b: Annotated[PathKind, typer.Option("--of-b", help="B's path, likewise.")] = PathKind.ESTIMATE,
     from_time: Annotated[
         str | None,
         typer.Option("--from", metavar="TIME", help="Compare from this time after the zero, named at first."),

@@ -75,6 +75,11 @@ def resolve_name(wanted: str, known: Collection[str], lacks: str, advice: str) -
     raise UnknownNameError(f"{lacks} {wanted!r}; {suggestion}{advice}")
 
 
+def plural(many: int, one: str, more: str = "") -> str:
+    """1 row, 2 rows; `more`: a plural that is not made with an s."""
+    return f"{many} {one if many == 1 else more or one + 's'}"
+
+
 def listed(names: Collection[str]) -> str:
     """Names as a list, such as "Roll, Pitch, Yaw"; the first twelve and the number of the others."""
     shown = [name for name in names if not name.startswith("_")][:_LISTED]

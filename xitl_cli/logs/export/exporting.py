@@ -15,8 +15,8 @@ from xitl_cli.logs.export.files import file_names, make_directory, part_of, refu
 from xitl_cli.logs.export.tabular import COLUMNS_FILE, FlatColumn, stretches, write_columns, write_csv
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.query import rows_at_once, rows_between
-from xitl_cli.logs.report.wording import plural
 from xitl_cli.logs.table import Table
+from xitl_cli.logs.text import plural
 
 FORMATS = ("csv", "parquet", "mcap")
 

@@ -16,6 +16,7 @@ _DATAFLASH_START = b"\xa3\x95"
 _DATAFLASH_OWN_FORMAT = b"\xa3\x95\x80\x80\x59FMT\0"
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
 
+_CAPTURE = "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"
 _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"FMT, ", "a DataFlash log as text; give the .bin itself, as the autopilot wrote it"),
     (b"ULog\x01\x12\x35", "a ULog of PX4, which is not read here; look at it with pyulog or PlotJuggler"),
@@ -27,10 +28,10 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"\xfd7zXZ\0", "packed with xz; unpack it with `unxz` and give what comes out"),
     (b"BZh", "packed with bzip2; unpack it with `bunzip2` and give what comes out"),
     (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive; unpack it and give the log inside"),
-    (b"\xd4\xc3\xb2\xa1", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
-    (b"\xa1\xb2\xc3\xd4", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
-    (b"\x4d\x3c\xb2\xa1", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
-    (b"\x0a\x0d\x0d\x0a", "a capture of network packets; record the MAVLink of it as a .tlog with MAVProxy"),
+    *(
+        (magic, _CAPTURE)
+        for magic in (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\x0a\x0d\x0d\x0a")
+    ),
 )
 """How a file begins that is something else, and what to do with it."""
 

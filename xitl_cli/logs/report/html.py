@@ -20,6 +20,7 @@ from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, report_page
 from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, thinned_note
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Severity
+from xitl_cli.logs.text import plural
 
 _MOST_ROWS = 2000
 _MOST_EVIDENCE = 12
@@ -133,7 +134,7 @@ def grid_markup(shown: Grid) -> str:
     note = f" The first {_MOST_ROWS}; --json has all of them." if left_out > 0 else ""
     return (
         f'<figure class="grid" data-find><figcaption><h3>{escape(wording.sentence_text(shown.title))}</h3>'
-        f'<span class="note">{wording.plural(len(shown.rows), "row")}.{note}</span></figcaption>'
+        f'<span class="note">{plural(len(shown.rows), "row")}.{note}</span></figcaption>'
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(shown.title)}">'
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div></figure>"
     )
@@ -285,7 +286,7 @@ def _navigation(page: Page, identified: list[tuple[PagePart, str]], findings: bo
         worst = part.section.worst
         many = sum(finding.severity == worst for finding in part.section.findings)
         name = wording.SEVERITY_NAMES[worst]
-        title = wording.plural(many, name)
+        title = plural(many, name)
         dot = f'<span class="dot {name}" title="{title}">{many}</span>' if worst > Severity.OK else ""
         links.append(f'<a href="#{section_id}">{escape(part.section.title)}{dot}</a>')
     return f'<nav aria-label="Sections">{"".join(links)}</nav>'

@@ -11,7 +11,7 @@ from rich.text import Text
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import FileFinding, FileReport, Report
 from xitl_cli.logs.sections import Fact, Grid, Section, Severity
-from xitl_cli.logs.text import duration_text, printable
+from xitl_cli.logs.text import duration_text, plural, printable
 
 _APART = 2
 _WIDE = 24
@@ -76,8 +76,8 @@ def _table_line(cells: list[str], widths: list[int], right: list[bool], columns:
 
 
 def _left_out(rows: int, columns: int) -> list[str]:
-    parts = [wording.plural(rows, "more row")] if rows > 0 else []
-    parts += [wording.plural(columns, "more column")] if columns > 0 else []
+    parts = [plural(rows, "more row")] if rows > 0 else []
+    parts += [plural(columns, "more column")] if columns > 0 else []
     return [f"({' and '.join(parts)} in --report and --json)"] if parts else []
 
 

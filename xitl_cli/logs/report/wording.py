@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.log import LogHealth
 from xitl_cli.logs.sections import Evidence, Grid, Section, Severity, Value
-from xitl_cli.logs.text import clock_text
+from xitl_cli.logs.text import clock_text, plural
 
 FORMAT_NAMES = {"dataflash": "DataFlash", "mcap": "MCAP", "tlog": "telemetry log"}
 SEVERITY_NAMES = {
@@ -48,10 +48,6 @@ def sentence_text(text: str) -> str:
     """With a capital, unless it begins with a name."""
     first = text.split(" ", 1)[0]
     return text[:1].upper() + text[1:] if first.isalpha() and first.islower() else text
-
-
-def plural(many: int, one: str, more: str = "") -> str:
-    return f"{many} {one if many == 1 else more or one + 's'}"
 
 
 def vehicle_line(sections: Sequence[Section]) -> str:

@@ -213,16 +213,8 @@ class Walk:
         if len(self._index.chunks) >= MOST_CHUNKS:
             self._losses.note(at, size, "there are too many chunks")
             return
-        self._chunk = Chunk(
-            place=at,
-            size=size,
-            data_place=at + head.data_at,
-            data_size=data_size,
-            unpacked_size=head.unpacked_size,
-            compression=head.compression,
-            start_ns=head.start_ns,
-            end_ns=head.end_ns,
-        )
+        begin, kind = at + head.data_at, head.compression
+        self._chunk = Chunk(at, size, begin, data_size, head.unpacked_size, kind, head.start_ns, head.end_ns)
         self._offsets, self._places = {}, {}
 
     def _add_message_index(self, at: int, length: int) -> None:

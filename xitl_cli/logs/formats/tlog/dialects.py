@@ -99,7 +99,7 @@ _MODULES = ("pymavlink.dialects.v20.ardupilotmega", "agent.wire.dialect")
 
 
 @dataclass(frozen=True, slots=True)
-class MessageField:
+class MavlinkField:
     """`count` numbers of `dtype` (or characters) at `offset` of the payload; count is 0 for a single number."""
 
     name: str
@@ -117,13 +117,13 @@ class MessageField:
 
 
 @dataclass(frozen=True, slots=True)
-class MessageDefinition:
+class MavlinkDefinition:
     """fields: in the order of the definition, not of the wire. instance: the field that tells sources apart."""
 
     number: int
     name: str
     crc_extra: int
-    fields: Mapping[str, MessageField]
+    fields: Mapping[str, MavlinkField]
     instance: str | None
 
     @property
@@ -133,9 +133,9 @@ class MessageDefinition:
 
 
 @cache
-def definitions() -> Mapping[int, MessageDefinition]:
+def definitions() -> Mapping[int, MavlinkDefinition]:
     """Message definitions by message number."""
-    found: dict[int, MessageDefinition] = {}
+    found: dict[int, MavlinkDefinition] = {}
     for module in _MODULES:
         for number, generated in import_module(module).mavlink_map.items():
             if number not in found:
@@ -143,9 +143,9 @@ def definitions() -> Mapping[int, MessageDefinition]:
     return found
 
 
-def _definition(number: int, generated: type) -> MessageDefinition:
+def _definition(number: int, generated: type) -> MavlinkDefinition:
     made = vars(generated)
-    fields: dict[str, MessageField] = {}
+    fields: dict[str, MavlinkField] = {}
     offset = 0
     units = made["fieldunits_by_name"]
     codes = made["native_format"].decode().lstrip("<")
@@ -155,7 +155,7 @@ def _definition(number: int, generated: type) -> MessageDefinition:
         fields[name] = _field(made["msgname"], name, offset, dtype, count, text, units.get(name, ""))
         offset = fields[name].end
     instance = made["instance_field"]
-    return MessageDefinition(
+    return MavlinkDefinition(
         number,
         made["msgname"],
         made["crc_extra"],
@@ -166,7 +166,7 @@ def _definition(number: int, generated: type) -> MessageDefinition:
 
 def _field(
     message: str, name: str, offset: int, dtype: np.dtype[np.generic], count: int, text: bool, unit: str
-) -> MessageField:
+) -> MavlinkField:
     scale = None if text else scale_for(unit)
     column = Column(
         name,
@@ -175,4 +175,4 @@ def _field(
         "text" if text else "number",
         () if text or not count else (count,),
     )
-    return MessageField(name, offset, dtype, count, text, scale, unknown_value(message, name), column)
+    return MavlinkField(name, offset, dtype, count, text, scale, unknown_value(message, name), column)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.tlog.dialects import MessageDefinition, MessageField, definitions
+from xitl_cli.logs.formats.tlog.dialects import MavlinkDefinition, MavlinkField, definitions
 from xitl_cli.logs.table import ALL, Column, Rows, Table
 
 _POLYNOMIAL = 0x8408
@@ -152,7 +152,7 @@ class FrameTable(Table):
     def __init__(
         self,
         name: str,
-        definition: MessageDefinition,
+        definition: MavlinkDefinition,
         data: NDArray[np.uint8],
         start: NDArray[np.int64],
         stamp_ns: NDArray[np.int64],
@@ -192,7 +192,7 @@ class FrameTable(Table):
             return _text(stored)
         return stored if raw else _scaled(field, stored)
 
-    def _stored(self, field: MessageField, payload: NDArray[np.int64], length: NDArray[np.int64]) -> NDArray[Any]:
+    def _stored(self, field: MavlinkField, payload: NDArray[np.int64], length: NDArray[np.int64]) -> NDArray[Any]:
         count, item = max(field.count, 1), field.dtype.itemsize
         result = np.zeros((len(payload), count), field.dtype)
         carried = length >= field.end
@@ -222,7 +222,7 @@ def _text(characters: NDArray[np.uint8]) -> NDArray[np.str_]:
     return np.array(shown, dtype=np.str_)
 
 
-def _scaled(field: MessageField, stored: NDArray[Any]) -> NDArray[Any]:
+def _scaled(field: MavlinkField, stored: NDArray[Any]) -> NDArray[Any]:
     values = stored
     if field.scale is not None:
         number = field.scale.number
