@@ -25,7 +25,7 @@ from sim_core.simulation import kinematics, step
 from xitl_cli.profile import load_profile
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.setup import embedded_parameters, mission_places, set_parameters, upload_mission
-from xitl_cli.run.sensors.sensing import Sensing
+from xitl_cli.run.sensors.sensing import SensorSuite
 from xitl_cli.run.world.world import build_simulation, local_frame
 
 RATE_HZ = 400
@@ -75,7 +75,7 @@ class Rig:
         assert profile.sensors is not None
         seeds = Seeds(1)
         self._simulation, self._state = build_simulation(profile, seeds)
-        self._sensing = Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds)
+        self._sensing = SensorSuite(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds)
         self._rng = default_rng(1)
         self.link = Link(opened.enter_context(open_transport(url, listen=False)), 255, 190)
         self.tick = 0

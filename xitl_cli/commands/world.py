@@ -27,14 +27,14 @@ def launch(
     ] = DEFAULT_URL,
 ) -> None:
     """Put a body into the water of a run."""
-    from xitl_cli.run.links.launch_requests import ask_for
+    from xitl_cli.run.links.launch_requests import request_launch
 
     north_m, east_m = _place(at)
     if not math.isfinite(heading):
         raise UserError(f"--heading {heading} is no direction; give degrees clockwise from north")
     if length is not None and not (math.isfinite(length) and length > 0.0):
         raise UserError(f"--length {length} is no length; give metres, such as 4.5")
-    ask_for(to, kind, north_m, east_m, math.radians(heading), length)
+    request_launch(to, kind, north_m, east_m, math.radians(heading), length)
     size = "" if length is None else f" of {length:g} m"
     typer.echo(f"{kind}{size} in the water at {north_m:g} N {east_m:g} E")
 

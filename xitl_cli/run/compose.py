@@ -13,7 +13,7 @@ from xitl_cli.run.core.faults import FaultSchedule
 from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import AgentConnection, Supervision
-from xitl_cli.run.links.peer import options_of
+from xitl_cli.run.links.peer import options_from_profile
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import BridgeNode
@@ -21,11 +21,11 @@ from xitl_cli.run.nodes.companion import COMPANION_LINK, CompanionNode
 from xitl_cli.run.nodes.direct_control import direct_control
 from xitl_cli.run.nodes.drivers import VehicleDriver, make_driver
 from xitl_cli.run.nodes.fault_injection import FaultInjection
-from xitl_cli.run.nodes.findings import findings_of
+from xitl_cli.run.nodes.findings import findings_from_profile
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, TruthRecorder
-from xitl_cli.run.nodes.river import river_of
+from xitl_cli.run.nodes.river import river_from_profile
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
 from xitl_cli.run.view import DisplayNode, View
@@ -81,7 +81,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
     agents = autopilots if companion is None else [*autopilots, companion.agent]
 
     # What is around it, what looks at it, what scores it.
-    river = river_of(profile, setup.seeds, plant, lambda: control.progress)
+    river = river_from_profile(profile, setup.seeds, plant, lambda: control.progress)
     if river is not None:
         made(river)
     perception = _perception(setup, companion)
@@ -89,7 +89,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         made(perception)
     findings = None
     if autopilot is not None and companion is not None:
-        findings = findings_of(profile, setup.scenery)
+        findings = findings_from_profile(profile, setup.scenery)
         companion.heard.subscribe(findings.handle)
         autopilot.heard.subscribe(findings.handle_autopilot)
     mission = MissionNode(profile.mission.waypoints_ned_m, control)
@@ -138,9 +138,9 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
         driver = make_driver(profile, commands, frame)
         return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 
-    options, supervision = options_of(profile, setup.out), None
+    options, supervision = options_from_profile(profile, setup.out), None
     if bridge is not None:
-        options = options_of(profile, setup.out, bridge.bridge)
+        options = options_from_profile(profile, setup.out, bridge.bridge)
         supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)
     autopilot = AutopilotNode(profile, setup.seeds, driver_of, options, supervision, setup.interrupted)
     if bridge is not None:

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
-from xitl_cli.run.links.connection import AgentConnection, report_of
+from xitl_cli.run.links.connection import AgentConnection, connections_report
 from xitl_cli.run.nodes.mission_score import MissionScore
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
@@ -27,8 +27,8 @@ PLAIN_INTERVAL_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Glance:
-    """The state of a run at a glance."""
+class RunStatus:
+    """How a run is doing now."""
 
     sim_s: float
     duration_s: float
@@ -56,7 +56,7 @@ class View(Protocol):
     """Shown now and then; `due` is asked on every exchange and must be cheap. What is warned of stays to be read."""
 
     def due(self) -> bool: ...
-    def show(self, glance: Glance) -> None: ...
+    def show(self, status: RunStatus) -> None: ...
     def warn(self, text: str) -> None: ...
     def close(self) -> None: ...
 
@@ -67,7 +67,7 @@ class NoView:
     def due(self) -> bool:
         return False
 
-    def show(self, glance: Glance) -> None:
+    def show(self, status: RunStatus) -> None:
         pass
 
     def warn(self, text: str) -> None:
@@ -88,20 +88,20 @@ class PlainView:
     def due(self) -> bool:
         return self._now_s() >= self._next_s
 
-    def show(self, glance: Glance) -> None:
+    def show(self, status: RunStatus) -> None:
         self._next_s = self._now_s() + PLAIN_INTERVAL_S
-        if glance.waits_for:
+        if status.waits_for:
             self._console.print(
-                f"t {glance.sim_s:6.1f} s  waits for {glance.waits_for}", highlight=False, markup=False, soft_wrap=True
+                f"t {status.sim_s:6.1f} s  waits for {status.waits_for}", highlight=False, markup=False, soft_wrap=True
             )
             return
-        error = "" if glance.position_error_m is None else f"  estimate off {glance.position_error_m:.2f} m"
+        error = "" if status.position_error_m is None else f"  estimate off {status.position_error_m:.2f} m"
         self._console.print(
-            f"t {glance.sim_s:6.1f} s  {_state(glance):<14} "
-            f"waypoint {glance.waypoints_reached}/{glance.waypoints_total}  {glance.speed_mps:4.1f} m/s  "
-            f"heading {glance.heading_deg:3.0f}°  cross-track {_metres(glance.cross_track_m)}{error}  "
-            f"lost {glance.lost}  missed {glance.missed}"
-            + (f"  fault {', '.join(glance.faults)}" if glance.faults else ""),
+            f"t {status.sim_s:6.1f} s  {_mode(status):<14} "
+            f"waypoint {status.waypoints_reached}/{status.waypoints_total}  {status.speed_mps:4.1f} m/s  "
+            f"heading {status.heading_deg:3.0f}°  cross-track {_metres(status.cross_track_m)}{error}  "
+            f"lost {status.lost}  missed {status.missed}"
+            + (f"  fault {', '.join(status.faults)}" if status.faults else ""),
             highlight=False,
             markup=False,
             soft_wrap=True,
@@ -121,18 +121,18 @@ class LiveView:
         self._title = title
         self._now_s = now_s
         self._next_s = 0.0
-        self._last: tuple[float, Glance] | None = None
+        self._last: tuple[float, RunStatus] | None = None
         self._live = Live(console=console, auto_refresh=False, transient=True)
         self._live.start()
 
     def due(self) -> bool:
         return self._now_s() >= self._next_s
 
-    def show(self, glance: Glance) -> None:
+    def show(self, status: RunStatus) -> None:
         now_s = self._now_s()
         self._next_s = now_s + LIVE_INTERVAL_S
-        self._live.update(self._panel(glance, now_s), refresh=True)
-        self._last = (now_s, glance)
+        self._live.update(self._panel(status, now_s), refresh=True)
+        self._last = (now_s, status)
 
     def warn(self, text: str) -> None:
         _warn(self._live.console, text)
@@ -140,43 +140,43 @@ class LiveView:
     def close(self) -> None:
         self._live.stop()
 
-    def _panel(self, glance: Glance, now_s: float) -> RenderableType:
+    def _panel(self, status: RunStatus, now_s: float) -> RenderableType:
         factor = sent_rate = received_rate = 0.0
         if self._last is not None and now_s > self._last[0]:
             before_s, before = self._last
             wall_s = now_s - before_s
-            factor = (glance.sim_s - before.sim_s) / wall_s
-            sim_s = max(glance.sim_s - before.sim_s, 1e-9)
-            sent_rate = (glance.sent - before.sent) / sim_s
-            received_rate = (glance.received - before.received) / sim_s
+            factor = (status.sim_s - before.sim_s) / wall_s
+            sim_s = max(status.sim_s - before.sim_s, 1e-9)
+            sent_rate = (status.sent - before.sent) / sim_s
+            received_rate = (status.received - before.received) / sim_s
         progress = Table.grid(padding=(0, 1), expand=True)
         progress.add_column(ratio=1)
         progress.add_column(justify="right")
-        share = glance.waypoints_reached / max(glance.waypoints_total, 1)
+        share = status.waypoints_reached / max(status.waypoints_total, 1)
         progress.add_row(
             ProgressBar(total=1.0, completed=share),
-            f"{glance.waypoints_reached}/{glance.waypoints_total}  {glance.sim_s:.1f} s  {factor:.1f}× real time",
+            f"{status.waypoints_reached}/{status.waypoints_total}  {status.sim_s:.1f} s  {factor:.1f}× real time",
         )
         state = Table.grid(padding=(0, 2))
         for _ in range(4):
             state.add_column()
-        state.add_row("mode", Text(_state(glance), style="bold"), "speed", f"{glance.speed_mps:.2f} m/s")
-        state.add_row("heading", f"{glance.heading_deg:.0f}°", "cross-track", _metres(glance.cross_track_m))
-        state.add_row("current", f"{glance.current_mps:.2f} m/s", "wind", f"{glance.wind_mps:.1f} m/s")
+        state.add_row("mode", Text(_mode(status), style="bold"), "speed", f"{status.speed_mps:.2f} m/s")
+        state.add_row("heading", f"{status.heading_deg:.0f}°", "cross-track", _metres(status.cross_track_m))
+        state.add_row("current", f"{status.current_mps:.2f} m/s", "wind", f"{status.wind_mps:.1f} m/s")
         state.add_row(
             "motors",
-            "  ".join(f"{motor:+.2f}" for motor in glance.motors),
+            "  ".join(f"{motor:+.2f}" for motor in status.motors),
             "estimate off",
-            _metres(glance.position_error_m),
+            _metres(status.position_error_m),
         )
         state.add_row("to agent", f"{sent_rate:.0f} msg/s", "from agent", f"{received_rate:.0f} msg/s")
         trouble = Text(
-            f"{glance.lost} lost, {glance.missed} missed", style="red" if glance.lost or glance.missed else "green"
+            f"{status.lost} lost, {status.missed} missed", style="red" if status.lost or status.missed else "green"
         )
-        fault = Text(", ".join(glance.faults), style="bold magenta")
-        state.add_row("link", trouble, "fault" if glance.faults else "", fault)
-        waiting = [Text(f"waits for {glance.waits_for}", style="bold yellow")] if glance.waits_for else []
-        lines = [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in glance.messages[-3:]]
+        fault = Text(", ".join(status.faults), style="bold magenta")
+        state.add_row("link", trouble, "fault" if status.faults else "", fault)
+        waiting = [Text(f"waits for {status.waits_for}", style="bold yellow")] if status.waits_for else []
+        lines = [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in status.messages[-3:]]
         content = Group(*waiting, progress, state, *lines)
         return Panel(content, title=self._title, title_align="left", border_style="cyan")
 
@@ -192,8 +192,8 @@ def _warn(console: Console, text: str) -> None:
     console.print(f"warning: {text}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _state(glance: Glance) -> str:
-    return f"{glance.mode} {'armed' if glance.armed else 'disarmed'}"
+def _mode(status: RunStatus) -> str:
+    return f"{status.mode} {'armed' if status.armed else 'disarmed'}"
 
 
 def _metres(value: float | None) -> str:
@@ -240,16 +240,16 @@ class DisplayNode(RunNode):
 
     def _show(self, step: RunStep) -> None:
         if self._view is not None and self._view.due():
-            self._view.show(self._glance(step))
+            self._view.show(self._status(step))
 
-    def _glance(self, step: RunStep) -> Glance:
+    def _status(self, step: RunStep) -> RunStatus:
         control, score, state = self._control, self._score, self._plant.state
         progress, motion = control.progress, step.motion
         north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
         rotation = motion.rot_ned_frd[0]
-        report = report_of(self._agents)
+        report = connections_report(self._agents)
         links, tasks = report["links"], [self._pace.task(self._clock.physics_rate_hz), *report["tasks"]]
-        return Glance(
+        return RunStatus(
             sim_s=state.time_ns * 1e-9,
             duration_s=self._clock.duration_s,
             mode=progress.mode,

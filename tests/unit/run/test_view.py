@@ -7,23 +7,23 @@ import io
 import pytest
 from rich.console import Console
 
-from xitl_cli.run.view import Glance, LiveView, PlainView
+from xitl_cli.run.view import LiveView, PlainView, RunStatus
 
 
-def glance(**values: object) -> Glance:
+def status(**values: object) -> RunStatus:
     known = {
         "sim_s": 12.3, "duration_s": 60.0, "mode": "AUTO", "armed": True, "waypoints_reached": 1, "waypoints_total": 6,
         "speed_mps": 3.0, "heading_deg": 45.0, "cross_track_m": 0.5, "position_error_m": None, "current_mps": 0.0,
         "wind_mps": 0.0, "motors": (0.1, 0.2),
     }  # fmt: skip
-    return Glance(**{**known, **values})  # type: ignore[arg-type]
+    return RunStatus(**{**known, **values})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("live", [False, True])
 def test_faults_in_force_are_named_as_they_are_written(live: bool) -> None:
     console = Console(width=80, file=io.StringIO(), force_terminal=live, color_system=None, record=True)
     view = LiveView(console, "x") if live else PlainView(console)
-    view.show(glance(faults=("link-cut", "[bold]odd")))
+    view.show(status(faults=("link-cut", "[bold]odd")))
     view.close()
     assert "fault" in console.file.getvalue()  # type: ignore[attr-defined]
     assert "link-cut, [bold]odd" in console.file.getvalue()  # type: ignore[attr-defined]
@@ -31,7 +31,7 @@ def test_faults_in_force_are_named_as_they_are_written(live: bool) -> None:
 
 def test_without_faults_there_is_nothing_about_them() -> None:
     console = Console(width=200, file=io.StringIO())
-    PlainView(console).show(glance())
+    PlainView(console).show(status())
     assert "fault" not in console.file.getvalue()  # type: ignore[attr-defined]
 
 

@@ -35,7 +35,7 @@ _BIASES = {
 }
 
 
-def words_of(fault: FaultSpec) -> str:
+def describe_fault(fault: FaultSpec) -> str:
     """`link both ways: delay 0.1 s, loss 5 %; imu: gyro + [0, 0, 0.01] rad/s`."""
     parts = []
     if fault.link is not None:
@@ -156,7 +156,7 @@ class FaultSchedule:
             if not timed.begun and timed.from_ns <= sim_ns:
                 timed.begun = True
                 recorder.write(sim_ns, FaultEvent(timed.name, active=True))
-                recorder.log(sim_ns, _NOTICE, "run", f"fault {timed.name} begins: {words_of(timed.fault)}")
+                recorder.log(sim_ns, _NOTICE, "run", f"fault {timed.name} begins: {describe_fault(timed.fault)}")
             if timed.begun and not timed.ended and timed.until_ns <= sim_ns:
                 timed.ended = True
                 recorder.write(sim_ns, FaultEvent(timed.name, active=False))
@@ -192,7 +192,7 @@ class FaultSchedule:
                     timed.settled.add(way)
 
     def reports(self, sensors: Mapping[str, Mapping[str, int]]) -> list[FaultReport]:
-        """How it went; `sensors` are Sensing's counts by fault."""
+        """How it went; `sensors` are SensorSuite's counts by fault."""
         return [
             FaultReport(
                 name=timed.name,

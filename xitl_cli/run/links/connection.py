@@ -22,7 +22,7 @@ from xitl_cli.run.core.faults import FaultsInForce
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import LinkReport, NodeReport
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.link_accounts import node_report, state_of
+from xitl_cli.run.links.link_accounts import link_state, node_report
 from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import set_parameters, upload_mission
 
@@ -460,7 +460,7 @@ class AgentConnection:
     def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
         """Keep how the link has done so far."""
         for report in self.links():
-            recorder.write(stamp_ns, state_of(report))
+            recorder.write(stamp_ns, link_state(report))
 
     def node(self) -> NodeReport | None:
         """What it says of its machine, None when it never did."""
@@ -476,7 +476,7 @@ class AgentConnection:
         self.link.send(dialect.MAVLink_xitl_run_message(self._now_ns() // 1000, name, command, mode, PROTOCOL))
 
 
-def report_of(agents: Sequence[AgentConnection]) -> dict[str, Any]:
+def connections_report(agents: Sequence[AgentConnection]) -> dict[str, Any]:
     """What connections add to a run's report: links, tasks, clocks and nodes, and the traffic for its graph."""
     return {
         "links": [report for agent in agents for report in agent.links()],

@@ -95,7 +95,7 @@ class LaunchPort:
             self.counts.again += 1
         else:
             self.counts.asked += 1
-            launch = launch_asked(request, now_ns)
+            launch = launch_from_request(request, now_ns)
             if launch is None:
                 result = dialect.MAV_RESULT_DENIED
             else:
@@ -118,7 +118,7 @@ class LaunchPort:
             return
 
 
-def launch_asked(request: dialect.MAVLink_xitl_launch_message, now_ns: int) -> Launch | None:
+def launch_from_request(request: dialect.MAVLink_xitl_launch_message, now_ns: int) -> Launch | None:
     """The launch that a request is for, None for one that cannot be."""
     north_m, east_m = request.pos_ne
     numbers = (north_m, east_m, request.heading, request.size)
@@ -140,7 +140,7 @@ _REFUSALS = {
 }
 
 
-def ask_for(
+def request_launch(
     url: str,
     kind: str,
     north_m: float,

@@ -115,7 +115,7 @@ class LinkAccounts:
         return counted + (numbers - counted + 128) % 256 - 128 + 1
 
 
-def state_of(report: LinkReport) -> LinkState:
+def link_state(report: LinkReport) -> LinkState:
     """The same for the recording."""
     p50_ns, p99_ns = report.latency.quantile_ns(0.5), report.latency.quantile_ns(0.99)
     return LinkState(

@@ -221,7 +221,7 @@ class Loopback(Protocol):
         """Take the line away. A second call does nothing."""
 
 
-def loopback_of(link: str) -> Loopback | None:
+def open_loopback(link: str) -> Loopback | None:
     """The line that a link asks to be made, None for a link that is there or elsewhere. Raises UserError."""
     url = urlsplit(link)
     try:

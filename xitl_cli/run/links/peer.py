@@ -23,7 +23,7 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
 from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.core.directory import DATAFLASH
-from xitl_cli.run.links.loopback import loopback_of
+from xitl_cli.run.links.loopback import open_loopback
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,9 @@ def _bridge_options(bridge: BridgeSpec) -> list[tuple[str, str]]:
     return [*given, ("--trim", f"{bridge.trim_us:g}"), ("--span", f"{bridge.span_us:g}")]
 
 
-def options_of(profile: RunProfile, run_directory: Path | None, bridge: BridgeSpec | None = None) -> AgentOptions:
+def options_from_profile(
+    profile: RunProfile, run_directory: Path | None, bridge: BridgeSpec | None = None
+) -> AgentOptions:
     """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
     autopilot = profile.autopilot
     if bridge is not None:
@@ -134,7 +136,7 @@ class Peer(Protocol):
         """Stop what was started."""
 
 
-class InProcess:
+class InProcessAgent:
     """The same agent code in the host's process, over the in-memory transport."""
 
     def __init__(self, options: AgentOptions) -> None:
@@ -186,12 +188,12 @@ def own_options(options: AgentOptions) -> Options:
     )
 
 
-class OwnProcess:
+class ProcessAgent:
     """The agent as a process of its own on this machine, at the other end of `url`, or of the line that it asks for."""
 
     def __init__(self, url: str, options: AgentOptions) -> None:
         agent_url = url
-        self._loopback = loopback_of(url)
+        self._loopback = open_loopback(url)
         if self._loopback is not None:
             url, agent_url = self._loopback.host_url, self._loopback.agent_url
         self._url = url
@@ -255,7 +257,7 @@ class OwnProcess:
         return UserError(f"the {self._what} process ended: {reason}")
 
 
-class Board:
+class BoardAgent:
     """An agent that somebody started on a board."""
 
     def __init__(self, url: str, options: AgentOptions) -> None:
@@ -316,8 +318,8 @@ def _is_address(host: str) -> bool:
 def open_peer(runs: str, link: str | None, options: AgentOptions) -> Peer:
     """The peer that a profile asks for. Raises UserError when it cannot be opened."""
     if runs == "in-process":
-        return InProcess(options)
+        return InProcessAgent(options)
     if link is None:
         key = options.key
         raise UserError(f"{key}.runs = {runs} needs {key}.link, for instance udp://127.0.0.1:14660")
-    return OwnProcess(link, options) if runs == "process" else Board(link, options)
+    return ProcessAgent(link, options) if runs == "process" else BoardAgent(link, options)

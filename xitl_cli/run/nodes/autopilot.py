@@ -22,7 +22,7 @@ from xitl_cli.run.links.connection import (
     AgentConnection,
     StoppedWaitingError,
     Supervision,
-    report_of,
+    connections_report,
 )
 from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import (
@@ -245,7 +245,7 @@ class AutopilotNode(ControlNode):
     def report(self) -> dict[str, Any]:
         score = self._check.score
         return {
-            **report_of(self.agents),
+            **connections_report(self.agents),
             "estimation": {"position_rms_m": score.position_rms_m, "heading_rms_deg": score.heading_rms_deg},
             "stale_exchanges": self._use.report.stale,
             "actuators": self._use.report,

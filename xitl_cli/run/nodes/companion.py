@@ -17,7 +17,13 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MotionEstimate
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
-from xitl_cli.run.links.connection import WARNING, AgentConnection, StoppedWaitingError, companion_terms, report_of
+from xitl_cli.run.links.connection import (
+    WARNING,
+    AgentConnection,
+    StoppedWaitingError,
+    companion_terms,
+    connections_report,
+)
 from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
 from xitl_cli.run.links.peer import AgentOptions, open_peer
 from xitl_cli.run.world.world import local_frame
@@ -329,6 +335,6 @@ class CompanionNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         return {
-            **report_of([self.agent]),
+            **connections_report([self.agent]),
             "companion": {"gone_s": self.gone_s, "warnings": list(self.inbox.warnings)},
         }

@@ -71,7 +71,7 @@ ASK_WHY_S = 5.0  # before giving up
 PREARM = ("PreArm: ", "Arm: ")
 
 
-class Phase(Enum):
+class ArmingPhase(Enum):
     """What is waited for."""
 
     READY = "the autopilot to become ready to arm"
@@ -80,7 +80,7 @@ class Phase(Enum):
     UNDER_WAY = "nothing"
 
 
-class Departure:
+class ArmingSequence:
     """Arms the autopilot when it is ready and sets a mode.
 
     Raises UserError from `update` when that is not done `timeout_s` after the start.
@@ -90,24 +90,24 @@ class Departure:
         self._commands = commands
         self._mode = mode
         self._timeout_s = timeout_s
-        self.phase = Phase.READY
+        self.phase = ArmingPhase.READY
 
     def update(self, sim_ns: int) -> bool:
         """One look at the autopilot; sends the next command when it is time. True once it is under way."""
         commands = self._commands
-        if self.phase is Phase.READY and commands.view.ready_to_arm:
+        if self.phase is ArmingPhase.READY and commands.view.ready_to_arm:
             commands.forget()
-            self.phase = Phase.ARMED
-        if self.phase is Phase.READY and sim_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
+            self.phase = ArmingPhase.ARMED
+        if self.phase is ArmingPhase.READY and sim_ns > (self._timeout_s - ASK_WHY_S) * 1e9:
             commands.arm(sim_ns)  # refused, with the reasons
-        if self.phase is Phase.ARMED and commands.arm(sim_ns):
-            self.phase = Phase.STARTED
-        if self.phase is Phase.STARTED and commands.set_mode(sim_ns, self._mode):
-            self.phase = Phase.UNDER_WAY
-        if self.phase is not Phase.UNDER_WAY and sim_ns > self._timeout_s * 1e9:
+        if self.phase is ArmingPhase.ARMED and commands.arm(sim_ns):
+            self.phase = ArmingPhase.STARTED
+        if self.phase is ArmingPhase.STARTED and commands.set_mode(sim_ns, self._mode):
+            self.phase = ArmingPhase.UNDER_WAY
+        if self.phase is not ArmingPhase.UNDER_WAY and sim_ns > self._timeout_s * 1e9:
             said = f"; it said: {', '.join(_latest_reasons(commands.view.texts))}" if commands.view.texts else ""
             raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{said}")
-        return self.phase is Phase.UNDER_WAY
+        return self.phase is ArmingPhase.UNDER_WAY
 
 
 def _latest_reasons(texts: Iterable[str]) -> list[str]:
@@ -121,7 +121,7 @@ class MissionDriver(VehicleDriver):
 
     def __init__(self, commands: AutopilotCommands, waypoints: int, arm_timeout_s: float = READY_TIMEOUT_S) -> None:
         self._view = commands.view
-        self._departure = Departure(commands, "AUTO", arm_timeout_s)
+        self._departure = ArmingSequence(commands, "AUTO", arm_timeout_s)
         self._total = waypoints
         self._under_way = False
 
@@ -155,7 +155,7 @@ class ReplayDriver(VehicleDriver):
         self._commands = commands
         self._schedule = schedule
         self._channels = rc_channels
-        self._departure = Departure(commands, "MANUAL", arm_timeout_s)
+        self._departure = ArmingSequence(commands, "MANUAL", arm_timeout_s)
         self._started_ns: int | None = None
         self._played_ns = -1
 

@@ -228,7 +228,7 @@ class FindingsNode(RunNode):
         self._recorder.perception.companion(self._step_ns(), message)
 
 
-def findings_of(profile: RunProfile, scenery: Scenery) -> FindingsNode:
+def findings_from_profile(profile: RunProfile, scenery: Scenery) -> FindingsNode:
     """For the companion of a profile that has one, with the truth of the world that it looks at."""
     sensors, hull = profile.sensors, profile.vehicle.hull
     looks = sensors is not None and sensors.lidar is not None

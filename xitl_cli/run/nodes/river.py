@@ -156,7 +156,9 @@ class RiverNode(RunNode):
         recorder.perception.contact(stamp_ns, what, known.place_ned_m, known.force_n, speed, began)
 
 
-def river_of(profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]) -> RiverNode | None:
+def river_from_profile(
+    profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]
+) -> RiverNode | None:
     """What the profile's `world.debris` asks for, None on open water. Raises UserError when a port cannot be had."""
     simulation = plant.simulation
     waterway = simulation.waterway

@@ -19,7 +19,7 @@ from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 
 
 @dataclass(frozen=True, slots=True)
-class Switch:
+class AgentSwitch:
     """The active agent was silent for `silent_ns`; `active` steers from now on."""
 
     active: int
@@ -43,7 +43,7 @@ class TakeoverDecision:
         """A motor command came."""
         self._heard_ns[agent] = now_ns
 
-    def decide(self, now_ns: int) -> Switch | None:
+    def decide(self, now_ns: int) -> AgentSwitch | None:
         """The switch that is due now, if any; `active` has then changed."""
         silent_ns = now_ns - self._heard_ns[self.active]
         if silent_ns < self._limit_ns:
@@ -52,10 +52,10 @@ class TakeoverDecision:
         if latest == self.active or now_ns - self._heard_ns[latest] >= self._limit_ns:
             return None
         self.active = latest
-        return Switch(latest, silent_ns)
+        return AgentSwitch(latest, silent_ns)
 
 
-class Ramp:
+class MotorRamp:
     """Motor commands on their way from one agent's to another's, at most `max_step` of each an exchange.
 
     Started by `start`, it ends at the first exchange at which all motors are where they should be; outside of that
@@ -148,7 +148,7 @@ class Redundancy:
         self._agents = agents
         self._view = view
         self._decision = TakeoverDecision(standby.takeover_s, len(agents), time.monotonic_ns())
-        self._ramp = Ramp(standby.max_step)
+        self._ramp = MotorRamp(standby.max_step)
         self._followers = [StandbyFollower(agent) for agent in agents]
 
     @property

@@ -18,7 +18,7 @@ from sim_core.sensors.sonar import OVERHEAD_S, PingSettings, Sector, turning_s
 from xitl_cli.errors import UserError
 from xitl_cli.run.links.loopback import SerialLoopback
 from xitl_cli.run.sensors import ping_protocol as wire
-from xitl_cli.run.sensors.ping_protocol import AutoTransmit, Frame, PingFramer, Transducer
+from xitl_cli.run.sensors.ping_protocol import AutoTransmitCommand, PingFrame, PingFramer, TransducerCommand
 
 Echo = Callable[[PingSettings], NDArray[uint8]]
 """The echo of a ping that goes out now."""
@@ -30,7 +30,7 @@ DEVICE_ID = 2
 WAITING = 16  # commands kept while the head is busy
 RESET_S = 0.5
 
-_AT_POWER_ON = Transducer(1, 0, 0, 32, 80, 740, 1024, 0)
+_AT_POWER_ON = TransducerCommand(1, 0, 0, 32, 80, 740, 1024, 0)
 _LIMITS: dict[str, tuple[int, int]] = {
     "mode": (0, 1),
     "gain_setting": (0, 2),
@@ -53,7 +53,7 @@ class _Job:
 
     ping_ns: int
     answer_ns: int
-    scan: AutoTransmit | None = None
+    scan: AutoTransmitCommand | None = None
     pinged: bool = False
 
 
@@ -67,7 +67,7 @@ class Ping360Device:
         self.frames = self.refused = self.dropped = self.others = self.pings = 0
         self._framer = PingFramer()
         self._id = DEVICE_ID
-        self._waiting: deque[Frame] = deque()
+        self._waiting: deque[PingFrame] = deque()
         self._out: list[bytes] = []
         self._power_on()
 
@@ -92,13 +92,13 @@ class Ping360Device:
         self._offset, self._forward = 0, True
         self._deaf_until_ns = 0
 
-    def frames_in(self, data: bytes) -> list[Frame]:
+    def frames_in(self, data: bytes) -> list[PingFrame]:
         """The frames that bytes from the line complete, whatever the bytes are."""
-        frames = self._framer.take(data)
+        frames = self._framer.feed(data)
         self.frames += len(frames)
         return frames
 
-    def order(self, frames: Sequence[Frame]) -> None:
+    def enqueue(self, frames: Sequence[PingFrame]) -> None:
         """Commands, to be obeyed in turn."""
         for frame in frames:
             if len(self._waiting) >= WAITING:
@@ -134,14 +134,14 @@ class Ping360Device:
             self._offset, self._forward = self._sector.after(self._offset, self._forward)
             self._start(job.answer_ns, self._sector.angle_grad(self._offset), job.scan)
 
-    def _start(self, now_ns: int, angle_grad: int, scan: AutoTransmit | None) -> None:
+    def _start(self, now_ns: int, angle_grad: int, scan: AutoTransmitCommand | None) -> None:
         self._state = state = self._state._replace(angle=angle_grad)
         wait_s = turning_s(self._head_grad, angle_grad) + (1e-3 * scan.delay if scan is not None else 0.0)
         ping_ns = now_ns + round(wait_s * 1e9)
         busy_s = _settings(state).listen_s + OVERHEAD_S if state.transmit else 0.0
         self._job = _Job(ping_ns, ping_ns + round(busy_s * 1e9), scan)
 
-    def _obey(self, frame: Frame, now_ns: int) -> None:
+    def _obey(self, frame: PingFrame, now_ns: int) -> None:
         if frame.destination not in (0, self._id):
             self.others += 1
         elif frame.message == wire.GENERAL_REQUEST:
@@ -161,7 +161,7 @@ class Ping360Device:
         else:
             self._refuse(frame.message, f"message {frame.message} is not known")
 
-    def _transducer(self, command: Transducer | None, now_ns: int) -> None:
+    def _transducer(self, command: TransducerCommand | None, now_ns: int) -> None:
         problem = _problem(command)
         if command is None or problem:
             self._refuse(wire.TRANSDUCER, problem)
@@ -169,7 +169,7 @@ class Ping360Device:
         self._state, self._data = command._replace(mode=1), b""
         self._start(now_ns, command.angle, None)
 
-    def _auto_transmit(self, scan: AutoTransmit | None, now_ns: int) -> None:
+    def _auto_transmit(self, scan: AutoTransmitCommand | None, now_ns: int) -> None:
         problem = _problem(scan)
         if scan is None or problem:
             self._refuse(wire.AUTO_TRANSMIT, problem)
@@ -177,10 +177,10 @@ class Ping360Device:
         self._sector = Sector(scan.start_angle, (scan.stop_angle - scan.start_angle) % 400, scan.num_steps)
         self._offset, self._forward = 0, True
         _, gain, duration, period, frequency, samples = scan[:6]
-        self._state = Transducer(1, gain, scan.start_angle, duration, period, frequency, samples, 1)
+        self._state = TransducerCommand(1, gain, scan.start_angle, duration, period, frequency, samples, 1)
         self._start(now_ns, scan.start_angle, scan)
 
-    def _set_id(self, frame: Frame) -> None:
+    def _set_id(self, frame: PingFrame) -> None:
         new = frame.payload[0] if frame.payload else 0
         if not 1 <= new <= 254:
             self._refuse(frame.message, f"id = {new}; use 1 to 254")
@@ -200,14 +200,14 @@ class Ping360Device:
             self._refuse(wire.GENERAL_REQUEST if wanted is None else wanted, reason)
 
     def _answer(self, message: int, payload: bytes) -> None:
-        self._out.append(wire.packed(Frame(message, self._id, 0, payload)))
+        self._out.append(wire.pack_frame(PingFrame(message, self._id, 0, payload)))
 
     def _refuse(self, message: int, reason: str) -> None:
         self.refused += 1
         self._answer(wire.NACK, wire.nack(message, reason))
 
 
-def _problem(command: Transducer | AutoTransmit | None) -> str:
+def _problem(command: TransducerCommand | AutoTransmitCommand | None) -> str:
     """Why a command is not obeyed, empty when it is."""
     if command is None:
         return "the message has a wrong length"
@@ -218,7 +218,7 @@ def _problem(command: Transducer | AutoTransmit | None) -> str:
     return ""
 
 
-def _settings(state: Transducer) -> PingSettings:
+def _settings(state: TransducerCommand) -> PingSettings:
     return PingSettings(
         angle_grad=state.angle,
         sample_period_s=state.sample_period * wire.TICK_S,
@@ -278,7 +278,7 @@ class Ping360Port:
             for index, chunk in enumerate(self._transport.receive()):
                 frames = self.device.frames_in(chunk)
                 if frames and self._transport.accept_sender(index, SenderStatus.HEARD):
-                    self.device.order(frames)
+                    self.device.enqueue(frames)
             for frame in self.device.advance(now_ns, echo):
                 self._transport.send(frame)
 

@@ -28,7 +28,7 @@ _DEVICE_DATA = struct.Struct("<BBHHHHHH")
 _AUTO_DEVICE_DATA = struct.Struct("<BBHHHHHHBBHH")
 
 
-class Frame(NamedTuple):
+class PingFrame(NamedTuple):
     """One message. destination 0 is for whoever hears it."""
 
     message: int
@@ -37,7 +37,7 @@ class Frame(NamedTuple):
     payload: bytes
 
 
-class Transducer(NamedTuple):
+class TransducerCommand(NamedTuple):
     """TRANSDUCER: go to `angle` and, with `transmit`, ping. Units as on the wire: gradians, us, ticks of 25 ns, kHz."""
 
     mode: int
@@ -51,7 +51,7 @@ class Transducer(NamedTuple):
     reserved: int = 0
 
 
-class AutoTransmit(NamedTuple):
+class AutoTransmitCommand(NamedTuple):
     """AUTO_TRANSMIT: scan from start_angle clockwise to stop_angle and back, `delay` ms more between pings."""
 
     mode: int
@@ -66,7 +66,7 @@ class AutoTransmit(NamedTuple):
     delay: int
 
 
-def packed(frame: Frame) -> bytes:
+def pack_frame(frame: PingFrame) -> bytes:
     """Bytes of a frame."""
     head = _HEAD.pack(_START, len(frame.payload), frame.message, frame.source, frame.destination)
     body = head + frame.payload
@@ -78,14 +78,14 @@ def number_in(payload: bytes) -> int | None:
     return int(_NUMBER.unpack_from(payload)[0]) if len(payload) >= _NUMBER.size else None
 
 
-def transducer_of(payload: bytes) -> Transducer | None:
+def transducer_of(payload: bytes) -> TransducerCommand | None:
     """None when it has not the length of one."""
-    return Transducer(*_TRANSDUCER.unpack(payload)) if len(payload) == _TRANSDUCER.size else None
+    return TransducerCommand(*_TRANSDUCER.unpack(payload)) if len(payload) == _TRANSDUCER.size else None
 
 
-def auto_transmit_of(payload: bytes) -> AutoTransmit | None:
+def auto_transmit_of(payload: bytes) -> AutoTransmitCommand | None:
     """None when it has not the length of one."""
-    return AutoTransmit(*_AUTO_TRANSMIT.unpack(payload)) if len(payload) == _AUTO_TRANSMIT.size else None
+    return AutoTransmitCommand(*_AUTO_TRANSMIT.unpack(payload)) if len(payload) == _AUTO_TRANSMIT.size else None
 
 
 def ack(message: int) -> bytes:
@@ -98,12 +98,12 @@ def nack(message: int, reason: str) -> bytes:
     return _NUMBER.pack(message) + reason.encode("ascii", "replace")
 
 
-def device_data(state: Transducer, data: bytes) -> bytes:
+def device_data(state: TransducerCommand, data: bytes) -> bytes:
     """Payload of a DEVICE_DATA."""
     return _DEVICE_DATA.pack(*state[:7], len(data)) + data
 
 
-def auto_device_data(state: Transducer, scan: AutoTransmit, data: bytes) -> bytes:
+def auto_device_data(state: TransducerCommand, scan: AutoTransmitCommand, data: bytes) -> bytes:
     """Payload of an AUTO_DEVICE_DATA."""
     return _AUTO_DEVICE_DATA.pack(*state[:6], *scan[6:], state.number_of_samples, len(data)) + data
 
@@ -116,10 +116,10 @@ class PingFramer:
         self.bad = 0
         self._held = b""
 
-    def take(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[PingFrame]:
         """The frames that are whole now."""
         held = self._held + data
-        frames: list[Frame] = []
+        frames: list[PingFrame] = []
         place = 0
         while True:
             start = held.find(_START, place)
@@ -142,7 +142,7 @@ class PingFramer:
                 self.skipped += 1
                 place += 1
             else:
-                frames.append(Frame(message, source, destination, held[place + _HEAD.size : end]))
+                frames.append(PingFrame(message, source, destination, held[place + _HEAD.size : end]))
                 place = end + _SUM.size
         self._held = held[place:]
         return frames

@@ -32,7 +32,7 @@ from xitl_cli.run.world.world import local_frame, magnetic_field_ned_gauss
 BRIDGED = ("ardupilot", "px4")
 
 
-class Sensing:
+class SensorSuite:
     """All sensors of the profile and their faults. `due` is called after each physics step, with steps counted from 1.
 
     `further` are sent after the usual four of the same step.
@@ -99,11 +99,11 @@ class Sensing:
         return counts
 
 
-def make_sensing(profile: RunProfile, seeds: Seeds) -> Sensing:
+def make_sensing(profile: RunProfile, seeds: Seeds) -> SensorSuite:
     """All that the profile's agents are told of the world."""
     assert profile.sensors is not None
     further = list(_further_channels(profile, seeds, local_frame(profile.site)))
-    return Sensing(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
+    return SensorSuite(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
 
 
 def _further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> Iterator[Channel]:

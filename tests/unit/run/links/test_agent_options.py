@@ -11,7 +11,7 @@ from agent.options import parse
 from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import USUAL, ground_stations_of
 from xitl_cli.run.core import directory
-from xitl_cli.run.links.peer import AgentOptions, missing_addresses, options_of, own_options
+from xitl_cli.run.links.peer import AgentOptions, missing_addresses, options_from_profile, own_options
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_the_command_line_of_the_agent(tmp_path: Path) -> None:
             f"autopilot.signing_key_file={tmp_path / 'key'}",
         ],
     ).runnable()
-    arguments = options_of(profile, tmp_path).arguments()
+    arguments = options_from_profile(profile, tmp_path).arguments()
     assert arguments == [
         *("--gcs", given[0], "--gcs", given[1]),
         *("--controller", "boats.heading:Fast"),
@@ -62,7 +62,7 @@ def test_a_bridge_is_told_the_same_on_a_command_line_and_in_this_process() -> No
 
 def test_nothing_given_is_nothing_said(tmp_path: Path) -> None:
     profile = load_profile("sitl", ["recording.dataflash=false"]).runnable()
-    assert options_of(profile, tmp_path) == AgentOptions()
+    assert options_from_profile(profile, tmp_path) == AgentOptions()
     assert AgentOptions().arguments() == []
 
 
@@ -75,10 +75,10 @@ def test_a_usual_address_that_is_taken_does_not_stop_a_run_but_a_given_one_is_ke
             pytest.skip("another program holds TCP port 5760")
         holder.listen()
         usual = load_profile("hitl-loopback").runnable()
-        assert options_of(usual, None).ground_stations == (USUAL[0],)
-        assert list(missing_addresses(usual, options_of(usual, None))) == [USUAL[1]]
+        assert options_from_profile(usual, None).ground_stations == (USUAL[0],)
+        assert list(missing_addresses(usual, options_from_profile(usual, None))) == [USUAL[1]]
         given = load_profile("hitl-loopback", [f"autopilot.ground_stations=[{USUAL[1]}]"]).runnable()
-        assert options_of(given, None).ground_stations == (USUAL[1],)
+        assert options_from_profile(given, None).ground_stations == (USUAL[1],)
 
 
 def test_the_agents_log_gets_its_name_and_an_old_one_is_part_of_the_old_run(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from agent.wire.framing import Framer
 from sim_core.world.debris import BodyKind, Launch
 from xitl_cli.commands.world import launch as launch_command
 from xitl_cli.errors import UserError
-from xitl_cli.run.links.launch_requests import LaunchPort, ask_for
+from xitl_cli.run.links.launch_requests import LaunchPort, request_launch
 
 NOW_NS = 5_000_000_000
 EAST_RAD = struct.unpack("<f", struct.pack("<f", math.pi / 2))[0]  # as it comes over the wire
@@ -98,13 +98,13 @@ def test_the_command_line_puts_a_body_into_the_water(port: LaunchPort, capsys: p
 
 def test_a_refusal_is_told(port: LaunchPort) -> None:
     with served(port, takes=False), pytest.raises(UserError, match="the run refused the trunk: no body is as long"):
-        ask_for(port.address, "trunk", 0.0, 0.0, 0.0, 99.0)
+        request_launch(port.address, "trunk", 0.0, 0.0, 0.0, 99.0)
     assert port.report() == {"asked": 1, "again": 0, "refused": 1, "dropped": 0}
 
 
 def test_nobody_answers() -> None:
     with pytest.raises(UserError, match="no run answers; start one"):
-        ask_for("udp://127.0.0.1:9", "trunk", 0.0, 0.0, 0.0, None, wait_s=0.2)
+        request_launch("udp://127.0.0.1:9", "trunk", 0.0, 0.0, 0.0, None, wait_s=0.2)
 
 
 @pytest.mark.parametrize(

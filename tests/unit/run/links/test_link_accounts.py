@@ -11,7 +11,7 @@ import pytest
 from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.memory import MemoryTransport, memory_pair
-from xitl_cli.run.links.link_accounts import LinkAccounts, state_of
+from xitl_cli.run.links.link_accounts import LinkAccounts, link_state
 from xitl_cli.run.links.link_timing import LockstepTiming
 
 Fate = Callable[[], int]
@@ -172,9 +172,9 @@ def test_the_record_says_the_same(pair: Pair) -> None:
     pair.start()
     pair.talk(10)
     report = pair.stop()[0]
-    state = state_of(report)
+    state = link_state(report)
     for name in ("name", "sent", "received", "lost", "gaps", "late", "repeated", "dropped", "unsent", "refused"):
         assert getattr(state, name) == getattr(report, name)
     assert state.latency_p50_s is None
     report.latency.add(2_000_000)
-    assert state_of(report).latency_max_s == pytest.approx(2e-3)
+    assert link_state(report).latency_max_s == pytest.approx(2e-3)

@@ -10,7 +10,7 @@ import pytest
 from agent.wire.can_transfer import NORMAL, URGENT, CanFrame, CanLine, Segmenter
 from agent.wire.transport import Transport, open_transport
 from xitl_cli.errors import UserError
-from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback, loopback_of
+from xitl_cli.run.links.loopback import CanLoopback, SerialLoopback, open_loopback
 
 WAIT_S = 5.0
 
@@ -92,15 +92,15 @@ def test_what_is_no_frame_goes_nowhere() -> None:
 
 
 def test_links_that_ask_for_a_line() -> None:
-    assert loopback_of("udp://127.0.0.1:14660") is None
-    assert loopback_of("serial:///dev/ttyS1?baud=9600") is None
-    assert loopback_of("can://slcan/dev/ttyACM0?bitrate=500000") is None
+    assert open_loopback("udp://127.0.0.1:14660") is None
+    assert open_loopback("serial:///dev/ttyS1?baud=9600") is None
+    assert open_loopback("can://slcan/dev/ttyACM0?bitrate=500000") is None
     for link in ("serial://pty?baud=921600", "can://slcan/pty?bitrate=1000000"):
-        line = loopback_of(link)
+        line = open_loopback(link)
         assert line is not None
         with open_transport(line.agent_url, True) as agent, open_transport(line.host_url, False) as host:
             assert host.send(b"hello")
             assert arrivals(agent, 5)[-1][1] == 5
         line.close()
     with pytest.raises(UserError, match=r"autopilot\.link: .*baud is missing"):
-        loopback_of("serial://pty")
+        open_loopback("serial://pty")

@@ -15,7 +15,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.inbox import AgentInbox
-from xitl_cli.run.links.peer import AgentOptions, Board, InProcess
+from xitl_cli.run.links.peer import AgentOptions, BoardAgent, InProcessAgent
 
 KEY = bytes(range(32))
 
@@ -25,7 +25,7 @@ KEY = bytes(range(32))
     [("udp://127.0.0.1:14660", "udp://127.0.0.1:14660"), ("udp://localhost:14660", "udp://usb0:14660")],
 )
 def test_an_agent_is_to_wait_at_the_address_of_the_link_alone(url: str, there: str) -> None:
-    board = Board(url, AgentOptions())
+    board = BoardAgent(url, AgentOptions())
     said = str(board.unreachable(6.0))
     board.close()
     assert said.startswith(f"{url}: no agent answered within 6 s; check that ")
@@ -34,14 +34,14 @@ def test_an_agent_is_to_wait_at_the_address_of_the_link_alone(url: str, there: s
 
 
 def test_a_companion_is_to_be_started_as_one() -> None:
-    board = Board("udp://127.0.0.1:14661", AgentOptions(companion=True))
+    board = BoardAgent("udp://127.0.0.1:14661", AgentOptions(companion=True))
     said = str(board.unreachable(6.0))
     board.close()
     assert said.startswith("udp://127.0.0.1:14661: no companion answered within 6 s; check that ")
     assert "`xitl agent --role companion --link udp://127.0.0.1:14661`" in said
 
 
-class Foreign(InProcess):
+class Foreign(InProcessAgent):
     """An agent whose every frame has another checksum, as that of a message with other fields has."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ def test_an_agent_that_does_not_sign_is_told_from_one_that_is_not_there(tmp_path
     profile = load_profile("hitl-beaglebone", given).runnable()
     inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, False, lambda stamp_ns, estimate: None)
     connection = AgentConnection("agent", profile, inbox, Signing(KEY))
-    peer = InProcess(AgentOptions())
+    peer = InProcessAgent(AgentOptions())
     with pytest.raises(UserError) as refusal:
         connection.reach(peer)
     peer.close()

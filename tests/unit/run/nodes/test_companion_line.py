@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 from xitl_cli.commands.sim_report import perception_rows
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.run.links.peer import OwnProcess
+from xitl_cli.run.links.peer import ProcessAgent
 from xitl_cli.run.nodes import companion as line
 from xitl_cli.run.session import INCOMPLETE, run
-from xitl_cli.run.view import Glance, NoView
+from xitl_cli.run.view import NoView, RunStatus
 
 PROFILE = """\
 extends: sitl
@@ -34,13 +34,13 @@ class Killer(NoView):
     """Kills the companion's process when a second has gone by."""
 
     def __init__(self) -> None:
-        self.peer: OwnProcess | None = None
+        self.peer: ProcessAgent | None = None
 
     def due(self) -> bool:
         return True
 
-    def show(self, glance: Glance) -> None:
-        if glance.sim_s > 1.0 and self.peer is not None:
+    def show(self, status: RunStatus) -> None:
+        if status.sim_s > 1.0 and self.peer is not None:
             self.peer._process.kill()
             self.peer = None
 

@@ -16,7 +16,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.profile.entry import ProfileError
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.core.seeds import Seeds
-from xitl_cli.run.nodes.river import river_of
+from xitl_cli.run.nodes.river import river_from_profile
 from xitl_cli.run.session import run
 from xitl_cli.run.view import NoView
 from xitl_cli.run.world.plant import Plant
@@ -121,7 +121,7 @@ def test_bad_debris_is_refused(value: str, problem: str) -> None:
 def test_nothing_is_put_on_land_by_hand() -> None:
     profile = load_profile("sitl-perception").runnable()
     simulation, state = build_simulation(profile, Seeds(1))
-    river = river_of(profile, Seeds(1), Plant(simulation, state, default_rng(1)), lambda: Progress(""))
+    river = river_from_profile(profile, Seeds(1), Plant(simulation, state, default_rng(1)), lambda: Progress(""))
     assert river is not None
     assert river.encounters.afloat(*profile.mission.waypoints_ned_m[0])
     boom = profile.world.log_boom

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xitl_cli.run.links.connection import Silence
-from xitl_cli.run.nodes.standby import Ramp, Switch, TakeoverDecision
+from xitl_cli.run.nodes.standby import AgentSwitch, MotorRamp, TakeoverDecision
 
 MS = 1_000_000
 PERIOD = 20 * MS
 
 
-def steer(takeover: TakeoverDecision, until_ms: int, speaks: dict[int, list[range]]) -> list[tuple[int, Switch]]:
+def steer(takeover: TakeoverDecision, until_ms: int, speaks: dict[int, list[range]]) -> list[tuple[int, AgentSwitch]]:
     """Every 20 ms those who speak are heard, then it is decided; (instant in ms, switch) of each switch."""
     switches = []
     for now_ms in range(0, until_ms, 20):
@@ -33,7 +33,7 @@ def test_nobody_takes_over_while_the_first_speaks() -> None:
 def test_the_standby_takes_over_after_the_set_time_and_keeps_it() -> None:
     takeover = TakeoverDecision(0.3)
     speaks = {0: [range(1000), range(2000, 4000)], 1: [range(4000)]}
-    assert steer(takeover, 4000, speaks) == [(1280, Switch(1, 300 * MS))]
+    assert steer(takeover, 4000, speaks) == [(1280, AgentSwitch(1, 300 * MS))]
     assert takeover.active == 1
 
 
@@ -63,7 +63,7 @@ commands = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, m
 
 @given(commands, st.floats(0.01, 1.0))
 def test_no_motor_jumps_further_than_the_step_on_the_way(wanted: list[tuple[float, float]], max_step: float) -> None:
-    ramp = Ramp(max_step)
+    ramp = MotorRamp(max_step)
     last = ramp.next((0.5, -0.5))
     ramp.start()
     for command in wanted:
@@ -78,7 +78,7 @@ def test_no_motor_jumps_further_than_the_step_on_the_way(wanted: list[tuple[floa
 
 
 def test_it_arrives_and_then_lets_everything_through() -> None:
-    ramp = Ramp(0.05)
+    ramp = MotorRamp(0.05)
     ramp.next((0.0, 0.0))
     ramp.start()
     on_the_way = [ramp.next((0.2, -0.12)) for _ in range(4)]
@@ -89,7 +89,7 @@ def test_it_arrives_and_then_lets_everything_through() -> None:
 
 
 def test_without_a_switch_everything_goes_through() -> None:
-    ramp = Ramp(0.05)
+    ramp = MotorRamp(0.05)
     for command in [(0.0, 0.0), (1.0, -1.0), (-1.0, 1.0)]:
         assert ramp.next(command) == command
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from sim_core.sensors.sonar import OVERHEAD_S, PingSettings, turning_s
 from xitl_cli.run.sensors import ping_protocol as wire
 from xitl_cli.run.sensors.ping360 import WAITING, Ping360Device
-from xitl_cli.run.sensors.ping_protocol import AutoTransmit, Frame, PingFramer, Transducer, packed
+from xitl_cli.run.sensors.ping_protocol import AutoTransmitCommand, PingFrame, PingFramer, TransducerCommand, pack_frame
 
 STEP_NS = 2_500_000
-COMMAND = Transducer(1, 1, 0, 32, 2000, 750, 200, 1)
-SCAN = AutoTransmit(1, 1, 32, 2000, 750, 200, 390, 10, 5, 0)
+COMMAND = TransducerCommand(1, 1, 0, 32, 2000, 750, 200, 1)
+SCAN = AutoTransmitCommand(1, 1, 32, 2000, 750, 200, 390, 10, 5, 0)
 
 
 class Bench:
@@ -24,7 +24,7 @@ class Bench:
     def __init__(self) -> None:
         self.device = Ping360Device()
         self.now_ns = 0
-        self.sent: list[tuple[float, Frame]] = []
+        self.sent: list[tuple[float, PingFrame]] = []
         self.pinged: list[PingSettings] = []
 
     def echo(self, settings: PingSettings) -> NDArray[np.uint8]:
@@ -32,7 +32,7 @@ class Bench:
         return np.full(settings.samples, len(self.pinged), np.uint8)
 
     def send(self, message: int, payload: bytes, destination: int = 0) -> None:
-        self.device.order(self.device.frames_in(packed(Frame(message, 0, destination, payload))))
+        self.device.enqueue(self.device.frames_in(pack_frame(PingFrame(message, 0, destination, payload))))
 
     def transducer(self, **changes: int) -> None:
         command = COMMAND._replace(**changes)
@@ -41,18 +41,18 @@ class Bench:
     def auto_transmit(self, **changes: int) -> None:
         self.send(wire.AUTO_TRANSMIT, wire._AUTO_TRANSMIT.pack(*SCAN._replace(**changes)))
 
-    def run(self, seconds: float) -> list[Frame]:
+    def run(self, seconds: float) -> list[PingFrame]:
         first = len(self.sent)
         until_ns = self.now_ns + round(seconds * 1e9)
         while self.now_ns < until_ns:
             self.now_ns += STEP_NS
             for data in self.device.advance(self.now_ns, self.echo):
-                (frame,) = PingFramer().take(data)
+                (frame,) = PingFramer().feed(data)
                 self.sent.append((self.now_ns * 1e-9, frame))
         return [frame for _, frame in self.sent[first:]]
 
 
-def angle_of(frame: Frame) -> int:
+def angle_of(frame: PingFrame) -> int:
     return int.from_bytes(frame.payload[2:4], "little")
 
 

@@ -17,7 +17,7 @@ from xitl_cli.profile.reader import read_group
 from xitl_cli.profile.schema.faults import FaultSpec
 from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.run.core.seeds import Seeds
-from xitl_cli.run.sensors.sensing import Sensing
+from xitl_cli.run.sensors.sensing import SensorSuite
 from xitl_cli.run.world.world import local_frame
 
 PHYSICS_HZ = 400
@@ -49,13 +49,15 @@ def motion(step: int) -> Kinematics:
     )
 
 
-def sensed(faults: dict[str, Any] | None, seconds: float, seed: int = 3) -> tuple[dict[str, dict[int, Any]], Sensing]:
+def sensed(
+    faults: dict[str, Any] | None, seconds: float, seed: int = 3
+) -> tuple[dict[str, dict[int, Any]], SensorSuite]:
     """Messages by sensor and stamp in µs."""
     profile = load_profile("sitl")
     assert profile.sensors is not None
     assert profile.site is not None
     made = None if faults is None else {name: fault_from(fault) for name, fault in faults.items()}
-    sensing = Sensing(profile.sensors, profile.site, PHYSICS_HZ, Seeds(seed), made)
+    sensing = SensorSuite(profile.sensors, profile.site, PHYSICS_HZ, Seeds(seed), made)
     by_sensor: dict[str, dict[int, Any]] = {name: {} for name in IDS.values()}
     for step in range(1, round(seconds * PHYSICS_HZ) + 1):
         for message in sensing.due(step, step * 1_000_000_000 // PHYSICS_HZ, motion(step), STILL_AIR):
