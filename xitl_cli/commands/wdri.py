@@ -6,10 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from xitl_cli.errors import UserError
 
@@ -59,11 +55,7 @@ def wdri(
 
         typer.echo(json.dumps((run or result).as_json(), ensure_ascii=False))
         return
-    console = Console(highlight=False)
-    for table in (_node_table(result), _link_table(result), _index_table(result)):
-        console.print(table)
-    if run is not None:
-        console.print(_difference_table(run))
+    _show(result, run)
 
 
 def _count(text: str | None) -> VertexCount | None:
@@ -78,55 +70,47 @@ def _count(text: str | None) -> VertexCount | None:
     raise UserError(f"--vertices = {text!r} is not a count of vertices; write architecture, present or 1 to 1000")
 
 
-def _node_table(result: Wdri) -> Table:
+def _show(result: Wdri, run: MeasuredRun | None) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
     from xitl_cli.profile.schema.graph import node_meaning
 
-    table = Table(title="Nodes", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("node", no_wrap=True)
-    table.add_column("is", ratio=3)
-    table.add_column("kind", no_wrap=True)
-    table.add_column("runs on", ratio=2)
-    table.add_column("weight", justify="right", no_wrap=True)
-    table.add_column("degree", justify="right", no_wrap=True)
-    for vertex, degree in zip(result.graph.vertices, result.graph.degrees(), strict=True):
-        table.add_row(
-            vertex.name,
-            Text(vertex.does or node_meaning(vertex.name)),
-            vertex.kind,
-            Text(vertex.runs_on or "-"),
-            f"{vertex.weight:g}",
-            str(degree),
-            style="dim" if vertex.kind == "absent" else None,
-        )
-    return table
-
-
-def _link_table(result: Wdri) -> Table:
-    table = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("", no_wrap=True)
-    for vertex in result.graph.vertices:
-        table.add_column(vertex.name, justify="right", no_wrap=True)
-    for vertex, row in zip(result.graph.vertices, result.graph.adjacency, strict=True):
-        table.add_row(vertex.name, *("1" if linked else "·" for linked in row))
-    return table
-
-
-def _index_table(result: Wdri) -> Table:
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(no_wrap=True)
-    table.add_column(justify="right", no_wrap=True)
-    table.add_column()
-    table.add_row("weighted degree", f"{result.d_w_sim:.4f}", f"over n = {result.n} vertices")
-    table.add_row(
-        "of the reference", f"{result.d_w_ref:.4f}", Text(f"over n = {result.n_ref} vertices: {result.reference}")
-    )
-    table.add_row(Text("WDRI", style="bold"), Text(f"{result.wdri:.4f}", style="bold"), "1 - |sim - ref| / ref")
-    return table
-
-
-def _difference_table(run: MeasuredRun) -> Table:
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_row("claimed by the profile", f"{run.claimed_wdri:.4f}")
-    table.add_row("claimed, but nothing was carried", Text(", ".join(run.missing) or "-"))
-    table.add_row("carried, but not claimed", Text(", ".join(run.unclaimed) or "-"))
-    return table
+    graph = result.graph
+    nodes = Table(title="Nodes", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    nodes.add_column("node", no_wrap=True)
+    nodes.add_column("is", ratio=3)
+    nodes.add_column("kind", no_wrap=True)
+    nodes.add_column("runs on", ratio=2)
+    nodes.add_column("weight", justify="right", no_wrap=True)
+    nodes.add_column("degree", justify="right", no_wrap=True)
+    for vertex, degree in zip(graph.vertices, graph.degrees(), strict=True):
+        does, runs_on = Text(vertex.does or node_meaning(vertex.name)), Text(vertex.runs_on or "-")
+        style = "dim" if vertex.kind == "absent" else None
+        nodes.add_row(vertex.name, does, vertex.kind, runs_on, f"{vertex.weight:g}", str(degree), style=style)
+    links = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    links.add_column("", no_wrap=True)
+    for vertex in graph.vertices:
+        links.add_column(vertex.name, justify="right", no_wrap=True)
+    for vertex, row in zip(graph.vertices, graph.adjacency, strict=True):
+        links.add_row(vertex.name, *("1" if linked else "·" for linked in row))
+    index = Table(box=None, show_header=False, pad_edge=False)
+    index.add_column(no_wrap=True)
+    index.add_column(justify="right", no_wrap=True)
+    index.add_column()
+    index.add_row("weighted degree", f"{result.d_w_sim:.4f}", f"over n = {result.n} vertices")
+    reference = Text(f"over n = {result.n_ref} vertices: {result.reference}")
+    index.add_row("of the reference", f"{result.d_w_ref:.4f}", reference)
+    index.add_row(Text("WDRI", style="bold"), Text(f"{result.wdri:.4f}", style="bold"), "1 - |sim - ref| / ref")
+    tables = [nodes, links, index]
+    if run is not None:
+        differences = Table(box=None, show_header=False, pad_edge=False)
+        differences.add_row("claimed by the profile", f"{run.claimed_wdri:.4f}")
+        differences.add_row("claimed, but nothing was carried", Text(", ".join(run.missing) or "-"))
+        differences.add_row("carried, but not claimed", Text(", ".join(run.unclaimed) or "-"))
+        tables.append(differences)
+    console = Console(highlight=False)
+    for table in tables:
+        console.print(table)
