@@ -34,10 +34,10 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
             return _refuse(str(error))
         standing = set_up(options.realtime, options.cpus)
         node.identity = node.identity._replace(standing=standing)
-        said = [f"xitl agent {agent.__version__}: {node.role.title} waits at {transport.address}"]
+        lines = [f"xitl agent {agent.__version__}: {node.role.title} waits at {transport.address}"]
         if node.role.addresses:
-            said.append(f"{node.role.peers}: {', '.join(node.role.addresses)}")
-        sys.stdout.write("\n".join([*said, *standing.said, ""]))
+            lines.append(f"{node.role.peers}: {', '.join(node.role.addresses)}")
+        sys.stdout.write("\n".join([*lines, *standing.problems, ""]))
         sys.stdout.flush()
         notify_ready()
         node.serve(lambda: not stop)
@@ -61,7 +61,7 @@ def end_with_parent(parent: int) -> None:
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
     except (AttributeError, OSError):
         return
-    if os.getppid() != parent:  # it ended before it could be said
+    if os.getppid() != parent:  # it ended before the system was asked
         os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -99,7 +99,7 @@ class AgentNode:
         self.role.serve_peers(self._now_ns)
 
     def _wait(self, timeout_s: float) -> float:
-        """Wait for all who may have something to say; returns what is left to wait for the host alone."""
+        """Wait for all peers that may send; returns what is left to wait for the host alone."""
         others = self.role.descriptors()
         if not others:
             return timeout_s

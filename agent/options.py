@@ -1,4 +1,4 @@
-"""What an agent is told at its start: on the command line, in a file, or by the program that it is a part of."""
+"""Options of an agent: from the command line, a file, or the program that it is a part of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The local tangent plane of the estimator: latitude and longitude to metres north and east, and back."""
+"""Positions on the Earth: degrees to metres north and east of the estimator's origin and back, home, gravity."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def normal_gravity_mps2(lat_deg: float) -> float:
 
 
 class Home(NamedTuple):
-    """Where the vessel was armed, or first knew where it was, or was told to call home."""
+    """Where the vessel was armed or first had a position, unless it was set."""
 
     lat_deg: float
     lon_deg: float

@@ -16,7 +16,7 @@ FOREVER = -1
 _LONGEST_S = 65535.0
 
 PLACES = (WAYPOINT, LOITER_UNLIMITED, LOITER_TIME)  # items with a position
-LEGS = (*PLACES, RETURN_HOME)  # items that are sailed to
+LEGS = (*PLACES, RETURN_HOME)  # items to go to
 SUPPORTED = {
     WAYPOINT: "waypoint",
     LOITER_UNLIMITED: "loiter",
@@ -90,16 +90,16 @@ def item_parameters(item: MissionItem) -> tuple[float, float, float, float]:
 
 
 class MissionSequence(NamedTuple):
-    """A checked sequence; `items[0]` is home and is never sailed to. Build it with `mission`."""
+    """A checked sequence; `items[0]` is home and is never gone to. Build it with `make_mission`."""
 
     items: tuple[MissionItem, ...] = ()
 
     def waypoints(self) -> tuple[int, ...]:
-        """Sequence numbers of what is sailed to."""
+        """Sequence numbers of the items to go to."""
         return tuple(seq for seq, item in enumerate(self.items) if seq > 0 and item.command in LEGS)
 
     def next_waypoint(self, seq: int) -> int | None:
-        """The first item at or after `seq` that is sailed to, not counting home and jumps."""
+        """The first item to go to at or after `seq`, not counting home and jumps."""
         for candidate in range(max(seq, 1), len(self.items)):
             if self.items[candidate].command in LEGS:
                 return candidate

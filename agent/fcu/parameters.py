@@ -125,7 +125,6 @@ TABLE: tuple[Parameter, ...] = tuple(
 )
 
 _BY_NAME: dict[str, Parameter] = {row.name: row for row in TABLE}
-_INDEX: dict[str, int] = {row.name: index for index, row in enumerate(TABLE)}
 
 
 class ParameterError(ValueError):
@@ -190,11 +189,6 @@ def within(row: Parameter, value: float) -> float:
         unit = f" {row.unit}" if row.unit else ""
         raise ParameterError(f"{row.name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
     return float(min(max(value, row.low), row.high))
-
-
-def index_of(name: str) -> int:
-    """Place in the table, or -1."""
-    return _INDEX.get(name, -1)
 
 
 def load_parm(text: str, source: str = "parameters") -> dict[str, float]:

@@ -13,7 +13,7 @@ from agent.wire.codec import Message
 class Traffic(NamedTuple):
     """What has passed between the node's own parts since the run began, what was refused, and what got lost.
 
-    stations_missed: what ground stations did not get, or said in vain. events_lost: sentences that nobody took in time.
+    stations_missed: what ground stations did not get, or said in vain. events_lost: dropped before they were sent.
     """
 
     estimates: int = 0
@@ -90,7 +90,7 @@ class Role:
         return ()
 
     def descriptors(self) -> Sequence[int]:
-        """What becomes readable when others have something to say."""
+        """What becomes readable when peers have sent something."""
         return ()
 
     def serve_peers(self, now: Callable[[], int]) -> None:

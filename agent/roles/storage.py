@@ -31,7 +31,7 @@ class _Contents(NamedTuple):
 
 
 class Storage:
-    """See `Keeper`. Raises StorageError from the constructor; a failed write is said as an event."""
+    """See `SettingsStorage`. Raises StorageError from the constructor; a failed write becomes an event."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -45,7 +45,7 @@ class Storage:
         self._thread.start()
 
     def apply(self, autopilot: Autopilot) -> None:
-        """Put in force what is kept; what does not fit this version any more is left out and said."""
+        """Put in force what is kept; what does not fit this version any more is left out, with an event."""
         contents = self._contents
         for name, value in contents.parameters.items():
             try:
@@ -81,7 +81,7 @@ class Storage:
         self._keep(self._contents._replace(parameters={}))
 
     def report(self, autopilot: Autopilot) -> None:
-        """Say it once when a write failed."""
+        """Add an event, once, when a write has failed."""
         problem, self._problem = self._problem, ""
         if problem:
             autopilot.events.add(ERROR, problem)

@@ -1,7 +1,7 @@
 """What Linux does for a process with deadlines: a fixed priority, memory that stays, processors of its own.
 
 Each function returns an empty text when it is done, else one sentence: what is not, why, and what to do. Nothing here
-raises for want of permission: an agent without it still works, and says how well.
+raises for want of permission: an agent without it still works, and reports how well.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _CAP_IPC_LOCK = 14
 
 
 class RealtimeState(NamedTuple):
-    """How the process runs. priority: of SCHED_FIFO, 0 for none. said: what was asked for and is not so."""
+    """How the process runs. priority: of SCHED_FIFO, 0 for none. problems: what was asked for and is not so."""
 
     priority: int = 0
     memory_locked: bool = False
     pinned: bool = False
-    said: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
 
 
 def set_up(priority: int, cpus: Sequence[int]) -> RealtimeState:
@@ -43,7 +43,7 @@ def set_up(priority: int, cpus: Sequence[int]) -> RealtimeState:
         priority=priority if priority and not scheduled else 0,
         memory_locked=bool(priority and not locked),
         pinned=bool(cpus and not pinned),
-        said=tuple(sentence for sentence in (pinned, locked, scheduled) if sentence),
+        problems=tuple(sentence for sentence in (pinned, locked, scheduled) if sentence),
     )
 
 

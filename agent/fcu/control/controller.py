@@ -1,4 +1,4 @@
-"""The controller: what steers toward the heading and speed that the modes ask for. It can be replaced.
+"""The controller: thrust and steering toward the heading and speed that the modes ask for. It can be replaced.
 
 A controller is a class built with the Parameters; see `Controller` for its methods and docs/controller.md for how to
 write one. The autopilot's own is `agent.fcu.control.heading_speed.HeadingSpeedController`.
@@ -136,7 +136,7 @@ def _is_controller(value: object) -> bool:
 class ControllerGuard:
     """Stands between the autopilot and a controller: what it does wrong costs neutral outputs, nothing else.
 
-    `failures` counts; each spell of them is said once, and its end. `problem` says why there is no controller at all.
+    `failures` counts; the first of a spell is an event, and its end. `problem` says why there is no controller at all.
     """
 
     def __init__(self, make: MakeController, parameters: Parameters, events: EventQueue) -> None:

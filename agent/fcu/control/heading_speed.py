@@ -110,19 +110,6 @@ def turn_rate_control(
     return SteeringState(desired, integral, rate_radps, derivative), _clamped(direct + integral, 1.0)
 
 
-def heading_control(
-    gains: SteeringGains,
-    state: SteeringState,
-    heading_rad: float,
-    yaw_rad: float,
-    rate_radps: float,
-    limited: bool,
-    dt_s: float,
-) -> tuple[SteeringState, float]:
-    """Steering demand in [-1, 1] toward `heading_rad`; see `turn`."""
-    return turn_rate_control(gains, state, heading_rate_radps(gains, heading_rad, yaw_rad), rate_radps, limited, dt_s)
-
-
 def speed_control(
     gains: SpeedGains, state: SpeedState, target_mps: float, speed_mps: float, limited: bool, dt_s: float
 ) -> tuple[SpeedState, float]:

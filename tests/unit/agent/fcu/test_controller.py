@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
-from crew import Ship
+from steered_boat import SteeredBoat
 
 from agent.fcu.control.controller import ControllerError, Demand, Motors, Order, load_controller
 from agent.fcu.control.heading_speed import HeadingSpeedController
@@ -52,7 +52,7 @@ def scripted(*given: Any) -> Any:
 
 @pytest.mark.parametrize("spec", [None, EXAMPLE], ids=["built in", "example"])
 def test_a_mission_is_flown_in_a_current(spec: str | None) -> None:
-    ship = Ship(
+    ship = SteeredBoat(
         Boat(current_ne_mps=(0.3, -0.2), yaw_rad=1.0), None if spec is None else load_controller(spec), WP_SPEED=2.0
     )
     items = [waypoint(LAT_DEG, LON_DEG), *(waypoint(*degrees(*place)) for place in SQUARE)]
@@ -74,7 +74,7 @@ def test_a_mission_is_flown_in_a_current(spec: str | None) -> None:
 
 
 def test_the_example_is_not_the_built_in_one() -> None:
-    order, estimate = Order(0.5, 0.0, 1.0), Ship().autopilot.state.estimate
+    order, estimate = Order(0.5, 0.0, 1.0), SteeredBoat().autopilot.state.estimate
     built_in, example = (
         make(Parameters()).control(order, estimate, 0.02) for make in (HeadingSpeedController, load_controller(EXAMPLE))
     )
@@ -101,7 +101,7 @@ def test_the_example_is_not_the_built_in_one() -> None:
 def test_a_failing_controller_is_neutral_said_once_and_counted(answer: Any) -> None:
     """Fine, then five failures, then fine again."""
     make = scripted(*[Demand(0.5, 0.0)] * 50, *[answer] * 5, Demand(0.5, 0.0))
-    ship = Ship(make_controller=make, MOT_SLEWRATE=0.0).set_out(modes.LOITER)
+    ship = SteeredBoat(make_controller=make, MOT_SLEWRATE=0.0).set_out(modes.LOITER)
     seen: list[tuple[float, ...]] = []
     ship.sail(2.0, lambda: bool(seen.append(ship.command)))
     going = pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
@@ -116,16 +116,16 @@ def test_a_failing_controller_is_neutral_said_once_and_counted(answer: Any) -> N
 
 
 def test_answers_are_limited_and_motors_go_out_as_they_are() -> None:
-    ship = Ship(make_controller=scripted(Motors(0.25, -7.0))).set_out(modes.LOITER)
+    ship = SteeredBoat(make_controller=scripted(Motors(0.25, -7.0))).set_out(modes.LOITER)
     ship.sail(0.1)
     assert ship.command == (0.25, -1.0)
-    ship = Ship(make_controller=scripted(Demand(9.0, 0.0))).set_out(modes.LOITER)
+    ship = SteeredBoat(make_controller=scripted(Demand(9.0, 0.0))).set_out(modes.LOITER)
     ship.sail(2.0)
     assert ship.command == (1.0, 1.0)
 
 
 def test_what_is_asked_of_it() -> None:
-    ship = Ship(make_controller=scripted(Demand(2.0, 2.0)), ACRO_TURN_RATE=30.0, RC1_DZ=0.0).set_out(modes.ACRO)
+    ship = SteeredBoat(make_controller=scripted(Demand(2.0, 2.0)), ACRO_TURN_RATE=30.0, RC1_DZ=0.0).set_out(modes.ACRO)
     ship.hold_sticks(0.3, 1000, 0)
     order = ship.autopilot.controller._controller.orders[-1]
     assert (order.heading_rad, order.speed_mps) == (None, 0.0)
@@ -137,7 +137,7 @@ def test_a_constructor_that_raises_keeps_the_vessel_in_harbour() -> None:
     def make(parameters: Parameters) -> Any:
         raise RuntimeError("no model file")
 
-    ship = Ship(make_controller=make)
+    ship = SteeredBoat(make_controller=make)
     ship.sail(12.0)
     assert ship.autopilot.arm() == ("Controller: RuntimeError: no model file",)
     assert ship.autopilot.arm(force=True) == ()
@@ -191,7 +191,7 @@ def test_the_documented_one_works() -> None:
     source = text.split("```python\n")[1].split("```")[0]
     scope: dict[str, Any] = {}
     exec(source, scope)
-    ship = Ship(make_controller=scope["Proportional"]).set_out(modes.GUIDED)
+    ship = SteeredBoat(make_controller=scope["Proportional"]).set_out(modes.GUIDED)
     ship.repeat(20.0, lambda: ship.autopilot.commands.set_course(1.0, 1.0))
     assert ship.boat.yaw_rad == pytest.approx(1.0, abs=0.15)
     assert ship.speed_mps == pytest.approx(1.0, abs=0.5)
@@ -207,7 +207,7 @@ def test_it_is_restarted_once_when_it_stops_steering() -> None:
         def restart(self) -> None:
             restarts.append(len(self.orders))
 
-    ship = Ship(make_controller=Counting).set_out(modes.LOITER)
+    ship = SteeredBoat(make_controller=Counting).set_out(modes.LOITER)
     assert restarts == []
     ship.sail(1.0)
     ship.autopilot.set_mode(modes.HOLD)

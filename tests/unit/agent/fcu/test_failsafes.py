@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from boat import LAT_DEG, LON_DEG, degrees
-from crew import Ship
+from steered_boat import SteeredBoat
 
 from agent.fcu.estimation.position_filter import InnovationRatios
 from agent.fcu.mission import make_mission, waypoint
@@ -16,14 +16,14 @@ SECOND = 1_000_000_000
 AFAR = make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(500.0, 0.0))])
 
 
-def under_way(mode: int, **parameters: float) -> Ship:
-    ship = Ship(FS_GCS_ENABLE=parameters.pop("FS_GCS_ENABLE", 1), **parameters)
+def under_way(mode: int, **parameters: float) -> SteeredBoat:
+    ship = SteeredBoat(FS_GCS_ENABLE=parameters.pop("FS_GCS_ENABLE", 1), **parameters)
     ship.autopilot.commands.set_mission(AFAR)
     ship.set_out(mode)
     return ship
 
 
-def hear(ship: Ship, seconds: float, system_id: int = 255) -> None:
+def hear(ship: SteeredBoat, seconds: float, system_id: int = 255) -> None:
     for _ in range(round(seconds)):
         ship.autopilot.failsafes.heard_ground_station(system_id, ship.boat.time_ns)
         ship.sail(1.0)

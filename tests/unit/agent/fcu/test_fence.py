@@ -6,9 +6,9 @@ import math
 
 import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
-from crew import Ship
 from hypothesis import given
 from hypothesis import strategies as st
+from steered_boat import SteeredBoat
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, Fence, FenceError, FenceItem
 from agent.fcu.geodetic import Home, LocalProjection
@@ -99,7 +99,7 @@ def test_a_regular_polygon_lies_between_its_circles(
     ],
 )
 def test_what_is_no_fence_is_refused_and_the_old_one_kept(items: list[FenceItem], words: str) -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     old = [circle(CIRCLE_IN, 0.0, 0.0, 50.0)]
     assert ship.autopilot.commands.set_fence(old) == ""
     assert words in ship.autopilot.commands.set_fence(items)
@@ -113,7 +113,9 @@ def test_what_is_no_fence_is_refused_and_the_old_one_kept(items: list[FenceItem]
     [(0, "ACRO", "Fence breached"), (1, "RTL", "Fence breached, RTL"), (2, "HOLD", "Fence breached, HOLD")],
 )
 def test_a_breach_acts_says_so_once_and_is_over_inside(action: int, mode: str, said: str) -> None:
-    ship = Ship(FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=25.0, FENCE_ACTION=action, RC3_DZ=0.0).set_out(modes.ACRO)
+    ship = SteeredBoat(FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=25.0, FENCE_ACTION=action, RC3_DZ=0.0).set_out(
+        modes.ACRO
+    )
     ship.hold_sticks(14.5, 0, 600)
     assert ship.boat.north_m > 25.0
     assert ship.mode == mode
@@ -129,7 +131,7 @@ def test_a_breach_acts_says_so_once_and_is_over_inside(action: int, mode: str, s
 
 
 def test_who_takes_over_outside_is_told_again_only_further_out() -> None:
-    ship = Ship(FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=15.0, FENCE_ACTION=2).set_out(modes.ACRO)
+    ship = SteeredBoat(FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=15.0, FENCE_ACTION=2).set_out(modes.ACRO)
     ship.hold_sticks(12.0, 0, 600)
     assert ship.mode == "HOLD"
     out_m = ship.boat.north_m
@@ -143,20 +145,20 @@ def test_who_takes_over_outside_is_told_again_only_further_out() -> None:
 
 
 def test_arming_outside_is_refused() -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     ship.sail(12.0)
     assert ship.autopilot.commands.set_fence([circle(CIRCLE_IN, 200.0, 0.0, 50.0)]) == ""
     assert ship.autopilot.commands.enable_fence(True) == ""
     assert ship.autopilot.arm() == ("Fence: vessel is outside",)
     assert ship.autopilot.commands.enable_fence(False) == ""
     assert ship.autopilot.arm() == ()
-    early = Ship(FENCE_ENABLE=1)
+    early = SteeredBoat(FENCE_ENABLE=1)
     early.sail(1.0)
     assert "Fence: needs a position" in early.autopilot.arm()
 
 
 def test_guided_keeps_its_margin() -> None:
-    ship = Ship(Boat(), FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=50.0, FENCE_MARGIN=5.0).set_out(modes.GUIDED)
+    ship = SteeredBoat(Boat(), FENCE_ENABLE=1, FENCE_TYPE=2, FENCE_RADIUS=50.0, FENCE_MARGIN=5.0).set_out(modes.GUIDED)
     assert "inside the fence" in ship.autopilot.commands.go_to(*degrees(47.0, 0.0))
     assert ship.autopilot.commands.go_to(*degrees(43.0, 0.0)) == ""
     assert "inside the fence" in ship.autopilot.commands.go_to_local(0.0, 60.0)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
-from crew import Ship
+from steered_boat import SteeredBoat
 
 from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.vehicle import modes
@@ -16,7 +16,7 @@ CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 
 
 def test_guided_goes_to_a_place_and_stays_there() -> None:
-    ship = Ship(Boat(current_ne_mps=(0.0, 0.4))).set_out(modes.GUIDED)
+    ship = SteeredBoat(Boat(current_ne_mps=(0.0, 0.4))).set_out(modes.GUIDED)
     here = (ship.boat.north_m, ship.boat.east_m)
     ship.sail(10.0)
     assert ship.distance_m(*here) < 2.3  # no target: it stays
@@ -38,7 +38,7 @@ def test_guided_goes_to_a_place_and_stays_there() -> None:
 
 @pytest.mark.parametrize("current", CURRENTS, ids=str)
 def test_guided_follows_a_velocity_and_stops_when_it_is_not_repeated(current: tuple[float, float]) -> None:
-    ship = Ship(Boat(current_ne_mps=current)).set_out(modes.GUIDED)
+    ship = SteeredBoat(Boat(current_ne_mps=current)).set_out(modes.GUIDED)
     ship.repeat(40.0, lambda: ship.autopilot.commands.set_velocity(1.2, 1.6))
     vn, ve = ship.boat.vel_ne_mps
     assert (vn, ve) == pytest.approx((1.2, 1.6), abs=0.15)
@@ -56,7 +56,7 @@ def test_guided_follows_a_velocity_and_stops_when_it_is_not_repeated(current: tu
 
 
 def test_guided_velocity_with_a_heading_may_go_astern() -> None:
-    ship = Ship().set_out(modes.GUIDED)
+    ship = SteeredBoat().set_out(modes.GUIDED)
     ship.repeat(15.0, lambda: ship.autopilot.commands.set_velocity(-0.8, 0.0, yaw_rad=0.0))
     assert ship.boat.surge_mps == pytest.approx(-0.8, abs=0.15)
     assert abs(ship.boat.yaw_rad) < 0.1
@@ -65,7 +65,7 @@ def test_guided_velocity_with_a_heading_may_go_astern() -> None:
 
 
 def test_guided_course_and_turn_rate() -> None:
-    ship = Ship().set_out(modes.GUIDED)
+    ship = SteeredBoat().set_out(modes.GUIDED)
     ship.repeat(20.0, lambda: ship.autopilot.commands.set_course(math.radians(100.0), 1.5))
     assert math.degrees(ship.boat.yaw_rad) == pytest.approx(100.0, abs=3.0)
     assert ship.speed_mps == pytest.approx(1.5, abs=0.1)
@@ -96,7 +96,7 @@ def test_guided_course_and_turn_rate() -> None:
     ],
 )
 def test_refused_orders_say_why(order, words: str) -> None:
-    ship = Ship().set_out(modes.GUIDED)
+    ship = SteeredBoat().set_out(modes.GUIDED)
     ship.autopilot.events.drain()
     assert words in order(ship.autopilot)
     assert words in ship.autopilot.events.drain()[0].text
@@ -104,13 +104,13 @@ def test_refused_orders_say_why(order, words: str) -> None:
 
 
 def test_targets_are_for_guided_only() -> None:
-    ship = Ship().set_out(modes.LOITER)
+    ship = SteeredBoat().set_out(modes.LOITER)
     assert "targets are for GUIDED; the mode is LOITER" in ship.autopilot.commands.go_to(*degrees(10.0, 0.0))
     assert ship.autopilot.guided_target is None
 
 
 def test_a_target_given_before_arming_is_kept_and_a_stale_velocity_is_not() -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     ship.sail(12.0)
     assert ship.autopilot.set_mode(modes.GUIDED) == ""
     assert ship.autopilot.commands.set_velocity(2.0, 0.0) == ""
@@ -127,7 +127,7 @@ def test_a_target_given_before_arming_is_kept_and_a_stale_velocity_is_not() -> N
 
 @pytest.mark.parametrize("mode", [modes.GUIDED, modes.AUTO])
 def test_a_change_of_speed_is_for_the_mode_it_was_asked_in(mode: int) -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     ship.autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(300.0, 0.0))]))
     ship.set_out(mode)
     if mode == modes.GUIDED:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 from boat import LAT_DEG, LON_DEG, Boat, degrees
-from crew import Ship
+from steered_boat import SteeredBoat
 
 from agent.fcu.control.guidance import GuidanceGains, StationKeeping
 from agent.fcu.geodetic import LocalProjection
@@ -19,7 +19,7 @@ CURRENTS = [(0.0, 0.0), (0.5, 0.0), (-0.35, 0.35)]
 
 def test_manual_passes_the_sticks_through_and_centres_them_when_nobody_holds_them() -> None:
     """Thrust 1 is both full ahead; half of it is a command of sqrt(0.5), the thrust being square in the command."""
-    ship = Ship(MOT_SLEWRATE=0.0, RC3_DZ=0.0, RC1_DZ=0.0).set_out(modes.MANUAL)
+    ship = SteeredBoat(MOT_SLEWRATE=0.0, RC3_DZ=0.0, RC1_DZ=0.0).set_out(modes.MANUAL)
     ship.hold_sticks(0.3, 0, 500)
     assert ship.command == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
     ship.hold_sticks(0.3, 250, 0)
@@ -31,7 +31,7 @@ def test_manual_passes_the_sticks_through_and_centres_them_when_nobody_holds_the
 
 
 def test_acro_turns_and_sails_at_what_the_sticks_say() -> None:
-    ship = Ship(ACRO_TURN_RATE=20.0, SPEED_MAX=4.0, RC1_DZ=0.0, RC3_DZ=0.0).set_out(modes.ACRO)
+    ship = SteeredBoat(ACRO_TURN_RATE=20.0, SPEED_MAX=4.0, RC1_DZ=0.0, RC3_DZ=0.0).set_out(modes.ACRO)
     ship.hold_sticks(10.0, 500, 500)
     assert math.degrees(ship.boat.yaw_rate_radps) == pytest.approx(10.0, abs=1.0)
     assert ship.speed_mps == pytest.approx(2.0, abs=0.15)
@@ -46,7 +46,7 @@ def test_acro_turns_and_sails_at_what_the_sticks_say() -> None:
 
 def test_steering_turns_by_lateral_acceleration_and_on_the_spot_by_turn_rate() -> None:
     """Full stick is ATC_TURN_MAX_G across: a rate of a/v."""
-    ship = Ship(SPEED_MAX=4.0, ATC_TURN_MAX_G=0.1, RC1_DZ=0.0, RC3_DZ=0.0).set_out(modes.STEERING)
+    ship = SteeredBoat(SPEED_MAX=4.0, ATC_TURN_MAX_G=0.1, RC1_DZ=0.0, RC3_DZ=0.0).set_out(modes.STEERING)
     ship.hold_sticks(12.0, 500, 750)
     assert ship.speed_mps == pytest.approx(3.0, abs=0.2)
     assert ship.boat.yaw_rate_radps * ship.speed_mps == pytest.approx(0.5 * 0.1 * 9.81, rel=0.15)
@@ -57,7 +57,7 @@ def test_steering_turns_by_lateral_acceleration_and_on_the_spot_by_turn_rate() -
 
 
 def test_hold_is_neutral() -> None:
-    ship = Ship().set_out(modes.HOLD)
+    ship = SteeredBoat().set_out(modes.HOLD)
     ship.hold_sticks(1.0, 500, 500)
     assert ship.command == (0.0, 0.0)
 
@@ -67,7 +67,9 @@ def test_hold_is_neutral() -> None:
 @pytest.mark.slow
 def test_loiter_keeps_its_place_in_a_current(current: tuple[float, float], loiter_type: int) -> None:
     """Within the radius once it has settled; 0.3 m more for what the estimate is off."""
-    ship = Ship(Boat(current_ne_mps=current, yaw_rad=2.0), LOIT_RADIUS=3.0, LOIT_TYPE=loiter_type).set_out(modes.LOITER)
+    ship = SteeredBoat(Boat(current_ne_mps=current, yaw_rad=2.0), LOIT_RADIUS=3.0, LOIT_TYPE=loiter_type).set_out(
+        modes.LOITER
+    )
     here = (ship.boat.north_m, ship.boat.east_m)
     ship.sail(40.0)
     far: list[float] = []
@@ -94,7 +96,7 @@ def test_which_end_goes_first(loiter_type: int, yaw_deg: float, heading_deg: flo
 
 
 def test_loiter_starts_where_the_vessel_can_stop() -> None:
-    ship = Ship(RC3_DZ=0.0).set_out(modes.ACRO)
+    ship = SteeredBoat(RC3_DZ=0.0).set_out(modes.ACRO)
     ship.hold_sticks(12.0, 0, 600)
     start_m, speed_mps = ship.boat.north_m, ship.boat.surge_mps
     ship.autopilot.set_mode(modes.LOITER)
@@ -106,7 +108,7 @@ def test_loiter_starts_where_the_vessel_can_stop() -> None:
 
 
 def test_rtl_comes_home_at_its_speed_and_stays() -> None:
-    ship = Ship(Boat(current_ne_mps=(0.3, 0.2)), RTL_SPEED=2.0, RC3_DZ=0.0).set_out(modes.ACRO)
+    ship = SteeredBoat(Boat(current_ne_mps=(0.3, 0.2)), RTL_SPEED=2.0, RC3_DZ=0.0).set_out(modes.ACRO)
     home = (ship.boat.north_m, ship.boat.east_m)
     ship.hold_sticks(25.0, 200, 700)
     assert ship.distance_m(*home) > 25.0
@@ -123,7 +125,7 @@ def test_rtl_comes_home_at_its_speed_and_stays() -> None:
 
 @pytest.mark.parametrize("mode", [modes.STEERING, modes.LOITER, modes.RTL, modes.GUIDED])
 def test_modes_that_steer_by_the_position_need_one_when_armed(mode: int) -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     ship.sail(1.0)
     assert ship.autopilot.arm(force=True) == ()
     assert "needs a position" in ship.autopilot.set_mode(mode)
@@ -133,7 +135,7 @@ def test_modes_that_steer_by_the_position_need_one_when_armed(mode: int) -> None
 
 @pytest.mark.parametrize(("behave", "mode"), [(0, "HOLD"), (1, "LOITER")])
 def test_what_a_mission_ends_in(behave: int, mode: str) -> None:
-    ship = Ship(MIS_DONE_BEHAVE=behave)
+    ship = SteeredBoat(MIS_DONE_BEHAVE=behave)
     ship.autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(15.0, 0.0))]))
     ship.set_out(modes.AUTO)
     ship.sail(30.0)
@@ -142,7 +144,7 @@ def test_what_a_mission_ends_in(behave: int, mode: str) -> None:
 
 
 def test_home_that_moves_is_gone_to() -> None:
-    ship = Ship().set_out(modes.RTL)
+    ship = SteeredBoat().set_out(modes.RTL)
     ship.sail(5.0)
     assert ship.autopilot.commands.set_home(*degrees(30.0, 0.0), 0.0) == ""
     ship.sail(30.0)

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 from boat import LAT_DEG, LON_DEG, degrees
-from crew import Ship
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from steered_boat import SteeredBoat
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, FenceItem
 from agent.fcu.mission import MissionItem, change_speed, item_problem, jump, make_mission, waypoint
@@ -66,13 +66,13 @@ TIMED = ("rc_override", "manual_control", "heard_ground_station")
 
 
 @pytest.fixture(scope="module")
-def ready() -> Ship:
-    ship = Ship()
+def ready() -> SteeredBoat:
+    ship = SteeredBoat()
     ship.sail(12.0)
     return ship
 
 
-def give(ship: Ship, name: str, values: tuple[Any, ...]) -> None:
+def give(ship: SteeredBoat, name: str, values: tuple[Any, ...]) -> None:
     autopilot = ship.autopilot
     if name == "mission":
         items = [item for item in values[0] if not item_problem(item, len(values[0]) + 1)]
@@ -90,7 +90,7 @@ def give(ship: Ship, name: str, values: tuple[Any, ...]) -> None:
 @settings(max_examples=200)
 @given(st.sampled_from(list(modes.NAMES)), st.booleans(), st.lists(ORDERS, min_size=3, max_size=25))
 def test_any_orders_in_any_sequence_keep_the_outputs_finite(
-    ready: Ship, mode: int, armed: bool, orders: list[tuple[Any, ...]]
+    ready: SteeredBoat, mode: int, armed: bool, orders: list[tuple[Any, ...]]
 ) -> None:
     ship = copy.deepcopy(ready)
     ship.autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), waypoint(*degrees(30.0, 10.0))]))
@@ -110,9 +110,9 @@ def test_any_orders_in_any_sequence_keep_the_outputs_finite(
     assert math.isfinite(ship.autopilot.state.speed_error_mps)
 
 
-def without_anything() -> Ship:
+def without_anything() -> SteeredBoat:
     """Samples of the IMU only."""
-    ship = Ship()
+    ship = SteeredBoat()
     for _ in range(100):
         ship.autopilot.estimator.on_imu(ship.sensors.imu(ship.boat))
         ship.boat.step((0.0, 0.0))
@@ -140,7 +140,7 @@ def test_arming_checks_are_bits(checks: int, mode: int, names: set[str]) -> None
 
 
 def test_a_receiver_without_a_fix_matters_to_modes_that_steer_by_it() -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     ship.sensors.latency_ns = 10**12
     ship.sail(14.0)
     for mode in (modes.MANUAL, modes.ACRO, modes.HOLD):
@@ -164,7 +164,7 @@ def test_by_force_the_checks_are_skipped_and_it_is_said() -> None:
 
 
 def test_home_moves_at_arming_unless_it_was_set() -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     assert "before there is a position" in ship.autopilot.commands.set_home(*degrees(5.0, 5.0), 0.0)
     ship.sail(12.0)
     first = ship.autopilot.navigator.home
@@ -183,7 +183,7 @@ def test_home_moves_at_arming_unless_it_was_set() -> None:
 
 
 def test_going_on_from_an_item() -> None:
-    ship = Ship()
+    ship = SteeredBoat()
     items = [waypoint(*degrees(north_m, 0.0)) for north_m in (0.0, 10.0, 20.0, 30.0)]
     ship.autopilot.commands.set_mission(make_mission([*items[:3], change_speed(2.0), items[3], change_speed(1.0)]))
     assert ship.autopilot.commands.set_current(2) == ""

@@ -1,4 +1,4 @@
-"""An armed boat in a mode, and what the crew reads off it."""
+"""A boat under an autopilot: set out in a mode, steered for a time, and its readings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LEVEL_S = 12.0
 QUIET = Noise(gnss_drift_m=0.0)
 
 
-class Ship:
+class SteeredBoat:
     """A boat with its autopilot under way. `say` are the events so far."""
 
     def __init__(
@@ -44,7 +44,7 @@ class Ship:
 
         sail(self.boat, self.sensors, self.autopilot, seconds, each)
 
-    def set_out(self, mode: int) -> Ship:
+    def set_out(self, mode: int) -> SteeredBoat:
         """Level, choose a mode, arm."""
         self.sail(LEVEL_S)
         assert self.autopilot.set_mode(mode) == ""

@@ -15,8 +15,9 @@ from agent.fcu.control.heading_speed import (
     SteeringGains,
     SteeringState,
     ground_speed_mps,
-    heading_control,
+    heading_rate_radps,
     speed_control,
+    turn_rate_control,
 )
 from agent.fcu.parameters import Parameters
 
@@ -29,7 +30,7 @@ def test_heading_settles_against_a_steady_moment() -> None:
     """The full-size vessel's yaw with a disturbance of a fifth of full steering: no error remains."""
     yaw, rate, state = 2.5, 0.0, SteeringState()
     for _ in range(2000):
-        state, demand = heading_control(STEERING, state, -2.8, yaw, rate, False, DT)
+        state, demand = turn_rate_control(STEERING, state, heading_rate_radps(STEERING, -2.8, yaw), rate, False, DT)
         moment = 190.0 * demand + 38.0 - 150.0 * rate - 200.0 * rate * abs(rate)
         rate += moment / 64.0 * DT
         yaw += rate * DT
@@ -40,7 +41,7 @@ def test_heading_settles_against_a_steady_moment() -> None:
 def test_turn_rate_and_its_change_are_limited() -> None:
     state, rates = SteeringState(), []
     for _ in range(100):
-        state, _ = heading_control(STEERING, state, 3.0, 0.0, 0.0, False, DT)
+        state, _ = turn_rate_control(STEERING, state, heading_rate_radps(STEERING, 3.0, 0.0), 0.0, False, DT)
         rates.append(state.desired_rate_radps)
     assert max(rates) == pytest.approx(math.radians(30.0))
     assert max(b - a for a, b in itertools.pairwise(rates)) <= math.radians(90.0) * DT * 1.0001
@@ -67,7 +68,7 @@ def test_integrals_do_not_wind_up_while_limited() -> None:
     speed, steering = SpeedState(3.0, 0.1), SteeringState(0.0, 0.1)
     for _ in range(500):
         speed, _ = speed_control(SPEED, speed, 3.0, 0.0, True, DT)
-        steering, _ = heading_control(STEERING, steering, 1.0, 0.0, 0.0, True, DT)
+        steering, _ = turn_rate_control(STEERING, steering, heading_rate_radps(STEERING, 1.0, 0.0), 0.0, True, DT)
     assert speed.integral == 0.1
     assert steering.integral == 0.1
     speed, _ = speed_control(SPEED, speed, 3.0, 4.0, True, DT)
@@ -88,5 +89,9 @@ def test_ground_speed_astern_is_negative_and_at_rest_zero() -> None:
 
 @given(*[st.floats(-1e3, 1e3) for _ in range(4)])
 def test_demands_stay_within_full(heading: float, yaw: float, rate: float, speed: float) -> None:
-    assert -1.0 <= heading_control(STEERING, SteeringState(), heading, yaw, rate, False, DT)[1] <= 1.0
+    assert (
+        -1.0
+        <= turn_rate_control(STEERING, SteeringState(), heading_rate_radps(STEERING, heading, yaw), rate, False, DT)[1]
+        <= 1.0
+    )
     assert -1.0 <= speed_control(SPEED, SpeedState(0.0), heading, speed, False, DT)[1] <= 1.0
