@@ -17,7 +17,7 @@ from xitl_cli.logs.tables.events import (
     event_name,
     internal_error_names,
 )
-from xitl_cli.logs.tables.modes import mode_name, mode_number, reason_name
+from xitl_cli.logs.tables.modes import mode_name, reason_name
 from xitl_cli.logs.tables.vehicles import VehicleKind
 
 
@@ -61,8 +61,6 @@ def test_commands_are_called_as_in_mavlink() -> None:
 def test_a_mode_without_a_name_keeps_its_number() -> None:
     assert mode_name("copter", 250) == "mode 250"
     assert mode_name("unknown", 10) == "mode 10"
-    assert mode_number("rover", "AUTO") == 10
-    assert mode_number("rover", "FLIP") is None
     assert reason_name(0) == ""
     assert reason_name(6) == "EKF failsafe"
     assert reason_name(240) == "reason 240"

@@ -18,7 +18,7 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
-from xitl_cli.logs.signals.states import autopilot_messages, error_rows
+from xitl_cli.logs.signals.states import autopilot_messages, error_rows, event_rows
 from xitl_cli.logs.table import Flags, Floats, Stamps, Table
 from xitl_cli.logs.tables import events as codes
 from xitl_cli.logs.text import length_text
@@ -300,16 +300,8 @@ def reset_marks(log: Log, every: list[EstimatorCore], core: EstimatorCore | None
 
 
 def _logged(log: Log) -> list[EstimateJump]:
-    table = log.tables.get("EV")
-    if table is None or "Id" not in table.columns:
-        return []
     names = {codes.EKF_ALT_RESET: "height reset", codes.EKF_YAW_RESET: "yaw reset"}
-    numbers = flag_column(table, "Id")
-    return [
-        EstimateJump(at_ns, names[number], None, "EV.Id")
-        for at_ns, number in zip(table.stamp_ns.tolist(), numbers.tolist(), strict=True)
-        if number in names
-    ]
+    return [EstimateJump(at_ns, names[number], None, "EV.Id") for at_ns, number in event_rows(log) if number in names]
 
 
 def _offsets(core: EstimatorCore) -> list[EstimateJump]:

@@ -15,7 +15,7 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.signals import LogText
-from xitl_cli.logs.signals.states import ErrorSpan, error_rows, error_spans, vehicle_kind
+from xitl_cli.logs.signals.states import error_rows, event_rows, vehicle_kind
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables import events as codes
 from xitl_cli.logs.tables.commands import SWITCH_POSITIONS, SWITCH_SOURCES, auxiliary_function_name
@@ -72,6 +72,32 @@ def reported_troubles(texts: list[LogText]) -> list[ReportedTrouble]:
         first = text if before is None else before.text
         open_ones[key] = ReportedTrouble(key, severity, first, 1 if before is None else before.count + 1, None)
     return sorted([*done, *open_ones.values()], key=lambda trouble: trouble.text.at_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSpan:
+    """code: the first one of the span. until_ns: when it was cleared, None when it never was or tells of an instant."""
+
+    subsystem: int
+    code: int
+    from_ns: int
+    until_ns: int | None
+
+
+def error_spans(rows: list[tuple[int, int, int]]) -> list[ErrorSpan]:
+    """A code 0 ends what its subsystem had; one without anything to end is how a healthy start looks."""
+    open_ones: dict[int, ErrorSpan] = {}
+    done: list[ErrorSpan] = []
+    for at_ns, subsystem, code in rows:
+        if not codes.error_persists(subsystem):
+            done.append(ErrorSpan(subsystem, code, at_ns, None))
+        elif code == 0:
+            before = open_ones.pop(subsystem, None)
+            if before is not None:
+                done.append(ErrorSpan(subsystem, before.code, before.from_ns, at_ns))
+        elif subsystem not in open_ones:
+            open_ones[subsystem] = ErrorSpan(subsystem, code, at_ns, None)
+    return sorted([*done, *open_ones.values()], key=lambda span: span.from_ns)
 
 
 _NEAR_NS = 2_000_000_000
@@ -139,7 +165,7 @@ def _table(
         (at_ns, "ERR", "error" if code else "", codes.error_name(subsystem, code, kind))
         for at_ns, subsystem, code in rows
     ]
-    found += [(at_ns, "EV", "", codes.event_name(number)) for at_ns, number in _numbers(log, "EV", "Id")]
+    found += [(at_ns, "EV", "", codes.event_name(number)) for at_ns, number in event_rows(log)]
     for span in mode_spans(log):
         why = f" ({span.cause})" if span.cause else ""
         found.append((span.from_ns, span.source.partition(".")[0].rpartition(":")[2], "", f"mode {span.name}{why}"))
@@ -150,14 +176,6 @@ def _table(
 
 def _level(severity: int | None) -> str:
     return _LEVELS[severity] if severity is not None and 0 <= severity < len(_LEVELS) else ""
-
-
-def _numbers(log: Log, name: str, column: str) -> list[tuple[int, int]]:
-    table = log.tables.get(name)
-    if table is None or column not in table.columns:
-        return []
-    numbers = np.asarray(table.values(column, raw=True)).astype(np.int64).tolist()
-    return list(zip(table.stamp_ns.tolist(), numbers, strict=True))
 
 
 def _switches(log: Log) -> list[tuple[int, str, str, str]]:

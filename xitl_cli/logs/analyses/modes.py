@@ -12,7 +12,7 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
 from xitl_cli.logs.signals.series import rounded
-from xitl_cli.logs.signals.states import vehicle_kind
+from xitl_cli.logs.signals.states import error_rows, vehicle_kind
 from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.events import error_name, is_failsafe_error
 from xitl_cli.logs.tables.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
@@ -116,14 +116,11 @@ def _from_rows(log: Log, table: Table, column: str) -> list[ModeSpan]:
 
 def _failsafe_at(log: Log, at_ns: int) -> str:
     """The failsafe that was logged as an error with the mode change, for autopilots that give no reason."""
-    table = log.tables.get("ERR")
-    if table is None or not {"Subsys", "ECode"} <= set(table.columns):
-        return ""
-    near = np.flatnonzero(np.abs(table.stamp_ns - at_ns) <= _SAME_CAUSE_NS)
-    pairs = zip(
-        table.values("Subsys", near, raw=True).tolist(), table.values("ECode", near, raw=True).tolist(), strict=True
+    names = (
+        error_name(subsystem, code)
+        for error_ns, subsystem, code in error_rows(log)
+        if abs(error_ns - at_ns) <= _SAME_CAUSE_NS and code and is_failsafe_error(subsystem)
     )
-    names = (error_name(subsystem, code) for subsystem, code in pairs if code and is_failsafe_error(subsystem))
     return next(names, "").removesuffix(": occurred")
 
 

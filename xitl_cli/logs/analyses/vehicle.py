@@ -13,9 +13,11 @@ from xitl_cli.logs.log import Log
 from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Value
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import (
+    LOCKSTEP,
     autopilot_heartbeats,
     autopilot_messages,
     firmware_text,
+    first_text,
     last_parameters,
     vehicle_kind,
 )
@@ -166,22 +168,13 @@ def _simulated(log: Log, parameters: Mapping[str, float]) -> Iterator[Finding]:
         step = "Take no processor time, jitter, noise or supply from it; those need a log of the board."
         yield Finding.notice("vehicle.simulated", sentence, tuple(evidence), step)
         return
-    text = _lockstep_text(log)
-    if text is None:
+    said = first_text(log, LOCKSTEP)
+    if said is None:
         return
     sentence = "The embedded autopilot ran in lockstep: its clock stood still while it worked"
     step = "Judge deadlines and load on a run in real time (clock.mode: realtime)."
-    yield Finding.notice("vehicle.lockstep", sentence, (text,), step)
-
-
-def _lockstep_text(log: Log) -> Evidence | None:
-    table = log.tables.get("MSG")
-    if table is None or "Message" not in table.columns:
-        return None
-    for at_ns, text in zip(table.stamp_ns[:50].tolist(), table.values("Message", slice(0, 50)), strict=True):
-        if str(text).startswith("Lockstep:"):
-            return Evidence("MSG", "Message", at_ns, value=str(text))
-    return None
+    evidence = [Evidence("MSG", "Message", said[0], value=said[1])]
+    yield Finding.notice("vehicle.lockstep", sentence, tuple(evidence), step)
 
 
 def _reboots(log: Log) -> Iterator[Finding]:

@@ -23,9 +23,9 @@ from xitl_cli.logs.clocks.fit import ClockRelation, clock_relations
 from xitl_cli.logs.clocks.readings import HOST, SIMULATION, UTC
 from xitl_cli.logs.clocks.time_line import LogPlacement, placement_from
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.signals.states import LOCKSTEP, first_text
 from xitl_cli.logs.table import Stamps
 
-LOCKSTEP = "Lockstep:"
 BOOT, AGENT = "the autopilot's clock", "the agent's clock"
 BEHIND_AGENT = "node autopilot"
 OURS = "xitl "
@@ -109,24 +109,16 @@ def _lockstep(reference: Log, log: Log) -> bool:
         return False
     if log.base == "simulation":
         return not _in_real_time(log)
-    return log.format == "dataflash" and _says(log, LOCKSTEP)
+    return log.format == "dataflash" and first_text(log, LOCKSTEP) is not None
 
 
 def _in_real_time(log: Log) -> bool:
     return any(relation.readings.key == "clocks.PS1" for relation in clock_relations(log))
 
 
-def _says(log: Log, begin: str) -> bool:
-    """Whether one of the first sentences begins so."""
-    messages = log.tables.get("MSG")
-    if messages is None or "Message" not in messages.columns:
-        return False
-    return any(str(text).startswith(begin) for text in messages.values("Message", slice(0, 50)))
-
-
 def ways(log: Log) -> list[_Way]:
     """Clocks that the log's own time can be told in, itself first."""
-    own = {"boot": AGENT if _says(log, OURS) else BOOT, "simulation": SIMULATION, "utc": UTC}.get(log.base)
+    own = {"boot": BOOT if first_text(log, OURS) is None else AGENT, "simulation": SIMULATION, "utc": UTC}.get(log.base)
     found: list[_Way] = []
     if own is not None and log.format != "tlog":
         found.append(_Way(own, _as_is, _as_is, (), 0.0, "clock records", ""))

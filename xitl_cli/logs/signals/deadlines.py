@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.log import Log
+from xitl_cli.logs.signals.states import LOCKSTEP, first_text
 from xitl_cli.logs.table import Floats, Stamps, Table, first_of
 
 SITL_BOARD = 3  # VER.BT
 LONGEST_WINDOW_NS = 60_000_000_000
 USUAL_WINDOW_NS = 10_000_000_000
 LONG_AT = 1.2
-LOCKSTEP = "Lockstep:"
 
 # Oldest name last. A field is named by its meaning: what counts up, and what is of the window.
 _LONG, _LOOPS, _LONGEST, _LOAD = ("NLon",), ("NL", "NLoop"), ("MaxT",), ("Load",)
@@ -122,9 +122,7 @@ def simulated_clock_reason(log: Log) -> str:
         return "the board is ArduPilot's own simulator (VER.BT 3)"
     if "SIM" in log.tables:
         return "a simulator writes into it (SIM)"
-    messages = log.tables.get("MSG")
-    said = () if messages is None or "Message" not in messages.columns else messages.values("Message", slice(0, 50))
-    if any(str(text).startswith(LOCKSTEP) for text in said):
+    if first_text(log, LOCKSTEP) is not None:
         return "it ran in lockstep (MSG)"
     found = loop_windows(log)
     if version is None and found is not None and len(found.until_ns) >= 3:

@@ -9,8 +9,8 @@ import numpy as np
 
 from xitl_cli.logs import signals
 from xitl_cli.logs.log import Log
-from xitl_cli.logs.signals.states import parameter_rows, vehicle_kind
-from xitl_cli.logs.tables.events import error_name, event_name
+from xitl_cli.logs.signals.states import error_rows, event_rows, parameter_rows, vehicle_kind
+from xitl_cli.logs.tables.events import ARMED, DISARMED, error_name, event_name
 
 SPELL_NS = 2_000_000_000  # rows closer together are one doing
 MOST = 2000
@@ -158,23 +158,15 @@ def _estimator(log: Log) -> Iterator[Moment]:
 
 
 def _errors(log: Log) -> Iterator[Moment]:
-    table = log.tables.get("ERR")
-    if table is None or not {"Subsys", "ECode"} <= set(table.columns):
-        return
     kind = vehicle_kind(log)
-    for at_ns, subsystem, code in zip(
-        table.stamp_ns.tolist(), table.values("Subsys", raw=True), table.values("ECode", raw=True), strict=True
-    ):
-        yield Moment(at_ns, at_ns, "error", error_name(int(subsystem), int(code), kind), "ERR")
+    for at_ns, subsystem, code in error_rows(log):
+        yield Moment(at_ns, at_ns, "error", error_name(subsystem, code, kind), "ERR")
 
 
 def _events(log: Log) -> Iterator[Moment]:
-    table = log.tables.get("EV")
-    if table is None or "Id" not in table.columns:
-        return
-    for at_ns, number in zip(table.stamp_ns.tolist(), table.values("Id", raw=True), strict=True):
-        if int(number) not in (10, 11):  # armed and disarmed, said above
-            yield Moment(at_ns, at_ns, "event", event_name(int(number)), "EV")
+    for at_ns, number in event_rows(log):
+        if number not in (ARMED, DISARMED):  # said above
+            yield Moment(at_ns, at_ns, "event", event_name(number), "EV")
 
 
 def _faults(log: Log) -> Iterator[Moment]:

@@ -11,7 +11,7 @@ import numpy as np
 from xitl_cli.logs.log import Log
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
 from xitl_cli.logs.table import Flags, Selection, Stamps, Table
-from xitl_cli.logs.tables.events import error_persists
+from xitl_cli.logs.tables.events import ARMED, DISARMED
 from xitl_cli.logs.tables.modes import MODES
 from xitl_cli.logs.tables.vehicles import VehicleKind, kind_from_build, kind_from_mav_type, kind_from_name
 
@@ -122,16 +122,6 @@ def last_parameters(log: Log) -> dict[str, float]:
     return {row.name: row.value for row in parameter_rows(log)}
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorSpan:
-    """code: the first one of the span. until_ns: when it was cleared, None when it never was or tells of an instant."""
-
-    subsystem: int
-    code: int
-    from_ns: int
-    until_ns: int | None
-
-
 def error_rows(log: Log) -> list[tuple[int, int, int]]:
     """(stamp, subsystem, code) in the order of time."""
     table = log.tables.get("ERR")
@@ -143,32 +133,32 @@ def error_rows(log: Log) -> list[tuple[int, int, int]]:
     return list(zip(table.stamp_ns[order].tolist(), *(column.tolist() for column in columns), strict=True))
 
 
-def error_spans(rows: list[tuple[int, int, int]]) -> list[ErrorSpan]:
-    """A code 0 ends what its subsystem had; one without anything to end is how a healthy start looks."""
-    open_ones: dict[int, ErrorSpan] = {}
-    done: list[ErrorSpan] = []
-    for at_ns, subsystem, code in rows:
-        if not error_persists(subsystem):
-            done.append(ErrorSpan(subsystem, code, at_ns, None))
-        elif code == 0:
-            before = open_ones.pop(subsystem, None)
-            if before is not None:
-                done.append(ErrorSpan(subsystem, before.code, before.from_ns, at_ns))
-        elif subsystem not in open_ones:
-            open_ones[subsystem] = ErrorSpan(subsystem, code, at_ns, None)
-    return sorted([*done, *open_ones.values()], key=lambda span: span.from_ns)
+def event_rows(log: Log) -> list[tuple[int, int]]:
+    """(stamp, number) of EV, in the log's order."""
+    table = log.tables.get("EV")
+    if table is None or "Id" not in table.columns:
+        return []
+    numbers = np.asarray(table.values("Id", raw=True)).astype(np.int64).tolist()
+    return list(zip(table.stamp_ns.tolist(), numbers, strict=True))
+
+
+LOCKSTEP = "Lockstep:"
+"""How the embedded autopilot's text begins that says that it ran in lockstep."""
+
+
+def first_text(log: Log, beginning: str) -> tuple[int, str] | None:
+    """Stamp and text of the first of the first 50 sentences in MSG that begins so."""
+    table = log.tables.get("MSG")
+    if table is None or "Message" not in table.columns:
+        return None
+    said = zip(table.stamp_ns[:50].tolist(), map(str, table.values("Message", slice(0, 50))), strict=True)
+    return next((row for row in said if row[1].startswith(beginning)), None)
 
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
-_ARMED_EVENT, _DISARMED_EVENT = 10, 11
-_ARMED_TEXTS = {
-    "Throttle armed": True,
-    "Throttle disarmed": False,
-    "Arming motors": True,
-    "Disarming motors": False,
-    "Armed": True,
-    "Disarmed": False,
-}
+_ARMED_TEXTS = {"Throttle armed": True, "Arming motors": True, "Armed": True} | {
+    "Throttle disarmed": False, "Disarming motors": False, "Disarmed": False
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,9 +231,9 @@ def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
     table = log.tables.get("EV")
     if table is not None and "Id" in table.columns:
         numbers = table.values("Id", raw=True)
-        either = (numbers == _ARMED_EVENT) | (numbers == _DISARMED_EVENT)
+        either = (numbers == ARMED) | (numbers == DISARMED)
         if either.any():
-            return _from_start(log, table.stamp_ns[either], numbers[either] == _ARMED_EVENT, "EV.Id")
+            return _from_start(log, table.stamp_ns[either], numbers[either] == ARMED, "EV.Id")
     if (said := _states_from_texts(log)) is not None:
         return said
     table = log.tables.get("/actuators")

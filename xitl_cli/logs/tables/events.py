@@ -12,12 +12,7 @@ from collections.abc import Mapping
 from xitl_cli.logs.tables.modes import mode_name
 from xitl_cli.logs.tables.vehicles import VehicleKind
 
-EKF_SOLUTION: Mapping[int, str] = {  # XKF4.SS; the lowest ten bits are those of EKF_STATUS_REPORT.flags
-    0: "attitude", 1: "horizontal velocity", 2: "vertical velocity", 3: "relative position", 4: "absolute position",
-    5: "height", 6: "terrain height", 7: "constant position", 8: "relative position predicted",
-    9: "absolute position predicted", 10: "take-off detected", 11: "take-off", 12: "touch-down", 13: "using GPS",
-    14: "GPS glitching", 15: "GPS good", 16: "initialised", 17: "airspeed refused", 18: "dead reckoning",
-}  # fmt: skip
+# Bits of XKF4.SS; the lowest ten are those of EKF_STATUS_REPORT.flags.
 EKF_ABSOLUTE, EKF_CONSTANT_POSITION, EKF_GPS_GLITCHING, EKF_DEAD_RECKONING = 1 << 4, 1 << 7, 1 << 14, 1 << 18
 
 EKF_TIMEOUTS: Mapping[int, str] = {  # XKF4.TS
@@ -49,7 +44,7 @@ def bit_names(names: Mapping[int, str], value: int) -> tuple[str, ...]:
 
 
 ARMED, DISARMED = 10, 11
-EKF_ALT_RESET, EKF_YAW_RESET, GPS_PRIMARY_CHANGED = 60, 62, 67
+EKF_ALT_RESET, EKF_YAW_RESET = 60, 62
 
 EVENTS: Mapping[int, str] = {
     7: "AP state", 8: "system time set", 9: "simple bearing set", 10: "armed", 11: "disarmed", 15: "armed by itself",
@@ -158,7 +153,6 @@ def _code_name(subsystem: int, code: int, kind: VehicleKind) -> str:
 
 
 WATCHDOG_RESET = 1 << 11
-MAIN_LOOP_STUCK = 1 << 15
 
 INTERNAL_ERRORS: Mapping[int, str] = {
     0: "logger: mapping failed", 1: "logger: structure missing", 2: "logger: format missing",

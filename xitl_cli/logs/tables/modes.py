@@ -62,11 +62,6 @@ def mode_name(kind: VehicleKind, number: int) -> str:
     return MODES[kind].get(number, f"mode {number}")
 
 
-def mode_number(kind: VehicleKind, name: str) -> int | None:
-    """Of a mode by its name, None when this vehicle has none so called."""
-    return next((number for number, known in MODES[kind].items() if known == name), None)
-
-
 def reason_name(number: int) -> str:
     """ "ground station"; "" for 0, which says that no reason was given."""
     return "" if number == 0 else REASONS.get(number, f"reason {number}")
