@@ -1,4 +1,4 @@
-"""Every analysis of one log, in the order of the report; one that breaks costs only its own section."""
+"""Catalogue of the analyses of one log, in the order of the report, and the record of an analysis that failed."""
 
 from __future__ import annotations
 

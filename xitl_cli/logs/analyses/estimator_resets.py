@@ -1,4 +1,4 @@
-"""What the estimator refused, went without, and did at once: test ratios, timeouts, resets, lane switches.
+"""Refused measurements, timeouts, resets and lane switches of the estimator.
 
 XKF4.SV SP SH SM SVT, NKF4 and EKF_STATUS_REPORT give the root of the ratio of the squares: at 1 and over the
 measurement was refused.
@@ -207,7 +207,7 @@ def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> 
 
 
 def _status(table: Table, on: Flags, flags: Stamps, clock: LogClock) -> Iterator[Finding]:
-    """What the filter says of itself while armed, though it keeps a position."""
+    """Status flags of the filter while armed, position available: GPS glitch, dead reckoning."""
     if spans := spans_where(table.stamp_ns, on & ((flags & codes.EKF_GPS_GLITCHING) != 0), _JOIN_S):
         yield Finding(
             "estimator.gps_glitch",

@@ -129,7 +129,7 @@ def fault_spans(log: Log) -> list[FaultSpan]:
 
 
 def _told(log: Log) -> dict[str, tuple[tuple[str, str, str], ...]]:
-    """What each fault does, by the profile inside the recording or beside it; empty where there is none."""
+    """Effect of each fault, by the profile inside the recording or beside it; empty without a profile."""
     text: bytes | None = None
     attachment = getattr(log, "attachment", None)
     if attachment is not None:

@@ -251,7 +251,7 @@ _ERR_GLITCH = 2
 
 
 def analyse(log: Log) -> Section | None:
-    """None where a recording holds no receiver; a vehicle's log without one is told so."""
+    """None where a recording holds no receiver; for a vehicle's log the lack is reported."""
     clock = LogClock(log)
     found = gnss_receivers(log)
     if not found:
@@ -353,7 +353,7 @@ def _units_differ(one: GnssReceiver, other: GnssReceiver) -> bool:
 
 
 def _glitches(log: Log, clock: LogClock) -> Iterator[Finding]:
-    """What the autopilot itself took for a glitch: flags of the estimator, errors, sentences."""
+    """Glitches reported by the autopilot itself: estimator flags, errors, texts."""
     spans: list[tuple[int, int, str, str]] = []
     table = log.tables.get("XKF4")
     flags = None if table is None else numbers(table, "SS", raw=True)

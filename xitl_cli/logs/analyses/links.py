@@ -89,7 +89,7 @@ def _lost(counts: dict[str, int | None]) -> int:
 
 
 def _sent_count(counts: dict[str, int | None]) -> int:
-    """What was sent, as far as it is known."""
+    """Frames sent; where that is unknown, received and lost ones."""
     if counts["sent"] is not None:
         return counts["sent"]
     return (counts["received"] or 0) - (counts["repeated"] or 0) + _lost(counts)

@@ -55,13 +55,17 @@ class MissionVersion:
         return [item for seq, item in sorted(self.items.items()) if seq and item.place]
 
 
+def mission_rows(log: Log) -> list[tuple[int, int, LoggedMissionItem]]:
+    """Stamp, number of items in the mission (0 unknown), and item, in the log's order."""
+    return _items_from_log(log) or _items_from_telemetry(log)
+
+
 def mission_versions(log: Log) -> list[MissionVersion]:
     """Every mission that was logged and differs from the one before, in the log's order; home is not compared."""
-    rows = _items_from_log(log) or _items_from_telemetry(log)
     found: list[MissionVersion] = []
     current: dict[int, LoggedMissionItem] = {}
     began_ns, last_seq = 0, -1
-    for at_ns, total, item in rows:
+    for at_ns, total, item in mission_rows(log):
         if item.seq <= last_seq or not current:
             _add(found, began_ns, current)
             current, began_ns = {}, at_ns
@@ -298,7 +302,7 @@ def _complete_ns(log: Log) -> int | None:
 
 
 def _last_item(log: Log) -> int:
-    """As MISSION_CURRENT says, where the items themselves were not heard; 0 when it does not."""
+    """Number of the last item by MISSION_CURRENT, for logs without the items themselves; 0 when unknown."""
     table = autopilot_messages(log, "MISSION_CURRENT")
     if table is None or "total" not in table.columns:
         return 0

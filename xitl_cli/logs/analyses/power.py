@@ -204,7 +204,7 @@ _END_S = 60.0
 
 
 def analyse(log: Log) -> Section | None:
-    """None for a recording without batteries; a vehicle's log without them is told so."""
+    """None for a recording without batteries; for a vehicle's log the lack is reported."""
     clock = LogClock(log)
     found = batteries(log)
     parameters = parameter_values(log)

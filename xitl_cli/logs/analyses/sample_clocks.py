@@ -113,7 +113,7 @@ def _findings(found: list[SampleClock]) -> tuple[Finding, ...]:
 
 
 def _plots(found: list[SampleClock]) -> tuple[Plot, ...]:
-    """What is left of the line, which is what the eye cannot see in the line itself; and the line of the first."""
+    """Residuals of the line, which the line itself does not show, and the lines."""
     traces = []
     for each in found[:6]:
         thin = slice(None, None, max(len(each.number) // MOST_POINTS, 1))

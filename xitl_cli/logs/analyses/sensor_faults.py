@@ -22,7 +22,7 @@ from xitl_cli.logs.table import Flags, Floats, Stamps
 
 @dataclass(frozen=True, slots=True)
 class JudgedSensor:
-    """What every kind of sensor is judged by. values: (N, k). gaps: those that are not pauses of the whole log."""
+    """Properties by which any sensor is judged. values: (N, k). gaps: without pauses of the whole log."""
 
     name: str
     sort: str
@@ -358,7 +358,7 @@ def _lively(sensor: JudgedSensor) -> bool:
 
 
 def _moved(sort: str, from_ns: int, until_ns: int, turning: Series | None, speed: Series | None) -> str:
-    """What contradicts a constant value; "" when nothing does.
+    """Motion that contradicts a constant value, as the end of a sentence; "" without any.
 
     Turns are those of the gyroscope: a heading that is still being found changes without any.
     """

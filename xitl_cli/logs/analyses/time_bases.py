@@ -279,7 +279,7 @@ def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
 
 
 def even_findings(relations: Sequence[ClockRelation]) -> tuple[Finding, ...]:
-    """What may be said where nothing was found: of those pairs alone whose rate is known well enough to judge it."""
+    """An OK finding about the pairs whose rate is known well enough to judge it; for logs without other findings."""
     judged = [relation for relation in relations if _known(relation)]
     if not judged:
         return ()

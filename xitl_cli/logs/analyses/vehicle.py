@@ -1,4 +1,4 @@
-"""What made the log: vehicle, firmware, board, when, for how long, and whether it is complete."""
+"""Origin of the log: vehicle, firmware, board, date, duration, completeness."""
 
 from __future__ import annotations
 

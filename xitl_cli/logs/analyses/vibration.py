@@ -308,7 +308,7 @@ def _level_plots(levels: list[VibrationLevels]) -> tuple[Plot, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """A spectrum and what it is of. batches: () for one of a plain record."""
+    """A spectrum and its source. batches: () for a plain record."""
 
     name: str
     sort: str

@@ -117,7 +117,7 @@ def _in_real_time(log: Log) -> bool:
 
 
 def ways(log: Log) -> list[_Way]:
-    """Clocks that the log's own time can be told in, itself first."""
+    """Clocks that the log's own time can be converted to, its own first."""
     own = {"boot": BOOT if first_text(log, OURS) is None else AGENT, "simulation": SIMULATION, "utc": UTC}.get(log.base)
     found: list[_Way] = []
     if own is not None and log.format != "tlog":
@@ -248,7 +248,7 @@ def reference_of(logs: Sequence[Log]) -> Log:
 
 @dataclass(frozen=True, slots=True)
 class _Check:
-    """What a shared signal says to a placement. away_s: by how much it would shift it, None when it cannot tell."""
+    """Check of a placement by a shared signal. away_s: the shift it would apply, None when undecided."""
 
     signal: str
     away_s: float | None

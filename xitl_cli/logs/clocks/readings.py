@@ -225,7 +225,7 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
 
 
 def _header_stamps(log: Log) -> Iterator[ClockReadings]:
-    """When a message says it is of, against when it was recorded; not where they are the same by construction."""
+    """Header stamps of messages against the time of recording; not where they are equal by construction."""
     found = 0
     for name, table in log.tables.items() if log.base != "simulation" else ():
         heavy = any(column.kind == "bytes" or -1 in column.shape for column in table.columns.values())

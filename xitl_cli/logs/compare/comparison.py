@@ -112,7 +112,7 @@ _OVERLAID = ("scheduler", "time_bases")
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """zero_ns: on A's time, what seconds count from: where both were laid over each other, else the common begin.
+    """zero_ns: on A's time, what seconds count from: the event by which the logs were paired, else the common start.
 
     zero_s: the same since A's first row. trajectories: A's and B's poses at common stamps, B moved as asked; None where
     positions are missing. states: armed and modes of A, on its time.

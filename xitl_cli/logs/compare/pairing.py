@@ -326,7 +326,7 @@ def limited(a: Log, b: Log, pairing: Pairing, from_s: float | None, until_s: flo
 
 
 def zero_ns(a: Log, b: Log, pairing: Pairing) -> int:
-    """On A's time: where both begin together if they were laid by an event, else where the common time begins."""
+    """On A's time: the event by which the logs were paired, else the start of the common time."""
     if pairing.zero_ns is not None:
         return pairing.zero_ns
     begins = [0 if log.span_ns is None else log.span_ns[0] for log in (a, b)]
@@ -386,7 +386,7 @@ def _by_event(name: str, words: str, when: Callable[[Log], int | None]) -> Calla
 
 
 def _mission_ns(log: Log) -> int | None:
-    """The first navigating mode while armed: when it was entered, or armed in, whichever came later."""
+    """First instant in a navigating mode while armed."""
     spans = signals.armed(log)
     for mode in precise_modes(log):
         if mode.text.upper() not in NAVIGATING:

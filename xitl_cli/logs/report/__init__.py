@@ -1,1 +1,1 @@
-"""What the analyses found about some logs, for a terminal, for a program and for a browser."""
+"""Report of the analyses of some logs for terminal, program (JSON) and browser (HTML)."""

@@ -1,4 +1,4 @@
-"""Report of several logs: opened, laid on one time line, every analysis run on each, and the overview of all."""
+"""Report of several logs: opening, alignment on one time line, analysis of each, overview of all."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.logs import signals
 from xitl_cli.logs.analyses import catalogue
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure, analysis_failure
+from xitl_cli.logs.analyses.missions import mission_rows
 from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.log import Log
@@ -29,7 +30,6 @@ _MOST_TRACK_POINTS = 3000
 _MOST_WAYPOINTS = 500
 _MOST_SPANS = 500
 _FARTHEST_M = 500e3
-_NAVIGATION = (16, 17, 18, 19, 21, 22, 31, 82)  # MAV_CMD_NAV_… that are places to go to
 
 Read = Callable[[Log], Series | None]
 Style = Literal["line", "steps"]
@@ -183,33 +183,17 @@ def _track(source: ReportLog, name: str, path: Series, speed: Series | None) -> 
 
 def _waypoints(log: Log, frame: LocalFrame) -> list[MapWaypoint]:
     """Places of the mission, by number; the last version of each where it was sent or logged again."""
-    for table, number, command, latitude, longitude in (
-        ("CMD", "CNum", "CId", "Lat", "Lng"),
-        ("MISSION_ITEM_INT", "seq", "command", "x", "y"),
-        ("/link/agent/tx:MISSION_ITEM_INT", "seq", "command", "x", "y"),
-        ("/link/agent/rx:MISSION_ITEM_INT", "seq", "command", "x", "y"),
-    ):
-        found = log.tables.get(table)
-        names = (number, command, latitude, longitude)
-        if found is None or not all(name in found.columns for name in names):
-            continue
-        rows = np.stack([np.asarray(found.values(name), dtype=np.float64) for name in names], axis=1)
-        if np.nanmax(np.abs(rows[:, 2:]), initial=0.0) > 1000.0:
-            rows[:, 2:] *= 1e-7
-        with np.errstate(invalid="ignore"):
-            good = np.isfinite(rows).all(axis=1) & np.isin(rows[:, 1], _NAVIGATION) & (rows[:, 0] > 0)
-            good &= (np.abs(rows[:, 2]) <= 90.0) & (np.abs(rows[:, 3]) <= 180.0) & (rows[:, 2:] != 0.0).any(axis=1)
-        last = {int(row[0]): row for row in rows[good]}
-        if not last:
-            continue
-        places = np.array([last[each] for each in sorted(last)[:_MOST_WAYPOINTS]])
-        path = frame.ned(places[:, 2], places[:, 3], np.full(len(places), frame.altitude_m))
-        return [
-            MapWaypoint(str(int(row[0])), float(where[1]), float(where[0]))
-            for row, where in zip(places, path, strict=True)
-            if abs(where[0]) < _FARTHEST_M and abs(where[1]) < _FARTHEST_M
-        ]
-    return []
+    last = {item.seq: item for _, _, item in mission_rows(log) if item.seq and item.place}
+    places = [last[seq] for seq in sorted(last)[:_MOST_WAYPOINTS]]
+    latitudes, longitudes = (
+        np.array([getattr(item, f"{name}_deg") for item in places]) for name in ("latitude", "longitude")
+    )
+    path = frame.ned(latitudes, longitudes, np.full(len(places), frame.altitude_m))
+    return [
+        MapWaypoint(str(item.seq), float(where[1]), float(where[0]))
+        for item, where in zip(places, path, strict=True)
+        if abs(where[0]) < _FARTHEST_M and abs(where[1]) < _FARTHEST_M
+    ]
 
 
 OVERVIEW = "overview"

@@ -35,7 +35,7 @@ class FileReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is missing or in doubt, each a sentence without its full stop."""
+        """Missing and doubtful data, each a sentence without its full stop."""
         return damage_sentences(self.health)
 
     @property
@@ -88,7 +88,7 @@ class MapWaypoint:
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """What every report shows first, of all its files on one time line.
+    """First part of every report: track, speed, yaw, outputs and states of all files on one time line.
 
     plots: x in nanoseconds on the report's time line. modes and armed: spans on the same line, of the first file that
     tells. origin: latitude (deg), longitude (deg) and altitude (m) of the map's zero, where it is known.

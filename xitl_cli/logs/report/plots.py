@@ -133,7 +133,7 @@ def plot_payload(plot: Plot, time_line: TimeLine) -> dict[str, Any]:
 
 
 def thinned_note(plot: Plot) -> str:
-    """What is said at a plot that does not draw every point; "" where it does."""
+    """Note at a plot that does not draw every point; "" where it does."""
     drawn = [thin(trace, over_time=plot.kind == "time") for trace in plot.traces]
     of, shown = sum(trace.of for trace in drawn), sum(len(trace.x) for trace in drawn)
     if of <= shown:

@@ -103,7 +103,7 @@ def evidence_text(evidence: Evidence, time_line: TimeLine) -> str:
 
 
 def when_text(evidence: Evidence, time_line: TimeLine) -> str:
-    """At 0:43.2, or from 0:43.2 to 0:53.2; "" when the evidence is of no instant."""
+    """At 0:43.2, or from 0:43.2 to 0:53.2; "" for evidence without an instant."""
     if evidence.at_ns is None:
         return ""
     at = clock_text(time_line.second(evidence.at_ns))

@@ -1,4 +1,4 @@
-"""What the vessel did, whichever format tells it: motion, outputs and states, each from the best source a log has.
+"""Quantities of a log in any format, each from its best source: motion, outputs, states, sensors, timing.
 
 `of="truth"` asks for what a simulator knows (SIM of ArduPilot's own, /truth of ours), else it is what the autopilot
 believes. None where a log does not have it, or where the truth that it has is of another vehicle (stray_truth_m).

@@ -63,7 +63,7 @@ class LoopWindows:
     names: tuple[tuple[str, str], ...]
 
     def field(self, meaning: str) -> str:
-        """What this version calls it."""
+        """Name of the field in this version."""
         return dict(self.names)[meaning]
 
     @property

@@ -1,4 +1,4 @@
-"""What happened when, in a few words each: context for long loops, missed deadlines and silent links."""
+"""Moments of a log, each with a short text: context for long loops, missed deadlines and silent links."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def _mission(log: Log) -> Iterator[Moment]:
 
 
 def _parameters(log: Log) -> Iterator[Moment]:
-    """What changed; a list of all of them is not a change."""
+    """Changed parameters; the initial list of all parameters is no change."""
     known: dict[str, float] = {}
     changed: list[tuple[int, str]] = []
     source = ""

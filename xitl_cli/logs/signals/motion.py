@@ -53,7 +53,7 @@ _stray_by_log: WeakKeyDictionary[Log, float | None] = WeakKeyDictionary()
 
 
 def unless_stray(log: Log, found: Series | None) -> Series | None:
-    """What SIM tells, unless it is of another vehicle."""
+    """The series from SIM, None when SIM is of another vehicle."""
     return None if found is None or stray_truth_m(log) is not None else found
 
 
@@ -92,7 +92,7 @@ def _stray_m(log: Log) -> float | None:
 
 
 def follows_simulator(told: Series, simulated: Series) -> bool:
-    """Whether the place that a log tells is the one its simulator moved (SIM), by and large.
+    """Whether the logged position follows that of the simulator (SIM), approximately.
 
     Where the senses come from elsewhere the simulated vehicle stands still, or is driven by the same outputs to another
     place.

@@ -1,4 +1,4 @@
-"""Satellite receivers of a log, whichever format and message they are in."""
+"""Satellite receivers of a log, in any format."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FIX_NAMES = {
 
 @dataclass(frozen=True, slots=True)
 class ReceiverAccuracy:
-    """What the receiver says of itself, by GPA or in the fix. stamp_ns (N,); each (N,) or None."""
+    """Accuracy stated by the receiver, in GPA or in the fix. stamp_ns (N,); each (N,) or None."""
 
     message: str
     stamp_ns: Stamps

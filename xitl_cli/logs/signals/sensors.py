@@ -1,4 +1,4 @@
-"""Sensors of a log, whichever format and message they are in: inertial units, magnetometers and others; rest."""
+"""Sensors of a log in any format: inertial units, magnetometers, barometers and others; periods at rest."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def first_instance(log: Log, table: str) -> Table | None:
 
 
 def first_series(log: Log, *ways: SeriesReader) -> Series | None:
-    """What the first of these ways finds."""
+    """Series of the first of these readers that finds one."""
     return next((found for way in ways if (found := way(log)) is not None), None)
 
 
@@ -126,7 +126,7 @@ def message_of(name: str) -> str:
 
 
 def tables_of(log: Log, kinds: Sequence[str]) -> list[Table]:
-    """The tables of these messages, of whichever link, in the order of `kinds`."""
+    """The tables of these messages, of any link, in the order of `kinds`."""
     return [table for kind in kinds for name, table in log.tables.items() if message_of(name) == kind]
 
 

@@ -1,4 +1,4 @@
-"""What the autopilot says of itself: kind, parameters, errors, arming, modes, texts, RC, outputs."""
+"""States reported by the autopilot: vehicle kind, parameters, events, errors, arming, modes, texts, RC, outputs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a camera
 
 
 def autopilot_heartbeats(log: Log) -> Table | None:
-    """HEARTBEAT of the autopilot heard first, and of no ground station or payload."""
+    """HEARTBEAT of the first autopilot in the log, without ground stations and payloads."""
     for prefix in _PREFIXES:
         table = log.tables.get(f"{prefix}HEARTBEAT")
         if table is None or not {"autopilot", "type", "custom_mode", "base_mode"} <= set(table.columns):
@@ -72,7 +72,7 @@ def vehicle_kind(log: Log) -> VehicleKind:
 
 
 def firmware_text(log: Log) -> str | None:
-    """What the firmware calls itself in its first sentences: "ArduRover V4.7.0-dev (2598e9d4)"."""
+    """Name of the firmware by its first texts: "ArduRover V4.7.0-dev (2598e9d4)"."""
     for table, field in (("MSG", "Message"), ("STATUSTEXT", "text"), ("/log", "message")):
         found = log.tables.get(table)
         if found is None or field not in found.columns:
@@ -287,7 +287,7 @@ _SIMULATOR_TABLES = ("SIM", "SIM2", "SIMSTATE", "/truth/state")
 
 
 def parameter_values(log: Log) -> dict[str, float]:
-    """Parameters by name, each as it was last logged (PARM) or told (PARAM_VALUE). Empty when the log has none."""
+    """Parameters by name with their last logged value (PARM, else PARAM_VALUE). Empty when the log has none."""
     found: dict[str, float] = {}
     for kind, name, value in (("PARAM_VALUE", "param_id", "param_value"), ("PARM", "Name", "Value")):
         for table in tables_of(log, (kind,)):
