@@ -1,4 +1,4 @@
-"""Magnetic declination from the World Magnetic Model: what an inertial navigation unit knows of the place it is at.
+"""Magnetic declination from the World Magnetic Model, as an inertial navigation unit has it built in.
 
 Model and coefficients: WMM2025, NOAA and British Geological Survey (public domain), good for 2025 to 2030; a year
 outside keeps the nearest end. The equations are those of its technical report (section 1.2): Schmidt semi-normalised

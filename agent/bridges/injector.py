@@ -1,4 +1,4 @@
-"""One way for simulated sensors to get into an autopilot; the bridge role drives any number of them."""
+"""Sensor injectors: ways to feed simulated sensors into an autopilot. The bridge role drives any number of them."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class Injector:
         raise NotImplementedError
 
     def handle(self, message: Message, now_ns: int) -> None:
-        """A sensor sample or the truth from the host, as it comes; passed over where it is of no use here."""
+        """A sensor sample or the truth from the host; ignored where it is of no use here."""
         raise NotImplementedError
 
     def serve(self, now_ns: int) -> None:
-        """With every poll, in runs and between: hear what the autopilot sends, answer what it asks for. Never waits."""
+        """With every poll, in runs and between: receive from the autopilot and answer its requests. Never waits."""
 
     def advance(self, now_ns: int) -> bool:
         """Lockstep: let the autopilot run up to this instant; False when it has not followed after a short wait."""
@@ -74,13 +74,13 @@ class Injector:
         return None
 
     def descriptors(self) -> Sequence[int]:
-        """What becomes readable when the autopilot has something to say here."""
+        """Descriptors that become readable with data from the autopilot."""
         return ()
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where it waits or goes to, for people."""
+        """Where it listens or connects to, for people."""
         return ()
 
     def close(self) -> None:
-        """Give back what is open."""
+        """Close what is open."""

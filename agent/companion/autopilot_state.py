@@ -31,17 +31,16 @@ _RESTART_NS = 2_000_000_000  # an autopilot's clock that jumped back so far was 
 
 
 class PathAhead(NamedTuple):
-    """Where the mission goes: (north, east) in metres, from where the leg under way began. Speed over ground."""
+    """Path of the mission: (north, east) in metres, from the start of the present leg. Speed over ground."""
 
     points_ne_m: tuple[tuple[float, float], ...]
     speed_mps: float | None
 
 
 class AutopilotState:
-    """Takes what the autopilot sends; `poll` says what it is asked for.
+    """`handle` its messages; `poll` returns the requests that are due.
 
-    Its instants are brought to the companion's clock by the quickest of the last messages: what came sooner after it
-    was stamped than any other is taken to have been under way for no time.
+    Its stamps are brought to the companion's clock by the least delay of the last messages, which is taken for zero.
     """
 
     def __init__(self) -> None:
@@ -69,7 +68,7 @@ class AutopilotState:
     # -- what it says
 
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """One message; returns the next request of the mission's download."""
+        """A message; returns the next request of the mission's download."""
         kind = message.get_msgId()
         if kind == mav.MAVLINK_MSG_ID_HEARTBEAT:
             self._on_heartbeat(message)
@@ -114,7 +113,7 @@ class AutopilotState:
         self.set_mode(int(message.custom_mode), armed)
 
     def set_mode(self, mode: int, armed: bool | None = None) -> None:
-        """The autopilot is in a mode now: by a heartbeat, or as it acknowledged."""
+        """The autopilot's mode, by a heartbeat or an acknowledgement."""
         armed = self.armed if armed is None else armed
         if mode == AUTO and armed and not (self.mode == AUTO and self.armed):
             here = self._here()
@@ -155,7 +154,7 @@ class AutopilotState:
             self._origin_told = True
 
     def _on_global(self, message: Any, now_ns: int) -> None:
-        """Without GPS_GLOBAL_ORIGIN the origin follows from a place that is told both ways."""
+        """Without GPS_GLOBAL_ORIGIN the origin follows from a position known both geodetically and locally."""
         pose = self.history.pose_at(self._stamp_ns(message, now_ns))
         if self._origin_told or pose is None or (message.lat == 0 and message.lon == 0):
             return
@@ -167,7 +166,7 @@ class AutopilotState:
         return self._origin.to_local(place.lat_e7 * 1e-7, place.lon_e7 * 1e-7)
 
     def path_ahead(self) -> PathAhead | None:
-        """The leg under way and those after it, None while that is not known."""
+        """The present leg and those after it; None while not known."""
         if self._origin is None or self.mission.items is None:
             return None
         ahead = self.mission.positions_from(self.current)
@@ -212,5 +211,5 @@ class AutopilotState:
 
 
 def heading_rad(pose: VehiclePose) -> float:
-    """Of the bow, clockwise from north."""
+    """Heading, clockwise from north."""
     return math.atan2(float(pose.rot_ned_frd[1, 0]), float(pose.rot_ned_frd[0, 0]))

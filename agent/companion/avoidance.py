@@ -25,7 +25,7 @@ _TURN_RADPS = math.radians(TUNED.course_turn_degps)
 
 
 class PathLegs:
-    """The way: legs joined end to end, (north, east) of their ends (m + 1, 2)."""
+    """A path of straight legs: (north, east) of their ends (m + 1, 2)."""
 
     def __init__(self, points_ne_m: Array) -> None:
         steps = np.diff(points_ne_m, axis=0)
@@ -41,7 +41,7 @@ class PathLegs:
         self.total_m = float(self.length_m.sum())
 
     def offsets_m(self, leg: NDArray[np.int64], pos: Array) -> tuple[Array, Array]:
-        """How far along its leg and to the right of it each position (c, 2) is."""
+        """Distance along its leg and to the right of it, of each position (c, 2)."""
         off, along = pos - self.start_m[leg], self.along[leg]
         return (off * along).sum(axis=1), off[:, 1] * along[:, 0] - off[:, 0] * along[:, 1]
 
@@ -106,7 +106,7 @@ def simulate_courses(
 
 
 def _set_of(current_ne_mps: Array) -> Array:
-    """Where the current sets to (2,), of length 1 when it is one to reckon with, less when it is weak."""
+    """Direction of the current (2,), of length 1 when it counts in full, less when it is weak."""
     speed_mps = math.hypot(*current_ne_mps.tolist())
     set_ne: Array = current_ne_mps / max(speed_mps, TUNED.course_current_mps)
     return set_ne
@@ -136,7 +136,7 @@ _RETREATS_M = np.array(TUNED.plan_retreats_m)
 
 
 class AvoidanceChoice(NamedTuple):
-    """What to do: FREE follow the legs, AROUND hold a course and speed over ground, STAY. clearance_m of it."""
+    """FREE: follow the legs; AROUND: hold a course and speed over ground; STAY: stop. clearance_m: of that."""
 
     what: int
     course_rad: float
@@ -145,7 +145,7 @@ class AvoidanceChoice(NamedTuple):
 
 
 class CollisionCheck(NamedTuple):
-    """The least clearance on the way, whether that is too little, and how soon it is."""
+    """The least clearance on the path, whether that is too little, and how soon."""
 
     clearance_m: float
     blocked: bool
@@ -153,7 +153,7 @@ class CollisionCheck(NamedTuple):
 
 
 class Obstacles(NamedTuple):
-    """What is in the way: boxes that move, points that do not. middle_ne_m, vel_ne_mps (o, 2) now; sizes (o,)."""
+    """Moving boxes and standing points. middle_ne_m, vel_ne_mps (o, 2) now; sizes (o,)."""
 
     middle_ne_m: Array
     vel_ne_mps: Array
@@ -164,7 +164,7 @@ class Obstacles(NamedTuple):
 
 
 def obstacles_near(now_ns: int, tracks: Sequence[ObstacleTrack], points_ne_m: Array, pos_ne_m: Array) -> Obstacles:
-    """Tracks and structure as they are at `now_ns`, those near the vessel."""
+    """Tracks and structure near the vessel at `now_ns`."""
     far_m = TUNED.plan_far_m
     near = [track for track in tracks if math.hypot(*(track.position_at(now_ns) - pos_ne_m).tolist()) < far_m]
     if len(points_ne_m) > TUNED.plan_structure_points:
@@ -183,7 +183,7 @@ def obstacles_near(now_ns: int, tracks: Sequence[ObstacleTrack], points_ne_m: Ar
 
 
 def clearance_m(sailed: Array, around: Obstacles, hull_m: float) -> Array:
-    """Water between the hull, a circle of radius hull_m, and the nearest thing, (c, t), for positions (c, t, 2)."""
+    """Distance from the hull, a circle of radius hull_m, to the nearest obstacle, (c, t), for positions (c, t, 2)."""
     return np.minimum(_from_tracks_m(sailed, around), _from_points_m(sailed, around.points_ne_m)) - hull_m
 
 
@@ -211,7 +211,7 @@ def _from_points_m(sailed: Array, points_ne_m: Array) -> Array:
 
 
 class AvoidancePlanner:
-    """margin_m: water to keep; a way with less than begin_m is blocked. horizon_s: how far ahead is looked.
+    """margin_m: clearance to keep; a path with less than begin_m is blocked. horizon_s: of the collision check.
 
     hull_m: radius of the circle around the hull.
     """
@@ -225,7 +225,7 @@ class AvoidancePlanner:
     def check_collision(
         self, legs: PathLegs, pos_ne_m: Array, vel_ne_mps: Array, bow_rad: float, speed_mps: float, around: Obstacles
     ) -> CollisionCheck:
-        """How near it comes to things when the vessel follows its mission."""
+        """Collision check of the mission's path."""
         none, speed = np.zeros(1), np.array((speed_mps,))
         sailed = simulate_courses(legs, pos_ne_m, vel_ne_mps, bow_rad, none, none, speed, self._horizon_s)
         clear = clearance_m(sailed.pos_ne_m, around, self._hull_m)
@@ -247,10 +247,10 @@ class AvoidancePlanner:
         stays: bool,
         current_ne_mps: Array,
     ) -> AvoidanceChoice:
-        """The best of all candidates; `last_rad` is the course held so far, which is kept unless another is better.
+        """The best of all candidate courses; `last_rad`, the course held so far, is kept unless another is better.
 
-        Things are passed up the current where that goes: down there is what the current sets them and the vessel onto.
-        stays: whether it is stopped for want of a way.
+        Obstacles are passed upstream where possible: the current sets both them and the vessel downstream.
+        stays: whether the vessel is stopped because no course is free.
         """
         direction = math.atan2(legs.along[0, 1], legs.along[0, 0])
         courses, holds, speeds = (
@@ -310,7 +310,7 @@ class AvoidancePlanner:
         return cost
 
     def waiting_position(self, pos_ne_m: Array, vel_ne_mps: Array, around: Obstacles, current_ne_mps: Array) -> Array:
-        """Where to wait, (2,): where the vessel comes to rest, or as far up the current as there is water around it."""
+        """Position (2,) to wait at: where the vessel comes to rest, or up the current until there is clearance."""
         speed = math.hypot(*vel_ne_mps.tolist())
         rest = pos_ne_m + vel_ne_mps * (0.5 * speed / 0.7)
         drift_mps = math.hypot(*current_ne_mps.tolist())
@@ -332,7 +332,7 @@ class AvoidancePlanner:
         return best
 
     def _staying(self, pos_ne_m: Array, vel_ne_mps: Array, around: Obstacles) -> float:
-        """The least clearance when the vessel stops as it can and stays."""
+        """The least clearance when the vessel brakes and stays."""
         steps = round(self._horizon_s / STEP_S)
         speed = math.hypot(*vel_ne_mps.tolist())
         after_s = np.minimum(STEP_S * np.arange(1, steps + 1), speed / 0.7 if speed > 0.0 else 0.0)
@@ -342,7 +342,7 @@ class AvoidancePlanner:
 
 
 def _least(clear: Array) -> Array:
-    """Over time. One that is too close already is judged by where it goes from here, not by where it is."""
+    """Least clearance over time; a course that starts too close is judged by where it leads."""
     least: Array = clear.min(axis=1)
     start = clear[:, 0]
     opening = (start < 3.0) & (least >= start - 0.05)

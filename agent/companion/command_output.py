@@ -47,7 +47,7 @@ _POSITION_ONLY = 0xDF8
 
 
 class CommandOutput:
-    """`steer` says what goes to the autopilot. begin_m: a way with less clearance than this is blocked."""
+    """`update` returns the messages to the autopilot. begin_m: a path with less clearance is blocked."""
 
     def __init__(self, planner: AvoidancePlanner, begin_m: float, speed_mps: float) -> None:
         self.manoeuvre = NONE
@@ -67,7 +67,7 @@ class CommandOutput:
         self._stay_ne_m: Array | None = None
 
     def handle_acknowledgement(self, message: Any, vehicle: AutopilotState) -> None:
-        """COMMAND_ACK."""
+        """Handle a COMMAND_ACK."""
         if message.command != mav.MAV_CMD_DO_SET_MODE or self._wanted is None:
             return
         wanted, self._wanted = self._wanted, None
@@ -81,7 +81,7 @@ class CommandOutput:
     def update(
         self, vehicle: AutopilotState, pose: VehiclePose | None, around: Obstacles, current_ne_mps: Array, now_ns: int
     ) -> Messages:
-        """Called some 5 times a second; current_ne_mps as far as it is known."""
+        """Messages to the autopilot, some 5 times a second; current_ne_mps as far as it is known."""
         way = vehicle.path_ahead()
         if vehicle.target is None or not vehicle.armed or vehicle.mode not in (AUTO, GUIDED):
             self._release()
@@ -139,7 +139,7 @@ class CommandOutput:
         ]
 
     def _stay(self, target: tuple[int, int], pos: Array, vel: Array, around: Obstacles, current_ne_mps: Array) -> Any:
-        """A place is held, as no speed is none over ground: the current takes along what does not steer."""
+        """Hold a position: zero speed commanded through the water would drift with the current."""
         place = self._planner.waiting_position(pos, vel, around, current_ne_mps)
         if self._stay_ne_m is None or math.hypot(*(place - self._stay_ne_m).tolist()) > TUNED.moved_m:
             self._stay_ne_m = place
@@ -148,7 +148,7 @@ class CommandOutput:
         return _target_message(target, _POSITION_ONLY, self._stay_ne_m, np.zeros(2), 0.0)
 
     def _go(self, target: tuple[int, int], choice: AvoidanceChoice, leg_rad: float, current_ne_mps: Array) -> Any:
-        """A velocity, and the heading for it: autopilots differ in whether they make up for the current themselves."""
+        """A velocity and the heading for it: autopilots differ in whether they compensate for the current."""
         self._stay_ne_m = None
         free = choice.what == FREE
         course_rad = leg_rad if free else choice.course_rad
@@ -159,7 +159,7 @@ class CommandOutput:
         return _target_message(target, _VELOCITY_AND_YAW, np.zeros(2), vel_ne_mps, yaw_rad)
 
     def _enter(self, manoeuvre: int) -> None:
-        """A detour is one from leaving the leg to being back on it, however often it changes its mind between."""
+        """A detour lasts from leaving the leg to being back on it, whatever courses are chosen between."""
         if self.manoeuvre == NONE and manoeuvre != STOP:
             self.detours += 1
         if manoeuvre == STOP and self.manoeuvre != STOP:
@@ -168,7 +168,7 @@ class CommandOutput:
 
 
 def _is_past(legs: PathLegs, pos: Array) -> bool:
-    """Whether the end of the first leg is hard by: there is no leg left to come back to."""
+    """Whether the end of the first leg is near, so that there is no leg left to come back to."""
     along_m, _ = legs.offsets_m(np.zeros(1, dtype=np.int64), pos[None])
     return float(legs.length_m[0] - along_m[0]) < TUNED.end_m
 

@@ -25,7 +25,7 @@ _SECTOR_RAD = math.radians(TUNED.reach_sector_deg)
 
 
 class DetectionFrame(NamedTuple):
-    """What one cloud hit. cells (k,), points_ne_m (k, 2) means over each cell, top_m (k,), hits (k,) points.
+    """Cells hit by one cloud. cells (k,), points_ne_m (k, 2) means over each cell, top_m (k,), hits (k,) points.
 
     bright (k,): points among them that are brighter than water.
     """
@@ -39,7 +39,7 @@ class DetectionFrame(NamedTuple):
 
 
 class ObstacleDetector:
-    """`look` at each cloud; `frames` of the last `window_s`, oldest first."""
+    """`add_cloud` each cloud; `frames` are those of the last `window_s`, oldest first."""
 
     def __init__(self, range_m: float, waterline_m: float, window_s: float = 0.8) -> None:
         self.frames: deque[DetectionFrame] = deque()
@@ -64,7 +64,7 @@ class ObstacleDetector:
         offset_s: NDArray[np.float32],
         intensity: NDArray[np.uint8],
     ) -> bool:
-        """Take a cloud in, intensity (n,) by reflectivity; False when its pose is not known."""
+        """Add a cloud, intensity (n,) by reflectivity; False when its pose is not known."""
         good = np.isfinite(points_frd_m).all(axis=1) & np.isfinite(offset_s)
         good_count = int(np.count_nonzero(good))
         if good_count < len(good):
@@ -88,7 +88,7 @@ class ObstacleDetector:
         return True
 
     def _brighter(self, intensity: NDArray[np.uint8], range_m: Array, low: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n,) which points are brighter than water, of which most low ones close by are."""
+        """(n,) which points are brighter than water, whose level is the median of the low points close by."""
         if np.count_nonzero(low) < TUNED.bright_points:
             return np.zeros(len(range_m), dtype=np.bool_)
         water = float(np.median(intensity[low]))
@@ -122,7 +122,7 @@ class ObstacleDetector:
         return ned_m, level_m + self.waterline_m - ned_m[:, 2]
 
     def _level(self, down_m: float, stamp_ns: int) -> float:
-        """Where the vessel floats on the mean: its height drifts over minutes, its heave goes over seconds."""
+        """Mean height at which the vessel floats: the estimated height drifts over minutes, heave lasts seconds."""
         if self._level_m is None:
             self._level_m = down_m
         share = min(max((stamp_ns - self._level_ns) * 1e-9 / TUNED.float_level_s, 0.0), 1.0)
@@ -132,7 +132,7 @@ class ObstacleDetector:
         return self._level_m
 
     def _learn(self, points: Array, range_m: Array, height_m: Array) -> None:
-        """How far water returns, and how far its waves reach up."""
+        """Learn how far water returns light, and how high its waves are."""
         rings, sectors = TUNED.reach_rings, TUNED.reach_sectors
         low = (range_m < rings) & (np.abs(height_m) < TUNED.reach_low_m)
         ring = range_m[low].astype(np.int64)
@@ -187,7 +187,7 @@ def neighbours(cell: int) -> tuple[int, ...]:
 
 
 class Cluster(NamedTuple):
-    """One thing. points_ne_m (k, 2) of its cells, stamp_ns the mean of its points' instants.
+    """Cells that belong together. points_ne_m (k, 2) of its cells, stamp_ns the mean of its points' instants.
 
     length_m lies along heading_rad, width_m across; middle_ne_m (2,) of that box. `points` in the newest frame;
     `bright`: of all frames' points those that are brighter than water.
@@ -205,9 +205,9 @@ class Cluster(NamedTuple):
 
 
 def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m: float) -> list[Cluster]:
-    """Things among the frames, any order. What too few frames saw is left out.
+    """Clusters of the frames, in any order. Cells that too few frames saw are left out.
 
-    Nearer to pos_ne_m (2,) than doubtful_m a crest may gleam now and then: what is thinly strewn there is left out too.
+    Nearer to pos_ne_m (2,) than doubtful_m crests may glint: clusters with few points are left out there too.
     """
     if not frames:
         return []
@@ -255,7 +255,7 @@ def find_clusters(frames: Sequence[DetectionFrame], pos_ne_m: Array, doubtful_m:
 
 
 def _labels(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The number of the thing that each cell belongs to: cells that touch belong together."""
+    """The cluster number of each cell: cells that touch belong together."""
     unique, where = np.unique(cells, return_inverse=True)
     numbers = {cell: index for index, cell in enumerate(unique.tolist())}
     label = [-1] * len(unique)

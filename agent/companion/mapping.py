@@ -1,7 +1,7 @@
-"""The map of a companion computer: one point a cell, of what lidar and sonar saw, in the frame of the odometry.
+"""Map of lidar and sonar points, one a cell, in the frame of the odometry.
 
-What a lidar saw once may be a drop of water, or a pose that is off: a cell counts when two clouds have seen it, and its
-point is the middle of the two. A sonar's beam seldom comes by twice, so that one echo is enough.
+A single lidar hit may be a drop of water or a wrong pose: a cell counts when two clouds have hit it, and its point is
+the mean of the two. A sonar's beam seldom passes twice, so that one echo is enough.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ Points = NDArray[np.float32]
 Intensity = NDArray[np.uint8]
 
 LIDAR, SONAR = 0, 1
-"""Sources, as XITL_CLOUD_KIND less one has them."""
+"""Sources: XITL_CLOUD_KIND less one."""
 
 _BITS = 20
 _HALF = 1 << (_BITS - 1)
 
 
 class MapPoints(NamedTuple):
-    """What is new in the map: points_odom_m (k, 3), intensity (k,)."""
+    """Points of the map: points_odom_m (k, 3), intensity (k,)."""
 
     points_odom_m: Points
     intensity: Intensity
 
 
 HITS_NEEDED = {LIDAR: 2, SONAR: 1}
-"""Clouds, or pings, that must have seen a cell."""
+"""Clouds, or pings, that must hit a cell before it counts."""
 
 
 class CloudMap:
@@ -52,7 +52,7 @@ class CloudMap:
         return len(self._cells)
 
     def add(self, pose_odom: Array, points_frd_m: Points, intensity: Intensity, source: int = LIDAR) -> MapPoints:
-        """Points (n, 3) seen from the body, whose pose (4, 4) is that of the same instant."""
+        """Add points (n, 3) seen from the body at a pose (4, 4); returns what is new in the map."""
         with np.errstate(invalid="ignore", over="ignore"):
             near = np.einsum("ij,ij->i", points_frd_m, points_frd_m) <= self._far_m**2
         points, intensity = transform_points(pose_odom, points_frd_m[near]), intensity[near]
@@ -69,7 +69,7 @@ class CloudMap:
         return added
 
     def _sighted(self, keys: list[int], points: Points, intensity: Intensity, needed: int) -> MapPoints:
-        """The cells that count from now on, of those that one cloud saw: a point each, the first in its cell."""
+        """The cells of one cloud that count from now on: a point each, the first in its cell."""
         rows, places = [], []
         for row, (key, place) in enumerate(zip(keys, points.tolist())):
             if key in self._cells:

@@ -1,4 +1,4 @@
-"""The mission that the autopilot holds, brought by the MAVLink mission protocol, as the places it goes to."""
+"""The autopilot's mission, downloaded by the MAVLink mission protocol, as the positions it visits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _STAYS = (LOITER_UNLIMITED, RETURN_HOME)
 
 
 class MissionCopyItem(NamedTuple):
-    """What the way depends on."""
+    """What the path depends on."""
 
     command: int
     lat_e7: int
@@ -30,7 +30,7 @@ class MissionCopyItem(NamedTuple):
 
 
 class MissionPosition(NamedTuple):
-    """A place that the mission sails to: item `seq`, in 1e-7 degrees."""
+    """A position of the mission: item `seq`, in 1e-7 degrees."""
 
     seq: int
     lat_e7: int
@@ -38,7 +38,7 @@ class MissionPosition(NamedTuple):
 
 
 class MissionCopy:
-    """`items` is the last whole mission, None before the first; `poll` and `handle` bring it."""
+    """`items` is the last whole mission, None before the first; `poll` and `handle` download it."""
 
     def __init__(self) -> None:
         self.items: list[MissionCopyItem] | None = None
@@ -46,7 +46,7 @@ class MissionCopy:
         self._download: MissionDownload | None = None
 
     def refresh(self) -> None:
-        """Bring it again; the old one counts until the new one is whole."""
+        """Download it again; the old one holds until the new one is complete."""
         if not self._wanted:
             self._wanted, self._download = True, None
 
@@ -81,7 +81,7 @@ class MissionCopy:
     # -- the way
 
     def positions_from(self, seq: int) -> list[MissionPosition]:
-        """Where it goes from item `seq` on, as far as that is known beforehand: up to a jump or a stay."""
+        """Positions from item `seq` on, as far as they are known beforehand: up to a jump or a stop."""
         found: list[MissionPosition] = []
         for number in range(max(seq, 1), len(self.items or ())):
             item = (self.items or [])[number]
@@ -94,7 +94,7 @@ class MissionCopy:
         return found
 
     def position_before(self, seq: int) -> MissionPosition | None:
-        """Where the leg to item `seq` starts when it was reached by sailing."""
+        """The last position before item `seq`, where its leg starts."""
         for number in range(min(seq, len(self.items or ())) - 1, 0, -1):
             item = (self.items or [])[number]
             if item.command in _PLACES and (item.lat_e7 or item.lon_e7):
@@ -102,7 +102,7 @@ class MissionCopy:
         return None
 
     def speed_mps(self, seq: int) -> float | None:
-        """The speed that the mission asks for on the way to item `seq`, None where it does not."""
+        """The speed that the mission sets on the leg to item `seq`, None where it does not."""
         asked = [item.speed_mps for item in (self.items or [])[1 : seq + 1] if item.command == CHANGE_SPEED]
         good = [speed for speed in asked if math.isfinite(speed) and 0.0 < speed < 30.0]
         return good[-1] if good else None

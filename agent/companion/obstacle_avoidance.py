@@ -42,7 +42,7 @@ def make_proximity_messages(
 ) -> list[Any]:
     """OBSTACLE_DISTANCE from the body's origin, and DISTANCE_SENSOR from the bow, bow_m before it.
 
-    Sectors in view without a thing are one centimetre beyond the range; those out of view and empty are not known.
+    Empty sectors in view are one centimetre beyond the range; empty sectors out of view are unknown.
     """
     most_cm = min(round(range_m * 100.0), 60_000)
     off = points_ne_m - pose.pos_ned_m[:2]
@@ -76,15 +76,12 @@ Messages = list[Any]
 
 
 class ObstacleAvoidance:
-    """Sees, tracks and avoids, in the autopilot's local NED.
+    """Detects, tracks and avoids obstacles, in the autopilot's local NED. The counters are those of its parts.
 
     margin_m: water kept between hull and obstacle. horizon_s: how far ahead collisions are looked for. speed_mps: of
     the vessel where its mission does not say. length_m, width_m: of the vessel. waterline_m: the water below the
-    body's origin. range_m: obstacles farther away are left alone. avoids: False only watches. view_yaw_rad: where the
-    lidar looks, clockwise from the bow.
-
-    Counters since the start: `obstacles` confirmed, `detours` and `stops` begun, `clouds_unplaced` for want of a pose,
-    `points_refused`; `manoeuvre` (XITL_MANOEUVRE) now.
+    body's origin. range_m: obstacles farther away are ignored. avoids: False only detects and tracks. view_yaw_rad:
+    direction of the lidar, clockwise from the bow.
     """
 
     def __init__(
@@ -101,11 +98,11 @@ class ObstacleAvoidance:
     ) -> None:
         self.vehicle = AutopilotState()
         self.tracker = ObstacleTracker()
-        self._detector = ObstacleDetector(range_m, waterline_m)
+        self.detector = ObstacleDetector(range_m, waterline_m)
         self._current = CurrentEstimator()
         begin_m = TUNED.begin_share * margin_m
         planner = AvoidancePlanner(margin_m, begin_m, horizon_s, 0.5 * math.hypot(length_m, width_m))
-        self._commands = CommandOutput(planner, begin_m, speed_mps)
+        self.commands = CommandOutput(planner, begin_m, speed_mps)
         self._bow_m = 0.5 * length_m
         self._range_m = range_m
         self._avoids = avoids
@@ -114,35 +111,11 @@ class ObstacleAvoidance:
         self._cloud_ns: int | None = None
         self._looked_ns = 0
 
-    @property
-    def obstacles(self) -> int:
-        return self.tracker.total
-
-    @property
-    def detours(self) -> int:
-        return self._commands.detours
-
-    @property
-    def stops(self) -> int:
-        return self._commands.stops
-
-    @property
-    def manoeuvre(self) -> int:
-        return self._commands.manoeuvre
-
-    @property
-    def clouds_unplaced(self) -> int:
-        return self._detector.unplaced
-
-    @property
-    def points_refused(self) -> int:
-        return self._detector.refused
-
     def handle(self, message: Any, now_ns: int) -> Messages:
-        """One message of the autopilot; returns what to answer (requests for the mission and for rates)."""
+        """A message of the autopilot; returns the replies: requests for the mission and for rates."""
         replies = self.vehicle.handle(message, now_ns)
         if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_ACK:
-            self._commands.handle_acknowledgement(message, self.vehicle)
+            self.commands.handle_acknowledgement(message, self.vehicle)
         return replies
 
     def add_cloud(
@@ -154,10 +127,10 @@ class ObstacleAvoidance:
     ) -> None:
         """Points (n, 3) body FRD, each at its own instant, `offset_s` (n,) after `stamp_ns`; intensity (n,)."""
         self._waiting.append((stamp_ns, points_frd_m, offset_s, intensity))
-        self._work(final=False)
+        self._process(final=False)
 
-    def _work(self, final: bool) -> None:
-        """Clouds whose pose is known by now; one waits for the autopilot's news rather than be placed by a guess."""
+    def _process(self, final: bool) -> None:
+        """Detect in clouds whose pose is known by now; the others wait for the autopilot's next messages."""
         while self._waiting:
             stamp_ns, points, offset_s, intensity = self._waiting[0]
             newest_ns = self.vehicle.history.newest_ns
@@ -166,11 +139,11 @@ class ObstacleAvoidance:
             if not known and not final and len(self._waiting) <= TUNED.look_waiting_clouds:
                 return
             self._waiting.pop(0)
-            if self._detector.add_cloud(self.vehicle.history, stamp_ns, points, offset_s, intensity):
+            if self.detector.add_cloud(self.vehicle.history, stamp_ns, points, offset_s, intensity):
                 self._cloud_ns = stamp_ns
-                self._look(stamp_ns)
+                self._track(stamp_ns)
 
-    def _look(self, stamp_ns: int) -> None:
+    def _track(self, stamp_ns: int) -> None:
         pose = self.vehicle.pose_at(stamp_ns)
         if pose is None:
             return
@@ -179,14 +152,14 @@ class ObstacleAvoidance:
         if 0 <= stamp_ns - self._looked_ns < TUNED.look_ns:
             return
         self._looked_ns = stamp_ns
-        reach_m = self._detector.water_reach_m
-        clusters = find_clusters(self._detector.frames, pose.pos_ned_m[:2], TUNED.doubtful_share * reach_m)
+        reach_m = self.detector.water_reach_m
+        clusters = find_clusters(self.detector.frames, pose.pos_ned_m[:2], TUNED.doubtful_share * reach_m)
         drift = self._current.current_ne_mps
         view_rad = bow_rad + self._view_yaw_rad
-        self.tracker.update(stamp_ns, clusters, pose.pos_ned_m[:2], view_rad, self._detector.water_reach_m, drift)
+        self.tracker.update(stamp_ns, clusters, pose.pos_ned_m[:2], view_rad, self.detector.water_reach_m, drift)
 
     def plan(self, now_ns: int) -> Messages:
-        """To the autopilot: mode changes, targets, requests. Nothing while the way is free."""
+        """Messages to the autopilot: mode changes, targets, requests. No targets while the path is free."""
         messages = self.vehicle.poll(now_ns)
         if not self._avoids:
             return messages
@@ -196,7 +169,7 @@ class ObstacleAvoidance:
         pos = pose.pos_ned_m[:2]
         structure = self.tracker.structure.within(pos, TUNED.look_structure_m)
         around = obstacles_near(now_ns, self.tracker.confirmed, structure, pos)
-        messages.extend(self._commands.update(self.vehicle, pose, around, self._current.current_ne_mps, now_ns))
+        messages.extend(self.commands.update(self.vehicle, pose, around, self._current.current_ne_mps, now_ns))
         return messages
 
     def _is_blind(self, now_ns: int) -> bool:
@@ -205,9 +178,9 @@ class ObstacleAvoidance:
     def proximity_messages(self, now_ns: int) -> Messages:
         """OBSTACLE_DISTANCE and DISTANCE_SENSOR; nothing without clouds or pose."""
         pose = None if self._is_blind(now_ns) else self.vehicle.pose_at(now_ns)
-        if pose is None or not self._detector.frames:
+        if pose is None or not self.detector.frames:
             return []
-        points = [frame.points_ne_m for frame in self._detector.frames]
+        points = [frame.points_ne_m for frame in self.detector.frames]
         points.append(self.tracker.structure.within(pose.pos_ned_m[:2], self._range_m))
         points.extend(_outline(track, now_ns) for track in self.tracker.confirmed)
         return make_proximity_messages(np.concatenate(points), pose, now_ns, self._bow_m, self._range_m)
@@ -227,7 +200,7 @@ class ObstacleAvoidance:
         nearest = off[int(np.argmin(np.hypot(off[:, 0], off[:, 1])))]
         range_m = float(np.hypot(*nearest))
         closing_mps = -float(nearest @ (track.state[2:] - pose.vel_ned_mps[:2])) / max(range_m, 0.1)
-        down_m = float(pose.pos_ned_m[2]) + self._detector.waterline_m - 0.5 * track.height_m
+        down_m = float(pose.pos_ned_m[2]) + self.detector.waterline_m - 0.5 * track.height_m
         return mav.MAVLink_xitl_obstacle_message(
             max(track.seen_ns // 1000, 0),
             (north, east, down_m),

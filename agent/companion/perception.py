@@ -22,9 +22,9 @@ WINDOW_NS = 20_000_000_000
 
 
 class SensorClock:
-    """The shortest way a cloud has taken of late is taken for none: what came faster than all others came at once.
+    """The sensors' clock on this machine's: the shortest recent delay of a cloud is taken for zero delay.
 
-    In lockstep both clocks are one.
+    In lockstep both clocks are the same.
     """
 
     def __init__(self, lockstep: bool) -> None:
@@ -34,7 +34,7 @@ class SensorClock:
         self._before_ns: int | None = None
 
     def note_arrival(self, stamp_ns: int, now_ns: int) -> None:
-        """Something that was whole at `stamp_ns` came at `now_ns`."""
+        """Data complete at `stamp_ns` of the sensors' clock arrived at `now_ns` of this machine's."""
         took_ns = now_ns - stamp_ns
         if self._since_ns is None or now_ns - self._since_ns > WINDOW_NS:
             self._since_ns, self._before_ns, self._least_ns = now_ns, self._least_ns, took_ns
@@ -42,7 +42,7 @@ class SensorClock:
             self._least_ns = took_ns
 
     def own_ns(self, stamp_ns: int) -> int:
-        """On this machine's clock."""
+        """An instant of the sensors' clock on this machine's."""
         if self._lockstep or self._least_ns is None:
             return stamp_ns
         least_ns = self._least_ns if self._before_ns is None else min(self._least_ns, self._before_ns)
@@ -52,13 +52,13 @@ class SensorClock:
 Messages = list[Any]
 
 MOST_WAITING = 3
-"""Clouds that may wait for the odometry: a companion that is too slow sees less, not later."""
+"""Clouds that may wait for the odometry: a companion that is too slow drops clouds and does not fall behind."""
 PATIENCE_NS = 150_000_000
-"""That a cloud waits for what the autopilot says of its time, before it is placed without."""
+"""How long a cloud waits for the autopilot's motion of its time, before it is registered without."""
 UNAIDED_CLOUDS = 300
-"""Of a run, from which on it is said that the odometry goes without the autopilot."""
+"""Clouds of a run without the autopilot's motion after which that is reported."""
 MOST_PINGS = 32
-"""That wait for a cloud."""
+"""Pings that may wait for a cloud."""
 _LOCAL_FRD, _BODY_FRD = 20, 12  # MAV_FRAME
 _UNKNOWN = [float("nan")] + [0.0] * 20
 _LIDAR_ESTIMATOR = 6  # MAV_ESTIMATOR_TYPE
@@ -71,37 +71,37 @@ class _Tally(NamedTuple):
 
 
 class Perception:
-    """One run's. `say(text)` is for people.
+    """Odometry, map and obstacle avoidance of one run. `say(text)` reports to people.
 
-    settings: as they are now. watch: what looks out for obstacles, on this machine's clock.
+    parameters: as they are now. avoidance: on this machine's clock.
     """
 
     def __init__(
-        self, settings: CompanionParameters, watch: ObstacleAvoidance, lockstep: bool, say: Callable[[str], None]
+        self, parameters: CompanionParameters, avoidance: ObstacleAvoidance, lockstep: bool, say: Callable[[str], None]
     ) -> None:
-        self.avoidance = watch
+        self.avoidance = avoidance
         self._clouds = CloudReassembler()
         self._pings = PingReassembler()
         self._clock = SensorClock(lockstep)
         self._waiting: deque[PointCloud] = deque()
-        self._seen: deque[PointCloud] = deque()  # by the watch; the odometry waits for the autopilot
-        self._aided = bool(settings["ODO_AIDED"])
+        self._seen: deque[PointCloud] = deque()  # by the avoidance; the odometry waits for the autopilot
+        self._aided = bool(parameters["ODO_AIDED"])
         self._say = say
-        self._said_alone = False
+        self._reported_unaided = False
         self._echoes: deque[SonarPing] = deque()
         self._tally = _Tally(0, 0, 0.0)
         self._numbers = {LIDAR: 0, SONAR: 0}
         self._odometry: LidarOdometry | None = None
         self._map: CloudMap | None = None
-        if settings["ODO_ENABLE"]:
+        if parameters["ODO_ENABLE"]:
             try:
-                motions = AutopilotMotionSource(watch.vehicle.history, self._clock.own_ns)
+                motions = AutopilotMotionSource(avoidance.vehicle.history, self._clock.own_ns)
                 motion = motions.motion_between if self._aided else no_motion
-                self._odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=motion)
+                self._odometry = LidarOdometry(parameters["ODO_RANGE"], parameters["ODO_VOXEL"], motion=motion)
             except OdometryError as error:
                 say(str(error))
-        if settings["MAP_ENABLE"] and self._odometry is not None:
-            self._map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
+        if parameters["MAP_ENABLE"] and self._odometry is not None:
+            self._map = CloudMap(parameters["MAP_CELL"], parameters["MAP_RANGE"])
 
     @property
     def clouds(self) -> int:
@@ -109,7 +109,7 @@ class Perception:
         return self._clouds.clouds + self._clouds.clouds_partial
 
     def handle(self, message: Any, now_ns: int) -> bool:
-        """Keep a chunk of a cloud or a ping; False for a message that is neither."""
+        """Keep a chunk of a cloud or a ping; False for any other message."""
         if isinstance(message, mav.MAVLink_xitl_cloud_message):
             for cloud in self._clouds.handle(message):
                 if cloud.kind == mav.XITL_CLOUD_KIND_LIDAR:
@@ -129,8 +129,8 @@ class Perception:
         self._waiting.append(cloud)
 
     def process(self, now_ns: Callable[[], int]) -> Messages:
-        """Work through what waits; returns what the host is told of it."""
-        told: Messages = []
+        """Process the clouds and pings that wait; returns messages to the host."""
+        messages: Messages = []
         while self._waiting:
             cloud = self._waiting.popleft()
             self.avoidance.add_cloud(
@@ -139,13 +139,13 @@ class Perception:
             self._seen.append(cloud)
         while self._seen and self._is_due(self._seen[0], now_ns()):
             cloud = self._seen.popleft()
-            told += self._place(cloud)
+            messages += self._register(cloud)
             if len(cloud.offset_s):
                 latency_s = max(now_ns() - self._clock.own_ns(cloud.end_ns), 0) * 1e-9
                 self._tally = self._tally._replace(latency_s=latency_s)
         while self._echoes and (len(self._echoes) > MOST_PINGS or not self._is_awaited(self._echoes[0].stamp_ns)):
-            told += self._hear(self._echoes.popleft())
-        return told
+            messages += self._map_ping(self._echoes.popleft())
+        return messages
 
     def _is_due(self, cloud: PointCloud, now_ns: int) -> bool:
         told_ns = self.avoidance.vehicle.history.newest_ns
@@ -160,22 +160,22 @@ class Perception:
         """Whether a cloud that waits will say where the body was."""
         return bool(self._seen) and self._seen[0].stamp_ns <= stamp_ns
 
-    def _place(self, cloud: PointCloud) -> Messages:
+    def _register(self, cloud: PointCloud) -> Messages:
         if self._odometry is None:
             return []
         placed = self._odometry.register(cloud.stamp_ns, cloud.points_m, cloud.offset_s)
-        if self._aided and self._odometry.unaided == UNAIDED_CLOUDS and not self._said_alone:
-            self._said_alone = True
-            self._say("odometry by clouds alone: the autopilot told no attitude and velocity for 30 s of them")
+        if self._aided and self._odometry.unaided == UNAIDED_CLOUDS and not self._reported_unaided:
+            self._reported_unaided = True
+            self._say("odometry by clouds alone: the autopilot messages no attitude and velocity for 30 s of them")
         if placed is None:
             return []
-        told = [_odometry_message(placed)]
+        messages = [_odometry_message(placed)]
         if self._map is not None:
             added = self._map.add(placed.pose_odom, placed.points_frd_m, cloud.intensity[placed.kept])
-            told += self._map_messages(placed.stamp_ns, added, LIDAR)
-        return told
+            messages += self._map_messages(placed.stamp_ns, added, LIDAR)
+        return messages
 
-    def _hear(self, ping: SonarPing) -> Messages:
+    def _map_ping(self, ping: SonarPing) -> Messages:
         self._tally = self._tally._replace(pings=self._tally.pings + 1)
         if self._odometry is None or self._map is None:
             return []
@@ -197,45 +197,22 @@ class Perception:
 
     def status(self, now_ns: int) -> Any:
         """XITL_COMPANION_STATUS."""
-        clouds, odometry, watch = self._clouds, self._odometry, self.avoidance
+        clouds, odometry, avoidance, tally = self._clouds, self._odometry, self.avoidance, self._tally
+        poses, refused, points = (0, 0, 0) if odometry is None else (
+            odometry.poses, odometry.poses_refused, odometry.points_refused
+        )  # fmt: skip
         return mav.MAVLink_xitl_companion_status_message(
-            now_ns // 1000,
-            clouds.clouds,
-            clouds.clouds_partial,
-            clouds.chunks_lost + self._pings.chunks_lost,
-            self._tally.clouds_dropped,
-            clouds.points,
-            clouds.points_refused + (0 if odometry is None else odometry.points_refused),
-            self._tally.pings,
-            0 if odometry is None else odometry.poses,
-            0 if odometry is None else odometry.poses_refused,
-            0 if self._map is None else len(self._map),
-            watch.obstacles,
-            watch.detours,
-            watch.stops,
-            self._tally.latency_s,
-            watch.manoeuvre,
-        )
+            now_ns // 1000, clouds.clouds, clouds.clouds_partial, clouds.chunks_lost + self._pings.chunks_lost,
+            tally.clouds_dropped, clouds.points, clouds.points_refused + points, tally.pings, poses, refused,
+            0 if self._map is None else len(self._map), avoidance.tracker.total, avoidance.commands.detours,
+            avoidance.commands.stops, tally.latency_s, avoidance.commands.manoeuvre,
+        )  # fmt: skip
 
 
 def _odometry_message(placed: RegisteredCloud) -> Any:
     """ODOMETRY at the cloud's last point, on the sensors' clock; quality is not known."""
-    x, y, z = placed.pose_odom[:3, 3].tolist()
     return mav.MAVLink_odometry_message(
-        placed.stamp_ns // 1000,
-        _LOCAL_FRD,
-        _BODY_FRD,
-        x,
-        y,
-        z,
-        quaternion_of(placed.pose_odom[:3, :3]),
-        *placed.vel_frd_mps.tolist(),
-        0.0,
-        0.0,
-        0.0,
-        _UNKNOWN,
-        _UNKNOWN,
-        0,
-        _LIDAR_ESTIMATOR,
-        0,
-    )
+        placed.stamp_ns // 1000, _LOCAL_FRD, _BODY_FRD, *placed.pose_odom[:3, 3].tolist(),
+        quaternion_of(placed.pose_odom[:3, :3]), *placed.vel_frd_mps.tolist(), 0.0, 0.0, 0.0, _UNKNOWN, _UNKNOWN,
+        0, _LIDAR_ESTIMATOR, 0,
+    )  # fmt: skip

@@ -40,7 +40,7 @@ class _Placed(NamedTuple):
 
 
 class PoseHistory:
-    """Attitudes and places as they come, each in the order of time; `at` joins them."""
+    """Attitudes and positions, each in order of time; `pose_at` interpolates both."""
 
     def __init__(self) -> None:
         self._turned: deque[_Turned] = deque()
@@ -48,7 +48,7 @@ class PoseHistory:
         self.epoch = 0  # how often all was forgotten
 
     def clear(self) -> None:
-        """Forget all."""
+        """Forget all samples."""
         self.epoch += 1
         self._turned.clear()
         self._placed.clear()
@@ -81,7 +81,7 @@ class PoseHistory:
 
     @property
     def newest_ns(self) -> int | None:
-        """The instant up to which both are known, None before."""
+        """The instant up to which both are known; None before."""
         if not self._turned or not self._placed:
             return None
         return min(self._turned[-1].stamp_ns, self._placed[-1].stamp_ns)
@@ -94,7 +94,7 @@ class PoseHistory:
         return VehiclePose(place[0], rotation_matrix(turned.quat), place[1])
 
     def steady_attitude_at(self, stamp_ns: int) -> Array | None:
-        """(3, 3) the body's axes as it turned, in a frame that stays as long as the epoch; None where not known.
+        """(3, 3) the body's axes in a frame that stays for the epoch, without the estimator's steps; None if unknown.
 
         An estimator that corrects itself at a stroke, as it does when it finds north, has not turned the body.
         """
@@ -136,7 +136,7 @@ class PoseHistory:
 
 
 def _between(first: Array, second: Array, share: float) -> Array:
-    """Along the chord, which over a tenth of a second is the arc."""
+    """Interpolation along the chord, which over a tenth of a second is the arc."""
     if float(first @ second) < 0.0:
         second = -second
     mixed = first + (second - first) * share

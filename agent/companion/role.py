@@ -1,6 +1,6 @@
-"""A companion computer as a node: HS, HC and HA. It perceives, maps, and keeps the vessel clear.
+"""The companion role: HS, HC and HA. Perception, map and obstacle avoidance on a companion computer.
 
-Without numpy it is there, keeps time and says how it is, and no more.
+Without numpy it reports that, keeps time and sends its status, and no more.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TELL_HZ = 2.0
 HEARTBEAT_NS = 1_000_000_000
 SILENCE_S = 1.0
 _WARNING, _NOTICE = 4, 5  # MAV_SEVERITY
-_ORDERS = (
+_COMMANDS = (
     dialect.MAVLink_command_long_message,
     dialect.MAVLink_set_position_target_local_ned_message,
     dialect.MAVLink_set_position_target_global_int_message,
@@ -54,9 +54,9 @@ class CompanionRole(Role):
         self._beat_ns: int | None = None
         self._silent = False
         self._waiting: list[Message] = []
-        self._perceiver: Perception | None = None
-        self._blind = False
-        self._orders = 0
+        self._perception: Perception | None = None
+        self._unavailable = False
+        self._commands_sent = 0
 
     def start_run(self, executor: Executor, silent_s: Callable[[], float]) -> None:
         self._silent_s = silent_s
@@ -67,28 +67,28 @@ class CompanionRole(Role):
 
     def handle(self, message: Message, now_ns: int) -> Sequence[Message]:
         answers = self._settings.handle(message)
-        perceiver = self._perceiver
-        if perceiver is None:
+        perception = self._perception
+        if perception is None:
             kind = type(message)
-            if self._blind or kind not in (dialect.MAVLink_xitl_cloud_message, dialect.MAVLink_xitl_ping_message):
+            if self._unavailable or kind not in (dialect.MAVLink_xitl_cloud_message, dialect.MAVLink_xitl_ping_message):
                 return answers
-            perceiver = self._perceiver = self._begin_to_perceive()
-            if perceiver is None:
+            perception = self._perception = self._start_perception()
+            if perception is None:
                 return answers
-        if not perceiver.handle(message, now_ns):
-            answers += perceiver.avoidance.handle(message, now_ns)
+        if not perception.handle(message, now_ns):
+            answers += perception.avoidance.handle(message, now_ns)
         return answers
 
-    def _begin_to_perceive(self) -> Perception | None:
+    def _start_perception(self) -> Perception | None:
         try:
             from agent.companion.obstacle_avoidance import ObstacleAvoidance
             from agent.companion.perception import Perception
         except ImportError as error:
-            self._blind = True
+            self._unavailable = True
             self.add_event(_WARNING, f"No perception: {error}; pip install numpy kiss-icp")
             return None
         settings = self._settings
-        watch = ObstacleAvoidance(
+        avoidance = ObstacleAvoidance(
             margin_m=settings["AVD_MARGIN"],
             horizon_s=settings["AVD_HORIZON"],
             speed_mps=settings["WP_SPEED"],
@@ -99,7 +99,7 @@ class CompanionRole(Role):
             avoids=bool(settings["AVD_ENABLE"]),
             view_yaw_rad=math.radians(settings["LIDAR_YAW"]),
         )
-        return Perception(settings, watch, self._lockstep, lambda text: self.add_event(_WARNING, text))
+        return Perception(settings, avoidance, self._lockstep, lambda text: self.add_event(_WARNING, text))
 
     def _watch(self, now_ns: int) -> None:
         silent = self._silent_s() > SILENCE_S
@@ -108,28 +108,28 @@ class CompanionRole(Role):
             self.add_event(_NOTICE, "Host is silent" if silent else "Host is back")
 
     def _perceive(self, now_ns: int) -> None:
-        if self._perceiver is not None:
-            self._waiting += self._perceiver.process(self._clock.now_ns)
+        if self._perception is not None:
+            self._waiting += self._perception.process(self._clock.now_ns)
 
     def _plan(self, now_ns: int) -> None:
-        if self._perceiver is not None:
-            watch = self._perceiver.avoidance
-            orders = watch.plan(now_ns)
-            self._orders += sum(type(order) in _ORDERS for order in orders)
-            self._waiting += orders
-            self._waiting += watch.proximity_messages(now_ns)
+        if self._perception is not None:
+            avoidance = self._perception.avoidance
+            messages = avoidance.plan(now_ns)
+            self._commands_sent += sum(type(message) in _COMMANDS for message in messages)
+            self._waiting += messages
+            self._waiting += avoidance.proximity_messages(now_ns)
 
     def _tell(self, now_ns: int) -> None:
-        if self._perceiver is not None:
-            self._waiting += self._perceiver.avoidance.obstacle_messages(now_ns)
-            self._waiting.append(self._perceiver.status(now_ns))
+        if self._perception is not None:
+            self._waiting += self._perception.avoidance.obstacle_messages(now_ns)
+            self._waiting.append(self._perception.status(now_ns))
 
     @property
     def traffic(self) -> Traffic:
-        """Estimates: clouds that went from sensing to control; efforts: orders that went on to the autopilot."""
-        if self._perceiver is None:
+        """Estimates: clouds that went from sensing to control; efforts: commands sent to the autopilot."""
+        if self._perception is None:
             return Traffic()
-        return Traffic(estimates=self._perceiver.clouds, efforts=self._orders)
+        return Traffic(estimates=self._perception.clouds, efforts=self._commands_sent)
 
     def add_event(self, severity: int, text: str) -> None:
         self._waiting.extend(self._texts.messages(severity, text))
@@ -154,4 +154,4 @@ class CompanionRole(Role):
         return (dialect.MAVLink_xitl_tick_message(now_ns // 1000, tick),)
 
     def end_run(self, now_ns: int) -> Sequence[Message]:
-        return () if self._perceiver is None else (self._perceiver.status(now_ns),)
+        return () if self._perception is None else (self._perception.status(now_ns),)

@@ -21,9 +21,9 @@ _STRUCTURE_VIEW_RAD = np.radians(TUNED.structure_view_deg)
 
 
 class StructureMap:
-    """Cells by number, with where they were hit, when they were first and last seen, and how often.
+    """Cells of what stands still: where they were hit, when they were first and last seen, and how often.
 
-    A cell counts once it was seen again and again over a while: crests that gleam in a row are elsewhere soon.
+    A cell is confirmed when it was hit repeatedly over some time: glinting crests are elsewhere soon.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class StructureMap:
 
     @property
     def points_ne_m(self) -> Array:
-        """Points (k, 2) of the cells that count."""
+        """Points (k, 2) of the confirmed cells."""
         points: Array = self._points_ne_m[self._settled]
         return points
 
@@ -48,7 +48,7 @@ class StructureMap:
         return wet | ((self._dry >= TUNED.structure_settled_hits) & (seen_ns >= TUNED.structure_settled_ns))
 
     def add_hits(self, stamp_ns: int, points_ne_m: Array, pos_ne_m: Array, water_reach_m: float) -> None:
-        """Cells that were hit now, from pos_ne_m (2,). Where water returns, within water_reach_m, that says little."""
+        """Add points hit now, seen from pos_ne_m (2,); hits within water_reach_m, where water returns, weigh little."""
         cells, one_each = np.unique(cells_of(points_ne_m), return_index=True)
         known = np.searchsorted(self._cells, cells)
         again = np.zeros(len(cells), dtype=np.bool_)
@@ -73,7 +73,7 @@ class StructureMap:
         self._dry = np.concatenate((self._dry, dry[new]))[order]
 
     def prune(self, now_ns: int, pos_ne_m: Array, bow_rad: float, clear_m: tuple[float, float]) -> None:
-        """Drop what is old or far, and what would be seen if it were there: ahead, between `clear_m` of the vessel."""
+        """Drop old and far cells, and those that would be seen if they existed: ahead, between `clear_m`."""
         if not len(self._cells):
             return
         off = self._points_ne_m - pos_ne_m
@@ -89,14 +89,14 @@ class StructureMap:
         self._first_ns, self._seen_ns, self._dry = self._first_ns[keep], self._seen_ns[keep], self._dry[keep]
 
     def within(self, pos_ne_m: Array, range_m: float) -> Array:
-        """Points (k, 2) not farther off than `range_m`."""
+        """Confirmed points (k, 2) within `range_m`."""
         points = self.points_ne_m
         off = points - pos_ne_m
         near: Array = points[np.hypot(off[:, 0], off[:, 1]) < range_m]
         return near
 
     def covers(self, point_ne_m: Array, radius_m: float) -> bool:
-        """Whether there is structure so near to a point."""
+        """Whether there is structure within radius_m of a point."""
         off = self.points_ne_m - point_ne_m
         return bool((np.hypot(off[:, 0], off[:, 1]) < radius_m).any())
 
@@ -105,7 +105,7 @@ _VIEW_RAD = math.radians(TUNED.track_view_deg)
 
 
 class ObstacleTrack:
-    """One thing. state: north, east in m and their rates in m/s at `stamp_ns`; a box `length_m` along `heading_rad`."""
+    """A drifting object. state: north, east (m) and their rates (m/s) ; `length_m` along `heading_rad`."""
 
     def __init__(self, number: int, cluster: Cluster, drift_ne_mps: Array, hits_needed: int) -> None:
         self.number = number
@@ -122,12 +122,12 @@ class ObstacleTrack:
         self.counted = False
 
     def position_at(self, stamp_ns: int) -> Array:
-        """Where its middle is at an instant, (2,)."""
+        """Predicted position (2,) of its middle at an instant."""
         where: Array = self.state[:2] + self.state[2:] * ((stamp_ns - self.stamp_ns) * 1e-9)
         return where
 
     def correct(self, cluster: Cluster, among_water: bool) -> None:
-        """The thing again; among returns of water its size is not what is seen."""
+        """Correct by a cluster; among returns of water its size is not used."""
         self._predict(cluster.stamp_ns)
         # Looks overlap: four times the variance of one. Of a long thing now one part is seen, now another, so that its
         # middle is known across it and hardly along it.
@@ -171,7 +171,7 @@ class ObstacleTrack:
 
 
 class ObstacleTracker:
-    """`update` with the things of each look; `confirmed` are those to count on."""
+    """`update` with the clusters of each look; `confirmed` are the tracks to avoid."""
 
     def __init__(self) -> None:
         self.structure = StructureMap()
@@ -194,7 +194,7 @@ class ObstacleTracker:
         water_reach_m: float,
         drift_ne_mps: Array,
     ) -> None:
-        """Things seen up to `now_ns` from a place and heading; what is new is taken to drift with the current."""
+        """Clusters up to `now_ns`, seen from a position and heading; new tracks start with the current's drift."""
         small: list[Cluster] = []
         for cluster in found:
             if cluster.length_m > TUNED.track_longest_m:
@@ -217,7 +217,7 @@ class ObstacleTracker:
         self._tracks = [track for track in self._tracks if not self._is_lost(track, now_ns)]
 
     def _match(self, things: list[Cluster], drift_ne_mps: Array, pos_ne_m: Array, water_reach_m: float) -> None:
-        """The nearest pairs first."""
+        """Associate tracks with clusters, the nearest pairs first."""
         pairs = []
         for index, track in enumerate(self._tracks):
             gate_m = TUNED.track_gate_m + 0.4 * track.length_m
@@ -278,7 +278,7 @@ class ObstacleTracker:
 
 
 def _is_in_view(track: ObstacleTrack, now_ns: int, pos_ne_m: Array, view_rad: float, water_reach_m: float) -> bool:
-    """Whether it would be seen where it is taken to be, beyond where water returns."""
+    """Whether a track would be seen at its predicted position, beyond where water returns."""
     off = track.position_at(now_ns) - pos_ne_m
     bearing = math.remainder(math.atan2(off[1], off[0]) - view_rad, math.tau)
     nearest_m = TUNED.strewn_share * water_reach_m
@@ -286,7 +286,7 @@ def _is_in_view(track: ObstacleTrack, now_ns: int, pos_ne_m: Array, view_rad: fl
 
 
 class CurrentEstimator:
-    """The current, from how the vessel is set sideways: what it makes good across its keel is not of its own doing.
+    """Estimates the current from the vessel's drift across its heading, which its propulsion does not cause.
 
     Least squares with forgetting, from nothing known but that it is about as fast as rivers are.
     """
@@ -297,7 +297,7 @@ class CurrentEstimator:
         self._stamp_ns: int | None = None
 
     def update(self, stamp_ns: int, vel_ned_mps: Array, heading_rad: float, yaw_rate_radps: float) -> None:
-        """The velocity over ground and the heading, not in a turn."""
+        """Update by velocity over ground and heading; turns are left out."""
         if self._stamp_ns is not None and stamp_ns - self._stamp_ns < 200_000_000:
             return
         self._stamp_ns = stamp_ns

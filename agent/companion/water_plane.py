@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 
 class WaterLevel(NamedTuple):
-    """The water seen from the body at a cloud's end: unit normal (3,) down, and how far along it the water is.
+    """The water level seen from the body at a cloud's end: unit normal (3,) down, and the distance along it.
 
     turn_frd_radps (3,): how the body turns against the water, which tells nothing of yaw.
     """
@@ -73,7 +73,7 @@ class WaterPlane:
         return far
 
     def _fit(self, sides: Points, down_m: Points) -> None:
-        """By the low points; the last plane stays where they are on none that could be water."""
+        """Fit the low points; the last plane is kept where they form none that could be water."""
         plane = np.zeros(6)
         chosen = np.ones(len(down_m), dtype=np.bool_)
         for trim_m in TUNED.water_trims_m:

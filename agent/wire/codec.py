@@ -1,4 +1,4 @@
-"""Between the generated message classes and raw frames. The one place that meets the untyped generated code.
+"""Conversion between the generated message classes and raw frames; the one place with untyped generated code.
 
 Hundreds of messages a second pass here on a slow board: frames are made and read with what is known of each class
 beforehand, the same bytes as the generated code makes with a dozen objects a message.

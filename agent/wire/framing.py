@@ -1,4 +1,4 @@
-"""Cuts bytes into MAVLink 2 frames; what is no good frame is skipped and counted, never raised.
+"""Finds MAVLink 2 frames in bytes; anything else is skipped and counted, never raised.
 
 Frame: 0xFD, payload length, incompatibility flags, compatibility flags, sequence, system, component, message id (3
 bytes, little endian), payload, checksum (2 bytes), and 13 bytes of signature when incompatibility flag 1 is set

@@ -1,4 +1,4 @@
-"""Faults on purpose: a transport that loses, delays, repeats and reorders what it is given to send."""
+"""Link faults: a transport that loses, delays, repeats and reorders what it sends, repeatably by a seed."""
 
 from __future__ import annotations
 

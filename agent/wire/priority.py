@@ -1,4 +1,4 @@
-"""What goes first over a slow line: motor commands and inertial samples at once, the rest when there is room."""
+"""Priorities on a slow line: motor commands and inertial samples at once, the rest when there is room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MAVLink 2 signing: who holds the key may speak (mavlink.io, "Message Signing").
+"""MAVLink 2 message signing (mavlink.io, "Message Signing").
 
 A signed frame ends in 13 bytes: the sender's link number, a timestamp in units of 10 microseconds since 2015 (6 bytes,
 little endian), and the first 6 bytes of SHA-256 over key, frame, link number and timestamp.

@@ -279,7 +279,7 @@ class Trial:
         if tick % 10 == 0:
             for message in self.watch.plan(round(self.time_s * 1e9)):
                 self.say(self.order(message))
-        self.manoeuvres.append(self.watch.manoeuvre)
+        self.manoeuvres.append(self.watch.commands.manoeuvre)
 
     def _judge(self) -> None:
         now_ns = round(self.time_s * 1e9)

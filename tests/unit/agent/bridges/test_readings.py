@@ -1,16 +1,17 @@
-"""The host's messages as samples, and that nothing a message can hold does any of the ways in harm."""
+"""Sensor samples from the host's messages, their date, and which of them are passed on."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.bridges.ahrs import SensorLine
+from agent.bridges.ahrs import RATE_WINDOW, RateGauge, SensorLine, SpeedLimit
 from agent.bridges.hil import HilMessages
 from agent.bridges.injector import Injector
 from agent.bridges.json_world import JsonWorld
@@ -18,18 +19,48 @@ from agent.bridges.microstrain import MicroStrain7
 from agent.bridges.px4 import Px4Injector
 from agent.bridges.readings import (
     LARGEST,
+    SampleDecimator,
     SensorReadings,
     barometer_sample_from,
     imu_sample_from,
     magnetometer_sample_from,
     receiver_fix_from,
 )
-from agent.bridges.samples import GpsTime
+from agent.bridges.samples import SECOND_NS, WEEK_S, GpsTime
 from agent.bridges.vectornav import VectorNav, sentence
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message, Packer
 from agent.wire.memory import MemoryTransport, memory_pair
+
+START = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+def test_a_known_date() -> None:
+    """The first second of 2026 UTC: GPS week 2399, Thursday, 18 s later."""
+    gps_ns = GpsTime.from_unix_time(START.timestamp(), 5 * SECOND_NS).gps_ns(5 * SECOND_NS)
+    week, rest_ns = divmod(gps_ns, WEEK_S * SECOND_NS)
+    assert (week, rest_ns) == (2399, (4 * 86_400 + 18) * SECOND_NS)
+
+
+def test_time_goes_on_with_the_stamps() -> None:
+    time = GpsTime.from_unix_time(START.timestamp(), 0)
+    assert time.gps_ns(1_234) - time.gps_ns(0) == 1_234
+
+
+def test_the_year() -> None:
+    assert GpsTime.from_unix_time(START.timestamp(), 0).year_at(0) == pytest.approx(2026.0, abs=0.003)  # a day
+
+
+def test_runs_that_repeat_have_a_date_of_their_own() -> None:
+    week, rest_ns = divmod(GpsTime.fixed().gps_ns(0), WEEK_S * SECOND_NS)
+    assert (week, rest_ns) == (2371, 0)
+    assert GpsTime.fixed().year_at(0) == pytest.approx(2025.452, abs=0.003)
+
+
+def test_a_board_without_a_date() -> None:
+    assert GpsTime.from_unix_time(0.0, 0) == GpsTime.fixed()
+
 
 MS = 1_000_000
 OUTPUTS = ("VNWRG,75,3,2,01,0721", "VNWRG,76,3,8,31,0001,0106,0613", "VNWRG,77,3,80,49,0003,26B8,0018")
@@ -147,3 +178,94 @@ def test_whatever_the_script_says_nothing_breaks(told: list[tuple[str, float]]) 
     for name, value in told:
         vehicle.tap(mav.MAVLink_named_value_float_message(0, f"xitl_{name}".encode(), value))
     assert min(injector.counts.script_in, injector.counts.script_out, injector.counts.script_dropped) >= 0
+
+
+def passed(period_ns: int, stamps_ns: list[int]) -> list[int]:
+    pace = SampleDecimator(period_ns)
+    return [stamp_ns for stamp_ns in stamps_ns if pace.is_due(stamp_ns)]
+
+
+def test_all_of_them() -> None:
+    stamps = list(range(0, 50 * MS, 5 * MS))
+    assert passed(0, stamps) == stamps
+    assert passed(5 * MS, stamps) == stamps
+
+
+def test_every_other_one() -> None:
+    assert passed(5 * MS, [2_500_000 * n for n in range(8)]) == [0, 5 * MS, 10 * MS, 15 * MS]
+
+
+def test_a_slower_sensor_loses_none() -> None:
+    stamps = [8 * MS * n for n in range(10)]
+    assert passed(5 * MS, stamps) == stamps
+
+
+def test_rounded_stamps_lose_none() -> None:
+    stamps = [3_333_000 * n for n in range(30)]
+    assert passed(3_333_333, stamps) == stamps
+
+
+def test_a_rate_that_does_not_divide_is_met_on_average() -> None:
+    assert len(passed(5 * MS, [3 * MS * n for n in range(1000)])) == pytest.approx(600, abs=2)
+
+
+def test_after_a_gap_or_a_step_back_it_begins_anew() -> None:
+    assert passed(10 * MS, [0, 5 * MS, 100 * MS, 105 * MS, 110 * MS]) == [0, 100 * MS, 110 * MS]
+    assert passed(10 * MS, [100 * MS, 0, 5 * MS, 10 * MS]) == [100 * MS, 0, 10 * MS]
+
+
+def test_the_rate() -> None:
+    gauge = RateGauge()
+    found = [gauge.add(5 * MS * n) for n in range(3 * RATE_WINDOW)]
+    assert [rate for rate in found if rate is not None] == pytest.approx(2 * [200.0])
+
+
+class Wall:
+    """A clock that goes on when somebody waits."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+        self.waited_s = 0.0
+
+    def clock_s(self) -> float:
+        return self.now_s
+
+    def wait(self, duration_s: float) -> None:
+        self.now_s += duration_s
+        self.waited_s += duration_s
+
+
+def test_a_run_is_held_back() -> None:
+    wall = Wall()
+    limit = SpeedLimit(8.0, wall.clock_s, wall.wait)
+    for tick in range(801):
+        limit.hold(tick * 10 * MS)
+    assert wall.now_s == pytest.approx(101.0)
+
+
+def test_a_run_that_is_slow_by_itself_is_not_held_back() -> None:
+    wall = Wall()
+    limit = SpeedLimit(8.0, wall.clock_s, wall.wait)
+    for tick in range(100):
+        wall.now_s += 0.002
+        limit.hold(tick * 10 * MS)
+    assert wall.waited_s == 0.0
+
+
+def test_what_was_lost_is_not_caught_up() -> None:
+    wall = Wall()
+    limit = SpeedLimit(8.0, wall.clock_s, wall.wait)
+    limit.hold(0)
+    wall.now_s += 10.0
+    limit.hold(10 * MS)
+    assert wall.waited_s == 0.0
+    limit.hold(20 * MS)
+    assert wall.waited_s == pytest.approx(0.00125)
+
+
+def test_a_long_step_is_waited_for_half_a_second() -> None:
+    wall = Wall()
+    limit = SpeedLimit(8.0, wall.clock_s, wall.wait)
+    limit.hold(0)
+    limit.hold(3600_000 * MS)
+    assert wall.waited_s == 0.5

@@ -43,8 +43,8 @@ def test_nothing_adrift_is_run_into(seed: int, kind: BodyKind) -> None:
     assert trial.least_m[0] > 1.0
     assert trial.seen_at_m[0] is not None
     assert trial.seen_at_m[0] > DETECTED_M
-    assert trial.watch.detours >= 1
-    assert trial.watch.manoeuvre == mav.XITL_MANOEUVRE_NONE
+    assert trial.watch.commands.detours >= 1
+    assert trial.watch.commands.manoeuvre == mav.XITL_MANOEUVRE_NONE
     assert trial.modes[-2][1] == AUTO, "the mission did not go on in AUTO"
 
 
@@ -62,7 +62,7 @@ def test_waves_alone_are_no_obstacles(seed: int, height_m: float, period_s: floa
         seed=seed,
     )
     trial = Trial(river).run(60.0)
-    assert trial.watch.detours == trial.watch.stops == 0
+    assert trial.watch.commands.detours == trial.watch.commands.stops == 0
     assert trial.modes == [(0.0, AUTO), (pytest.approx(40.0, abs=3.0), HOLD)]
 
 
@@ -80,7 +80,7 @@ def test_a_boom_beside_the_leg_is_passed(seed: int, side: float) -> None:
         seed=seed,
     )
     trial = Trial(river).run(60.0)
-    assert trial.watch.detours == trial.watch.stops == 0
+    assert trial.watch.commands.detours == trial.watch.commands.stops == 0
     assert len(trial.watch.tracker.structure.points_ne_m) > 20
 
 
@@ -97,17 +97,17 @@ def test_what_passes_clear_is_let_pass(seed: int, off_m: float, kind: BodyKind) 
         seed=seed,
     )
     trial = Trial(river).run(60.0)
-    assert trial.watch.detours == trial.watch.stops == 0
+    assert trial.watch.commands.detours == trial.watch.commands.stops == 0
     assert trial.seen_at_m[0] is not None
-    assert trial.watch.obstacles >= 1
+    assert trial.watch.tracker.total >= 1
 
 
 @pytest.mark.slow
 def test_without_a_way_it_stops_and_waits() -> None:
     wall = moved(box((2.0, 400.0, 4.0), CONCRETE), (60.0, 0.0, 0.0))
     trial = Trial(River([(LEG_M, 0.0)], scene=Scene((Part("wall", wall),)), seed=1401)).run(45.0)
-    assert trial.watch.stops >= 1
-    assert trial.watch.manoeuvre == mav.XITL_MANOEUVRE_STOP
+    assert trial.watch.commands.stops >= 1
+    assert trial.watch.commands.manoeuvre == mav.XITL_MANOEUVRE_STOP
     assert trial.mode == GUIDED
     assert trial.pos[0] < 59.0 - 1.4 - 1.0
     assert float(np.hypot(*trial.vel)) < 0.3
@@ -127,7 +127,7 @@ def test_who_changes_the_mode_has_the_helm() -> None:
     orders = [m.get_type() for m in trial.sent[before:]]
     assert "SET_POSITION_TARGET_LOCAL_NED" not in orders
     assert "COMMAND_LONG" not in orders
-    assert trial.watch.manoeuvre == mav.XITL_MANOEUVRE_NONE
+    assert trial.watch.commands.manoeuvre == mav.XITL_MANOEUVRE_NONE
 
 
 @pytest.mark.slow

@@ -274,4 +274,4 @@ def test_a_lookout_that_has_heard_nothing_says_nothing() -> None:
     watch = ObstacleAvoidance()
     watch.add_cloud(0, np.zeros((3, 3), dtype=np.float32), np.zeros(3, dtype=np.float32), np.zeros(3, dtype=np.uint8))
     assert watch.plan(0) == watch.proximity_messages(0) == watch.obstacle_messages(0) == []
-    assert (watch.obstacles, watch.detours, watch.stops, watch.manoeuvre) == (0, 0, 0, 0)
+    assert (watch.tracker.total, watch.commands.detours, watch.commands.stops, watch.commands.manoeuvre) == (0, 0, 0, 0)
