@@ -9,7 +9,7 @@ import agent
 from agent.machine import REAL, Machine, MachineHealth
 from agent.roles.role import Traffic
 from agent.timing.realtime import RealtimeState
-from agent.timing.tasks import MissedDeadline, TaskStats
+from agent.timing.tasks import TaskMiss, TaskStats
 from agent.wire import dialect
 from agent.wire.codec import Message
 from agent.wire.link import LinkCounters
@@ -114,7 +114,7 @@ def task_stats(now_ns: int, stats: TaskStats) -> Message:
     return message
 
 
-def task_miss(miss: MissedDeadline) -> Message:
+def task_miss(miss: TaskMiss) -> Message:
     """XITL_TASK_MISS."""
     message: Message = dialect.MAVLink_xitl_task_miss_message(
         max(miss.due_ns, 0) // 1000,

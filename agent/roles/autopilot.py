@@ -13,7 +13,7 @@ from agent.roles.ground_stations import GroundStations
 from agent.roles.role import Role, Traffic
 from agent.roles.storage import Storage
 from agent.timing.clock import Clock, MonotonicClock
-from agent.timing.tasks import Executor, MissedDeadline, TaskStats
+from agent.timing.tasks import Executor, TaskMiss, TaskStats
 from agent.wire import dialect
 from agent.wire.codec import Message
 
@@ -158,7 +158,7 @@ class AutopilotRole(Role):
         if self._log is not None:
             self._log.log_task_stats(now_ns, stats)
 
-    def log_missed_deadlines(self, now_ns: int, misses: Sequence[MissedDeadline]) -> None:
+    def log_missed_deadlines(self, now_ns: int, misses: Sequence[TaskMiss]) -> None:
         if self._log is not None:
             self._log.log_missed_deadlines(now_ns, misses)
 

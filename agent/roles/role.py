@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Callable, NamedTuple
 
 from agent.timing.clock import Clock
-from agent.timing.tasks import Executor, MissedDeadline, TaskStats
+from agent.timing.tasks import Executor, TaskMiss, TaskStats
 from agent.wire.codec import Message
 
 
@@ -71,7 +71,7 @@ class Role:
     def log_task_stats(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
         """Once a second: how the tasks did since the start."""
 
-    def log_missed_deadlines(self, now_ns: int, misses: Sequence[MissedDeadline]) -> None:
+    def log_missed_deadlines(self, now_ns: int, misses: Sequence[TaskMiss]) -> None:
         """Deadlines that were missed."""
 
     @property

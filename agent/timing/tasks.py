@@ -66,7 +66,7 @@ class _Task:
         self.start_ns += by_ns
         self.due_ns += by_ns
 
-    def run(self, clock: Clock, misses: MissedDeadlines) -> None:
+    def run(self, clock: Clock, misses: TaskMisses) -> None:
         begin_ns = clock.now_ns()
         due_ns, first = self.due_ns, self.index
         index = first
@@ -98,7 +98,7 @@ class _Task:
         self.run_bins[histogram_bin(run_ns)] += 1
         if end_ns > next_ns or index != first:
             self.missed += end_ns > next_ns
-            misses.add(MissedDeadline(self.name, first, due_ns, begin_ns, end_ns, index - first))
+            misses.add(TaskMiss(self.name, first, due_ns, begin_ns, end_ns, index - first))
 
     def stats(self) -> TaskStats:
         cycles = max(self.cycles, 1)
@@ -131,7 +131,7 @@ class Executor:
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
-        self.misses = MissedDeadlines()
+        self.misses = TaskMisses()
         self.steps_back = 0
         self._tasks: list[_Task] = []
         self._urgent: list[_Task] = []
@@ -217,7 +217,7 @@ def quantile_us(histogram: Sequence[int], share: float, longest_us: int) -> int:
     return 0
 
 
-class MissedDeadline(NamedTuple):
+class TaskMiss(NamedTuple):
     """A task that came late by a cycle or more, or took longer than it had.
 
     cycle, due_ns: the cycle that was due, counted from 0 in periods since the start, and when. start_ns, end_ns: of the
@@ -233,7 +233,7 @@ class MissedDeadline(NamedTuple):
     skipped: int
 
 
-class MissedDeadlines:
+class TaskMisses:
     """The misses nobody has taken yet, at most `MOST_KEPT`: the first ones, as they tell how it began.
 
     unreported: misses for which there was no room.
@@ -241,19 +241,19 @@ class MissedDeadlines:
 
     def __init__(self) -> None:
         self.unreported = 0
-        self._kept: deque[MissedDeadline] = deque()
+        self._kept: deque[TaskMiss] = deque()
 
     def __len__(self) -> int:
         return len(self._kept)
 
-    def add(self, miss: MissedDeadline) -> None:
+    def add(self, miss: TaskMiss) -> None:
         """Keep it, if there is room."""
         if len(self._kept) < MOST_KEPT:
             self._kept.append(miss)
         else:
             self.unreported += 1
 
-    def drain(self, most: int) -> list[MissedDeadline]:
+    def drain(self, most: int) -> list[TaskMiss]:
         """The oldest ones, at most so many."""
         kept = self._kept
         return [kept.popleft() for _ in range(min(most, len(kept)))]

@@ -31,7 +31,7 @@ from agent.fcu.vehicle_state import (
     MagnetometerMeasurement,
     Vector3,
 )
-from agent.timing.tasks import MissedDeadline, TaskStats
+from agent.timing.tasks import TaskMiss, TaskStats
 
 ARMED, DISARMED, HOME_SET, FENCE_ON, FENCE_OFF = 10, 11, 25, 41, 42  # EV
 EKF_CHECK, EKF_BAD = 16, 2  # ERR subsystem and its code
@@ -406,7 +406,7 @@ class FlightLog:
         for index, task in enumerate(stats):
             self._put(records.task(now_us, index, task))
 
-    def log_missed_deadlines(self, now_ns: int, misses: Sequence[MissedDeadline]) -> None:
+    def log_missed_deadlines(self, now_ns: int, misses: Sequence[TaskMiss]) -> None:
         """Deadlines that the executor's tasks missed, each once."""
         for miss in () if self._lockstep else misses:
             self._put_important(records.missed_deadline(now_ns // 1000, miss))

@@ -20,7 +20,7 @@ from agent.fcu.vehicle_state import (
     StateEstimate,
     Vector3,
 )
-from agent.timing.tasks import MissedDeadline, TaskStats, quantile_us
+from agent.timing.tasks import TaskMiss, TaskStats, quantile_us
 
 _IMU, _GPS, _GPA, _MAG, _BARO = (FORMATS[name].pack for name in ("IMU", "GPS", "GPA", "MAG", "BARO"))
 _ATT, _POS, _XKF1, _XKF4, _XKQ = (FORMATS[name].pack for name in ("ATT", "POS", "XKF1", "XKF4", "XKQ"))
@@ -186,7 +186,7 @@ def task(now_us: int, index: int, stats: TaskStats) -> bytes:
     )
 
 
-def missed_deadline(now_us: int, missed: MissedDeadline) -> bytes:
+def missed_deadline(now_us: int, missed: TaskMiss) -> bytes:
     """MISS."""
     late_us, run_us = (missed.start_ns - missed.due_ns) // 1000, (missed.end_ns - missed.start_ns) // 1000
     return _MISS(now_us, missed.task, missed.cycle, missed.due_ns // 1000, late_us, run_us, missed.skipped)

@@ -16,7 +16,7 @@ from agent.node import AgentNode
 from agent.reports import Identity
 from agent.roles.autopilot import AutopilotRole
 from agent.roles.role import Role
-from agent.timing.tasks import MissedDeadline
+from agent.timing.tasks import TaskMiss
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
@@ -44,13 +44,13 @@ class LogDouble:
 
     def __init__(self) -> None:
         self.calls: Counter[str] = Counter()
-        self.misses: list[MissedDeadline] = []
+        self.misses: list[TaskMiss] = []
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         assert hasattr(FlightLog, name), f"a flight log has no {name}"
         return lambda *_: self.calls.update([name])
 
-    def log_missed_deadlines(self, now_ns: int, misses: Sequence[MissedDeadline]) -> None:
+    def log_missed_deadlines(self, now_ns: int, misses: Sequence[TaskMiss]) -> None:
         self.misses += misses
 
 

@@ -6,7 +6,7 @@ import pytest
 from node_host import BOARD, HELLO, LOCKSTEP, MS, REALTIME, START, STOP, Host, LogDouble, of
 
 import agent
-from agent.timing.tasks import MOST_KEPT, MissedDeadline
+from agent.timing.tasks import MOST_KEPT, TaskMiss
 from agent.wire import dialect as mav
 
 
@@ -132,7 +132,7 @@ def test_of_many_misses_ten_a_cycle_are_told() -> None:
     host.run(START)
     misses = host.node.executor.misses
     for cycle in range(MOST_KEPT + 3):
-        misses.add(MissedDeadline("control", cycle, 0, 0, 0, 0))
+        misses.add(TaskMiss("control", cycle, 0, 0, 0, 0))
     told = [len(of("XITL_TASK_MISS", host.live(0.02))) for _ in range(8)]
     assert told == [10] * 6 + [4, 0]
     assert of("XITL_NODE_STATUS", host.live(1.0))[-1].misses_unreported == 3

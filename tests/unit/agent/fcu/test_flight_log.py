@@ -43,7 +43,7 @@ from agent.fcu.vehicle_state import (
     Actuators,
     ImuMeasurement,
 )
-from agent.timing.tasks import MissedDeadline, TaskStats
+from agent.timing.tasks import TaskMiss, TaskStats
 
 AHEAD_NS = 7_000_000_000  # the agent's clock against the sensors'
 OFFSET_MGAUSS = 12.0
@@ -371,7 +371,7 @@ def test_long_loops_load_and_tasks_in_real_time(tmp_path: Path) -> None:
     log.log_task_stats(now + 1_000_000_000, stats)
     later = [replace(stats[0], cycles=1002), stats[1]]
     log.log_task_stats(now + 10_000_000_000, later)
-    log.log_missed_deadlines(now, [MissedDeadline("control", 300, 6_000_000_000, 6_030_000_000, 6_032_500_000, 1)])
+    log.log_missed_deadlines(now, [TaskMiss("control", 300, 6_000_000_000, 6_030_000_000, 6_032_500_000, 1)])
     log.close()
     rows = rows_of(tmp_path / "log.bin")
     row, second = rows["PM"]

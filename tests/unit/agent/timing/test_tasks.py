@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.timing.clock import SteppedClock, TickClock
-from agent.timing.tasks import MOST_KEPT, Executor, MissedDeadline
+from agent.timing.tasks import MOST_KEPT, Executor, TaskMiss
 
 MS = 1_000_000
 
@@ -196,8 +196,8 @@ def test_each_miss_is_told_with_its_instants() -> None:
     run_until(executor, clock, 100 * MS)
     # Cycle 1 takes from 10 to 45 ms and so ends late; when it is over, 2 and 3 are skipped in favour of 4.
     overrun, skipped = executor.misses.drain(10)
-    assert overrun == MissedDeadline("loop", cycle=1, due_ns=10 * MS, start_ns=10 * MS, end_ns=45 * MS, skipped=0)
-    assert skipped == MissedDeadline("loop", cycle=2, due_ns=20 * MS, start_ns=45 * MS, end_ns=46 * MS, skipped=2)
+    assert overrun == TaskMiss("loop", cycle=1, due_ns=10 * MS, start_ns=10 * MS, end_ns=45 * MS, skipped=0)
+    assert skipped == TaskMiss("loop", cycle=2, due_ns=20 * MS, start_ns=45 * MS, end_ns=46 * MS, skipped=2)
     assert executor.misses.drain(10) == []
 
 
