@@ -139,7 +139,7 @@ RC_TRIM_US, RC_SPAN_US = 1500, 400
 
 
 class ReplayDriver(VehicleDriver):
-    """Plays `schedule` (port, starboard) once the autopilot is armed in MANUAL; the vessel is moored until then.
+    """Plays `schedule` (port, starboard) once the autopilot is armed in MANUAL; the vessel is held until then.
 
     The pulses go out at every exchange. The autopilot mixes and shapes them for its motors, which repeats the recorded
     commands only as well as its settings equal those of the recorded vehicle.
@@ -285,7 +285,7 @@ FAREWELL_S = 2.0  # after the last waypoint, for the ground station to hear of i
 
 
 class GroundStationDriver(VehicleDriver):
-    """Sends no commands. The vessel is moored until the autopilot is armed for the first time.
+    """Sends no commands. The vessel is held until the autopilot is armed for the first time.
 
     The mission that is started is downloaded, so that the run is judged by what was drawn. With `stay` the run goes on
     after it. `addresses`: where the autopilot talks to ground stations.
