@@ -1,6 +1,6 @@
 """One step of the world: environment, surroundings of each vessel, vessel.
 
-simulation = Simulation.of(vessel_model, environment, dt_s=0.0025)
+simulation = Simulation.from_spec(vessel_model, environment, dt_s=0.0025)
 state = initial(simulation, north_east_m, yaw_rad, rng)
 state = step(simulation, state, command, rng)
 """
@@ -23,7 +23,7 @@ from sim_core.world import waterway as waterways
 from sim_core.world.contact import Contacts, Outline
 from sim_core.world.debris import DebrisState, Launch, bodies_at
 from sim_core.world.rays import Bodies
-from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, Water, Waterway
+from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, StepTimes, WaterMotion, Waterway
 
 DRIFT_NS = 20_000_000  # current and gusts change over seconds and are sampled exactly at any step: 50 Hz is plenty
 
@@ -42,17 +42,17 @@ class Simulation:
     waterway: Waterway = OPEN_WATER
 
     @classmethod
-    def of(
+    def from_spec(
         cls, model: VesselSpec, environment: Environment, dt_s: float, waterway: Waterway = OPEN_WATER
     ) -> Simulation:
         """Raises ValueError when dt_s is no whole number of nanoseconds or the vessel does not float."""
         dt_ns = round(dt_s * 1e9)
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
-        vessel = Vessel.of(model, environment.water, dt_s)
+        vessel = Vessel.from_spec(model, environment.water, dt_s)
         hull_waves = environment.waves.at_hull(vessel.buoyancy.axes_frd_m)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
-        return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.of(model), waterway)
+        return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,9 +103,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
             simulation.waterway,
             simulation.outline,
             afloat,
-            state.time_ns,
-            simulation.dt_ns,
-            simulation.drift_ns,
+            StepTimes(state.time_ns, simulation.dt_ns, simulation.drift_ns),
             state.vessel.motion,
             _water(simulation, environment, state.time_ns),
         )
@@ -119,7 +117,7 @@ def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:
     return state.vessel.motion
 
 
-def bodies_of(simulation: Simulation, state: SimulationState) -> Bodies:
+def drifting_bodies(simulation: Simulation, state: SimulationState) -> Bodies:
     """What drifts, where it is at the state's instant, for ray casting."""
     return bodies_at(state.afloat.debris, state.time_ns)
 
@@ -127,14 +125,14 @@ def bodies_of(simulation: Simulation, state: SimulationState) -> Bodies:
 def launch(simulation: Simulation, state: SimulationState, body: Launch) -> SimulationState:
     """With one body more in the water, whatever its `at_ns`. Raises ValueError for an impossible length."""
     water = _water(simulation, state.environment, state.time_ns)
-    debris = waterways.put_in(state.afloat.debris, body, water)
+    debris = waterways.launch_body(state.afloat.debris, body, water)
     return replace(state, afloat=replace(state.afloat, debris=debris))
 
 
-def _water(simulation: Simulation, state: EnvironmentState, time_ns: int) -> Water:
+def _water(simulation: Simulation, state: EnvironmentState, time_ns: int) -> WaterMotion:
     """What carries bodies: all of them the current of the first vessel, which varies in time alone between vessels."""
     environment, varies = simulation.environment, state.current[:1]
-    return Water(
+    return WaterMotion(
         lambda places: environment.current.velocity_ned_mps(varies, places),
         lambda places: environment.surface_ned_z_m(time_ns * 1e-9, places),
     )

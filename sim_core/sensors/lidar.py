@@ -75,7 +75,7 @@ class Rosette:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class BodyTrack:
     """Where a body was at K >= 2 instants of one frame, from its start to its end.
 
     stamps_ns (K,); pos_ned_m (K, 3); rot_ned_frd (K, 3, 3). Between two instants both are interpolated linearly: for
@@ -109,13 +109,13 @@ class Rays:
     direction_ned: Array32
     later_s: Array32
 
-    def of(self, rows: NDArray[np.intp]) -> Rays:
+    def select(self, rows: NDArray[np.intp]) -> Rays:
         """Some of them."""
         return Rays(self.origin_ned_m.take(rows, 0), self.direction_ned.take(rows, 0), self.later_s[rows])
 
 
-def rays_from(
-    track: Track, position_frd_m: Array, rot_frd_sensor: Array, looking: Array32, first_s: float, interval_s: float
+def make_rays(
+    track: BodyTrack, position_frd_m: Array, rot_frd_sensor: Array, looking: Array32, first_s: float, interval_s: float
 ) -> Rays:
     """Rays along looking (3, n), in the sensor's axes, of a sensor at (3,), turned by (3, 3), on the track.
 
@@ -153,7 +153,7 @@ _REFLECTIVITY = np.array([material.reflectivity for material in MATERIALS], floa
 
 
 @dataclass(frozen=True, slots=True)
-class Fates:
+class PointFates:
     """What became of the points fired in a frame; those returned include what fog, spray and water returned.
 
     nothing: nothing there; weak: too little came back; near: in the blind zone; water: into the water; dropped: lost
@@ -173,7 +173,7 @@ class Fates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scan:
+class LidarScan:
     """The n returns of a frame: points_frd_m (n, 3) in body axes, each at its own instant.
 
     offset_s (n,) after stamp_ns; intensity (n,): 150 for a diffuse target of 100 %.
@@ -183,7 +183,7 @@ class Scan:
     points_frd_m: Array32
     offset_s: Array32
     intensity: NDArray[uint8]
-    fates: Fates
+    fates: PointFates
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,12 +206,12 @@ class Lidar:
 
     def scan(
         self,
-        track: Track,
+        track: BodyTrack,
         caster: RayCaster,
         water: WaterSeen,
         rng: Generator,
         bodies: Bodies = NO_BODIES,
-    ) -> Scan:
+    ) -> LidarScan:
         """All points from the first instant of the track up to its last; water and bodies are of the first."""
         start_ns, end_ns = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
         interval_s = 1.0 / self._rosette.points_hz
@@ -219,7 +219,7 @@ class Lidar:
         count = math.ceil(end_ns * 1e-9 / interval_s - 1e-6) - first
         first_s = max(first * interval_s - start_ns * 1e-9, 0.0)
         looking = self._rosette.directions(first, count)
-        rays = rays_from(track, self._position, self._mount, looking, first_s, interval_s)
+        rays = make_rays(track, self._position, self._mount, looking, first_s, interval_s)
         ends = self._in_the_air(self._targets(rays, caster, bodies, water, rng), rng)
 
         near, far = ends.range_m < self.spec.min_range_m, ends.range_m > self.spec.max_range_m
@@ -241,7 +241,7 @@ class Lidar:
         intensity = np.rint(np.minimum(strength, float32(255.0))).astype(uint8)
         nothing = np.isinf(ends.range_m)
         swallowed = ends.wet & ~(within | near)
-        fates = Fates(
+        fates = PointFates(
             fired=count,
             returned=len(kept),
             nothing=_count(nothing),
@@ -253,7 +253,7 @@ class Lidar:
             from_fog=_count(ends.fog[kept]),
             from_spray=_count(ends.spray[kept]),
         )
-        return Scan(start_ns, np.ascontiguousarray(points.T), rays.later_s[kept], intensity, fates)
+        return LidarScan(start_ns, np.ascontiguousarray(points.T), rays.later_s[kept], intensity, fates)
 
     def _targets(self, rays: Rays, caster: RayCaster, bodies: Bodies, water: WaterSeen, rng: Generator) -> _Ends:
         """What each ray would end at in empty air."""
@@ -274,7 +274,7 @@ class Lidar:
         steepest = direction[:, 2] + float32(_STEEPER if water.crest_m else 0.0)
         bound = self._signal(steepest * float32(self.water_reflectivity), range_m) * flicker
         bright = np.flatnonzero(wet & (bound > 1.0) & (range_m > 0.0))
-        some = rays.of(bright)
+        some = rays.select(bright)
         met_m, cosine = water.met(some.origin_ned_m, some.direction_ned, some.later_s, range_m[bright])
         range_m[bright] = met_m
         albedo[bright] = float32(self.water_reflectivity) * cosine * through_surface(cosine) ** 2
@@ -316,9 +316,9 @@ class Lidar:
             return kept, np.minimum(measured_m, ends.still_m[kept]), 0
         down_m = rays.origin_ned_m[:, 2][kept] + rays.direction_ned[:, 2][kept] * measured_m
         low = np.flatnonzero(down_m > water.level_down_m - water.crest_m)
-        low = low[_under(water, rays.of(kept[low]), measured_m[low])]
+        low = low[_under(water, rays.select(kept[low]), measured_m[low])]
         measured_m[low] = np.minimum(measured_m[low], range_m[low])
-        drowned = low[_under(water, rays.of(kept[low]), measured_m[low])]
+        drowned = low[_under(water, rays.select(kept[low]), measured_m[low])]
         return np.delete(kept, drowned), np.delete(measured_m, drowned), len(drowned)
 
 

@@ -105,7 +105,7 @@ class WaterSeen:
     to_slope: Array32
 
     @classmethod
-    def of(cls, environment: Environment, time_s: float, pos_ned_m: NDArray[float64]) -> WaterSeen:
+    def around(cls, environment: Environment, time_s: float, pos_ned_m: NDArray[float64]) -> WaterSeen:
         """About pos_ned_m (3,) at time_s."""
         level_down_m, waves, middle = -environment.water.level_m, environment.waves, pos_ned_m[:2]
         if not isinstance(waves, WaveField):

@@ -18,7 +18,7 @@ from sim_core.sensors.measurement import (
 from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
 from sim_core.world.plan import Walls
 
-OPEN_WATER = Walls.of(())
+OPEN_WATER = Walls.joined(())
 
 
 @dataclass(frozen=True, slots=True)

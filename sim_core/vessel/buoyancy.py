@@ -82,7 +82,7 @@ class Buoyancy:
     wrench: Array  # (12, 6): (lift, lift x position) times the direction of the lift
 
     @classmethod
-    def of(cls, model: VesselSpec, water: Water) -> Buoyancy:
+    def from_spec(cls, model: VesselSpec, water: Water) -> Buoyancy:
         """Constants from the vessel's hull and the water."""
         hull = model.hull
         axes = strip_axes_frd_m(hull)

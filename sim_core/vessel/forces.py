@@ -41,7 +41,7 @@ class Hydrodynamics:
     water_wrench: Array  # (3, 6) force of the water's acceleration in body axes: M_A [a_f; 0]
 
     @classmethod
-    def of(cls, model: VesselSpec) -> Hydrodynamics:
+    def from_spec(cls, model: VesselSpec) -> Hydrodynamics:
         """Matrices from the vessel's data."""
         rigid_mass = np.diag([model.mass_kg] * 3 + list(model.inertia_kgm2))
         added_mass = np.diag(astuple(model.added_mass))
@@ -121,7 +121,7 @@ class WindDrag:
     wrench: Array  # (3, 6)
 
     @classmethod
-    def of(cls, model: VesselSpec) -> WindDrag:
+    def from_spec(cls, model: VesselSpec) -> WindDrag:
         """Constants from the vessel's windage."""
         wind = model.wind
         wrench = np.zeros((3, 6))

@@ -28,7 +28,7 @@ class Propulsion:
     wrench: Array  # (2 P, 6) force and moment per n |n|, then per n^2, which tells reverse from forward
 
     @classmethod
-    def of(cls, model: VesselSpec, dt_s: float) -> Propulsion:
+    def from_spec(cls, model: VesselSpec, dt_s: float) -> Propulsion:
         """Constants from the vessel's propellers for steps of dt_s."""
         forward = np.array([propeller.max_thrust_n for propeller in model.propellers])
         reverse = np.array([propeller.max_reverse_thrust_n for propeller in model.propellers])
@@ -68,9 +68,9 @@ class SteeredPropulsion:
     wrench: Array  # (4 P, 6) as of Propulsion for thrust ahead, then the same for thrust to port
 
     @classmethod
-    def of(cls, model: VesselSpec, dt_s: float) -> SteeredPropulsion:
+    def from_spec(cls, model: VesselSpec, dt_s: float) -> SteeredPropulsion:
         """Constants from the vessel's propellers for steps of dt_s."""
-        propulsion = Propulsion.of(model, dt_s)
+        propulsion = Propulsion.from_spec(model, dt_s)
         gears = [(index, p.steering) for index, p in enumerate(model.propellers) if p.steering is not None]
         forward = np.array([propeller.max_thrust_n for propeller in model.propellers])
         reverse = np.array([propeller.max_reverse_thrust_n for propeller in model.propellers])
@@ -103,6 +103,10 @@ class SteeredPropulsion:
         return signed * cosine, square * cosine, signed * sine, square * sine
 
 
-def propulsion_of(model: VesselSpec, dt_s: float) -> Propulsion | SteeredPropulsion:
+def make_propulsion(model: VesselSpec, dt_s: float) -> Propulsion | SteeredPropulsion:
     """Whichever the vessel's propellers need."""
-    return Propulsion.of(model, dt_s) if model.commands == len(model.propellers) else SteeredPropulsion.of(model, dt_s)
+    return (
+        Propulsion.from_spec(model, dt_s)
+        if model.commands == len(model.propellers)
+        else SteeredPropulsion.from_spec(model, dt_s)
+    )

@@ -12,7 +12,7 @@ from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
 from sim_core.vessel.forces import Hydrodynamics, WindDrag
-from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, propulsion_of
+from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
 
 # Rows: outer(q, (p, q, r)); q' = 1/2 q * (0, p, q, r), Fossen 2021, eq 2.78.
@@ -61,12 +61,12 @@ class Vessel:
     level_m: float
 
     @classmethod
-    def of(cls, model: VesselSpec, water: Water, dt_s: float) -> Vessel:
+    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float) -> Vessel:
         """Matrices of all parts. Raises ValueError when the vessel does not float."""
-        hydrodynamics = Hydrodynamics.of(model)
-        buoyancy = Buoyancy.of(model, water)
-        propulsion = propulsion_of(model, dt_s)
-        windage = WindDrag.of(model)
+        hydrodynamics = Hydrodynamics.from_spec(model)
+        buoyancy = Buoyancy.from_spec(model, water)
+        propulsion = make_propulsion(model, dt_s)
+        windage = WindDrag.from_spec(model)
         # The water at the surface slides down its slope with g, and rises with it: a_f = g (down + normal) - rise down.
         of_water = hydrodynamics.water_wrench
         weight = model.mass_kg * GRAVITY_MPS2 * np.eye(3, 6)

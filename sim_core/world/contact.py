@@ -4,7 +4,7 @@ A spring and a damper side by side press along the normal, F = k x + c x', never
 it. What presses on the vessel presses back on the body. A step of the integration must be short against the contact:
 the spring is never stiffer than what `SPRING_TURN` radians of its swing a step allow for the masses that meet.
 
-What is far from every vessel is left out: `near_of` looks now and then, `meet` at each step and at what is near alone.
+What is far from every vessel is left out: `find_near` looks now and then, `compute_contacts` only at what is near.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Outline:
     reach_m: float
 
     @classmethod
-    def of(cls, model: VesselSpec) -> Outline:
+    def from_spec(cls, model: VesselSpec) -> Outline:
         hull = model.hull
         along, axis_m = max(0.5 * hull.length_m - hull.radius_m, 0.0), hull.keel_below_cg_m - hull.radius_m
         sides = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
@@ -144,7 +144,7 @@ class Near:
 NOTHING_NEAR = Near(_NO_NUMBERS, _NO_NUMBERS, False)
 
 
-def near_of(standing: Capsules, bed: Bed | None, outline: Outline, motion: Kinematics, debris: DebrisState) -> Near:
+def find_near(standing: Capsules, bed: Bed | None, outline: Outline, motion: Kinematics, debris: DebrisState) -> Near:
     """What any vessel may touch before the next look."""
     place = motion.pos_ned_m[:, :2]
     reach_m = outline.reach_m + NEAR_M
@@ -171,7 +171,7 @@ def _keel(outline: Outline, motion: Kinematics) -> tuple[Array, Array]:
     return places[:, :2], places[:, 2]
 
 
-def meet(
+def compute_contacts(
     standing: Capsules,
     bed: Bed | None,
     outline: Outline,

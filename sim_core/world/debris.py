@@ -1,6 +1,6 @@
 """Bodies adrift: trunks, branches, rafts of plants and animals; how deep they float, how they are carried and turned.
 
-    body_of(BodyKind.TRUNK, length_m=None) -> Body
+    make_body(BodyKind.TRUNK, length_m=None) -> Body
     debris = launched(no_debris(), Launch(...), current_ned_mps, surface_down_m)
     debris = drift(debris, dt_ns, current_ned_mps, surface_down_m, push)
 
@@ -121,7 +121,7 @@ class Body:
 
 
 @lru_cache(maxsize=256)
-def body_of(kind: BodyKind, length_m: float | None = None) -> Body:
+def make_body(kind: BodyKind, length_m: float | None = None) -> Body:
     """A body of a kind, of the usual length unless given. The same arguments give the same object and mesh.
 
     Raises ValueError for a length that is no length.
@@ -259,7 +259,7 @@ class Figures:
     phases_rad: Array
 
     @classmethod
-    def of(cls, bodies: tuple[Body, ...]) -> Figures:
+    def from_bodies(cls, bodies: tuple[Body, ...]) -> Figures:
         def column(name: str) -> Array:
             return np.array([getattr(body, name) for body in bodies], dtype=float64)
 
@@ -291,12 +291,12 @@ class Push:
 def no_debris(time_ns: int = 0) -> DebrisState:
     """Nothing adrift."""
     none = np.empty((0, 3))
-    return DebrisState(time_ns, (), none, none, np.empty(0), np.empty(0), 0, Figures.of(()))
+    return DebrisState(time_ns, (), none, none, np.empty(0), np.empty(0), 0, Figures.from_bodies(()))
 
 
 def launched(debris: DebrisState, launch: Launch, current_ned_mps: Array, surface_down_m: float) -> DebrisState:
     """With one body more, that drifts with the (3,) current already. Raises ValueError for an impossible length."""
-    body = body_of(launch.kind, launch.length_m)
+    body = make_body(launch.kind, launch.length_m)
     bodies = (*debris.bodies, body)
     place = [launch.north_m, launch.east_m, surface_down_m + body.middle_below_surface_m]
     swimming = [body.swim_mps * math.cos(launch.heading_rad), body.swim_mps * math.sin(launch.heading_rad), 0.0]
@@ -307,7 +307,7 @@ def launched(debris: DebrisState, launch: Launch, current_ned_mps: Array, surfac
         vel_ned_mps=np.concatenate([debris.vel_ned_mps, [current_ned_mps * (1.0, 1.0, 0.0) + swimming]]),
         yaw_rad=np.append(debris.yaw_rad, launch.heading_rad),
         yaw_rate_radps=np.append(debris.yaw_rate_radps, 0.0),
-        figures=Figures.of(bodies),
+        figures=Figures.from_bodies(bodies),
     )
 
 

@@ -69,7 +69,9 @@ def holding(
     debris: with the velocities that the bodies would end the step with, were they not held.
     """
     turns = [
-        _Places.of(debris, body[rows], place_ne_m[rows], normal_ne[rows], depth_m[rows] / (RELEASE_S + dt_s), rows)
+        _Places.from_touches(
+            debris, body[rows], place_ne_m[rows], normal_ne[rows], depth_m[rows] / (RELEASE_S + dt_s), rows
+        )
         for rows in _turns(body)
     ]
     yielding_s = dt_s * (RELEASE_S + dt_s)
@@ -110,7 +112,7 @@ class _Places:
     yields_along: Array
 
     @classmethod
-    def of(
+    def from_touches(
         cls, debris: DebrisState, body: Numbers, place_ne_m: Array, normal_ne: Array, release_mps: Array, rows: Numbers
     ) -> _Places:
         across, pushed_across = _rows(debris, body, place_ne_m, normal_ne)

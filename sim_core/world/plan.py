@@ -39,7 +39,7 @@ class Capsules:
         return len(self.names)
 
     @classmethod
-    def of(cls, parts: Sequence[Capsules]) -> Capsules:
+    def joined(cls, parts: Sequence[Capsules]) -> Capsules:
         """All of these, one after the other."""
         return cls(
             np.concatenate([np.empty((0, 2)), *(part.from_ne_m for part in parts)]),
@@ -136,7 +136,7 @@ class Walls:
     bottom_down_m: Array
 
     @classmethod
-    def of(cls, walls: Sequence[Wall]) -> Walls:
+    def joined(cls, walls: Sequence[Wall]) -> Walls:
         """All of these; none at all is open water."""
         start = np.array([wall.from_ne_m for wall in walls], dtype=np.float64).reshape(-1, 2)
         end = np.array([wall.to_ne_m for wall in walls], dtype=np.float64).reshape(-1, 2)

@@ -41,7 +41,7 @@ class PrimitiveCaster:
     ) -> Hits:
         """What each ray meets first; see `RayCaster`. A direction that is none, zero or NaN, meets nothing."""
         origin, direction = origin_ned_m.astype(float64), direction_ned.astype(float64)
-        nearest = _Nearest.of(len(origin))
+        nearest = _Nearest.none(len(origin))
         possible = _possible(origin, direction)
         direction[~possible] = np.nan  # compares as false in all that follows
         rays = np.flatnonzero(possible)
@@ -87,7 +87,7 @@ class _Nearest:
     body: NDArray[int16]
 
     @classmethod
-    def of(cls, count: int) -> _Nearest:
+    def none(cls, count: int) -> _Nearest:
         none = np.full(count, -1, dtype=int16)
         return cls(np.full(count, np.inf), np.zeros((count, 3)), none, none.copy())
 

@@ -1,6 +1,6 @@
 """Ray casting: a scene of what does not move, bodies adrift, and what rays meet of them.
 
-    hits = caster_of(scene).cast(origin_ned_m, direction_ned, bodies)
+    hits = make_caster(scene).cast(origin_ned_m, direction_ned, bodies)
 
 A caster knows what does not move. What drifts comes with every call.
 """
@@ -106,7 +106,7 @@ Backend = Literal["embree", "numpy"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class ScenePart:
     """A mesh in NED; `solids`: the same in closed form, in NED, empty where there is none."""
 
     name: str
@@ -118,7 +118,7 @@ class Part:
 class Scene:
     """All that does not move."""
 
-    parts: tuple[Part, ...] = ()
+    parts: tuple[ScenePart, ...] = ()
 
     @property
     def triangles(self) -> int:
@@ -126,7 +126,7 @@ class Scene:
         return sum(len(part.mesh.faces) for part in self.parts)
 
 
-def caster_of(scene: Scene, backend: Backend = "embree") -> RayCaster:
+def make_caster(scene: Scene, backend: Backend = "embree") -> RayCaster:
     """A caster for the scene: Embree, or numpy, which is slow and needs nothing else.
 
     Raises:

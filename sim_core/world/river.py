@@ -29,7 +29,7 @@ from sim_core.world.geometry import (
     merged,
     moved,
 )
-from sim_core.world.rays import Part
+from sim_core.world.rays import ScenePart
 from sim_core.world.spec import NEAREST_TREE_M, RiverSpec, ShoalSpec
 
 _WAVELENGTHS_M = (15.0, 70.0)
@@ -161,13 +161,13 @@ _SUNK_M = 0.5
 """How deep a trunk reaches into the ground."""
 
 
-def bank_parts(bed: RiverBed) -> list[Part]:
+def bank_parts(bed: RiverBed) -> list[ScenePart]:
     """Trees and rocks on both banks, as the specification's seed draws them."""
     rng = default_rng(bed.spec.seed)
     return [*_trees(bed, rng), *_rocks(bed, rng)]
 
 
-def _trees(bed: RiverBed, rng: Generator) -> list[Part]:
+def _trees(bed: RiverBed, rng: Generator) -> list[ScenePart]:
     """Trunks and crowns of 5 to 14 m."""
     trunks: list[Mesh] = []
     crowns: list[Mesh] = []
@@ -179,17 +179,17 @@ def _trees(bed: RiverBed, rng: Generator) -> list[Part]:
         trunks.append(moved(cylinder(0.02 * height + 0.05, stem + _SUNK_M, WOOD, sides=6), middle, UPRIGHT))
         crown = ellipsoid((0.32 * height, spread, spread), LEAVES, sides=10, rings=6)
         crowns.append(moved(_roughened(crown, 0.2, rng), [*place, ground - 0.68 * height], UPRIGHT))
-    return [Part("trunks", merged(trunks)), Part("crowns", merged(crowns))] if trunks else []
+    return [ScenePart("trunks", merged(trunks)), ScenePart("crowns", merged(crowns))] if trunks else []
 
 
-def _rocks(bed: RiverBed, rng: Generator) -> list[Part]:
+def _rocks(bed: RiverBed, rng: Generator) -> list[ScenePart]:
     """Rocks at both waterlines, of radii from 0.4 to 1.8 m."""
     places = _along_banks(bed, bed.spec.rocks, (-3.0, 6.0), rng)
     rocks = [_rock(bed, place, rng.uniform(0.4, 1.8), rng) for place in places]
-    return [Part("rocks", merged(rocks))] if rocks else []
+    return [ScenePart("rocks", merged(rocks))] if rocks else []
 
 
-def shoal_part(bed: Bed, water_down_m: float, spec: ShoalSpec, rng: Generator) -> Part:
+def shoal_part(bed: Bed, water_down_m: float, spec: ShoalSpec, rng: Generator) -> ScenePart:
     """Rocks that stand on the bed and reach out of the water, evenly spaced along the strip and drawn across it."""
     start, way = np.array(spec.from_ne_m), np.array(spec.to_ne_m) - np.array(spec.from_ne_m)
     length = float(np.linalg.norm(way))
@@ -204,7 +204,7 @@ def shoal_part(bed: Bed, water_down_m: float, spec: ShoalSpec, rng: Generator) -
         shape = ellipsoid((deep + high, radius / narrower, rng.uniform(0.7, 1.0) * radius / narrower), ROCK, 14, 16)
         turn = heading_matrix(rng.uniform(0.0, 2 * math.pi)) @ UPRIGHT
         rocks.append(moved(_roughened(shape, 0.12, rng), [*place, water_down_m + deep], turn))
-    return Part("shoal", merged(rocks))
+    return ScenePart("shoal", merged(rocks))
 
 
 def _rock(bed: Bed, place: Array, radius_m: float, rng: Generator) -> Mesh:

@@ -31,7 +31,7 @@ from sim_core.world.geometry import (
     moved,
 )
 from sim_core.world.plan import Capsules, Wall, Walls, box_walls, line_walls
-from sim_core.world.rays import Part
+from sim_core.world.rays import ScenePart
 from sim_core.world.river import Bed, FlatBed
 from sim_core.world.spec import BuildingSpec, DamSpec, LogBoomSpec
 
@@ -69,7 +69,7 @@ class LogBoom:
     piles: tuple[Pile, ...] = ()
 
     @classmethod
-    def of(
+    def between_anchors(
         cls,
         anchors_ne_m: ArrayLike,
         sag_m: float,
@@ -87,7 +87,7 @@ class LogBoom:
                             float_radius_m, tuple(piles))  # fmt: skip
 
     @classmethod
-    def along(cls, points_ned_m: ArrayLike, float_length_m: float, float_radius_m: float) -> LogBoom:
+    def along_points(cls, points_ned_m: ArrayLike, float_length_m: float, float_radius_m: float) -> LogBoom:
         """Straight between points_ned_m (A, 3), the axes at the points' height."""
         return cls._through(np.asarray(points_ned_m, dtype=float64), 0.0, float_length_m, float_radius_m, ())
 
@@ -117,12 +117,14 @@ class LogBoom:
     def from_spec(cls, spec: LogBoomSpec, bed: Bed, water_down_m: float) -> LogBoom:
         """With piles at the anchors where they have a radius."""
         if spec.anchors_ne_m is None:
-            return cls.along(spec.points_ned_m or (), spec.float_length_m, spec.float_radius_m)
+            return cls.along_points(spec.points_ned_m or (), spec.float_length_m, spec.float_radius_m)
         piles = []
         for place in spec.anchors_ne_m if spec.pile_radius_m else ():
             bottom_m = float(bed.bed_down_m(np.array(place))) + _PILE_SUNK_M
             piles.append(Pile(place, spec.pile_radius_m, water_down_m - spec.pile_height_m, bottom_m))
-        return cls.of(spec.anchors_ne_m, spec.sag_m, spec.float_length_m, spec.float_radius_m, water_down_m, piles)
+        return cls.between_anchors(
+            spec.anchors_ne_m, spec.sag_m, spec.float_length_m, spec.float_radius_m, water_down_m, piles
+        )
 
     @property
     def axis_ne(self) -> Array:
@@ -175,20 +177,20 @@ class LogBoom:
         radii = np.array([pile.radius_m for pile in self.piles])
         return [floats, Capsules(places, places, radii, ("boom pile",) * len(places))]
 
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[ScenePart]:
         """Each float and pile as a part of the scene."""
         parts = []
         shapes = {length: cylinder(self.radius_m, length, PLASTIC, sides=24) for length in set(self.length_m.tolist())}
         for centre, heading, length in zip(self.centre_ned_m, self.heading_rad, self.length_m.tolist(), strict=True):
             turn = heading_matrix(float(heading))
             solid = Cylinder(centre, turn[:, 0], self.radius_m, length, PLASTIC)
-            parts.append(Part("log boom", moved(shapes[length], centre, turn), (solid,)))
+            parts.append(ScenePart("log boom", moved(shapes[length], centre, turn), (solid,)))
         for pile in self.piles:
             height = pile.bottom_down_m - pile.top_down_m
             centre = np.array([*pile.place_ne_m, (pile.bottom_down_m + pile.top_down_m) / 2])
             mesh = moved(cylinder(pile.radius_m, height, STEEL, sides=24), centre, UPRIGHT)
             solid = Cylinder(centre, UPRIGHT[:, 0], pile.radius_m, height, STEEL)
-            parts.append(Part("boom pile", mesh, (solid,)))
+            parts.append(ScenePart("boom pile", mesh, (solid,)))
         return parts
 
 
@@ -205,12 +207,12 @@ def _capped(beyond_side: Array, beyond_end: Array) -> Array:
     return distance
 
 
-def dam_box(spec: DamSpec) -> Part:
+def dam_box(spec: DamSpec) -> ScenePart:
     """The dam as one box, whatever its intakes."""
     return block("dam", spec.centre_ned_m, spec.size_m, math.radians(spec.heading_deg), CONCRETE)
 
 
-def dam_parts(spec: DamSpec) -> list[Part]:
+def dam_parts(spec: DamSpec) -> list[ScenePart]:
     """A box, or with intakes a wall and niches half as deep, on the left, with bars across their mouths."""
     (length, width, height), intakes = spec.size_m, spec.intakes
     centre, heading_rad = np.array(spec.centre_ned_m), math.radians(spec.heading_deg)
@@ -245,14 +247,14 @@ def dam_parts(spec: DamSpec) -> list[Part]:
 
 def block(
     name: str, centre_ned_m: ArrayLike, size_m: tuple[float, float, float], heading_rad: float, material: Material
-) -> Part:
+) -> ScenePart:
     """A box of size_m, its length along the heading."""
     centre, turn = np.asarray(centre_ned_m, dtype=float64), heading_matrix(heading_rad)
     mesh = moved(box(size_m, material), centre, turn)
-    return Part(name, mesh, (Box(centre, np.array(size_m), turn, material),))
+    return ScenePart(name, mesh, (Box(centre, np.array(size_m), turn, material),))
 
 
-def building_part(bed: Bed, spec: BuildingSpec) -> Part:
+def building_part(bed: Bed, spec: BuildingSpec) -> ScenePart:
     """A block that stands on the ground at its middle, its height above it, its foundation a metre below."""
     length, width, height = spec.size_m
     ground = float(bed.bed_down_m(np.array(spec.centre_ne_m)))
@@ -275,7 +277,7 @@ def upright_walls(boom: LogBoomSpec | None, dam: DamSpec | None, surface_down_m:
         (north_m, east_m, down_m), (length_m, width_m, height_m) = dam.centre_ned_m, dam.size_m
         top_m, bottom_m = down_m - height_m / 2, down_m + height_m / 2
         walls += box_walls((north_m, east_m), length_m, width_m, math.radians(dam.heading_deg), top_m, bottom_m)
-    return Walls.of(walls)
+    return Walls.joined(walls)
 
 
 def catenary_parameter_m(span_m: float, sag_m: float) -> float:

@@ -1,6 +1,6 @@
 """The river that vessels and debris move in: what stands in it, what is put into it, and one step of both.
 
-    afloat = step(waterway, outline, afloat, time_ns, dt_ns, long_ns, motion, water)
+    afloat = step(waterway, outline, afloat, times, motion, water)
 
 Debris moves in long steps, and with the vessels' while one of them is near: what is far away costs little.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.world.contact import NO_CONTACTS, NOTHING_NEAR, Contacts, Near, Outline, meet, near_of
+from sim_core.world.contact import NO_CONTACTS, NOTHING_NEAR, Contacts, Near, Outline, compute_contacts, find_near
 from sim_core.world.debris import DebrisState, Launch, Push, drift, launched, no_debris
 from sim_core.world.debris_contact import held_by, together
 from sim_core.world.plan import Capsules
@@ -34,11 +34,11 @@ class Waterway:
     contact: bool = True
 
 
-OPEN_WATER = Waterway(Capsules.of(()), contact=False)
+OPEN_WATER = Waterway(Capsules.joined(()), contact=False)
 
 
 @dataclass(frozen=True, slots=True)
-class Water:
+class WaterMotion:
     """What carries bodies at one instant: `current_ned_mps` and `surface_down_m` at (B, 3) and (B, 2) places."""
 
     current_ned_mps: Callable[[Array], Array]
@@ -58,25 +58,30 @@ class Afloat:
 STILL = Afloat(no_debris(), NOTHING_NEAR)
 
 
+@dataclass(frozen=True, slots=True)
+class StepTimes:
+    """A step from time_ns on, dt_ns long; long_ns: of the debris's long steps, a whole number of dt_ns."""
+
+    time_ns: int
+    dt_ns: int
+    long_ns: int
+
+
 def step(
-    waterway: Waterway,
-    outline: Outline,
-    afloat: Afloat,
-    time_ns: int,
-    dt_ns: int,
-    long_ns: int,
-    motion: Kinematics,
-    water: Water,
+    waterway: Waterway, outline: Outline, afloat: Afloat, times: StepTimes, motion: Kinematics, water: WaterMotion
 ) -> Afloat:
-    """From time_ns on, with the vessels where they are then. long_ns: a whole number of dt_ns."""
+    """One step later, with the vessels where they are at its start."""
+    time_ns, dt_ns, long_ns = times.time_ns, times.dt_ns, times.long_ns
     debris, near = afloat.debris, afloat.near
     long_step = time_ns % long_ns == 0
     if long_step:
-        debris = _put_in(waterway, debris, time_ns, water)
-        near = near_of(waterway.standing, waterway.bed, outline, motion, debris) if waterway.contact else NOTHING_NEAR
+        debris = _launch_due(waterway, debris, time_ns, water)
+        near = find_near(waterway.standing, waterway.bed, outline, motion, debris) if waterway.contact else NOTHING_NEAR
     contacts, wrench, push = NO_CONTACTS, None, None
     if not near.nothing:
-        contacts, wrench, push = meet(waterway.standing, waterway.bed, outline, motion, debris, near, dt_ns * 1e-9)
+        contacts, wrench, push = compute_contacts(
+            waterway.standing, waterway.bed, outline, motion, debris, near, dt_ns * 1e-9
+        )
     if not debris.bodies:
         return Afloat(debris, near, contacts, wrench)
     if len(near.bodies):
@@ -86,23 +91,23 @@ def step(
     return Afloat(debris, near, contacts, wrench)
 
 
-def put_in(debris: DebrisState, launch: Launch, water: Water) -> DebrisState:
+def launch_body(debris: DebrisState, launch: Launch, water: WaterMotion) -> DebrisState:
     """One body more, now. Raises ValueError for an impossible length."""
     place = np.array([[launch.north_m, launch.east_m, 0.0]])
     current = water.current_ned_mps(place)[0]
     return launched(debris, launch, current, float(water.surface_down_m(place[:, :2])[0]))
 
 
-def _put_in(waterway: Waterway, debris: DebrisState, time_ns: int, water: Water) -> DebrisState:
+def _launch_due(waterway: Waterway, debris: DebrisState, time_ns: int, water: WaterMotion) -> DebrisState:
     if debris.time_ns != time_ns:  # nothing drifted so far, or something was put in between two long steps
         debris = replace(debris, time_ns=time_ns)
     while debris.scheduled < len(waterway.launches) and waterway.launches[debris.scheduled].at_ns <= time_ns:
-        debris = put_in(debris, waterway.launches[debris.scheduled], water)
+        debris = launch_body(debris, waterway.launches[debris.scheduled], water)
         debris = replace(debris, scheduled=debris.scheduled + 1)
     return debris
 
 
-def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: Water, push: Push | None) -> DebrisState:
+def _carried(waterway: Waterway, debris: DebrisState, dt_ns: int, water: WaterMotion, push: Push | None) -> DebrisState:
     """Debris one step later, held by what stands in the water and by the banks."""
     place = debris.pos_ned_m
     current, surface = water.current_ned_mps(place), water.surface_down_m(place[:, :2])

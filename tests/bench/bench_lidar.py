@@ -20,7 +20,7 @@ from agent.wire.codec import Packer
 from sim_core.environment.environment import Environment
 from sim_core.environment.waves import FlatWater
 from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.lidar import Lidar, Track
+from sim_core.sensors.lidar import BodyTrack, Lidar
 from sim_core.sensors.optics import WaterSeen
 from sim_core.sensors.spec import LidarSpec
 from sim_core.world.embree_rays import EmbreeCaster
@@ -67,7 +67,7 @@ class River:
         legs = np.array(profile.mission.waypoints_ned_m)[:, :2]
         return cls(caster, simulation.environment, legs[:2])
 
-    def track(self, number: int) -> Track:
+    def track(self, number: int) -> BodyTrack:
         """A vessel that goes along the leg in FRAMES frames, and rolls and pitches."""
         stamps_ns = number * FRAME_NS + np.arange(STEPS + 1) * (FRAME_NS // STEPS)
         time_s = stamps_ns * 1e-9
@@ -76,7 +76,9 @@ class River:
         turned = np.stack([0.05 * np.sin(2.0 * time_s), 0.03 * np.sin(1.7 * time_s), heading], axis=1)
         start = self.leg_ne_m[0] + along * (number / FRAMES)
         place = start + (time_s - time_s[0])[:, None] * 1.5 * along / np.linalg.norm(along)
-        return Track(stamps_ns, np.column_stack([place, np.zeros(STEPS + 1)]), quat_to_matrix(euler_to_quat(turned)))
+        return BodyTrack(
+            stamps_ns, np.column_stack([place, np.zeros(STEPS + 1)]), quat_to_matrix(euler_to_quat(turned))
+        )
 
 
 def costs_us(river: River) -> tuple[float, float]:
@@ -89,7 +91,7 @@ def costs_us(river: River) -> tuple[float, float]:
     for number in range(FRAMES):
         track = river.track(number)
         began = time.perf_counter()
-        water = WaterSeen.of(river.environment, number * 0.1, track.pos_ned_m[0])
+        water = WaterSeen.around(river.environment, number * 0.1, track.pos_ned_m[0])
         scan = lidar.scan(track, witness, water, rng)
         whole.append((time.perf_counter() - began) / scan.fates.fired)
         origin, direction = (np.ascontiguousarray(each, float32) for each in witness.rays)

@@ -14,7 +14,7 @@ import numpy as np
 
 from sim_core.frames import Array32
 from sim_core.world.geometry import WOOD, cylinder
-from sim_core.world.rays import NO_BODIES, Bodies, caster_of
+from sim_core.world.rays import NO_BODIES, Bodies, make_caster
 from tests.river import fan, river_scenery
 
 RUNS = 7
@@ -42,7 +42,7 @@ def with_bodies() -> list[float]:
 
 
 def _cast(bodies: Bodies = NO_BODIES) -> Callable[[], object]:
-    caster = caster_of(river_scenery().scene)
+    caster = make_caster(river_scenery().scene)
     origin, direction = fan(RAYS)
     delay_s = np.linspace(0.0, 0.1, RAYS, dtype=np.float32)
     return lambda: caster.cast(origin, direction, bodies, delay_s)

@@ -42,7 +42,7 @@ def median_step_us(vessels: int, steps: int) -> float:
             WindSpec(5.0, 270.0, 10.0, 120.0, GustSpec("ornstein-uhlenbeck", 1.5, 8.0), (DiscreteGust(5, 2, 3, 2, 4),))
         ),
     )
-    simulation = Simulation.of(ASV, environment, dt_s=0.0025)
+    simulation = Simulation.from_spec(ASV, environment, dt_s=0.0025)
     state = initial(simulation, np.zeros((vessels, 2)), np.linspace(0.0, 6.0, vessels), rng)
     command = np.tile([0.6, 0.5], (vessels, 1))
     took_s = []

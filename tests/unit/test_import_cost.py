@@ -16,8 +16,8 @@ HEAVY = ("numpy", "scipy", "pydantic", "yaml", "foxglove", "mcap", "pymavlink", 
         ("from xitl_cli.main import _app; _app()", set()),
         ("import agent.__main__", set()),
         ("import sim_core.simulation, sim_core.sensors", {"numpy"}),
-        ("import xitl_cli.profile, xitl_cli.graph.wdri, xitl_cli.run.run_graph", {"pydantic", "yaml"}),
-        ("import xitl_cli.run.session", {"numpy", "pydantic", "yaml", "foxglove", "mcap"}),
+        ("import xitl_cli.profile, xitl_cli.graph.wdri, xitl_cli.run.run_graph", {"yaml"}),
+        ("import xitl_cli.run.session", {"numpy", "yaml", "foxglove", "mcap"}),
     ],
 )
 def test_nothing_heavy_is_loaded_beforehand(loading: str, allowed: set[str]) -> None:

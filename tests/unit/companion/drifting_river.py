@@ -22,11 +22,11 @@ from agent.wire import dialect as mav
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water, WaveSpec
 from sim_core.environment.waves import FlatWater, realise_waves
-from sim_core.sensors.lidar import Lidar, Track
+from sim_core.sensors.lidar import BodyTrack, Lidar
 from sim_core.sensors.optics import WaterSeen
 from sim_core.sensors.spec import LidarSpec
 from sim_core.world.debris import Body
-from sim_core.world.rays import Bodies, Scene, caster_of
+from sim_core.world.rays import Bodies, Scene, make_caster
 
 FRAME_S, STEP_S = 0.1, 0.02
 AUTO, GUIDED, HOLD = 10, 15, 4
@@ -76,7 +76,7 @@ class Trial:
             sea = WaveSpec("jonswap", river.wave_height_m, river.wave_period_s, float(self.rng.uniform(0, 360)))
             waves = realise_waves(sea, Water(), self.rng)
         self.environment = Environment(waves=waves)
-        self.caster = caster_of(river.scene)
+        self.caster = make_caster(river.scene)
         self.lidar = Lidar(LidarSpec(position_frd_m=(1.0, 0.0, -0.8)))
         self.time_s = 0.0
         self.pos = np.array(river.start_ne_m)
@@ -272,8 +272,10 @@ class Trial:
         return self
 
     def _look(self, began_s: float, stamps: list[int], poses: list[Any], tick: int) -> None:
-        track = Track(np.array(stamps), np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses]))
-        water = WaterSeen.of(self.environment, began_s, poses[0][0])
+        track = BodyTrack(
+            np.array(stamps), np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses])
+        )
+        water = WaterSeen.around(self.environment, began_s, poses[0][0])
         scan = self.lidar.scan(track, self.caster, water, self.rng, self.bodies_at(began_s))
         self.watch.add_cloud(scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity)
         if tick % 10 == 0:

@@ -9,9 +9,9 @@ import pytest
 from drifting_river import AUTO, GUIDED, HOLD, Adrift, River, Trial
 
 from agent.wire import dialect as mav
-from sim_core.world.debris import USUAL_LENGTH_M, BodyKind, body_of
+from sim_core.world.debris import USUAL_LENGTH_M, BodyKind, make_body
 from sim_core.world.geometry import CONCRETE, box, moved
-from sim_core.world.rays import Part, Scene
+from sim_core.world.rays import Scene, ScenePart
 from sim_core.world.structures import LogBoom
 from xitl_cli.run.nodes.obstacle_score import NEAR_M
 
@@ -29,7 +29,7 @@ def encounter(seed: int, kind: BodyKind) -> River:
     met_m = rng.uniform(60.0, 80.0)
     current = side * CURRENT_MPS * right
     place = along * met_m + right * rng.uniform(-1.0, 1.0) - current * met_m / SPEED_MPS
-    body = body_of(kind, round(USUAL_LENGTH_M[kind] * rng.uniform(0.8, 1.2), 2))
+    body = make_body(kind, round(USUAL_LENGTH_M[kind] * rng.uniform(0.8, 1.2), 2))
     adrift = Adrift(body, tuple(place), rng.uniform(-math.pi, math.pi), turn_radps=rng.uniform(-0.03, 0.03))
     end = tuple((LEG_M * along).tolist())
     return River([end], current_ne_mps=tuple(current), wave_height_m=0.2, adrift=[adrift], seed=seed)
@@ -71,7 +71,7 @@ def test_waves_alone_are_no_obstacles(seed: int, height_m: float, period_s: floa
 def test_a_boom_beside_the_leg_is_passed(seed: int, side: float) -> None:
     """Eight metres off: with half a hull of 1.4 m and a sag of 2 m toward or from the leg there are 4 m of water."""
     ends = [(-20.0, 8.0 * side), (150.0, 8.0 * side)]
-    boom = LogBoom.of(ends if side > 0 else ends[::-1], 2.0, 6.0, 0.5)
+    boom = LogBoom.between_anchors(ends if side > 0 else ends[::-1], 2.0, 6.0, 0.5)
     river = River(
         [(LEG_M, 0.0)],
         current_ne_mps=(0.0, CURRENT_MPS * side),
@@ -93,7 +93,7 @@ def test_what_passes_clear_is_let_pass(seed: int, off_m: float, kind: BodyKind) 
         [(LEG_M, 0.0)],
         current_ne_mps=(0.0, CURRENT_MPS),
         wave_height_m=0.15,
-        adrift=[Adrift(body_of(kind), place, 0.3)],
+        adrift=[Adrift(make_body(kind), place, 0.3)],
         seed=seed,
     )
     trial = Trial(river).run(60.0)
@@ -105,7 +105,7 @@ def test_what_passes_clear_is_let_pass(seed: int, off_m: float, kind: BodyKind) 
 @pytest.mark.slow
 def test_without_a_way_it_stops_and_waits() -> None:
     wall = moved(box((2.0, 400.0, 4.0), CONCRETE), (60.0, 0.0, 0.0))
-    trial = Trial(River([(LEG_M, 0.0)], scene=Scene((Part("wall", wall),)), seed=1401)).run(45.0)
+    trial = Trial(River([(LEG_M, 0.0)], scene=Scene((ScenePart("wall", wall),)), seed=1401)).run(45.0)
     assert trial.watch.commands.stops >= 1
     assert trial.watch.commands.manoeuvre == mav.XITL_MANOEUVRE_STOP
     assert trial.mode == GUIDED

@@ -62,7 +62,7 @@ def test_poses_in_between_and_none_outside() -> None:
 
 
 def line() -> LogBoom:
-    return LogBoom.along([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0]], float_length_m=6.0, float_radius_m=0.5)
+    return LogBoom.along_points([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0]], float_length_m=6.0, float_radius_m=0.5)
 
 
 def test_points_on_the_boom_are_on_it_and_noise_is_told() -> None:

@@ -10,7 +10,7 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water
 from sim_core.environment.waves import FlatWater, WaveField
 from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.lidar import Fates, Track
+from sim_core.sensors.lidar import BodyTrack, PointFates
 from sim_core.sensors.optics import WaterSeen
 from sim_core.world.geometry import MATERIALS, WALL, Material
 from sim_core.world.rays import NO_BODIES, Bodies, Hits
@@ -71,22 +71,22 @@ def moving(
     turning_degps=(0.0, 0.0, 0.0),
     steps: int = 40,
     step_ns: int = 2_500_000,
-) -> Track:
+) -> BodyTrack:
     """Straight on, with Euler angles (roll, pitch, yaw) that change evenly."""
     stamps_ns = start_ns + np.arange(steps + 1) * step_ns
     later_s = ((stamps_ns - start_ns) * 1e-9)[:, None]
     euler = np.radians(np.array(turned_deg) + later_s * np.array(turning_degps))
     place = np.array(place_ned_m) + later_s * np.array(velocity_ned_mps)
-    return Track(stamps_ns, place, quat_to_matrix(euler_to_quat(euler)))
+    return BodyTrack(stamps_ns, place, quat_to_matrix(euler_to_quat(euler)))
 
 
 def water(level_m: float = -1000.0, waves: WaveField | FlatWater | None = None, time_s: float = 0.0) -> WaterSeen:
     """Far below, if not said otherwise."""
     environment = Environment(water=Water(level_m=level_m), waves=waves or FlatWater())
-    return WaterSeen.of(environment, time_s, np.zeros(3))
+    return WaterSeen.around(environment, time_s, np.zeros(3))
 
 
-def accounted(fates: Fates) -> bool:
+def accounted(fates: PointFates) -> bool:
     """Every point has one fate."""
     away = fates.nothing + fates.near + fates.weak + fates.water + fates.dropped
     return fates.returned + away == fates.fired

@@ -13,7 +13,7 @@ from sim_core.sensors.lidar import Lidar, Rosette
 from sim_core.sensors.spec import LidarSpec
 from sim_core.world import geometry as shapes
 from sim_core.world.geometry import WALL, WOOD
-from sim_core.world.rays import Bodies, Part, Scene, caster_of
+from sim_core.world.rays import Bodies, Scene, ScenePart, make_caster
 
 EXACT = Lidar(LidarSpec(range_noise_m=0.0, position_frd_m=(0.0, 0.0, 0.0)))
 
@@ -113,7 +113,7 @@ def test_a_body_that_comes_nearer_is_nearer_at_the_end_of_a_frame(backend: Liter
     bodies = Bodies((crate,), np.array([[20.5, 0.0, 0.0]]), np.array([[-6.0, 0.0, 0.0]]), np.eye(3)[None])
     wall = shapes.box((1.0, 400.0, 400.0), WALL)
     behind = shapes.moved(wall, (60.5, 0.0, 0.0))
-    caster = caster_of(Scene((Part("wall", behind),)), backend)
+    caster = make_caster(Scene((ScenePart("wall", behind),)), backend)
     scan = EXACT.scan(moving(), caster, water(), np.random.default_rng(1), bodies)
     on_crate = scan.points_frd_m[:, 0] < 30.0
     assert np.count_nonzero(on_crate) > 1000

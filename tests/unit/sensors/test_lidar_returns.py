@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lidar_scenes import PlaneCaster, SquareOn, accounted, moving, water
 
-from sim_core.sensors.lidar import Fates, Lidar, Scan
+from sim_core.sensors.lidar import Lidar, LidarScan, PointFates
 from sim_core.sensors.optics import Atmosphere, extinction_per_m, through_surface
 from sim_core.sensors.spec import LidarSpec
 from sim_core.world.geometry import BED, CONCRETE, MATERIALS, STEEL, WALL, Material
@@ -17,7 +17,7 @@ from sim_core.world.geometry import BED, CONCRETE, MATERIALS, STEEL, WALL, Mater
 TENTH = BED  # a material of 10 %
 
 
-def looked(lidar: Lidar, caster: PlaneCaster, seed: int = 1) -> Scan:
+def looked(lidar: Lidar, caster: PlaneCaster, seed: int = 1) -> LidarScan:
     scan = lidar.scan(moving(), caster, water(), np.random.default_rng(seed))
     assert accounted(scan.fates)
     return scan
@@ -70,7 +70,7 @@ def test_nothing_from_beyond_the_longest_range_and_from_the_blind_zone() -> None
     assert share(Lidar(LidarSpec(max_range_m=100.0, position_frd_m=(0.0, 0.0, 0.0))), 99.0, WALL) == 1.0
     assert looked(
         Lidar(LidarSpec(min_range_m=0.5, position_frd_m=(0.0, 0.0, 0.0))), SquareOn(0.49, WALL)
-    ).fates == Fates(fired=10_000, near=10_000)
+    ).fates == PointFates(fired=10_000, near=10_000)
     assert share(Lidar(LidarSpec(min_range_m=0.5, position_frd_m=(0.0, 0.0, 0.0))), 0.6, WALL) == 1.0
 
 

@@ -12,7 +12,7 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water, WaveSpec
 from sim_core.environment.waves import FlatWater, WaveField, realise_waves
 from sim_core.frames import euler_to_quat, quat_to_matrix
-from sim_core.sensors.lidar import Lidar, Scan, Track
+from sim_core.sensors.lidar import BodyTrack, Lidar, LidarScan
 from sim_core.sensors.optics import WaterSeen
 from sim_core.sensors.spec import LidarSpec
 from sim_core.world.geometry import ROCK
@@ -26,7 +26,7 @@ def sea(seed: int = 1, height_m: float = 0.3) -> WaveField:
     return realise_waves(waves, Water(), np.random.default_rng(seed))
 
 
-def in_ned(scan: Scan, track: Track) -> np.ndarray:
+def in_ned(scan: LidarScan, track: BodyTrack) -> np.ndarray:
     """Points put where the vessel was at their instants; pose linear between steps, as the sensor has it."""
     known_s = (track.stamps_ns - track.stamps_ns[0]) * 1e-9
     later_s = scan.offset_s.astype(float)
@@ -117,7 +117,7 @@ def test_nothing_is_ever_seen_under_water(waves: WaveField | FlatWater, level_m:
             turned_deg=(4.0, 3.0 - number, 0.0),
             turning_degps=(30.0, -20.0, 15.0),
         )
-        seen = WaterSeen.of(environment, number * 0.1, track.pos_ned_m[0])
+        seen = WaterSeen.around(environment, number * 0.1, track.pos_ned_m[0])
         scan = lidar.scan(track, wall, seen, np.random.default_rng(number))
         assert accounted(scan.fates)
         points = in_ned(scan, track)
@@ -139,7 +139,7 @@ def test_waves_are_where_they_are() -> None:
     waves = sea(height_m=0.3)
     environment = Environment(water=Water(), waves=waves)
     track = moving(place_ned_m=METRE_UP, velocity_ned_mps=(1.0, 0.0, 0.0))
-    scan = EXACT.scan(track, NOTHING, WaterSeen.of(environment, 0.0, np.zeros(3)), np.random.default_rng(1))
+    scan = EXACT.scan(track, NOTHING, WaterSeen.around(environment, 0.0, np.zeros(3)), np.random.default_rng(1))
     points = in_ned(scan, track)
     surface = np.array(
         [
@@ -162,7 +162,7 @@ def test_crests_hide_what_is_low_behind_them() -> None:
         count = 0
         for number in range(6):
             track = moving(number * 100_000_000, place_ned_m=METRE_UP)
-            seen = WaterSeen.of(environment, number * 0.1, track.pos_ned_m[0])
+            seen = WaterSeen.around(environment, number * 0.1, track.pos_ned_m[0])
             scan = EXACT.scan(track, wall, seen, np.random.default_rng(1))
             down = scan.points_frd_m[:, 2] - 1.0
             count += np.count_nonzero((scan.points_frd_m[:, 0] > 39.9) & (down > -0.1) & (down < 0.0))
@@ -173,7 +173,7 @@ def test_crests_hide_what_is_low_behind_them() -> None:
 def test_a_lidar_under_water_sees_nothing() -> None:
     wall = PlaneCaster((1.0, 0.0, 0.0), 10.0, ROCK)
     for waves in (FlatWater(), sea()):
-        seen = WaterSeen.of(Environment(water=Water(), waves=waves), 0.0, np.zeros(3))
+        seen = WaterSeen.around(Environment(water=Water(), waves=waves), 0.0, np.zeros(3))
         scan = EXACT.scan(moving(place_ned_m=(0.0, 0.0, 1.0)), wall, seen, np.random.default_rng(1))
         assert scan.fates.returned == 0
         assert accounted(scan.fates)

@@ -26,7 +26,7 @@ from sim_core.sensors.spec import SonarSpec
 from sim_core.world import geometry as shapes
 from sim_core.world.geometry import BED, CONCRETE, STEEL, Box, Plane, Solid, Sphere
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.rays import Part, Scene, caster_of
+from sim_core.world.rays import Scene, ScenePart, make_caster
 
 Array = NDArray[np.float64]
 
@@ -120,9 +120,9 @@ def test_embree_and_closed_forms_hear_the_same() -> None:
     pytest.importorskip("embreex")
     size = np.array([1.0, 6.0, 4.0])
     mesh = shapes.moved(shapes.box((1.0, 6.0, 4.0), STEEL), (12.0, 1.0, 0.0))
-    scene = Scene((Part("box", mesh, (Box(np.array([12.0, 1.0, 0.0]), size, LEVEL, STEEL),)),))
+    scene = Scene((ScenePart("box", mesh, (Box(np.array([12.0, 1.0, 0.0]), size, LEVEL, STEEL),)),))
     power = [
-        SONAR.scattered(settings(), ORIGIN, LEVEL, Below(caster_of(scene, backend), DEEP_M), np.random.default_rng(3))
+        SONAR.scattered(settings(), ORIGIN, LEVEL, Below(make_caster(scene, backend), DEEP_M), np.random.default_rng(3))
         for backend in ("embree", "numpy")
     ]
     assert power[0] == pytest.approx(power[1], rel=1e-4, abs=1e-12)

@@ -58,7 +58,7 @@ def test_strips_lie_along_both_hulls() -> None:
 
 @pytest.mark.parametrize("level_m", [-0.01, 3.0])
 def test_a_vessel_at_rest_stays_at_rest(level_m: float) -> None:
-    simulation = Simulation.of(FULL, Environment(water=Water(level_m=level_m)), 0.0025)
+    simulation = Simulation.from_spec(FULL, Environment(water=Water(level_m=level_m)), 0.0025)
     rng = np.random.default_rng(0)
     start = initial(simulation, np.zeros((1, 2)), np.array([1.0]), rng)
     state = start

@@ -78,7 +78,7 @@ def test_in_a_long_wave_the_vessel_moves_with_the_water(heading_rad: float) -> N
     water = Water(depth_m=200.0)
     field = realise_waves(WaveSpec("regular", 0.3, 12.0, 0.0), water, np.random.default_rng(1))
     model = replace(FULL, wind=BARE.wind, damping_linear=Damping(30, 250, 500, 50, 50, 150))
-    simulation = Simulation.of(model, Environment(water=water, waves=field), 0.01)
+    simulation = Simulation.from_spec(model, Environment(water=water, waves=field), 0.01)
     rng = np.random.default_rng(0)
     state = initial(simulation, np.zeros((1, 2)), np.array([heading_rad]), rng)
     start_z = state.vessel.motion.pos_ned_m[0, 2]

@@ -54,7 +54,7 @@ def test_transport_terms() -> None:
 def test_equation_of_motion_agrees_with_fossen_in_a_current() -> None:
     """M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r + g = tau with the force at the stern, strip by strip."""
     water = Water(density_kgpm3=997.8, level_m=-0.01)
-    vessel = Vessel.of(FULL, water, 0.0025)
+    vessel = Vessel.from_spec(FULL, water, 0.0025)
     mass = vessel.hydrodynamics.rigid_mass + vessel.hydrodynamics.added_mass
     added = np.array([5.1, 72.0, 216.0])
     linear = np.array([15.0, 250.0, 500.0, 50.0, 50.0, 150.0])

@@ -68,7 +68,7 @@ def waterline_m(model: VesselSpec) -> tuple[float, float]:
 def test_terminal_speed_solves_the_drag_equation() -> None:
     """15 u + 20 u^2 = T; thrust through the centre of gravity, so that trim does not enter."""
     level = tuple(replace(p, position_frd_m=(-0.7, p.position_frd_m[1], 0.0)) for p in BARE.propellers)
-    simulation = Simulation.of(replace(BARE, propellers=level), CALM, 0.01)
+    simulation = Simulation.from_spec(replace(BARE, propellers=level), CALM, 0.01)
     motion = run(simulation, at_start(simulation), 30.0, np.ones((1, 2)))[-1]
     expected = (-15.0 + np.sqrt(15.0**2 + 4.0 * 20.0 * 500.0)) / 40.0
     assert motion.vel_ned_mps[0, 0] == pytest.approx(expected, rel=1e-9)  # e^-40 of the way left after 30 s
@@ -81,7 +81,7 @@ def test_three_metres_per_second_against_current_and_wind_leave_a_margin() -> No
         current=UniformCurrent(CurrentSpec(0.7, 180.0)),
         wind=Wind(WindSpec(8.0, 0.0)),
     )
-    simulation = Simulation.of(FULL, environment, 0.01)
+    simulation = Simulation.from_spec(FULL, environment, 0.01)
     motion = run(simulation, at_start(simulation), 30.0, np.full((1, 2), 0.9))[-1]
     assert motion.vel_ned_mps[0, 0] > 3.0
 
@@ -94,7 +94,7 @@ def test_decay_of_surge_sway_yaw(axis: int, linear: float, quadratic: float, ine
     """m u' = -a u - b u^2 has u(t) = a u0 e / (a + b u0 (1 - e)), e = exp(-a t / m)."""
     start = np.zeros(6)
     start[axis] = 1.5
-    simulation = Simulation.of(replace(FULL, wind=BARE.wind), CALM, 0.0005)
+    simulation = Simulation.from_spec(replace(FULL, wind=BARE.wind), CALM, 0.0005)
     motions = run(simulation, at_start(simulation, body_mps=start[:3], gyro_radps=start[3:]), 2.0)
     t = np.arange(len(motions)) * 0.0005
     faded = np.exp(-linear * t / inertia)
@@ -105,7 +105,7 @@ def test_decay_of_surge_sway_yaw(axis: int, linear: float, quadratic: float, ine
 
 
 def test_heave_period_and_decay() -> None:
-    simulation = Simulation.of(FULL, CALM, 0.0025)
+    simulation = Simulation.from_spec(FULL, CALM, 0.0025)
     motions = run(simulation, at_start(simulation, down_m=0.001), 4.0)
     down = np.array([m.pos_ned_m[0, 2] for m in motions]) - (motions[0].pos_ned_m[0, 2] - 0.001)
     _, width = waterline_m(FULL)
@@ -131,7 +131,7 @@ def metacentric_stiffness(model: VesselSpec, second_moment_m4: float) -> float:
 
 
 def test_roll_period() -> None:
-    simulation = Simulation.of(FULL, CALM, 0.0025)
+    simulation = Simulation.from_spec(FULL, CALM, 0.0025)
     motions = run(simulation, at_start(simulation, euler_rad=(0.003, 0.0, 0.0)), 4.0)
     roll = quat_to_euler(np.concatenate([m.quat_ned_frd for m in motions]))[:, 0]
     _, width = waterline_m(FULL)
@@ -145,7 +145,7 @@ def test_roll_period() -> None:
 def test_pitch_period() -> None:
     """With 24 strips, whose lumping takes 1/24^2 off the longitudinal second moment."""
     model = replace(FULL, hull=replace(FULL.hull, strips=24))
-    simulation = Simulation.of(model, CALM, 0.0025)
+    simulation = Simulation.from_spec(model, CALM, 0.0025)
     motions = run(simulation, at_start(simulation, euler_rad=(0.0, 0.003, 0.0)), 4.0)
     pitch = quat_to_euler(np.concatenate([m.quat_ned_frd for m in motions]))[:, 1]
     _, width = waterline_m(model)
@@ -158,7 +158,7 @@ def test_pitch_period() -> None:
 @pytest.mark.slow
 def test_a_drifting_vessel_ends_with_the_current() -> None:
     environment = Environment(water=Water(density_kgpm3=DENSITY), current=UniformCurrent(CurrentSpec(0.7, 60.0)))
-    simulation = Simulation.of(replace(FULL, wind=BARE.wind), environment, 0.01)
+    simulation = Simulation.from_spec(replace(FULL, wind=BARE.wind), environment, 0.01)
     rng = np.random.default_rng(0)
     state = initial(simulation, np.zeros((4, 2)), np.array([0.0, 0.8, 2.0, 4.5]), rng)
     for _ in range(12_000):  # 120 s, e^-15 of the speed left by the linear drag in surge alone
@@ -194,7 +194,7 @@ def energies_j(simulation: Simulation, motions: list[Kinematics]) -> tuple[np.nd
 @pytest.mark.slow
 def test_energy_is_conserved_without_damping() -> None:
     """In roll, heave and sway; pitch takes the centre of buoyancy at rest, which is good to second order only."""
-    simulation = Simulation.of(FRICTIONLESS, CALM, 0.0005)
+    simulation = Simulation.from_spec(FRICTIONLESS, CALM, 0.0005)
     start = at_start(simulation, euler_rad=(0.1, 0, 0), body_mps=(0, 0.4, 0), gyro_radps=(0.3, 0, 0), down_m=0.02)
     total, potential = energies_j(simulation, run(simulation, start, 10.0)[::50])
     # Semi-implicit Euler lets the energy ripple by some omega dt, 0.4 %, of what is exchanged; it must not drift.
@@ -203,7 +203,7 @@ def test_energy_is_conserved_without_damping() -> None:
 
 
 def test_damping_only_takes_energy() -> None:
-    simulation = Simulation.of(replace(FULL, wind=BARE.wind), CALM, 0.0005)
+    simulation = Simulation.from_spec(replace(FULL, wind=BARE.wind), CALM, 0.0005)
     start = at_start(simulation, euler_rad=(0.1, 0.0, 0.0), body_mps=(1.0, 0.3, 0.0), gyro_radps=(0, 0, 0.5))
     total, _ = energies_j(simulation, run(simulation, start, 5.0)[::200])
     assert (np.diff(total) < 0.0).all()
@@ -211,7 +211,7 @@ def test_damping_only_takes_energy() -> None:
 
 def test_the_vessel_keeps_its_course_and_trim_at_full_speed() -> None:
     """Knocked off by 3 deg/s it comes back to a straight line; bow down by no more than thrust over stiffness."""
-    simulation = Simulation.of(FULL, CALM, 0.0025)
+    simulation = Simulation.from_spec(FULL, CALM, 0.0025)
     motion = run(simulation, at_start(simulation, gyro_radps=(0.0, 0.0, 0.05)), 30.0, np.ones((1, 2)))[-1]
     roll, pitch, _ = quat_to_euler(motion.quat_ned_frd)[0]
     assert abs(motion.gyro_frd_radps[0, 2]) < 1e-6
@@ -225,7 +225,7 @@ def test_wind_and_vessel_turned_together_feel_the_same() -> None:
     accelerations = []
     for yaw_deg in (0.0, 137.0):
         environment = Environment(wind=Wind(WindSpec(9.0, 40.0 + yaw_deg)))
-        simulation = Simulation.of(FULL, environment, 0.0025)
+        simulation = Simulation.from_spec(FULL, environment, 0.0025)
         motion = run(simulation, at_start(simulation, euler_rad=(0, 0, np.radians(yaw_deg))), 0.0025)[1]
         surge_sway_heave = motion.acc_ned_mps2 @ motion.rot_ned_frd[0]
         accelerations.append(np.concatenate([surge_sway_heave[0], motion.angular_acc_frd_radps2[0]]))
@@ -238,7 +238,7 @@ def test_an_imu_can_integrate_what_the_vessel_does() -> None:
     """Specific force and gyro, integrated without knowing the vessel, return velocity, position and attitude."""
     rng = np.random.default_rng(2)
     waves = realise_waves(WaveSpec("jonswap", 0.3, 2.5, 30.0, spreading=5.0), Water(), rng)
-    simulation = Simulation.of(FULL, Environment(waves=waves), 0.0025)
+    simulation = Simulation.from_spec(FULL, Environment(waves=waves), 0.0025)
     motions = run(simulation, at_start(simulation), 10.0, np.array([[0.9, 0.3]]))
     attitude = Rotation.identity()
     velocity, position = np.zeros(3), motions[0].pos_ned_m[0].copy()
@@ -265,7 +265,7 @@ def test_a_froude_scaled_vessel_moves_alike() -> None:
         waves = realise_waves(WaveSpec("regular", 0.2 * scale, 2.5 * scale**0.5, 50.0), water, np.random.default_rng(0))
         wind, current = Wind(WindSpec(6.0 * scale**0.5, 20.0)), UniformCurrent(CurrentSpec(0.6 * scale**0.5, 80.0))
         environment = Environment(water, current, waves, wind)
-        simulation = Simulation.of(froude_scaled(FULL, scale), environment, 0.004 * scale**0.5)
+        simulation = Simulation.from_spec(froude_scaled(FULL, scale), environment, 0.004 * scale**0.5)
         motions = run(simulation, at_start(simulation), 20.0 * scale**0.5, np.array([[0.9, 0.4]]))
         positions = np.concatenate([m.pos_ned_m for m in motions]) / scale
         tracks.append(np.column_stack([positions, np.concatenate([m.quat_ned_frd for m in motions])]))

@@ -20,7 +20,7 @@ def scan(scanner: ObstacleScanner, **motion: object) -> np.ndarray:
 
 def test_a_long_boom_to_starboard_is_nearest_abeam() -> None:
     """In the sector about 90 degrees it is 7.6 m off, in one about a the nearest ray is 2 degrees nearer to abeam."""
-    walls = Walls.of(line_walls([(-500.0, 8.0, 0.0), (500.0, 8.0, 0.0)], 0.4))
+    walls = Walls.joined(line_walls([(-500.0, 8.0, 0.0), (500.0, 8.0, 0.0)], 0.4))
     ranges = scan(ObstacleScanner(ObstacleScannerSpec(), walls=walls))
     assert len(ranges) == SECTORS
     for sector in range(SECTORS):
@@ -33,7 +33,7 @@ def test_a_long_boom_to_starboard_is_nearest_abeam() -> None:
 
 
 def test_it_turns_with_the_bow_and_starts_where_it_is_mounted() -> None:
-    walls = Walls.of([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 1.0)])
+    walls = Walls.joined([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 1.0)])
     scanner = ObstacleScanner(ObstacleScannerSpec(position_frd_m=(1.0, 0.0, -1.5)), walls=walls)
     np.testing.assert_allclose(scan(scanner)[0], 29.0)
     ranges = scan(scanner, euler_rad=(0.0, 0.0, math.radians(90.0)))
@@ -42,5 +42,5 @@ def test_it_turns_with_the_bow_and_starts_where_it_is_mounted() -> None:
 
 
 def test_noise_never_makes_a_range_negative() -> None:
-    walls = Walls.of([Wall((0.1, -100.0), (0.1, 100.0), -1.0, 1.0)])
+    walls = Walls.joined([Wall((0.1, -100.0), (0.1, 100.0), -1.0, 1.0)])
     assert scan(ObstacleScanner(ObstacleScannerSpec(noise_m=1.0), walls=walls)).min() >= 0.0

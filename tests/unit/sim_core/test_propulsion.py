@@ -12,7 +12,7 @@ from sim_core.vessel.forces import AIR_DENSITY_KGPM3, WindDrag
 from sim_core.vessel.propulsion import Propulsion
 
 DT_S = 0.0025
-PROPULSION = Propulsion.of(FULL, DT_S)
+PROPULSION = Propulsion.from_spec(FULL, DT_S)
 
 
 def thrust_wrench(speed: list[float]) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_thrust_above_the_centre_pitches_the_bow_down() -> None:
 @pytest.mark.parametrize("velocity", [(3.0, 0.0), (-2.0, 4.0), (0.0, -5.0), (1.0, 1.0)])
 def test_wind_force_has_fossens_coefficients(velocity: tuple[float, float]) -> None:
     """Eq 10.16-10.18 with the angle of attack gamma = -atan2(v_rw, u_rw)."""
-    drag = WindDrag.of(FULL)
+    drag = WindDrag.from_spec(FULL)
     u, v = velocity
     force = (np.concatenate(drag.terms(np.array([[u, v, 9.0]])), axis=1) @ drag.wrench)[0]
     gamma = -math.atan2(v, u)

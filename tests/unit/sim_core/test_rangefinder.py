@@ -51,7 +51,7 @@ def test_through_air_it_meets_the_surface_and_looking_up_nothing() -> None:
 
 
 def test_only_the_direction_counts_not_its_length() -> None:
-    walls = Walls.of([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 40.0)])
+    walls = Walls.joined([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 40.0)])
     assert measured(Rangefinder(RangefinderSpec(direction_frd=(0.0, 0.0, 7.0)), bed_down_m=20.0))[0] == pytest.approx(
         20.0
     )
@@ -67,7 +67,7 @@ def test_a_unit_beyond_its_plane_reads_nothing_and_noise_nothing_below() -> None
 
 
 def test_a_wall_ahead_is_met_before_the_bed() -> None:
-    walls = Walls.of([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 40.0)])
+    walls = Walls.joined([Wall((30.0, -100.0), (30.0, 100.0), -1.0, 40.0)])
     ahead = Rangefinder(RangefinderSpec(direction_frd=(1.0, 0.0, 0.0)), bed_down_m=20.0, walls=walls)
     assert measured(ahead)[0] == pytest.approx(30.0)
     turned = at_rest(euler_rad=(0.0, 0.0, math.radians(60.0)))

@@ -27,7 +27,7 @@ def rough(seed: int) -> tuple[Simulation, np.random.Generator]:
         waves=realise_waves(WaveSpec("jonswap", 0.2, 2.5, 90.0, spreading=10.0), WATER, rng),
         wind=Wind(WindSpec(5.0, 270.0, 10.0, 120.0, GustSpec("ornstein-uhlenbeck", 1.5, 8.0))),
     )
-    return Simulation.of(FULL, environment, 0.0025), rng
+    return Simulation.from_spec(FULL, environment, 0.0025), rng
 
 
 def sailed(simulation: Simulation, rng: np.random.Generator, steps: int) -> SimulationState:
@@ -58,7 +58,7 @@ def test_a_batch_equals_single_runs() -> None:
     """Equal but for rounding: products of other shapes sum in another order, in single precision for the waves."""
     waves = realise_waves(WaveSpec("pierson-moskowitz", 0.3, 2.5, 40.0), WATER, np.random.default_rng(5))
     environment = Environment(WATER, UniformCurrent(CurrentSpec(0.5, 120.0)), waves, Wind(WindSpec(6.0, 200.0)))
-    simulation = Simulation.of(FULL, environment, 0.0025)
+    simulation = Simulation.from_spec(FULL, environment, 0.0025)
     rng = np.random.default_rng(0)
     places = rng.uniform(-50.0, 50.0, (8, 2))
     yaws = rng.uniform(-3.0, 3.0, 8)
@@ -86,9 +86,9 @@ def test_clock_counts_whole_nanoseconds() -> None:
     simulation, rng = rough(1)
     assert sailed(simulation, rng, 400).time_ns == 1_000_000_000
     with pytest.raises(ValueError, match="whole number of nanoseconds"):
-        Simulation.of(FULL, simulation.environment, 1.0 / 300.0)
+        Simulation.from_spec(FULL, simulation.environment, 1.0 / 300.0)
     with pytest.raises(ValueError, match="positive"):
-        Simulation.of(FULL, simulation.environment, 0.0)
+        Simulation.from_spec(FULL, simulation.environment, 0.0)
 
 
 def test_shapes_and_unit_quaternions() -> None:
@@ -111,7 +111,9 @@ def test_a_storm_stays_finite_and_capsizes_nobody() -> None:
     water = Water()
     waves = realise_waves(WaveSpec("jonswap", 0.5, 3.0, 0.0, spreading=2.0), water, np.random.default_rng(0))
     wind = Wind(WindSpec(15.0, 180.0, 20.0, 10.0, GustSpec("ornstein-uhlenbeck", 5.0, 2.0)))
-    simulation = Simulation.of(FULL, Environment(water, UniformCurrent(CurrentSpec(2.0, 90.0)), waves, wind), 0.0025)
+    simulation = Simulation.from_spec(
+        FULL, Environment(water, UniformCurrent(CurrentSpec(2.0, 90.0)), waves, wind), 0.0025
+    )
     rng = np.random.default_rng(1)
     state = initial(simulation, np.zeros((64, 2)), np.linspace(0.0, 6.0, 64), rng)
     commands = rng.uniform(-1.0, 1.0, (64, 2))

@@ -11,14 +11,14 @@ from vessels import FULL
 
 from sim_core.environment.environment import Environment
 from sim_core.simulation import Simulation, initial, step
-from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, propulsion_of
+from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import Propeller, SteeringGear
 
 DT_S = 0.0025
 GEAR = SteeringGear(max_angle_deg=30.0, rate_degps=60.0)
 POD = Propeller((-0.9, 0.0, -0.55), 500.0, 300.0, 0.4, 0.6, GEAR)
 STEERED = replace(FULL, propellers=(POD,))
-PROPULSION = SteeredPropulsion.of(STEERED, DT_S)
+PROPULSION = SteeredPropulsion.from_spec(STEERED, DT_S)
 
 
 def wrench(speed: float, share: float) -> np.ndarray:
@@ -48,7 +48,7 @@ def test_the_gear_turns_at_its_rate_and_stops_at_its_stop() -> None:
 
 
 def test_a_steering_command_to_starboard_turns_the_bow_there() -> None:
-    simulation = Simulation.of(STEERED, Environment(), DT_S)
+    simulation = Simulation.from_spec(STEERED, Environment(), DT_S)
     rng = np.random.default_rng(1)
     state = initial(simulation, np.zeros((1, 2)), np.zeros(1), rng)
     for _ in range(800):
@@ -62,7 +62,7 @@ def test_a_gear_held_amidships_changes_nothing() -> None:
     geared = replace(FULL, propellers=tuple(replace(p, steering=GEAR) for p in FULL.propellers))
     places = []
     for model, command in ((FULL, [[0.6, 0.2]]), (geared, [[0.6, 0.2, 0.0, 0.0]])):
-        simulation = Simulation.of(model, Environment(), DT_S)
+        simulation = Simulation.from_spec(model, Environment(), DT_S)
         rng = np.random.default_rng(1)
         state = initial(simulation, np.zeros((1, 2)), np.zeros(1), rng)
         for _ in range(400):
@@ -72,15 +72,15 @@ def test_a_gear_held_amidships_changes_nothing() -> None:
 
 
 def test_only_steered_vessels_pay_for_it() -> None:
-    assert isinstance(propulsion_of(FULL, DT_S), Propulsion)
-    assert isinstance(propulsion_of(STEERED, DT_S), SteeredPropulsion)
+    assert isinstance(make_propulsion(FULL, DT_S), Propulsion)
+    assert isinstance(make_propulsion(STEERED, DT_S), SteeredPropulsion)
     mixed = replace(FULL, propellers=(FULL.propellers[0], replace(FULL.propellers[1], steering=GEAR)))
     assert (FULL.commands, STEERED.commands, mixed.commands) == (2, 2, 3)
 
 
 def test_in_a_mixed_pair_only_the_one_with_a_gear_turns() -> None:
     mixed = replace(FULL, propellers=(FULL.propellers[0], replace(FULL.propellers[1], steering=GEAR)))
-    propulsion = SteeredPropulsion.of(mixed, DT_S)
+    propulsion = SteeredPropulsion.from_spec(mixed, DT_S)
     force = (np.concatenate(propulsion.terms(np.array([[1.0, 1.0, 1.0]])), axis=1) @ propulsion.wrench)[0]
     assert force[0] == pytest.approx(250.0 + 250.0 * math.cos(math.radians(30.0)))
     assert force[1] == pytest.approx(-125.0)

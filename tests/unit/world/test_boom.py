@@ -39,7 +39,7 @@ def test_the_sag_of_a_flat_one_is_that_of_a_parabola() -> None:
 
 
 def test_floats_follow_the_line_end_to_end() -> None:
-    boom = LogBoom.of([(0.0, 0.0), (40.0, 30.0), (80.0, 60.0)], 3.0, 6.0, 0.5, down_m=0.2)
+    boom = LogBoom.between_anchors([(0.0, 0.0), (40.0, 30.0), (80.0, 60.0)], 3.0, 6.0, 0.5, down_m=0.2)
     assert len(boom.centre_ned_m) == 2 * round(catenary_length_m(50.0, 3.0) / 6.0)
     np.testing.assert_array_equal(boom.centre_ned_m[:, 2], 0.2)
     ends = boom.ends_ned_m
@@ -55,7 +55,7 @@ def test_floats_follow_the_line_end_to_end() -> None:
 
 
 def test_points_give_the_straight_line_they_always_gave() -> None:
-    boom = LogBoom.along([(-20.8, -5.6, 0.0), (27.2, 30.4, 0.5)], 6.0, 0.4)
+    boom = LogBoom.along_points([(-20.8, -5.6, 0.0), (27.2, 30.4, 0.5)], 6.0, 0.4)
     assert len(boom.centre_ned_m) == 10
     np.testing.assert_allclose(boom.centre_ned_m[0], [-20.8 + 48 / 20, -5.6 + 36 / 20, 0.025])
     np.testing.assert_allclose(boom.length_m, 0.95 * 6.0)
@@ -65,7 +65,7 @@ def test_points_give_the_straight_line_they_always_gave() -> None:
 def test_distances_are_those_to_a_fine_mesh() -> None:
     """24 of these points lie inside a float or pile; trimesh has the distance, not its sign."""
     piles = (Pile((0.0, 0.0), 0.8, -4.0, 6.0), Pile((40.0, 30.0), 0.8, -4.0, 6.0))
-    boom = LogBoom.of([(0.0, 0.0), (40.0, 30.0)], 2.0, 6.0, 0.5, 0.1, piles)
+    boom = LogBoom.between_anchors([(0.0, 0.0), (40.0, 30.0)], 2.0, 6.0, 0.5, 0.1, piles)
     floats = [
         moved(cylinder(0.5, float(length), STEEL, 96), centre, heading_matrix(float(heading)))
         for centre, heading, length in zip(boom.centre_ned_m, boom.heading_rad, boom.length_m, strict=True)
@@ -82,7 +82,7 @@ def test_distances_are_those_to_a_fine_mesh() -> None:
 
 
 def test_distance_is_negative_inside_and_nought_on_the_surface() -> None:
-    boom = LogBoom.of([(0.0, 0.0), (0.0, 6.0)], 0.0, 6.0, 0.5)
+    boom = LogBoom.between_anchors([(0.0, 0.0), (0.0, 6.0)], 0.0, 6.0, 0.5)
     points = [(0, 3, 0), (0, 3, -0.5), (0.3, 3, 0.4), (1.5, 3, 0), (0, 3 + 0.475 * 6, 0.1), (0, 0, -1.0)]
     wanted = [-0.5, 0.0, 0.0, 1.0, 0.0, math.hypot(0.5, 0.15)]
     np.testing.assert_allclose(boom.distance_m(np.array(points, dtype=float)), wanted, atol=1e-12)

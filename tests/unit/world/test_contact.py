@@ -56,7 +56,7 @@ def sailed(
 
 def simulation_in(waterway: Waterway, current_mps: float = 0.0, dt_s: float = 0.0025) -> Simulation:
     environment = Environment(current=UniformCurrent(CurrentSpec(current_mps, 90.0)))
-    return Simulation.of(ASV, environment, dt_s, waterway)
+    return Simulation.from_spec(ASV, environment, dt_s, waterway)
 
 
 def test_capsules_touch_where_their_axes_come_nearest() -> None:
@@ -145,12 +145,14 @@ def test_nothing_pulls() -> None:
 
 
 def test_what_presses_on_the_hull_presses_back_on_the_body() -> None:
-    simulation = simulation_in(Waterway(Capsules.of(())))
+    simulation = simulation_in(Waterway(Capsules.joined(())))
     state = initial(simulation, np.zeros((1, 2)), np.array([0.4]), np.random.default_rng(1))
     state = launch(simulation, state, Launch(0, BodyKind.TRUNK, 1.2, 0.9, 1.0))
     motion, debris = state.vessel.motion, state.debris
-    near = contact.near_of(Capsules.of(()), None, simulation.outline, motion, debris)
-    contacts, wrench, push = contact.meet(Capsules.of(()), None, simulation.outline, motion, debris, near, 0.0025)
+    near = contact.find_near(Capsules.joined(()), None, simulation.outline, motion, debris)
+    contacts, wrench, push = contact.compute_contacts(
+        Capsules.joined(()), None, simulation.outline, motion, debris, near, 0.0025
+    )
     assert len(contacts)
     assert push is not None
     assert wrench is not None
@@ -164,7 +166,7 @@ def test_what_presses_on_the_hull_presses_back_on_the_body() -> None:
 
 
 def test_a_wrench_accelerates_as_the_mass_matrix_says() -> None:
-    outline = Outline.of(ASV)
+    outline = Outline.from_spec(ASV)
     simulation = simulation_in(OPEN_WATER)
     state = initial(simulation, np.zeros((1, 2)), np.array([0.7]), np.random.default_rng(1))
     motion = state.vessel.motion
@@ -196,7 +198,7 @@ def test_at_rest_on_the_boom_the_springs_carry_the_thrust() -> None:
 
 
 def test_a_trunk_that_is_hit_takes_what_the_vessel_loses() -> None:
-    hit = simulation_in(Waterway(Capsules.of(())))
+    hit = simulation_in(Waterway(Capsules.joined(())))
     states = sailed(hit, 6.0, 0.6, launches=(Launch(0, BodyKind.TRUNK, 0.0, 6.0, 0.0),))
     touched = [number for number, state in enumerate(states) if len(state.contacts)]
     before, after = states[touched[0] - 1], states[touched[0] + 40]
@@ -217,7 +219,7 @@ def test_a_vessel_runs_aground_and_is_carried() -> None:
         def gradient(self, north_east_m: np.ndarray) -> np.ndarray:
             return np.broadcast_to([0.0, -0.25], north_east_m.shape)
 
-    states = sailed(simulation_in(Waterway(Capsules.of(()), Beach())), 10.0, 0.5)
+    states = sailed(simulation_in(Waterway(Capsules.joined(()), Beach())), 10.0, 0.5)
     final = states[-1]
     assert set(final.contacts.what) == {"bank"}
     assert abs(float(final.vessel.motion.vel_ned_mps[0, 1])) < 0.05

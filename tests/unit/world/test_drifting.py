@@ -12,10 +12,10 @@ from sim_core.environment.spec import WaveSpec
 from sim_core.environment.waves import realise_waves
 from sim_core.kinematics import Kinematics
 from sim_core.world.contact import Outline
-from sim_core.world.debris import BodyKind, DebrisState, Launch, bodies_at, body_of, drift, launched, no_debris
+from sim_core.world.debris import BodyKind, DebrisState, Launch, bodies_at, drift, launched, make_body, no_debris
 from sim_core.world.plan import Capsules
 from sim_core.world.river import FlatBed
-from sim_core.world.waterway import STILL, Afloat, Water, Waterway
+from sim_core.world.waterway import STILL, Afloat, StepTimes, WaterMotion, Waterway
 from sim_core.world.waterway import step as waterway_step
 
 DT_NS = 20_000_000
@@ -63,7 +63,7 @@ def test_launched_into_a_current_it_goes_with_it_at_once() -> None:
 
 def test_an_animal_swims_ahead() -> None:
     ended = drifted(one(BodyKind.ANIMAL, math.radians(90.0)), (0.0, 0.0), 10.0)
-    assert np.hypot(*ended.vel_ned_mps[0, :2]) == pytest.approx(body_of(BodyKind.ANIMAL).swim_mps, rel=0.02)
+    assert np.hypot(*ended.vel_ned_mps[0, :2]) == pytest.approx(make_body(BodyKind.ANIMAL).swim_mps, rel=0.02)
     assert ended.pos_ned_m[0, 1] > 2.3
 
 
@@ -79,7 +79,7 @@ def test_it_turns_a_little_and_each_in_its_own_way() -> None:
 def test_it_rides_the_waves() -> None:
     field = realise_waves(WaveSpec("regular", 0.3, 4.0, 0.0), StillLake(), np.random.default_rng(1))
     debris = one(BodyKind.TRUNK)
-    middle = body_of(BodyKind.TRUNK).middle_below_surface_m
+    middle = make_body(BodyKind.TRUNK).middle_below_surface_m
     for step in range(200):
         surface = -field.elevation_m(step * 0.02, debris.pos_ned_m[:, :2])
         before = debris.pos_ned_m[0, 2]
@@ -113,10 +113,10 @@ FAR_OFF = Kinematics(
 
 def carried(waterway: Waterway, current: tuple[float, float], seconds: float) -> Afloat:
     outline = Outline(np.zeros((4, 3)), 0.2, np.zeros((4, 3)), 100.0, 1.0)
-    water = Water(lambda places: np.array([[*current, 0.0]]), lambda places: np.zeros(len(places)))
+    water = WaterMotion(lambda places: np.array([[*current, 0.0]]), lambda places: np.zeros(len(places)))
     afloat = STILL
     for step in range(round(seconds * 1e9 / DT_NS)):
-        afloat = waterway_step(waterway, outline, afloat, step * DT_NS, DT_NS, DT_NS, FAR_OFF, water)
+        afloat = waterway_step(waterway, outline, afloat, StepTimes(step * DT_NS, DT_NS, DT_NS), FAR_OFF, water)
     return afloat
 
 
@@ -130,7 +130,7 @@ BOOM = Capsules(
 def test_the_boom_holds_it(kind: BodyKind, heading_deg: float) -> None:
     waterway = Waterway(BOOM, launches=(Launch(0, kind, 3.0, 8.0, math.radians(heading_deg)),))
     debris = carried(waterway, (0.0, 1.2), 40.0).debris
-    assert debris.pos_ned_m[0, 1] < 15.0 - 0.3 - 0.5 * body_of(kind).radius_m
+    assert debris.pos_ned_m[0, 1] < 15.0 - 0.3 - 0.5 * make_body(kind).radius_m
     assert debris.pos_ned_m[0, 1] > 8.0
     assert abs(debris.vel_ned_mps[0, 1]) < 0.02
 
@@ -153,14 +153,14 @@ def test_a_bank_stops_it() -> None:
         def gradient(self, north_east_m: np.ndarray) -> np.ndarray:
             return np.broadcast_to([0.0, -0.5], north_east_m.shape)
 
-    waterway = Waterway(Capsules.of(()), Slope(), (Launch(0, BodyKind.TRUNK, 0.0, 0.0, math.radians(90.0)),))
+    waterway = Waterway(Capsules.joined(()), Slope(), (Launch(0, BodyKind.TRUNK, 0.0, 0.0, math.radians(90.0)),))
     debris = carried(waterway, (0.0, 0.7), 25.0).debris
     bow_east_m = debris.pos_ned_m[0, 1] + abs(math.sin(debris.yaw_rad[0])) * debris.figures.half_axis_m[0]
-    aground_east_m = (5.0 - body_of(BodyKind.TRUNK).draught_m) / 0.5
+    aground_east_m = (5.0 - make_body(BodyKind.TRUNK).draught_m) / 0.5
     assert bow_east_m == pytest.approx(aground_east_m, abs=0.1)
 
 
 def test_launches_come_when_they_are_due() -> None:
     launches = tuple(Launch(at * 1_000_000_000, BodyKind.BRANCH, 0.0, 0.0) for at in (1, 2, 2))
-    waterway = Waterway(Capsules.of(()), FlatBed(20.0), launches)
+    waterway = Waterway(Capsules.joined(()), FlatBed(20.0), launches)
     assert [len(carried(waterway, (0.0, 0.0), seconds).debris.bodies) for seconds in (0.9, 1.5, 2.5)] == [0, 1, 3]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim_core.world.debris import USUAL_LENGTH_M, WATER_KGPM3, BodyKind, body_of, volume_below_m3, waterline_m
+from sim_core.world.debris import USUAL_LENGTH_M, WATER_KGPM3, BodyKind, make_body, volume_below_m3, waterline_m
 from sim_core.world.geometry import WOOD, Mesh, box, cylinder, ellipsoid
 
 trimesh = pytest.importorskip("trimesh")
@@ -47,7 +47,7 @@ def test_an_ellipsoid_is_wet_by_a_cap() -> None:
 @pytest.mark.parametrize("kind", BodyKind)
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.4])
 def test_a_body_displaces_its_weight(kind: BodyKind, scale: float) -> None:
-    body = body_of(kind, scale * USUAL_LENGTH_M[kind])
+    body = make_body(kind, scale * USUAL_LENGTH_M[kind])
     whole = solid(body.mesh)
     assert whole.is_watertight
     assert whole.is_winding_consistent
@@ -58,7 +58,7 @@ def test_a_body_displaces_its_weight(kind: BodyKind, scale: float) -> None:
 
 def test_the_volume_under_water_is_that_of_a_cut() -> None:
     """Of a convex body: the hull of what lies below the level, with the points where edges cross it."""
-    mesh = body_of(BodyKind.PLANTS).mesh
+    mesh = make_body(BodyKind.PLANTS).mesh
     for level_m in (-0.2, -0.05, 0.0, 0.13):
         section = solid(mesh).section((0, 0, 1), (0, 0, level_m)).vertices
         below = mesh.vertices_m[mesh.vertices_m[:, 2] > level_m]
@@ -67,7 +67,7 @@ def test_the_volume_under_water_is_that_of_a_cut() -> None:
 
 
 def test_what_shows_above_the_water_is_what_such_things_show() -> None:
-    trunk, branch, plants, animal = (body_of(kind) for kind in BodyKind)
+    trunk, branch, plants, animal = (make_body(kind) for kind in BodyKind)
     wet = volume_below_m3(trunk.mesh, -trunk.middle_below_surface_m) / volume_below_m3(trunk.mesh, -1.0)
     assert 0.6 <= wet <= 0.9
     assert 0.1 <= trunk.height_m <= 0.2
@@ -78,7 +78,7 @@ def test_what_shows_above_the_water_is_what_such_things_show() -> None:
 
 def test_every_point_of_a_body_lies_in_its_capsule() -> None:
     for kind in BodyKind:
-        body = body_of(kind)
+        body = make_body(kind)
         ahead, right = body.mesh.vertices_m[:, 0], body.mesh.vertices_m[:, 1]
         beyond = np.maximum(np.abs(ahead) - body.half_axis_m, 0.0)
         slack = 0.25 if kind is BodyKind.BRANCH else 0.11  # square ends of a trunk, tips of twigs, a head
@@ -86,13 +86,13 @@ def test_every_point_of_a_body_lies_in_its_capsule() -> None:
 
 
 def test_the_same_body_is_the_same_object() -> None:
-    assert body_of(BodyKind.TRUNK, 4.0).mesh is body_of(BodyKind.TRUNK, 4.0).mesh
+    assert make_body(BodyKind.TRUNK, 4.0).mesh is make_body(BodyKind.TRUNK, 4.0).mesh
 
 
 @pytest.mark.parametrize("length_m", [0.0, -1.0, 60.0, math.nan, math.inf])
 def test_no_such_length(length_m: float) -> None:
     with pytest.raises(ValueError, match="give a length"):
-        body_of(BodyKind.TRUNK, length_m)
+        make_body(BodyKind.TRUNK, length_m)
 
 
 def test_what_is_heavier_than_water_sinks() -> None:

@@ -30,7 +30,7 @@ from sim_core.world.geometry import (
     sphere,
 )
 from sim_core.world.primitive_rays import PrimitiveCaster
-from sim_core.world.rays import Backend, Bodies, Part, RayCaster, Scene, caster_of, rays_near
+from sim_core.world.rays import Backend, Bodies, RayCaster, Scene, ScenePart, make_caster, rays_near
 from tests.river import fan, river_scenery
 
 # Single precision carries 24 bits: 6e-8 of the 10 m these rays go, and some operations.
@@ -39,24 +39,24 @@ SIDES = 240
 """Flat sides of a mesh lie inside the round one by up to 1 - cos(pi / SIDES), 1e-4 of the radius."""
 FLATNESS = 1 - math.cos(math.pi / SIDES)
 
-PLANE = Part(
+PLANE = ScenePart(
     "bed",
     moved(box((400.0, 400.0, 1.0), BED), (0.0, 0.0, 12.5)),
     (Plane(np.array([0.0, 0.0, 1.0]), 12.0, BED),),
 )
 EAST = heading_matrix(math.pi / 2)
-CYLINDER = Part(
+CYLINDER = ScenePart(
     "float",
     moved(cylinder(0.5, 6.0, PLASTIC, SIDES), (10.0, 0.0, 0.0), EAST),
     (Cylinder(np.array([10.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), 0.5, 6.0, PLASTIC),),
 )
-SPHERE = Part(
+SPHERE = ScenePart(
     "buoy",
     moved(sphere(2.0, STEEL, SIDES, SIDES // 2), (0.0, 10.0, 0.0)),
     (Sphere(np.array([0.0, 10.0, 0.0]), 2.0, STEEL),),
 )
 TURNED = heading_matrix(math.radians(30.0))
-BOX = Part(
+BOX = ScenePart(
     "dam",
     moved(box((4.0, 2.0, 6.0), CONCRETE), (-10.0, 0.0, 0.0), TURNED),
     (Box(np.array([-10.0, 0.0, 0.0]), np.array([4.0, 2.0, 6.0]), TURNED, CONCRETE),),
@@ -67,8 +67,8 @@ SCENE = Scene((PLANE, CYLINDER, SPHERE, BOX))
 @pytest.fixture(params=["embree", "numpy", "triangles in numpy"], scope="module")
 def caster(request: pytest.FixtureRequest) -> RayCaster:
     if request.param == "triangles in numpy":
-        return caster_of(Scene(tuple(Part(part.name, part.mesh) for part in SCENE.parts)), "numpy")
-    return caster_of(SCENE, request.param)
+        return make_caster(Scene(tuple(ScenePart(part.name, part.mesh) for part in SCENE.parts)), "numpy")
+    return make_caster(SCENE, request.param)
 
 
 def rays(origin: object, direction: object) -> tuple[Array32, Array32]:
@@ -175,13 +175,13 @@ def test_rays_in_the_plane_miss_it_and_those_that_graze_it_meet_it(caster: RayCa
 
 @pytest.mark.parametrize("backend", ["embree", "numpy"])
 def test_nothing_is_met_in_an_empty_scene_and_by_no_rays(backend: Backend) -> None:
-    empty = caster_of(Scene(), backend)
+    empty = make_caster(Scene(), backend)
     hits = empty.cast(*rays((0.0, 0.0, 0.0), [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     assert np.isinf(hits.range_m).all()
     assert hits.material.tolist() == [-1, -1]
     none = np.empty((0, 3), dtype=np.float32)
     ball = Bodies((sphere(1.0, HIDE),), np.zeros((1, 3)), np.zeros((1, 3)), np.eye(3)[None])
-    assert len(caster_of(SCENE, backend).cast(none, none, ball).range_m) == 0
+    assert len(make_caster(SCENE, backend).cast(none, none, ball).range_m) == 0
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -229,4 +229,4 @@ def test_embree_sees_the_whole_site_as_the_test_of_each_triangle_does() -> None:
 def test_without_embree_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
     with pytest.raises(WorldError, match=r"embreex, which is not installed; pip install 'xitl\[perception\]'"):
-        caster_of(SCENE)
+        make_caster(SCENE)

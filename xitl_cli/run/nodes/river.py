@@ -13,7 +13,7 @@ from numpy.random import default_rng
 from sim_core import frames
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import SimulationState
-from sim_core.world.debris import DebrisState, Launch, body_of
+from sim_core.world.debris import DebrisState, Launch, make_body
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
@@ -127,7 +127,7 @@ class RiverNode(RunNode):
     def _possible(self, one: Launch, motion: Kinematics) -> bool:
         """Whether there is such a body, and water but no vessel where it would be."""
         try:
-            body = body_of(one.kind, one.length_m)
+            body = make_body(one.kind, one.length_m)
         except ValueError:
             return False
         if not self.encounters.afloat(one.north_m, one.east_m):

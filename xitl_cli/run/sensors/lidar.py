@@ -14,9 +14,9 @@ from agent.wire import dialect
 from agent.wire.codec import Message
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.sensors.lidar import Fates, Lidar, Scan, Track
+from sim_core.sensors.lidar import BodyTrack, Lidar, LidarScan, PointFates
 from sim_core.sensors.optics import Atmosphere, WaterSeen
-from sim_core.simulation import Simulation, bodies_of
+from sim_core.simulation import Simulation, drifting_bodies
 from sim_core.world.rays import RayCaster
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
@@ -52,7 +52,7 @@ class LidarInstrument:
         self._attitudes: list[Array] = []
         self._waiting: deque[tuple[int, list[Message]]] = deque()
         self._frames = 0
-        self._fates = dict.fromkeys((field.name for field in fields(Fates)), 0)
+        self._fates = dict.fromkeys((field.name for field in fields(PointFates)), 0)
 
     @property
     def address(self) -> str | None:
@@ -74,7 +74,7 @@ class LidarInstrument:
         if ends:
             self._stamps_ns, self._places, self._attitudes = [], [], []
             self._keep(sim_ns, motion)
-            self._bodies = bodies_of(self._simulation, state)
+            self._bodies = drifting_bodies(self._simulation, state)
         if self._waiting and self._waiting[0][0] <= sim_ns:
             return self._waiting.popleft()[1]
         return []
@@ -93,9 +93,9 @@ class LidarInstrument:
 
     def _finish(self) -> None:
         """Cast the frame that is over, and let its cloud wait out the latency."""
-        track = Track(np.array(self._stamps_ns), np.array(self._places), np.array(self._attitudes))
+        track = BodyTrack(np.array(self._stamps_ns), np.array(self._places), np.array(self._attitudes))
         start_ns, end_ns = self._stamps_ns[0], self._stamps_ns[-1]
-        water = WaterSeen.of(self._simulation.environment, start_ns * 1e-9, track.pos_ned_m[0])
+        water = WaterSeen.around(self._simulation.environment, start_ns * 1e-9, track.pos_ned_m[0])
         scan = self._lidar.scan(track, self._caster, water, self._rng, self._bodies)
         for name, count in asdict(scan.fates).items():
             self._fates[name] += count
@@ -121,7 +121,7 @@ def make_lidar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: 
     )
 
 
-def _cloud(number: int, scan: Scan) -> PointCloud:
+def _cloud(number: int, scan: LidarScan) -> PointCloud:
     return PointCloud(
         dialect.XITL_CLOUD_KIND_LIDAR, number, scan.stamp_ns, scan.points_frd_m, scan.offset_s, scan.intensity
     )

@@ -22,7 +22,7 @@ from sim_core.sensors.sonar import (
     turning_s,
 )
 from sim_core.sensors.spec import SonarSpec
-from sim_core.simulation import Simulation, SimulationState, bodies_of
+from sim_core.simulation import Simulation, SimulationState, drifting_bodies
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
@@ -141,7 +141,7 @@ def make_sonar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: 
 
     def below_of(state: SimulationState) -> Below:
         surface_down_m = -water.level_m - float(state.elevation_m[0])
-        return Below(caster, surface_down_m, bodies_of(simulation, state))
+        return Below(caster, surface_down_m, drifting_bodies(simulation, state))
 
     port = None if settings.serve is None else Ping360Port(settings.serve)
     return SonarInstrument(settings, below_of, seeds, port)

@@ -16,7 +16,7 @@ from numpy import bool_, float64
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from sim_core.world.debris import USUAL_LENGTH_M, Body, BodyKind, Launch, body_of
+from sim_core.world.debris import USUAL_LENGTH_M, Body, BodyKind, Launch, make_body
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.world import EncountersSpec
 
@@ -131,7 +131,7 @@ class DebrisEncounters:
 
     def _launch(self, now_ns: int, encounter: DebrisEncounter, along_m: float) -> Launch | None:
         """From as far up the current as nothing is in its way; None where it would not fit on the leg itself."""
-        body = body_of(encounter.kind, encounter.length_m)
+        body = make_body(encounter.kind, encounter.length_m)
         meeting = self._legs.place(encounter.along_m, encounter.right_m)
         left_s = max(encounter.along_m - along_m, 0.0) / self._speed_mps
         current = self._current_ned_mps(np.array([[*meeting, 0.0]]))[0, :2]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.random import default_rng
 
 from sim_core.world.geometry import BED, Box, Plane, WorldError, box, import_mesh, moved
-from sim_core.world.rays import Backend, Part, RayCaster, Scene, caster_of
+from sim_core.world.rays import Backend, RayCaster, Scene, ScenePart, make_caster
 from sim_core.world.river import Bed, FlatBed, RiverBed, bank_parts, shoal_part
 from sim_core.world.spec import MeshFileSpec
 from sim_core.world.structures import LogBoom, building_part, dam_box, dam_parts
@@ -89,23 +89,23 @@ class Scenery:
                 self._warnings.append(_SLOW)
         if backend not in self._casters:
             try:
-                self._casters[backend] = caster_of(self.scene, backend)
+                self._casters[backend] = make_caster(self.scene, backend)
             except WorldError as error:
                 raise UserError(f"{self._name}: {error}") from error
         return self._casters[backend]
 
-    def _ground(self) -> list[Part]:
+    def _ground(self) -> list[ScenePart]:
         if not isinstance(self.bed, RiverBed):
             down_m = float(self.bed.bed_down_m(np.zeros(2)))
             flat = moved(box((_FLAT_BED_M, _FLAT_BED_M, 1.0), BED), (0.0, 0.0, down_m + 0.5))
-            return [Part("bed", flat, (Plane(np.array([0.0, 0.0, 1.0]), down_m, BED),))]
-        return [*(Part("ground", mesh) for mesh in self.bed.meshes()), *bank_parts(self.bed)]
+            return [ScenePart("bed", flat, (Plane(np.array([0.0, 0.0, 1.0]), down_m, BED),))]
+        return [*(ScenePart("ground", mesh) for mesh in self.bed.meshes()), *bank_parts(self.bed)]
 
-    def _mesh(self, number: int, spec: MeshFileSpec) -> Part:
+    def _mesh(self, number: int, spec: MeshFileSpec) -> ScenePart:
         try:
             mesh, warning = import_mesh(spec)
         except WorldError as error:
             raise UserError(f"{self._name}: world.meshes.{number}: {error}") from error
         if warning is not None:
             self._warnings.append(f"world.meshes.{number}: {warning}")
-        return Part(Path(spec.file).name, mesh)
+        return ScenePart(Path(spec.file).name, mesh)

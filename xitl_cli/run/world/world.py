@@ -36,7 +36,7 @@ def build_simulation(
         environment = Environment.from_spec(profile.environment, default_rng(seeds.of("waves")))
         waterway = build_waterway(profile, scenery or Scenery(profile)) if has_waterway(profile) else OPEN_WATER
         dt_s = 1.0 / profile.clock.physics_rate_hz
-        simulation = Simulation.of(profile.vehicle, environment, dt_s, waterway)
+        simulation = Simulation.from_spec(profile.vehicle, environment, dt_s, waterway)
     except ValueError as error:
         raise UserError(f"{profile.name}: {error}") from error
     start = profile.mission.start
@@ -65,7 +65,7 @@ def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
         north, east, _ = solid.centre_m.tolist()
         parts.append(box_capsules(name, (north, east), (float(solid.size_m[0]), float(solid.size_m[1])), heading_rad))
     launches = sorted((launch_from(launch) for launch in profile.world.debris.launches), key=lambda each: each.at_ns)
-    return Waterway(Capsules.of(parts), scenery.bed, tuple(launches), profile.world.contact)
+    return Waterway(Capsules.joined(parts), scenery.bed, tuple(launches), profile.world.contact)
 
 
 def launch_from(spec: LaunchSpec) -> Launch:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from sim_core.world.debris import BodyKind, Launch, body_of
+from sim_core.world.debris import BodyKind, Launch, make_body
 from sim_core.world.plan import Capsules
 from sim_core.world.waterway import Waterway
 from xitl_cli.profile.schema.world import EncountersSpec as Keys
@@ -17,7 +17,7 @@ from xitl_cli.run.world.encounters import DebrisEncounter, DebrisEncounters, Mis
 
 PLACES = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0))
 SPEED_MPS = 2.5
-OPEN = Waterway(Capsules.of(()))
+OPEN = Waterway(Capsules.joined(()))
 
 
 def current(north_mps: float, east_mps: float) -> Callable[[np.ndarray], np.ndarray]:
@@ -43,7 +43,7 @@ def test_it_drifts_onto_the_leg_as_the_vessel_gets_there(velocity: tuple[float, 
     assert len(launches) == 6
     for encounter, (along_m, launch) in zip(wanted, launches, strict=True):
         left_s = (encounter.along_m - along_m) / SPEED_MPS
-        swim = body_of(launch.kind).swim_mps * np.array([math.cos(launch.heading_rad), math.sin(launch.heading_rad)])
+        swim = make_body(launch.kind).swim_mps * np.array([math.cos(launch.heading_rad), math.sin(launch.heading_rad)])
         there = np.array([launch.north_m, launch.east_m]) + left_s * (np.array(velocity) + swim)
         met = legs.place(encounter.along_m, 0.0)
         assert np.hypot(*(there - met)) == pytest.approx(abs(encounter.right_m), abs=1e-6)
