@@ -123,3 +123,9 @@ def test_logs_are_analysed() -> None:
 def test_two_logs_are_compared() -> None:
     comparison = xitl.compare(CALM, GUST)
     assert "trajectory" in {section.key for section in comparison.sections}
+
+
+def test_the_page_is_what_the_docstrings_say() -> None:
+    tool = Path(__file__).parents[3] / "tools" / "generate_api.py"
+    done = subprocess.run([sys.executable, str(tool), "--check"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
