@@ -20,7 +20,7 @@ from agent import __version__
 if TYPE_CHECKING:
     from xitl_cli.api import Result, analyze, compare, load_profile, open_log, simulate, wdri
     from xitl_cli.errors import UserError
-    from xitl_cli.logs.errors import LogError
+    from xitl_cli.logs.model.errors import LogError
 
 __all__ = [
     "LogError",
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 
-_ERRORS = {"LogError": "xitl_cli.logs.errors", "UserError": "xitl_cli.errors"}
+_ERRORS = {"LogError": "xitl_cli.logs.model.errors", "UserError": "xitl_cli.errors"}
 
 
 def __getattr__(name: str) -> Any:

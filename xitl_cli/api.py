@@ -16,7 +16,7 @@ from xitl_cli.run.session import Result
 if TYPE_CHECKING:
     from xitl_cli.graph.wdri import VertexCount, Wdri
     from xitl_cli.logs.compare.comparison import Comparison
-    from xitl_cli.logs.log import Log
+    from xitl_cli.logs.model.log import Log
     from xitl_cli.logs.report.model import Report
 
 __all__ = ["Result", "analyze", "compare", "load_profile", "open_log", "simulate", "wdri"]

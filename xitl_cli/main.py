@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.model.errors import LogError
 
 if TYPE_CHECKING:
     import typer
@@ -49,7 +49,7 @@ def fail(message: str) -> NoReturn:
     """One red line, exit code 2."""
     from rich.console import Console
 
-    from xitl_cli.logs.text import printable
+    from xitl_cli.logs.model.text import printable
 
     console = Console(stderr=True, soft_wrap=True, highlight=False)
     console.print(f"error: {printable(message)}", style="bold red", markup=False)

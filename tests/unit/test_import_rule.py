@@ -126,7 +126,10 @@ def test_the_rule_catches(package: str, path: str, source: str) -> None:
         ("agent/x.py", "from . import wire\nimport socket\nfrom agent.wire import link"),
         ("agent/x.py", "def open():\n    import serial\n    import can"),
         ("agent/companion/x.py", "import numpy"),
-        ("xitl_cli/logs/x.py", "from xitl_cli.logs.table import Table\nfrom sim_core import frames\nimport agent.wire"),
+        (
+            "xitl_cli/logs/x.py",
+            "from xitl_cli.logs.model.table import Table\nimport agent.wire",
+        ),
         ("xitl_cli/logs/report/x.py", "from xitl_cli import logs\nfrom . import page\nfrom ..table import Table"),
         ("xitl_cli/run/x.py", "from xitl_cli.errors import UserError"),
     ],

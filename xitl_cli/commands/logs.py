@@ -14,7 +14,7 @@ import typer
 
 from xitl_cli.commands.output import quiet_pipe, refuse
 from xitl_cli.errors import UserError
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.model.errors import LogError
 
 if TYPE_CHECKING:
     from xitl_cli.params.vehicle import VehicleFiles
@@ -89,8 +89,8 @@ def dump(
     """
     from xitl_cli.commands.logs_dump import Asked, row_lines
     from xitl_cli.logs import open_log
-    from xitl_cli.logs.query import Condition, stamps_between, tables_named
-    from xitl_cli.logs.text import parse_optional_seconds
+    from xitl_cli.logs.model.query import Condition, stamps_between, tables_named
+    from xitl_cli.logs.model.text import parse_optional_seconds
 
     condition = Condition(where) if where.strip() else None
     written = False
@@ -126,8 +126,8 @@ def export(
     """
     from xitl_cli.logs import open_log
     from xitl_cli.logs.export.exporting import ExportSelection, export_log
-    from xitl_cli.logs.query import stamps_between, tables_named
-    from xitl_cli.logs.text import parse_optional_seconds
+    from xitl_cli.logs.model.query import stamps_between, tables_named
+    from xitl_cli.logs.model.text import parse_optional_seconds
 
     with open_log(file) as log:
         tables = tables_named(log, messages or list(log.tables))
@@ -157,7 +157,7 @@ def tasks(
     The vehicle then counts until it restarts: bit 0 of its SCHED_OPTIONS is set.
     """
     from xitl_cli.logs.export.files import part_of, refuse_present
-    from xitl_cli.logs.system_files import parse_tasks, tasks_counted
+    from xitl_cli.logs.model.system_files import parse_tasks, tasks_counted
     from xitl_cli.params.values import is_vehicle
     from xitl_cli.signing import read_key_file
 
@@ -200,7 +200,7 @@ def fetch_tasks(url: str, signing_key: bytes | None = None) -> str:
 def read_tasks(files: VehicleFiles, url: str, again_s: float = _ASK_AGAIN_S) -> str:
     """The file once it lists tasks, which it does from the vehicle's next PM record on, up to 10 s later."""
     from agent.mavlink.ftp import FtpRefusedError, read_file
-    from xitl_cli.logs.system_files import TASKS_MOST_BYTES, TASKS_PATH, parse_tasks
+    from xitl_cli.logs.model.system_files import TASKS_MOST_BYTES, TASKS_PATH, parse_tasks
 
     for attempt in range(_TRIES):
         if attempt:

@@ -91,9 +91,9 @@ def plot(
 
     Exit code 2 when a file cannot be read (the others are drawn).
     """
+    from xitl_cli.logs.model.text import parse_optional_seconds
     from xitl_cli.logs.report import html
     from xitl_cli.logs.report.signal_page import signal_page
-    from xitl_cli.logs.text import parse_optional_seconds
 
     files, signals = _files_and_signals(arguments)
     from_s, until_s = parse_optional_seconds(from_time), parse_optional_seconds(until_time)

@@ -11,13 +11,13 @@ import typer
 
 from xitl_cli.commands.output import open_in_browser, quiet_pipe
 from xitl_cli.errors import UserError
-from xitl_cli.logs.text import printable
+from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from xitl_cli.logs.compare.comparison import Comparison
-    from xitl_cli.logs.log import Log
+    from xitl_cli.logs.model.log import Log
     from xitl_cli.logs.report.page import FileCard, Page
 
 
@@ -72,8 +72,8 @@ def compare(
     """Compare two logs: paths, errors, profiles, channels, events, scheduler, time bases."""
     from xitl_cli.logs import open_log
     from xitl_cli.logs.compare.comparison import compare as compare_logs
+    from xitl_cli.logs.model.text import parse_optional_seconds
     from xitl_cli.logs.report import html
-    from xitl_cli.logs.text import parse_optional_seconds
 
     if report is None and open_page:
         report = Path("compare.html")
@@ -149,9 +149,9 @@ def _page(a: Log, b: Log, found: Comparison) -> Page:
 
 
 def _card(name: str, log: Log) -> FileCard:
+    from xitl_cli.logs.model.text import duration_text
     from xitl_cli.logs.report.page import FileCard
     from xitl_cli.logs.report.wording import FORMAT_NAMES, damage_sentences
-    from xitl_cli.logs.text import duration_text
 
     facts = [("file", str(log.path)), ("format", FORMAT_NAMES[log.format])]
     if log.span_ns is not None:
@@ -162,8 +162,8 @@ def _card(name: str, log: Log) -> FileCard:
 def _show(a: Path, b: Path, found: Comparison, report: Path | None) -> None:
     from rich.console import Console
 
+    from xitl_cli.logs.model.sections import Severity, by_severity
     from xitl_cli.logs.report.terminal import show_section
-    from xitl_cli.logs.sections import Severity, by_severity
 
     console = Console(highlight=False)
     table = _hanging([("A", str(a)), ("B", str(b)), ("time", found.pairing.sentence), ("", found.zero_sentence)])

@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.query import TIME, Condition, merge_rows, rows_at_once
-from xitl_cli.logs.table import Table, column_named, json_cells, text_cells
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.query import TIME, Condition, merge_rows, rows_at_once
+from xitl_cli.logs.model.table import Table, column_named, json_cells, text_cells
 
 _LINES = 2048
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0))}

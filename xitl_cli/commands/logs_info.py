@@ -5,10 +5,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
+from xitl_cli.logs.model.table import Column
+from xitl_cli.logs.model.text import duration_text, plural, printable
 from xitl_cli.logs.report.wording import FORMAT_NAMES, damage_sentences
 from xitl_cli.logs.summary import MessageSummary, Summary
-from xitl_cli.logs.table import Column
-from xitl_cli.logs.text import duration_text, plural, printable
 
 _WIDTH = 80
 _PLACES = 10

@@ -11,7 +11,7 @@ from pathlib import Path
 import typer
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.text import printable
+from xitl_cli.logs.model.text import printable
 
 
 @contextmanager

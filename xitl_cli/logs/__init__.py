@@ -3,7 +3,7 @@
 opening → Log (formats/) → signals/, clocks/ → analyses/, compare/ → report/, export/
 """
 
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats import open_log
+from xitl_cli.logs.model.errors import LogError
 
 __all__ = ["LogError", "open_log"]

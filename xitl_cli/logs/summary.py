@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from xitl_cli.logs.log import Base, Format, Log, LogHealth
-from xitl_cli.logs.sections import Fact
-from xitl_cli.logs.table import Column, Table
+from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
+from xitl_cli.logs.model.sections import Fact
+from xitl_cli.logs.model.table import Column, Table
 
 _SHORTEST_S = 0.1
 _READ_WHOLE_BYTES = 16 << 20

@@ -16,8 +16,8 @@ from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC
 from sim_core import frames
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Table
 from xitl_cli.record.topics import LIDAR_POINT, MAP_POINT, MAP_SOURCES, MapSource
 
 LIDAR, PING, MAP = "/lidar/points", "/sonar/ping", "/companion/map"

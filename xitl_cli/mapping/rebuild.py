@@ -30,7 +30,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory, tum_text
 from xitl_cli.logs.export.files import make_directory, part_of
 from xitl_cli.logs.formats.mcap.file import McapLog
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import clouds, map_points, online, pings, told, truth
 from xitl_cli.profile.reader import read_profile

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from xitl_cli.errors import UserError
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
 
 NO_PULSE_US = 0.0
 SHORTEST_US, LONGEST_US = 500.0, 2500.0

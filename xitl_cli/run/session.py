@@ -36,7 +36,7 @@ from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_simulation
 
 if TYPE_CHECKING:
-    from xitl_cli.logs.log import Log
+    from xitl_cli.logs.model.log import Log
 
 COMPLETED, INCOMPLETE, USER_ERROR, INTERRUPTED = 0, 1, 2, 130
 

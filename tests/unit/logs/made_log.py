@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from xitl_cli.logs.log import Base, Format, Log, LogHealth
-from xitl_cli.logs.table import ALL, Column, Rows, Table
+from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
+from xitl_cli.logs.model.table import ALL, Column, Rows, Table
 
 
 class MadeTable(Table):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from made_log import MadeTable
 
-from xitl_cli.logs.table import Column
+from xitl_cli.logs.model.table import Column
 
 
 def made_table(name: str, columns: Mapping[str, tuple[Column, Any]], stamp_ns: Any, place: Any) -> MadeTable:

@@ -16,7 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.formats.mcap.table import MOST_ELEMENTS
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.model.table import Table
 
 _STEP = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")
 

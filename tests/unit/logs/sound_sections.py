@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 
 from xitl_cli.logs.analyses import catalogue
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Section, Severity
 
 
 def sound_sections(log: Log, names: Iterable[str] = catalogue.NAMES) -> list[Section]:

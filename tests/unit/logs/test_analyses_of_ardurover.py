@@ -11,7 +11,7 @@ import pytest
 from tests.recorded import LOGS, MISSION_TLOG
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.formats.tlog.file import TelemetryLog
-from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.model.sections import Section, Severity
 
 ANALYSES = ("vehicle", "modes", "arming", "events", "missions", "parameters", "estimator")
 SENTENCES = {"calm": 18, "gust": 18, "external-ahrs": 34, "linux-hal-injected": 28}

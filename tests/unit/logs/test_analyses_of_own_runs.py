@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from xitl_cli.logs import open_log
-from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.model.sections import Section, Severity
 
 PROFILE = """
 extends: [sitl, faults/gnss-dropout]

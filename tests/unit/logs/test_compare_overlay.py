@@ -15,8 +15,8 @@ from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.compare.pairing import event_section, pair_logs
 from xitl_cli.logs.compare.profiles import channel_section
 from xitl_cli.logs.compare.trajectory_section import off_path_m, thinned_path
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Fact, Plot, Section, Trace
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 
 
 def analysis(sections: Mapping[str, Section | None]) -> Callable[[str], Callable[[Log], Section | None]]:

@@ -11,8 +11,8 @@ from made_vessel import Array, vessel
 
 from xitl_cli.logs.compare.comparison import compare
 from xitl_cli.logs.compare.pairing import StartEvent, pair_logs
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.sections import Severity
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.sections import Severity
 
 
 def leaves(at_s: float) -> dict[str, object]:

@@ -10,7 +10,7 @@ from made_log import MadeLog
 from made_vessel import Array, vessel
 
 from xitl_cli.logs.compare.comparison import Comparison, compare
-from xitl_cli.logs.sections import Section, Value
+from xitl_cli.logs.model.sections import Section, Value
 
 DURATION_S = 60.0
 

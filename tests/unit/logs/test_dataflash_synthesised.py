@@ -13,11 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from agent.fcu.dataflash.format import FORMATS, header
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash import index
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Heads, find_heads
-from xitl_cli.logs.system_files import embedded_contents, embedded_files
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.system_files import embedded_contents, embedded_files
 
 BITS = {"b": 8, "B": 8, "M": 8, "h": 16, "H": 16, "i": 32, "I": 32, "q": 64, "Q": 64}
 BITS |= {"c": 16, "C": 16, "e": 32, "E": 32, "L": 32, "a": 16}

@@ -4,7 +4,7 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.analyses.events import analyse
-from xitl_cli.logs.sections import Finding, Section, Severity
+from xitl_cli.logs.model.sections import Finding, Section, Severity
 
 S = 1_000_000_000
 ROVER = MadeTable("VER", [0], {"BU": [1], "FWS": ["ArduRover V4.5.0 (0123abcd)"]})

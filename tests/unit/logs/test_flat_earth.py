@@ -11,7 +11,7 @@ from made_log import MadeLog, MadeTable
 from sim_core.geodesy import ardupilot_ned
 from xitl_cli.logs import signals
 from xitl_cli.logs.compare.comparison import compare
-from xitl_cli.logs.sections import Severity
+from xitl_cli.logs.model.sections import Severity
 
 A_DEGREE_M = 0.011131884502145034e7
 """LOCATION_SCALING_FACTOR of AP_Common/Location.h, metres for 1e-7 degrees."""

@@ -10,7 +10,7 @@ from made_log import MadeLog, MadeTable
 
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.analyses.gnss import analyse
-from xitl_cli.logs.sections import Finding, Section, Severity
+from xitl_cli.logs.model.sections import Finding, Section, Severity
 
 S = 1_000_000_000
 STEP_NS = S // 5

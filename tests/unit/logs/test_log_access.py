@@ -13,7 +13,7 @@ from made_table import every_kind
 
 from tests.recorded import CALM
 from xitl_cli.logs import LogError, open_log
-from xitl_cli.logs.table import by_instance
+from xitl_cli.logs.model.table import by_instance
 
 
 def test_a_log_is_its_tables_and_a_table_its_columns() -> None:

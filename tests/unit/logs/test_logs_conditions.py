@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from made_log import MadeLog, MadeTable
 from made_table import made_table
 
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.query import Condition, merge_rows, stamps_between, tables_named
-from xitl_cli.logs.table import ALL, Column, json_cells, text_cells
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.query import Condition, merge_rows, stamps_between, tables_named
+from xitl_cli.logs.model.table import ALL, Column, json_cells, text_cells
 
 
 def att(name: str = "ATT") -> MadeTable:

@@ -19,12 +19,12 @@ from mcap_ros2.decoder import DecoderFactory
 
 from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.logs import open_log
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.exporting import ExportResult, ExportSelection, export_log
 from xitl_cli.logs.export.files import file_names
 from xitl_cli.logs.export.mcap_export import field_names, type_names
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Column, Table
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Column, Table
 
 
 def exported(log: Log, out: Path, file_format: str = "csv", **wanted: Any) -> ExportResult:

@@ -14,7 +14,7 @@ from xitl_cli.logs import open_log
 from xitl_cli.logs.analyses import faults, links, scheduler, time_bases
 from xitl_cli.logs.analyses.link_sequences import missing_frames
 from xitl_cli.logs.clocks.alignment import align_logs
-from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.model.sections import Section, Severity
 
 SECOND = 1_000_000_000
 FAULTS = """\

@@ -16,7 +16,7 @@ from telemetry import START_US, frame, record
 
 from tests.recorded import LOGS, MISSION_TLOG
 from xitl_cli.logs import open_log
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.model.errors import LogError
 
 
 def attitudes(count: int, *, stamped: bool = True) -> bytes:

@@ -8,7 +8,7 @@ from made_log import MadeLog, MadeTable
 
 from tests.recorded import LINUX
 from xitl_cli.logs.analyses.scheduler import analyse
-from xitl_cli.logs.sections import Severity
+from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.signals.deadlines import loop_windows, simulated_clock_reason
 
 SECOND = 1_000_000_000

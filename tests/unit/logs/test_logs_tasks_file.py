@@ -14,7 +14,7 @@ from agent.wire import dialect
 from xitl_cli.commands.logs import read_tasks
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses.tasks import analyse
-from xitl_cli.logs.system_files import TaskTime, parse_tasks, tasks_counted
+from xitl_cli.logs.model.system_files import TaskTime, parse_tasks, tasks_counted
 from xitl_cli.params.vehicle import VehicleFiles
 
 CAPTURED = Path(__file__).parents[2] / "data/captures/linux-tasks.txt"

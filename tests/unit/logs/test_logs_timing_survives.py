@@ -8,7 +8,7 @@ from made_log import MadeLog, MadeTable
 from sound_sections import sound_sections
 
 from xitl_cli.logs.clocks.alignment import align_logs
-from xitl_cli.logs.log import Base, Format
+from xitl_cli.logs.model.log import Base, Format
 
 ANALYSES = ("scheduler", "tasks", "time_bases", "links", "faults")
 TABLES: dict[Format, dict[str, tuple[str, ...]]] = {

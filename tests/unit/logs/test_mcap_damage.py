@@ -15,8 +15,8 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros_files import write
 from mcap_truth import payloads_of
 
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.summary import summarize_log
 
 _ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)

@@ -14,8 +14,8 @@ from mcap_ros_files import SCHEMAS, write
 from mcap_truth import is_equal, payloads_of, table_is_equal
 
 from xitl_cli.logs.formats.mcap.file import McapLog
-from xitl_cli.logs.log import LogHealth
-from xitl_cli.logs.table import Column
+from xitl_cli.logs.model.log import LogHealth
+from xitl_cli.logs.model.table import Column
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,10 @@ from mcap.reader import make_reader
 from mcap_truth import is_equal, payloads_of
 from recorded_run import recorded_run
 
-from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import chunks
 from xitl_cli.logs.formats.mcap import table as table_module
 from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.summary import summarize_log
 from xitl_cli.record.mcap_file import McapFile
 

@@ -6,7 +6,7 @@ import numpy as np
 from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.analyses.parameters import analyse
-from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.model.sections import Section, Severity
 
 S = 1_000_000_000
 ARMED = MadeTable("ARM", [10 * S, 50 * S], {"ArmState": [1, 0]})

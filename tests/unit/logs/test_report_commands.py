@@ -13,9 +13,9 @@ from tests.recorded import CALM, LOGS
 from xitl_cli.commands import logs_analyze
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Section
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Section
 
 app = typer.Typer()
 app.command("analyze")(logs_analyze.analyze)

@@ -15,12 +15,12 @@ import pytest
 from report_samples import AT_NS, HOSTILE, sample_report
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import LogHealth
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import LogHealth
+from xitl_cli.logs.model.sections import Plot, Trace
 from xitl_cli.logs.report import html
 from xitl_cli.logs.report.page import report_page
 from xitl_cli.logs.report.plots import json_text, plot_payload
-from xitl_cli.logs.sections import Plot, Trace
 
 
 class Read(HTMLParser):

@@ -11,12 +11,12 @@ from report_samples import sample_report
 from rich.console import Console
 
 from xitl_cli.logs.clocks.time_line import Stretch, TimeLine
+from xitl_cli.logs.model.sections import Evidence, Grid
+from xitl_cli.logs.model.text import clock_text, duration_text, parse_seconds
 from xitl_cli.logs.report import terminal
 from xitl_cli.logs.report.json import document, plain
 from xitl_cli.logs.report.terminal import grid_lines
 from xitl_cli.logs.report.wording import evidence_text
-from xitl_cli.logs.sections import Evidence, Grid
-from xitl_cli.logs.text import clock_text, duration_text, parse_seconds
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from xitl_cli.logs.model.sections import Trace
 from xitl_cli.logs.report.plots import MOST_POINTS, thin
-from xitl_cli.logs.sections import Trace
 
 
 def noise(many: int) -> Trace:

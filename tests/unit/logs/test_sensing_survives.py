@@ -11,7 +11,7 @@ from sound_sections import sound_sections
 
 from tests.recorded import CALM, EXTERNAL_AHRS
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
-from xitl_cli.logs.sections import Severity
+from xitl_cli.logs.model.sections import Severity
 
 ANALYSES = ("sensors", "gnss", "vibration", "radio", "power")
 IMU = ("GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ", "T", "GH", "AH", "GHz", "AHz", "EG", "EA", "SampleUS")

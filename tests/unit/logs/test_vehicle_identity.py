@@ -7,7 +7,7 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.analyses.vehicle import analyse
-from xitl_cli.logs.sections import Section, Severity
+from xitl_cli.logs.model.sections import Section, Severity
 
 S = 1_000_000_000
 

@@ -7,7 +7,7 @@ import pytest
 from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.analyses.vibration import analyse, read_batches, welch_spectrum
-from xitl_cli.logs.sections import Severity
+from xitl_cli.logs.model.sections import Severity
 
 S = 1_000_000_000
 ROWS = 600

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Section
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Section
 
 Analysis = Callable[[Log], Section | None]
 

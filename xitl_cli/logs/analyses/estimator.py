@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs import signals
 from xitl_cli.logs.analyses import estimator_cores as cores
 from xitl_cli.logs.analyses import estimator_resets as resets
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import firmware_text
-from xitl_cli.logs.table import Floats, Stamps
 from xitl_cli.logs.tables.events import EKF_MAG_FUSION, EKF_SOURCE_SETS
-from xitl_cli.logs.text import length_text
 
 _POSITION_M = (1.0, 3.0)
 _YAW_DEG = (5.0, 10.0)

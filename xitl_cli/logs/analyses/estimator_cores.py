@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs import signals
+import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Severity
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Severity
+from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table, by_instance
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import autopilot_messages
-from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance
 from xitl_cli.logs.tables.events import EKF_ABSOLUTE, EKF_ACTIVE, EKF_GPS_CHECKS
 
 _FAMILIES = (("EKF3", "XKF"), ("EKF2", "NKF"))

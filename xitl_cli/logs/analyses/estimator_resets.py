@@ -15,13 +15,13 @@ import numpy as np
 
 from xitl_cli.logs.analyses.estimator_cores import EstimatorCore, flag_column
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table
+from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_messages, error_rows, event_rows
-from xitl_cli.logs.table import Flags, Floats, Stamps, Table
 from xitl_cli.logs.tables import events as codes
-from xitl_cli.logs.text import length_text
 
 _COLUMNS: Mapping[str, str] = MappingProxyType(
     {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass", "SVT": "airspeed"}

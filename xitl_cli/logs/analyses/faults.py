@@ -11,11 +11,11 @@ import numpy as np
 
 from xitl_cli.logs.clocks.fit import clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.signals.deadlines import missed_deadlines
 from xitl_cli.logs.signals.series import rounded
-from xitl_cli.logs.table import Table
 
 MOST_PROFILE = 1 << 20
 AFTER_NS = 1_000_000_000

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import texts
 from xitl_cli.logs.signals.gaps import regularity
 from xitl_cli.logs.signals.receivers import FIX_3D, FIX_NAMES, GnssReceiver, gnss_receivers
 from xitl_cli.logs.signals.series import listed, numbers, significant
 from xitl_cli.logs.signals.spans import covered_share, dense_end_ns, find_holds, log_pauses
 from xitl_cli.logs.signals.states import armed_rows, error_rows
-from xitl_cli.logs.table import Flags, Floats, Stamps
 from xitl_cli.logs.tables.events import EKF_GPS_GLITCHING, ERR_GPS
 
 _RTK = 5

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Stamps
 from xitl_cli.logs.signals.moments import Moment, moments_near
 from xitl_cli.logs.signals.series import rounded
-from xitl_cli.logs.table import Stamps
 
 LOSS_WARNING, LOSS_CRITICAL = 0.02, 0.2
 LEAST_FRAMES = 50

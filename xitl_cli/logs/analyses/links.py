@@ -8,11 +8,11 @@ import numpy as np
 
 from xitl_cli.logs.analyses.link_sequences import sequence_section
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table, by_instance, first_of
 from xitl_cli.logs.signals.moments import moments
 from xitl_cli.logs.signals.series import rounded
-from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance, first_of
 
 LOSS_WARNING, LOSS_CRITICAL = 0.01, 0.2
 COUNTS = ("sent", "received", "lost", "gaps", "late", "repeated", "dropped", "unsent", "refused", "impaired")

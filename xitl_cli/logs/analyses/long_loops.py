@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.deadlines import LONG_AT, LoopWindows, simulated_clock_reason
 from xitl_cli.logs.signals.moments import Moment, moments_near, moments_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import last_parameters
-from xitl_cli.logs.table import Floats, Stamps
 
 BESIDE_NS = 500_000_000  # of a loop that could be placed
 PLACED = 0.7  # of the longest loop's time must be without a row of the loop

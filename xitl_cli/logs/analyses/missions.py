@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs import signals
 from xitl_cli.logs.analyses.modes import ModeSpan, mode_spans
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.model.table import Table, first_of
+from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import autopilot_messages
-from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.commands import ALTITUDE_FRAMES, PLACE_COMMANDS, command_name
-from xitl_cli.logs.text import length_text
 
 _PLAUSIBLE_ITEMS = 5000
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs import signals
+import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Severity
+from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import error_rows, vehicle_kind
-from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.events import error_name, is_failsafe_error
 from xitl_cli.logs.tables.modes import FAILSAFE_REASONS, NAVIGATING, mode_name, reason_name
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs import signals
+import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import ParameterRow, parameter_rows
 

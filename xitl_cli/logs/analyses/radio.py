@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import find_holds, held_spans, runs
 from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values
-from xitl_cli.logs.table import Flags, Floats, Stamps
 from xitl_cli.logs.tables.commands import (
     FIXED_OUTPUTS,
     PORT_THROTTLE,

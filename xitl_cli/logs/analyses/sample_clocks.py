@@ -14,12 +14,12 @@ import numpy as np
 
 from xitl_cli.logs.clocks.fit import ClockRelation, robust_spread
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
+from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table, by_instance
 from xitl_cli.logs.signals.gaps import regularity
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import last_parameters
-from xitl_cli.logs.table import Floats, Selection, Stamps, Table, by_instance
 
 LEAST_ROWS = 50
 PARTS = 10

@@ -10,8 +10,9 @@ import numpy as np
 from xitl_cli.logs.analyses.long_loops import long_loop_section
 from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Flags
 from xitl_cli.logs.signals.deadlines import (
     MissedDeadlines,
     TaskTotal,
@@ -22,7 +23,6 @@ from xitl_cli.logs.signals.deadlines import (
 )
 from xitl_cli.logs.signals.moments import Moment, moments, moments_near, moments_text
 from xitl_cli.logs.signals.series import rounded
-from xitl_cli.logs.table import Flags
 
 RATIO_WARNING, RATIO_CRITICAL = 0.01, 0.1
 FEW = 3

@@ -9,15 +9,15 @@ import numpy as np
 
 from xitl_cli.logs.clocks.fit import ClockStep, clock_relations
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import Series, ground_speed, yaw_rate
 from xitl_cli.logs.signals.gaps import Gap, Gaps, Regularity, gaps, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
 from xitl_cli.logs.signals.series import listed, numbers
 from xitl_cli.logs.signals.spans import HeldRows, HoldStatistics, covered_share, find_holds, runs
 from xitl_cli.logs.signals.states import armed_rows
-from xitl_cli.logs.table import Flags, Floats, Stamps
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.sections import Evidence, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.sections import Evidence, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.allan import (
     AllanCurve,
     ReadOff,
@@ -25,7 +26,6 @@ from xitl_cli.logs.signals.allan import (
 from xitl_cli.logs.signals.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, SensorSeries
 from xitl_cli.logs.signals.series import significant
-from xitl_cli.logs.table import Floats, Stamps
 
 # AP_Arming: accelerometers 0.75 m/s^2 with the vertical counted half, gyroscopes 5 deg/s, over ten seconds;
 # AP_Compass: 60 deg and 200 mGauss in the plane of the vessel.

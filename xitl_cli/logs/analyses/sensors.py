@@ -7,8 +7,9 @@ import numpy as np
 from xitl_cli.logs.analyses import sensor_faults
 from xitl_cli.logs.analyses.sensor_quality import agreement_section, noise_section
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Fact, Grid, Section, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Fact, Grid, Section, Value
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import stray_truth_m
 from xitl_cli.logs.signals.sensors import (
     InertialUnit,
@@ -21,7 +22,6 @@ from xitl_cli.logs.signals.sensors import (
 from xitl_cli.logs.signals.series import significant
 from xitl_cli.logs.signals.spans import log_pauses
 from xitl_cli.logs.signals.states import armed_rows, parameter_values, sensors_simulated
-from xitl_cli.logs.table import Floats, Stamps
 
 _TITLE = "Sensors"
 

@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Section, Value
-from xitl_cli.logs.signals.deadlines import TaskTotal, clock_stood_still, simulated_clock_reason, task_totals
-from xitl_cli.logs.signals.series import rounded
-from xitl_cli.logs.system_files import (
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Section, Value
+from xitl_cli.logs.model.system_files import (
     MOST_OVERRUNS,
     MOST_US,
     TASKS_MOST_BYTES,
@@ -19,6 +17,8 @@ from xitl_cli.logs.system_files import (
     parse_tasks,
     tasks_counted,
 )
+from xitl_cli.logs.signals.deadlines import TaskTotal, clock_stood_still, simulated_clock_reason, task_totals
+from xitl_cli.logs.signals.series import rounded
 
 FILE_NAME = "tasks.txt"
 NAMED = 5
@@ -70,7 +70,7 @@ def task_file(log: Log) -> tuple[list[TaskTime], str] | None:
 def _embedded(log: Log) -> list[tuple[str, str]]:
     if log.format != "dataflash" or "FILE" not in log.tables:
         return []
-    from xitl_cli.logs.system_files import embedded_contents
+    from xitl_cli.logs.model.system_files import embedded_contents
 
     return [
         (bytes(content[:TASKS_MOST_BYTES]).decode("utf-8", "replace"), f"FILE {name}")

@@ -10,12 +10,12 @@ from xitl_cli.logs.analyses.sample_clocks import sample_clock_section
 from xitl_cli.logs.clocks.fit import ClockRelation, ClockStep, clock_relations
 from xitl_cli.logs.clocks.readings import ClockReadings
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Floats
 from xitl_cli.logs.signals import allan
 from xitl_cli.logs.signals.deadlines import simulated_clock_reason
 from xitl_cli.logs.signals.series import rounded
-from xitl_cli.logs.table import Floats
 
 RTC_STEP_S = 0.05  # a message of UTC that came with less delay than any before moves it ahead, which is no news
 

@@ -9,8 +9,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Section, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section, Value
+from xitl_cli.logs.model.table import Table, first_of
+from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import (
     LOCKSTEP,
@@ -21,9 +23,7 @@ from xitl_cli.logs.signals.states import (
     last_parameters,
     vehicle_kind,
 )
-from xitl_cli.logs.table import Table, first_of
 from xitl_cli.logs.tables.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name
-from xitl_cli.logs.text import length_text
 
 _GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
 _LEAP_S = 18  # GPS is ahead of UTC by so much since 2017

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Severity, Trace, Value
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance
 from xitl_cli.logs.signals.gaps import LONG_GAP_PERIODS, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, RestPeriods, find_rest, inertial_units
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, numbers, significant, stacked, tables_of
 from xitl_cli.logs.signals.states import armed_rows, sensors_simulated
-from xitl_cli.logs.table import Flags, Floats, Stamps, Table, by_instance
 
 _SORTS = {0: "accel", 1: "gyro"}
 _PER_ROW = 32

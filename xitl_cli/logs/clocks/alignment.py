@@ -22,9 +22,9 @@ from xitl_cli.logs.clocks.correlation import (
 from xitl_cli.logs.clocks.fit import ClockRelation, clock_relations
 from xitl_cli.logs.clocks.readings import HOST, SIMULATION, UTC
 from xitl_cli.logs.clocks.time_line import LogPlacement, placement_from
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Stamps
 from xitl_cli.logs.signals.states import LOCKSTEP, first_text
-from xitl_cli.logs.table import Stamps
 
 BOOT, AGENT = "the autopilot's clock", "the agent's clock"
 BEHIND_AGENT = "node autopilot"

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.fit import robust_line, robust_spread
 from xitl_cli.logs.clocks.time_line import LogPlacement
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import armed, ground_speed, outputs, yaw, yaw_rate
 from xitl_cli.logs.signals.series import Series
-from xitl_cli.logs.table import Floats, Stamps
 
 COARSE_HZ = 5.0
 FINE_HZ = 50.0

@@ -17,9 +17,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from agent.timing.sync import ClockSync
 from xitl_cli.logs.clocks.readings import ClockReadings, clock_readings
 from xitl_cli.logs.clocks.time_line import AlignedLog
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.spans import runs
-from xitl_cli.logs.table import Floats, Stamps
 
 ROUNDS = 30
 HUBER = 1.345  # of the scale: 95 % as efficient as least squares where all errors are normal

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Flags, Selection, Stamps, Table, by_instance
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, by_instance
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from xitl_cli.logs.log import Base, Log, LogHealth
+from xitl_cli.logs.model.log import Base, Log, LogHealth
+from xitl_cli.logs.model.table import Floats, Stamps, Table
+from xitl_cli.logs.model.text import clock_text
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import armed
-from xitl_cli.logs.table import Floats, Stamps, Table
-from xitl_cli.logs.text import clock_text
 
 StampMap = Callable[[Stamps], Stamps]
 

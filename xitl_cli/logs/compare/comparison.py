@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from xitl_cli.logs import signals
+import xitl_cli.logs.signals as signals
 from xitl_cli.logs.analyses.catalogue import analysis_failure, load_analysis
 from xitl_cli.logs.compare.pairing import Pairing, StartEvent, event_section, limited, pair_logs, precise_modes, zero_ns
 from xitl_cli.logs.compare.profiles import channel_section, motion_section
 from xitl_cli.logs.compare.trajectories import Alignment, Trajectory
 from xitl_cli.logs.compare.trajectory_section import common_poses, moved_poses, trajectory_section
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace, Value
 from xitl_cli.logs.signals import SignalSource, StateSpan
 
 

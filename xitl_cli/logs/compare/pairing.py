@@ -13,14 +13,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs import signals
+import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import LogPlacement
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Grid, Section
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Grid, Section
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import Series, StateSpan
 from xitl_cli.logs.signals.spans import runs
-from xitl_cli.logs.table import Floats, Stamps
 from xitl_cli.logs.tables.modes import NAVIGATING
 
 _MOST_SAMPLES = 200_000

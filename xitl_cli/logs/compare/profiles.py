@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs import signals
+import xitl_cli.logs.signals as signals
 from xitl_cli.logs.compare.pairing import Pairing, best_lag, common_samples, time_integral
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Fact, Grid, Plot, Section, Trace, Value
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Fact, Grid, Plot, Section, Trace, Value
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import Series, SignalSource
 from xitl_cli.logs.signals.series import column_series, first_series
 from xitl_cli.logs.signals.states import pulses
-from xitl_cli.logs.table import Floats, Stamps
 
 
 @dataclass(frozen=True, slots=True)

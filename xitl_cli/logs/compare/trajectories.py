@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.frames import quat_to_matrix
-from xitl_cli.logs.table import Floats, Stamps
+from xitl_cli.logs.model.table import Floats, Stamps
 
 Alignment = Literal["none", "origin", "se3", "sim3"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+import xitl_cli.logs.signals as signals
 from sim_core.frames import euler_to_quat, ned_to_enu, quat_ned_frd_to_enu_flu
-from xitl_cli.logs import signals
 from xitl_cli.logs.compare.pairing import Pairing, common_samples, time_integral
 from xitl_cli.logs.compare.trajectories import (
     Alignment,
@@ -22,10 +22,10 @@ from xitl_cli.logs.compare.trajectories import (
     path_pairs,
     relative_errors,
 )
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Section, Trace
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals import SignalSource
-from xitl_cli.logs.table import Floats, Stamps
 
 _BLOCK = 250_000
 

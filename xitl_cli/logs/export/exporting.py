@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.export.files import file_names, make_directory, part_of, refuse_present
-from xitl_cli.logs.export.tabular import COLUMNS_FILE, FlatColumn, stretches, write_columns, write_csv
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.query import rows_at_once, rows_between
-from xitl_cli.logs.table import Table
-from xitl_cli.logs.text import plural
+from xitl_cli.logs.export.tabular import COLUMNS_FILE, write_columns, write_csv
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.flat_columns import FlatColumn, stretches
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.query import rows_at_once, rows_between
+from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.model.text import plural
 
 FORMATS = ("csv", "parquet", "mcap")
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.model.errors import LogError
 
 _LONGEST_FILE_NAME = 120
 

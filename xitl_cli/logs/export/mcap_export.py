@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.export.files import unique_names
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.query import merge_rows, rows_at_once
-from xitl_cli.logs.table import Column, Table
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.query import merge_rows, rows_at_once
+from xitl_cli.logs.model.table import Column, Table
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR, little-endian
 _TYPES = {

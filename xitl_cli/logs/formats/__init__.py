@@ -6,10 +6,10 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.model.errors import LogError
 
 if TYPE_CHECKING:
-    from xitl_cli.logs.log import Log
+    from xitl_cli.logs.model.log import Log
 
 _LOOKED_AT_BYTES = 64 << 10
 _DATAFLASH_START = b"\xa3\x95"

@@ -10,21 +10,21 @@ from typing import Literal
 
 import numpy as np
 
+import xitl_cli.logs.signals as signals
 from sim_core.geodesy import LocalFrame
-from xitl_cli.logs import signals
 from xitl_cli.logs.analyses import catalogue
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure, analysis_failure
 from xitl_cli.logs.analyses.missions import mission_rows
 from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Mark, Plot, Section, Trace
+from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.model.text import resolve_name
 from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
 from xitl_cli.logs.report.plots import thin
 from xitl_cli.logs.report.wording import vehicle_line
-from xitl_cli.logs.sections import Mark, Plot, Section, Trace
 from xitl_cli.logs.signals import Series, StateSpan
-from xitl_cli.logs.table import Floats, Stamps
-from xitl_cli.logs.text import resolve_name
 
 _MOST_TRACK_POINTS = 3000
 _MOST_WAYPOINTS = 500
@@ -226,7 +226,7 @@ def build_report(paths: Sequence[Path], only: Collection[str] = (), told: Progre
 
 def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[RefusedFile]]:
     """In their order; a file that was given twice is opened once."""
-    from xitl_cli.logs import open_log
+    from xitl_cli.logs.formats import open_log
 
     logs: list[Log] = []
     refusals = []

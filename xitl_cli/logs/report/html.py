@@ -14,13 +14,13 @@ from importlib import resources
 from pathlib import Path
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Severity
+from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import Overview, Report
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, report_page
 from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, thinned_note
-from xitl_cli.logs.sections import Evidence, Fact, Finding, Grid, Plot, Severity
-from xitl_cli.logs.text import plural
 
 _MOST_ROWS = 2000
 _MOST_EVIDENCE = 12

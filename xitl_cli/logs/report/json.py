@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
 from xitl_cli.logs.report.model import FileFinding, FileReport, Report
 from xitl_cli.logs.report.wording import SEVERITY_NAMES
-from xitl_cli.logs.sections import Evidence, Finding, Section, Severity
 
 FORMAT = 1
 

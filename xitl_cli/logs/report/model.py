@@ -8,10 +8,10 @@ from pathlib import Path
 
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.log import Base, Format, LogHealth
+from xitl_cli.logs.model.log import Base, Format, LogHealth
+from xitl_cli.logs.model.sections import Finding, Mark, Plot, Section, Severity
+from xitl_cli.logs.model.table import Floats
 from xitl_cli.logs.report.wording import damage_sentences
-from xitl_cli.logs.sections import Finding, Mark, Plot, Section, Severity
-from xitl_cli.logs.table import Floats
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.logs.model.text import duration_text
 from xitl_cli.logs.report.model import FileReport, Overview, Report
 from xitl_cli.logs.report.wording import FORMAT_NAMES
-from xitl_cli.logs.sections import Section, Severity
-from xitl_cli.logs.text import duration_text
 
 
 @dataclass(frozen=True, slots=True)

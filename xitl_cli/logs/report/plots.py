@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.sections import Plot, Trace
+from xitl_cli.logs.model.table import Floats
 from xitl_cli.logs.report.model import MapTrack, Overview
 from xitl_cli.logs.report.page import Page, PageMark
-from xitl_cli.logs.sections import Plot, Trace
-from xitl_cli.logs.table import Floats
 
 MOST_POINTS = 4000
 Numbers = NDArray[Any]  # of int64 or float64

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.logs import signals
+import xitl_cli.logs.signals as signals
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Plot, Section, Trace
+from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, column_named
 from xitl_cli.logs.report.build import ReportLog, open_all, short_names, state_marks, time_lines
 from xitl_cli.logs.report.model import Overview, RefusedFile
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, page_marks
 from xitl_cli.logs.report.plots import ThinTrace, thin
 from xitl_cli.logs.report.wording import damage_sentences
-from xitl_cli.logs.sections import Plot, Section, Trace
-from xitl_cli.logs.table import Floats, Stamps, Table, by_instance, column_named
 
 _MOST_COMPONENTS = 32
 _REST = re.compile(r"(?:\[(?P<instance>\d+)\])?(?:\.(?P<column>.+))?")

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
+from xitl_cli.logs.model.sections import Fact, Grid, Section, Severity
+from xitl_cli.logs.model.text import duration_text, plural, printable
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import FileFinding, FileReport, Report
-from xitl_cli.logs.sections import Fact, Grid, Section, Severity
-from xitl_cli.logs.text import duration_text, plural, printable
 
 _APART = 2
 _WIDE = 24

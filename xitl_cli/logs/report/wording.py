@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.log import LogHealth
-from xitl_cli.logs.sections import Evidence, Grid, Section, Severity, Value
-from xitl_cli.logs.text import clock_text, plural
+from xitl_cli.logs.model.log import LogHealth
+from xitl_cli.logs.model.sections import Evidence, Grid, Section, Severity, Value
+from xitl_cli.logs.model.text import clock_text, plural
 
 FORMAT_NAMES = {"dataflash": "DataFlash", "mcap": "MCAP", "tlog": "telemetry log"}
 SEVERITY_NAMES = {

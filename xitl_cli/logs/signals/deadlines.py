@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Floats, Stamps, Table, first_of
 from xitl_cli.logs.signals.states import LOCKSTEP, first_text
-from xitl_cli.logs.table import Floats, Stamps, Table, first_of
 
 SITL_BOARD = 3  # VER.BT
 LONGEST_WINDOW_NS = 60_000_000_000

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs import signals
-from xitl_cli.logs.log import Log
+import xitl_cli.logs.signals as signals
+from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.signals.states import error_rows, event_rows, parameter_rows, vehicle_kind
 from xitl_cli.logs.tables.events import ARMED, DISARMED, error_name, event_name
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Floats, Stamps
 from xitl_cli.logs.signals.series import (
     Series,
     SeriesReader,
@@ -21,7 +22,6 @@ from xitl_cli.logs.signals.series import (
     make_series,
     stacked_columns,
 )
-from xitl_cli.logs.table import Floats, Stamps
 
 HIGHEST_M = 10e3  # beyond it a local frame has no meaning
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, first_of
 from xitl_cli.logs.signals.sensors import sample_clock
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, tables_of
-from xitl_cli.logs.table import Floats, Stamps, Table, by_instance, first_of
 
 FIX_3D = 3
 FIX_NAMES = {

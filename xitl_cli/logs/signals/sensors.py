@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table, by_instance, first_of
 from xitl_cli.logs.signals.motion import ground_speed
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, stacked, tables_of
 from xitl_cli.logs.signals.spans import runs
-from xitl_cli.logs.table import Flags, Floats, Stamps, Table, by_instance, first_of
 
 STANDARD_GRAVITY_MPS2 = 9.80665
 _FEWEST_ROWS = 3

@@ -10,8 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Floats, Stamps, Table
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Floats, Stamps, Table
 
 SignalSource = Literal["estimate", "truth"]
 
@@ -77,7 +77,7 @@ def first_instance(log: Log, table: str) -> Table | None:
     found = log.tables.get(table)
     if found is None or found.instance is None:
         return found
-    from xitl_cli.logs.table import by_instance
+    from xitl_cli.logs.model.table import by_instance
 
     split = by_instance(found)
     return split[min(split)] if split else None

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
 
 
 def runs(flags: Flags) -> list[tuple[int, int]]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
-from xitl_cli.logs.table import Flags, Selection, Stamps, Table
 from xitl_cli.logs.tables.events import ARMED, DISARMED
 from xitl_cli.logs.tables.modes import MODES
 from xitl_cli.logs.tables.vehicles import VehicleKind, kind_from_build, kind_from_mav_type, kind_from_name

@@ -19,9 +19,9 @@ from sim_core.geodesy import LocalFrame
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError
 from xitl_cli.firmware.process import CONSOLE, STOP_S, FirmwareProcess, newest_log
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
-from xitl_cli.logs.table import Table, first_of
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.errors import LogError
 from xitl_cli.logs.formats.dataflash.definitions import Meaning, Measure, RecordDefinition, measures
 from xitl_cli.logs.formats.dataflash.index import RecordIndex, index_records
 from xitl_cli.logs.formats.dataflash.records import Bytes
@@ -25,8 +24,9 @@ from xitl_cli.logs.formats.dataflash.table import (
     times_in_columns,
     times_in_heads,
 )
-from xitl_cli.logs.formats.file_bytes import FileBytes
-from xitl_cli.logs.log import Base, Format, Log, LogHealth
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.file_bytes import FileBytes
+from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
 
 _SEARCHES = 8
 """Types whose rows are looked for one by one."""

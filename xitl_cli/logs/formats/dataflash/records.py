@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.dataflash.definitions import FMT_ID, FMT_LENGTH, HEAD_BYTES, plausible_fmt
-from xitl_cli.logs.log import Losses
+from xitl_cli.logs.model.log import Losses
 
 Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]

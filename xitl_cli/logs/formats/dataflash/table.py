@@ -29,7 +29,7 @@ from xitl_cli.logs.formats.dataflash.definitions import (
     RecordField,
 )
 from xitl_cli.logs.formats.dataflash.records import Bytes, Forget, Places, u64_at
-from xitl_cli.logs.table import ALL, Column, Kind, Rows, Table, steps_back
+from xitl_cli.logs.model.table import ALL, Column, Kind, Rows, Table, steps_back
 
 FAR_NS = 10_000_000_000
 VERY_FAR_NS = 3_600_000_000_000

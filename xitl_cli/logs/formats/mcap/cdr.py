@@ -23,7 +23,7 @@ from xitl_cli.logs.formats.mcap.table import (
     RowNumbers,
     UndecodableError,
 )
-from xitl_cli.logs.table import Kind
+from xitl_cli.logs.model.table import Kind
 
 _SIZES = {
     "bool": "u1",

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.index import Chunk, RecordingIndex
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, ChunkHead, MalformedError, SchemaRecord
+from xitl_cli.logs.model.file_bytes import FileReader
 
 _PIECE = 1 << 16
 

@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
 from xitl_cli.logs.formats.mcap.index import RecordingIndex, RecordingLosses, from_summary, has_footer
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, SchemaRecord
 from xitl_cli.logs.formats.mcap.table import Decoder, MemoryBudget, TopicTable, UndecodableError
 from xitl_cli.logs.formats.mcap.walk import Walk, between
-from xitl_cli.logs.log import Base, Format, Log, LogHealth
-from xitl_cli.logs.table import Table
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.file_bytes import FileReader
+from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
+from xitl_cli.logs.model.table import Table
 
 OUR_RECORD = "xitl"
 FRAMES = "xitl_msgs/msg/MavlinkFrame"

@@ -7,7 +7,6 @@ import zlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.records import (
     AttachmentRecord,
@@ -17,7 +16,8 @@ from xitl_cli.logs.formats.mcap.records import (
     SchemaRecord,
     StatisticsRecord,
 )
-from xitl_cli.logs.log import Losses
+from xitl_cli.logs.model.file_bytes import FileReader
+from xitl_cli.logs.model.log import Losses
 
 if TYPE_CHECKING:
     from xitl_cli.logs.formats.mcap.chunks import MessageRows

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.mcap.chunks import PayloadBatch
-from xitl_cli.logs.table import ALL, Column, Kind, Rows, Table, steps_back
+from xitl_cli.logs.model.table import ALL, Column, Kind, Rows, Table, steps_back
 
 MOST_ELEMENTS = 32
 """Elements of an array of messages or texts that get columns of their own."""

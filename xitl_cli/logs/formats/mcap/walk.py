@@ -11,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.file_bytes import FileReader
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, MessageRows, message_index, scan
 from xitl_cli.logs.formats.mcap.index import LARGEST_CHUNK, MOST_CHUNKS, Chunk, RecordingIndex
 from xitl_cli.logs.formats.mcap.records import AttachmentRecord, ChannelRecord, ChunkHead, MalformedError, SchemaRecord
+from xitl_cli.logs.model.file_bytes import FileReader
 
 _SHORTEST = {
     records.HEADER: 8,

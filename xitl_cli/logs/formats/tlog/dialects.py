@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from xitl_cli.logs.table import Column
+from xitl_cli.logs.model.table import Column
 
 
 class Scale(NamedTuple):

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.formats.file_bytes import FileBytes
 from xitl_cli.logs.formats.tlog.frames import (
     LONGEST_FRAME,
     MAGIC_1,
@@ -30,8 +29,9 @@ from xitl_cli.logs.formats.tlog.frames import (
     parse_headers,
     tables_by_message,
 )
-from xitl_cli.logs.log import Base, Format, Log, LogHealth, Losses
-from xitl_cli.logs.table import Table, steps_back
+from xitl_cli.logs.model.file_bytes import FileBytes
+from xitl_cli.logs.model.log import Base, Format, Log, LogHealth, Losses
+from xitl_cli.logs.model.table import Table, steps_back
 
 BLOCK_BYTES = 1 << 20
 STAMP_BYTES = 8

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.tlog.dialects import MavlinkDefinition, MavlinkField, definitions
-from xitl_cli.logs.table import ALL, Column, Rows, Table
+from xitl_cli.logs.model.table import ALL, Column, Rows, Table
 
 _POLYNOMIAL = 0x8408
 

@@ -13,7 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from xitl_cli.logs.log import Log
+from xitl_cli.logs.model.log import Log
 
 _LARGEST_FILE = 64 << 20
 """Bytes of a file; an offset beyond is damage."""

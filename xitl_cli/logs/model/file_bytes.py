@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from xitl_cli.logs.errors import LogError
+from xitl_cli.logs.model.errors import LogError
 
 LARGE = 64 << 20
 """Bytes from which on a file is mapped: until there, reading it is no slower."""

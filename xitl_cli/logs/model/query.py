@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.errors import LogError
-from xitl_cli.logs.log import Log
-from xitl_cli.logs.table import Rows, Table, column_named
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.table import Rows, Table, column_named
 
 NS_PER_S = 1_000_000_000
 _FIRST, _MOST = 256, 16_384

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 
-from xitl_cli.logs.errors import LogError, UnknownNameError
+from xitl_cli.logs.model.errors import LogError, UnknownNameError
 
 _LISTED = 12
 

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from xitl_cli.logs.table import Table
-from xitl_cli.logs.text import resolve_name
+from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.model.text import resolve_name
 
 Format = Literal["dataflash", "mcap", "tlog"]
 

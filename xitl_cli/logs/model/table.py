@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from xitl_cli.logs.text import listed, resolve_name
+from xitl_cli.logs.model.text import listed, resolve_name
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -108,7 +108,7 @@ class Table(ABC):
         An array of k numbers is k columns, `name[0]` and on; one of more than 1024 is left out. The units are in
         `frame.attrs["units"]`, by column. Raises LogError when pandas is not installed.
         """
-        from xitl_cli.logs.export.tabular import data_frame
+        from xitl_cli.logs.model.flat_columns import data_frame
 
         return data_frame(self, raw)
 
