@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run package test test-fast lint format types dialect check-dialect topics reference bench soak wheel lock clean
+.PHONY: run package test test-fast lint format types dialect check-dialect pages bench soak wheel lock clean
 .DEFAULT_GOAL := run
 
 $(VENV)/.run: pyproject.toml constraints.txt
@@ -47,14 +47,13 @@ types: $(VENV)/.dev
 dialect: $(VENV)/.dev  ## regenerate the codec after an edit of agent/wire/xitl.xml
 	$(BIN)/python tools/generate_dialect.py
 
-reference: $(VENV)/.dev  ## regenerate the tables of docs/profiles.md after an edit of the profile's schema
-	$(BIN)/python tools/generate_profile_reference.py
-
 check-dialect: $(VENV)/.dev
 	$(BIN)/python tools/generate_dialect.py --check
 
-topics: $(VENV)/.dev  ## renew the tables of docs/recording.md after an edit of xitl_cli/record/topics.py
+pages: $(VENV)/.dev  ## renew the generated parts of docs/ after an edit of a topic, a profile key or a public docstring
 	$(BIN)/python tools/generate_topics.py
+	$(BIN)/python tools/generate_profile_reference.py
+	$(BIN)/python tools/generate_api.py
 
 bench: $(VENV)/.dev  ## measure; asserts nothing
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.bench

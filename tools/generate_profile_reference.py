@@ -25,7 +25,7 @@ from sim_core.keys import (
 from xitl_cli.profile.schema import Profile
 
 PAGE = Path(__file__).parents[1] / "docs/profiles.md"
-MARK = "<!-- Below is generated from the schema: make reference -->"
+MARK = "<!-- Below is generated from the schema: make pages -->"
 _NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false"}
 
 
@@ -147,5 +147,5 @@ if __name__ == "__main__":
     before = PAGE.read_text(encoding="utf-8")
     after = page(before)
     if "--check" in sys.argv:
-        sys.exit(f"{PAGE} is not what the schema says; run make reference" if after != before else 0)
+        sys.exit(f"{PAGE} is not what the schema says; run make pages" if after != before else 0)
     PAGE.write_text(after, encoding="utf-8")

@@ -55,7 +55,7 @@ def main() -> None:
     page = PAGE.read_text(encoding="utf-8")
     if arguments.parse_args().check:
         if generated(page) != page:
-            sys.exit(f"{PAGE} does not match xitl_cli/record/topics.py: run `make topics`")
+            sys.exit(f"{PAGE} does not match xitl_cli/record/topics.py: run `make pages`")
     else:
         PAGE.write_text(generated(page), encoding="utf-8")
 

@@ -1,7 +1,7 @@
 """What a user can put right.
 
     UserError
-    └── ProfileError    (xitl_cli.profile.entry: every problem of one profile)
+    └── ProfileError    (xitl_cli.profile.files.entry: every problem of one profile)
     LogError            (xitl_cli.logs.model.errors: the logs import nothing of xitl_cli)
 
 Libraries raise these with one sentence that says what, where and what to do; `xitl_cli.main` prints it and exits 2.

@@ -20,7 +20,7 @@ Set = Annotated[
 def list_profiles() -> None:
     """List the profiles that come with xitl; those at the top run."""
     from xitl_cli.profile import load_profile
-    from xitl_cli.profile.catalogue import shipped_profiles
+    from xitl_cli.profile.files.catalogue import shipped_profiles
 
     groups: dict[str, list[str]] = {}
     for name in shipped_profiles():
@@ -70,7 +70,7 @@ def check(
 ) -> None:
     """Check profiles and list everything that is wrong with them, one problem a line."""
     from xitl_cli.profile import ProfileError, load_profile
-    from xitl_cli.profile.catalogue import shipped_profiles
+    from xitl_cli.profile.files.catalogue import shipped_profiles
 
     console = Console(highlight=False, soft_wrap=True)
     wrong = 0

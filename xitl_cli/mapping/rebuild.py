@@ -33,9 +33,9 @@ from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import clouds, map_points, online, pings, told, truth
+from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.run.core.directory import PROFILE
 
 MapFormat = Literal["ply", "pcd"]

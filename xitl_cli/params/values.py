@@ -10,7 +10,7 @@ from agent.fcu.parameters import TABLE, Parameter
 from agent.mavlink.parameters import same_value
 from xitl_cli.errors import UserError
 from xitl_cli.params.vehicle import connect
-from xitl_cli.profile.parameter_files import SUFFIXES, find_parameter_file, read_parameter_file
+from xitl_cli.profile.files.parameter_files import SUFFIXES, find_parameter_file, read_parameter_file
 
 DEFAULTS = "defaults"
 TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
@@ -78,8 +78,8 @@ def read_wanted(source: str) -> Mapping[str, float]:
 
 
 def _is_profile(source: str) -> bool:
-    from xitl_cli.profile.catalogue import SUFFIXES as PROFILE_SUFFIXES
-    from xitl_cli.profile.catalogue import shipped_profiles
+    from xitl_cli.profile.files.catalogue import SUFFIXES as PROFILE_SUFFIXES
+    from xitl_cli.profile.files.catalogue import shipped_profiles
 
     return source.endswith(PROFILE_SUFFIXES) or source in shipped_profiles()
 

@@ -1,6 +1,6 @@
 """Profiles: YAML files, composed, overridden and checked, with the file and line of everything that is wrong."""
 
-from xitl_cli.profile.entry import Problem, ProfileError
+from xitl_cli.profile.files.entry import Problem, ProfileError
 from xitl_cli.profile.load import LoadedProfile, load_profile, load_with_origins
 from xitl_cli.profile.resolved import resolved_yaml
 from xitl_cli.profile.schema import Profile, RunProfile

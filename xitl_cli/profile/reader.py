@@ -23,7 +23,7 @@ from sim_core.keys import (
     unpacked,
     value_problem,
 )
-from xitl_cli.profile.entry import Entry, KeyPath, Problem, ProfileError, dotted, shown
+from xitl_cli.profile.files.entry import Entry, KeyPath, Problem, ProfileError, dotted, shown
 from xitl_cli.profile.schema import Profile
 
 T = TypeVar("T")

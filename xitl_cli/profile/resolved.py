@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from xitl_cli.profile.entry import Entry, KeyPath, dotted
+from xitl_cli.profile.files.entry import Entry, KeyPath, dotted
+from xitl_cli.profile.files.yaml_file import parse_yaml, plain_scalar
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.yaml_file import parse_yaml, plain_scalar
 
 if TYPE_CHECKING:
     from xitl_cli.profile.load import LoadedProfile

@@ -3,7 +3,7 @@
 A class below is a message, its annotations are the fields: ROS 2 types from `cdr`, unit and frame in the name, what is
 left to say beside the type. Those that are dataclasses are written as they are (`Recorder.write`), the others by a
 method of the recorder. `TOPICS` is the table. From it come encoders, the definitions in the file and the tables of
-docs/recording.md (`make topics`).
+docs/recording.md (`make pages`).
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from xitl_cli.graph.graph import Graph, Vertex, build_graph
 from xitl_cli.graph.measured import ACTUATORS, SENSORS, AgentTraffic, Pair, measured_graph
 from xitl_cli.graph.wdri import VertexCount, Wdri, graph_wdri, profile_wdri
 from xitl_cli.profile import RunProfile, load_profile
-from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.schema.graph import COMPLETE
 from xitl_cli.run.core.directory import PROFILE, SUMMARY
 

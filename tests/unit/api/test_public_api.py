@@ -115,7 +115,8 @@ def test_a_table_becomes_a_data_frame() -> None:
 
 def test_logs_are_analysed() -> None:
     report = xitl.analyze(CALM, sections=["scheduler"])
-    assert {section.section.key for section in report.placed} >= {"scheduler"}
+    assert {section.section.key for section in report.sections} >= {"scheduler"}
+    assert report.as_json()["files"][0]["name"]
     with pytest.raises(xitl.LogError, match="schedular"):
         xitl.analyze(CALM, sections=["schedular"])
 

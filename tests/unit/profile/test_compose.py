@@ -11,9 +11,9 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import ProfileError, load_profile, load_with_origins
-from xitl_cli.profile.catalogue import find_profile, profile_name, shipped_profiles
-from xitl_cli.profile.compose import compose, override
-from xitl_cli.profile.entry import Entry, Origin, merge
+from xitl_cli.profile.files.catalogue import find_profile, profile_name, shipped_profiles
+from xitl_cli.profile.files.compose import compose, override
+from xitl_cli.profile.files.entry import Entry, Origin, merge
 
 Write = Callable[..., Path]
 

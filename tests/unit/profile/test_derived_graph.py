@@ -9,9 +9,9 @@ import pytest
 
 from xitl_cli.graph.wdri import graph_from_profile, profile_wdri
 from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
-from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import shipped_profiles
+from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.schema.graph import NodeGraph
-from xitl_cli.profile.yaml_file import parse_yaml
 
 Write = Callable[..., Path]
 

@@ -11,7 +11,7 @@ import pytest
 
 from sim_core.keys import key_annotations
 from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
-from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.schema import faults as schema
 
 Write = Callable[..., Path]

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from xitl_cli.errors import UserError
 from xitl_cli.profile import ProfileError, load_profile, resolved_yaml
 from xitl_cli.profile.checks.sensors import divisors_around
-from xitl_cli.profile.entry import shown
+from xitl_cli.profile.files.entry import shown
 
 Write = Callable[..., Path]
 

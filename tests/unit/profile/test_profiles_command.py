@@ -12,7 +12,7 @@ from xitl_cli import shipped
 from xitl_cli.commands import profiles
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
-from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import shipped_profiles
 
 Write = Callable[..., Path]
 

@@ -15,7 +15,7 @@ import pytest
 
 from sim_core.keys import key_annotations
 from xitl_cli.profile import load_profile, load_with_origins, resolved_yaml
-from xitl_cli.profile.catalogue import shipped_profiles
+from xitl_cli.profile.files.catalogue import shipped_profiles
 from xitl_cli.profile.resolved import values_with_origins
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import AutopilotSpec

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile.entry import Entry, ProfileError
-from xitl_cli.profile.yaml_file import parse_yaml, read_yaml
+from xitl_cli.profile.files.entry import Entry, ProfileError
+from xitl_cli.profile.files.yaml_file import parse_yaml, read_yaml
 
 
 def _parsed(text: str) -> Entry:

@@ -37,7 +37,7 @@ def generator() -> ModuleType:
 
 def test_the_page_is_current() -> None:
     page = (ROOT / "docs" / "recording.md").read_text(encoding="utf-8")
-    assert generator().generated(page) == page, "run `make topics`"
+    assert generator().generated(page) == page, "run `make pages`"
 
 
 def test_a_page_without_its_marks_is_refused() -> None:

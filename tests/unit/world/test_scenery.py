@@ -18,7 +18,7 @@ from sim_core.world.spec import MeshFileSpec
 from sim_core.world.structures import LogBoom, upright_walls
 from tests.river import fan, river_profile, river_scenery
 from xitl_cli.errors import UserError
-from xitl_cli.profile.entry import ProfileError
+from xitl_cli.profile.files.entry import ProfileError
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import WorldSpec

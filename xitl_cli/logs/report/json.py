@@ -20,12 +20,12 @@ def document(report: Report) -> dict[str, Any]:
     """format: version of this layout. Instants: `at_ns` on the log's own time, `at_s` on the report's time line."""
     return {
         "format": FORMAT,
-        "worst": SEVERITY_NAMES[report.worst] if report.found else None,
+        "worst": SEVERITY_NAMES[report.worst] if report.findings else None,
         "counts": {
-            SEVERITY_NAMES[severity]: sum(found.finding.severity == severity for found in report.found)
+            SEVERITY_NAMES[severity]: sum(found.finding.severity == severity for found in report.findings)
             for severity in sorted(Severity, reverse=True)
         },
-        "findings": [_found(found) for found in report.found],
+        "findings": [_found(found) for found in report.findings],
         "files": [_file(file) for file in report.files],
         "alignment": [_alignment(file) for file in report.files] if len(report.files) > 1 else [],
         "refused": [{"path": str(refusal.path), "reason": refusal.sentence} for refusal in report.refusals],

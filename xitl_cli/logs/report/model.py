@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from xitl_cli.logs.analyses.catalogue import AnalysisFailure
 from xitl_cli.logs.clocks.time_line import TimeLine
@@ -105,14 +106,14 @@ class Overview:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """files: those that could be opened, in the order they were given."""
+    """All analyses of some logs. files: those that could be opened, in the order they were given; refusals: the others."""
 
     files: tuple[FileReport, ...]
     refusals: tuple[RefusedFile, ...] = ()
     overview: Overview = Overview()
 
     @property
-    def found(self) -> list[FileFinding]:
+    def findings(self) -> list[FileFinding]:
         """All findings, the worst first, otherwise in the order of files and sections."""
         every = [
             FileFinding(finding, section, file)
@@ -123,13 +124,22 @@ class Report:
         return sorted(every, key=lambda each: -each.finding.severity)
 
     @property
-    def placed(self) -> list[FileSection]:
+    def sections(self) -> list[FileSection]:
+        """Every section of every file."""
         return [FileSection(section, file) for file in self.files for section in file.sections]
 
     @property
     def worst(self) -> Severity:
+        """Of all findings."""
         return max((section.worst for file in self.files for section in file.sections), default=Severity.OK)
 
     @property
     def failures(self) -> list[AnalysisFailure]:
+        """Analyses that failed."""
         return [failure for file in self.files for failure in file.failures]
+
+    def as_json(self) -> dict[str, Any]:
+        """What `xitl logs analyze --json` prints: stable keys, no NaN, plots left out."""
+        from xitl_cli.logs.report.json import document
+
+        return document(self)

@@ -61,7 +61,8 @@ _MOST_MARKS = 400
 def report_page(report: Report) -> Page:
     several = len(report.files) > 1
     parts = tuple(
-        PagePart(placed.section, placed.file.time_line, placed.file.name if several else "") for placed in report.placed
+        PagePart(placed.section, placed.file.time_line, placed.file.name if several else "")
+        for placed in report.sections
     )
     notices = [refusal.sentence for refusal in report.refusals]
     notices += [f"{file.name}: {failure.sentence}" for file in report.files for failure in file.failures]
@@ -101,7 +102,7 @@ def page_marks(overview: Overview) -> tuple[PageMark, ...]:
 
 def _finding_marks(report: Report) -> tuple[PageMark, ...]:
     marks: list[PageMark] = []
-    for found in report.found:
+    for found in report.findings:
         if found.finding.severity == Severity.OK:
             continue
         line = found.file.time_line

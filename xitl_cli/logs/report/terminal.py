@@ -95,15 +95,15 @@ def show(console: Console, report: Report) -> None:
     """Every file in a line, findings worst first, then the facts of each section with short tables."""
     for file in report.files:
         _head(console, file, several=len(report.files) > 1)
-    found = [each for each in report.found if each.finding.severity > Severity.OK]
-    fine = [each for each in report.found if each.finding.severity == Severity.OK]
+    found = [each for each in report.findings if each.finding.severity > Severity.OK]
+    fine = [each for each in report.findings if each.finding.severity == Severity.OK]
     several = len(report.files) > 1
-    if report.found:
+    if report.findings:
         _line(console, "")
         _line(
             console,
             Text(
-                wording.sentence_text(wording.severity_counts([each.finding.severity for each in report.found])),
+                wording.sentence_text(wording.severity_counts([each.finding.severity for each in report.findings])),
                 style="bold",
             ),
         )

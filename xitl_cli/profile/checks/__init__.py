@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from xitl_cli.profile.checks import agents, faults, graph, link, operation, sensors, world
-from xitl_cli.profile.entry import KeyPath
+from xitl_cli.profile.files.entry import KeyPath
 from xitl_cli.profile.schema import Profile
 
 

@@ -10,8 +10,8 @@ from agent.companion.settings import checked_parameter
 from agent.fcu.parameters import ParameterError, checked
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.link import misplaced, problem_of_url
-from xitl_cli.profile.entry import KeyPath, shown
-from xitl_cli.profile.parameter_files import find_parameter_file, read_parameter_file
+from xitl_cli.profile.files.entry import KeyPath, shown
+from xitl_cli.profile.files.parameter_files import find_parameter_file, read_parameter_file
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import AutopilotSpec, BridgeSpec, CompanionSpec
 from xitl_cli.profile.schema.profile import ground_stations_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import fields
 
-from xitl_cli.profile.entry import KeyPath, dotted
+from xitl_cli.profile.files.entry import KeyPath, dotted
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.faults import AgentFault, FaultSpec, LinkFault, SensorFault
 from xitl_cli.profile.schema.profile import ClockSpec

@@ -6,8 +6,8 @@ import difflib
 from collections.abc import Iterator
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile.catalogue import find_profile
-from xitl_cli.profile.entry import KeyPath, dotted, shown
+from xitl_cli.profile.files.catalogue import find_profile
+from xitl_cli.profile.files.entry import KeyPath, dotted, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.graph import COMPLETE, MEANINGS, architecture, is_node_name
 

@@ -11,7 +11,7 @@ from agent.wire.can_transfer import CanLine
 from agent.wire.serial_line import BITS_PER_BYTE, device_and_baud
 from agent.wire.transport import SCHEMES, BadUrlError
 from agent.wire.urls import host_port
-from xitl_cli.profile.entry import KeyPath, dotted, shown
+from xitl_cli.profile.files.entry import KeyPath, dotted, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import AutopilotSpec
 from xitl_cli.profile.schema.profile import ClockSpec

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from xitl_cli.profile.checks.world import is_file
-from xitl_cli.profile.entry import KeyPath, shown
+from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import DriverSpec
 from xitl_cli.profile.schema.profile import ground_stations_of

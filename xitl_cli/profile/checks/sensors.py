@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from xitl_cli.profile.checks.link import problem_of_url
-from xitl_cli.profile.entry import KeyPath, dotted, shown
+from xitl_cli.profile.files.entry import KeyPath, dotted, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.profile.schema.sensors import sampled_sensors

@@ -9,7 +9,7 @@ from pathlib import Path
 from sim_core.environment.spec import Water
 from sim_core.world.spec import MESH_FORMATS
 from xitl_cli.profile.checks.link import problem_of_url
-from xitl_cli.profile.entry import KeyPath, shown
+from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
 
 

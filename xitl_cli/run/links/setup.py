@@ -15,7 +15,7 @@ from agent.mavlink.parameters import ParameterClient
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
-from xitl_cli.profile.parameter_files import read_parameter_file
+from xitl_cli.profile.files.parameter_files import read_parameter_file
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.world.world import magnetic_field_ned_gauss
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from agent.wire.impaired import NO_FAULTS, LinkFaults
+from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.reader import read_group
 from xitl_cli.profile.schema.faults import FaultSpec
-from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.record.topics import FaultEvent
 from xitl_cli.run.core.faults import FaultSchedule, FaultsInForce
 from xitl_cli.run.core.seeds import Seeds

@@ -13,7 +13,7 @@ from numpy.random import default_rng
 
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile import load_profile
-from xitl_cli.profile.entry import ProfileError
+from xitl_cli.profile.files.entry import ProfileError
 from xitl_cli.run.core.reports import Progress
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.nodes.river import river_from_profile

@@ -13,9 +13,9 @@ import pytest
 from sim_core.frames import euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from xitl_cli.profile import load_profile
+from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.reader import read_group
 from xitl_cli.profile.schema.faults import FaultSpec
-from xitl_cli.profile.yaml_file import parse_yaml
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.sensors.sensing import SensorSuite
 from xitl_cli.run.world.world import local_frame

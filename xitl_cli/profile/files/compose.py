@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile.catalogue import find_profile, profile_name, shown_path
-from xitl_cli.profile.entry import Entry, Origin, Problem, ProfileError, dotted, merge, shown
-from xitl_cli.profile.yaml_file import parse_yaml, read_yaml
+from xitl_cli.profile.files.catalogue import find_profile, profile_name, shown_path
+from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, dotted, merge, shown
+from xitl_cli.profile.files.yaml_file import parse_yaml, read_yaml
 
 OWN_KEYS = ("name", "description")  # what a profile says of itself; not inherited
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from xitl_cli.profile.entry import Entry, Origin, Problem, ProfileError, Scalar, shown
+from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, Scalar, shown
 
 MAX_VALUES = 100_000  # an alias bomb ends here
 MAX_DEPTH = 60
