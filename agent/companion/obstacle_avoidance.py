@@ -25,6 +25,7 @@ from agent.companion.detection import ObstacleDetector, find_clusters
 from agent.companion.pose_history import VehiclePose
 from agent.companion.settings import TUNED
 from agent.companion.tracking import CurrentEstimator, ObstacleTrack, ObstacleTracker
+from agent.mavlink.exchange import Messages
 from agent.wire import dialect as mav
 
 Array = NDArray[np.float64]
@@ -70,9 +71,6 @@ def make_proximity_messages(
             (time_usec // 1000) & 0xFFFFFFFF, 1, most_cm, forward_cm, _LASER, 0, _FORWARD, 255, view_rad, view_rad
         ),
     ]  # fmt: skip
-
-
-Messages = list[Any]
 
 
 class ObstacleAvoidance:

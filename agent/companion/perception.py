@@ -16,6 +16,7 @@ from agent.companion.pose_history import AHEAD_NS
 from agent.companion.rigid_motion import quaternion_of
 from agent.companion.settings import CompanionParameters
 from agent.companion.sonar import PingReassembler, SonarPing, echo_points
+from agent.mavlink.exchange import Messages
 from agent.wire import dialect as mav
 
 WINDOW_NS = 20_000_000_000
@@ -48,8 +49,6 @@ class SensorClock:
         least_ns = self._least_ns if self._before_ns is None else min(self._least_ns, self._before_ns)
         return stamp_ns + least_ns
 
-
-Messages = list[Any]
 
 MOST_WAITING = 3
 """Clouds that may wait for the odometry: a companion that is too slow drops clouds and does not fall behind."""
