@@ -106,7 +106,10 @@ class Overview:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """All analyses of some logs. files: those that could be opened, in the order they were given; refusals: the others."""
+    """All analyses of some logs.
+
+    files: those that could be opened, in the order they were given. refusals: the others, with the reason.
+    """
 
     files: tuple[FileReport, ...]
     refusals: tuple[RefusedFile, ...] = ()
