@@ -10,7 +10,7 @@ import pytest
 
 from tests.recorded import CALM
 from xitl_cli.logs import open_log
-from xitl_cli.logs.formats import file_bytes
+from xitl_cli.logs.model import file_bytes
 from xitl_cli.logs.model.file_bytes import FileBytes
 from xitl_cli.logs.summary import summarize_log
 
