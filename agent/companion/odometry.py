@@ -20,7 +20,7 @@ from agent.companion.odometry_filters import (
     AutopilotMotion,
     LidarOnlyFilter,
     OdometryFilter,
-    OdometryState,
+    OdometryFilterState,
 )
 from agent.companion.rigid_motion import Array, Points, deskew, exponential
 from agent.companion.settings import TUNED
@@ -103,7 +103,7 @@ class LidarOdometry:
         self.poses = self.poses_refused = self.unaided = self.points_refused = self.restarts = 0
         self._refused_in_a_row = 0
         self._end_ns: int | None = None  # of the last cloud with a state
-        self._state: OdometryState | None = None
+        self._state: OdometryFilterState | None = None
 
     def register(self, stamp_ns: int, points_frd_m: Points, offset_s: Points) -> RegisteredCloud | None:
         """Register a cloud begun at `stamp_ns`: points (n, 3), each offset_s (n,) later. None if it fits nowhere."""
@@ -141,7 +141,7 @@ class LidarOdometry:
         solid, water = deskewed[~wet].astype(np.float64), deskewed[wet].astype(np.float64)
 
         # Align it with the local map, and correct the prediction by the aligned pose
-        corrected: OdometryState | None = predicted
+        corrected: OdometryFilterState | None = predicted
         if self._state is not None:
             thinned = self._down_sample(solid, TUNED.icp_voxel_share * self._voxel_m)
             aligned = self._align(thinned, water, predicted.pose_odom)
@@ -201,14 +201,14 @@ class LidarOdometry:
         cell_m, water_cell_m = TUNED.map_voxel_share * self._voxel_m, TUNED.map_water_voxel_share * self._voxel_m
         return np.concatenate([self._down_sample(solid, cell_m), self._down_sample(water, water_cell_m)])
 
-    def _refuse(self, end_ns: int, predicted: OdometryState, motion: AutopilotMotion | None) -> None:
+    def _refuse(self, end_ns: int, predicted: OdometryFilterState, motion: AutopilotMotion | None) -> None:
         """A cloud that says nothing of the pose; the autopilot's motion carries the state on."""
         self.poses_refused += 1
         if motion is not None:
             self._end_ns, self._state = end_ns, self._filter.hold_level(predicted, motion)
 
     def _refuse_misfit(
-        self, end_ns: int, predicted: OdometryState, motion: AutopilotMotion | None, solid: Array
+        self, end_ns: int, predicted: OdometryFilterState, motion: AutopilotMotion | None, solid: Array
     ) -> None:
         """A cloud that does not fit the local map; after many in a row the map is begun anew at the predicted pose."""
         self._refuse(end_ns, predicted, motion)

@@ -36,7 +36,7 @@ class AutopilotMotion(NamedTuple):
     gained_ned_mps: Array
 
 
-class OdometryState(NamedTuple):
+class OdometryFilterState(NamedTuple):
     """pose_odom (4, 4): body FRD to the odometry's frame. twist_frd (6,): velocity and rates in the body."""
 
     pose_odom: Array
@@ -49,13 +49,17 @@ class OdometryFilter(Protocol):
     def resume(self) -> None:
         """The last cloud was another filter's, or there was none: the uncertainty is not known from before."""
 
-    def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
+    def predict(
+        self, before: OdometryFilterState | None, dt_s: float, motion: AutopilotMotion | None
+    ) -> OdometryFilterState:
         """The state at the cloud's end; before is None for the first cloud."""
 
-    def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
+    def correct(
+        self, guess: OdometryFilterState, aligned: Array, solid_frd_m: Array, dt_s: float
+    ) -> OdometryFilterState | None:
         """The state given the registered pose (4, 4) of the points (n, 3); None where that pose is refused."""
 
-    def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
+    def hold_level(self, estimate: OdometryFilterState, motion: AutopilotMotion | None) -> OdometryFilterState:
         """The state with its height and tilt held to the water level, and to the autopilot's down."""
 
 
@@ -141,11 +145,13 @@ class AidedFilter:
     def resume(self) -> None:
         self._covariance = _RESUMED
 
-    def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
+    def predict(
+        self, before: OdometryFilterState | None, dt_s: float, motion: AutopilotMotion | None
+    ) -> OdometryFilterState:
         assert motion is not None
         if before is None:
             self._covariance = _INITIAL
-            return OdometryState(np.eye(4), _twist(np.eye(3), motion.attitude_ned.T @ motion.vel_ned_mps, motion))
+            return OdometryFilterState(np.eye(4), _twist(np.eye(3), motion.attitude_ned.T @ motion.vel_ned_mps, motion))
         earlier = before.pose_odom[:3, :3]
         pose = before.pose_odom.copy()
         pose[:3, :3] = earlier @ motion.turned
@@ -162,9 +168,11 @@ class AidedFilter:
         self._covariance = transition @ self._covariance @ transition.T + _PROCESS * dt_s
         if doubted:
             self._covariance[6:, 6:] += TUNED.aided_doubted_mps**2 * np.eye(3)
-        return OdometryState(pose, _twist(pose[:3, :3], vel_mps + gained_mps, motion))
+        return OdometryFilterState(pose, _twist(pose[:3, :3], vel_mps + gained_mps, motion))
 
-    def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
+    def correct(
+        self, guess: OdometryFilterState, aligned: Array, solid_frd_m: Array, dt_s: float
+    ) -> OdometryFilterState | None:
         """Weighed by the information of the registered points."""
         turn = rotation_vector(aligned[:3, :3] @ guess.pose_odom[:3, :3].T)
         residual = np.concatenate([aligned[:3, 3] - guess.pose_odom[:3, 3], turn])
@@ -179,7 +187,7 @@ class AidedFilter:
         noise = (TUNED.aided_point_m**2 * np.linalg.inv(information) + _REGISTRATION).astype(np.float64)
         return self._observed(guess, np.eye(6, 9), residual, noise)
 
-    def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
+    def hold_level(self, estimate: OdometryFilterState, motion: AutopilotMotion | None) -> OdometryFilterState:
         assert motion is not None
         down = estimate.pose_odom[:3, :3] @ motion.attitude_ned.T @ _DOWN
         if self._downs < TUNED.aided_reference_clouds:
@@ -203,7 +211,9 @@ class AidedFilter:
         off_m, height_noise = np.array([self._height_m - height_m]), TUNED.aided_height_m**2 * np.eye(1)
         return self._observed(estimate, jacobian, off_m, height_noise)
 
-    def _observed(self, estimate: OdometryState, jacobian: Array, residual: Array, noise: Array) -> OdometryState:
+    def _observed(
+        self, estimate: OdometryFilterState, jacobian: Array, residual: Array, noise: Array
+    ) -> OdometryFilterState:
         """After an observation (k,) of covariance noise (k, k); jacobian (k, 9) of it by the errors."""
         before = self._covariance
         gain = np.linalg.solve(jacobian @ before @ jacobian.T + noise, jacobian @ before).T
@@ -215,7 +225,7 @@ class AidedFilter:
         pose[:3, 3] += error[:3]
         pose[:3, :3] = exponential(np.concatenate([np.zeros(3), error[3:6]]))[:3, :3] @ pose[:3, :3]
         twist[:3] = pose[:3, :3].T @ vel_mps
-        return OdometryState(pose, twist)
+        return OdometryFilterState(pose, twist)
 
 
 def _twist(rot_odom_frd: Array, vel_odom_mps: Array, motion: AutopilotMotion) -> Array:
@@ -249,22 +259,26 @@ class LidarOnlyFilter:
     def resume(self) -> None:
         self._surface = None
 
-    def predict(self, before: OdometryState | None, dt_s: float, motion: AutopilotMotion | None) -> OdometryState:
+    def predict(
+        self, before: OdometryFilterState | None, dt_s: float, motion: AutopilotMotion | None
+    ) -> OdometryFilterState:
         if before is None:
-            return OdometryState(np.eye(4), self._rocked(np.zeros(6)))
+            return OdometryFilterState(np.eye(4), self._rocked(np.zeros(6)))
         pose = self._floated(before.pose_odom @ exponential(before.twist_frd * dt_s))
         self._surface = None
-        return OdometryState(pose, self._rocked(before.twist_frd))
+        return OdometryFilterState(pose, self._rocked(before.twist_frd))
 
-    def correct(self, guess: OdometryState, aligned: Array, solid_frd_m: Array, dt_s: float) -> OdometryState | None:
+    def correct(
+        self, guess: OdometryFilterState, aligned: Array, solid_frd_m: Array, dt_s: float
+    ) -> OdometryFilterState | None:
         surprise = logarithm(inverse(guess.pose_odom) @ aligned)
         most_m = TUNED.lidar_only_surprise_mps * dt_s
         if not float(np.linalg.norm(surprise[:3])) <= most_m:  # also when it is not a number
             return None
         pose = guess.pose_odom @ exponential(_GAIN * surprise)
-        return OdometryState(pose, self._rocked(guess.twist_frd + _RATE_GAIN * surprise / dt_s))
+        return OdometryFilterState(pose, self._rocked(guess.twist_frd + _RATE_GAIN * surprise / dt_s))
 
-    def hold_level(self, estimate: OdometryState, motion: AutopilotMotion | None) -> OdometryState:
+    def hold_level(self, estimate: OdometryFilterState, motion: AutopilotMotion | None) -> OdometryFilterState:
         level = self._water.level
         if level is None:
             return estimate
@@ -284,7 +298,7 @@ class LidarOnlyFilter:
         levelled[:3, 3] += TUNED.lidar_only_height_gain * off_m * reference
         normal = levelled[:3, :3] @ level.normal_frd
         self._surface = (normal, down_m + float(normal @ levelled[:3, 3]))
-        return OdometryState(levelled, estimate.twist_frd)
+        return OdometryFilterState(levelled, estimate.twist_frd)
 
     def _rocked(self, twist: Array) -> Array:
         """(6,) a twist that rolls and pitches as this cloud's water says, where it shows any, and does not heave.

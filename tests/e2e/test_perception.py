@@ -13,7 +13,7 @@ for package in ("kiss_icp", "embreex"):
     pytest.importorskip(package, reason="xitl[perception] is not installed")
 pytestmark = pytest.mark.slow
 
-SHORT = ("--set", "clock.duration_s=26", "--set", "companion.link=tcp://127.0.0.1:14675")
+SHORT = ("--set", "clock.duration_s=26", "--set", "companion.link=tcp://127.0.0.1:0")
 
 
 def topics(file: Path) -> dict[str, list[tuple[int, bytes]]]:

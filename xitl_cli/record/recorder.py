@@ -138,7 +138,7 @@ class Recorder:
         return PerceptionRecorder(self._topics)
 
     def write(self, stamp_ns: int, record: Any) -> None:
-        """One of the records of `topics`: TaskTiming, TaskMiss, ClockExchange, LinkState, FaultEvent, ..."""
+        """One of the records of `topics`: TaskTiming, TaskMissEvent, ClockExchange, LinkState, FaultEvent, ..."""
         topic, values = _RECORDS[type(record)]
         self._topics.write(topic, stamp_ns, *values(record))
 

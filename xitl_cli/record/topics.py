@@ -275,7 +275,7 @@ class TaskTiming:
 
 
 @dataclass(frozen=True, slots=True)
-class TaskMiss:
+class TaskMissEvent:
     """One deadline that a task missed; instants in simulation time."""
 
     node: String
@@ -402,7 +402,7 @@ _TABLE = (
     Topic("/tasks", "xitl_msgs/msg/Task", "1 Hz",
           "deadlines of every periodic task of every node, with histograms of start jitter and run time", TaskTiming),
     Topic("/misses", "xitl_msgs/msg/Miss", "each, real time only",
-          "one deadline that an agent's task missed: when it was due, started and ended", TaskMiss),
+          "one deadline that an agent's task missed: when it was due, started and ended", TaskMissEvent),
     Topic("/clocks", "xitl_msgs/msg/Clock", "10 Hz, real time only",
           "one exchange of time stamps with a node (`sample` against `node_ns` is its time base) and the relation "
           "estimated from all of them; `autopilot` is one of another make behind a bridge, 1 Hz in lockstep too; of "

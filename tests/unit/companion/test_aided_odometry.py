@@ -10,7 +10,7 @@ from agent.companion.odometry_filters import (
     AidedFilter,
     AutopilotMotion,
     AutopilotMotionSource,
-    OdometryState,
+    OdometryFilterState,
     _information,
 )
 from agent.companion.pose_history import PoseHistory
@@ -145,7 +145,7 @@ def test_many_points_are_believed_and_few_are_not() -> None:
     moved = []
     for count in (40, 4000):
         inertial = AidedFilter(WaterPlane())
-        before = OdometryState(np.eye(4), np.zeros(6))
+        before = OdometryFilterState(np.eye(4), np.zeros(6))
         inertial.predict(None, 0.0, motion(np.zeros(3)))
         guess = inertial.predict(before, 1.0, motion(np.zeros(3)))
         points = rng.uniform(-20.0, 20.0, (count, 3))
@@ -160,7 +160,7 @@ def test_many_points_are_believed_and_few_are_not() -> None:
 @pytest.mark.parametrize(("place_m", "turn_rad"), [(9.0, 0.0), (0.0, 0.9), (np.nan, 0.0)])
 def test_a_registration_that_found_something_else_is_refused(place_m: float, turn_rad: float) -> None:
     inertial = AidedFilter(WaterPlane())
-    guess = inertial.predict(OdometryState(np.eye(4), np.zeros(6)), 0.1, motion(np.zeros(3)))
+    guess = inertial.predict(OdometryFilterState(np.eye(4), np.zeros(6)), 0.1, motion(np.zeros(3)))
     aligned = exponential(np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn_rad]))
     aligned[0, 3] = place_m
     assert inertial.correct(guess, aligned, np.ones((50, 3)), 0.1) is None
@@ -168,14 +168,14 @@ def test_a_registration_that_found_something_else_is_refused(place_m: float, tur
 
 def test_a_velocity_that_jumps_is_not_believed_and_what_it_was_before_is_doubted() -> None:
     inertial = AidedFilter(WaterPlane())
-    guess = inertial.predict(OdometryState(np.eye(4), np.zeros(6)), 0.1, motion(np.array([40.0, 0.0, 0.0])))
+    guess = inertial.predict(OdometryFilterState(np.eye(4), np.zeros(6)), 0.1, motion(np.array([40.0, 0.0, 0.0])))
     np.testing.assert_array_equal(guess.twist_frd, np.zeros(6))
     assert inertial._covariance[6, 6] > 1.0
 
 
 def test_a_registration_that_joined_nothing_says_nothing() -> None:
     inertial = AidedFilter(WaterPlane())
-    guess = inertial.predict(OdometryState(np.eye(4), np.zeros(6)), 1.0, motion(np.zeros(3)))
+    guess = inertial.predict(OdometryFilterState(np.eye(4), np.zeros(6)), 1.0, motion(np.zeros(3)))
     before = inertial._covariance.copy()
     assert inertial.correct(guess, guess.pose_odom.copy(), np.ones((50, 3)), 1.0) is guess
     np.testing.assert_array_equal(inertial._covariance, before)
@@ -206,7 +206,7 @@ def test_it_is_levelled_to_where_the_autopilot_says_that_down_is(tilt_rad: float
         estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
     tilted = exponential(np.array([0.0, 0.0, 0.0, tilt_rad, -tilt_rad, 0.2]))
     inertial.resume()
-    estimate = OdometryState(tilted, np.zeros(6))
+    estimate = OdometryFilterState(tilted, np.zeros(6))
     for _ in range(100):
         estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
     down = estimate.pose_odom[:3, 2]
@@ -226,7 +226,7 @@ def test_its_height_is_held_to_the_water(lifted_m: float) -> None:
             pose = estimate.pose_odom.copy()
             pose[2, 3] += lifted_m
             inertial.resume()
-            estimate = OdometryState(pose, np.zeros(6))
+            estimate = OdometryFilterState(pose, np.zeros(6))
         estimate = inertial.hold_level(inertial.predict(estimate, 0.1, motion(np.zeros(3))), motion(np.zeros(3)))
     assert abs(estimate.pose_odom[2, 3]) < TUNED.aided_height_m
 
@@ -235,7 +235,7 @@ def test_speed_is_gained_in_the_frame_of_the_odometry() -> None:
     """The odometry began with the bow to the east: what is gained to the north is gained to port."""
     east = rotation_matrix(quaternion_from_euler(0.0, 0.0, np.pi / 2.0))
     gained = AutopilotMotion(np.eye(3), np.zeros(3), east, np.zeros(3), np.array([0.5, 0.0, 0.0]))
-    guess = AidedFilter(WaterPlane()).predict(OdometryState(np.eye(4), np.zeros(6)), 0.1, gained)
+    guess = AidedFilter(WaterPlane()).predict(OdometryFilterState(np.eye(4), np.zeros(6)), 0.1, gained)
     np.testing.assert_allclose(guess.twist_frd[:3], [0.0, -0.5, 0.0], atol=1e-12)
     np.testing.assert_allclose(guess.pose_odom[:3, 3], [0.0, -0.025, 0.0], atol=1e-12)
 

@@ -47,6 +47,8 @@ def problem_of(write: Write, link: str, runs: str = "process", more: str = "") -
     ("link", "runs"),
     [
         ("udp://127.0.0.1:14660", "process"),
+        ("udp://127.0.0.1:0", "process"),
+        ("tcp://[::1]:0", "process"),
         ("udp://[fe80::1%25usb0]:14660", "board"),
         ("tcp://beaglebone.local:14660", "board"),
         ("serial://pty?baud=921600", "process"),

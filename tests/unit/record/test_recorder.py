@@ -29,7 +29,7 @@ from xitl_cli.record.topics import (
     MotorCommand,
     NodeState,
     TakeoverEvent,
-    TaskMiss,
+    TaskMissEvent,
     TaskTiming,
 )
 
@@ -122,7 +122,7 @@ def test_what_a_board_and_its_link_report_reads_back(tmp_path: Path) -> None:
     recorder.write(
         1, TaskTiming("LC", "control", 50.0, 9, 3, 0.1, 0.2, 0.3, 2, 0.05, 7, None, histogram, histogram[::-1])
     )
-    recorder.write(2, TaskMiss("LC", "control", 41, 10, 20, 30, 2))
+    recorder.write(2, TaskMissEvent("LC", "control", 41, 10, 20, 30, 2))
     recorder.write(3, ClockExchange("LC", 7, 11, 12, 0.5, 0.25, -3.5, 1e-6, 2e-4, 3e-4, 1))
     recorder.write(4, LinkState("standby sensors", 10, 8, 2, 1, 3, 4, 5, 6, 7, 9, 0.001, 0.002, 0.003))
     recorder.write(5, LinkState("actuators", 10, None))

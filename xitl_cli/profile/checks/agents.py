@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 from agent.companion.settings import checked_parameter
 from agent.fcu.parameters import ParameterError, checked
 from xitl_cli.errors import UserError
-from xitl_cli.profile.checks.link import misplaced, problem_of_url
+from xitl_cli.profile.checks.link import made_for_the_run, problem_of_link, problem_of_url
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.files.parameter_files import find_parameter_file, read_parameter_file
 from xitl_cli.profile.schema import Profile
@@ -122,7 +122,7 @@ def _standby(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPa
         if standby.link is None:
             example = "udp://192.168.8.2:14660" if standby.runs == "board" else "udp://127.0.0.1:14661"
             yield path, f"autopilot.standby.link is missing with runs = {standby.runs}; add one such as {example}"
-        elif standby.link == autopilot.link and "/pty" not in standby.link and "://pty" not in standby.link:
+        elif standby.link == autopilot.link and not made_for_the_run(standby.link):
             yield (
                 (*path, "link"),
                 f"autopilot.standby.link = {shown(standby.link)} is that of the first agent; give each its own",
@@ -367,7 +367,7 @@ def _companion_link(profile: Profile, companion: CompanionSpec) -> Iterator[tupl
             example = "udp://192.168.55.1:14661" if runs == "board" else "udp://127.0.0.1:14661"
             yield path, f"companion.link is missing with companion.runs = {runs}; add one such as {example}"
         return
-    problem = problem_of_url(link) or misplaced(urlsplit(link), "companion.runs", runs)
+    problem = problem_of_link(link, "companion.runs", runs)
     scheme = urlsplit(link).scheme if problem is None else ""
     sensors = profile.sensors
     if scheme and scheme not in FAST and sensors is not None and sensors.lidar is not None and runs != "in-process":

@@ -47,11 +47,22 @@ def _link(
 ) -> Iterator[tuple[KeyPath, str]]:
     if link is None:
         return
-    problem = problem_of_url(link) or misplaced(urlsplit(link), f"{dotted(path[:-1])}.runs", runs)
+    problem = problem_of_link(link, f"{dotted(path[:-1])}.runs", runs)
     if problem is None and autopilot.kind != "none" and runs != "in-process":
         problem = _too_much(profile, autopilot, urlsplit(link))
     if problem is not None:
         yield path, f"{dotted(path)} = {shown(link)} {problem}"
+
+
+def problem_of_link(link: str, key: str, runs: str) -> str | None:
+    """As `problem_of_url`, for a link to an agent that runs where `key` says. Port 0 is a free one, on this machine."""
+    any_port = runs != "board" and link.startswith(("udp://", "tcp://")) and link.endswith(":0")
+    return problem_of_url(f"{link[:-1]}1" if any_port else link) or misplaced(urlsplit(link), key, runs)
+
+
+def made_for_the_run(link: str) -> bool:
+    """Whether each agent gets a line of its own by it: a pseudo terminal or a free port."""
+    return "/pty" in link or link.endswith(":0")
 
 
 def problem_of_url(link: str) -> str | None:

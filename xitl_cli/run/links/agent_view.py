@@ -14,7 +14,7 @@ from agent.mavlink.modes import mode_name
 from agent.wire import dialect
 from sim_core.frames import Array
 from sim_core.geodesy import GeodeticPoint, LocalFrame, ardupilot_geodetic
-from xitl_cli.record.topics import MotionEstimate, TaskMiss, TaskTiming
+from xitl_cli.record.topics import MotionEstimate, TaskMissEvent, TaskTiming
 
 ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
@@ -171,9 +171,11 @@ class AgentView:
         )
         return task
 
-    def miss(self, message: Any) -> TaskMiss | None:
+    def miss(self, message: Any) -> TaskMissEvent | None:
         """XITL_TASK_MISS as a record, None while its instants have no simulation time."""
         due_ns, start_ns, end_ns = map(self._sim_ns, (message.due_usec, message.start_usec, message.end_usec))
         if due_ns is None or start_ns is None or end_ns is None:
             return None
-        return TaskMiss(self._node, text_of(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped)
+        return TaskMissEvent(
+            self._node, text_of(message.task), message.cycle, due_ns, start_ns, end_ns, message.skipped
+        )

@@ -19,6 +19,7 @@ from agent.options import BRIDGE, COMPANION, FCU, Options
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
+from xitl_cli.firmware.process import free_port
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
 from xitl_cli.profile.schema.profile import ground_stations_of
@@ -189,9 +190,13 @@ def own_options(options: AgentOptions) -> Options:
 
 
 class ProcessAgent:
-    """The agent as a process of its own on this machine, at the other end of `url`, or of the line that it asks for."""
+    """The agent as a process of its own on this machine, at the other end of `url`, or of the line that it asks for.
+
+    Port 0 is one that is free, so that runs beside each other do not meet.
+    """
 
     def __init__(self, url: str, options: AgentOptions) -> None:
+        url = _with_a_port(url)
         agent_url = url
         self._loopback = open_loopback(url)
         if self._loopback is not None:
@@ -255,6 +260,14 @@ class ProcessAgent:
         if code < 0:
             reason = f"signal {-code} killed it; look for who sent it (out of memory?), then run again"
         return UserError(f"the {self._what} process ended: {reason}")
+
+
+def _with_a_port(url: str) -> str:
+    address, _, port = url.rpartition(":")
+    if port != "0":
+        return url
+    kind = socket.SOCK_STREAM if urlsplit(url).scheme == "tcp" else socket.SOCK_DGRAM
+    return f"{address}:{free_port(kind)}"
 
 
 class BoardAgent:

@@ -24,7 +24,7 @@ clock: {{mode: {clock}, duration_s: 4.0}}
 """
 
 
-def profile(folder: Path, runs: str = "process", link: str = "tcp://127.0.0.1:14673", clock: str = "lockstep") -> Any:
+def profile(folder: Path, runs: str = "process", link: str = "tcp://127.0.0.1:0", clock: str = "lockstep") -> Any:
     file = folder / "boat.yaml"
     file.write_text(PROFILE.format(runs=runs, link=link, clock=clock))
     return load_profile(str(file))
@@ -51,9 +51,7 @@ def log_of(folder: Path) -> str:
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize(
-    ("clock", "link"), [("lockstep", "tcp://127.0.0.1:14673"), ("realtime", "udp://127.0.0.1:14674")]
-)
+@pytest.mark.parametrize(("clock", "link"), [("lockstep", "tcp://127.0.0.1:0"), ("realtime", "udp://127.0.0.1:0")])
 def test_one_that_dies_is_told_and_the_run_goes_on(
     clock: str, link: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
