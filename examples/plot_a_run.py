@@ -39,5 +39,5 @@ over_time.legend()
 figure.savefig("plot_a_run.png", dpi=120)
 
 # %% Analyse: what `xitl logs analyze` finds in it, worst first
-for found in xitl.analyze(result.recording).found[:5]:
+for found in xitl.analyze(result.recording).findings[:5]:
     print(found.finding.severity.name, found.finding.sentence)

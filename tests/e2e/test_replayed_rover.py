@@ -14,7 +14,7 @@ DOUBLE = TESTS / "doubles" / "replayed_rover.py"
 CAPTURE = TESTS / "data" / "captures" / "sitl-ardupilot.xz"
 CAPTURED_CROSS_TRACK_RMS_M = 0.44
 DEATH = 60_000  # of 1200 frames a second: under way
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 
 
 def run(folder: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -22,7 +22,7 @@ from sim_core.vessel.spec import Damping, VesselSpec
 
 DENSITY = 997.8
 STOPPED = np.zeros((1, 2))
-CALM = Environment(water=Water(density_kgpm3=DENSITY))
+CALM = Environment(water=Water(density_kgpm3=DENSITY, level_m=0.0))
 
 
 def at_start(simulation: Simulation, euler_rad=(0.0, 0.0, 0.0), body_mps=(0, 0, 0), gyro_radps=(0, 0, 0), down_m=0.0):
@@ -261,7 +261,7 @@ def test_a_froude_scaled_vessel_moves_alike() -> None:
     """A quarter of the length in half the time, through waves, current and wind: holds only if every term does."""
     tracks = []
     for scale in (1.0, 0.25):
-        water = Water(depth_m=3.0 * scale)
+        water = Water(depth_m=3.0 * scale, level_m=0.0)
         waves = realise_waves(WaveSpec("regular", 0.2 * scale, 2.5 * scale**0.5, 50.0), water, np.random.default_rng(0))
         wind, current = Wind(WindSpec(6.0 * scale**0.5, 20.0)), UniformCurrent(CurrentSpec(0.6 * scale**0.5, 80.0))
         environment = Environment(water, current, waves, wind)
