@@ -16,6 +16,7 @@ venv/bin/xitl wdri paper/eq35-full-hitl --json | venv/bin/python -c 'import json
 venv/bin/xitl sim --profile sitl --duration 5 --out run > /dev/null && exit 1 || test $? -eq 1
 test -s run/run.mcap && test -s run/summary.json
 venv/bin/xitl logs analyze run/run.mcap run/autopilot.bin --report report.html > /dev/null && test -s report.html
+venv/bin/python -c 'import xitl; assert xitl.wdri("sitl").wdri > 0.16; xitl.open_log("run/run.mcap").close()'
 venv/bin/xitl agent package > /dev/null
 venv/bin/python -I -S xitl-agent.pyz --version > /dev/null
 echo "the wheel works"
