@@ -94,7 +94,7 @@ class ImpairedTransport(Transport):
         self._flush()
 
     def send(self, data: bytes) -> bool:
-        """See Transport. True also for a frame that is lost on purpose: the sender of a bad link does not know."""
+        """See Transport. True also for a frame that a fault drops: the sender on a bad link does not know."""
         if not (self._faulty or self._delayed):
             return self.inner.send(data)
         if len(data) >= 10 and self._exempt(data[7] | data[8] << 8 | data[9] << 16):

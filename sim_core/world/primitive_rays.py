@@ -46,10 +46,10 @@ class PrimitiveCaster:
         direction[~possible] = np.nan  # compares as false in all that follows
         rays = np.flatnonzero(possible)
         for solid in self._solids:
-            nearest.take(rays, solid.meet(origin[rays], direction[rays]), MATERIALS.index(solid.material))
+            nearest.keep_nearest(rays, solid.meet(origin[rays], direction[rays]), MATERIALS.index(solid.material))
         for clump in self._clumps:
             rays = clump.rays_near(origin, direction)
-            nearest.take(rays, clump.meet(origin[rays], direction[rays]), clump.material)
+            nearest.keep_nearest(rays, clump.meet(origin[rays], direction[rays]), clump.material)
         radius_m = np.array([float(np.linalg.norm(mesh.vertices_m, axis=-1).max()) for mesh in bodies.meshes])
         if bodies.meshes:
             for body, rays in rays_near(origin_ned_m, direction_ned, bodies, radius_m, body_delay_s):
@@ -74,7 +74,7 @@ class PrimitiveCaster:
             self._by_mesh[mesh] = list(_clumps(mesh))
         for clump in self._by_mesh[mesh]:
             range_m, normal = clump.meet(relative @ rotation, direction @ rotation)
-            nearest.take(rays, (range_m, normal @ rotation.T), clump.material, body)
+            nearest.keep_nearest(rays, (range_m, normal @ rotation.T), clump.material, body)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +91,7 @@ class _Nearest:
         none = np.full(count, -1, dtype=int16)
         return cls(np.full(count, np.inf), np.zeros((count, 3)), none, none.copy())
 
-    def take(self, rays: NDArray[np.intp], met: Meeting, material: int, body: int = -1) -> None:
+    def keep_nearest(self, rays: NDArray[np.intp], met: Meeting, material: int, body: int = -1) -> None:
         range_m, normal = met
         nearer = range_m < self.range_m[rays]
         rows = rays[nearer]

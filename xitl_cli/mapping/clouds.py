@@ -64,7 +64,7 @@ def pings(log: Log) -> list[SonarPing]:
     ]  # fmt: skip
 
 
-def told(log: Log) -> Iterator[tuple[int, Message]]:
+def read_autopilot_messages(log: Log) -> Iterator[tuple[int, Message]]:
     """What the autopilot said to the companion, and when it went out, in the order of the file."""
     table = log.tables.get(AUTOPILOT)
     for first in range(0, 0 if table is None else len(table), _AT_ONCE):

@@ -32,7 +32,7 @@ from xitl_cli.logs.export.files import make_directory, part_of
 from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
-from xitl_cli.mapping.clouds import clouds, map_points, online, pings, told, truth
+from xitl_cli.mapping.clouds import clouds, map_points, online, pings, read_autopilot_messages, truth
 from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import RunProfile
@@ -139,7 +139,7 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
     what the autopilot said of its motion. Raises UserError without clouds and without KISS-ICP.
     """
     settings = _settings(profile)
-    autopilot = _Autopilot(told(log) if settings["ODO_AIDED"] else iter(()), profile)
+    autopilot = _Autopilot(read_autopilot_messages(log) if settings["ODO_AIDED"] else iter(()), profile)
     try:
         odometry = LidarOdometry(settings["ODO_RANGE"], settings["ODO_VOXEL"], motion=autopilot.motions.motion_between)
     except OdometryError as error:

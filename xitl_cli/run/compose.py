@@ -94,7 +94,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         autopilot.heard.subscribe(findings.handle_autopilot)
     mission = MissionNode(profile.mission.waypoints_ned_m, control)
 
-    # What goes wrong on purpose, what is recorded, what is shown.
+    # Injected faults, recorders, display.
     faults = links = None
     if autopilot is not None:
         if profile.faults:

@@ -81,7 +81,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     directory.check_writable(out)
     seeds = Seeds(ready.clock.seed)
     scenery = Scenery(ready)
-    plant = Plant(*build_simulation(ready, seeds, scenery), default_rng(seeds.of("environment")))
+    plant = Plant(*build_simulation(ready, seeds, scenery), default_rng(seeds.sequence("environment")))
     interruption = Interruption()
     with ExitStack() as opened:
         setup = RunSetup(ready, seeds, scenery, plant, out, make_view, interruption)

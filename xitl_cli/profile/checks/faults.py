@@ -1,4 +1,4 @@
-"""Faults on purpose that can happen in the run they are meant for."""
+"""Injected faults: each can happen in the run that it is meant for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`faults`: what goes wrong on purpose, and when; by name, so that profiles with faults can be put together."""
+"""`faults`: injected faults and their times; by name, so that profiles with faults can be composed."""
 
 from __future__ import annotations
 

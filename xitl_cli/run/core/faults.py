@@ -213,7 +213,7 @@ class _Timed:
         self.fault = fault
         self.from_ns, self.until_ns = span_ns(fault)
         self.edges_ns = (self.from_ns, self.until_ns)
-        self.seed = int(seeds.of(f"faults/{name}").generate_state(1)[0])
+        self.seed = int(seeds.sequence(f"faults/{name}").generate_state(1)[0])
         self.kinds = [kind for kind in _KINDS if getattr(fault, kind) is not None]
         self.begun = self.ended = False
         self.settled: set[str] = set()

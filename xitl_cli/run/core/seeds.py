@@ -13,6 +13,6 @@ class Seeds:
     def __init__(self, seed: int) -> None:
         self._seed = seed
 
-    def of(self, name: str) -> SeedSequence:
+    def sequence(self, name: str) -> SeedSequence:
         """The stream called `name`."""
         return SeedSequence(self._seed, spawn_key=(crc32(name.encode()),))

@@ -1,4 +1,4 @@
-"""How well the lookout saw what was adrift, judged by the truth."""
+"""Score of the obstacle detection against the drifting bodies as they truly were."""
 
 from __future__ import annotations
 

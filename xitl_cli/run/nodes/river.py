@@ -169,7 +169,7 @@ def river_from_profile(
     legs = MissionLegs([start, *mission.waypoints_ned_m])
     current = simulation.environment.current
     encounters = DebrisEncounters(
-        draw_encounters(debris.encounters, legs.length_m, default_rng(seeds.of("encounters"))),
+        draw_encounters(debris.encounters, legs.length_m, default_rng(seeds.sequence("encounters"))),
         legs,
         mission.speed_mps,
         lambda place: current.velocity_ned_mps(np.zeros(1), place),

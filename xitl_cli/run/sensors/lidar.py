@@ -117,7 +117,7 @@ def make_lidar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: 
         simulation=simulation,
         every=round(profile.clock.physics_rate_hz / keys.rate_hz),
         latency_ns=round(keys.latency_s * 1e9),
-        rng=default_rng(seeds.of("lidar")),
+        rng=default_rng(seeds.sequence("lidar")),
     )
 
 

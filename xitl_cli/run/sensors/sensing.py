@@ -62,7 +62,7 @@ class SensorSuite:
         self._sensors = [
             SensorChannel(
                 model,
-                default_rng(seeds.of(name)),
+                default_rng(seeds.sequence(name)),
                 physics_rate_hz,
                 encode,
                 SensorFaults(name, faults or {}, seeds, frame),
@@ -113,21 +113,21 @@ def _further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> I
     walls = upright_walls(profile.world.log_boom, profile.world.dam, -water.level_m)
     for number, rangefinder in enumerate(sensors.rangefinders):
         unit = Rangefinder(rangefinder, water.depth_m - water.level_m, -water.level_m, walls)
-        rng = default_rng(seeds.of(f"rangefinder {number}"))
+        rng = default_rng(seeds.sequence(f"rangefinder {number}"))
         yield SensorChannel(unit, rng, physics_hz, sensor_messages.distance_sensor(number, rangefinder))
     messages = sensors.messages
     if (fixes := messages.gps_input) is not None:
-        rng = default_rng(seeds.of("gps input"))
+        rng = default_rng(seeds.sequence("gps input"))
         yield SensorChannel(Gnss(fixes, frame), rng, physics_hz, sensor_messages.gps_input(fixes.gps_id))
     if (scan := messages.obstacle_distance) is not None:
-        rng = default_rng(seeds.of("obstacle distance"))
+        rng = default_rng(seeds.sequence("obstacle distance"))
         yield SensorChannel(ObstacleScanner(scan, walls), rng, physics_hz, sensor_messages.obstacle_distance(scan))
     if (pose := messages.odometry) is not None:
         encode = sensor_messages.odometry(pose.velocity_noise_mps, pose.rate_noise_radps)
-        yield SensorChannel(Odometry(pose), default_rng(seeds.of("odometry")), physics_hz, encode)
+        yield SensorChannel(Odometry(pose), default_rng(seeds.sequence("odometry")), physics_hz, encode)
     if profile.autopilot.bridge.world is not None and profile.autopilot.kind in BRIDGED:
         vane = None
         if sensors.wind_vane is not None:
-            vane = VaneChannel(WindVane(sensors.wind_vane), default_rng(seeds.of("wind vane")), physics_hz)
+            vane = VaneChannel(WindVane(sensors.wind_vane), default_rng(seeds.sequence("wind vane")), physics_hz)
             yield vane
         yield TruthChannel(round(physics_hz / profile.clock.exchange_rate_hz), vane)

@@ -72,7 +72,7 @@ class _SensorFault:
         self._bias = _bias(what, frame)
         self._sensor = sensor
         self._counts = counts
-        self._rng = default_rng(seeds.of(f"faults/{name}/{sensor}"))
+        self._rng = default_rng(seeds.sequence(f"faults/{name}/{sensor}"))
 
     def biased(self, sample: Any) -> Any:
         if self._bias is None:

@@ -59,8 +59,8 @@ class SonarInstrument:
         self._busy_s = self._ping.listen_s + OVERHEAD_S
         self._latency_s = settings.latency_s
         self._below_of = below_of
-        self._rng = default_rng(seeds.of("sonar"))
-        self._device_rng = default_rng(seeds.of("sonar device"))
+        self._rng = default_rng(seeds.sequence("sonar"))
+        self._device_rng = default_rng(seeds.sequence("sonar device"))
         self._port = port
         self._recorder: PerceptionRecorder | None = None
         self._offset_grad, self._forward = 0, True

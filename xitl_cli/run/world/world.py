@@ -33,7 +33,7 @@ def build_simulation(
     Raises UserError when a model refuses a value that the profile's own checks let through.
     """
     try:
-        environment = Environment.from_spec(profile.environment, default_rng(seeds.of("waves")))
+        environment = Environment.from_spec(profile.environment, default_rng(seeds.sequence("waves")))
         waterway = build_waterway(profile, scenery or Scenery(profile)) if has_waterway(profile) else OPEN_WATER
         dt_s = 1.0 / profile.clock.physics_rate_hz
         simulation = Simulation.from_spec(profile.vehicle, environment, dt_s, waterway)
@@ -42,7 +42,7 @@ def build_simulation(
     start = profile.mission.start
     place = np.array([[start.north_m, start.east_m]])
     heading = np.array([math.radians(start.heading_deg)])
-    return simulation, initial(simulation, place, heading, default_rng(seeds.of("environment at the start")))
+    return simulation, initial(simulation, place, heading, default_rng(seeds.sequence("environment at the start")))
 
 
 def has_waterway(profile: RunProfile) -> bool:

@@ -56,7 +56,7 @@ def test_it_does_not_move_turn_or_accelerate_in_waves_wind_and_current() -> None
     simulation, state = build_simulation(profile, seeds)
     watcher, pace = Watcher(profile, seeds), Lockstep()
     nobody: Any = Deaf()
-    plant = Plant(simulation, state, default_rng(seeds.of("environment")))
+    plant = Plant(simulation, state, default_rng(seeds.sequence("environment")))
     vessel = VesselNodes("", watcher, (watcher,))
     loop = Loop(profile.clock, plant, [vessel], pace, SimulationClock(pace), nobody, lambda: False)
     assert loop.run() is Ending.DURATION
