@@ -70,10 +70,16 @@ def _groups_in(annotation: Any) -> Iterator[tuple[Any, str]]:
 
 
 def _row(field: Field[Any], annotation: Any) -> str:
-    meaning = meaning_of(annotation).replace("|", "\\|")
+    meaning = (meaning_of(annotation) or _first_sentence(annotation)).replace("|", "\\|")
     default, unit = _default(field, annotation), unit_of(field.name)
     cells = (f"`{field.name}`", _type(annotation), unit, default, _range(annotation), meaning)
     return "|" + "".join(f" {cell} |" if cell else " |" for cell in cells)
+
+
+def _first_sentence(annotation: Any) -> str:
+    """Of the docstring of the group that a key holds; the rest stands with its own table."""
+    groups = [group for group, _ in _groups_in(annotation)]
+    return " ".join((groups[0].__doc__ or "").split()).partition(". ")[0].rstrip(".") if groups else ""
 
 
 def _type(annotation: Any) -> str:

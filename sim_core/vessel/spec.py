@@ -96,7 +96,7 @@ class Windage(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VesselSpec(Specification):
-    """Everything that tells one vessel from another.
+    """The vessel: mass, hull, added mass, damping, propellers and windage.
 
     Commands are the throttles of the propellers in their order, then the steering of those that have a gear, positive
     for the bow to starboard with the propeller at the stern.

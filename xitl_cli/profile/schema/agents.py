@@ -76,7 +76,7 @@ class ReplaySpec(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriverSpec(Specification):
-    """Who gives the orders."""
+    """Source of the commands to the vessel or its autopilot."""
 
     kind: Annotated[
         Literal["mission", "ground-station", "script", "replay", "none"],
