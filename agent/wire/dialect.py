@@ -714,6 +714,42 @@ enums["MAV_CMD"][179].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][179].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][179].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][179].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_RELAY = 181
+enums["MAV_CMD"][181] = EnumEntry("MAV_CMD_DO_SET_RELAY", """Switch a relay""")
+enums["MAV_CMD"][181].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][181].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][181].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][181].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][181].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][181].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][181].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_REPEAT_RELAY = 182
+enums["MAV_CMD"][182] = EnumEntry("MAV_CMD_DO_REPEAT_RELAY", """Switch a relay to and fro""")
+enums["MAV_CMD"][182].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][182].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][182].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][182].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][182].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][182].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][182].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_SERVO = 183
+enums["MAV_CMD"][183] = EnumEntry("MAV_CMD_DO_SET_SERVO", """Set a servo output""")
+enums["MAV_CMD"][183].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][183].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][183].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][183].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][183].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][183].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][183].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_REPEAT_SERVO = 184
+enums["MAV_CMD"][184] = EnumEntry("MAV_CMD_DO_REPEAT_SERVO", """Move a servo output to and fro""")
+enums["MAV_CMD"][184].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][184].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][184].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][184].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][184].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][184].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][184].param[7] = """Reserved (default:0)"""
 MAV_CMD_DO_REPOSITION = 192
 enums["MAV_CMD"][192] = EnumEntry("MAV_CMD_DO_REPOSITION", """Go to a place in GUIDED""")
 enums["MAV_CMD"][192].param[1] = """Reserved (default:0)"""
@@ -723,6 +759,78 @@ enums["MAV_CMD"][192].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][192].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][192].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][192].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_REVERSE = 194
+enums["MAV_CMD"][194] = EnumEntry("MAV_CMD_DO_SET_REVERSE", """Drive stern first (1) or bow first (0)""")
+enums["MAV_CMD"][194].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][194].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][194].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][194].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][194].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][194].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][194].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_ROI_LOCATION = 195
+enums["MAV_CMD"][195] = EnumEntry("MAV_CMD_DO_SET_ROI_LOCATION", """Point the mount at a place""")
+enums["MAV_CMD"][195].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][195].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][195].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][195].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][195].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][195].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][195].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_ROI_NONE = 197
+enums["MAV_CMD"][197] = EnumEntry("MAV_CMD_DO_SET_ROI_NONE", """Let the mount go""")
+enums["MAV_CMD"][197].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][197].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][197].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][197].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][197].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][197].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][197].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_ROI = 201
+enums["MAV_CMD"][201] = EnumEntry("MAV_CMD_DO_SET_ROI", """Point the mount at a place""")
+enums["MAV_CMD"][201].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][201].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][201].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][201].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][201].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][201].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][201].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_DIGICAM_CONFIGURE = 202
+enums["MAV_CMD"][202] = EnumEntry("MAV_CMD_DO_DIGICAM_CONFIGURE", """Set the camera up""")
+enums["MAV_CMD"][202].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][202].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][202].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][202].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][202].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][202].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][202].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_DIGICAM_CONTROL = 203
+enums["MAV_CMD"][203] = EnumEntry("MAV_CMD_DO_DIGICAM_CONTROL", """Take a picture""")
+enums["MAV_CMD"][203].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][203].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][203].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][203].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][203].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][203].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][203].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_MOUNT_CONTROL = 205
+enums["MAV_CMD"][205] = EnumEntry("MAV_CMD_DO_MOUNT_CONTROL", """Turn the mount""")
+enums["MAV_CMD"][205].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][205].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][205].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][205].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][205].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][205].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][205].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SET_CAM_TRIGG_DIST = 206
+enums["MAV_CMD"][206] = EnumEntry("MAV_CMD_DO_SET_CAM_TRIGG_DIST", """Take a picture every so many metres""")
+enums["MAV_CMD"][206].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][206].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][206].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][206].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][206].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][206].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][206].param[7] = """Reserved (default:0)"""
 MAV_CMD_DO_FENCE_ENABLE = 207
 enums["MAV_CMD"][207] = EnumEntry("MAV_CMD_DO_FENCE_ENABLE", """Switch the fence on or off""")
 enums["MAV_CMD"][207].param[1] = """Reserved (default:0)"""
@@ -732,6 +840,42 @@ enums["MAV_CMD"][207].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][207].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][207].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][207].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_GRIPPER = 211
+enums["MAV_CMD"][211] = EnumEntry("MAV_CMD_DO_GRIPPER", """Open or close the gripper""")
+enums["MAV_CMD"][211].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][211].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][211].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][211].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][211].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][211].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][211].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_SET_YAW_SPEED = 213
+enums["MAV_CMD"][213] = EnumEntry("MAV_CMD_NAV_SET_YAW_SPEED", """Turn to a heading and go on at a speed""")
+enums["MAV_CMD"][213].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][213].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][213].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][213].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][213].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][213].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][213].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_SPRAYER = 216
+enums["MAV_CMD"][216] = EnumEntry("MAV_CMD_DO_SPRAYER", """Switch the sprayer""")
+enums["MAV_CMD"][216].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][216].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][216].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][216].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][216].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][216].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][216].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_AUX_FUNCTION = 218
+enums["MAV_CMD"][218] = EnumEntry("MAV_CMD_DO_AUX_FUNCTION", """As an auxiliary switch""")
+enums["MAV_CMD"][218].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][218].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][218].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][218].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][218].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][218].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][218].param[7] = """Reserved (default:0)"""
 MAV_CMD_DO_SET_MISSION_CURRENT = 224
 enums["MAV_CMD"][224] = EnumEntry("MAV_CMD_DO_SET_MISSION_CURRENT", """Go on from an item""")
 enums["MAV_CMD"][224].param[1] = """Reserved (default:0)"""
@@ -777,6 +921,15 @@ enums["MAV_CMD"][400].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][400].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][400].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][400].param[7] = """Reserved (default:0)"""
+MAV_CMD_RUN_PREARM_CHECKS = 401
+enums["MAV_CMD"][401] = EnumEntry("MAV_CMD_RUN_PREARM_CHECKS", """Say why arming would be refused""")
+enums["MAV_CMD"][401].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][401].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][401].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][401].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][401].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][401].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][401].param[7] = """Reserved (default:0)"""
 MAV_CMD_GET_HOME_POSITION = 410
 enums["MAV_CMD"][410] = EnumEntry("MAV_CMD_GET_HOME_POSITION", """Send HOME_POSITION""")
 enums["MAV_CMD"][410].param[1] = """Reserved (default:0)"""
@@ -831,6 +984,87 @@ enums["MAV_CMD"][520].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][520].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][520].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][520].param[7] = """Reserved (default:0)"""
+MAV_CMD_SET_CAMERA_ZOOM = 531
+enums["MAV_CMD"][531] = EnumEntry("MAV_CMD_SET_CAMERA_ZOOM", """Zoom""")
+enums["MAV_CMD"][531].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][531].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][531].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][531].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][531].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][531].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][531].param[7] = """Reserved (default:0)"""
+MAV_CMD_SET_CAMERA_FOCUS = 532
+enums["MAV_CMD"][532] = EnumEntry("MAV_CMD_SET_CAMERA_FOCUS", """Focus""")
+enums["MAV_CMD"][532].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][532].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][532].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][532].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][532].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][532].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][532].param[7] = """Reserved (default:0)"""
+MAV_CMD_SET_CAMERA_SOURCE = 534
+enums["MAV_CMD"][534] = EnumEntry("MAV_CMD_SET_CAMERA_SOURCE", """Choose a lens""")
+enums["MAV_CMD"][534].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][534].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][534].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][534].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][534].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][534].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][534].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_JUMP_TAG = 601
+enums["MAV_CMD"][601] = EnumEntry("MAV_CMD_DO_JUMP_TAG", """Go on from a tag of the mission""")
+enums["MAV_CMD"][601].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][601].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][601].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][601].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][601].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][601].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][601].param[7] = """Reserved (default:0)"""
+MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW = 1000
+enums["MAV_CMD"][1000] = EnumEntry("MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW", """Turn the mount""")
+enums["MAV_CMD"][1000].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][1000].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][1000].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][1000].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][1000].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][1000].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][1000].param[7] = """Reserved (default:0)"""
+MAV_CMD_IMAGE_START_CAPTURE = 2000
+enums["MAV_CMD"][2000] = EnumEntry("MAV_CMD_IMAGE_START_CAPTURE", """Take pictures""")
+enums["MAV_CMD"][2000].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][2000].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][2000].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][2000].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][2000].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][2000].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][2000].param[7] = """Reserved (default:0)"""
+MAV_CMD_IMAGE_STOP_CAPTURE = 2001
+enums["MAV_CMD"][2001] = EnumEntry("MAV_CMD_IMAGE_STOP_CAPTURE", """Take no more pictures""")
+enums["MAV_CMD"][2001].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][2001].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][2001].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][2001].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][2001].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][2001].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][2001].param[7] = """Reserved (default:0)"""
+MAV_CMD_VIDEO_START_CAPTURE = 2500
+enums["MAV_CMD"][2500] = EnumEntry("MAV_CMD_VIDEO_START_CAPTURE", """Film""")
+enums["MAV_CMD"][2500].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][2500].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][2500].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][2500].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][2500].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][2500].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][2500].param[7] = """Reserved (default:0)"""
+MAV_CMD_VIDEO_STOP_CAPTURE = 2501
+enums["MAV_CMD"][2501] = EnumEntry("MAV_CMD_VIDEO_STOP_CAPTURE", """Film no more""")
+enums["MAV_CMD"][2501].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][2501].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][2501].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][2501].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][2501].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][2501].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][2501].param[7] = """Reserved (default:0)"""
 MAV_CMD_NAV_FENCE_RETURN_POINT = 5000
 enums["MAV_CMD"][5000] = EnumEntry("MAV_CMD_NAV_FENCE_RETURN_POINT", """Where to go after a breach""")
 enums["MAV_CMD"][5000].param[1] = """Reserved (default:0)"""
@@ -914,6 +1148,8 @@ MAV_PROTOCOL_CAPABILITY_MISSION_INT = 4
 enums["MAV_PROTOCOL_CAPABILITY"][4] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_INT", """Mission items as integers""")
 MAV_PROTOCOL_CAPABILITY_COMMAND_INT = 8
 enums["MAV_PROTOCOL_CAPABILITY"][8] = EnumEntry("MAV_PROTOCOL_CAPABILITY_COMMAND_INT", """COMMAND_INT""")
+MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET = 64
+enums["MAV_PROTOCOL_CAPABILITY"][64] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET", """Attitude targets""")
 MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED = 128
 enums["MAV_PROTOCOL_CAPABILITY"][128] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED", """Local targets""")
 MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT = 256
@@ -955,6 +1191,22 @@ enums["POSITION_TARGET_TYPEMASK"][2048] = EnumEntry("POSITION_TARGET_TYPEMASK_YA
 POSITION_TARGET_TYPEMASK_ENUM_END = 2049
 enums["POSITION_TARGET_TYPEMASK"][2049] = EnumEntry("POSITION_TARGET_TYPEMASK_ENUM_END", """""")
 
+# ATTITUDE_TARGET_TYPEMASK
+enums["ATTITUDE_TARGET_TYPEMASK"] = Enum()
+enums["ATTITUDE_TARGET_TYPEMASK"].bitmask = True
+ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE = 1
+enums["ATTITUDE_TARGET_TYPEMASK"][1] = EnumEntry("ATTITUDE_TARGET_TYPEMASK_BODY_ROLL_RATE_IGNORE", """Ignore the roll rate""")
+ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE = 2
+enums["ATTITUDE_TARGET_TYPEMASK"][2] = EnumEntry("ATTITUDE_TARGET_TYPEMASK_BODY_PITCH_RATE_IGNORE", """Ignore the pitch rate""")
+ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE = 4
+enums["ATTITUDE_TARGET_TYPEMASK"][4] = EnumEntry("ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE", """Ignore the yaw rate: the attitude says the heading""")
+ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE = 64
+enums["ATTITUDE_TARGET_TYPEMASK"][64] = EnumEntry("ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE", """Ignore thrust""")
+ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE = 128
+enums["ATTITUDE_TARGET_TYPEMASK"][128] = EnumEntry("ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE", """Ignore the attitude""")
+ATTITUDE_TARGET_TYPEMASK_ENUM_END = 129
+enums["ATTITUDE_TARGET_TYPEMASK"][129] = EnumEntry("ATTITUDE_TARGET_TYPEMASK_ENUM_END", """""")
+
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
 MAVLINK_MSG_ID_UNKNOWN = -2
@@ -986,6 +1238,7 @@ MAVLINK_MSG_ID_MISSION_COUNT = 44
 MAVLINK_MSG_ID_MISSION_CLEAR_ALL = 45
 MAVLINK_MSG_ID_MISSION_ITEM_REACHED = 46
 MAVLINK_MSG_ID_MISSION_ACK = 47
+MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN = 48
 MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN = 49
 MAVLINK_MSG_ID_MISSION_REQUEST_INT = 51
 MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT = 62
@@ -998,6 +1251,7 @@ MAVLINK_MSG_ID_VFR_HUD = 74
 MAVLINK_MSG_ID_COMMAND_INT = 75
 MAVLINK_MSG_ID_COMMAND_LONG = 76
 MAVLINK_MSG_ID_COMMAND_ACK = 77
+MAVLINK_MSG_ID_SET_ATTITUDE_TARGET = 82
 MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED = 84
 MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED = 85
 MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT = 86
@@ -1022,6 +1276,7 @@ MAVLINK_MSG_ID_STATUSTEXT = 253
 MAVLINK_MSG_ID_SETUP_SIGNING = 256
 MAVLINK_MSG_ID_OBSTACLE_DISTANCE = 330
 MAVLINK_MSG_ID_ODOMETRY = 331
+MAVLINK_MSG_ID_AVAILABLE_MODES = 435
 MAVLINK_MSG_ID_XITL_RUN = 54000
 MAVLINK_MSG_ID_XITL_TICK = 54001
 MAVLINK_MSG_ID_XITL_IMU = 54002
@@ -2260,6 +2515,48 @@ class MAVLink_mission_ack_message(MAVLink_message):
 setattr(MAVLink_mission_ack_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_set_gps_global_origin_message(MAVLink_message):
+    """
+    Where the local frame of the estimator is to have its origin.
+    """
+
+    id = MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN
+    msgname = "SET_GPS_GLOBAL_ORIGIN"
+    fieldnames = ["target_system", "latitude", "longitude", "altitude", "time_usec"]
+    ordered_fieldnames = ["latitude", "longitude", "altitude", "target_system", "time_usec"]
+    fieldtypes = ["uint8_t", "int32_t", "int32_t", "int32_t", "uint64_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"latitude": "degE7", "longitude": "degE7", "altitude": "mm", "time_usec": "us"}
+    native_format = bytearray(b"<iiiBQ")
+    orders = [3, 0, 1, 2, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 41
+    unpacker = struct.Struct("<iiiBQ")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, latitude: int, longitude: int, altitude: int, time_usec: int = 0):
+        MAVLink_message.__init__(self, MAVLink_set_gps_global_origin_message.id, MAVLink_set_gps_global_origin_message.msgname)
+        self._fieldnames = MAVLink_set_gps_global_origin_message.fieldnames
+        self._instance_field = MAVLink_set_gps_global_origin_message.instance_field
+        self._instance_offset = MAVLink_set_gps_global_origin_message.instance_offset
+        self.target_system = target_system
+        self.latitude = latitude
+        self.longitude = longitude
+        self.altitude = altitude
+        self.time_usec = time_usec
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.latitude, self.longitude, self.altitude, self.target_system, self.time_usec), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_set_gps_global_origin_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_gps_global_origin_message(MAVLink_message):
     """
     Where the local frame of the estimator has its origin.
@@ -2832,6 +3129,52 @@ class MAVLink_command_ack_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_command_ack_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_set_attitude_target_message(MAVLink_message):
+    """
+    Heading or turn rate, and thrust.
+    """
+
+    id = MAVLINK_MSG_ID_SET_ATTITUDE_TARGET
+    msgname = "SET_ATTITUDE_TARGET"
+    fieldnames = ["time_boot_ms", "target_system", "target_component", "type_mask", "q", "body_roll_rate", "body_pitch_rate", "body_yaw_rate", "thrust"]
+    ordered_fieldnames = ["time_boot_ms", "q", "body_roll_rate", "body_pitch_rate", "body_yaw_rate", "thrust", "target_system", "target_component", "type_mask"]
+    fieldtypes = ["uint32_t", "uint8_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {"type_mask": "bitmask"}
+    fieldenums_by_name: Dict[str, str] = {"type_mask": "ATTITUDE_TARGET_TYPEMASK"}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "body_roll_rate": "rad/s", "body_pitch_rate": "rad/s", "body_yaw_rate": "rad/s"}
+    native_format = bytearray(b"<IfffffBBB")
+    orders = [0, 6, 7, 8, 1, 2, 3, 4, 5]
+    lengths = [1, 4, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 4, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 49
+    unpacker = struct.Struct("<I4fffffBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, target_system: int, target_component: int, type_mask: int, q: Sequence[float], body_roll_rate: float, body_pitch_rate: float, body_yaw_rate: float, thrust: float):
+        MAVLink_message.__init__(self, MAVLink_set_attitude_target_message.id, MAVLink_set_attitude_target_message.msgname)
+        self._fieldnames = MAVLink_set_attitude_target_message.fieldnames
+        self._instance_field = MAVLink_set_attitude_target_message.instance_field
+        self._instance_offset = MAVLink_set_attitude_target_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.target_system = target_system
+        self.target_component = target_component
+        self.type_mask = type_mask
+        self.q = q
+        self.body_roll_rate = body_roll_rate
+        self.body_pitch_rate = body_pitch_rate
+        self.body_yaw_rate = body_yaw_rate
+        self.thrust = thrust
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.q[0], self.q[1], self.q[2], self.q[3], self.body_roll_rate, self.body_pitch_rate, self.body_yaw_rate, self.thrust, self.target_system, self.target_component, self.type_mask), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_set_attitude_target_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_set_position_target_local_ned_message(MAVLink_message):
@@ -3964,6 +4307,50 @@ class MAVLink_odometry_message(MAVLink_message):
 setattr(MAVLink_odometry_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_available_modes_message(MAVLink_message):
+    """
+    One mode that can be chosen.
+    """
+
+    id = MAVLINK_MSG_ID_AVAILABLE_MODES
+    msgname = "AVAILABLE_MODES"
+    fieldnames = ["number_modes", "mode_index", "standard_mode", "custom_mode", "properties", "mode_name"]
+    ordered_fieldnames = ["custom_mode", "properties", "number_modes", "mode_index", "standard_mode", "mode_name"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t", "uint32_t", "uint32_t", "char"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<IIBBBc")
+    orders = [2, 3, 4, 0, 1, 5]
+    lengths = [1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 35]
+    crc_extra = 134
+    unpacker = struct.Struct("<IIBBB35s")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, number_modes: int, mode_index: int, standard_mode: int, custom_mode: int, properties: int, mode_name: bytes):
+        MAVLink_message.__init__(self, MAVLink_available_modes_message.id, MAVLink_available_modes_message.msgname)
+        self._fieldnames = MAVLink_available_modes_message.fieldnames
+        self._instance_field = MAVLink_available_modes_message.instance_field
+        self._instance_offset = MAVLink_available_modes_message.instance_offset
+        self.number_modes = number_modes
+        self.mode_index = mode_index
+        self.standard_mode = standard_mode
+        self.custom_mode = custom_mode
+        self.properties = properties
+        self._mode_name_raw = mode_name
+        self.mode_name = mode_name.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.custom_mode, self.properties, self.number_modes, self.mode_index, self.standard_mode, self._mode_name_raw), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_available_modes_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_xitl_run_message(MAVLink_message):
     """
     Host to agent: a run starts or ends.
@@ -4937,6 +5324,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_MISSION_CLEAR_ALL: MAVLink_mission_clear_all_message,
     MAVLINK_MSG_ID_MISSION_ITEM_REACHED: MAVLink_mission_item_reached_message,
     MAVLINK_MSG_ID_MISSION_ACK: MAVLink_mission_ack_message,
+    MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: MAVLink_set_gps_global_origin_message,
     MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MAVLink_gps_global_origin_message,
     MAVLINK_MSG_ID_MISSION_REQUEST_INT: MAVLink_mission_request_int_message,
     MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: MAVLink_nav_controller_output_message,
@@ -4949,6 +5337,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_COMMAND_INT: MAVLink_command_int_message,
     MAVLINK_MSG_ID_COMMAND_LONG: MAVLink_command_long_message,
     MAVLINK_MSG_ID_COMMAND_ACK: MAVLink_command_ack_message,
+    MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: MAVLink_set_attitude_target_message,
     MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: MAVLink_set_position_target_local_ned_message,
     MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: MAVLink_position_target_local_ned_message,
     MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: MAVLink_set_position_target_global_int_message,
@@ -4973,6 +5362,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SETUP_SIGNING: MAVLink_setup_signing_message,
     MAVLINK_MSG_ID_OBSTACLE_DISTANCE: MAVLink_obstacle_distance_message,
     MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
+    MAVLINK_MSG_ID_AVAILABLE_MODES: MAVLink_available_modes_message,
     MAVLINK_MSG_ID_XITL_RUN: MAVLink_xitl_run_message,
     MAVLINK_MSG_ID_XITL_TICK: MAVLink_xitl_tick_message,
     MAVLINK_MSG_ID_XITL_IMU: MAVLink_xitl_imu_message,
