@@ -46,9 +46,10 @@ class Column:
 class Table(ABC):
     """All messages of one type, in the order of the file. Iterating gives the names of its columns.
 
-        table["Roll"]                                 (N,) in the unit of table.columns["Roll"]
-        table.values("Roll", slice(10), raw=True)     the first ten, as stored
-        table.stamp_ns                                (N,) when, in ns since the log's own zero
+        table = xitl.open_log("flight.bin")["ATT"]
+        table["Roll"]  # (N,) in the unit of table.columns["Roll"]
+        table.values("Roll", slice(10), raw=True)  # the first ten, as stored
+        table.stamp_ns  # (N,) when, in ns since the log's own zero
 
     name: of the message or topic. instance: the column that tells the instances of a message apart (of IMU, GPS …),
     None when there is none.

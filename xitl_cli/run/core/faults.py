@@ -104,6 +104,11 @@ class FaultsInForce:
     seed: int = 0
 
     @property
+    def cut(self) -> bool:
+        """Whether nothing gets through, one way or both."""
+        return any(way.cut or way.loss >= 1.0 for way in (self.to_agent, self.from_agent))
+
+    @property
     def on_agent(self) -> bool:
         """Whether the agent has anything to do for it."""
         return self.from_agent != NO_FAULTS or any((self.cpu_load, self.clock_offset_s, self.clock_skew_ppm))

@@ -121,12 +121,13 @@ class Silence:
     """Watches one agent. It speaks when a motor command of its comes; `limit_s` of silence is more than a run takes.
 
     Each silence of at least `SAID_S` is told once when it is noticed and once when it ends. longest_s: the longest.
+    One that a fault of ours makes says nothing of the agent: it is told, and not held against `limit_s`.
     """
 
     def __init__(self, limit_s: float, now_ns: int) -> None:
         self.longest_s = 0.0
         self._limit_ns = round(limit_s * 1e9)
-        self._heard_ns = now_ns
+        self._heard_ns = self._counted_from_ns = now_ns
         self._said = False
 
     @property
@@ -154,7 +155,11 @@ class Silence:
 
     def too_long(self, now_ns: int) -> bool:
         """Whether it has lasted longer than a run takes."""
-        return now_ns - self._heard_ns >= self._limit_ns
+        return now_ns - max(self._heard_ns, self._counted_from_ns) >= self._limit_ns
+
+    def made_by_fault(self, now_ns: int) -> None:
+        """Until now nothing can have been heard."""
+        self._counted_from_ns = now_ns
 
 
 HELLO_INTERVAL_S = 0.5
@@ -355,6 +360,8 @@ class AgentConnection:
         if self._silence is None:
             self._silence = Silence(self._terms.silent_s, now_ns)
         silence, inbox = self._silence, self.inbox
+        if self._faults.cut:
+            silence.made_by_fault(now_ns)
         if inbox.fresh:
             lasted_s = silence.heard(inbox.command_ns)
             if lasted_s is not None:

@@ -6,11 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from xitl_cli.profile.schema.faults import FaultSpec, LinkFault
+from xitl_cli.run.core.faults import FaultSchedule
+from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import Silence
 from xitl_cli.run.nodes.standby import AgentSwitch, MotorRamp, TakeoverDecision
 
 MS = 1_000_000
 PERIOD = 20 * MS
+SECOND = 1000 * MS
 
 
 def steer(takeover: TakeoverDecision, until_ms: int, speaks: dict[int, list[range]]) -> list[tuple[int, AgentSwitch]]:
@@ -113,3 +117,28 @@ def test_a_silence_can_be_too_long() -> None:
     silence = Silence(10.0, 0)
     assert not silence.too_long(9_999 * MS)
     assert silence.too_long(10_000 * MS)
+
+
+def test_a_cut_of_ours_is_not_held_against_the_agent() -> None:
+    """faults.link-cut of just silent_s ended the run and blamed the cable."""
+    silence = Silence(10.0, 0)
+    for second in range(1, 15):
+        silence.made_by_fault(second * SECOND)
+        assert not silence.too_long(second * SECOND)
+    assert silence.noticed(14 * SECOND)
+    assert not silence.too_long(23 * SECOND)
+    assert silence.too_long(24 * SECOND)  # ten seconds after the cut it is the agent
+    assert silence.heard(24 * SECOND) == pytest.approx(24.0)
+
+
+@pytest.mark.parametrize(("cut", "loss"), [(True, 0.0), (False, 1.0)])
+def test_a_link_that_carries_nothing_is_cut(cut: bool, loss: float) -> None:
+    faults = {"radio": FaultSpec(from_s=1.0, until_s=2.0, link=LinkFault(direction="actuators", cut=cut, loss=loss))}
+    schedule = FaultSchedule(faults, Seeds(1))
+    before, within = schedule.at(0), schedule.at(SECOND)
+    assert before is None
+    assert within is not None
+    assert within.cut
+    after = schedule.at(2 * SECOND)
+    assert after is not None
+    assert not after.cut

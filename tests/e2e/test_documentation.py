@@ -1,0 +1,164 @@
+"""Everything that README and docs have readers type is typed here, page by page, in its order, in an empty directory.
+
+What cannot be had in a test is marked in the page and only parsed: tests/unit/test_documented_commands.py. Runs are cut
+short, except where the page shows what they print.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import environment
+
+from tests.documentation import (
+    CODE,
+    COMMANDS,
+    CONSOLE,
+    FILE,
+    OUTPUT,
+    PAGES,
+    ROOT,
+    SHAPE,
+    Block,
+    Command,
+    blocks,
+    holds,
+    suppose,
+)  # fmt: skip
+from tests.recorded import CALM, GUST
+
+PARSED_ONLY = ("pip", "git", "cd", "make", "ip", "mavproxy.py", "ardurover")
+RUN_S, ENOUGH_S = 1, 120.0
+LOGS = {"autopilot.bin": "runs/x/autopilot.bin", "run.mcap": "runs/x/run.mcap", "simulated.bin": "runs/x/autopilot.bin"}
+
+
+class Reader:
+    """Somebody who types what a page says."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.typed: list[str] = []
+        commands = directory.parent / f"{directory.name}-commands"
+        commands.mkdir()
+        script = commands / "xitl"
+        script.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m xitl_cli.main "$@"\n')
+        script.chmod(0o755)
+        path = f"{commands}{os.pathsep}{os.environ['PATH']}"
+        self._environment = {
+            **environment(),
+            "PATH": path,
+            "PYTHONPATH": str(ROOT),
+            "XITL_CACHE": str(directory / "cache"),
+        }
+
+    def write(self, block: Block) -> None:
+        (self.directory / block.file).write_text(block.text, encoding="utf-8")
+
+    def run(self, command: Command, short: bool = True) -> str:
+        """Everything that it prints. A run that is cut short completes nothing."""
+        line = self._line(command.text, short)
+        self.typed.append(line)
+        told = subprocess.run(
+            line, shell=True, cwd=self.directory, env=self._environment, capture_output=True, text=True,
+            timeout=ENOUGH_S, check=False,
+        )  # fmt: skip
+        printed = told.stdout + told.stderr
+        wrong = "Traceback" in printed or not self._ended_well(command, told.returncode)
+        assert not wrong, f"{command}\n{line}\n{printed}"
+        return printed
+
+    def _ended_well(self, command: Command, code: int) -> bool:
+        if command.words[:2] == ["xitl", "sim"] or command.words[:2] == ["xitl", "doctor"]:
+            return code in (0, 1, 124)
+        if command.words[:2] == ["xitl", "agent"]:
+            return code in (0, 124)
+        return code == 0
+
+    def _line(self, text: str, short: bool) -> str:
+        text = text.replace("<the run>", self._latest_run()).replace("LOG...", "autopilot.bin run.mcap")
+        text = re.sub(r"\bLOG\b", "flight.bin", text)
+        command, comment, rest = text.partition(" #")
+        if command.startswith("xitl sim --profile ground-station"):  # nobody arms it
+            command = f"timeout -s INT 2 {command}"
+        elif command.startswith("xitl sim") and short:
+            command = f"{command} --duration {RUN_S}"
+        elif command.startswith("xitl agent --"):
+            command = f"timeout -s INT 3 {command} --link udp://127.0.0.1:0"
+        return f"{command.rstrip()}{comment}{rest}"
+
+    def _latest_run(self) -> str:
+        runs = [run for run in (self.directory / "runs").glob("*") if (run / "run.mcap").exists()]
+        return max(runs, key=lambda run: run.stat().st_mtime).name if runs else "none"
+
+    def run_code(self, block: Block) -> None:
+        """Each block of a page begins where the one before it has ended."""
+        text = block.text.replace('xitl.simulate("sitl",', f'xitl.simulate("sitl", duration_s={RUN_S},')
+        self.code = f"{getattr(self, 'code', '')}\n{text}"
+        told = subprocess.run(
+            [sys.executable, "-c", self.code], cwd=self.directory, env=self._environment, capture_output=True,
+            text=True, timeout=ENOUGH_S, check=False,
+        )  # fmt: skip
+        assert told.returncode == 0, f"{block}\n{told.stderr}"
+
+
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a reader has from before: a run in runs/x."""
+    directory = tmp_path_factory.mktemp("earlier")
+    reader = Reader(directory)
+    reader.run(Command("", 0, "xitl sim --profile sitl --out runs/x --duration 20"), short=False)
+    return directory
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES)
+def test_what_a_page_has_typed_works(page: str, earlier: Path, tmp_path: Path) -> None:
+    directory = tmp_path / "here"
+    directory.mkdir()
+    suppose(directory)
+    shutil.copytree(earlier / "runs/x", directory / "runs/x")
+    for name, source in LOGS.items():
+        (directory / name).symlink_to(directory / source)
+    (directory / "real.bin").symlink_to(CALM)
+    (directory / "flight.bin").symlink_to(GUST)
+    for name in ("mine.csv", "pool-test.csv"):
+        shutil.copy(ROOT / "profiles/replays/zigzag.csv", directory / name)
+    shutil.copy(directory / "autopilot.bin", directory / "runs/mine/autopilot.bin")
+    reader = Reader(directory)
+    for block in blocks(page):
+        kind = block.kind
+        if block.note == "needs":
+            continue
+        if kind == FILE:
+            reader.write(block)
+        elif kind == CODE:
+            reader.run_code(block)
+        elif kind == COMMANDS:
+            for command in block.commands:
+                if command.program not in PARSED_ONLY:
+                    reader.run(command)
+        elif kind == CONSOLE:
+            check_console(reader, block)
+        elif kind in (OUTPUT, SHAPE):
+            printed = reader.run(Command(page, block.line, block.about), short=False)
+            missing = holds(block.text, printed, shape=kind == SHAPE)
+            assert not missing, f"{block}: not printed:\n{missing}\n\nbut:\n{printed}"
+
+
+def check_console(reader: Reader, block: Block) -> None:
+    """A command and, up to the next one, what it prints; its exit code may be an error's."""
+    for part in re.split(r"^\$ ", block.text, flags=re.MULTILINE)[1:]:
+        line, _, expected = part.partition("\n")
+        told = subprocess.run(
+            line, shell=True, cwd=reader.directory, env=reader._environment, capture_output=True, text=True,
+            timeout=ENOUGH_S, check=False,
+        )  # fmt: skip
+        missing = holds(expected, told.stdout + told.stderr)
+        assert not missing, f"{block}: not printed:\n{missing}\n\nbut:\n{told.stdout}{told.stderr}"
