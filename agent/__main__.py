@@ -10,7 +10,7 @@ from contextlib import ExitStack
 import agent
 from agent.assembly import REFUSALS, assemble
 from agent.board.startup import notify_ready
-from agent.options import parse
+from agent.options import WAITS_AT, parse
 from agent.timing.realtime import set_up
 from agent.wire.transport import open_transport
 
@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
             return _refuse(str(error))
         standing = set_up(options.realtime, options.cpus)
         node.identity = node.identity._replace(standing=standing)
-        lines = [f"xitl agent {agent.__version__}: {node.role.title} waits at {transport.address}"]
+        lines = [f"xitl agent {agent.__version__}: {node.role.title} {WAITS_AT} {transport.address}"]
         if node.role.addresses:
             lines.append(f"{node.role.peers}: {', '.join(node.role.addresses)}")
         sys.stdout.write("\n".join([*lines, *standing.problems, ""]))

@@ -20,6 +20,9 @@ _BESIDE = {
     "xitl-agent.pyz": "To check whether this machine is fit for it: xitl-agent.pyz doctor.",
 }
 
+WAITS_AT = "waits at"
+"""Of the first line that an agent says; its address ends the line."""
+
 
 class OptionsError(ValueError):
     """An option cannot be; the message says which, why and what to do."""

@@ -14,6 +14,7 @@ from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
+from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.nodes.autopilot import AutopilotNode, autopilot_links
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.bridge import BridgeNode
@@ -38,7 +39,10 @@ Node = TypeVar("Node", bound=RunNode)
 
 @dataclass(frozen=True, slots=True)
 class RunSetup:
-    """What nodes are made from. out: the run's directory. interrupted: whether somebody wants to end the run."""
+    """What nodes are made from. out: the run's directory. interrupted: whether somebody wants to end the run.
+
+    stations: where ground stations meet its autopilot.
+    """
 
     profile: RunProfile
     seeds: Seeds
@@ -47,6 +51,12 @@ class RunSetup:
     out: Path
     make_view: Callable[[], View]
     interrupted: Callable[[], bool]
+    stations: StationAddresses
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is known at the start."""
+        return [*self.scenery.warnings, *self.stations.warnings]
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -72,7 +82,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         control: ControlNode = made(direct_control(profile))
     else:
         if profile.autopilot.kind != "embedded":
-            bridge = made(BridgeNode(profile, setup.out))
+            bridge = made(BridgeNode(profile, setup.out, setup.stations.urls))
         control = autopilot = made(_autopilot(setup, bridge))
         if profile.companion is not None:
             companion = made(CompanionNode(profile, autopilot.send, setup.interrupted))
@@ -105,7 +115,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
     in_force = tuple if faults is None else faults.schedule.names_in_force
     display = DisplayNode(
-        setup.make_view, setup.scenery, profile.clock, plant, control, mission.score, agents, in_force
+        setup.make_view, setup.warnings, profile.clock, plant, control, mission.score, agents, in_force
     )
     made(display)
 
@@ -135,12 +145,12 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
     frame = local_frame(profile.site)
 
     def driver_of(commands: AutopilotCommands, agent: AgentConnection) -> VehicleDriver:
-        driver = make_driver(profile, commands, frame)
+        driver = make_driver(profile, commands, frame, setup.stations.urls)
         return driver if bridge is None else bridge.preparation(driver, agent, commands.send, frame)
 
-    options, supervision = options_from_profile(profile, setup.out), None
+    options, supervision = options_from_profile(profile, setup.out, setup.stations.urls), None
     if bridge is not None:
-        options = options_from_profile(profile, setup.out, bridge.bridge)
+        options = options_from_profile(profile, setup.out, bridge=bridge.bridge)
         supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)
     autopilot = AutopilotNode(profile, setup.seeds, driver_of, options, supervision, setup.interrupted)
     if bridge is not None:

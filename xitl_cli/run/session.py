@@ -27,6 +27,7 @@ from xitl_cli.run.core.pace import Lockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import StoppedWaitingError
+from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop
 from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
 from xitl_cli.run.view import View
@@ -84,7 +85,9 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     plant = Plant(*build_simulation(ready, seeds, scenery), default_rng(seeds.sequence("environment")))
     interruption = Interruption()
     with ExitStack() as opened:
-        setup = RunSetup(ready, seeds, scenery, plant, out, make_view, interruption)
+        stations = StationAddresses(ready)
+        opened.callback(stations.close)
+        setup = RunSetup(ready, seeds, scenery, plant, out, make_view, interruption, stations)
         vessels = [compose(setup, opened)]
         for vessel in vessels:
             for node in vessel.nodes:
@@ -153,7 +156,7 @@ def _go(
 def _sections(vessel: VesselNodes, setup: RunSetup, pace: Pace) -> Sections:
     """What the host and a vessel's nodes report. Agents' clocks are measured against the host's, which comes last."""
     rate_hz = setup.profile.clock.physics_rate_hz
-    host = {"tasks": [pace.task(rate_hz)], "pace": asdict(pace.report()), "warnings": setup.scenery.warnings}
+    host = {"tasks": [pace.task(rate_hz)], "pace": asdict(pace.report()), "warnings": setup.warnings}
     sections = merged([host, *(node.report() for node in vessel.nodes)])
     if sections["clocks"]:
         slope = pace.slope(rate_hz)

@@ -17,10 +17,9 @@ from rich.text import Text
 
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
-from xitl_cli.run.links.connection import AgentConnection, connections_report
+from xitl_cli.run.links.connection import WARNING, AgentConnection, connections_report
 from xitl_cli.run.nodes.mission_score import MissionScore
 from xitl_cli.run.world.plant import Plant
-from xitl_cli.run.world.scenery import Scenery
 
 LIVE_INTERVAL_S = 0.2
 PLAIN_INTERVAL_S = 5.0
@@ -209,7 +208,7 @@ class DisplayNode(RunNode):
     def __init__(
         self,
         make_view: Callable[[], View],
-        scenery: Scenery,
+        warnings: Sequence[str],
         clock: ClockSpec,
         plant: Plant,
         control: ControlNode,
@@ -219,7 +218,7 @@ class DisplayNode(RunNode):
     ) -> None:
         self.showing = ExchangePart(self._show)
         self._make_view = make_view
-        self._scenery = scenery
+        self._warnings = warnings
         self._view: View | None = None
         self._clock = clock
         self._plant = plant
@@ -231,8 +230,9 @@ class DisplayNode(RunNode):
     def begin(self, context: RunContext) -> None:
         self._pace = context.pace
         self._view = self._make_view()
-        for text in self._scenery.warnings:
+        for text in self._warnings:
             self._view.warn(text)
+            context.recorder.log(0, WARNING, "run", text)
 
     def close(self) -> None:
         if self._view is not None:

@@ -315,7 +315,7 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "boat.yaml:3: autopilot.standby.link is missing with runs = process; add one such as udp://127.0.0.1:14661",
         ),
         (
-            "extends: hitl-loopback\nautopilot:\n  standby:\n    link: udp://127.0.0.1:14660",
+            "extends: hitl-loopback\nautopilot:\n  link: udp://127.0.0.1:14660\n  standby: {link: udp://127.0.0.1:14660}",
             "boat.yaml:4: autopilot.standby.link = 'udp://127.0.0.1:14660' is that of the first agent; "
             "give each its own",
         ),

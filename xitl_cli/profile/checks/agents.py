@@ -13,11 +13,12 @@ from xitl_cli.profile.checks.link import made_for_the_run, problem_of_link, prob
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.files.parameter_files import find_parameter_file, read_parameter_file
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.agents import AutopilotSpec, BridgeSpec, CompanionSpec
+from xitl_cli.profile.schema.agents import LOOPBACK, AutopilotSpec, BridgeSpec, CompanionSpec
 from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.signing import read_key_file
 
 _URL = re.compile(r"(udp|tcp)://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]@?#]+):([0-9]{1,5})")
+_INTERFACE = re.compile(r"[0-9A-Za-z_.-]+|\[[0-9A-Fa-f:.]+\]")
 _CLASS = re.compile(r"([A-Za-z_]\w*(\.[A-Za-z_]\w*)*|.+\.py):[A-Za-z_]\w*")
 EXTERNAL = "external"
 OWN_LINK = ("vectornav", "microstrain7")
@@ -76,6 +77,24 @@ def _ground_stations(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
         return
     for number, sentence in _url_problems(autopilot.ground_stations or ()):
         yield ("autopilot", "ground_stations", number), sentence
+    yield from _ground_station_interface(autopilot)
+
+
+def _ground_station_interface(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
+    interface, sentence = autopilot.ground_station_interface, None
+    if interface == LOOPBACK or autopilot.kind == "none":
+        return
+    if not _INTERFACE.fullmatch(interface):
+        sentence = "is no address and no interface; write 0.0.0.0 for every network, or a name such as eth0"
+    elif autopilot.runs == "board":
+        sentence = "cannot be given to a board from here; start the agent there with --gcs tcp://0.0.0.0:5760"
+    elif autopilot.ground_stations is not None:
+        sentence = "goes with the usual addresses; write it into autopilot.ground_stations, as tcp://0.0.0.0:5760"
+    if sentence is not None:
+        yield (
+            ("autopilot", "ground_station_interface"),
+            f"autopilot.ground_station_interface = {shown(interface)} {sentence}",
+        )
 
 
 def _extras(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -373,7 +392,13 @@ def _companion_link(profile: Profile, companion: CompanionSpec) -> Iterator[tupl
     if scheme and scheme not in FAST and sensors is not None and sensors.lidar is not None and runs != "in-process":
         most = sensors.lidar.points_hz * 10.3 / 1e6
         problem = f"is too slow for the clouds of sensors.lidar, up to {most:.1f} MB/s; use udp:// or tcp://"
-    if problem is None and runs != "in-process" and profile.autopilot is not None and profile.autopilot.link == link:
+    if (
+        problem is None
+        and runs != "in-process"
+        and profile.autopilot is not None
+        and profile.autopilot.link == link
+        and not made_for_the_run(link)
+    ):
         problem = "is the autopilot's too; give each a port of its own"
     if problem is not None:
         yield path, f"companion.link = {shown(link)} {problem}"

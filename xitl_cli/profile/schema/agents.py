@@ -15,6 +15,7 @@ RcChannel = Annotated[int, Bounds(at_least=1, at_most=18)]
 RcPulse = Annotated[int, Bounds(at_least=0, at_most=2200)]
 Timeout = Annotated[float, Bounds(above=0, at_most=600)]
 Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
+LOOPBACK = "127.0.0.1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +133,14 @@ class AutopilotSpec(Specification):
     link: Annotated[str | None, "the agent's URL"] = None
     ground_stations: Annotated[
         tuple[str, ...] | None,
-        "`udp://host:port` is sent to, `tcp://host:port` is listened at; null: UDP 14550 and TCP 5760 in real time, "
-        "none in lockstep",
+        "`udp://host:port` is sent to, `tcp://host:port` is listened at, or at the next free port; null: UDP 14550 and "
+        "TCP 5760 of this machine in real time, none in lockstep",
     ] = None
+    ground_station_interface: Annotated[
+        str,
+        "where that TCP port is open: 127.0.0.1 is this machine alone, 0.0.0.0 every network, or the address or name "
+        "(`eth0`) of one",
+    ] = LOOPBACK
     controller: Annotated[str | None, "`module:Class` or `path/to/file.py:Class`, in place of the built-in one"] = None
     signing_key_file: Annotated[str | None, "signs what goes to ground stations"] = None
     link_key_file: Annotated[str | None, "signs the link to the agent both ways"] = None

@@ -16,8 +16,8 @@ from xitl_cli.profile.schema.graph import NodeGraph
 from xitl_cli.profile.schema.sensors import SensorsSpec
 from xitl_cli.profile.schema.world import SiteSpec, WorldSpec
 
-USUAL = ("udp://127.0.0.1:14550", "tcp://0.0.0.0:5760")
-"""Where ground stations listen (UDP), and where they look for a simulated vehicle (TCP)."""
+USUAL = "udp://127.0.0.1:14550", 5760
+"""Where ground stations listen (UDP), and the port at which they look for a simulated vehicle (TCP)."""
 Technique = Literal["mitl", "sitl", "hitl", "huitl", "ritl", "syitl"]
 
 
@@ -130,4 +130,6 @@ def ground_stations_of(profile: Profile | RunProfile) -> tuple[str, ...]:
         return ()
     if autopilot.ground_stations is not None:
         return autopilot.ground_stations
-    return USUAL if profile.clock is not None and profile.clock.mode == "realtime" else ()
+    if profile.clock is None or profile.clock.mode != "realtime":
+        return ()
+    return USUAL[0], f"tcp://{autopilot.ground_station_interface}:{USUAL[1]}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import socket
 import threading
 import time
 import tty
@@ -13,11 +14,13 @@ from contextlib import suppress
 from typing import NamedTuple, Protocol
 from urllib.parse import urlsplit
 
-from agent.wire.can_bus import read_can_settings
+from agent.wire.can_bus import EXAMPLE, read_can_settings
 from agent.wire.can_transfer import FD_LENGTHS, CanLine
 from agent.wire.serial_line import BITS_PER_BYTE, device_and_baud
 from agent.wire.transport import BadUrlError
+from agent.wire.urls import parse_query
 from xitl_cli.errors import UserError
+from xitl_cli.firmware.process import free_port
 
 TICK_S = 0.001
 
@@ -211,6 +214,19 @@ class CanLoopback(PtyPair):
         return self._on_bus is not None or any(self._waiting)
 
 
+class MulticastBus:
+    """A bus of datagrams of this machine at a port of its own, for a URL that gives none: runs beside each other would
+    otherwise share one.
+    """
+
+    def __init__(self, link: str) -> None:
+        mark = "&" if urlsplit(link).query else "?"
+        self.host_url = self.agent_url = f"{link}{mark}port={free_port(socket.SOCK_DGRAM)}"
+
+    def close(self) -> None:
+        """There is nothing to take away."""
+
+
 class Loopback(Protocol):
     """A line within this machine. Each end is opened by its URL."""
 
@@ -229,6 +245,8 @@ def open_loopback(link: str) -> Loopback | None:
             return SerialLoopback(device_and_baud(url._replace(netloc="", path="/pty"))[1])
         if url.scheme == "can" and url.netloc == "slcan" and url.path == "/pty":
             return CanLoopback(read_can_settings(url, listen=False).line)
+        if url.scheme == "can" and url.netloc == "udp_multicast" and "port" not in parse_query(url, EXAMPLE):
+            return MulticastBus(link)
     except BadUrlError as error:
         raise UserError(f"autopilot.link: {error}") from error
     return None

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Protocol
-from urllib.parse import urlsplit
 
 from agent.assembly import REFUSALS, assemble
 from agent.machine import VIRTUAL
-from agent.options import BRIDGE, COMPANION, FCU, Options
+from agent.options import BRIDGE, COMPANION, FCU, WAITS_AT, Options
 from agent.wire.memory import memory_pair
 from agent.wire.transport import Transport, TransportError, open_transport
 from xitl_cli.errors import UserError
-from xitl_cli.firmware.process import free_port
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
-from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.core.directory import DATAFLASH
 from xitl_cli.run.links.loopback import open_loopback
 
@@ -73,43 +69,22 @@ def _bridge_options(bridge: BridgeSpec) -> list[tuple[str, str]]:
 
 
 def options_from_profile(
-    profile: RunProfile, run_directory: Path | None, bridge: BridgeSpec | None = None
+    profile: RunProfile,
+    run_directory: Path | None,
+    ground_stations: tuple[str, ...] = (),
+    bridge: BridgeSpec | None = None,
 ) -> AgentOptions:
     """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
     autopilot = profile.autopilot
     if bridge is not None:
         return AgentOptions(link_key_file=autopilot.link_key_file, bridge=bridge)
-    addresses = ground_stations_of(profile)
-    if autopilot.ground_stations is None:
-        addresses = tuple(url for url in addresses if is_free(url))
     return AgentOptions(
-        ground_stations=addresses,
+        ground_stations=ground_stations,
         controller=autopilot.controller,
         signing_key_file=autopilot.signing_key_file,
         link_key_file=autopilot.link_key_file,
         log_dir=run_directory.absolute() if run_directory is not None and profile.recording.dataflash else None,
     )
-
-
-def missing_addresses(profile: RunProfile, options: AgentOptions) -> Sequence[str]:
-    """The usual addresses that another program holds: nobody asked for them, so the run goes on without."""
-    if options.bridge is not None:
-        return []
-    return [url for url in ground_stations_of(profile) if url not in options.ground_stations]
-
-
-def is_free(url: str) -> bool:
-    """Whether a listener could be opened there; always for what is sent to."""
-    parts = urlsplit(url)
-    if parts.scheme != "tcp":
-        return True
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((parts.hostname, parts.port))
-        except OSError:
-            return False
-    return True
 
 
 HOST_SYSTEM_ID = 255
@@ -192,16 +167,14 @@ def own_options(options: AgentOptions) -> Options:
 class ProcessAgent:
     """The agent as a process of its own on this machine, at the other end of `url`, or of the line that it asks for.
 
-    Port 0 is one that is free, so that runs beside each other do not meet.
+    Port 0 is one that the agent finds free, so that runs beside each other do not meet.
     """
 
     def __init__(self, url: str, options: AgentOptions) -> None:
-        url = _with_a_port(url)
         agent_url = url
         self._loopback = open_loopback(url)
         if self._loopback is not None:
             url, agent_url = self._loopback.host_url, self._loopback.agent_url
-        self._url = url
         self._what = "companion" if options.companion else "agent"
         self._process = subprocess.Popen(
             [sys.executable, "-m", "agent", "--attached", "--link", agent_url, *options.arguments()],
@@ -212,10 +185,12 @@ class ProcessAgent:
             start_new_session=True,  # a Ctrl-C at the terminal is the host's to pass on
         )
         assert self._process.stdout is not None
-        if not self._process.stdout.readline():  # its first line says that it listens
+        first_line = self._process.stdout.readline()
+        if not first_line:
             error = self._gone()
             self.close()
             raise error
+        self._url = url = url if self._loopback is not None else waits_at(first_line)
         try:
             self.transport = open_transport(url, listen=False)
         except TransportError as error:
@@ -262,12 +237,9 @@ class ProcessAgent:
         return UserError(f"the {self._what} process ended: {reason}")
 
 
-def _with_a_port(url: str) -> str:
-    address, _, port = url.rpartition(":")
-    if port != "0":
-        return url
-    kind = socket.SOCK_STREAM if urlsplit(url).scheme == "tcp" else socket.SOCK_DGRAM
-    return f"{address}:{free_port(kind)}"
+def waits_at(first_line: str) -> str:
+    """Where the agent listens, of the first line that it says."""
+    return first_line.rpartition(f" {WAITS_AT} ")[2].strip()
 
 
 class BoardAgent:

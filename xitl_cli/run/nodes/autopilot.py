@@ -29,7 +29,6 @@ from xitl_cli.run.links.peer import (
     AGENT_COMPONENT_ID,
     AGENT_SYSTEM_ID,
     AgentOptions,
-    missing_addresses,
     open_peer,
 )
 from xitl_cli.run.links.setup import embedded_parameters, mission_places
@@ -157,8 +156,6 @@ class AutopilotNode(ControlNode):
             mission = mission_places(self._profile, self._frame) if self._profile.mission.waypoints_ned_m else []
         for agent in self.agents:
             agent.begin(context, parameters, mission)
-        for address in missing_addresses(self._profile, self._options):
-            context.recorder.log(0, WARNING, "run", f"{address} is in use: no ground station can connect there")
         self.progress = self._progress()
 
     # In the run

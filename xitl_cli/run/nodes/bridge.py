@@ -191,14 +191,14 @@ class BridgeNode(RunNode):
     Raises UserError when it is to be started here and there is none.
     """
 
-    def __init__(self, profile: RunProfile, run_directory: Path | None) -> None:
+    def __init__(self, profile: RunProfile, run_directory: Path | None, ground_stations: tuple[str, ...] = ()) -> None:
         self._profile = profile
         self._directory = run_directory
         autopilot = profile.autopilot
         started = autopilot.firmware != EXTERNAL
         self.bridge = resolved_bridge(autopilot.bridge) if started else autopilot.bridge
         self.milestones = Milestones()
-        self._launch = FirmwareLaunch(profile, self.bridge) if started else None
+        self._launch = FirmwareLaunch(profile, self.bridge, ground_stations) if started else None
         self._process: FirmwareProcess | None = None
         self._agent: AgentConnection | None = None
         self._view: AgentView | None = None

@@ -13,7 +13,6 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import ScriptStep
-from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.replay.motor_schedule import MotorSchedule, schedule_from_file
 from xitl_cli.run.core.node import RunNode, RunStep
 from xitl_cli.run.core.reports import Progress
@@ -50,13 +49,18 @@ class NoDriver(VehicleDriver):
         return Progress("", reached=reached, finished=done, completed=done)
 
 
-def make_driver(profile: RunProfile, commands: AutopilotCommands, frame: LocalFrame) -> VehicleDriver:
-    """The driver that the profile asks for. Raises UserError when its file cannot be played."""
+def make_driver(
+    profile: RunProfile, commands: AutopilotCommands, frame: LocalFrame, ground_stations: tuple[str, ...] = ()
+) -> VehicleDriver:
+    """The driver that the profile asks for; stations may call at `ground_stations`.
+
+    Raises UserError when its file cannot be played.
+    """
     driver, waypoints = profile.driver, len(profile.mission.waypoints_ned_m)
     if driver.kind == "mission":
         return MissionDriver(commands, waypoints, profile.autopilot.arm_timeout_s)
     if driver.kind == "ground-station":
-        return GroundStationDriver(commands, frame, ground_stations_of(profile), driver.stay)
+        return GroundStationDriver(commands, frame, ground_stations, driver.stay)
     if driver.kind == "script":
         return ScriptDriver(commands, frame, driver.script, waypoints)
     if driver.kind == "replay":

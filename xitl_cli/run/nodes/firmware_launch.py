@@ -14,9 +14,7 @@ from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.firmware.process import FirmwareProcess, free_port
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
-from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.core.directory import AUTOPILOT
-from xitl_cli.run.links.peer import is_free
 from xitl_cli.run.links.setup import EXTERNAL_AHRS_PROTOCOL, parameter_file_text, serial_port_with, start_parameters
 from xitl_cli.shipped import firmware_params_dir
 
@@ -41,16 +39,17 @@ def resolved_bridge(bridge: BridgeSpec) -> BridgeSpec:
 
 
 class FirmwareLaunch:
-    """Starts the firmware of `profile`; `bridge` has the ports.
+    """Starts the firmware of `profile`; `bridge` has the ports of the bridge, `ground_stations` theirs.
 
     Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
     """
 
-    def __init__(self, profile: RunProfile, bridge: BridgeSpec) -> None:
+    def __init__(self, profile: RunProfile, bridge: BridgeSpec, ground_stations: tuple[str, ...] = ()) -> None:
         autopilot = profile.autopilot
         self.program = find_firmware("rover", autopilot.firmware_build, autopilot.firmware)
         self._profile = profile
         self._bridge = bridge
+        self._ground_stations = ground_stations
         self._values = start_parameters(profile)
         if bridge.sensors == "hil":
             self._check_scripting()
@@ -102,7 +101,7 @@ class FirmwareLaunch:
         words = ["--log-directory", "logs", "--storage-directory", ".", "--terrain-directory", "."]
         serial = {0: _linux_path(self._bridge.mavlink)}
         for port, address in self._stations():
-            where = "*" if address.scheme == "tcp" else address.hostname
+            where = "*" if address.hostname == "0.0.0.0" else address.hostname
             serial[port] = f"{address.scheme}:{where}:{address.port}"
         if self._bridge.sensor_link is not None:
             serial[self._sensor_port()] = _linux_path(self._bridge.sensor_link, waits=True)
@@ -119,13 +118,10 @@ class FirmwareLaunch:
                 )
 
     def _stations(self) -> Iterator[tuple[int, SplitResult]]:
-        """Its serial ports for ground stations, and their addresses: of the usual ones those that nobody holds."""
-        addresses = ground_stations_of(self._profile)
-        if self._profile.autopilot.ground_stations is None:
-            addresses = tuple(url for url in addresses if is_free(url))
+        """Its serial ports for ground stations, and their addresses."""
         taken = serial_port_with(self._values)
         ports = (port for port in STATION_PORTS if port != taken)
-        return zip(ports, map(urlsplit, addresses), strict=False)
+        return zip(ports, map(urlsplit, self._ground_stations), strict=False)
 
     def _sensor_port(self) -> int:
         port = serial_port_with(self._values)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import socket
 from pathlib import Path
 
 import pytest
 
 from agent.options import parse
 from xitl_cli.profile import load_profile
-from xitl_cli.profile.schema.profile import USUAL, ground_stations_of
+from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.core import directory
-from xitl_cli.run.links.peer import AgentOptions, missing_addresses, options_from_profile, own_options
+from xitl_cli.run.links.peer import AgentOptions, options_from_profile, own_options
+
+USUAL = ("udp://127.0.0.1:14550", "tcp://127.0.0.1:5760")
 
 
 @pytest.mark.parametrize(
@@ -24,6 +25,8 @@ from xitl_cli.run.links.peer import AgentOptions, missing_addresses, options_fro
         ("mitl", ("clock.mode=realtime",), ()),
         ("sitl", ("autopilot.ground_stations=[tcp://127.0.0.1:5790]",), ("tcp://127.0.0.1:5790",)),
         ("hitl-loopback", ("autopilot.ground_stations=[]",), ()),
+        ("hitl-loopback", ("autopilot.ground_station_interface=0.0.0.0",), (USUAL[0], "tcp://0.0.0.0:5760")),
+        ("sitl", ("autopilot.ground_station_interface=0.0.0.0",), ()),
     ],
 )
 def test_who_may_talk_to_the_autopilot(name: str, overrides: tuple[str, ...], addresses: tuple[str, ...]) -> None:
@@ -41,7 +44,7 @@ def test_the_command_line_of_the_agent(tmp_path: Path) -> None:
             f"autopilot.signing_key_file={tmp_path / 'key'}",
         ],
     ).runnable()
-    arguments = options_from_profile(profile, tmp_path).arguments()
+    arguments = options_from_profile(profile, tmp_path, ground_stations_of(profile)).arguments()
     assert arguments == [
         *("--gcs", given[0], "--gcs", given[1]),
         *("--controller", "boats.heading:Fast"),
@@ -64,21 +67,6 @@ def test_nothing_given_is_nothing_said(tmp_path: Path) -> None:
     profile = load_profile("sitl", ["recording.dataflash=false"]).runnable()
     assert options_from_profile(profile, tmp_path) == AgentOptions()
     assert AgentOptions().arguments() == []
-
-
-def test_a_usual_address_that_is_taken_does_not_stop_a_run_but_a_given_one_is_kept() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as holder:
-        holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            holder.bind(("0.0.0.0", 5760))
-        except OSError:
-            pytest.skip("another program holds TCP port 5760")
-        holder.listen()
-        usual = load_profile("hitl-loopback").runnable()
-        assert options_from_profile(usual, None).ground_stations == (USUAL[0],)
-        assert list(missing_addresses(usual, options_from_profile(usual, None))) == [USUAL[1]]
-        given = load_profile("hitl-loopback", [f"autopilot.ground_stations=[{USUAL[1]}]"]).runnable()
-        assert options_from_profile(given, None).ground_stations == (USUAL[1],)
 
 
 def test_the_agents_log_gets_its_name_and_an_old_one_is_part_of_the_old_run(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile import load_profile
+from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.links.setup import parameter_file_text, start_parameters
 from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 
@@ -29,7 +30,7 @@ def program(tmp_path: Path) -> Path:
 def launch(program: Path, name: str, *overrides: str) -> tuple[FirmwareLaunch, Any]:
     profile = load_profile(name, [f"autopilot.firmware={program}", *overrides]).runnable()
     bridge = resolved_bridge(profile.autopilot.bridge)
-    return FirmwareLaunch(profile, bridge), bridge
+    return FirmwareLaunch(profile, bridge, ground_stations_of(profile)), bridge
 
 
 def port(url: str) -> str:
