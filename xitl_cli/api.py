@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -33,7 +33,7 @@ def load_profile(name: PathText, overrides: Overrides = ()) -> Profile:
 
     Raises UserError for an unknown name, and with file, line, key and fix for everything that is wrong in it.
     """
-    return _load_profile(str(name), _texts(overrides))
+    return _load_profile(fspath(name), _texts(overrides))
 
 
 def simulate(
@@ -65,7 +65,7 @@ def simulate(
         if given or overrides:
             raise UserError(f"{profile.name}: is loaded already; give seed, duration_s and overrides to load_profile")
     else:
-        profile = _load_profile(str(profile), [*_texts(overrides), *_texts(given)])
+        profile = _load_profile(fspath(profile), [*_texts(overrides), *_texts(given)])
     directory = default_path(profile.name) if out is None else Path(out)
     result = run(profile, directory, overwrite, NoView)
     if result.summary["error"]:
@@ -77,7 +77,7 @@ def wdri(
     profile: PathText | Profile,
     *,
     overrides: Overrides = (),
-    reference: str | None = None,
+    reference: PathText | None = None,
     vertices: VertexCount | None = None,
 ) -> Wdri:
     """The weighted degree realism index of a profile, from 0 to 1, with the graph behind it.
@@ -88,7 +88,7 @@ def wdri(
     from xitl_cli.graph.wdri import profile_wdri
 
     loaded = profile if isinstance(profile, Profile) else load_profile(profile, overrides)
-    return profile_wdri(loaded, reference, vertices)
+    return profile_wdri(loaded, None if reference is None else fspath(reference), vertices)
 
 
 def open_log(path: PathText) -> Log:
@@ -102,7 +102,7 @@ def open_log(path: PathText) -> Log:
     return open_path(Path(path))
 
 
-def analyze(*logs: PathText, sections: Iterable[str] = ()) -> Report:
+def analyze(*logs: PathText, sections: str | Iterable[str] = ()) -> Report:
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
     sections: names of analyses (`"scheduler"`), all by default. A log that cannot be read is one of the report's
@@ -110,7 +110,8 @@ def analyze(*logs: PathText, sections: Iterable[str] = ()) -> Report:
     """
     from xitl_cli.logs.report.build import build_report, sections_named
 
-    return build_report([Path(log) for log in logs], sections_named(tuple(sections)))
+    wanted = (sections,) if isinstance(sections, str) else tuple(sections)
+    return build_report([Path(log) for log in logs], sections_named(wanted))
 
 
 def compare(
@@ -136,5 +137,10 @@ def compare(
 
 def _texts(overrides: Overrides) -> list[str]:
     if isinstance(overrides, Mapping):
-        return [f"{key}={json.dumps(value)}" for key, value in overrides.items()]
-    return list(overrides)
+        return [f"{key}={json.dumps(value, default=_plain)}" for key, value in overrides.items()]
+    return [overrides] if isinstance(overrides, str) else list(overrides)
+
+
+def _plain(value: Any) -> Any:
+    """A path as text, a number or array of numpy as Python's own. Raises TypeError for anything else."""
+    return value.tolist() if hasattr(value, "tolist") else fspath(value)

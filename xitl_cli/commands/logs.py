@@ -98,6 +98,8 @@ def dump(
         tables = tables_named(log, messages)
         names = tuple(name.strip() for name in fields.split(",") if name.strip())
         span_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
+        for name, lacked in (condition.lacked(tables) if condition is not None else {}).items():
+            typer.echo(f"{name} has no {', '.join(lacked)}: no comparison with it holds there", err=True)
         for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
             sys.stdout.write(text)
             written = True

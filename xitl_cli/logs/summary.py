@@ -122,8 +122,9 @@ def _message(table: Table) -> MessageSummary:
 
 def _indexed(table: Table, span_ns: tuple[int, int] | None) -> MessageSummary:
     length_s = 0.0 if span_ns is None else (span_ns[1] - span_ns[0]) * 1e-9
-    rate_hz = (len(table) - 1) / length_s if len(table) > 1 and length_s >= _SHORTEST_S else None
-    return MessageSummary(table.name, len(table), rate_hz, None, None)
+    rows = table.indexed_rows
+    rate_hz = (rows - 1) / length_s if rows > 1 and length_s >= _SHORTEST_S else None
+    return MessageSummary(table.name, rows, rate_hz, None, None)
 
 
 def _distinct(table: Table, column: str) -> int:

@@ -13,7 +13,12 @@ import numpy as np
 import pytest
 
 import xitl
-from tests.recorded import CALM, GUST
+from tests.recorded import CALM, GUST, MISSION_TLOG
+from xitl_cli.logs import open_log
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.formats.tlog.file import TelemetryLog
+from xitl_cli.logs.model.log import Log
 
 HEAVY = ("numpy", "scipy", "pydantic", "yaml", "foxglove", "mcap", "pymavlink", "pandas")
 
@@ -104,6 +109,35 @@ def test_a_log_is_read_by_name() -> None:
             _ = log["ATTT"]
         with pytest.raises(KeyError, match="Roll"):
             _ = log["ATT"]["Rol"]
+
+
+class Named:
+    """A path as `os.fspath` knows it, and no more."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = str(path)
+
+    def __fspath__(self) -> str:
+        return self._path
+
+
+def test_a_path_is_named_as_one_likes(tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text("extends: [mitl]\nclock: {duration_s: 0.2}\n")
+    profile, run = Named(own), Named(tmp_path / "run")
+    assert xitl.load_profile(profile, {"clock.seed": np.int64(4)}).name == "own"
+    assert xitl.simulate(profile, out=run).recording == tmp_path / "run" / "run.mcap"
+    assert xitl.wdri(profile, reference=profile).wdri == pytest.approx(1.0)
+    assert not xitl.analyze(Named(MISSION_TLOG), sections="vehicle").refusals
+    assert xitl.compare(Named(MISSION_TLOG), str(MISSION_TLOG)).sections
+    reader: type[Log]
+    for log, reader in ((CALM, DataFlashLog), (MISSION_TLOG, TelemetryLog), (tmp_path / "run/run.mcap", McapLog)):
+        for name in (str(log), log, Named(log)):
+            for opened in (xitl.open_log(name), open_log(name), reader(name)):
+                with opened:
+                    assert opened.path == log
+        with pytest.raises(xitl.LogError, match="none"):
+            reader(str(tmp_path / "none"))
 
 
 def test_a_table_becomes_a_data_frame() -> None:

@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from tests.recorded import CALM, LOGS
+from tests.recorded import CALM, LOGS, MISSION_TLOG
 from xitl_cli.commands import logs_analyze
 from xitl_cli.errors import UserError
 from xitl_cli.logs.analyses import catalogue
@@ -92,6 +92,19 @@ def test_signals_are_drawn_by_unit(tmp_path: Path) -> None:
         assert f"<h3>{title}</h3>" in written
 
 
+def test_all_fields_of_a_message_but_its_time_are_drawn(tmp_path: Path) -> None:
+    """Pulses are in microseconds too; so is the time of a row."""
+    page = tmp_path / "plot.html"
+    for log, signal, named in ((CALM, "RCOU", "RCOU.C1"), (MISSION_TLOG, "SERVO_OUTPUT_RAW", "servo1_raw")):
+        code, text = run("plot", log, signal, "--out", page)
+        assert (code, text.strip()) == (0, str(page))
+        written = page.read_text(encoding="utf-8")
+        assert named in written
+        assert not any(time in written for time in ("TimeUS", "time_usec"))
+    assert run("plot", MISSION_TLOG, "SYSTEM_TIME", "--out", page)[0] == 0  # which has no other
+    assert run("plot", CALM, "IMU[0].AccX", "ATT[0].Roll", "--out", page)[0] == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -99,7 +112,7 @@ def test_signals_are_drawn_by_unit(tmp_path: Path) -> None:
         ((CALM,), "no signal to draw; add some after the file"),
         ((CALM, "ATTT.Roll"), "has no message 'ATTT'; did you mean ATT?"),
         ((CALM, "ATT.Rol"), "ATT has no field 'Rol'; did you mean 'Roll'?"),
-        ((CALM, "IMU[9].AccX"), "IMU has no instance 9; it has 0, 1"),
+        ((CALM, "IMU[9].AccX"), "IMU has no instance 9; there is IMU[0], IMU[1]"),
         ((CALM, "ATT[1].Roll"), "ATT has no instances; write ATT.FIELD"),
         ((CALM, "MSG.Message"), "MSG.Message is text, which cannot be drawn"),
         ((CALM, "ATT.Roll[3]"), "ATT.Roll is a single number; write it without [3]"),

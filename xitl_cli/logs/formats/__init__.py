@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +40,7 @@ _ENDINGS = (".mcap", ".bin", ".tlog")
 _WANTED = "give a DataFlash .bin, a .tlog or an .mcap"
 
 
-def open_log(path: str | Path) -> Log:
+def open_log(path: str | PathLike[str]) -> Log:
     """Open the log at `path`, also a damaged one: `health` says what of it is lost.
 
     Raises LogError when the file is missing, unreadable or no log.

@@ -20,16 +20,19 @@ class FileBytes:
     """data: (N,) uint8, read-only, as the file was when it was opened.
 
     What is read may be cut short or written anew meanwhile, as by a run that begins again. A mapped file must stay as
-    long as it is: the system ends a process that reads what is gone. Raises OSError.
+    long as it is: the system ends a process that reads what is gone. Raises LogError.
     """
 
     def __init__(self, path: Path) -> None:
         self._map: mmap.mmap | None = None
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if size > LARGE:
-                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-            content = file.read(size) if self._map is None else self._map
+        try:
+            with path.open("rb") as file:
+                size = os.fstat(file.fileno()).st_size
+                if size > LARGE:
+                    self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+                content = file.read(size) if self._map is None else self._map
+        except OSError as error:
+            raise LogError(f"{path}: cannot be read ({error.strerror}); check the path") from error
         self.data = np.frombuffer(content, np.uint8)
 
     def forget(self, start: int, stop: int) -> None:

@@ -11,7 +11,7 @@ import ast
 import math
 import operator
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Rows, Table, column_named
+from xitl_cli.logs.model.text import resolve_name
 
 NS_PER_S = 1_000_000_000
 _FIRST, _MOST = 256, 16_384
@@ -69,7 +70,7 @@ def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tup
 
 
 class Condition:
-    """A parsed condition. Raises LogError when `text` is none."""
+    """A parsed condition. Raises LogError when `text` is none. names: of the fields in it."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -84,20 +85,45 @@ class Condition:
             raise LogError(f"{text!r} is no condition ({reason}); write one such as 'Roll > 5 and I == 0'") from error
         if _depth(self._tree) > _DEEPEST:
             raise LogError(f"{text!r} is nested more than {_DEEPEST} deep; write it simpler")
+        self.names = tuple(dict.fromkeys(_names(self._tree)))
 
-    def holds(self, table: Table, rows: Rows, zero_ns: int, *, raw: bool = False) -> NDArray[np.bool_]:
-        """(n,) whether the condition holds in each of these rows; a comparison with NaN does not. Raises LogError."""
+    def lacked(self, tables: Sequence[Table]) -> dict[str, list[str]]:
+        """By table, the fields that the condition names and it lacks. Raises LogError for one that none of them has."""
+        lacked: dict[str, list[str]] = {}
+        for name in self.names:
+            without = [table for table in tables if not _has(table, name)]
+            if len(without) == len(tables) > 1:
+                every = [column for table in tables for column in table.columns]
+                lacks = f"none of {', '.join(table.name for table in tables)} has a field"
+                resolve_name(name, dict.fromkeys(every), lacks, "`xitl logs info --fields` lists them")
+            for table in without:
+                lacked.setdefault(table.name, []).append(name)
+        return lacked if len(tables) > 1 else {}
+
+    def holds(
+        self, table: Table, rows: Rows, zero_ns: int, *, raw: bool = False, lacks: Collection[str] = ()
+    ) -> NDArray[np.bool_]:
+        """(n,) whether the condition holds in each of these rows; a comparison with NaN does not, nor one with a field
+        among those that the table `lacks`. Raises LogError."""
         with np.errstate(all="ignore"):
-            result = _Evaluation(self.text, table, rows, zero_ns, raw).of(self._tree)
+            result = _Evaluation(self.text, table, rows, zero_ns, raw, lacks).of(self._tree)
         if not _is_truth(result):
             raise LogError(f"{self.text!r} is a value and no condition; compare it with something, such as '… > 0'")
         count = len(table.stamp_ns[rows])
         return np.broadcast_to(np.asarray(result, dtype=np.bool_), (count,))
 
 
+class _Lacking:
+    """What stands for a field that a message does not have."""
+
+
+_LACKING = _Lacking()
+
+
 class _Evaluation:
-    def __init__(self, text: str, table: Table, rows: Rows, zero_ns: int, raw: bool) -> None:
+    def __init__(self, text: str, table: Table, rows: Rows, zero_ns: int, raw: bool, lacks: Collection[str]) -> None:
         self._text, self._table, self._rows, self._zero_ns, self._raw = text, table, rows, zero_ns, raw
+        self._lacks = lacks
 
     def of(self, node: ast.expr) -> Any:
         match node:
@@ -113,7 +139,7 @@ class _Evaluation:
                 return np.logical_not(self._truth(node.operand))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign):
                 value = self._number(node.operand)
-                return -value if isinstance(sign, ast.USub) else value
+                return -value if isinstance(sign, ast.USub) and value is not _LACKING else value
             case ast.BoolOp(op=joined, values=values):
                 joins = np.logical_and if isinstance(joined, ast.And) else np.logical_or
                 result = self._truth(values[0])
@@ -123,7 +149,8 @@ class _Evaluation:
             case ast.BinOp(left=left, op=sign, right=right) if type(sign) in _ARITHMETIC:
                 return self._arithmetic(type(sign), self._number(left), self._number(right))
             case ast.Call(func=ast.Name(id="abs"), args=[argument], keywords=[]):
-                return np.abs(self._number(argument))
+                value = self._number(argument)
+                return value if value is _LACKING else np.abs(value)
             case ast.Compare(left=first, ops=signs, comparators=others):
                 return self._comparison(first, signs, others)
         raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is not allowed in a condition; there are {_ALLOWED}")
@@ -135,6 +162,9 @@ class _Evaluation:
             if compare is None:
                 raise LogError(f"{self._text!r}: there is no `in` or `is` in a condition; there are {_ALLOWED}")
             right = self.of(node)
+            if left is _LACKING or right is _LACKING:
+                result, left = np.False_, right
+                continue
             if _is_text(left) != _is_text(right):
                 raise LogError(f"{self._text!r} compares a text with a number; put texts in quotes, numbers not")
             truth = compare(left, right)
@@ -143,6 +173,8 @@ class _Evaluation:
         return result
 
     def _arithmetic(self, sign: type[ast.operator], left: Any, right: Any) -> Any:
+        if left is _LACKING or right is _LACKING:
+            return _LACKING
         if sign is ast.Mult or not (isinstance(left, np.ndarray) or isinstance(right, np.ndarray)):
             left, right = np.asarray(left, dtype=np.float64), np.asarray(right, dtype=np.float64)
         return _ARITHMETIC[sign](left, right)
@@ -167,6 +199,8 @@ class _Evaluation:
         raise LogError(f"{self._text!r}: {ast.unparse(node)!r} is no name of a field; there are {_ALLOWED}")
 
     def _column(self, name: str) -> Any:
+        if name in self._lacks:
+            return _LACKING
         if name == TIME and TIME not in self._table.columns:
             return (self._table.stamp_ns[self._rows] - self._zero_ns) * 1e-9
         column = self._table.columns[column_named(self._table, name)]
@@ -175,6 +209,8 @@ class _Evaluation:
         return self._values(column.name)
 
     def _element(self, name: str, element: int) -> Any:
+        if name in self._lacks:
+            return _LACKING
         column = self._table.columns[column_named(self._table, name)]
         if len(column.shape) != 1:
             raise LogError(f"{self._text!r}: {column.name} of {self._table.name} is no array; leave [{element}] out")
@@ -200,6 +236,20 @@ def _depth(tree: ast.AST) -> int:
         deepest += 1
         level = [child for node in level for child in ast.iter_child_nodes(node)]
     return deepest
+
+
+def _names(tree: ast.AST) -> Iterator[str]:
+    """Of the fields, as they are written; of what is no condition at all some of them."""
+    if isinstance(tree, ast.Name | ast.Attribute):
+        yield ast.unparse(tree)
+        return
+    for child in ast.iter_child_nodes(tree):
+        if not (isinstance(tree, ast.Call) and child is tree.func):
+            yield from _names(child)
+
+
+def _has(table: Table, name: str) -> bool:
+    return name == TIME or name.casefold() in {column.casefold() for column in table.columns}
 
 
 def _is_text(value: Any) -> bool:
@@ -236,9 +286,10 @@ def merge_rows(
     raw: bool = False,
 ) -> Iterator[RowBatch]:
     """Rows of several tables in the order of the file, in batches that begin small: only what is used is read."""
+    lacked = condition.lacked(tables) if condition is not None else {}
     if condition is not None:
-        for table in tables:
-            condition.holds(table, slice(0, 1), zero_ns, raw=raw)  # its names are wrong now, not after a thousand rows
+        for table in tables:  # what is wrong with it is said now, not after a thousand rows
+            condition.holds(table, slice(0, 1), zero_ns, raw=raw, lacks=lacked.get(table.name, ()))
     chosen = [rows_between(table, from_ns, until_ns) for table in tables]
     owner = np.concatenate([np.full(len(rows), number, np.intp) for number, rows in enumerate(chosen)])
     rows = np.concatenate(chosen)
@@ -248,7 +299,8 @@ def merge_rows(
         owner, rows = owner[order], rows[order]
     begin, size = 0, _FIRST
     while begin < len(rows):
-        batch = _batch(tables, owner[begin : begin + size], rows[begin : begin + size], condition, zero_ns, raw)
+        some = slice(begin, begin + size)
+        batch = _batch(tables, owner[some], rows[some], condition, lacked, zero_ns, raw)
         if len(batch.order):
             yield batch
         begin, size = begin + size, min(size * 2, at_once)
@@ -280,6 +332,7 @@ def _batch(
     owner: NDArray[np.intp],
     rows: NDArray[np.intp],
     condition: Condition | None,
+    lacked: Mapping[str, Collection[str]],
     zero_ns: int,
     raw: bool,
 ) -> RowBatch:
@@ -288,6 +341,7 @@ def _batch(
         for number, table in enumerate(tables):
             own = np.flatnonzero(owner == number)
             if len(own):
-                kept[own] = condition.holds(table, rows[own], zero_ns, raw=raw)
+                lacks = lacked.get(table.name, ())
+                kept[own] = condition.holds(table, rows[own], zero_ns, raw=raw, lacks=lacks)
     owner, rows = owner[kept], rows[kept]
     return RowBatch(tuple(rows[owner == number] for number in range(len(tables))), owner)

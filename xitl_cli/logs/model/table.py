@@ -68,6 +68,11 @@ class Table(ABC):
         """How many rows."""
 
     @property
+    def indexed_rows(self) -> int:
+        """How many rows the file's own index claims, had without reading them; `len` where there is none."""
+        return len(self)
+
+    @property
     @abstractmethod
     def stamp_ns(self) -> NDArray[np.int64]:
         """(N,) since the log's own zero (`Log.base`), as logged: it may repeat or go back. Read-only.

@@ -24,6 +24,11 @@ from xitl_cli.logs.report.plots import ThinTrace, thin
 from xitl_cli.logs.report.wording import damage_sentences
 
 _MOST_COMPONENTS = 32
+_TIMES = frozenset(
+    ("TimeUS", "TimeMS", "time_boot_ms", "time_usec", "time_unix_usec", "stamp", "header.stamp", "timestamp")
+)
+"""When a row is of, in DataFlash logs, MAVLink, ROS 2 and Foxglove: a line that rises, and no signal."""
+
 _REST = re.compile(r"(?:\[(?P<instance>\d+)\])?(?:\.(?P<column>.+))?")
 _INDEXED = re.compile(r"(?P<column>.+)\[(?P<index>\d+)\]")
 
@@ -85,27 +90,25 @@ def _no_message(log: Log, wanted: str) -> LogError:
 
 def _instances(table: Table, wanted: str | None) -> list[tuple[str, Table]]:
     if table.instance is None:
-        if wanted is not None:
+        if int(wanted or 0):
             raise LogError(f"{table.name} has no instances; write {table.name}.FIELD")
         return [(table.name, table)]
     split = by_instance(table)
     if wanted is None:
         return [(f"{table.name}[{number}]" if len(split) > 1 else table.name, part) for number, part in split.items()]
     if int(wanted) not in split:
-        raise LogError(f"{table.name} has no instance {wanted}; it has {', '.join(map(str, split))}")
+        there = ", ".join(f"{table.name}[{number}]" for number in split)
+        raise LogError(f"{table.name} has no instance {wanted}; there is {there}")
     return [(f"{table.name}[{wanted}]", split[int(wanted)])]
 
 
 def _columns(table: Table, label: str, wanted: str | None, raw: bool) -> list[NamedSignal]:
     """wanted: a field, a field with an index; None: every field that is a number, but time and the instance."""
     if wanted is None:
-        columns = [
-            name
-            for name, column in table.columns.items()
-            if column.kind == "number"
-            and column.raw_unit not in ("us", "ms")
-            and name not in ("TimeUS", "TimeMS", table.instance)
-        ]
+        numbers = [name for name, column in table.columns.items() if column.kind == "number" and name != table.instance]
+        columns = [name for name in numbers if name not in _TIMES] or numbers
+        if not columns:
+            raise LogError(f"{label} has no field that is a number; `xitl logs dump` shows what it has")
         return [signal for name in columns for signal in _components(table, label, name, None, raw)]
     indexed = None if wanted in table.columns else _INDEXED.fullmatch(wanted)
     name = column_named(table, indexed["column"] if indexed else wanted)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -42,12 +43,9 @@ class DataFlashLog(Log):
 
     format: Format = "dataflash"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        try:
-            self._bytes = FileBytes(path)
-        except OSError as error:
-            raise LogError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self.path = path = Path(path)
+        self._bytes = FileBytes(path)
         self._data = self._bytes.data
         if not len(self._data):
             raise LogError(f"{path}: is no DataFlash log, it is empty; give a .bin as ArduPilot writes it")

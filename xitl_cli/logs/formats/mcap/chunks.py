@@ -6,7 +6,7 @@ import io
 import struct
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -247,6 +247,15 @@ class Chunks:
         self._kept_rows = 0
         self._scanned_places: set[int] = set()
         self._sound: dict[int, bool] = {}
+        self._distrusted: set[int] = set()
+        self._misled: set[tuple[int, int]] = set()
+        self._alone: set[tuple[int, int]] = set()
+
+    def distrust(self, channels: Iterable[int]) -> bool:
+        """Find the messages of these channels without message indexes from now on; False when that is so already."""
+        before = len(self._distrusted)
+        self._distrusted.update(channels)
+        return len(self._distrusted) > before
 
     def unpacked(self, chunk: Chunk) -> bytes:
         """The records in a chunk; what can be had of them when it is damaged."""
@@ -279,33 +288,45 @@ class Chunks:
             if found is not None:
                 return found
         found = self._scanned(chunk, data)
-        if self._kept_rows + len(found.rows.size) <= _KEPT_ROWS:
+        if chunk.rows is None and self._kept_rows + len(found.rows.size) <= _KEPT_ROWS:
             self._kept_rows += len(found.rows.size)
             chunk.rows = found.rows
-        chunk.index_places = b""
+        if offsets is not None:
+            chunk.index_places = b""
         return found
 
     def rows(self, chunk: Chunk, channel: int) -> MessageRows | None:
-        """The messages of one channel in a chunk, positions in `unpacked`; None when it certainly has none."""
+        """The messages of one channel in a chunk, positions in `unpacked`; None when it certainly has none.
+
+        The same at every call, whatever was found out about other channels: a survey counts on it.
+        """
         if chunk.refused or (chunk.holds is not None and channel not in chunk.holds):
             return None
-        if chunk.rows is None and chunk.index_places:
+        if self._is_indexed(chunk, channel):
             places = chunk.index()
             if channel not in places:
                 return None
             offsets = self._offsets(chunk, channel, places)
             data = self.unpacked(chunk)
-            if offsets is not None and self._sound.get(chunk.place, True):
+            sound = self._sound.get(chunk.place, True) or (chunk.place, channel) in self._alone
+            if offsets is not None and sound:
                 rows, whole = messages_at(data, offsets)
                 if whole.all() and (rows.channel == channel).all():
                     return rows
                 self._losses.note(chunk.place, 0, "a message index names places where no such message is")
+            self._misled.add((chunk.place, channel))
         rows = self.content(chunk, None).rows if chunk.rows is None else chunk.rows
         return rows.of_channel(channel)
 
+    def _is_indexed(self, chunk: Chunk, channel: int) -> bool:
+        trusted = channel not in self._distrusted and (chunk.place, channel) not in self._misled
+        return bool(chunk.index_places) and trusted
+
     def lone_payloads(self, chunk: Chunk, channel: int) -> tuple[MessageRows, list[bytes]] | None:
         """Messages of a channel read one by one, when that saves reading most of a chunk; None otherwise."""
-        if chunk.compression or chunk.loose or chunk.rows is not None or chunk.place in self._kept or chunk.headless:
+        if chunk.compression or chunk.loose or chunk.place in self._kept or chunk.headless:
+            return None
+        if not (self._is_indexed(chunk, channel) and self._sound.get(chunk.place, True)):
             return None
         places = chunk.index()
         offsets = self._offsets(chunk, channel, places) if channel in places else None
@@ -326,6 +347,7 @@ class Chunks:
             sizes.append(len(payload))
             stamps.append(min(stamp_ns, 2**63 - 1))
             payloads.append(payload)
+        self._alone.add((chunk.place, channel))
         rows = MessageRows(
             np.full(len(sizes), channel, dtype=np.uint16),
             offsets + MESSAGE_OVERHEAD,
@@ -382,7 +404,7 @@ def message_index(record: bytes, channel: int) -> NDArray[np.int64] | None:
     if (
         opcode != records.MESSAGE_INDEX
         or number != channel
-        or length != 6 + size
+        or length < 6 + size
         or size % 16
         or 15 + size > len(record)
     ):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from os import PathLike
 from pathlib import Path
 
 from xitl_cli.logs.formats.mcap import records
@@ -39,8 +40,8 @@ class McapLog(Log):
 
     format: Format = "mcap"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self.path = path = Path(path)
         self._source = FileReader(path)
         try:
             if self._source.read(0, len(records.MAGIC)) != records.MAGIC:
@@ -91,7 +92,7 @@ class McapLog(Log):
             if seen is not None and seen.undecoded:
                 undecoded[name] = seen.undecoded, seen.why
             elif why:
-                undecoded[name] = len(table), why
+                undecoded[name] = table.indexed_rows, why
             elif self._frames_left.get(name):
                 undecoded[name] = self._frames_left[name], "its frames are damaged, or of messages not known here"
         return losses.health(
@@ -191,16 +192,13 @@ class McapLog(Log):
             partial(_decoder, channel, schema),
             unit_from_name(schema.name if schema is not None else ""),
             budget,
-            self._distrust,
+            partial(self._distrust, numbers),
         )
 
-    def _distrust(self, why: str) -> bool:
-        """Ignore message indexes, as they or the summary are wrong; False when they are ignored already."""
-        distrusted = [chunk for chunk in self._index.chunks if chunk.index_places]
-        for chunk in distrusted:
-            chunk.index_places = b""
+    def _distrust(self, channels: Sequence[int], why: str) -> bool:
+        """Ignore the message indexes of a topic, as they or the summary are wrong; False when they are already."""
         self._index.losses.note(0, 0, f"the index is wrong: {why}")
-        return bool(distrusted)
+        return self._chunks.distrust(channels)
 
 
 class Tables(Mapping[str, Table]):

@@ -218,7 +218,7 @@ def _add_chunks(
         data_place = entry.place + 9 + records.CHUNK_FIXED + len(entry.compression)
         if (
             entry.place < free
-            or data_place + entry.data_size != entry.place + entry.length
+            or data_place + entry.data_size > entry.place + entry.length
             or entry.place + entry.length + entry.index_length > end
             or entry.start_ns > entry.end_ns
         ):

@@ -290,8 +290,8 @@ class TopicTable(Table):
 
     distrust: told when there are not `count` messages; whether to look again, without the message indexes.
 
-    Its length is that of the file's index until its stamps, places, columns or values are asked for: then all its
-    messages are read once, those that cannot be decoded are left out and counted in `LogHealth.undecoded`.
+    All its messages are read once when its length, stamps, places, columns or values are asked for; those that cannot
+    be decoded are left out and counted in `LogHealth.undecoded`.
     place: of the message in the file, were nothing packed.
     """
 
@@ -322,6 +322,10 @@ class TopicTable(Table):
         return self.survey().columns
 
     def __len__(self) -> int:
+        return len(self.survey().stamp_ns)
+
+    @property
+    def indexed_rows(self) -> int:
         return self._count if self._seen is None else len(self._seen.stamp_ns)
 
     @property

@@ -34,7 +34,9 @@ _SHORTEST = {
     records.SUMMARY_OFFSET: 17,
     records.DATA_END: 4,
 }
-_EXACT = (records.FOOTER, records.SUMMARY_OFFSET, records.DATA_END)
+_EXACT = (records.FOOTER, records.DATA_END)
+"""Records that later versions of MCAP cannot extend; fields may follow those known here in all others."""
+
 _PRIVATE = 0x80
 _CHAIN = 3
 _RECORD = np.dtype([("opcode", "u1"), ("length", "<u8")])
@@ -65,10 +67,10 @@ def plausible_record(source: FileReader, place: int, opcode: int, length: int, e
             head = ChunkHead.parse(source.peek(place, 9 + records.CHUNK_FIXED + 32), length)
         except MalformedError:
             return False
-        return head.data_at + head.data_size == 9 + length
+        return head.data_at + head.data_size <= 9 + length
     if opcode == records.MESSAGE_INDEX:
         size = int.from_bytes(source.peek(place + 11, 4), "little")
-        return size % 16 == 0 and length == 6 + size
+        return size % 16 == 0 and length >= 6 + size
     return opcode in _SHORTEST or opcode >= _PRIVATE
 
 
@@ -149,6 +151,10 @@ class Walk:
             except MalformedError:
                 self._losses.note(at, 9 + length, "a record does not hold what it should")
                 return at + 9 + int(length)
+        stop = at + 9 + int(length)
+        if opcode and opcode not in _SHORTEST and stop <= end and (stop == end or self._follows(stop, end)):
+            self._finish_chunk()  # of a later version of the format
+            return stop
         return self._damaged(at, opcode, length, end)
 
     def _read(self, at: int, opcode: int, length: int, end: int) -> int:

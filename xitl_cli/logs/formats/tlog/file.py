@@ -13,6 +13,7 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -288,8 +289,8 @@ class TelemetryLog(Log):
 
     format: Format = "tlog"
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: str | PathLike[str]) -> None:
+        self.path = path = Path(path)
         self._bytes = FileBytes(path)
         data = self._bytes.data
         self._found = found = index_frames(data)
