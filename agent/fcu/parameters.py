@@ -1,6 +1,6 @@
-"""Parameters: name, default, range, unit and meaning; a store that refuses nonsense; ArduPilot's .parm files.
+"""Parameters: name, default, range, unit, meaning and type; a store that refuses nonsense; ArduPilot's .parm files.
 
-Where ArduRover has a parameter of the same purpose, the name, unit and meaning are ArduRover's. Defaults suit the
+Where ArduRover has a parameter of the same purpose, the name, unit, meaning and type are ArduRover's. Defaults suit the
 full-size vessel.
 """
 
@@ -10,11 +10,19 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-RC_CHANNELS = 4  # those that a stick can be mapped to
+from agent.mavlink.modes import ROVER_MODES
+
+RC_CHANNELS = 16  # those that have RCn_ parameters
+INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE; ArduPilot has no others
+_MODES = tuple(ROVER_MODES)
 
 
 class Parameter(NamedTuple):
-    """One row of the table; `low` and `high` are inclusive."""
+    """One row of the table; `low` and `high` are inclusive, and equal where the value is a fact that nobody changes.
+
+    type: a MAV_PARAM_TYPE, of which all but REAL32 hold whole numbers alone. choices: the only values, where not all of
+    the range are any.
+    """
 
     name: str
     default: float
@@ -22,11 +30,18 @@ class Parameter(NamedTuple):
     high: float
     unit: str
     meaning: str
+    type: int = REAL32
+    choices: tuple[int, ...] = ()
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it cannot be set."""
+        return self.low == self.high
 
 
 _ROWS: tuple[Parameter, ...] = (
     Parameter("ACRO_TURN_RATE", 30.0, 1.0, 360.0, "deg/s", "turn rate at full steering stick in ACRO and STEERING"),
-    Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "fewest satellites of a fix in use"),
+    Parameter("AHRS_GPS_MINSATS", 6, 0, 30, "", "fewest satellites of a fix in use", INT8),
     Parameter("AHRS_RP_P", 0.2, 0.02, 2.0, "1/s", "how fast gravity and GNSS velocity correct roll and pitch"),
     Parameter("AHRS_YAW_P", 0.2, 0.02, 2.0, "1/s", "how fast the compass corrects the heading"),
     Parameter(
@@ -36,6 +51,7 @@ _ROWS: tuple[Parameter, ...] = (
         2097151,
         "",
         "0 none, 1 all, or a sum: 2 baro, 4 compass, 8 GPS, 16 INS, 64 RC, 16384 mission",
+        INT32,
     ),
     Parameter("ATC_ACCEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest rise of the desired speed"),
     Parameter("ATC_DECEL_MAX", 0.7, 0.05, 10.0, "m/s/s", "largest fall of the desired speed"),
@@ -53,29 +69,31 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("ATC_STR_RAT_P", 0.6, 0.0, 10.0, "s/rad", "turn rate proportional gain"),
     Parameter("ATC_TURN_MAX_G", 0.15, 0.01, 1.0, "g", "largest lateral acceleration in a turn"),
     Parameter("COMPASS_DEC", 0.0, -math.pi, math.pi, "rad", "magnetic declination, east positive"),
-    Parameter("COMPASS_OFS_X", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, forward"),
-    Parameter("COMPASS_OFS_Y", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),
-    Parameter("COMPASS_OFS_Z", 0.0, -1500.0, 1500.0, "mGauss", "added to the measured field, down"),
+    Parameter("COMPASS_OFS_X", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, forward"),
+    Parameter("COMPASS_OFS_Y", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),
+    Parameter("COMPASS_OFS_Z", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, down"),
     Parameter("CRUISE_SPEED", 3.0, 0.1, 30.0, "m/s", "speed through still water at CRUISE_THROTTLE"),
-    Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of both propellers', at CRUISE_SPEED"),
+    Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of both propellers', at CRUISE_SPEED", INT8),
     Parameter("EK3_ABIAS_P_NSE", 0.1, 0.00001, 1.0, "m/s^3", "acceleration bias process noise, at 100 Hz"),
     Parameter("EK3_ACC_P_NSE", 0.35, 0.01, 5.0, "m/s/s", "acceleration process noise, at 100 Hz"),
     Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 50.0, "m", "barometer height noise"),
-    Parameter("EK3_HGT_I_GATE", 500.0, 100.0, 5000.0, "", "height innovation gate, hundredths of sigma"),
+    Parameter("EK3_HGT_I_GATE", 500.0, 100.0, 5000.0, "", "height innovation gate, hundredths of sigma", INT16),
     Parameter("EK3_POSNE_M_NSE", 0.5, 0.01, 10.0, "m", "least horizontal GNSS position noise"),
-    Parameter("EK3_POS_I_GATE", 500.0, 100.0, 5000.0, "", "position innovation gate, hundredths of sigma"),
+    Parameter("EK3_POS_I_GATE", 500.0, 100.0, 5000.0, "", "position innovation gate, hundredths of sigma", INT16),
     Parameter("EK3_VELD_M_NSE", 0.3, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),
     Parameter("EK3_VELNE_M_NSE", 0.1, 0.01, 5.0, "m/s", "least horizontal GNSS velocity noise"),
-    Parameter("EK3_VEL_I_GATE", 500.0, 100.0, 5000.0, "", "velocity innovation gate, hundredths of sigma"),
-    Parameter("FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 or 3 RTL or HOLD, 2 or 4 HOLD"),
-    Parameter("FENCE_ENABLE", 0, 0, 1, "", "1 watches the fence"),
+    Parameter("EK3_VEL_I_GATE", 500.0, 100.0, 5000.0, "", "velocity innovation gate, hundredths of sigma", INT16),
+    Parameter("FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 or 3 RTL or HOLD, 2 or 4 HOLD", INT8),
+    Parameter("FENCE_ENABLE", 0, 0, 1, "", "1 watches the fence", INT8),
     Parameter("FENCE_MARGIN", 2.0, 0.0, 100.0, "m", "GUIDED keeps so far inside; a breach is over so far inside"),
     Parameter("FENCE_RADIUS", 300.0, 1.0, 10000.0, "m", "circle around home to stay in"),
-    Parameter("FENCE_TYPE", 6, 0, 7, "", "sum of: 2 circle around home, 4 polygons and circles drawn"),
-    Parameter("FS_ACTION", 2, 0, 6, "", "0 none, 1 or 3 RTL or HOLD, 2 or 4 HOLD, 5 disarm, 6 LOITER or HOLD"),
-    Parameter("FS_EKF_ACTION", 1, 0, 2, "", "estimate bad while steering by it: 0 nothing, 1 HOLD, 2 report"),
+    Parameter("FENCE_TYPE", 6, 0, 7, "", "sum of: 2 circle around home, 4 polygons and circles drawn", INT8),
+    Parameter("FS_ACTION", 2, 0, 6, "", "0 none, 1 or 3 RTL or HOLD, 2 or 4 HOLD, 5 disarm, 6 LOITER or HOLD", INT8),
+    Parameter("FS_EKF_ACTION", 1, 0, 2, "", "estimate bad while steering by it: 0 nothing, 1 HOLD, 2 report", INT8),
     Parameter("FS_EKF_THRESH", 0.8, 0.0, 10.0, "", "test ratio of GNSS or compass that counts as bad, 0 for none"),
-    Parameter("FS_GCS_ENABLE", 0, 0, 2, "", "act when the ground station falls silent: 0 no, 1 yes, 2 but not in AUTO"),
+    Parameter(
+        "FS_GCS_ENABLE", 0, 0, 2, "", "act when the ground station falls silent: 0 no, 1 yes, 2 but not in AUTO", INT8
+    ),
     Parameter("FS_GCS_TIMEOUT", 5.0, 1.0, 120.0, "s", "without a ground station's heartbeat for so long it is silent"),
     Parameter("FS_IMU_TIMEOUT", 0.25, 0.02, 10.0, "s", "outputs go neutral when no IMU sample came for so long"),
     Parameter("FS_TIMEOUT", 1.5, 0.0, 100.0, "s", "a failsafe acts when its cause has lasted for so long"),
@@ -83,25 +101,25 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("GPS1_POS_Y", 0.0, -50.0, 50.0, "m", "GNSS antenna right of the body origin"),
     Parameter("GPS1_POS_Z", 0.0, -50.0, 50.0, "m", "GNSS antenna below the body origin"),
     Parameter("GUID_TIMEOUT", 3.0, 0.1, 60.0, "s", "velocity and course targets of GUIDED hold for so long"),
-    Parameter("INITIAL_MODE", 4, 0, 15, "", "number of the mode after start"),
+    Parameter("INITIAL_MODE", 4, 0, 15, "", "number of the mode after start", INT8, _MODES),
     Parameter("INS_POS1_X", 0.0, -50.0, 50.0, "m", "IMU forward of the body origin"),
     Parameter("INS_POS1_Y", 0.0, -50.0, 50.0, "m", "IMU right of the body origin"),
     Parameter("INS_POS1_Z", 0.0, -50.0, 50.0, "m", "IMU below the body origin"),
     Parameter("LOIT_RADIUS", 2.0, 0.1, 100.0, "m", "how far from its place a loitering vessel may drift"),
     Parameter("LOIT_SPEED_GAIN", 0.5, 0.0, 5.0, "1/s", "speed back to its place per distance"),
-    Parameter("LOIT_TYPE", 0, 0, 2, "", "back to its place: 0 bow or stern first, 1 bow first, 2 stern first"),
+    Parameter("LOIT_TYPE", 0, 0, 2, "", "back to its place: 0 bow or stern first, 1 bow first, 2 stern first", INT8),
     Parameter("LOS_KAPPA", 0.8, 0.0, 10.0, "m/s", "integral gain of the line-of-sight guidance"),
     Parameter("LOS_LOOKAHEAD", 6.0, 0.5, 500.0, "m", "look-ahead distance of the line-of-sight guidance"),
-    Parameter("MIS_DONE_BEHAVE", 0, 0, 1, "", "after the last waypoint: 0 HOLD, 1 LOITER"),
-    Parameter("MOT_SLEWRATE", 500.0, 0.0, 1000.0, "%/s", "largest change of a motor command, 0 for none"),
+    Parameter("MIS_DONE_BEHAVE", 0, 0, 1, "", "after the last waypoint: 0 HOLD, 1 LOITER", INT8),
+    Parameter("MOT_SLEWRATE", 500.0, 0.0, 1000.0, "%/s", "largest change of a motor command, 0 for none", INT16),
     Parameter("MOT_THST_ASYM", 1.667, 1.0, 10.0, "", "thrust ahead over thrust astern at full command"),
     Parameter("MOT_THST_EXPO", 1.0, -1.0, 1.0, "", "thrust curve: 0 linear, 1 square of the command"),
-    Parameter("RCMAP_ROLL", 1, 1, 4, "", "RC channel of the steering stick"),
-    Parameter("RCMAP_THROTTLE", 3, 1, 4, "", "RC channel of the throttle stick"),
+    Parameter("RCMAP_ROLL", 1, 1, RC_CHANNELS, "", "RC channel of the steering stick", INT8),
+    Parameter("RCMAP_THROTTLE", 3, 1, RC_CHANNELS, "", "RC channel of the throttle stick", INT8),
     Parameter("RC_OVERRIDE_TIME", 3.0, -1.0, 120.0, "s", "RC overrides hold for so long, 0 never, -1 until released"),
     Parameter("RTL_SPEED", 0.0, 0.0, 100.0, "m/s", "speed over ground on the way home, 0 for WP_SPEED"),
     Parameter("SPEED_MAX", 0.0, 0.0, 30.0, "m/s", "speed at full throttle stick, 0 for what CRUISE_THROTTLE says"),
-    Parameter("SYSID_MYGCS", 255, 0, 255, "", "the ground station whose silence counts, 0 for any"),
+    Parameter("SYSID_MYGCS", 255, 0, 255, "", "the ground station whose silence counts, 0 for any", INT16),
     Parameter("TURN_RADIUS", 3.0, 0.1, 100.0, "m", "tightest turn under way, at full steering stick in STEERING"),
     Parameter("WP_RADIUS", 2.0, 0.1, 100.0, "m", "distance at which a waypoint counts as reached"),
     Parameter("WP_SPEED", 3.0, 0.1, 100.0, "m/s", "speed over ground between waypoints"),
@@ -110,21 +128,102 @@ _ROWS: tuple[Parameter, ...] = (
 
 
 def _channel_rows(number: int) -> tuple[Parameter, ...]:
+    """A ground station takes exactly 1100, 1500 and 1900 for a radio that nobody has calibrated: MIN is 1101."""
     name = f"RC{number}"
     return (
-        Parameter(f"{name}_DZ", 30, 0, 200, "us", "no deflection within so much of the trim"),
-        Parameter(f"{name}_MAX", 1900, 1600, 2200, "us", "widest pulse"),
-        Parameter(f"{name}_MIN", 1100, 800, 1400, "us", "narrowest pulse"),
-        Parameter(f"{name}_REVERSED", 0, 0, 1, "", "1 turns the direction round"),
-        Parameter(f"{name}_TRIM", 1500, 800, 2200, "us", "pulse of the centred stick"),
+        Parameter(f"{name}_DZ", 30, 0, 200, "us", "no deflection within so much of the trim", INT16),
+        Parameter(f"{name}_MAX", 1900, 1600, 2200, "us", "widest pulse", INT16),
+        Parameter(f"{name}_MIN", 1101, 800, 1400, "us", "narrowest pulse", INT16),
+        _fixed(f"{name}_OPTION", 0, INT16, "no switch is read"),
+        Parameter(f"{name}_REVERSED", 0, 0, 1, "", "1 turns the direction round", INT8),
+        Parameter(f"{name}_TRIM", 1500, 800, 2200, "us", "pulse of the centred stick", INT16),
     )
 
 
+def _fixed(name: str, value: float, type: int, meaning: str, unit: str = "") -> Parameter:
+    """A fact about this autopilot that ground stations ask for by ArduPilot's name."""
+    return Parameter(name, value, value, value, unit, meaning, type)
+
+
+def _compass_rows() -> Iterator[Parameter]:
+    """One compass, calibrated: device ids as of ArduPilot's simulated sensors (libraries/AP_HAL, devtype SITL)."""
+    for number in ("", "2", "3"):
+        yield _fixed(f"COMPASS_DEV_ID{number}", 0 if number else 97539, INT32, "the compass; 0 for none")
+        yield _fixed(f"COMPASS_PRIO{number or 1}_ID", 0 if number else 97539, INT32, "compass of that rank; 0 for none")
+        yield _fixed(f"COMPASS_USE{number}", 0 if number else 1, INT8, "whether the estimator uses it")
+        external = f"COMPASS_EXTERN{number}" if number else "COMPASS_EXTERNAL"
+        yield _fixed(external, 0, INT8, "0 as it is aligned with the body")
+        yield _fixed(f"COMPASS_ORIENT{number}", 0, INT8, "0 as it is aligned with the body")
+        if number:
+            yield from (_fixed(f"COMPASS_OFS{number}_{a}", 0.0, REAL32, "there is none", "mGauss") for a in "XYZ")
+
+
+def _battery_rows() -> Iterator[Parameter]:
+    """Nothing measures a battery, so that its settings, by ArduPilot's names, are kept and have no effect."""
+    yield _fixed("BATT_MONITOR", 0, INT8, "0: nothing measures the battery")
+    for name, default, high, unit, kind in (
+        ("AMP_OFFSET", 0.0, 10.0, "V", REAL32),
+        ("AMP_PERVLT", 17.0, 1000.0, "A/V", REAL32),
+        ("ARM_MAH", 0, 1e6, "mAh", INT32),
+        ("ARM_VOLT", 0.0, 1000.0, "V", REAL32),
+        ("CAPACITY", 3300, 1e6, "mAh", INT32),
+        ("CRT_MAH", 0.0, 1e6, "mAh", REAL32),
+        ("CRT_VOLT", 0.0, 1000.0, "V", REAL32),
+        ("CURR_PIN", -1, 127, "", INT8),
+        ("FS_CRT_ACT", 0, 6, "", INT8),
+        ("FS_LOW_ACT", 0, 6, "", INT8),
+        ("LOW_MAH", 0.0, 1e6, "mAh", REAL32),
+        ("LOW_VOLT", 0.0, 1000.0, "V", REAL32),
+        ("VOLT_MULT", 10.1, 1000.0, "", REAL32),
+        ("VOLT_PIN", -1, 127, "", INT8),
+    ):
+        low = -1 if name.endswith("PIN") else 0
+        yield Parameter(f"BATT_{name}", default, low, high, unit, "kept; nothing measures the battery", kind)
+
+
+def _station_rows() -> Iterator[Parameter]:
+    """What ground stations read of an ArduRover beside what is set here, see docs/ground-stations.md."""
+    yield from _compass_rows()
+    yield from _battery_rows()
+    yield _fixed("AHRS_ORIENTATION", 0, INT8, "0: samples are in body axes")
+    yield _fixed("BARO1_DEVID", 65540, INT32, "the barometer")
+    yield _fixed("BARO2_DEVID", 0, INT32, "there is none")
+    yield _fixed("BARO3_DEVID", 0, INT32, "there is none")
+    yield _fixed("COMPASS_ENABLE", 1, INT8, "there is a compass")
+    yield _fixed("COMPASS_LEARN", 0, INT8, "0: offsets are not learned")
+    yield _fixed("FORMAT_VERSION", 16, INT16, "of ArduRover's parameters")
+    yield _fixed("FRAME_CLASS", 2, INT8, "2: a boat")
+    yield _fixed("FRAME_TYPE", 0, INT8, "0: no balancing, no wheels")
+    yield _fixed("FS_CRASH_CHECK", 0, INT8, "0: a crash is not looked for")
+    yield _fixed("FS_THR_ENABLE", 0, INT8, "0: there is no receiver whose throttle could fail")
+    yield _fixed("FS_THR_VALUE", 910, INT16, "throttle pulse below which a receiver has failed", "us")
+    for axis in "XYZ":
+        # As ArduPilot's simulated sensors have it; all zero is how a station knows that nobody has calibrated.
+        yield _fixed(f"INS_ACCOFFS_{axis}", 0.001, REAL32, "samples come calibrated", "m/s/s")
+        yield _fixed(f"INS_ACCSCAL_{axis}", 1.0, REAL32, "samples come calibrated")
+    yield _fixed("INS_ACC_ID", 2753028, INT32, "the accelerometer")
+    yield _fixed("INS_ACC2_ID", 0, INT32, "there is none")
+    yield _fixed("INS_ACC3_ID", 0, INT32, "there is none")
+    yield _fixed("INS_GYR_ID", 2752772, INT32, "the gyroscope")
+    yield _fixed("MODE_CH", 8, INT8, "RC channel of the mode switch, which is not read")
+    for number in range(1, 7):
+        yield Parameter(f"MODE{number}", 0, 0, 15, "", "kept; the mode switch is not read", INT8, _MODES)
+    yield Parameter("RCMAP_PITCH", 2, 1, RC_CHANNELS, "", "kept; a boat has no such stick", INT8)
+    yield Parameter("RCMAP_YAW", 4, 1, RC_CHANNELS, "", "kept; RCMAP_ROLL steers", INT8)
+    yield _fixed("SYSID_THISMAV", 1, INT16, "the system that this autopilot is")
+
+
 TABLE: tuple[Parameter, ...] = tuple(
-    sorted((*_ROWS, *(row for number in range(1, RC_CHANNELS + 1) for row in _channel_rows(number))))
+    sorted(
+        (
+            *_ROWS,
+            *_station_rows(),
+            *(row for number in range(1, RC_CHANNELS + 1) for row in _channel_rows(number)),
+        )
+    )
 )
 
-_BY_NAME: dict[str, Parameter] = {row.name: row for row in TABLE}
+BY_NAME: dict[str, Parameter] = {row.name: row for row in TABLE}
 
 
 class ParameterError(ValueError):
@@ -174,20 +273,28 @@ class Parameters:
 
 
 def checked(name: str, value: float) -> float:
-    """The value as it would be stored; raises ParameterError for an unknown name, NaN or a value out of range."""
-    row = _BY_NAME.get(name)
+    """The value as it would be stored; raises ParameterError for an unknown name, NaN or a value that it cannot have."""
+    row = BY_NAME.get(name)
     if row is None:
         raise ParameterError(f"{name} is not a parameter{_hint(name)}")
     return within(row, value)
 
 
 def within(row: Parameter, value: float) -> float:
-    """The value as a row of a table would keep it; raises ParameterError for NaN or a value out of its range."""
+    """The value as a row of a table would keep it; raises ParameterError for NaN or a value that it cannot have."""
+    whole = row.type != REAL32
     # A limit that went through a 32-bit float on the wire is still the limit.
-    slack = 1e-6 * max(1.0, abs(row.low), abs(row.high))
+    slack = 0.0 if whole else 1e-6 * max(1.0, abs(row.low), abs(row.high))
+    unit = f" {row.unit}" if row.unit else ""
     if not row.low - slack <= value <= row.high + slack:
-        unit = f" {row.unit}" if row.unit else ""
+        if row.fixed:
+            raise ParameterError(f"{row.name} = {value:g} is refused: it is {row.low:g}{unit} and cannot be set")
         raise ParameterError(f"{row.name} = {value:g} is out of range; use {row.low:g} to {row.high:g}{unit}")
+    if whole and value != int(value):
+        raise ParameterError(f"{row.name} = {value:g} is not a whole number; use {row.low:g} to {row.high:g}{unit}")
+    if row.choices and value not in row.choices:
+        known = ", ".join(map(str, (choice for choice in row.choices if row.low <= choice <= row.high)))
+        raise ParameterError(f"{row.name} = {value:g} stands for nothing; use one of {known}")
     return float(min(max(value, row.low), row.high))
 
 
@@ -219,5 +326,5 @@ def parm_lines(text: str, source: str) -> Iterator[tuple[int, str, float]]:
 def _hint(name: str) -> str:
     from difflib import get_close_matches  # only when somebody mistyped
 
-    close = get_close_matches(name, _BY_NAME, n=1, cutoff=0.7)
+    close = get_close_matches(name, BY_NAME, n=1, cutoff=0.7)
     return f"; did you mean {close[0]}?" if close else ""
