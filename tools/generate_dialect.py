@@ -2,7 +2,8 @@
 
 Three things are changed in mavgen's output, for a slow board's sake. Its checksum is slow without a compiled
 package: `agent.wire.crc` takes its place. Its methods that make and send a message are left out: the link does that,
-and they are half of what is loaded. Its annotations stay text.
+and they are half of what is loaded. Its annotations stay text. What it does not tell is added: how much of a payload
+MAVLink 1 has.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from pymavlink.generator import mavgen
+from pymavlink.generator import mavgen, mavparse
 
 CHECKSUM = re.compile(r"^# CRC calculation using fastcrc.*?^x25crc = [^\n]*\n", flags=re.M | re.S)
 SENDERS = re.compile(r"^    def \w+_(?:encode|send)\(self, .*?(?=^    def |\Z)", flags=re.M | re.S)
@@ -40,7 +41,9 @@ def generated(definition: Path) -> str:
     source, marked = IMPORTS.subn("from __future__ import annotations\n\nimport hashlib", source)
     if removed < 2 or marked != 1:
         raise SystemExit("mavgen writes its methods in a new way: adapt tools/generate_dialect.py")
-    return source
+    messages = mavparse.MAVXML(str(definition), "2.0").message
+    shorter = {message.id: message.wire_min_length for message in messages if message.extensions_start is not None}
+    return f"{source}\n\nMAVLINK1_PAYLOAD_BYTES = {dict(sorted(shorter.items()))}  # of messages with extensions\n"
 
 
 def main() -> None:

@@ -48,7 +48,8 @@ class CompanionParameters:
     def __init__(self, on_refused: Callable[[str], object] = lambda problem: None) -> None:
         self._values = {row.name: float(row.default) for row in TABLE}
         self._on_refused = on_refused
-        self._server = ParameterServer(tuple(_ROWS), self.__getitem__, self._set, self._refuse, per_poll=len(TABLE))
+        types = {row.name: row.type for row in TABLE}
+        self._server = ParameterServer(types, self.__getitem__, self._set, self._refuse, per_poll=len(TABLE))
 
     def __getitem__(self, name: str) -> float:
         return self._values[name]

@@ -273,7 +273,7 @@ class Parameters:
 
 
 def checked(name: str, value: float) -> float:
-    """The value as it would be stored; raises ParameterError for an unknown name, NaN or a value that it cannot have."""
+    """The value as it would be stored; raises ParameterError for an unknown name or a value that it cannot have."""
     row = BY_NAME.get(name)
     if row is None:
         raise ParameterError(f"{name} is not a parameter{_hint(name)}")

@@ -7,6 +7,7 @@ from typing import Any, Callable, NamedTuple, Protocol
 
 from agent.mavlink.exchange import Messages, Target, Timer
 from agent.wire import dialect as mav
+from agent.wire.codec import came_as_mavlink1
 
 REPEAT_NS = 500_000_000
 RETRIES = 5
@@ -202,11 +203,14 @@ class Plan(Protocol):
 
 
 class _IncomingPlan:
-    """An upload under way from one sender: the items from `first` on, `before` and `after` stay as they are."""
+    """An upload that a message has begun: the items from `first` on, `before` and `after` stay as they are.
 
-    def __init__(self, sender: Target, mission_type: int, first: int, count: int, now_ns: int) -> None:
-        self.sender = sender
-        self.mission_type = mission_type
+    A sender that speaks MAVLink 1 is asked for the items in its form.
+    """
+
+    def __init__(self, message: Any, first: int, count: int, now_ns: int) -> None:
+        self.sender = _sender(message)
+        self.mission_type = message.mission_type
         self.first = first
         self.count = count
         self.items: list[Any] = []
@@ -214,6 +218,8 @@ class _IncomingPlan:
         self.after: list[Any] = []
         self.asked_ns = now_ns
         self.retries = 0
+        whole = not came_as_mavlink1(message)
+        self._ask = mav.MAVLink_mission_request_int_message if whole else mav.MAVLink_mission_request_message
 
     @property
     def expected(self) -> int:
@@ -222,7 +228,7 @@ class _IncomingPlan:
 
     def request(self) -> Any:
         """Asks for it."""
-        return mav.MAVLink_mission_request_int_message(*self.sender, self.expected, self.mission_type)
+        return self._ask(*self.sender, self.expected, self.mission_type)
 
 
 class MissionServer:
@@ -290,7 +296,7 @@ class MissionServer:
         if message.count == 0:
             self._upload = None
             return [_ack(message, self._store(mission_type, []))]
-        self._upload = _IncomingPlan(sender, mission_type, 0, message.count, now_ns)
+        self._upload = _IncomingPlan(message, 0, message.count, now_ns)
         return [self._upload.request()]
 
     def _on_write_partial(self, message: Any, now_ns: int) -> Messages:
@@ -305,7 +311,7 @@ class MissionServer:
         if not 0 <= first <= last < len(items):
             self._warn(f"{plan.name} items {first} to {last} refused: there are {len(items)}")
             return [_ack(message, mav.MAV_MISSION_INVALID_SEQUENCE)]
-        self._upload = upload = _IncomingPlan(sender, mission_type, first, last - first + 1, now_ns)
+        self._upload = upload = _IncomingPlan(message, first, last - first + 1, now_ns)
         upload.before, upload.after = items[:first], items[last + 1 :]
         return [upload.request()]
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import struct
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Container, Mapping
 from typing import Any, Callable
 
 from agent.mavlink.exchange import Messages, Request, Target, Timer, text_of
 from agent.wire import dialect as mav
+from agent.wire.codec import came_as_mavlink1
 
 PER_POLL = 10
 QUIET_S = 1.0
@@ -129,26 +130,30 @@ class ParameterList:
 
 
 class ParameterServer:
-    """Serves the parameters `names`, in their order. A list goes out `per_poll` values a call of `poll`.
+    """Serves the parameters of `types` (MAV_PARAM_TYPE by name), in their order. A list goes out `per_poll` values a
+    call of `poll`.
 
     value: of a parameter by its name. set_value: sets it, or raises ValueError. refused: what is sent, beside the old
-    value, when that was raised, for its words.
+    value, when that was raised, for its words. read_only: names that cannot be set, whatever the value.
     """
 
     def __init__(
         self,
-        names: Sequence[str],
+        types: Mapping[str, int],
         value: Callable[[str], float],
         set_value: Callable[[str, float], object],
         refused: Callable[[str], Messages],
         per_poll: int = PER_POLL,
+        read_only: Container[str] = (),
     ) -> None:
-        self._names = names
-        self._index = {name: index for index, name in enumerate(names)}
+        self._names = tuple(types)
+        self._types = types
+        self._index = {name: index for index, name in enumerate(types)}
         self._value = value
         self._set_value = set_value
         self._refused = refused
         self._per_poll = per_poll
+        self._read_only = read_only
         self._queue: deque[int] = deque()
         self.handlers: dict[int, Callable[[Any, int], Messages]] = {
             mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_request_list,
@@ -170,24 +175,39 @@ class ParameterServer:
         return []
 
     def _on_request_read(self, message: Any, now_ns: int) -> Messages:
-        """By index, or by name when that is negative. What does not exist is not answered, as the protocol has it."""
+        """By index, or by name when that is negative. What does not exist is not answered, as ArduPilot has it."""
         index = message.param_index if message.param_index >= 0 else self._index.get(message.param_id, -1)
         return [self._message(index)] if 0 <= index < len(self._names) else []
 
     def _on_set(self, message: Any, now_ns: int) -> Messages:
-        """Answered by the value in force; when refused, by why and the old one."""
-        replies: Messages = []
+        """Answered by the value in force; when refused, by why, the old one and PARAM_ERROR, for who knows that."""
+        name = message.param_id
+        index = self._index.get(name)
+        value = [] if index is None else [self._message(index)]
         try:
-            self._set_value(message.param_id, message.param_value)
+            self._set_value(name, message.param_value)
         except ValueError as error:
-            replies += self._refused(str(error))
-        index = self._index.get(message.param_id)
-        return replies if index is None else [*replies, self._message(index)]
+            if index is None:
+                why = mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
+            elif name in self._read_only:
+                why = mav.MAV_PARAM_ERROR_READ_ONLY
+            else:
+                why = mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE
+            return [*self._refused(str(error)), *value, *_error(message, int(why))]
+        return [] if index is None else [self._message(index)]
 
     def _message(self, index: int) -> Any:
         name = self._names[index]
-        value, kind = self._value(name), mav.MAV_PARAM_TYPE_REAL32
+        value, kind = self._value(name), self._types[name]
         return mav.MAVLink_param_value_message(name.encode("ascii"), value, kind, len(self._names), index)
+
+
+def _error(message: Any, error: int) -> Messages:
+    """PARAM_ERROR to who wanted to set one; MAVLink 1 has none."""
+    if came_as_mavlink1(message):
+        return []
+    name = message.param_id.encode("ascii", "replace")
+    return [mav.MAVLink_param_error_message(message.get_srcSystem(), message.get_srcComponent(), name, -1, error)]
 
 
 def bytewise_value(message: Any) -> float:

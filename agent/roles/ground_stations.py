@@ -86,7 +86,9 @@ class GroundStations:
         self._add(transport, url)
 
     def _add(self, transport: Transport, name: str) -> None:
-        client = GroundStation(Link(transport, *self._ids, signing=self._signing, link_id=self._made), name)
+        client = GroundStation(
+            Link(transport, *self._ids, signing=self._signing, link_id=self._made, mavlink1=True), name
+        )
         self._made += 1
         self._clients.append(client)
         if self._hub is not None:

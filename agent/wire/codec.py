@@ -12,7 +12,7 @@ from typing import Any, Callable, NamedTuple, Protocol
 
 from agent.wire import dialect
 from agent.wire.crc import checksum
-from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC, SIGNATURE_BYTES, SIGNED
+from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC, MAGIC_1, SIGNATURE_BYTES, SIGNED, is_mavlink1
 
 
 class Message(Protocol):
@@ -55,17 +55,18 @@ Prepared = tuple[Message, bytes]
 """A message whose fields are known to fit and its payload, to be framed later; later changes do not count."""
 
 
-_MAGIC_BYTE = bytes([MAGIC])
+_MAGIC_BYTE, _MAGIC_1_BYTE = bytes([MAGIC]), bytes([MAGIC_1])
 
 
 class Packer:
-    """Makes frames of one sender. `sequence` is the number of the next frame."""
+    """Makes frames of one sender. `sequence` is the number of the next one; with `mavlink1` they are of MAVLink 1."""
 
     def __init__(self, system_id: int, component_id: int, signing: Outgoing | None = None) -> None:
         for what, value in (("system_id", system_id), ("component_id", component_id)):
             if not 0 <= value <= 255:
                 raise ValueError(f"link: {what} = {value} does not fit a byte; use 1 to 255")
         self.sequence = 0
+        self.mavlink1 = False
         self.system_id = system_id
         self.component_id = component_id
         self._signing = signing
@@ -83,15 +84,44 @@ class Packer:
         message, payload = prepared
         number, crc_extra, *_ = _PACKING[type(message)]
         sequence = self.sequence
+        if self.mavlink1:
+            self.sequence = (sequence + 1) & 0xFF
+            return _mavlink1_frame(prepared, (sequence, self.system_id, self.component_id))
         body = bytes((len(payload), self._flags, 0, sequence, self.system_id, self.component_id)) + number + payload
         frame = _MAGIC_BYTE + body + checksum(body + crc_extra)
         self.sequence = (sequence + 1) & 0xFF
         return frame if self._signing is None else self._signing.signed(frame)
 
 
+def fits_mavlink1(message: Message) -> bool:
+    """Whether MAVLink 1 has a number for it."""
+    return message.get_msgId() <= 255
+
+
+def _mavlink1_frame(prepared: Prepared, sender: tuple[int, int, int]) -> bytes:
+    """Whole, but for the extensions. sender: sequence number, system, component."""
+    message, payload = prepared
+    packing = _PACKING[type(message)]
+    size = packing.mavlink1_bytes
+    payload = payload[:size].ljust(size, b"\0")
+    body = bytes((size, *sender, packing.number[0])) + payload
+    return _MAGIC_1_BYTE + body + checksum(body + packing.crc_extra)
+
+
+def frame_sequence(frame: bytes) -> int:
+    """Sequence number of a frame of ours."""
+    return frame[4] if frame[0] == MAGIC else frame[2]
+
+
+def came_as_mavlink1(message: Message) -> bool:
+    """Whether a message that was received came in a frame of MAVLink 1, which has no extensions."""
+    frame: bytes = getattr(message, "_msgbuf", b"")
+    return len(frame) > HEADER_BYTES and is_mavlink1(frame)
+
+
 def prepare(message: Message) -> Prepared:
     """Check and keep the fields of a message. Raises MessageRefusedError when one does not fit its type."""
-    _, _, pack, fields, lengths = _PACKING[type(message)]
+    _, _, pack, fields, lengths, _ = _PACKING[type(message)]
     try:
         values = fields(message)
         if lengths is not None:
@@ -113,7 +143,7 @@ def prepare(message: Message) -> Prepared:
 class _Packing(NamedTuple):
     """What is known of a class before a message is packed. fields: in the order of the wire.
 
-    lengths: how many values each field has there, None where all have one.
+    lengths: how many values each field has there, None where all have one. mavlink1_bytes: of the payload there.
     """
 
     number: bytes
@@ -121,6 +151,7 @@ class _Packing(NamedTuple):
     pack: Callable[..., bytes]
     fields: Callable[[Message], Any]
     lengths: tuple[int, ...] | None
+    mavlink1_bytes: int
 
 
 def _is_text(kind: Any, name: str) -> bool:
@@ -134,7 +165,9 @@ def _packing(kind: Any) -> _Packing:
     of_names = attrgetter(*names)
     lengths = None if all(count == 1 for count in kind.lengths) else tuple(kind.lengths)
     fields = of_names if len(names) > 1 else lambda message: (of_names(message),)
-    return _Packing(kind.id.to_bytes(3, "little"), bytes([kind.crc_extra]), kind.unpacker.pack, fields, lengths)
+    mavlink1_bytes = dialect.MAVLINK1_PAYLOAD_BYTES.get(kind.id, kind.unpacker.size)
+    number, crc_extra = kind.id.to_bytes(3, "little"), bytes([kind.crc_extra])
+    return _Packing(number, crc_extra, kind.unpacker.pack, fields, lengths, mavlink1_bytes)
 
 
 _PACKING: dict[Any, _Packing] = {kind: _packing(kind) for kind in dialect.mavlink_map.values()}

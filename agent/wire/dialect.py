@@ -572,6 +572,20 @@ enums["MAV_PARAM_TYPE"][9] = EnumEntry("MAV_PARAM_TYPE_REAL32", """32-bit float"
 MAV_PARAM_TYPE_ENUM_END = 10
 enums["MAV_PARAM_TYPE"][10] = EnumEntry("MAV_PARAM_TYPE_ENUM_END", """""")
 
+# MAV_PARAM_ERROR
+enums["MAV_PARAM_ERROR"] = Enum()
+enums["MAV_PARAM_ERROR"].bitmask = False
+MAV_PARAM_ERROR_NO_ERROR = 0
+enums["MAV_PARAM_ERROR"][0] = EnumEntry("MAV_PARAM_ERROR_NO_ERROR", """None""")
+MAV_PARAM_ERROR_DOES_NOT_EXIST = 1
+enums["MAV_PARAM_ERROR"][1] = EnumEntry("MAV_PARAM_ERROR_DOES_NOT_EXIST", """There is no such parameter""")
+MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE = 2
+enums["MAV_PARAM_ERROR"][2] = EnumEntry("MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE", """It cannot have this value""")
+MAV_PARAM_ERROR_READ_ONLY = 5
+enums["MAV_PARAM_ERROR"][5] = EnumEntry("MAV_PARAM_ERROR_READ_ONLY", """It cannot be set""")
+MAV_PARAM_ERROR_ENUM_END = 6
+enums["MAV_PARAM_ERROR"][6] = EnumEntry("MAV_PARAM_ERROR_ENUM_END", """""")
+
 # MAV_MISSION_TYPE
 enums["MAV_MISSION_TYPE"] = Enum()
 enums["MAV_MISSION_TYPE"].bitmask = False
@@ -1148,6 +1162,8 @@ MAV_PROTOCOL_CAPABILITY_MISSION_INT = 4
 enums["MAV_PROTOCOL_CAPABILITY"][4] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_INT", """Mission items as integers""")
 MAV_PROTOCOL_CAPABILITY_COMMAND_INT = 8
 enums["MAV_PROTOCOL_CAPABILITY"][8] = EnumEntry("MAV_PROTOCOL_CAPABILITY_COMMAND_INT", """COMMAND_INT""")
+MAV_PROTOCOL_CAPABILITY_FTP = 32
+enums["MAV_PROTOCOL_CAPABILITY"][32] = EnumEntry("MAV_PROTOCOL_CAPABILITY_FTP", """Files""")
 MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET = 64
 enums["MAV_PROTOCOL_CAPABILITY"][64] = EnumEntry("MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET", """Attitude targets""")
 MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED = 128
@@ -1158,8 +1174,10 @@ MAV_PROTOCOL_CAPABILITY_MAVLINK2 = 8192
 enums["MAV_PROTOCOL_CAPABILITY"][8192] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MAVLINK2", """MAVLink 2""")
 MAV_PROTOCOL_CAPABILITY_MISSION_FENCE = 16384
 enums["MAV_PROTOCOL_CAPABILITY"][16384] = EnumEntry("MAV_PROTOCOL_CAPABILITY_MISSION_FENCE", """Geofence as a plan""")
-MAV_PROTOCOL_CAPABILITY_ENUM_END = 16385
-enums["MAV_PROTOCOL_CAPABILITY"][16385] = EnumEntry("MAV_PROTOCOL_CAPABILITY_ENUM_END", """""")
+MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST = 131072
+enums["MAV_PROTOCOL_CAPABILITY"][131072] = EnumEntry("MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST", """Whole-number parameters as floats""")
+MAV_PROTOCOL_CAPABILITY_ENUM_END = 131073
+enums["MAV_PROTOCOL_CAPABILITY"][131073] = EnumEntry("MAV_PROTOCOL_CAPABILITY_ENUM_END", """""")
 
 # POSITION_TARGET_TYPEMASK
 enums["POSITION_TARGET_TYPEMASK"] = Enum()
@@ -1262,6 +1280,12 @@ MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL = 110
 MAVLINK_MSG_ID_TIMESYNC = 111
 MAVLINK_MSG_ID_HIL_GPS = 113
 MAVLINK_MSG_ID_HIL_STATE_QUATERNION = 115
+MAVLINK_MSG_ID_LOG_REQUEST_LIST = 117
+MAVLINK_MSG_ID_LOG_ENTRY = 118
+MAVLINK_MSG_ID_LOG_REQUEST_DATA = 119
+MAVLINK_MSG_ID_LOG_DATA = 120
+MAVLINK_MSG_ID_LOG_ERASE = 121
+MAVLINK_MSG_ID_LOG_REQUEST_END = 122
 MAVLINK_MSG_ID_DISTANCE_SENSOR = 132
 MAVLINK_MSG_ID_BATTERY_STATUS = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
@@ -1277,6 +1301,7 @@ MAVLINK_MSG_ID_SETUP_SIGNING = 256
 MAVLINK_MSG_ID_OBSTACLE_DISTANCE = 330
 MAVLINK_MSG_ID_ODOMETRY = 331
 MAVLINK_MSG_ID_AVAILABLE_MODES = 435
+MAVLINK_MSG_ID_PARAM_ERROR = 345
 MAVLINK_MSG_ID_XITL_RUN = 54000
 MAVLINK_MSG_ID_XITL_TICK = 54001
 MAVLINK_MSG_ID_XITL_IMU = 54002
@@ -3664,6 +3689,250 @@ class MAVLink_hil_state_quaternion_message(MAVLink_message):
 setattr(MAVLink_hil_state_quaternion_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_log_request_list_message(MAVLink_message):
+    """
+    Ask for a list of the logs.
+    """
+
+    id = MAVLINK_MSG_ID_LOG_REQUEST_LIST
+    msgname = "LOG_REQUEST_LIST"
+    fieldnames = ["target_system", "target_component", "start", "end"]
+    ordered_fieldnames = ["start", "end", "target_system", "target_component"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<HHBB")
+    orders = [2, 3, 0, 1]
+    lengths = [1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0]
+    crc_extra = 128
+    unpacker = struct.Struct("<HHBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, start: int, end: int):
+        MAVLink_message.__init__(self, MAVLink_log_request_list_message.id, MAVLink_log_request_list_message.msgname)
+        self._fieldnames = MAVLink_log_request_list_message.fieldnames
+        self._instance_field = MAVLink_log_request_list_message.instance_field
+        self._instance_offset = MAVLink_log_request_list_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.start = start
+        self.end = end
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.start, self.end, self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_log_request_list_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_log_entry_message(MAVLink_message):
+    """
+    One log of the list.
+    """
+
+    id = MAVLINK_MSG_ID_LOG_ENTRY
+    msgname = "LOG_ENTRY"
+    fieldnames = ["id", "num_logs", "last_log_num", "time_utc", "size"]
+    ordered_fieldnames = ["time_utc", "size", "id", "num_logs", "last_log_num"]
+    fieldtypes = ["uint16_t", "uint16_t", "uint16_t", "uint32_t", "uint32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_utc": "s", "size": "bytes"}
+    native_format = bytearray(b"<IIHHH")
+    orders = [2, 3, 4, 0, 1]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 56
+    unpacker = struct.Struct("<IIHHH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, id: int, num_logs: int, last_log_num: int, time_utc: int, size: int):
+        MAVLink_message.__init__(self, MAVLink_log_entry_message.id, MAVLink_log_entry_message.msgname)
+        self._fieldnames = MAVLink_log_entry_message.fieldnames
+        self._instance_field = MAVLink_log_entry_message.instance_field
+        self._instance_offset = MAVLink_log_entry_message.instance_offset
+        self.id = id
+        self.num_logs = num_logs
+        self.last_log_num = last_log_num
+        self.time_utc = time_utc
+        self.size = size
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_utc, self.size, self.id, self.num_logs, self.last_log_num), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_log_entry_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_log_request_data_message(MAVLink_message):
+    """
+    Ask for a part of a log.
+    """
+
+    id = MAVLINK_MSG_ID_LOG_REQUEST_DATA
+    msgname = "LOG_REQUEST_DATA"
+    fieldnames = ["target_system", "target_component", "id", "ofs", "count"]
+    ordered_fieldnames = ["ofs", "count", "id", "target_system", "target_component"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint32_t", "uint32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"count": "bytes"}
+    native_format = bytearray(b"<IIHBB")
+    orders = [3, 4, 2, 0, 1]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0]
+    crc_extra = 116
+    unpacker = struct.Struct("<IIHBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, id: int, ofs: int, count: int):
+        MAVLink_message.__init__(self, MAVLink_log_request_data_message.id, MAVLink_log_request_data_message.msgname)
+        self._fieldnames = MAVLink_log_request_data_message.fieldnames
+        self._instance_field = MAVLink_log_request_data_message.instance_field
+        self._instance_offset = MAVLink_log_request_data_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.id = id
+        self.ofs = ofs
+        self.count = count
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.ofs, self.count, self.id, self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_log_request_data_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_log_data_message(MAVLink_message):
+    """
+    A piece of a log.
+    """
+
+    id = MAVLINK_MSG_ID_LOG_DATA
+    msgname = "LOG_DATA"
+    fieldnames = ["id", "ofs", "count", "data"]
+    ordered_fieldnames = ["ofs", "id", "count", "data"]
+    fieldtypes = ["uint16_t", "uint32_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"count": "bytes"}
+    native_format = bytearray(b"<IHBB")
+    orders = [1, 0, 2, 3]
+    lengths = [1, 1, 1, 90]
+    array_lengths = [0, 0, 0, 90]
+    crc_extra = 134
+    unpacker = struct.Struct("<IHB90B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, id: int, ofs: int, count: int, data: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_log_data_message.id, MAVLink_log_data_message.msgname)
+        self._fieldnames = MAVLink_log_data_message.fieldnames
+        self._instance_field = MAVLink_log_data_message.instance_field
+        self._instance_offset = MAVLink_log_data_message.instance_offset
+        self.id = id
+        self.ofs = ofs
+        self.count = count
+        self.data = data
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.ofs, self.id, self.count, self.data[0], self.data[1], self.data[2], self.data[3], self.data[4], self.data[5], self.data[6], self.data[7], self.data[8], self.data[9], self.data[10], self.data[11], self.data[12], self.data[13], self.data[14], self.data[15], self.data[16], self.data[17], self.data[18], self.data[19], self.data[20], self.data[21], self.data[22], self.data[23], self.data[24], self.data[25], self.data[26], self.data[27], self.data[28], self.data[29], self.data[30], self.data[31], self.data[32], self.data[33], self.data[34], self.data[35], self.data[36], self.data[37], self.data[38], self.data[39], self.data[40], self.data[41], self.data[42], self.data[43], self.data[44], self.data[45], self.data[46], self.data[47], self.data[48], self.data[49], self.data[50], self.data[51], self.data[52], self.data[53], self.data[54], self.data[55], self.data[56], self.data[57], self.data[58], self.data[59], self.data[60], self.data[61], self.data[62], self.data[63], self.data[64], self.data[65], self.data[66], self.data[67], self.data[68], self.data[69], self.data[70], self.data[71], self.data[72], self.data[73], self.data[74], self.data[75], self.data[76], self.data[77], self.data[78], self.data[79], self.data[80], self.data[81], self.data[82], self.data[83], self.data[84], self.data[85], self.data[86], self.data[87], self.data[88], self.data[89]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_log_data_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_log_erase_message(MAVLink_message):
+    """
+    Delete all logs.
+    """
+
+    id = MAVLINK_MSG_ID_LOG_ERASE
+    msgname = "LOG_ERASE"
+    fieldnames = ["target_system", "target_component"]
+    ordered_fieldnames = ["target_system", "target_component"]
+    fieldtypes = ["uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<BB")
+    orders = [0, 1]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 237
+    unpacker = struct.Struct("<BB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int):
+        MAVLink_message.__init__(self, MAVLink_log_erase_message.id, MAVLink_log_erase_message.msgname)
+        self._fieldnames = MAVLink_log_erase_message.fieldnames
+        self._instance_field = MAVLink_log_erase_message.instance_field
+        self._instance_offset = MAVLink_log_erase_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_log_erase_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_log_request_end_message(MAVLink_message):
+    """
+    No more of the log is wanted.
+    """
+
+    id = MAVLINK_MSG_ID_LOG_REQUEST_END
+    msgname = "LOG_REQUEST_END"
+    fieldnames = ["target_system", "target_component"]
+    ordered_fieldnames = ["target_system", "target_component"]
+    fieldtypes = ["uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<BB")
+    orders = [0, 1]
+    lengths = [1, 1]
+    array_lengths = [0, 0]
+    crc_extra = 203
+    unpacker = struct.Struct("<BB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int):
+        MAVLink_message.__init__(self, MAVLink_log_request_end_message.id, MAVLink_log_request_end_message.msgname)
+        self._fieldnames = MAVLink_log_request_end_message.fieldnames
+        self._instance_field = MAVLink_log_request_end_message.instance_field
+        self._instance_offset = MAVLink_log_request_end_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.target_system, self.target_component), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_log_request_end_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_distance_sensor_message(MAVLink_message):
     """
     Range along one direction.
@@ -4349,6 +4618,49 @@ class MAVLink_available_modes_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_available_modes_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_param_error_message(MAVLink_message):
+    """
+    Why a parameter was not set or read.
+    """
+
+    id = MAVLINK_MSG_ID_PARAM_ERROR
+    msgname = "PARAM_ERROR"
+    fieldnames = ["target_system", "target_component", "param_id", "param_index", "error"]
+    ordered_fieldnames = ["param_index", "target_system", "target_component", "param_id", "error"]
+    fieldtypes = ["uint8_t", "uint8_t", "char", "int16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {"error": "MAV_PARAM_ERROR"}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<hBBcB")
+    orders = [1, 2, 3, 0, 4]
+    lengths = [1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 16, 0]
+    crc_extra = 209
+    unpacker = struct.Struct("<hBB16sB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, param_id: bytes, param_index: int, error: int):
+        MAVLink_message.__init__(self, MAVLink_param_error_message.id, MAVLink_param_error_message.msgname)
+        self._fieldnames = MAVLink_param_error_message.fieldnames
+        self._instance_field = MAVLink_param_error_message.instance_field
+        self._instance_offset = MAVLink_param_error_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self._param_id_raw = param_id
+        self.param_id = param_id.split(b"\x00", 1)[0].decode("ascii", errors="replace")
+        self.param_index = param_index
+        self.error = error
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param_index, self.target_system, self.target_component, self._param_id_raw, self.error), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_param_error_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_xitl_run_message(MAVLink_message):
@@ -5348,6 +5660,12 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
     MAVLINK_MSG_ID_HIL_GPS: MAVLink_hil_gps_message,
     MAVLINK_MSG_ID_HIL_STATE_QUATERNION: MAVLink_hil_state_quaternion_message,
+    MAVLINK_MSG_ID_LOG_REQUEST_LIST: MAVLink_log_request_list_message,
+    MAVLINK_MSG_ID_LOG_ENTRY: MAVLink_log_entry_message,
+    MAVLINK_MSG_ID_LOG_REQUEST_DATA: MAVLink_log_request_data_message,
+    MAVLINK_MSG_ID_LOG_DATA: MAVLink_log_data_message,
+    MAVLINK_MSG_ID_LOG_ERASE: MAVLink_log_erase_message,
+    MAVLINK_MSG_ID_LOG_REQUEST_END: MAVLink_log_request_end_message,
     MAVLINK_MSG_ID_DISTANCE_SENSOR: MAVLink_distance_sensor_message,
     MAVLINK_MSG_ID_BATTERY_STATUS: MAVLink_battery_status_message,
     MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
@@ -5363,6 +5681,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_OBSTACLE_DISTANCE: MAVLink_obstacle_distance_message,
     MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
     MAVLINK_MSG_ID_AVAILABLE_MODES: MAVLink_available_modes_message,
+    MAVLINK_MSG_ID_PARAM_ERROR: MAVLink_param_error_message,
     MAVLINK_MSG_ID_XITL_RUN: MAVLink_xitl_run_message,
     MAVLINK_MSG_ID_XITL_TICK: MAVLink_xitl_tick_message,
     MAVLINK_MSG_ID_XITL_IMU: MAVLink_xitl_imu_message,
@@ -5779,3 +6098,6 @@ class MAVLink(object):
         m._header = MAVLink_header(msgId, incompat_flags, compat_flags, mlen, seq, srcSystem, srcComponent)
         return m
 
+
+
+MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230}  # of messages with extensions

@@ -1,8 +1,9 @@
-"""Finds MAVLink 2 frames in bytes; anything else is skipped and counted, never raised.
+"""Finds MAVLink frames in bytes; anything else is skipped and counted, never raised.
 
 Frame: 0xFD, payload length, incompatibility flags, compatibility flags, sequence, system, component, message id (3
 bytes, little endian), payload, checksum (2 bytes), and 13 bytes of signature when incompatibility flag 1 is set
-(mavlink.io, "Packet Serialization").
+(mavlink.io, "Packet Serialization"). Of MAVLink 1: 0xFE, payload length, sequence, system, component, message id (one
+byte), payload, checksum.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ from dataclasses import dataclass
 from agent.wire import dialect
 from agent.wire.crc import checksum
 
-MAGIC = 0xFD
-HEADER_BYTES = 10
+MAGIC, MAGIC_1 = 0xFD, 0xFE
+HEADER_BYTES, HEADER_1_BYTES = 10, 6
 CHECKSUM_BYTES = 2
 SIGNATURE_BYTES = 13
 LARGEST_FRAME = HEADER_BYTES + 255 + CHECKSUM_BYTES + SIGNATURE_BYTES
 SIGNED = 0x01
+FROM_MAVLINK_1 = 0x80  # a compatibility flag, which the protocol lets receivers pass over: a Framer sets it
 
-_MAGIC_BYTE = bytes([MAGIC])
+_MAGIC_BYTE, _MAGIC_1_BYTE = bytes([MAGIC]), bytes([MAGIC_1])
 _CRC_EXTRA: dict[int, bytes] = {number: bytes([kind.crc_extra]) for number, kind in dialect.mavlink_map.items()}
 
 
@@ -51,6 +53,11 @@ def is_known(frame: bytes) -> bool:
     return frame[7] | frame[8] << 8 | frame[9] << 16 in _CRC_EXTRA
 
 
+def is_mavlink1(frame: bytes) -> bool:
+    """Whether a frame that a Framer found came as one of MAVLink 1."""
+    return bool(frame[3] & FROM_MAVLINK_1)
+
+
 class Framer:
     """Finds the frames of the XITL dialect in chunks of bytes.
 
@@ -62,16 +69,18 @@ class Framer:
       the damaged frame, so a good frame is never lost to garbage before it.
     - An id that the dialect does not have, or an incompatibility flag other than "signed": dropped_unknown, as the
       checksum cannot be judged or the protocol forbids a guess.
-    - Bytes outside any frame, MAVLink 1 frames among them (XITL ids do not fit those): dropped_noise, one event per
-      run.
+    - With `mavlink1`, frames of MAVLink 1 count too; each comes out as the MAVLink 2 frame of its message, see
+      `is_mavlink1`. Without, they are bytes outside any frame, as XITL ids do not fit them.
+    - Bytes outside any frame: dropped_noise, one event per run.
     - With `foreign`, the other end has kinds that the dialect has not. A frame of such a kind comes out too when it
       ends with the chunk or another begins behind it, for want of a checksum that could be judged.
     - Signed frames are accepted on their checksum; the signature is passed on in the raw frame, not verified here.
     """
 
-    def __init__(self, stream: bool, foreign: bool = False) -> None:
+    def __init__(self, stream: bool, foreign: bool = False, mavlink1: bool = False) -> None:
         self._stream = stream
         self._foreign = foreign
+        self._mavlink1 = mavlink1
         self._held = b""
         self._claimed = 0  # bytes ahead of the held ones that a damaged frame claimed
         self._in_noise = False
@@ -104,27 +113,30 @@ class Framer:
         at, good = 0, 0
         claimed_end = self._claimed
         while at < size:
-            if data[at] != MAGIC:
+            first = data[at]
+            if first != MAGIC and (first != MAGIC_1 or not self._mavlink1):
                 start = at
-                at = data.find(_MAGIC_BYTE, at)
-                if at < 0:
-                    at = size
+                at = self._next_magic(data, at)
                 if at > claimed_end and not self._in_noise:
                     self._noise += 1
                     self._in_noise = True
                 self._dropped += at - start
                 continue
-            if size - at < HEADER_BYTES:
+            header = HEADER_BYTES if first == MAGIC else HEADER_1_BYTES
+            if size - at < header:
                 if self._stream:
                     break
                 self._truncated += at >= claimed_end
                 claimed_end = size
             else:
-                flags = data[at + 2]
-                extra = _CRC_EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
-                payload_end = at + HEADER_BYTES + data[at + 1]
+                if first == MAGIC:
+                    flags = data[at + 2]
+                    extra = _CRC_EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
+                else:
+                    flags, extra = 0, _CRC_EXTRA.get(data[at + 5])
+                payload_end = at + header + data[at + 1]
                 end = payload_end + (CHECKSUM_BYTES + SIGNATURE_BYTES if flags & SIGNED else CHECKSUM_BYTES)
-                if extra is None and self._foreign and not flags & ~SIGNED:
+                if extra is None and self._foreign and first == MAGIC and not flags & ~SIGNED:
                     if end > size and self._stream:
                         break
                     if end == size or (end < size and data[end] == MAGIC):
@@ -141,7 +153,7 @@ class Framer:
                         break
                     self._truncated += at >= claimed_end
                 elif checksum(data[at + 1 : payload_end] + extra) == data[payload_end : payload_end + CHECKSUM_BYTES]:
-                    frames.append(data[at:end])
+                    frames.append(data[at:end] if first == MAGIC else _as_mavlink2(data[at:end]))
                     good += end - at
                     at = claimed_end = end
                     self._in_noise = False
@@ -160,3 +172,19 @@ class Framer:
         else:
             self._in_noise = False
         return frames
+
+    def _next_magic(self, data: bytes, at: int) -> int:
+        """Where the next frame could begin, the end of the data for nowhere."""
+        size = len(data)
+        found = data.find(_MAGIC_BYTE, at)
+        if self._mavlink1:
+            other = data.find(_MAGIC_1_BYTE, at)
+            found = max(found, other) if min(found, other) < 0 else min(found, other)
+        return size if found < 0 else found
+
+
+def _as_mavlink2(frame: bytes) -> bytes:
+    """The MAVLink 2 frame of the same message, with the check value that it came with."""
+    length, sequence, system, component, number = frame[1:HEADER_1_BYTES]
+    head = (MAGIC, length, 0, FROM_MAVLINK_1, sequence, system, component, number, 0, 0)
+    return bytes(head) + frame[HEADER_1_BYTES:]

@@ -7,9 +7,18 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Callable
 
-from agent.wire.codec import Message, Packer, Prepared, decode, prepare
+from agent.wire.codec import (
+    Message,
+    MessageRefusedError,
+    Packer,
+    Prepared,
+    decode,
+    fits_mavlink1,
+    frame_sequence,
+    prepare,
+)
 from agent.wire.dialect import XITL_RUN_COMMAND_START, XITL_RUN_COMMAND_STOP, MAVLink_xitl_run_message
-from agent.wire.framing import Framer, is_known
+from agent.wire.framing import Framer, is_known, is_mavlink1
 from agent.wire.priority import WaitingMessages
 from agent.wire.signing import Signing
 from agent.wire.transport import DATAGRAM_BYTES, SenderStatus, Transport
@@ -143,6 +152,8 @@ class Link:
     `foreign`: the other end knows kinds of messages that the dialect does not have. They are counted in `passed`, their
     sequence numbers count as any, and they go no further.
 
+    `mavlink1`: the other end may speak MAVLink 1, and is spoken to in that as long as it has said nothing in MAVLink 2.
+
     wait_for_room: called before each send, to wait for a transport that has no room as long as that is worth while.
     None as it begins: what finds no room is unsent, and a run in real time goes on.
 
@@ -159,6 +170,7 @@ class Link:
         signing: Signing | None = None,
         link_id: int = 0,
         foreign: bool = False,
+        mavlink1: bool = False,
     ) -> None:
         self.transport = transport
         self.tap = tap
@@ -168,7 +180,8 @@ class Link:
         self._link_id = link_id
         self._packer = Packer(system_id, component_id, None if signing is None else signing.outgoing(link_id))
         self._others: dict[tuple[int, int], Packer] = {}
-        self._framer = Framer(transport.stream, foreign)
+        self._framer = Framer(transport.stream, foreign, mavlink1)
+        self._may_be_mavlink1 = mavlink1
         self._foreign = foreign
         self.passed = 0
         self._sequence = SequenceMonitor()
@@ -201,6 +214,10 @@ class Link:
 
     def send_prepared(self, messages: Sequence[Prepared]) -> bool:
         """The same, of messages whose fields were found to fit when there was time for that."""
+        if self._packer.mavlink1:
+            for message, _ in messages:
+                if not fits_mavlink1(message):
+                    raise MessageRefusedError(f"{message.get_type()}: MAVLink 1, which the other end speaks, has none")
         if self._waiting is not None:
             return self._waiting.send(messages)
         packer = self._packer
@@ -226,7 +243,7 @@ class Link:
 
     def _send_frames(self, frames: list[bytes]) -> bool:
         if len(frames) == 1:
-            return self._hand_on(frames, frames[0], frames[0][4])
+            return self._hand_on(frames, frames[0], frame_sequence(frames[0]))
         most = self.transport.datagram_bytes
         while frames:
             size = count = 0
@@ -235,7 +252,7 @@ class Link:
                 if count and size > most:
                     break
                 count += 1
-            if not self._hand_on(frames[:count], b"".join(frames[:count]), frames[0][4]):
+            if not self._hand_on(frames[:count], b"".join(frames[:count]), frame_sequence(frames[0])):
                 self._unsent += len(frames) - count
                 return False
             frames = frames[count:]
@@ -243,7 +260,7 @@ class Link:
 
     def _hand_on_prepared(self, prepared: Prepared) -> bool:
         frame = self._packer.pack_prepared(prepared)
-        taken = self._hand_on([frame], frame, frame[4])
+        taken = self._hand_on([frame], frame, frame_sequence(frame))
         self._unsent -= not taken  # it may wait, which is for the caller to say
         return taken
 
@@ -285,6 +302,8 @@ class Link:
                 if frames and transport.learns_peer and not transport.accept_sender(index, _standing(heard)):
                     self._strangers += len(frames)
                     continue
+                if self._may_be_mavlink1 and frames:
+                    self._choose_version(frames)
                 for frame in frames:
                     note(frame[5], frame[6], frame[4], frame[-2:])
                     if tap is not None:
@@ -298,6 +317,12 @@ class Link:
                 break
         self._received += len(messages)
         return messages
+
+    def _choose_version(self, frames: list[bytes]) -> None:
+        if all(map(is_mavlink1, frames)):
+            self._packer.mavlink1 = True
+        else:
+            self._packer.mavlink1 = self._may_be_mavlink1 = False
 
     def _take_and_flush(self, timeout_s: float = 0.0) -> list[bytes]:
         assert self._waiting is not None

@@ -18,7 +18,8 @@ from agent.mavlink.missions import FENCE, MISSION, MissionServer, Plan
 from agent.mavlink.parameters import ParameterServer
 from agent.wire import dialect as mav
 
-_NAMES = tuple(row.name for row in TABLE)
+_TYPES = {row.name: row.type for row in TABLE}
+_FIXED = frozenset(row.name for row in TABLE if row.fixed)
 
 
 class MavlinkChannel:
@@ -52,10 +53,11 @@ class MavlinkChannel:
             rates_hz = STATION_RATES_HZ if ground else RATES_HZ
         self.streams = TelemetryStreams(self.hub, self._outbox, texts, rates_hz, announces_changes=ground)
         self._parameters = ParameterServer(
-            _NAMES,
+            _TYPES,
             autopilot.parameters.__getitem__,
             self._set_parameter,
             lambda problem: texts.messages(mav.MAV_SEVERITY_WARNING, problem),
+            read_only=_FIXED,
         )
         plans: dict[int, Plan] = {
             MISSION: MissionPlan(autopilot, self._plan_stored),

@@ -77,7 +77,7 @@ def test_widths_that_are_none_are_refused_whole(width_us: int) -> None:
 def test_manual_control_spans_the_channels() -> None:
     sticks = manual(RC1_MIN=1000, RC1_MAX=2000)
     assert sticks.set_axes(1000, -1000, 0) == ""
-    assert (sticks.widths_us(0)[0], sticks.widths_us(0)[2]) == (2000, 1100)
+    assert (sticks.widths_us(0)[0], sticks.widths_us(0)[2]) == (2000, 1101)
     assert sticks.set_axes(0, 500, 0) == ""
     assert (sticks.widths_us(0)[0], sticks.widths_us(0)[2]) == (1500, 1700)
     assert sticks.set_axes(None, None, 0) == ""
@@ -94,7 +94,7 @@ def test_any_widths_and_any_calibration_give_deflections(widths_us: list[int], p
 
     rows = {row.name: row for row in TABLE}
     sticks = manual(
-        **{name: rows[name].low + part * (rows[name].high - rows[name].low) for name, part in parts.items()}
+        **{name: round(rows[name].low + part * (rows[name].high - rows[name].low)) for name, part in parts.items()}
     )
     sticks.override(tuple(widths_us), 0)
     assert all(abs(deflection) <= 1.0 for deflection in sticks.sticks(0))

@@ -107,11 +107,38 @@ def test_parameters_are_read_and_set() -> None:
     assert read(b"", 0)[0].param_id == TABLE[0].name
     assert read(b"NO_SUCH", -1) == read(b"", 999) == []
     assert set_to(b"WP_SPEED", 2.0)[0].param_value == 2.0
-    text, value = set_to(b"WP_SPEED", math.nan)
+    text, value, error = set_to(b"WP_SPEED", math.nan)
     assert value.param_value == 2.0
+    assert (error.param_id, error.param_index, error.error) == ("WP_SPEED", -1, mav.MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
     assert text.text.startswith("WP_SPEED = nan is out of range")
     (text, *rest) = set_to(b"WP_SPEDE", 1.0)
+    assert rest.pop().error == mav.MAV_PARAM_ERROR_DOES_NOT_EXIST
     assert "did you mean WP_SPEED" in "".join(m.text for m in (text, *rest))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kept", "words", "why"),
+    [
+        (b"FS_ACTION", 2.5, 2.0, "FS_ACTION = 2.5 is not a whole number; use 0 to 6", 2),
+        (b"FS_ACTION", 7.0, 2.0, "FS_ACTION = 7 is out of range; use 0 to 6", 2),
+        (b"INITIAL_MODE", 14.0, 4.0, "INITIAL_MODE = 14 stands for nothing; use one of 0, 1, 2, 3", 2),
+        (b"FRAME_CLASS", 1.0, 2.0, "FRAME_CLASS = 1 is refused: it is 2 and cannot be set", 5),
+    ],
+)
+def test_what_stands_for_nothing_is_refused(name: bytes, value: float, kept: float, words: str, why: int) -> None:
+    channel = MavlinkChannel(Autopilot())
+    *texts, answer, error = channel.handle(sent(mav.MAVLink_param_set_message(1, 1, name, value, 9)), 0)
+    assert "".join(text.text for text in texts).startswith(words)
+    assert (answer.param_value, error.error) == (kept, why)
+
+
+def test_whole_numbers_have_their_type() -> None:
+    channel = MavlinkChannel(Autopilot())
+    channel.handle(sent(mav.MAVLink_param_request_list_message(1, 1)), 0)
+    values = [m for _ in range(40) for m in channel.poll(0) if m.get_type() == "PARAM_VALUE"]
+    types = {value.param_id: value.param_type for value in values}
+    assert (types["FS_ACTION"], types["RC1_MIN"], types["ARMING_CHECK"], types["WP_SPEED"]) == (2, 4, 6, 9)
+    assert all(v.param_type == 9 or v.param_value == int(v.param_value) for v in values)
 
 
 def test_a_parameter_set_in_flight_takes_effect() -> None:

@@ -14,7 +14,7 @@ from steered_boat import SteeredBoat
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, FenceItem
 from agent.fcu.mission import MissionItem, change_speed, item_problem, jump, make_mission, waypoint
-from agent.fcu.parameters import TABLE
+from agent.fcu.parameters import REAL32, TABLE
 from agent.fcu.vehicle import modes
 
 ANY = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 3.0, LAT_DEG, LON_DEG])
@@ -80,7 +80,8 @@ def give(ship: SteeredBoat, name: str, values: tuple[Any, ...]) -> None:
             autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *items]))
     elif name == "parameter":
         row, part = values
-        autopilot.parameters.set(row.name, row.low + part * (row.high - row.low))
+        value = row.low + part * (row.high - row.low)
+        autopilot.parameters.set(row.name, value if row.type == REAL32 else round(value) if not row.choices else 4)
     elif name != "wait":
         owner = next(part for part in (autopilot, autopilot.commands, autopilot.failsafes) if hasattr(part, name))
         answer = getattr(owner, name)(*values, *((ship.boat.time_ns,) if name in TIMED else ()))

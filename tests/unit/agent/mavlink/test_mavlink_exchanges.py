@@ -124,7 +124,9 @@ def test_whole_numbers_go_in_the_bytes_of_the_field_with_the_type_that_was_told(
 
 def test_a_server_sends_a_list_in_portions() -> None:
     names = [f"P{number:02d}" for number in range(25)]
-    server = ParameterServer(names, lambda name: 1.0, lambda name, value: None, lambda problem: [], per_poll=10)
+    server = ParameterServer(
+        dict.fromkeys(names, 9), lambda name: 1.0, lambda name, value: None, lambda problem: [], per_poll=10
+    )
     server.handlers[mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST](mav.MAVLink_param_request_list_message(1, 1), 0)
     assert [len(server.poll()) for _ in range(4)] == [10, 10, 5, 0]
 
