@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from made_log import MadeLog, MadeTable
 from pymavlink import DFReader, mavutil
 from recorded_run import recorded_run
 
@@ -125,3 +126,14 @@ def test_an_angle_goes_the_short_way_round() -> None:
     found = make_series(np.array([0, 10], dtype=np.int64), np.array([350.0, 10.0]), "deg", "T.x", turns=True)
     assert found is not None
     assert found.interpolated(np.array([-1, 5, 10], dtype=np.int64)) == pytest.approx([np.nan, 0.0, 10.0], nan_ok=True)
+
+
+def test_a_demand_that_is_0_throughout_is_none():
+    """Rover writes 0 into ATT.DesYaw; what it steers to is in NTUN."""
+    stamps = np.arange(10) * 100_000_000
+    attitude = MadeTable("ATT", stamps, {"Yaw": np.full(10, 80.0), "DesYaw": np.zeros(10)})
+    assert signals.yaw_desired(MadeLog(attitude)) is None
+    steered = MadeTable("NTUN", stamps, {"DesYaw": np.full(10, 90.0)})
+    found = signals.yaw_desired(MadeLog(attitude, steered))
+    assert found is not None
+    assert (found.source, found.values[0]) == ("NTUN.DesYaw", 90.0)

@@ -161,7 +161,8 @@ def analyse(log: Log) -> Section | None:
     clock = LogClock(log)
     stray_m = signals.stray_truth_m(log)
     primary = resets.primary_core(every)
-    core = next((one for one in every if one.number == primary), None)
+    core = cores.core_in_use(log, every, primary)
+    tested_in_use = resets.test_ratios(log, [core] if core is not None else [])
     found, used = cores.estimator_origin(log, every, clock), cores.filter_uses(log)
     if position is not None:
         position = position.while_in(clock.armed)
@@ -174,7 +175,7 @@ def analyse(log: Log) -> Section | None:
         *_origin_facts(found, every, clock),
         *_selection(log),
         Fact("lane_switches", "Core switches", len(resets.lane_switches(log, every)) if every else None),
-        *resets.ratio_facts(tested, primary, clock),
+        *resets.ratio_facts(tested_in_use, clock),
         *cores.agreement_facts(every, clock),
         *cores.step_facts(log),
         *cores.bias_facts(log, core),
@@ -184,8 +185,9 @@ def analyse(log: Log) -> Section | None:
         *_filters(used, clock),
         *cores.never_positioned(every, clock),
         *_height(log, found, clock),
-        *resets.refusal_findings(tested, primary, clock),
+        *resets.refusal_findings(tested_in_use, clock),
         *resets.reset_findings(log, every, core, clock),
+        *resets.unused_core_findings(log, every, clock),
         *cores.bias_findings(log, core, clock),
         *cores.agreement_findings(every, stray_m is not None, clock),
         *truth_findings(position, yaw, clock),

@@ -1,6 +1,7 @@
 """Cores of the estimator, and when each had what: origin, position, biases, agreement of cores.
 
-EKF3's XKF messages, EKF2's NKF, by number of the core, whatever the version calls them.
+EKF3's XKF messages, EKF2's NKF, EKF1 to EKF4 of the first filter, by number of the core, whatever the version calls
+them.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Severity
 from xitl_cli.logs.model.table import Floats, Selection, Stamps, Table, by_instance
+from xitl_cli.logs.signals.lanes import lanes, rows_in_use
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import autopilot_messages
 from xitl_cli.logs.tables.events import EKF_ABSOLUTE, EKF_ACTIVE, EKF_GPS_CHECKS
 
-_FAMILIES = (("EKF3", "XKF"), ("EKF2", "NKF"))
+FIRST_FILTER = "EKF1"  # until Copter 3.4; its bits of faults are its own
+_FAMILIES = (("EKF3", "XKF"), ("EKF2", "NKF"), (FIRST_FILTER, "EKF"))
 _SECOND_CORE = 5  # before 4.1 a core had messages of its own: XKF6 is XKF1 of the second
 
 
@@ -37,7 +40,7 @@ class EstimatorCore:
 
 
 def estimator_cores(log: Log) -> list[EstimatorCore]:
-    """Of EKF3 where it was logged, else of EKF2, by number."""
+    """Of EKF3 where it was logged, else of EKF2, else of the first filter, by number."""
     for name, prefix in _FAMILIES:
         parts = {kind: _by_core(log, prefix, kind) for kind in (1, 3, 4)}
         numbers = sorted(set().union(*parts.values()))
@@ -48,6 +51,15 @@ def estimator_cores(log: Log) -> list[EstimatorCore]:
                 if number < 8
             ]
     return []
+
+
+def core_in_use(log: Log, every: list[EstimatorCore], primary: int) -> EstimatorCore | None:
+    """Rows of whichever core was in use when they were written, under the number of the one that was so longest."""
+    core = next((one for one in every if one.number == primary), None)
+    prefix = next((prefix for name, prefix in _FAMILIES if core is not None and name == core.filter), "")
+    if core is None or lanes(log, prefix) is None or len(every) < 2:
+        return core
+    return EstimatorCore(primary, core.filter, *(rows_in_use(log, f"{prefix}{kind}") for kind in (1, 3, 4)))
 
 
 def flag_column(table: Table, column: str) -> Stamps:

@@ -13,11 +13,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from xitl_cli.logs.analyses.estimator_cores import EstimatorCore, flag_column
+from xitl_cli.logs.analyses.estimator_cores import FIRST_FILTER, EstimatorCore, flag_column
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Mark, Plot, Severity, Trace
-from xitl_cli.logs.model.table import Flags, Floats, Stamps, Table
+from xitl_cli.logs.model.table import Flags, Floats, Selection, Stamps, Table
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.spans import inside, length_s, spans_where
 from xitl_cli.logs.signals.states import autopilot_messages, error_rows, event_rows
@@ -26,6 +26,7 @@ from xitl_cli.logs.tables import events as codes
 _COLUMNS: Mapping[str, str] = MappingProxyType(
     {"SV": "velocity", "SP": "position", "SH": "height", "SM": "compass", "SVT": "airspeed"}
 )
+_AXES = ("SMX", "SMY", "SMZ")  # of the compass, in the first filter
 _REPORTED: Mapping[str, str] = MappingProxyType(
     {
         "velocity_variance": "velocity",
@@ -86,25 +87,24 @@ def _ratios_of(core: int, table: Table, columns: Mapping[str, str]) -> list[Test
         if good.any() and (values[good] > 0.0).any():
             name = table.name.rpartition(":")[2]
             found.append(TestRatios(core, of, f"{name}.{column}", table.stamp_ns[good], values[good]))
+    axes = [np.asarray(table.values(axis), dtype=np.float64) for axis in _AXES if axis in table.columns]
+    if axes and (largest := np.nan_to_num(np.max(axes, axis=0))).any():
+        found.append(TestRatios(core, "compass", f"{table.name}.{_AXES[0]}", table.stamp_ns, largest))
     return found
 
 
-def ratio_facts(every: list[TestRatios], core: int, clock: LogClock) -> Iterator[Fact]:
-    """Largest ratio of each test of one core while armed, or ever when it was not."""
+def ratio_facts(every: list[TestRatios], clock: LogClock) -> Iterator[Fact]:
+    """Largest ratio of each test of the core in use while armed, or ever when it was not."""
     for one in every:
-        if one.core != core:
-            continue
         rows = inside(one.stamp_ns, clock.armed) if clock.armed else np.ones(len(one.values), dtype=np.bool_)
         if rows.any():
             label = f"Largest test ratio, {one.of}"
             yield Fact(f"ratio_{one.of}_max", label, round(float(one.values[rows].max()), 3))
 
 
-def refusal_findings(every: list[TestRatios], core: int, clock: LogClock) -> Iterator[Finding]:
+def refusal_findings(every: list[TestRatios], clock: LogClock) -> Iterator[Finding]:
     """Refusals of the core in use while armed; before arming filters settle, and it is worth no word."""
     for one in every:
-        if one.core != core:
-            continue
         spans = [span for span in one.refused if clock.was_armed(*span)]
         if not spans:
             continue
@@ -176,10 +176,45 @@ def fault_findings(core: EstimatorCore, clock: LogClock) -> Iterator[Finding]:
     yield Finding.critical(
         "estimator.faults",
         f"The filter itself was faulty for {length_text(length_s(spans))}, first at "
-        f"{clock.text(int(stamps[rows[0]]))}: {', '.join(codes.bit_names(codes.EKF_FAULTS, bits))}",
+        f"{clock.text(int(stamps[rows[0]]))}: {_fault_names(core, bits)}",
         tuple(Evidence(table.name, "FS", begin, end, f"0x{bits:x}") for begin, end in spans[:_MOST]),
         "Do not trust attitude or position there; look at IMU gaps and clipping, and at what it fused.",
     )
+
+
+def _fault_names(core: EstimatorCore, bits: int) -> str:
+    if core.filter == FIRST_FILTER:
+        return f"its bits are 0x{bits:x}, of which versions differ in the meaning"
+    return ", ".join(codes.bit_names(codes.EKF_FAULTS, bits))
+
+
+def unused_core_findings(log: Log, every: list[EstimatorCore], clock: LogClock) -> Iterator[Finding]:
+    """What the other cores refused or lost while armed and not in use: it steered nothing, and tells of their IMU."""
+    for core in every:
+        if len(every) < 2 or core.health is None or "PI" not in core.health.columns:
+            continue
+        idle = flag_column(core.health, "PI") != core.number
+        told: list[str] = []
+        evidence: list[Evidence] = []
+        for ratio in _ratios_of(core.number, Selection(core.health, idle), _COLUMNS):
+            spans = [span for span in ratio.refused if clock.was_armed(*span)]
+            if length_s(spans) >= _LONG_S:
+                told.append(f"it refused {_SENSORS[ratio.of]} for {length_text(length_s(spans))}")
+                message, _, field = ratio.source.partition(".")
+                evidence += [Evidence(message, field, *span) for span in spans[:4]]
+        table = Selection(core.health, idle)
+        flags = flag_column(table, "FS") & ~codes.EKF_NOT_INITIALISED if "FS" in table.columns else np.zeros(0)
+        if len(flags) and (bad := (flags != 0) & inside(table.stamp_ns, clock.armed)).any():
+            spans = spans_where(table.stamp_ns, bad, _JOIN_S)
+            told.append(f"it was faulty for {_lasting(spans)}")
+            evidence += [Evidence(table.name, "FS", *span) for span in spans[:4]]
+        if told:
+            yield Finding.notice(
+                "estimator.unused_core",
+                f"Core {core.number} of the estimator, not in use then: {', '.join(told)}",
+                tuple(evidence),
+                "Nothing steered by it; compare its IMU with the others before a switch brings it into use.",
+            )
 
 
 def position_findings(log: Log, core: EstimatorCore | None, clock: LogClock) -> Iterator[Finding]:

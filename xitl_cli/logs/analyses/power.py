@@ -22,7 +22,7 @@ from xitl_cli.logs.tables.events import ERR_BATTERY_FAILSAFE
 
 _TITLE = "Power"
 _UNKNOWN_MV = 65535.0
-_NO_BOAT_V = 900.0
+_HUNDREDTHS = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +58,9 @@ def batteries(log: Log) -> list[Battery]:
 
 
 def _battery_from_log(table: Table, each: Table, number: int) -> Battery | None:
-    voltage = numbers(each, "Volt")
+    voltage = _measured(each, "Volt")
     if voltage is None or not np.isfinite(voltage).any():
         return None
-    if np.nanmedian(voltage) > _NO_BOAT_V:
-        voltage = voltage * 0.01  # logs of before 2016 hold hundredths, without saying so
     healthy = numbers(each, "H", raw=True)
     return Battery(
         name=instance_label(table, number),
@@ -71,12 +69,22 @@ def _battery_from_log(table: Table, each: Table, number: int) -> Battery | None:
         stamp_ns=bounded_stamps(each),
         voltage_v=voltage,
         voltage_field="Volt",
-        current_a=numbers(each, "Curr"),
+        current_a=_measured(each, "Curr"),
         used_mah=numbers(each, "CurrTot", raw=True),
         remaining_percent=numbers(each, "RemPct"),
         resistance_ohm=numbers(each, "Res"),
         healthy=None if healthy is None else healthy > 0.0,
     )
+
+
+def _measured(each: Table, name: str) -> Floats | None:
+    """(N,) in volts or amperes. Before 2016 (CURR of Copter 3.4) it was hundredths of them as whole numbers, which no
+    letter of its FMT says; since then it is floating point. Source: LogStructure.h of ArduPilot's releases.
+    """
+    values = numbers(each, name)
+    if values is None or each.columns[name].unit or each.values(name, raw=True).dtype.kind not in "iu":
+        return values
+    return values * _HUNDREDTHS
 
 
 def _battery_from_telemetry(table: Table, each: Table, number: int) -> Battery | None:
@@ -201,6 +209,7 @@ _LEAST_LOAD_A = 0.5  # spread of the current that a resistance can be told from
 _LOW_PERCENT = 20.0
 _FALL_V_SHARE = 0.8
 _END_S = 60.0
+_NO_BATTERY_V = 3.0  # under one cell: a monitor without a battery on it
 
 
 def analyse(log: Log) -> Section | None:
@@ -308,7 +317,7 @@ def _falls_at_end(each: Battery) -> Iterator[Finding]:
     if len(known) < 20:
         return
     usual, last = float(np.median(each.voltage_v[known])), float(each.voltage_v[known[-1]])
-    if last > _FALL_V_SHARE * usual or each.voltage_v[known[-1]] > each.voltage_v[known[-2]]:
+    if usual < _NO_BATTERY_V or last > _FALL_V_SHARE * usual or each.voltage_v[known[-1]] > each.voltage_v[known[-2]]:
         return
     at_ns = int(each.stamp_ns[known[-1]])
     yield Finding.critical(

@@ -12,7 +12,8 @@ from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Finding, Mark, Plot, Section, Severity, Trace
 from xitl_cli.logs.model.table import Flags, Floats, Stamps
-from xitl_cli.logs.signals import Series, ground_speed, yaw_rate
+from xitl_cli.logs.signals import Series, StateSpan, ground_speed, yaw_rate
+from xitl_cli.logs.signals import armed as log_armed
 from xitl_cli.logs.signals.gaps import Gap, Gaps, Regularity, gaps, regularity
 from xitl_cli.logs.signals.sensors import InertialUnit, SensorSeries
 from xitl_cli.logs.signals.series import listed, numbers
@@ -22,7 +23,10 @@ from xitl_cli.logs.signals.states import armed_rows
 
 @dataclass(frozen=True, slots=True)
 class JudgedSensor:
-    """Properties by which any sensor is judged. values: (N, k). gaps: without pauses of the whole log."""
+    """Properties by which any sensor is judged. values: (N, k). gaps: without pauses of the whole log.
+
+    clock_jumps: of the sensor's own clock (`SampleTimes.jumps`).
+    """
 
     name: str
     sort: str
@@ -32,13 +36,14 @@ class JudgedSensor:
     values: Floats
     regularity: Regularity
     gaps: Gaps
+    clock_jumps: tuple[tuple[int, float], ...]
     holding: HoldStatistics
     healthy: Flags | None
     temperature_degc: Floats | None
     sensor_rate_hz: float | None
 
 
-def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps) -> JudgedSensor | None:
+def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps, log: Log) -> JudgedSensor | None:
     found = regularity(each.sample_ns)
     if found is None:
         return None
@@ -57,7 +62,8 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps) -> JudgedSen
         stamp_ns=each.stamp_ns,
         values=values,
         regularity=found,
-        gaps=_own_gaps(each.stamp_ns, each.sample_ns, found, pause),
+        gaps=_own_gaps(log, each.stamp_ns, each.sample_ns, found, pause),
+        clock_jumps=each.times.jumps,
         holding=find_holds(values, found.period_s),
         healthy=each.healthy,
         temperature_degc=each.temperature_degc,
@@ -65,19 +71,23 @@ def judged_sensor(each: InertialUnit | SensorSeries, pause: Stamps) -> JudgedSen
     )
 
 
-def _own_gaps(stamp_ns: Stamps, sample_ns: Stamps, found: Regularity, pause: Stamps) -> Gaps:
-    """On the log's time, without those in which everything paused."""
-    each = gaps(sample_ns, found.period_s)
+def _own_gaps(log: Log, stamp_ns: Stamps, sample_ns: Stamps, found: Regularity, pause: Stamps) -> Gaps:
+    """On the log's time, without those in which everything paused, or logging was off."""
+    each = gaps(sample_ns, found.period_s, bursts=found.bursts)
     from_ns = stamp_ns[each.row]
     until_ns = from_ns + (each.until_ns - each.from_ns)
     own = covered_share(from_ns, until_ns, pause) < 0.5
+    long = own & (until_ns - from_ns > round(_LONG_S * 1e9))
+    own[long] = ~switched_off(log, np.stack([from_ns[long], until_ns[long]], axis=1))
     return Gaps(each.row[own], from_ns[own], until_ns[own], each.missing[own])
 
 
 _MISSING_NOTICE = 0.01
+_FEWEST_MISSING = 5
 _MISSING_WARNING = 0.05
 _SAME_NS = 100_000_000
 _LONG_S = 0.5
+_MANY = 20
 _LEAPT = 0.8
 _RATE_APART = 0.05
 _GAP_STEP = (
@@ -85,14 +95,21 @@ _GAP_STEP = (
 )
 
 
-def timing_section(found: list[JudgedSensor], clock: LogClock) -> Section:
+def timing_section(found: list[JudgedSensor], clock: LogClock, *, telemetry: bool) -> Section:
     """Gaps, stamps that go wrong, instances of one message at different rates."""
-    findings = (*_gaps(found, clock), *(one for sensor in found for one in _stamp_findings(sensor)), *_rates(found))
+    # What telemetry carries is thinned out as its link allows; the links section tells of losses.
+    findings = (
+        *_gaps(found, clock),
+        *(one for sensor in found for one in _stamp_findings(sensor, telemetry)),
+        *_clock_jumps(found, clock),
+        *_rates(found),
+    )
     return Section("sensors", "Sensors", findings=findings, plots=_gap_plot(found))
 
 
-def _stamp_findings(sensor: JudgedSensor) -> Iterator[Finding]:
-    yield from _missing(sensor)
+def _stamp_findings(sensor: JudgedSensor, telemetry: bool) -> Iterator[Finding]:
+    if not telemetry:
+        yield from _missing(sensor)
     regular = sensor.regularity
     if regular.backward:
         yield Finding.warning(
@@ -101,6 +118,28 @@ def _stamp_findings(sensor: JudgedSensor) -> Iterator[Finding]:
             (Evidence(sensor.message, sensor.field, int(sensor.stamp_ns[0]), int(sensor.stamp_ns[-1])),),
             "Look for a clock that was set during the run, or a damaged part of the log.",
         )
+
+
+def _clock_jumps(found: Sequence[JudgedSensor], clock: LogClock) -> Iterator[Finding]:
+    """One for all sensors on the clock that was set: no sample is missing for it."""
+    jumped = [sensor for sensor in found if sensor.clock_jumps]
+    if not jumped:
+        return
+    at_ns, size_s = max(jumped[0].clock_jumps, key=lambda jump: abs(jump[1]))
+    many = len(jumped[0].clock_jumps)
+    again = "" if many == 1 else f", the largest of {many}"
+    *names, last = (sensor.name for sensor in jumped)
+    yield Finding.notice(
+        "sensors.clock_step",
+        f"The clock that stamps {', '.join(names)}{' and ' if names else ''}{last} jumped by {size_s:+.4g} s at "
+        f"{clock.text(at_ns)}{again}; no sample is missing there",
+        tuple(
+            Evidence(sensor.message, None, jump[0], None, f"{jump[1]:+.4g} s")
+            for sensor in jumped[:4]
+            for jump in sensor.clock_jumps[:4]
+        ),
+        "Take times across it from the log's own stamps; a clock is set by a restart, by GPS or by a ground station.",
+    )
 
 
 def _rates(found: list[JudgedSensor]) -> Iterator[Finding]:
@@ -124,9 +163,14 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
     long = pause[(pause[:, 1] - pause[:, 0]) >= int(_LONG_S * 1e9)]
     leapt = [step for relation in clock_relations(log) for step in relation.steps if step.size_s >= _LONG_S]
     long = long[[not any(_is_leap(begin, end, step) for step in leapt) for begin, end in long.tolist()]]
+    long = long[~switched_off(log, long)]
+    lengths_s = (long[:, 1] - long[:, 0]) * 1e-9
+    whole_s = 0.0 if log.span_ns is None else (log.span_ns[1] - log.span_ns[0]) * 1e-9
+    if len(long) >= _MANY and lengths_s.sum() > 0.5 * whole_s:  # what comes in bursts pauses all the time
+        apart = lengths_s > 3.0 * float(np.median(lengths_s))
+        long, lengths_s = long[apart], lengths_s[apart]
     if not len(long):
         return ()
-    lengths_s = (long[:, 1] - long[:, 0]) * 1e-9
     armed = armed_rows(log, long[:, 0])
     times = listed([f"{clock.text(int(a))} for {d:.2f} s" for (a, _), d in zip(long, lengths_s, strict=True)])
     sailing = armed is None or bool(armed.any())
@@ -149,6 +193,32 @@ def recording_pauses(log: Log, pause: Stamps, clock: LogClock) -> tuple[Finding,
             step,
         ),
     )
+
+
+_STOPS_AFTER_NS = 20_000_000_000  # LOG_DISARMED 0: fifteen seconds after disarming (HAL_LOGGER_ARM_PERSIST)
+_STARTS_BEFORE_NS = 5_000_000_000
+_LATEST_STAMP_NS = 1_000_000_000
+
+
+def switched_off(log: Log, pause: Stamps) -> Flags:
+    """(N,) which of these pauses (N, 2) began with disarming and ended with arming: logging was off meanwhile."""
+    spans = [] if log.format != "dataflash" else log_armed(log)
+    found = np.zeros(len(pause), dtype=np.bool_)
+    for place, (begin, end) in enumerate(pause.tolist()):
+        disarmed = any(begin - _STOPS_AFTER_NS <= span.until_ns <= begin + _LATEST_STAMP_NS for span in spans)
+        # Events without a time of their own are stamped as the row before them: the arming that ends a pause, too.
+        armed = [span.from_ns for span in spans if span.until_ns > begin + _LATEST_STAMP_NS and span.from_ns < end]
+
+        def near_end(span: StateSpan, end: int = end) -> bool:
+            return abs(span.from_ns - end) <= _STARTS_BEFORE_NS
+
+        at_end = any(map(near_end, spans))
+        at_begin = [from_ns for from_ns in armed if abs(from_ns - begin) <= _LATEST_STAMP_NS]
+        between = any(from_ns < end - _STARTS_BEFORE_NS for from_ns in armed if from_ns not in at_begin)
+        # Where disarming itself was no longer logged, arming a second time tells of it.
+        twice = any(span.from_ns == other.until_ns for span in spans if near_end(span) for other in spans)
+        found[place] = twice or (disarmed and (at_end or bool(at_begin)) and not between)
+    return found
 
 
 def _long_gaps(sensor: JudgedSensor) -> tuple[Gap, ...]:
@@ -196,11 +266,9 @@ def _missing(sensor: JudgedSensor) -> Iterator[Finding]:
     regular = sensor.regularity
     if _long_gaps(sensor):
         return
-    # Not more than the whole record lacks at this rate: stamps that come unevenly have long steps and short ones.
-    lacking = round((regular.rows - 1) * (regular.mean_period_s / regular.period_s - 1.0))
-    missing = min(int(sensor.gaps.missing.sum()), lacking)
+    missing = int(sensor.gaps.missing.sum())
     share = missing / (regular.rows + missing) if missing > 0 else 0.0
-    if share < _MISSING_NOTICE:
+    if share < _MISSING_NOTICE or missing < _FEWEST_MISSING:
         return
     longest_s = sensor.gaps.longest(1)[0].duration_s
     yield Finding(

@@ -9,7 +9,7 @@ from xitl_cli.logs.analyses.sensor_quality import agreement_section, noise_secti
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Fact, Grid, Section, Value
-from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
 from xitl_cli.logs.signals import stray_truth_m
 from xitl_cli.logs.signals.sensors import (
     InertialUnit,
@@ -39,10 +39,10 @@ def analyse(log: Log) -> Section | None:
     pause = log_pauses(log)
     still = find_rest(log, inertial)
     every: list[InertialUnit | SensorSeries] = [*inertial, *plain]
-    found = [sensor for each in every if (sensor := sensor_faults.judged_sensor(each, pause)) is not None]
+    found = [sensor for each in every if (sensor := sensor_faults.judged_sensor(each, pause, log)) is not None]
     armed = {sensor.name: armed_rows(log, sensor.stamp_ns) for sensor in found}
     parts = (
-        sensor_faults.timing_section(found, clock),
+        sensor_faults.timing_section(found, clock, telemetry=log.format == "tlog"),
         sensor_faults.trouble_section(log, found, inertial, armed, clock),
         agreement_section(inertial, plain, stray_truth_m(log) is not None, clock),
         noise_section(inertial, plain, still, parameter_values(log), sensors_simulated(log), clock),
@@ -50,7 +50,7 @@ def analyse(log: Log) -> Section | None:
     first = Section(
         "sensors",
         _TITLE,
-        _facts(found, still, pause),
+        _facts(found, still, pause, sensor_faults.switched_off(log, pause)),
         sensor_faults.recording_pauses(log, pause, clock),
         (_grid(found),),
         lacks=_lacks(log, inertial, plain),
@@ -58,12 +58,14 @@ def analyse(log: Log) -> Section | None:
     return Section.joined("sensors", _TITLE, (first, *parts))
 
 
-def _facts(found: list[sensor_faults.JudgedSensor], still: RestPeriods, pause: Stamps) -> tuple[Fact, ...]:
-    paused_s = float((pause[:, 1] - pause[:, 0]).sum()) * 1e-9
+def _facts(found: list[sensor_faults.JudgedSensor], still: RestPeriods, pause: Stamps, off: Flags) -> tuple[Fact, ...]:
+    lengths_s = (pause[:, 1] - pause[:, 0]) * 1e-9
+    off_s = float(lengths_s[off].sum())
     return (
         Fact("sensors", "Sensors", len(found)),
         Fact("longest_rest_s", "Longest stretch at rest", significant(still.longest_s), "s"),
-        Fact("recording_paused_s", "Nothing logged at all", significant(paused_s), "s"),
+        Fact("recording_paused_s", "Nothing logged at all", significant(float(lengths_s[~off].sum())), "s"),
+        *((Fact("logging_off_s", "Logging off while disarmed", significant(off_s), "s"),) if off_s else ()),
     )
 
 

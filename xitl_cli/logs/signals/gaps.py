@@ -1,4 +1,8 @@
-"""How regular a series of stamps is: its rate, its gaps, stamps that repeat or go back."""
+"""How regular a series of stamps is: its rate, its gaps, stamps that repeat or go back.
+
+Rows may be taken evenly and stamped in bursts: four at once, then none for as long as those four took. Their rate is
+that of the count, and only what the count lacks is missing.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,10 @@ from numpy.typing import NDArray
 GAP_PERIODS = 1.5
 LONG_GAP_PERIODS = 5.0
 _LISTED = 20
+_WINDOW_ROWS = 32  # over which bursts even out
+_EVEN = 0.25  # of a period: how far a step may be off and still be one
+_FEW_STEPS = 0.05
+_MOST_LATE_ROWS = 1000
 _FARTHEST_NS = 1 << 61  # seventy years; differences of what lies beyond would not fit
 
 
@@ -46,15 +54,17 @@ class Gaps:
 
 @dataclass(frozen=True, slots=True)
 class Regularity:
-    """period_s: median step forward, mean_period_s: from the first stamp to the latest, by rows; rate_hz is the inverse
-    of the median. jitter_s: half of what the middle 68 % of the steps span.
+    """period_s: median step forward where most steps are that long, else time by rows without outages; rate_hz is its
+    inverse. bursts: whether rows come in bursts. mean_period_s: from the first stamp to the latest, by rows.
+    jitter_s: half of what the middle 68 % of the steps span.
 
-    gaps, long_gaps: steps over 1.5 and over 5 periods. missing: rows that those leave out. longest: up to 20 gaps, the
+    gaps, long_gaps: of over 1.5 and over 5 periods. missing: rows that those leave out. longest: up to 20 gaps, the
     longest first. repeated: stamps equal to the one before; backward: stamps earlier than it, back_s the farthest.
     """
 
     rows: int
     period_s: float
+    bursts: bool
     mean_period_s: float
     jitter_s: float
     gaps: int
@@ -78,8 +88,8 @@ class Regularity:
 def regularity(stamp_ns: NDArray[np.int64], period_s: float | None = None) -> Regularity | None:
     """Of stamps (N,) in the order of the log; None with fewer than three rows or no step forward.
 
-    `period_s`: what the period should be; without it the median of the steps forward is taken for it. A stamp that goes
-    back is counted and otherwise passed over: a gap is from the latest stamp so far to one beyond it.
+    `period_s`: what the period should be; without it the series itself tells. A stamp that goes back is counted and
+    otherwise passed over: a gap is from the latest stamp so far to one beyond it.
     """
     stamps = _within(stamp_ns)
     if len(stamps) < 3:
@@ -88,15 +98,16 @@ def regularity(stamp_ns: NDArray[np.int64], period_s: float | None = None) -> Re
     forward = steps[steps > 0]
     if not len(forward):
         return None
-    period_ns = float(np.median(forward)) if period_s is None else period_s * 1e9
+    period_ns, bursts = _period_ns(stamps) if period_s is None else (period_s * 1e9, False)
     if not period_ns > 0.0:
         return None
-    wide = gaps(stamps, period_ns * 1e-9)
+    wide = gaps(stamps, period_ns * 1e-9, bursts=bursts)
     low, high = np.percentile(forward, (16.0, 84.0))
     backward = steps < 0
     return Regularity(
         rows=len(stamps),
         period_s=period_ns * 1e-9,
+        bursts=bursts,
         mean_period_s=float(stamps.max() - stamps[0]) * 1e-9 / (len(stamps) - 1),
         jitter_s=float(high - low) * 0.5e-9,
         gaps=len(wide),
@@ -109,13 +120,59 @@ def regularity(stamp_ns: NDArray[np.int64], period_s: float | None = None) -> Re
     )
 
 
-def gaps(stamp_ns: NDArray[np.int64], period_s: float) -> Gaps:
-    """Where stamps (N,) advance by more than 1.5 periods at once."""
+def gaps(stamp_ns: NDArray[np.int64], period_s: float, *, bursts: bool = False) -> Gaps:
+    """Where stamps (N,) advance by more than 1.5 periods at once, and the rows that follow do not make up for it.
+
+    bursts: rows come in bursts (`Regularity.bursts`).
+    """
     reached = np.maximum.accumulate(_within(stamp_ns))
     beyond = np.diff(reached)
-    wide = np.flatnonzero(beyond > GAP_PERIODS * period_s * 1e9)
-    missing = np.maximum(np.rint(beyond[wide] / (period_s * 1e9)).astype(np.int64) - 1, 1)
+    period_ns = period_s * 1e9
+    wide = np.flatnonzero(beyond > GAP_PERIODS * period_ns)
+    missing = np.maximum(np.rint(beyond[wide] / period_ns).astype(np.int64) - 1, 1)
+    doubted = np.flatnonzero((missing > 2) | bursts)
+    if len(doubted):
+        missing[doubted] = np.minimum(missing[doubted], _lacking(reached, period_ns, wide[doubted]))
+        wide, missing = wide[missing > 0], missing[missing > 0]
     return Gaps(wide.astype(np.int64), reached[wide], reached[wide + 1], missing)
+
+
+def _period_ns(stamp_ns: NDArray[np.int64]) -> tuple[float, bool]:
+    """The period, and whether rows come in bursts."""
+    reached = np.maximum.accumulate(stamp_ns)
+    steps = np.diff(reached)
+    if not (steps > 0).any():
+        back_and_forth = np.diff(stamp_ns)
+        return float(np.median(back_and_forth[back_and_forth > 0])), False
+    usual = float(np.median(steps[steps > 0]))
+    ratio = steps[steps > 0] / usual
+    wide = ratio[ratio > GAP_PERIODS]
+    if not len(wide) or len(steps) < _WINDOW_ROWS:
+        return usual, False
+    near = wide[wide < 2 * LONG_GAP_PERIODS]
+    even = float(np.mean(np.abs(ratio - 1.0) <= _EVEN)) > 0.5
+    on_grid = not len(near) or float(np.mean(np.abs(near - np.rint(near)) <= _EVEN)) > 0.5
+    windows = np.diff(reached[::_WINDOW_ROWS]) / usual - _WINDOW_ROWS  # rows that each lacks
+    lacking = windows[windows < _WINDOW_ROWS]
+    mean = float(lacking.mean()) if len(lacking) else 0.0
+    as_ever = len(lacking) > 1 and mean > 1.0 and float(lacking.std()) < 0.5 * mean**0.5  # no loss is so regular
+    if even and on_grid and not as_ever and len(wide) - len(near) <= _FEW_STEPS * len(ratio):
+        return usual, False
+    over = (reached[_WINDOW_ROWS:] - reached[:-_WINDOW_ROWS]).astype(np.float64)
+    whole = over < GAP_PERIODS * float(np.median(over))  # those without an outage
+    by_count = float(over[whole].mean()) / _WINDOW_ROWS if whole.any() else usual
+    return (by_count, True) if by_count > 0.0 else (usual, False)
+
+
+def _lacking(reached: NDArray[np.int64], period_ns: float, wide: NDArray[np.intp]) -> NDArray[np.int64]:
+    """Rows that are lacking for good around each wide step: neither sooner nor later do others make up for them."""
+    late = (reached - reached[0]) / period_ns - np.arange(len(reached))
+    lacking = np.empty(len(wide), dtype=np.int64)
+    for place, row in enumerate(wide.tolist()):
+        reach = _WINDOW_ROWS + min(int(late[row + 1] - late[row]), _MOST_LATE_ROWS)
+        before, after = late[max(row + 1 - _WINDOW_ROWS, 0) : row + 1], late[row + 1 : row + 1 + reach]
+        lacking[place] = round(after.min() - before.max() + _EVEN)
+    return lacking
 
 
 def _within(stamp_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from sim_core.frames import flu_to_frd, quat_ned_frd_to_enu_flu, quat_to_euler
 from sim_core.geodesy import LocalFrame, ardupilot_ned
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.signals.lanes import rows_in_use
 from xitl_cli.logs.signals.series import (
     Series,
     SeriesReader,
@@ -133,12 +134,18 @@ def yaw(log: Log, of: SignalSource = "estimate") -> Series | None:
 
 
 def yaw_desired(log: Log) -> Series | None:
-    """Degrees, what the control aims at."""
+    """Degrees, what the control aims at. Rover writes 0 into ATT.DesYaw, and its demand into NTUN."""
     return first_series(
         log,
-        lambda log: column_series(log, "ATT", "DesYaw", "deg", turns=True),
-        lambda log: _telemetry(log, "NAV_CONTROLLER_OUTPUT", "nav_bearing", "deg", turns=True),
+        lambda log: _demanded(column_series(log, "ATT", "DesYaw", "deg", turns=True)),
+        lambda log: _demanded(column_series(log, "NTUN", "DesYaw", "deg", turns=True)),
+        lambda log: _demanded(_telemetry(log, "NAV_CONTROLLER_OUTPUT", "nav_bearing", "deg", turns=True)),
     )
+
+
+def _demanded(found: Series | None) -> Series | None:
+    """None for what is 0 throughout: nothing was asked for."""
+    return None if found is None or not found.values.any() else found
 
 
 def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
@@ -155,7 +162,7 @@ def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:
 
 
 def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
-    """Metres a second over ground. DataFlash: the estimator's (XKF1), else the receiver's (GPS.Spd)."""
+    """Metres a second over ground. DataFlash: of the estimator's core in use, else the receiver's (GPS.Spd)."""
     if of == "truth":
         return first_series(
             log,
@@ -166,6 +173,7 @@ def ground_speed(log: Log, of: SignalSource = "estimate") -> Series | None:
         log,
         lambda log: _hypot(log, "XKF1", "VN", "VE"),
         lambda log: _hypot(log, "NKF1", "VN", "VE"),
+        lambda log: _hypot(log, "EKF1", "VN", "VE"),
         lambda log: column_series(log, "GPS", "Spd", "m/s"),
         lambda log: _odometry_speed(log, "/estimate/odometry"),
         lambda log: _telemetry(log, "VFR_HUD", "groundspeed", "m/s"),
@@ -272,7 +280,7 @@ def _norm(log: Log, name: str, field: str) -> Series | None:
 
 
 def _hypot(log: Log, name: str, north: str, east: str) -> Series | None:
-    table = first_instance(log, name)
+    table = rows_in_use(log, name)
     if table is None or (parts := stacked_columns(table, (north, east))) is None:
         return None
     return make_series(table.stamp_ns, np.hypot(parts[:, 0], parts[:, 1]), "m/s", f"{name}.{north}, {east}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, first_of
-from xitl_cli.logs.signals.sensors import sample_clock
+from xitl_cli.logs.signals.sensors import sample_times
 from xitl_cli.logs.signals.series import bounded_stamps, instance_label, message_of, numbers, tables_of
 
 FIX_3D = 3
@@ -111,13 +111,12 @@ def _receiver(log: Log, name: str, table: Table, number: int) -> GnssReceiver | 
         return None
     blind = (fix < 2) | ((lat == 0.0) & (lon == 0.0)) | (np.abs(lat) > 90.0) | (np.abs(lon) > 180.0)
     speed = _plausible(table, fields.get("speed"), columns.get("speed"))
-    clock = sample_clock(table)
     return GnssReceiver(
         name=name,
         message=table.name,
         fields=fields,
         stamp_ns=bounded_stamps(table),
-        sample_ns=bounded_stamps(table) if clock is None else clock,
+        sample_ns=sample_times(table).clock_ns,
         fix=fix,
         satellites=None if satellites is None else np.where(satellites >= 255, np.nan, satellites),
         hdop=_hdop(table, columns.get("hdop")),

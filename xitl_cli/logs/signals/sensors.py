@@ -22,14 +22,14 @@ _NO_SENSORS = {"SIMSTATE", "SIM_STATE", "HIL_STATE_QUATERNION"}  # what a simula
 class InertialUnit:
     """One unit. gyro_radps, accel_mps2: (N, 3) with NaN for what was no number, None when not logged.
 
-    stamp_ns: (N,) on the log's time; sample_ns: (N,) on the sensor's own clock where that is logged, else the stamps.
+    stamp_ns: (N,) on the log's time; times: on the sensor's own clock where that is logged, else the stamps.
     gyro_rate_hz, accel_rate_hz: at which the unit says it samples. healthy: (N,) as the autopilot saw it.
     """
 
     name: str
     table: Table
     stamp_ns: Stamps
-    sample_ns: Stamps
+    times: SampleTimes
     gyro_radps: Floats | None
     accel_mps2: Floats | None
     gyro_fields: tuple[str, ...]
@@ -38,6 +38,10 @@ class InertialUnit:
     gyro_rate_hz: float | None
     accel_rate_hz: float | None
     healthy: Flags | None
+
+    @property
+    def sample_ns(self) -> Stamps:
+        return self.times.clock_ns
 
 
 _XYZ = "XYZ"
@@ -84,8 +88,6 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
     forces = _vector(table, accel, "m/s/s", 1e-3 * STANDARD_GRAVITY_MPS2)
     if not any(part is not None and np.nan_to_num(part).any() for part in (rates, forces)):
         return None
-    at_ns = bounded_stamps(table)
-    samples = sample_clock(table)
     warmth = first_of(table, _TEMPERATURES)
     temperature = None if warmth is None else numbers(table, warmth)
     if temperature is not None and message_of(table.name) in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
@@ -93,8 +95,8 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
     return InertialUnit(
         name=name,
         table=table,
-        stamp_ns=at_ns,
-        sample_ns=at_ns if samples is None else samples,
+        stamp_ns=bounded_stamps(table),
+        times=sample_times(table),
         gyro_radps=rates,
         accel_mps2=forces,
         gyro_fields=gyro,
@@ -106,14 +108,41 @@ def _unit(name: str, table: Table, gyro: tuple[str, ...], accel: tuple[str, ...]
     )
 
 
-def sample_clock(table: Table) -> Stamps | None:
-    """(N,) when each sample was taken, by the sensor's own clock (ns); None where only the row's stamp is logged."""
+@dataclass(frozen=True, slots=True)
+class SampleTimes:
+    """clock_ns: (N,) when each sample was taken, by the sensor's own clock, with its jumps taken out.
+
+    jumps: instant (the log's time) and size (s) of each time that clock was set, while the rows went on as before.
+    """
+
+    clock_ns: Stamps
+    jumps: tuple[tuple[int, float], ...] = ()
+
+
+_JUMP_NS = 500_000_000
+
+
+def sample_times(table: Table) -> SampleTimes:
+    """By the sensor's own clock where one is logged, else by the rows' stamps."""
+    at_ns = bounded_stamps(table)
     for name, factor in _SAMPLE_CLOCKS:
         column = table.columns.get(name)
         if column is not None and column.kind == "number" and column.shape == ():
             clock: Stamps = np.asarray(table.values(name, raw=True)).astype(np.int64) * factor
-            return clock if (clock != 0).any() else None
-    return None
+            return _without_jumps(clock, at_ns) if (clock != 0).any() else SampleTimes(at_ns)
+    return SampleTimes(at_ns)
+
+
+def _without_jumps(clock_ns: Stamps, at_ns: Stamps) -> SampleTimes:
+    """A gap is one by both clocks. A jump is of one alone, and over half of its step."""
+    steps, rows = np.diff(clock_ns), np.diff(at_ns)
+    apart = steps - rows
+    jumped = np.flatnonzero((np.abs(apart) > _JUMP_NS) & (np.abs(apart) > 0.5 * np.abs(steps)) & (rows >= 0))
+    if not len(jumped):
+        return SampleTimes(clock_ns)
+    steps[jumped] = rows[jumped]
+    mended = clock_ns[0] + np.concatenate(([0], np.cumsum(steps)))
+    return SampleTimes(mended, tuple((int(at_ns[row + 1]), float(apart[row]) * 1e-9) for row in jumped[:100].tolist()))
 
 
 def _vector(table: Table, names: tuple[str, ...], unit: str, factor: float) -> Floats | None:
@@ -255,10 +284,14 @@ class SensorSeries:
     fields: tuple[str, ...]
     unit: str
     stamp_ns: Stamps
-    sample_ns: Stamps
+    times: SampleTimes
     values: Floats
     healthy: Flags | None
     temperature_degc: Floats | None
+
+    @property
+    def sample_ns(self) -> Stamps:
+        return self.times.clock_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +347,6 @@ def sensor_series(log: Log) -> list[SensorSeries]:
                 health = first_of(each, message.health)
                 flags = None if health is None else numbers(each, health, raw=True)
                 warmth = first_of(each, message.temperature)
-                clock = sample_clock(each)
                 found.append(
                     SensorSeries(
                         name=instance_label(table, number),
@@ -323,7 +355,7 @@ def sensor_series(log: Log) -> list[SensorSeries]:
                         fields=names,
                         unit=message.unit or each.columns[names[0]].unit,
                         stamp_ns=bounded_stamps(each),
-                        sample_ns=bounded_stamps(each) if clock is None else clock,
+                        times=sample_times(each),
                         values=values.reshape(len(values), -1),
                         healthy=None if flags is None else flags > 0.0,
                         temperature_degc=None if warmth is None else numbers(each, warmth),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table
+from xitl_cli.logs.model.table import Flags, Selection, Stamps, Table, first_of
 from xitl_cli.logs.signals.series import Series, first_instance, make_series, numbers, tables_of
 from xitl_cli.logs.tables.events import ARMED, DISARMED
 from xitl_cli.logs.tables.modes import MODES
@@ -187,17 +187,18 @@ def armed(log: Log) -> list[StateSpan]:
     if states is None:
         return []
     stamps, on, source = states
-    return [
-        span for span in _state_spans(log, stamps, on.astype(np.int64), source, {1: "armed"}) if span.text == "armed"
-    ]
+    # Old copters stop logging before they write that they are disarmed: armed twice is disarmed in between.
+    spans = _state_spans(log, stamps, on.astype(np.int64), source, {1: "armed"}, again=1 if source == "EV.Id" else None)
+    return [span for span in spans if span.text == "armed"]
 
 
 def modes(log: Log) -> list[StateSpan]:
     """One after another, by the vehicle's names."""
     table = log.tables.get("MODE")
-    if table is not None and "ModeNum" in table.columns:
-        numbers = table.values("ModeNum", raw=True)
-        return _state_spans(log, table.stamp_ns, numbers, "MODE.ModeNum", dict(MODES[vehicle_kind(log)]))
+    column = None if table is None else first_of(table, ("ModeNum", "Mode"))
+    if table is not None and column is not None and table.columns[column].kind == "number":
+        numbers = table.values(column, raw=True)
+        return _state_spans(log, table.stamp_ns, numbers, f"MODE.{column}", dict(MODES[vehicle_kind(log)]))
     beats = autopilot_heartbeats(log)
     if beats is None:
         return []
@@ -236,6 +237,9 @@ def _arm_states(log: Log) -> tuple[Stamps, Flags, str] | None:
             return _from_start(log, table.stamp_ns[either], numbers[either] == ARMED, "EV.Id")
     if (said := _states_from_texts(log)) is not None:
         return said
+    table = log.tables.get("STAT")  # of Plane
+    if table is not None and "Armed" in table.columns:
+        return table.stamp_ns, table.values("Armed", raw=True) != 0, "STAT.Armed"
     table = log.tables.get("/actuators")
     if table is not None and "armed" in table.columns:
         return table.stamp_ns, table.values("armed") != 0, "/actuators.armed"
@@ -268,13 +272,15 @@ def _states_from_texts(log: Log) -> tuple[Stamps, Flags, str] | None:
     return _from_start(log, stamps, np.array([on for _, on in said]), "MSG.Message")
 
 
-def _state_spans(log: Log, stamp_ns: Stamps, numbers: Stamps, source: str, names: dict[int, str]) -> list[StateSpan]:
-    """Where a number changes a new span begins; the last one ends with the log."""
+def _state_spans(
+    log: Log, stamp_ns: Stamps, numbers: Stamps, source: str, names: dict[int, str], again: int | None = None
+) -> list[StateSpan]:
+    """Where a number changes, or is `again`, a new span begins; the last one ends with the log."""
     if not len(stamp_ns):
         return []
     order = np.argsort(stamp_ns, kind="stable")
     stamps, values = stamp_ns[order], np.asarray(numbers)[order].astype(np.int64)
-    begins = np.flatnonzero(np.concatenate(([True], values[1:] != values[:-1])))
+    begins = np.flatnonzero(np.concatenate(([True], (values[1:] != values[:-1]) | (values[1:] == again))))
     span = log.span_ns
     ends = np.concatenate((stamps[begins[1:]], [stamps[-1] if span is None else max(span[1], int(stamps[-1]))]))
     return [
@@ -318,7 +324,8 @@ def armed_rows(log: Log, stamp_ns: Stamps) -> Flags | None:
     return on
 
 
-_CHANNEL = re.compile(r"C([0-9]{1,2})|servo([0-9]{1,2})_raw|chan([0-9]{1,2})_raw")
+# C1 since 2015, before that Ch1 (Copter) and Chan1 (Plane, Rover).
+_CHANNEL = re.compile(r"C(?:h|han)?([0-9]{1,2})|servo([0-9]{1,2})_raw|chan([0-9]{1,2})_raw")
 
 
 def outputs(log: Log) -> dict[int, Series]:

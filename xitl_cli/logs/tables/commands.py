@@ -70,6 +70,17 @@ THROTTLE = 70
 FIXED_OUTPUTS = (134, 135, 136)
 """Outputs that stay at SERVOn_MIN, _TRIM or _MAX whatever happens."""
 
+MOTORS = frozenset({*range(33, 41), *range(82, 86), *range(160, 180)})
+"""Motors of a multicopter: from idle to full, never backwards."""
+CONTROLS = MOTORS | {4, 16, 17, 19, 21, 24, 25, 26, 31, 32, 70, 73, 74, 77, 78, 79, 80, 86, 87, 89}
+"""Outputs that steer or drive; the others (tilt, gripper, landing gear, camera …) rest at their ends."""
+OLD_FUNCTIONS: Mapping[str, Mapping[int, int]] = {
+    "rover": {1: 26, 3: 70},
+    "plane": {1: 4, 2: 19, 3: 70, 4: 21},
+    "copter": {channel: 32 + channel for channel in range(1, 9)},
+}
+"""By vehicle and channel, for firmware of before 2017: outputs were those of the RC channels, without a function."""
+
 _SERVO_FUNCTIONS = {
     -1: "GPIO", 0: "none", 1: "RC passthrough", 2: "flap", 3: "flap, automatic", 4: "aileron", 6: "mount yaw",
     7: "mount pitch", 8: "mount roll", 9: "mount open", 10: "camera trigger", 12: "mount 2 yaw", 13: "mount 2 pitch",

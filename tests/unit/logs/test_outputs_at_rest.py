@@ -1,0 +1,66 @@
+"""What an output rests at is not the end of its range."""
+
+import numpy as np
+import pytest
+from made_log import MadeLog, MadeTable
+
+from xitl_cli.logs.analyses import radio
+from xitl_cli.logs.model.sections import Finding, Severity
+
+S = 1_000_000_000
+STAMPS = np.arange(600) * S // 10
+ROVER = MadeTable("MSG", [0], {"Message": ["ArduRover V4.5.0 (12345678)"]})
+ARMED = MadeTable("ARM", [0, 5 * S], {"ArmState": [0, 1]})
+
+
+def saturated(pulse_us: np.ndarray, *further: MadeTable, **parameters: float) -> list[Finding]:
+    outputs = MadeTable("RCOU", STAMPS, {"C1": pulse_us})
+    tables = [outputs, ARMED, *further]
+    if parameters:
+        tables.append(MadeTable("PARM", np.zeros(len(parameters)), {
+            "Name": list(parameters), "Value": list(parameters.values())}))  # fmt: skip
+    section = radio.analyse(MadeLog(*tables))
+    assert section is not None
+    return [each for each in section.findings if each.key == "radio.saturated"]
+
+
+THROTTLE = {"SERVO1_FUNCTION": 70.0, "SERVO1_MIN": 1000.0, "SERVO1_MAX": 2000.0}
+
+
+def test_a_throttle_at_min_and_trim_is_idle() -> None:
+    idle = np.full(600, 1000)
+    assert not saturated(idle, ROVER, **THROTTLE, SERVO1_TRIM=1000.0)
+    assert not saturated(idle, ROVER, **THROTTLE, SERVO1_TRIM=1010.0), "a trim a little above its end"
+
+
+def test_at_its_other_end_it_is_saturated() -> None:
+    (finding,) = saturated(np.full(600, 2000), ROVER, **THROTTLE, SERVO1_TRIM=1000.0)
+    assert finding.severity == Severity.WARNING
+
+
+def test_a_reversed_throttle_rests_at_max() -> None:
+    assert not saturated(np.full(600, 2000), ROVER, **THROTTLE, SERVO1_TRIM=2000.0, SERVO1_REVERSED=1.0)
+
+
+def test_backwards_at_full_is_saturated_where_trim_is_between() -> None:
+    assert saturated(np.full(600, 1000), ROVER, **THROTTLE, SERVO1_TRIM=1500.0)
+
+
+def test_the_throttle_of_a_plane_has_no_trim() -> None:
+    plane = MadeTable("MSG", [0], {"Message": ["ArduPlane V4.5.0 (12345678)"]})
+    assert not saturated(np.full(600, 1000), plane, **THROTTLE, SERVO1_TRIM=1500.0)
+    assert saturated(np.full(600, 1000), plane, **THROTTLE, SERVO1_TRIM=1500.0, THR_MIN=-100.0), "with reverse thrust"
+
+
+@pytest.mark.parametrize("function", [29.0, 41.0, 28.0, 1.0])
+def test_gear_and_gripper_rest_at_their_ends(function: float) -> None:
+    ends = {"SERVO1_MIN": 1000.0, "SERVO1_MAX": 2000.0, "SERVO1_TRIM": 1500.0}
+    assert not saturated(np.full(600, 2000), ROVER, SERVO1_FUNCTION=function, **ends)
+
+
+def test_without_parameters_what_it_holds_while_disarmed_is_rest() -> None:
+    pulses = np.full(600, 1100)
+    assert not saturated(pulses, ROVER)
+    pulses[100:400] = 1900
+    (finding,) = saturated(pulses, ROVER)
+    assert finding.severity == Severity.NOTICE, "what it drives is not known"
