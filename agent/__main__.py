@@ -21,7 +21,10 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
     """Serve until interrupted. Returns the exit code: 0 after an interrupt, 2 when it could not start."""
     stop: list[int] = []
     parent = os.getppid()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as it is under nohup
+        numbers.append(signal.SIGHUP)
+    for number in numbers:
         signal.signal(number, lambda received, _frame: stop.append(received))
     with ExitStack() as opened:
         try:

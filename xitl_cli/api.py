@@ -47,12 +47,13 @@ def simulate(
 ) -> Result:
     """Run a profile, as `xitl sim` does, and keep the run in a directory.
 
-    profile: a name, a path, or what `load_profile` returned. seed: of everything random. duration_s: simulation time
-    at which the run ends at the latest. overrides: as of `load_profile`; they and the two before are for a name or a
-    path. out: the run directory, `runs/<profile>-<time>` in the working directory by default. overwrite: replace an
-    earlier run there.
+    profile: a name, a path, or what `load_profile` returned. seed: of everything random. duration_s: simulated time
+    from the start at which the run ends, in place of the profile's limit. overrides: as of `load_profile`; they and the
+    two before are for a name or a path. out: the run directory, `runs/<profile>-<time>` in the working directory by
+    default. overwrite: replace an earlier run there.
 
-    A run whose mission was not completed is a result (`completed` is False). Raises UserError when the profile cannot
+    A run whose mission was not completed is a result (`completed` is False), and so is one in real time that was none
+    (`verdict`). Raises UserError when the profile cannot
     run, and when the run failed; what was recorded until then is kept.
     """
     from xitl_cli.run.core.directory import default_path
@@ -67,7 +68,7 @@ def simulate(
     else:
         profile = _load_profile(fspath(profile), [*_texts(overrides), *_texts(given)])
     directory = default_path(profile.name) if out is None else Path(out)
-    result = run(profile, directory, overwrite, NoView)
+    result = run(profile, directory, overwrite, NoView, timed=duration_s is not None)
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     return result

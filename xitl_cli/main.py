@@ -30,29 +30,38 @@ def main() -> NoReturn:
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         try:
-            _app(sys.argv[1:])()
+            _app(_typed())(prog_name="xitl")
         finally:
             sys.stdout.flush()
     except (UserError, LogError) as error:
         fail(str(error))
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EPIPE):
+        from xitl_cli.commands.output import GONE
+
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, *GONE):
             raise
         # What is left in the buffer would raise once more when the interpreter closes it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if error.errno != errno.EPIPE:
+        if error.errno not in GONE:
             fail(f"the output cannot be written ({error.strerror}); free space or send it elsewhere")
     sys.exit(0)
 
 
+def _typed() -> list[str]:
+    """The words of the command line: those typed so far when a shell asks what may follow them."""
+    if "_XITL_COMPLETE" not in os.environ:
+        return sys.argv[1:]
+    return (os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS") or "").split()
+
+
 def fail(message: str) -> NoReturn:
     """One red line, exit code 2."""
-    from rich.console import Console
+    from rich.text import Text
 
+    from xitl_cli.commands.terminal import terminal
     from xitl_cli.logs.model.text import printable
 
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
-    console.print(f"error: {printable(message)}", style="bold red", markup=False)
+    terminal(stderr=True).print(Text(f"error: {printable(message)}", style="bold red"), soft_wrap=True)
     sys.exit(2)
 
 
@@ -62,14 +71,14 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
 
     from xitl_cli.commands import doctor, sim, wdri
     from xitl_cli.commands.map import map_command
+    from xitl_cli.commands.options import usual_spelling
 
     app = typer.Typer(
         name="xitl",
         help="X-in-the-loop simulation for autonomous boats and other MAVLink vehicles.",
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": usual_spelling},
     )
     app.command("sim")(sim.sim)
     app.command("doctor")(doctor.doctor)

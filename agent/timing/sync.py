@@ -34,7 +34,8 @@ Point = tuple[float, float]
 class SyncEstimate:
     """Remote clock against local clock at the newest sample.
 
-    offset_ns: remote minus local. drift_ppm: growth of the offset. path_delay_ns: one way, half of the smallest round
+    offset_ns: remote minus local. drift_ppm: growth of the offset. drift_error_ppm: standard error of that.
+    path_delay_ns: one way, half of the smallest round
     trip. asymmetry_bound_ns: the most by which unequal floors of the two ways can shift the offset. residual_ns: RMS of
     the single exchanges about the line, a measure of the jitter. used: samples behind the estimate. refused: exchanges
     that no clocks could give. outliers: exchanges that contradict the rest. steps: times the relation broke and was
@@ -43,6 +44,7 @@ class SyncEstimate:
 
     offset_ns: int
     drift_ppm: float
+    drift_error_ppm: float
     path_delay_ns: int
     asymmetry_bound_ns: int
     residual_ns: float
@@ -74,6 +76,7 @@ class ClockSync:
         self._history: deque[_Sample] = deque(maxlen=HISTORY)
         self._pending: list[tuple[_Sample, bool]] = []
         self._local_zero_ns = self._offset_zero_ns = 0
+        self._slope_error = self._max_slope
         self._slope = self._upper_ns = self._lower_ns = self._residual_ns = 0.0
         self._newest_ns = 0.0
         self._since_fit = 0
@@ -146,8 +149,10 @@ class ClockSync:
         likeliest = max(lines, key=_Line.at_start).start
         excess_ns = sorted(_excesses(samples, likeliest))
         rank = max(len(excess_ns) // DENSITY_SHARE, 1)
-        slope = _mean_slope(lines, likeliest, rank / (2.0 * max(excess_ns[rank], 1.0)))
-        self._slope = slope = slope * span_ns**4 / (span_ns**4 + SETTLING_NS**4)
+        seen, error = _weighed_slope(lines, likeliest, rank / (2.0 * max(excess_ns[rank], 1.0)))
+        settled = span_ns**4 / (span_ns**4 + SETTLING_NS**4)
+        self._slope = slope = seen * settled
+        self._slope_error = error * settled + abs(seen) * (1.0 - settled)
         self._upper_ns = min(y - slope * x for x, y in there)
         self._lower_ns = max(-y - slope * x for x, y in back)
         self._smallest_trip_ns = min(s.there_ns - s.back_ns for s in samples)
@@ -188,6 +193,7 @@ class ClockSync:
         return SyncEstimate(
             offset_ns=self._offset_zero_ns + round(self._offset_at(self._newest_ns)),
             drift_ppm=self._slope * 1e6,
+            drift_error_ppm=self._slope_error * 1e6,
             path_delay_ns=round(0.5 * self._smallest_trip_ns),
             asymmetry_bound_ns=round(0.5 * self._smallest_trip_ns),
             residual_ns=self._residual_ns,
@@ -260,10 +266,13 @@ def _excesses(samples: Sequence[_Sample], slope: float) -> list[float]:
     return [value - floor_there for value in there] + [value - floor_back for value in back]
 
 
-def _mean_slope(lines: list[_Line], likeliest: float, per_ns: float) -> float:
-    """Mean of the slopes weighed by exp(gap * per_ns), in closed form; the likeliest has the widest gap."""
+def _weighed_slope(lines: list[_Line], likeliest: float, per_ns: float) -> tuple[float, float]:
+    """Mean and standard deviation of the slopes weighed by exp(gap * per_ns), in closed form.
+
+    The likeliest has the widest gap.
+    """
     widest = max(line.at_start() for line in lines)
-    area = moment = 0.0
+    area = moment = square = 0.0
     for line in lines:
         a, b = line.start - likeliest, line.end - likeliest
         at_a = exp(min((line.at_start() - widest) * per_ns, 0.0))
@@ -271,10 +280,15 @@ def _mean_slope(lines: list[_Line], likeliest: float, per_ns: float) -> float:
         rate = line.fall * per_ns
         if abs(rate) * (b - a) < 1e-6:
             piece = (b - a) * 0.5 * (at_a + at_b)
-            moment += piece * 0.5 * (a + b)
+            first = piece * 0.5 * (a + b)
+            square += piece * (a * a + a * b + b * b) / 3.0
         else:
             piece = (at_a - at_b) / rate
-            moment += (a * at_a - b * at_b + piece) / rate
+            first = (a * at_a - b * at_b + piece) / rate
+            square += (a * a * at_a - b * b * at_b + 2.0 * first) / rate
+        moment += first
         area += piece
     mean = moment / area if area > 0.0 else 0.0
-    return likeliest + (mean if isfinite(mean) else 0.0)
+    if not isfinite(mean):
+        return likeliest, 0.0
+    return likeliest + mean, sqrt(max(square / area - mean * mean, 0.0)) if area > 0.0 else 0.0

@@ -62,7 +62,7 @@ def loopback_lockstep_factors() -> list[float]:
 def perception_factors() -> list[float]:
     """A minute and a half of it: at rest, along the boom, around debris."""
     options = ("--duration", "90")
-    return [run("sim", "--profile", "sitl-perception", *options, ok=1)["real_time_factor"] for _ in range(3)]
+    return [run("sim", "--profile", "sitl-perception", *options)["real_time_factor"] for _ in range(3)]
 
 
 def run(*arguments: str, ok: int = 0) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def agent_resident_mib() -> list[float]:
 
 def agent_flying_mib() -> list[float]:
     """After twenty seconds of a mission, as the agent itself reports it."""
-    return [run("sim", "--profile", "hitl-loopback", "--duration", "20", ok=1)["nodes"][0]["memory_mib"]]
+    return [run("sim", "--profile", "hitl-loopback", "--duration", "20")["nodes"][0]["memory_mib"]]
 
 
 def lost_in_20_s() -> list[float]:

@@ -81,7 +81,7 @@ def test_a_lockstep_run_on_armv7_is_the_run_on_this_machine(
 
     board = ("--profile", "hitl-loopback", "--clock", "lockstep", "--set", "autopilot.runs=board")
     away = xitl("sim", *board, "--set", f"autopilot.link={link}", "--duration", str(DURATION_S), "--out", "there")
-    assert away.returncode == 1, away.stderr  # the mission takes longer
+    assert away.returncode == 0, away.stderr  # the duration was asked for
     memory_kib = resident_kib(agent.pid)
     agent.send_signal(signal.SIGTERM)
     _, errors = agent.communicate(timeout=30)
@@ -93,7 +93,7 @@ def test_a_lockstep_run_on_armv7_is_the_run_on_this_machine(
     assert all(task["missed"] == 0 for task in told["tasks"])
 
     # The same code on this machine: only the last bit of a sine may differ between the two mathematical libraries.
-    assert xitl("sim", "--duration", str(DURATION_S), "--out", "here").returncode == 1
+    assert xitl("sim", "--duration", str(DURATION_S), "--out", "here").returncode == 0
     stamps, positions = truth(tmp_path / "there/run.mcap")
     here_stamps, here_positions = truth(tmp_path / "here/run.mcap")
     assert stamps == here_stamps

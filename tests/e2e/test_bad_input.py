@@ -70,11 +70,11 @@ def test_a_file_where_the_directory_should_be(xitl: Xitl, tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_an_earlier_run_is_kept(xitl: Xitl, tmp_path: Path) -> None:
-    assert xitl("sim", "--duration", "1", "--out", "run").returncode == 1
+    assert xitl("sim", "--duration", "1", "--out", "run").returncode == 0
     before = (tmp_path / "run/run.mcap").read_bytes()
     assert_one_line_error(xitl("sim", "--duration", "1", "--out", "run"), "already holds a run", "--overwrite")
     assert (tmp_path / "run/run.mcap").read_bytes() == before
-    assert xitl("sim", "--duration", "2", "--out", "run", "--overwrite").returncode == 1
+    assert xitl("sim", "--duration", "2", "--out", "run", "--overwrite").returncode == 0
     assert summary(tmp_path / "run")["duration_s"] == 2.0
 
 
@@ -126,7 +126,7 @@ REALTIME = ("--profile", "sitl", "--clock", "realtime", "--duration", "60")
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_ends_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     process = start(tmp_path, *REALTIME)
     time.sleep(1.0)
@@ -181,7 +181,7 @@ def test_garbage_from_the_network_is_dropped_and_counted(tmp_path: Path, free_po
             stranger.send(garbage[number % len(garbage)])
             time.sleep(0.01)
     process.communicate(timeout=20)
-    assert process.returncode == 1
+    assert process.returncode == 0
     sensors, actuators = summary(tmp_path / "run")["links"]
     assert sensors["dropped"] == 80  # an empty datagram has nothing to drop
     assert sensors["lost"] == actuators["lost"] == actuators["dropped"] == 0

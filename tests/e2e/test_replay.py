@@ -54,7 +54,7 @@ def test_a_recorded_run_replays_through_a_table_of_pulse_widths(xitl: Xitl, tmp_
     150 Nm s/rad of damping turns by 3e-3 rad/s, which over 10 s at 3 m/s is 3 · 3e-3 · 10² / 2 = 0.44 m. Together less
     than a metre.
     """
-    assert xitl("sim", "--profile", "mitl", "--duration", "60", "--out", "first").returncode == 1
+    assert xitl("sim", "--profile", "mitl", "--duration", "60", "--out", "first").returncode == 0
     first, commands = _positions(tmp_path / "first"), _commands(tmp_path / "first")
     assert np.linalg.norm(first[-1] - first[0]) > 100.0
     half_us = 0.5 / 400 + 1e-7
@@ -76,7 +76,7 @@ def test_a_recorded_run_replays_through_a_table_of_pulse_widths(xitl: Xitl, tmp_
 
 @pytest.mark.slow
 def test_a_replay_that_time_cuts_short_is_not_completed(xitl: Xitl, tmp_path: Path) -> None:
-    assert xitl("sim", "--profile", "mitl-replay", "--duration", "5", "--out", "run").returncode == 1
+    assert xitl("sim", "--profile", "mitl-replay", "--duration", "5", "--out", "run").returncode == 0
     told = summary(tmp_path / "run")
     assert told["ended"] == "duration reached"
     assert not told["driver"]["completed"]

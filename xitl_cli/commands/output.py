@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -12,6 +13,9 @@ import typer
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
+
+GONE = (errno.EPIPE, errno.EIO)
+"""Of what is printed: a reader that left, a terminal that hung up."""
 
 
 @contextmanager
@@ -24,6 +28,19 @@ def quiet_pipe() -> Iterator[None]:
         # What is left in the buffer would raise once more when the interpreter closes it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(0) from None
+
+
+@contextmanager
+def still_read() -> Iterator[None]:
+    """The output of what has its own exit code: a reader that left or a terminal that hung up changes nothing."""
+    try:
+        yield
+        sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in GONE:
+            raise
+        # What is left in the buffer would raise once more when the interpreter closes it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def refuse(sentences: Sequence[str]) -> None:

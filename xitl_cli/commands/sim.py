@@ -8,24 +8,41 @@ from typing import Annotated
 
 import typer
 
+from xitl_cli.commands.options import DEFAULT_PROFILE, Json, Overwrite, Set, complete_profile
+from xitl_cli.commands.output import still_read
+from xitl_cli.commands.terminal import terminal
 from xitl_cli.errors import UserError
 
 
 def sim(
     profile: Annotated[
-        str, typer.Option("--profile", "-p", help="Profile name (see `xitl profiles list`) or path.")
-    ] = "sitl",
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Override a key: environment.wind.mean_mps=8. Repeatable."),
+        str | None,
+        typer.Argument(
+            metavar="[PROFILE]",
+            help="A shipped profile's name (`xitl profiles list`), or a path to a .yaml file; sitl if left out.",
+            autocompletion=complete_profile,
+        ),
     ] = None,
+    profile_option: Annotated[
+        str | None,
+        typer.Option(
+            "--profile", "-p", metavar="PROFILE", help="The same, as an option.", autocompletion=complete_profile
+        ),
+    ] = None,
+    overrides: Set = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Run directory (default: runs/<profile>-<time>).")
     ] = None,
     duration: Annotated[
-        float | None, typer.Option("--duration", metavar="S", help="End after this much simulation time.")
+        float | None,
+        typer.Option(
+            "--duration",
+            metavar="S",
+            help="End after this much simulated time from the start, also of what passes while the vessel is frozen "
+            "until armed. Reaching it is success (exit code 0); that of the profile, clock.duration_s, is a limit.",
+        ),
     ] = None,
-    clock: Annotated[str | None, typer.Option("--clock", help="lockstep or realtime.")] = None,
+    clock: Annotated[str | None, typer.Option("--clock", metavar="MODE", help="lockstep or realtime.")] = None,
     firmware: Annotated[
         str | None,
         typer.Option(
@@ -34,28 +51,41 @@ def sim(
             help="Program of the autopilot to start; `find` looks for one, `external` waits for one started elsewhere.",
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed of everything random.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier run in the same DIR.")] = False,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Also print the tables of links, tasks, clocks and faults.")
+    ] = False,
+    as_json: Json = False,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run a simulation. Exit code: 0 completed, 1 not completed, 2 something to put right, 130 interrupted."""
-    from rich.console import Console
+    """Run a simulation.
 
+    Exit code: 0 completed, or --duration reached; 1 not completed; 2 something to put right; 130 interrupted.
+    """
     from xitl_cli.commands.sim_report import show_result
     from xitl_cli.profile import load_profile
     from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
     from xitl_cli.run.view import make_view
 
+    if profile is not None and profile_option is not None:
+        raise UserError(f"{profile} and --profile {profile_option}: are two profiles; give one of them")
     options = {"clock.duration_s": duration, "clock.mode": clock, "clock.seed": seed, "autopilot.firmware": firmware}
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
-    loaded = load_profile(profile, [*(overrides or []), *given])
-    console = Console(stderr=as_json)
-    result = run(loaded, out or default_path(loaded.name), overwrite, lambda: make_view(console, loaded.name, as_json))
-    if as_json:
-        typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
-    else:
-        show_result(console, loaded, result)
+    loaded = load_profile(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given])
+    console = terminal(stderr=as_json)
+    result = run(
+        loaded,
+        out or default_path(loaded.name),
+        overwrite,
+        lambda: make_view(console, loaded.name, as_json),
+        timed=duration is not None,
+    )
+    with still_read():
+        if as_json:
+            typer.echo(json.dumps(result.summary, indent=2, allow_nan=False))
+        else:
+            show_result(console, result, verbose)
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     raise typer.Exit(result.exit_code)

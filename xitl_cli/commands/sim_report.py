@@ -6,102 +6,144 @@ from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from xitl_cli.profile import Profile
+from xitl_cli.commands.terminal import say, show_facts, show_rows
+from xitl_cli.logs.model.text import plural
+from xitl_cli.logs.signals.real_time import not_real_time
 from xitl_cli.run.core import directory
 from xitl_cli.run.session import Result
 
 _MORE = (directory.DATAFLASH, directory.MAP, directory.TRAJECTORY, directory.TRUTH)
 
 
-def show_result(console: Console, profile: Profile, result: Result) -> None:
-    """The summary as tables, readable at 80 columns and without colour."""
+def show_result(console: Console, result: Result, verbose: bool = False) -> None:
+    """The verdict, then a line each for mission, estimate, timing and links; verbose: all tables as well."""
     summary = result.summary
-    mission, estimation = summary["mission"], summary["estimation"]
-    table = Table.grid(padding=(0, 2))
-    table.add_row(
-        "profile", f"{summary['profile']} ({summary['technique']}, {summary['clock']}, seed {summary['seed']})"
-    )
-    table.add_row("realism", _realism(summary))
-    table.add_row("ended", summary["ended"])
-    factor = summary["real_time_factor"]
-    table.add_row(
-        "time",
-        f"{summary['duration_s']:.1f} s in {summary['wall_s']:.1f} s"
-        + (f", {factor:.1f}× real time" if factor else ""),
-    )
-    driver = summary["driver"]
-    if driver["kind"] in ("script", "replay"):
-        table.add_row(driver["kind"], "played to its end" if driver["completed"] else "not played to its end")
-    if mission["waypoints_total"]:
-        state = "completed" if mission["completed"] else "not completed"
-        table.add_row(
-            "mission",
-            f"{state}, {mission['waypoints_reached']} of {mission['waypoints_total']} waypoints, "
-            f"cross-track RMS {_number(mission['cross_track_rms_m'], 'm')}",
-        )
-    if estimation["position_rms_m"] is not None:
-        table.add_row(
-            "estimate off",
-            f"{_number(estimation['position_rms_m'], 'm')} RMS in position, "
-            f"{_number(estimation['heading_rms_deg'], '°')} in heading",
-        )
-    for what, text in autopilot_rows(summary["autopilot"]):
-        table.add_row(what, Text(text))
-    for what, text in (*perception_rows(summary), *incidents(summary)):
-        table.add_row(what, Text(text))
-    console.print(table, highlight=False)
-    for rows in (_links(summary["links"]), _tasks(summary["tasks"]), _clocks(summary["clocks"])):
-        if rows is not None:
-            console.print(rows, highlight=False)
-    if summary["faults"]:
-        console.print(_faults(summary["faults"]), highlight=False)
+    for text, style in verdict_lines(summary):
+        say(console, text, style)
+    said = not_real_time(tuple(summary["verdict"]["shortfalls"]))
+    warnings = [("warning", text, "yellow") for text in summary["warnings"] if text != said]
+    results = (*_one_line_each(summary), *perception_rows(summary), *incidents(summary))
+    show_facts(console, [*results, *warnings, _realism(summary)])
+    if verbose:
+        _show_all(console, summary)
+    files = (directory.RECORDING, directory.SUMMARY, directory.PROFILE, *_MORE)
     console.print(
-        f"{result.directory}/: {directory.RECORDING} (opens in Foxglove and Lichtblick), "
-        + ", ".join(
-            (directory.SUMMARY, directory.PROFILE, *(name for name in _MORE if (result.directory / name).exists()))
-        ),
-        highlight=False,
-        markup=False,
+        f"{result.directory}/: {', '.join(name for name in files if (result.directory / name).exists())}",
         soft_wrap=True,
     )
 
 
-def _realism(summary: dict[str, Any]) -> str:
+def verdict_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """(text, style): completed or not and why; real time kept or not and why."""
+    verdict, ended = summary["verdict"], summary["ended"]
+    if verdict["completed"]:
+        yield f"completed: {verdict['why']}", "bold green"
+    elif ended == "duration reached" and verdict["duration_asked"]:
+        yield f"ended: {verdict['why']}", "bold green"
+    elif ended in ("interrupted", "failed"):
+        yield (verdict["why"] if ended == "interrupted" else f"failed: {verdict['why']}"), "bold red"
+    else:
+        yield f"not completed: {verdict['why']}", "bold red"
+    took = f"{summary['duration_s']:.1f} s in {summary['wall_s']:.1f} s"
+    factor = summary["real_time_factor"]
+    if verdict["real_time"] is None:
+        yield f"lockstep: {took}" + (f", {factor:.1f}× real time" if factor else ""), ""
+    elif verdict["real_time"]:
+        yield f"real time kept: {took}", "bold green"
+    else:
+        yield not_real_time(tuple(verdict["shortfalls"])), "bold red"
+
+
+def _one_line_each(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    mission, estimation = summary["mission"], summary["estimation"]
+    if mission is not None and mission["waypoints_total"] and mission["cross_track_rms_m"] is not None:
+        yield (
+            "mission",
+            f"{mission['waypoints_reached']} of {mission['waypoints_total']} waypoints, cross-track RMS "
+            f"{_number(mission['cross_track_rms_m'], 'm')}, at most {_number(mission['cross_track_max_m'], 'm')}",
+        )
+    if estimation["position_rms_m"] is not None:
+        yield (
+            "estimate",
+            f"off {_number(estimation['position_rms_m'], 'm')} RMS in position, "
+            f"{_number(estimation['heading_rms_deg'], '°')} in heading",
+        )
+    if summary["tasks"]:
+        yield "timing", _timing(summary)
+    if summary["links"]:
+        yield "links", _links_line(summary["links"])
+
+
+def _timing(summary: dict[str, Any]) -> str:
+    tasks = summary["tasks"]
+    missed = [task for task in tasks if task["missed"]]
+    cycles = sum(task["cycles"] for task in tasks)
+    if not missed:
+        text = f"none of {cycles} deadlines of {plural(len(tasks), 'task')} missed"
+    else:
+        told = (f"{task['task']} {task['missed']} of {task['cycles'] + task['skipped']}" for task in missed)
+        text = f"deadlines missed: {', '.join(told)}"
+    drifts = [clock for clock in summary["clocks"] if clock["drift_ppm"] and clock["node"] != "PS1"]
+    for clock in drifts:
+        text += f"; clock of {clock['node']} {clock['drift_ppm']:+.2f} ppm"
+        if clock["drift_error_ppm"] is not None:
+            text += f" (standard error {clock['drift_error_ppm']:.2g})"
+    return text
+
+
+def _links_line(links: list[dict[str, Any]]) -> str:
+    frames = sum(link["sent"] or 0 for link in links)
+    troubles = [f"{link['lost']} lost of {link['name']}" for link in links if link["lost"]]
+    troubles += [f"{link['dropped']} dropped of {link['name']}" for link in links if link["dropped"]]
+    text = f"{frames} frames, {', '.join(troubles) or 'none lost'}"
+    slow = [f"{link['name']} {link['latency_us']['p99'] / 1e3:.1f} ms" for link in links if link["latency_us"]["p99"]]
+    return text + (f"; 99 % of {', '.join(slow)} or less" if slow else "")
+
+
+def _realism(summary: dict[str, Any]) -> tuple[str, str]:
     graph = summary["graph"]
     measured = graph["measured"]["wdri"]
-    lines = [f"WDRI {summary['wdri']:.2f} claimed, {'none' if measured is None else f'{measured:.2f}'} measured"]
+    text = (
+        f"{summary['profile']} ({summary['technique']}, seed {summary['seed']}), "
+        f"WDRI {summary['wdri']:.2f} claimed, {'none' if measured is None else f'{measured:.2f}'} measured"
+    )
     if graph["missing"]:
-        lines.append(f"claimed, but nothing was carried: {', '.join(graph['missing'])}")
+        text += f"\nclaimed, but nothing was carried: {', '.join(graph['missing'])}"
     if graph["unclaimed"]:
-        lines.append(f"carried, but not claimed: {', '.join(graph['unclaimed'])}")
-    return "\n".join(lines)
+        text += f"\ncarried, but not claimed: {', '.join(graph['unclaimed'])}"
+    return "profile", text
 
 
-def _links(links: list[dict[str, Any]]) -> Table | None:
-    if not links:
-        return None
-    table = _table("link", "sent", "received", "lost", "dropped", "p50 µs", "p99 µs", "max µs")
-    for link in links:
-        latency = link["latency_us"]
-        table.add_row(
+def _show_all(console: Console, summary: dict[str, Any]) -> None:
+    show_facts(console, [*autopilot_rows(summary["autopilot"]), *details(summary)])
+    for heads, rows, text in (_links(summary), _tasks(summary), _clocks(summary), _faults(summary)):
+        if rows:
+            console.print()
+            show_rows(console, heads, rows, text)
+
+
+Rows = tuple[tuple[str, ...], list[list[str]], tuple[int, ...]]
+"""Headings, rows, and the columns of text."""
+
+
+def _links(summary: dict[str, Any]) -> Rows:
+    rows = [
+        [
             link["name"],
             *(_count(link[key]) for key in ("sent", "received", "lost", "dropped")),
-            *(_number(latency[key]) for key in ("p50", "p99", "max")),
-        )
-    return table
+            *(_number(link["latency_us"][key]) for key in ("p50", "p99", "max")),
+        ]
+        for link in summary["links"]
+    ]
+    return ("link", "sent", "received", "lost", "dropped", "p50 µs", "p99 µs", "max µs"), rows, (0,)
 
 
-def _tasks(tasks: list[dict[str, Any]]) -> Table | None:
-    if not tasks:
-        return None
-    table = _table("node", "task", "Hz", "cycles", "missed", "late p99", "max µs", "run p99", "max µs")
-    for task in tasks:
-        table.add_row(
-            Text(task["node"]),
-            Text(task["task"]),
+def _tasks(summary: dict[str, Any]) -> Rows:
+    rows = [
+        [
+            task["node"],
+            task["task"],
             f"{task['rate_hz']:g}",
             _count(task["cycles"]),
             _count(task["missed"]),
@@ -109,48 +151,45 @@ def _tasks(tasks: list[dict[str, Any]]) -> Table | None:
             _number(task["start_jitter_max_us"]),
             _number(task["run_p99_us"]),
             _number(task["run_max_us"]),
-        )
-    return table
+        ]
+        for task in summary["tasks"]
+    ]
+    return ("node", "task", "Hz", "cycles", "missed", "late p99", "max µs", "run p99", "max µs"), rows, (0, 1)
 
 
-def _clocks(clocks: list[dict[str, Any]]) -> Table | None:
-    if not clocks:
-        return None
-    table = _table("clock", "offset", "± µs", "drift ppm", "± ppm", "a sample ms", "± µs", "steps")
-    for clock in clocks:
-        slope_s, slope_std_s = clock["slope_s"], clock["slope_std_s"]
-        table.add_row(
-            Text(clock["node"]),
+def _clocks(summary: dict[str, Any]) -> Rows:
+    """error: standard error of the drift, from the fit. varies: by so much from one 10 s to the next."""
+    rows = [
+        [
+            clock["node"],
             _offset(clock["offset_us"]),
             _number(clock["asymmetry_bound_us"]),
-            *("–" if clock[key] is None else f"{clock[key]:.2f}" for key in ("drift_ppm", "drift_std_ppm")),
-            "–" if slope_s is None else f"{slope_s * 1e3:.5f}",
-            _number(None if slope_std_s is None else slope_std_s * 1e6),
+            *(_places(clock[key]) for key in ("drift_ppm", "drift_error_ppm", "drift_std_ppm")),
+            "–" if clock["slope_s"] is None else f"{clock['slope_s'] * 1e3:.5f}",
+            _number(None if clock["slope_std_s"] is None else clock["slope_std_s"] * 1e6),
             _count(clock["steps"]),
-        )
-    return table
+        ]
+        for clock in summary["clocks"]
+    ]
+    heads = ("clock", "offset", "± µs", "drift ppm", "error", "varies", "sample ms", "varies µs", "steps")
+    return heads, rows, (0,)
 
 
-def _faults(faults: list[dict[str, Any]]) -> Table:
-    table = _table("fault", "from s", "until s", "what it did")
-    table.columns[-1].justify = "left"
-    for fault in faults:
-        did = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in fault["did"].items())
-        table.add_row(
-            Text(fault["name"]),
+def _faults(summary: dict[str, Any]) -> Rows:
+    rows = [
+        [
+            fault["name"],
             "never" if fault["from_s"] is None else f"{fault['from_s']:g}",
             "the end" if fault["from_s"] is not None and fault["until_s"] is None else _plain(fault["until_s"]),
-            did or "–",
-        )
-    return table
+            ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in fault["did"].items()) or "–",
+        ]
+        for fault in summary["faults"]
+    ]
+    return ("fault", "from s", "until s", "what it did"), rows, (0, 3)
 
 
-def _table(*columns: str) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
-    for number, column in enumerate(columns):
-        text = number == 0 or column == "task"
-        table.add_column(column, justify="left" if text else "right")
-    return table
+def _places(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"
 
 
 def _offset(value_us: float | None) -> str:
@@ -259,7 +298,23 @@ _NODE = {
 
 
 def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """(what, text) of each, from summary.json."""
+    """(what, text) of what should not go by unnoticed, from summary.json."""
+    for takeover in summary["takeovers"]:
+        yield (
+            "takeover",
+            f"{takeover['to_node']} for {takeover['from_node']} at {takeover['at_s']:.2f} s, which was silent for "
+            f"{takeover['silent_s']:.2f} s; largest step {takeover['step']:.3f}",
+        )
+    begun = [fault["name"] for fault in summary["faults"] if fault["from_s"] is not None]
+    if begun:
+        yield "faults", f"in force on purpose: {', '.join(begun)}"
+    collisions = summary["collisions"]
+    if collisions is not None and collisions["count"]:
+        yield "collisions", _collisions(collisions)
+
+
+def details(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """(what, text) about machines, commands and links, from summary.json."""
     for node in summary["nodes"]:
         yield "node", _node(node)
     actuators = summary["actuators"]
@@ -272,17 +327,8 @@ def incidents(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:
         ]
         if odd:
             yield "link", f"{link['name']}: {', '.join(odd)}"
-    for takeover in summary["takeovers"]:
-        yield (
-            "takeover",
-            f"{takeover['to_node']} for {takeover['from_node']} at {takeover['at_s']:.2f} s, which was silent for "
-            f"{takeover['silent_s']:.2f} s; largest step {takeover['step']:.3f}",
-        )
-    collisions = summary["collisions"]
-    if collisions is not None and collisions["count"]:
-        yield "collisions", _collisions(collisions)
     pace = summary["pace"]
-    if pace["slips"]:
+    if pace is not None and pace["slips"]:
         times = "once" if pace["slips"] == 1 else f"{pace['slips']} times"
         yield "stood still", f"{times}, {pace['slipped_s']:.1f} s in all: this machine did not run meanwhile"
 

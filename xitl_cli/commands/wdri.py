@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from xitl_cli.commands.options import Json, Set, complete_profile
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
@@ -17,19 +18,28 @@ if TYPE_CHECKING:
 def wdri(
     name: Annotated[
         str,
-        typer.Argument(metavar="PROFILE", help="A shipped profile's name, a path to a .yaml, or a run's directory."),
+        typer.Argument(
+            metavar="PROFILE",
+            help="A shipped profile's name, a path to a .yaml, or a run's directory.",
+            autocompletion=complete_profile,
+        ),
     ],
     reference: Annotated[
-        str | None, typer.Option(help="A profile, or `complete`: every node real and linked to every node.")
+        str | None,
+        typer.Option(
+            metavar="PROFILE",
+            help="A profile, or `complete`: every node real and linked to every node.",
+            autocompletion=complete_profile,
+        ),
     ] = None,
     vertices: Annotated[
         str | None,
-        typer.Option(help="Count that averages the degrees of PROFILE: architecture, present or a number."),
+        typer.Option(
+            metavar="COUNT", help="Count that averages the degrees of PROFILE: architecture, present or a number."
+        ),
     ] = None,
-    overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of PROFILE.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object; numbers are not rounded.")] = False,
+    overrides: Set = None,
+    as_json: Json = False,
 ) -> None:
     """Print nodes, links and the WDRI of a profile: how near its graph comes to a reference, from 0 to 1.
 
@@ -71,46 +81,48 @@ def _count(text: str | None) -> VertexCount | None:
 
 
 def _show(result: Wdri, run: MeasuredRun | None) -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
+    from xitl_cli.commands.terminal import say, show_facts, show_rows, terminal
     from xitl_cli.profile.schema.graph import node_meaning
 
-    graph = result.graph
-    nodes = Table(title="Nodes", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    nodes.add_column("node", no_wrap=True)
-    nodes.add_column("is", ratio=3)
-    nodes.add_column("kind", no_wrap=True)
-    nodes.add_column("runs on", ratio=2)
-    nodes.add_column("weight", justify="right", no_wrap=True)
-    nodes.add_column("degree", justify="right", no_wrap=True)
-    for vertex, degree in zip(graph.vertices, graph.degrees(), strict=True):
-        does, runs_on = Text(vertex.does or node_meaning(vertex.name)), Text(vertex.runs_on or "-")
-        style = "dim" if vertex.kind == "absent" else None
-        nodes.add_row(vertex.name, does, vertex.kind, runs_on, f"{vertex.weight:g}", str(degree), style=style)
-    links = Table(title="Links", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    links.add_column("", no_wrap=True)
-    for vertex in graph.vertices:
-        links.add_column(vertex.name, justify="right", no_wrap=True)
-    for vertex, row in zip(graph.vertices, graph.adjacency, strict=True):
-        links.add_row(vertex.name, *("1" if linked else "·" for linked in row))
-    index = Table(box=None, show_header=False, pad_edge=False)
-    index.add_column(no_wrap=True)
-    index.add_column(justify="right", no_wrap=True)
-    index.add_column()
-    index.add_row("weighted degree", f"{result.d_w_sim:.4f}", f"over n = {result.n} vertices")
-    reference = Text(f"over n = {result.n_ref} vertices: {result.reference}")
-    index.add_row("of the reference", f"{result.d_w_ref:.4f}", reference)
-    index.add_row(Text("WDRI", style="bold"), Text(f"{result.wdri:.4f}", style="bold"), "1 - |sim - ref| / ref")
-    tables = [nodes, links, index]
+    console, graph = terminal(), result.graph
+    say(console, "Nodes", "bold")
+    rows = [
+        [
+            vertex.name,
+            vertex.kind,
+            f"{vertex.weight:g}",
+            str(degree),
+            (vertex.does or node_meaning(vertex.name)) + (f" ({vertex.runs_on})" if vertex.runs_on else ""),
+        ]
+        for vertex, degree in zip(graph.vertices, graph.degrees(), strict=True)
+    ]
+    styles = ["dim" if vertex.kind == "absent" else "" for vertex in graph.vertices]
+    show_rows(console, ("node", "kind", "weight", "degree", "what"), rows, text=(0, 1, 4), styles=styles)
+    console.print()
+    say(console, "Links", "bold")
+    names = [vertex.name for vertex in graph.vertices]
+    if max(map(len, names)) + sum(len(name) + 2 for name in names) <= console.width:
+        matrix = [
+            [name, *("1" if linked else "·" for linked in row)]
+            for name, row in zip(names, graph.adjacency, strict=True)
+        ]
+        show_rows(console, ("", *names), matrix)
+    else:  # no room for the matrix: what is linked to what
+        to = (
+            (name, [other for other, linked in zip(names, row, strict=True) if linked])
+            for name, row in zip(names, graph.adjacency, strict=True)
+        )
+        show_facts(console, [(name, ", ".join(others) or "-") for name, others in to])
+    console.print()
+    facts: list[tuple[str, str] | tuple[str, str, str]] = [
+        ("weighted degree", f"{result.d_w_sim:.4f} over n = {result.n} vertices"),
+        ("of the reference", f"{result.d_w_ref:.4f} over n = {result.n_ref} vertices: {result.reference}"),
+        ("WDRI", f"{result.wdri:.4f} = 1 - |sim - ref| / ref", "bold"),
+    ]
     if run is not None:
-        differences = Table(box=None, show_header=False, pad_edge=False)
-        differences.add_row("claimed by the profile", f"{run.claimed_wdri:.4f}")
-        differences.add_row("claimed, but nothing was carried", Text(", ".join(run.missing) or "-"))
-        differences.add_row("carried, but not claimed", Text(", ".join(run.unclaimed) or "-"))
-        tables.append(differences)
-    console = Console(highlight=False)
-    for table in tables:
-        console.print(table)
+        facts += [
+            ("claimed by the profile", f"{run.claimed_wdri:.4f}"),
+            ("claimed, but nothing was carried", ", ".join(run.missing) or "-"),
+            ("carried, but not claimed", ", ".join(run.unclaimed) or "-"),
+        ]
+    show_facts(console, facts)

@@ -288,6 +288,17 @@ class TaskMissEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class PaceReport:
+    """How the machine that simulates kept up with the wall clock, since the run started."""
+
+    slips: Annotated[Uint32, "times the world stood still, as it was too far behind to catch up"] = 0
+    slipped_s: Annotated[Float64, "for which it did"] = 0.0
+    stalls: Annotated[Uint32, "times no physics step began for more than 40 ms"] = 0
+    stalled_s: Annotated[Float64, "of all stalls"] = 0.0
+    longest_stall_s: Float64 = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class ClockExchange:
     """One exchange of time stamps with a node, and the relation of the clocks estimated from all of them.
 
@@ -305,6 +316,7 @@ class ClockExchange:
     path_delay_s: Annotated[Float64, "shortest way there and back, halved"] | None = None
     asymmetry_bound_s: Annotated[Float64, "largest error of the offset by an asymmetric path"] | None = None
     steps: Annotated[Uint32, "of the node's clock"] = 0
+    drift_error_ppm: Annotated[Float64, "standard error of the drift, from the fit"] | None = None
 
 
 # Perception
@@ -401,6 +413,9 @@ _TABLE = (
           "age of the commands in use so far, and exchanges without a new one", ActuatorAge),
     Topic("/tasks", "xitl_msgs/msg/Task", "1 Hz",
           "deadlines of every periodic task of every node, with histograms of start jitter and run time", TaskTiming),
+    Topic("/pace", "xitl_msgs/msg/Pace", "1 Hz, real time only",
+          "how the host kept up with the wall clock so far: stalls, and times for which the world stood still",
+          PaceReport, from_start=False),
     Topic("/misses", "xitl_msgs/msg/Miss", "each, real time only",
           "one deadline that an agent's task missed: when it was due, started and ended", TaskMissEvent),
     Topic("/clocks", "xitl_msgs/msg/Clock", "10 Hz, real time only",

@@ -11,9 +11,9 @@ import numpy as np
 from sim_core.frames import Array
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import MotorCommand
+from xitl_cli.record.topics import MotorCommand, PaceReport
 from xitl_cli.run.core.node import RunStep, SimulationClock, VesselNodes
-from xitl_cli.run.core.pace import Pace, PaceReport
+from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
 from xitl_cli.run.world.plant import Plant
@@ -24,8 +24,8 @@ WARNING = 4  # MAV_SEVERITY_WARNING
 class Loop:
     """Steps `plant` and calls the nodes of each vessel, until one has finished, time is up or `interrupted` says so.
 
-    While a controlling node waits for somebody, the vessel's state is frozen and the duration does not run. completed:
-    the controlling nodes did all they were there for.
+    While a controlling node waits for somebody, the vessel's state is frozen; the duration counts that time too.
+    completed: the controlling nodes did all they were there for.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Loop:
         plant, clock = self._plant, self._clock
         self._look_at_progress()
         number = 0
-        while number - plant.held_steps < self._last_step:
+        while number < self._last_step:
             number += 1
             self._wait_until(plant.state.time_ns + plant.simulation.dt_ns)
             state = plant.advance(self._commanded())

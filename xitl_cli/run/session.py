@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
@@ -57,7 +57,14 @@ class Result:
     @property
     def completed(self) -> bool:
         """Whether the driver did all it was there for: mission, script or replay."""
-        return self.exit_code == COMPLETED
+        done: bool = self.summary["driver"]["completed"]
+        return done and self.exit_code == COMPLETED
+
+    @property
+    def verdict(self) -> dict[str, Any]:
+        """Whether it was completed and, in real time, kept real time, with the reasons: `verdict` of summary.json."""
+        found: dict[str, Any] = self.summary["verdict"]
+        return found
 
     @property
     def recording(self) -> Path:
@@ -71,8 +78,8 @@ class Result:
         return open_log(self.recording)
 
 
-def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], View]) -> Result:
-    """One run, kept in `out`.
+def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], View], timed: bool = False) -> Result:
+    """One run, kept in `out`. timed: its duration was asked for, so that reaching it is what was wanted.
 
     Raises UserError, leaving nothing behind, when the profile cannot run, a node cannot be reached or `out` cannot be
     used. What goes wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code
@@ -97,7 +104,7 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
             directory.write_profile(out, resolved_yaml(profile))
             recorder = Recorder(out / directory.RECORDING, ready.recording.compression, link_names(ready))
             pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(plant.simulation.dt_s)
-            outcome = _go(profile, setup, vessels, pace, recorder)
+            outcome = replace(_go(profile, setup, vessels, pace, recorder), timed=timed)
     for vessel in vessels:
         for node in vessel.nodes:
             node.save(out)
@@ -156,7 +163,7 @@ def _go(
 def _sections(vessel: VesselNodes, setup: RunSetup, pace: Pace) -> Sections:
     """What the host and a vessel's nodes report. Agents' clocks are measured against the host's, which comes last."""
     rate_hz = setup.profile.clock.physics_rate_hz
-    host = {"tasks": [pace.task(rate_hz)], "pace": asdict(pace.report()), "warnings": setup.warnings}
+    host = {"tasks": [pace.task(rate_hz)], "pace": pace.report(), "warnings": setup.warnings}
     sections = merged([host, *(node.report() for node in vessel.nodes)])
     if sections["clocks"]:
         slope = pace.slope(rate_hz)
@@ -182,11 +189,12 @@ def _exit_code(outcome: RunOutcome) -> int:
         return USER_ERROR
     if outcome.ending is Ending.INTERRUPTED:
         return INTERRUPTED
-    return COMPLETED if outcome.completed else INCOMPLETE
+    wanted = outcome.completed or (outcome.timed and outcome.ending is Ending.DURATION)
+    return COMPLETED if wanted else INCOMPLETE
 
 
 class Interruption:
-    """Whether somebody wants to end the run: True once `noticed` has seen Ctrl-C or SIGTERM."""
+    """Whether somebody wants to end the run: True once `noticed` has seen Ctrl-C, SIGTERM or a terminal hung up."""
 
     def __init__(self) -> None:
         self._seen = False
@@ -196,9 +204,10 @@ class Interruption:
 
     @contextmanager
     def noticed(self) -> Iterator[None]:
-        """Both end the run at the next exchange instead of anywhere; a second Ctrl-C acts as usual.
+        """Each ends the run at the next exchange instead of anywhere; a second Ctrl-C acts as usual.
 
-        Python delivers signals to the main thread alone: a run in another thread is not interrupted by them.
+        Python delivers signals to the main thread alone: a run in another thread is not interrupted by them. A SIGHUP
+        that is ignored already, as under `nohup`, stays so.
         """
         if threading.current_thread() is not threading.main_thread():
             yield
@@ -209,7 +218,10 @@ class Interruption:
                 raise KeyboardInterrupt
             self._seen = True
 
-        previous = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        previous = {number: signal.signal(number, note) for number in numbers}
         try:
             yield
         finally:

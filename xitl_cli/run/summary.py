@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from agent import __version__
 from xitl_cli.graph.wdri import profile_wdri
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import TaskTiming
+from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, task_section
 from xitl_cli.run.run_graph import graph_section
+from xitl_cli.run.verdict import Verdict, judge, measured_figures, why_text
 
 FORMAT = 1
 Sections = dict[str, Any]
@@ -19,7 +20,10 @@ Sections = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """How a run ended. completed: the controlling node did all it was for. held_s: how long the vessel was held."""
+    """How a run ended. completed: the controlling node did all it was for. held_s: how long the vessel was held.
+
+    timed: its duration was asked for, so that reaching it is what was wanted.
+    """
 
     ending: Ending
     error: str | None
@@ -29,6 +33,7 @@ class RunOutcome:
     wall_s: float
     completed: bool
     held_s: float
+    timed: bool = False
 
 
 def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
@@ -77,7 +82,9 @@ def summary_of(profile: RunProfile, outcome: RunOutcome, vessels: Mapping[str, S
 
     vessels: what the nodes of each report, merged, by its name. The first one's stand at the top, others' in `vessels`.
     """
-    first, *others = vessels.items()
+    (_, first), *others = vessels.items()
+    verdict = _verdict(profile, outcome, first)
+    first = {**first, "warnings": [*first["warnings"], *verdict.warnings]}
     summary = {
         "format": FORMAT,
         "xitl": __version__,
@@ -88,16 +95,29 @@ def summary_of(profile: RunProfile, outcome: RunOutcome, vessels: Mapping[str, S
         "started_utc": outcome.started_utc,
         "ended": outcome.ending.value,
         "error": outcome.error,
+        "verdict": verdict.section(),
         "wdri": profile_wdri(profile).wdri,
         "duration_s": outcome.duration_s,
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
         "driver": {"kind": profile.driver.kind, "completed": outcome.completed, "moored_s": outcome.held_s},
-        **_vessel(profile, outcome, first[1]),
+        **_vessel(profile, outcome, first),
     }
     if others:
         summary["vessels"] = {name: _vessel(profile, outcome, sections) for name, sections in others}
     return summary
+
+
+def _verdict(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> Verdict:
+    """On the run; of several vessels the first one's nodes are judged."""
+    frozen = 0.0 < outcome.duration_s <= outcome.held_s
+    why = why_text(outcome.ending, outcome.error, profile.driver.kind, outcome.completed, sections["mission"], frozen)
+    if profile.clock.mode == "lockstep":
+        return judge(outcome.ending, outcome.completed, outcome.timed, why, None)
+    pace: PaceReport = sections["pace"]
+    keys = ("tasks", "links", "clocks", "faults")
+    figures = measured_figures(outcome.wall_s, pace, *(sections[key] for key in keys))
+    return judge(outcome.ending, outcome.completed, outcome.timed, why, figures)
 
 
 def _vessel(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> dict[str, Any]:
@@ -127,4 +147,6 @@ def _written(value: Any) -> Any:
         return [_written(one) for one in value]
     if isinstance(value, TaskTiming):
         return task_section(value)
+    if isinstance(value, PaceReport):
+        return asdict(value)
     return value.section() if hasattr(value, "section") else value

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 from rich.console import Console, Group, RenderableType
@@ -23,6 +24,7 @@ from xitl_cli.run.world.plant import Plant
 
 LIVE_INTERVAL_S = 0.2
 PLAIN_INTERVAL_S = 5.0
+BESIDE_WIDTH = 64  # two facts beside each other need so many columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,21 +92,19 @@ class PlainView:
     def show(self, status: RunStatus) -> None:
         self._next_s = self._now_s() + PLAIN_INTERVAL_S
         if status.waits_for:
-            self._console.print(
-                f"t {status.sim_s:6.1f} s  waits for {status.waits_for}", highlight=False, markup=False, soft_wrap=True
-            )
+            self._say(f"t {status.sim_s:6.1f} s  waits for {status.waits_for}")
             return
         error = "" if status.position_error_m is None else f"  estimate off {status.position_error_m:.2f} m"
-        self._console.print(
+        self._say(
             f"t {status.sim_s:6.1f} s  {_mode(status):<14} "
             f"waypoint {status.waypoints_reached}/{status.waypoints_total}  {status.speed_mps:4.1f} m/s  "
             f"heading {status.heading_deg:3.0f}°  cross-track {_metres(status.cross_track_m)}{error}  "
             f"lost {status.lost}  missed {status.missed}"
-            + (f"  fault {', '.join(status.faults)}" if status.faults else ""),
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
+            + (f"  fault {', '.join(status.faults)}" if status.faults else "")
         )
+
+    def _say(self, text: str) -> None:
+        self._console.print(Text(text), soft_wrap=True)
 
     def warn(self, text: str) -> None:
         _warn(self._console, text)
@@ -148,36 +148,38 @@ class LiveView:
             sim_s = max(status.sim_s - before.sim_s, 1e-9)
             sent_rate = (status.sent - before.sent) / sim_s
             received_rate = (status.received - before.received) / sim_s
+        share = status.waypoints_reached / max(status.waypoints_total, 1)
+        counted = f"{status.waypoints_reached}/{status.waypoints_total}"
         progress = Table.grid(padding=(0, 1), expand=True)
         progress.add_column(ratio=1)
         progress.add_column(justify="right")
-        share = status.waypoints_reached / max(status.waypoints_total, 1)
         progress.add_row(
-            ProgressBar(total=1.0, completed=share),
-            f"{status.waypoints_reached}/{status.waypoints_total}  {status.sim_s:.1f} s  {factor:.1f}× real time",
+            ProgressBar(total=1.0, completed=share), Text(f"{counted}  {status.sim_s:.1f} s  {factor:.1f}× real time")
         )
+        trouble = "red" if status.lost or status.missed else "green"
+        facts = [
+            ("mode", Text(_mode(status), style="bold")),
+            ("speed", Text(f"{status.speed_mps:.2f} m/s")),
+            ("heading", Text(f"{status.heading_deg:.0f}°")),
+            ("cross-track", Text(_metres(status.cross_track_m))),
+            ("current", Text(f"{status.current_mps:.2f} m/s")),
+            ("wind", Text(f"{status.wind_mps:.1f} m/s")),
+            ("motors", Text("  ".join(f"{motor:+.2f}" for motor in status.motors))),
+            ("estimate off", Text(_metres(status.position_error_m))),
+            ("to agent", Text(f"{sent_rate:.0f} msg/s")),
+            ("from agent", Text(f"{received_rate:.0f} msg/s")),
+            ("link", Text(f"{status.lost} lost, {status.missed} missed", style=trouble)),
+        ]
+        if status.faults:
+            facts.append(("fault", Text(", ".join(status.faults), style="bold magenta")))
+        beside = 2 if self._live.console.width >= BESIDE_WIDTH else 1
         state = Table.grid(padding=(0, 2))
-        for _ in range(4):
-            state.add_column()
-        state.add_row("mode", Text(_mode(status), style="bold"), "speed", f"{status.speed_mps:.2f} m/s")
-        state.add_row("heading", f"{status.heading_deg:.0f}°", "cross-track", _metres(status.cross_track_m))
-        state.add_row("current", f"{status.current_mps:.2f} m/s", "wind", f"{status.wind_mps:.1f} m/s")
-        state.add_row(
-            "motors",
-            "  ".join(f"{motor:+.2f}" for motor in status.motors),
-            "estimate off",
-            _metres(status.position_error_m),
-        )
-        state.add_row("to agent", f"{sent_rate:.0f} msg/s", "from agent", f"{received_rate:.0f} msg/s")
-        trouble = Text(
-            f"{status.lost} lost, {status.missed} missed", style="red" if status.lost or status.missed else "green"
-        )
-        fault = Text(", ".join(status.faults), style="bold magenta")
-        state.add_row("link", trouble, "fault" if status.faults else "", fault)
+        for at in range(0, len(facts), beside):
+            state.add_row(*(cell for fact in facts[at : at + beside] for cell in fact))
         waiting = [Text(f"waits for {status.waits_for}", style="bold yellow")] if status.waits_for else []
-        lines = [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in status.messages[-3:]]
+        lines = [Text(line, style="dim") for line in status.messages[-3:]]
         content = Group(*waiting, progress, state, *lines)
-        return Panel(content, title=self._title, title_align="left", border_style="cyan")
+        return Panel(content, title=Text(self._title), title_align="left", border_style="cyan")
 
 
 def make_view(console: Console, title: str, quiet: bool) -> View:
@@ -188,7 +190,7 @@ def make_view(console: Console, title: str, quiet: bool) -> View:
 
 
 def _warn(console: Console, text: str) -> None:
-    console.print(f"warning: {text}", highlight=False, markup=False, soft_wrap=True)
+    console.print(Text(f"warning: {text}"), soft_wrap=True)
 
 
 def _mode(status: RunStatus) -> str:
@@ -229,18 +231,27 @@ class DisplayNode(RunNode):
 
     def begin(self, context: RunContext) -> None:
         self._pace = context.pace
-        self._view = self._make_view()
+        view = self._view = self._make_view()
         for text in self._warnings:
-            self._view.warn(text)
+            self._on_view(partial(view.warn, text))
             context.recorder.log(0, WARNING, "run", text)
 
     def close(self) -> None:
         if self._view is not None:
-            self._view.close()
+            self._on_view(self._view.close)
 
     def _show(self, step: RunStep) -> None:
-        if self._view is not None and self._view.due():
-            self._view.show(self._status(step))
+        view = self._view
+        if view is not None and view.due():
+            status = self._status(step)
+            self._on_view(lambda: view.show(status))
+
+    def _on_view(self, act: Callable[[], object]) -> None:
+        """A terminal that hung up, or a reader that left, ends what is shown and not the run."""
+        try:
+            act()
+        except OSError:
+            self._view = None
 
     def _status(self, step: RunStep) -> RunStatus:
         control, score, state = self._control, self._score, self._plant.state

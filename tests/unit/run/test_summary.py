@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,7 @@ from rich.console import Console
 
 from xitl_cli.commands.sim_report import show_result
 from xitl_cli.profile import load_profile
-from xitl_cli.record.topics import TaskTiming
-from xitl_cli.run.core.pace import PaceReport
+from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import (
     ActuatorReport,
     ClockReport,
@@ -53,7 +51,7 @@ def outcome() -> RunOutcome:
 
 def sections(**values: Any) -> Sections:
     mission = MissionScore(load_profile("hitl-beaglebone").runnable().mission.waypoints_ned_m)
-    return merged([{"mission": mission.section(), "pace": asdict(PaceReport())}, values])
+    return merged([{"mission": mission.section(), "pace": PaceReport()}, values])
 
 
 def summarised(profile: str, made: Sections) -> dict[str, Any]:
@@ -74,7 +72,7 @@ def eventful() -> Sections:
         ],
         clocks=[
             ClockReport("PS1", None, None, slope_s=0.0025, slope_std_s=1e-6),
-            ClockReport("LC", -3e6, 79.98, 210.0, 1990, 12.0, 180.0, 0.12, 0.100008, 3.1e-5, 1),
+            ClockReport("LC", -3e6, 79.98, 210.0, 1990, 12.0, 180.0, 0.12, 0.100008, 3.1e-5, 1, 0.31),
         ],
         nodes=[
             NodeReport(
@@ -101,15 +99,14 @@ def eventful() -> Sections:
             FaultReport("drifting-clock", "agent", 20.0, None),
             FaultReport("gnss-dropout", "gnss", None, None),
         ],
-        pace=asdict(PaceReport(2, 3.4)),
+        pace=PaceReport(2, 3.4, 2, 3.6, 2.5),
         traffic={"agent": {"tx": {54002: 9}, "rx": {54006: 9}}},
     )
 
 
-def shown(tmp_path: Path, made: Sections) -> str:
-    profile = load_profile("hitl-beaglebone")
-    console = Console(width=80, record=True, file=io.StringIO(), color_system=None)
-    show_result(console, profile, Result(summarised("hitl-beaglebone", made), tmp_path, 0))
+def shown(tmp_path: Path, made: Sections, verbose: bool = False, width: int = 80) -> str:
+    console = Console(width=width, record=True, file=io.StringIO(), color_system=None)
+    show_result(console, Result(summarised("hitl-beaglebone", made), tmp_path, 0), verbose)
     return console.export_text()
 
 
@@ -128,11 +125,12 @@ def test_the_summary_is_plain_json_with_everything_in_it() -> None:
     assert (len(control["run_histogram"]), sum(control["start_histogram"])) == (16, 1000)
     assert summary["tasks"][0]["start_jitter_p99_us"] is None
     clock = summary["clocks"][1]
+    assert clock["drift_error_ppm"] == 0.31
     assert (clock["drift_ppm"], clock["drift_std_ppm"], clock["steps"], clock["slope_s"]) == (79.98, 0.12, 1, 0.100008)
     assert summary["actuators"]["age_us"]["max"] == 9000.0
     assert (summary["actuators"]["stale"], summary["actuators"]["longest_stale"]) == (7, 3)
     assert summary["takeovers"][0]["to_node"] == "standby"
-    assert summary["pace"] == {"slips": 2, "slipped_s": 3.4}
+    assert (summary["pace"]["slips"], summary["pace"]["slipped_s"], summary["pace"]["stalls"]) == (2, 3.4, 2)
     assert [fault["until_s"] for fault in summary["faults"]] == [45.0, None, None]
     assert summary["nodes"][0]["kind"] == "real"
 
@@ -156,23 +154,46 @@ def test_quantiles_of_bins_never_exceed_the_maximum() -> None:
     assert [task["start_jitter_p99_us"] for task in summary["tasks"]] == [1e6, 1.0, None]
 
 
-def test_the_report_fits_80_columns_and_says_what_happened(tmp_path: Path) -> None:
-    text = shown(tmp_path, eventful())
-    assert max(len(line.rstrip()) for line in text.splitlines() if str(tmp_path) not in line) <= 80
+def test_the_report_leads_with_the_verdict_and_a_line_for_each_part(tmp_path: Path) -> None:
+    lines = shown(tmp_path, eventful()).splitlines()
+    assert lines[0].startswith("completed: ")
+    assert lines[1].startswith("not a real-time run: the host stood still 2 times, 3.6 s in all, the longest 2.5")
+    words = " ".join(" ".join(lines).split())
+    for expected in (
+        "takeover standby for agent at 31.20 s, which was silent for 0.31 s; largest step 0.050",
+        "timing deadlines missed: control 2 of 1001; clock of LC +79.98 ppm (standard error 0.31)",
+        "links 152000 frames, 12 lost of sensors, 3 dropped of actuators",
+        "faults in force on purpose: link-cut, drifting-clock",
+        "claimed, but nothing was carried: D-LC, LS-M, LC-M",
+    ):
+        assert expected in words
+    assert "missed  late" not in words  # tables are for --verbose
+
+
+@pytest.mark.parametrize("width", [80, 40, 24])
+def test_nothing_of_the_report_is_cut_off(tmp_path: Path, width: int) -> None:
+    text = shown(tmp_path, eventful(), verbose=True, width=width)
+    assert max(len(line.rstrip()) for line in text.splitlines() if str(tmp_path) not in line) <= width
     assert "…" not in text
     words = " ".join(text.split())
     for expected in (
-        "claimed, but nothing was carried: D-LC, LS-M, LC-M",
         "real, TI AM335x BeagleBone Black, PREEMPT_RT, SCHED_FIFO, memory locked, [red]pinned[/red], 31 MiB, CPU 8 %",
         "at most 9.0 ms; none new at 7 exchanges, at most 3 in a row",
         "sensors: 10 gaps, 2 repeated, 12 lost on purpose",
         "actuators: 1 refused",
-        "standby for agent at 31.20 s, which was silent for 0.31 s; largest step 0.050",
         "2 times, 3.4 s in all",
+    ):
+        assert expected in words
+
+
+def test_the_tables_have_what_the_summary_has(tmp_path: Path) -> None:
+    words = " ".join(shown(tmp_path, eventful(), verbose=True).split())
+    for expected in (
         "link-cut 40 45 12 frames lost to agent",
         "drifting-clock 20 the end –",
         "gnss-dropout never – –",
-        "79.98 0.12 100.00800 31.0 1",
+        "clock offset ± µs drift ppm error varies sample ms varies µs steps",
+        "79.98 0.31 0.12 100.00800 31.0 1",
     ):
         assert expected in words
 
@@ -182,4 +203,10 @@ def test_an_uneventful_run_is_said_in_few_lines(tmp_path: Path) -> None:
     assert "fault" not in text
     assert "takeover" not in text
     assert "stood still" not in text
-    assert len(text.splitlines()) < 12
+    assert len(text.splitlines()) < 8
+
+
+def test_a_run_without_shortfalls_kept_real_time(tmp_path: Path) -> None:
+    assert shown(tmp_path, sections()).splitlines()[1] == "real time kept: 200.0 s in 203.5 s"
+    assert summarised("hitl-beaglebone", sections())["verdict"]["real_time"] is True
+    assert summarised("sitl", sections())["verdict"]["real_time"] is None

@@ -31,7 +31,7 @@ class ClockSpec(Specification):
     ] = "lockstep"
     physics_rate_hz: Annotated[RateHz, "every other rate divides it"] = 400.0
     exchange_rate_hz: Annotated[RateHz, "of commands from the autopilot"] = 50.0
-    duration_s: Positive = 600.0
+    duration_s: Annotated[Positive, "at most, from the start; time for which the vessel is frozen counts"] = 600.0
     seed: Annotated[Seed, Bounds(below=2**63), "of everything that is drawn"] = 1
 
 

@@ -5,25 +5,17 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
-from xitl_cli.record.topics import ClockExchange, TaskTiming
+from xitl_cli.record.topics import ClockExchange, PaceReport, TaskTiming
 from xitl_cli.run.core.statistics import Histogram, Slope, TimeBase
 
 SLIP_NS = 500_000_000
+STALL_NS = 40_000_000  # two control cycles at 50 Hz; ArduPilot takes an external IMU for lost after as much
 ANCHORS_KEPT = 64
 TIME_BASE_HZ = 10.0
 
 Idle = Callable[[float], object]
-
-
-@dataclass(frozen=True, slots=True)
-class PaceReport:
-    """How often the world stood still because the machine that simulates it did, and for how long in all."""
-
-    slips: int = 0
-    slipped_s: float = 0.0
 
 
 class Pace(Protocol):
@@ -50,7 +42,7 @@ class Pace(Protocol):
         """A point of that curve: when the step that ended at `sim_ns` began. None where time is simulation time."""
 
     def report(self) -> PaceReport:
-        """How it went."""
+        """How it went so far."""
 
 
 class Lockstep:
@@ -88,11 +80,15 @@ class Realtime:
     A step that starts later than one period behind its deadline counts as missed. Nothing is skipped: physics has to
     take every step, so a late host catches up, and the count says that it was late. A host that is more than half a
     second behind was asleep, and does not race after the time it slept through: the world stood still, which is a slip.
+    A stall is the time between two steps when it is longer than STALL_NS, caught up with or not.
     """
 
     def __init__(self, period_s: float, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.slips = 0
         self._slipped_s = 0.0
+        self._stalls = 0
+        self._stalled_ns = 0
+        self._longest_stall_ns = 0
         self._clock_ns = clock_ns
         self._period_ns = round(period_s * 1e9)
         self._anchors: deque[tuple[int, int]] = deque(maxlen=ANCHORS_KEPT)
@@ -129,6 +125,11 @@ class Realtime:
         self._jitter.add(late_ns)
         self._cycles += 1
         self._missed += late_ns > self._period_ns
+        stood_ns = now_ns - self._began_ns
+        if stood_ns > STALL_NS + self._period_ns and self._began_ns:
+            self._stalls += 1
+            self._stalled_ns += stood_ns
+            self._longest_stall_ns = max(self._longest_stall_ns, stood_ns)
         self._began_ns = now_ns
         if self._cycles % self._time_base_every == 0:
             self._time_base.add(self._cycles, now_ns)
@@ -177,4 +178,6 @@ class Realtime:
         )
 
     def report(self) -> PaceReport:
-        return PaceReport(self.slips, self._slipped_s)
+        return PaceReport(
+            self.slips, self._slipped_s, self._stalls, self._stalled_ns * 1e-9, self._longest_stall_ns * 1e-9
+        )

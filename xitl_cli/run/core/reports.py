@@ -89,7 +89,8 @@ class LinkReport:
 class ClockReport:
     """A node's clock against the host's at the end of a run; None where nothing was measured.
 
-    drift_std_ppm: variation of the drift over windows of 10 s. slope_s, slope_std_s: mean and standard deviation of
+    drift_error_ppm: standard error of the drift, from the fit. drift_std_ppm: how the drift itself varies from one 10 s
+    to the next. slope_s, slope_std_s: mean and standard deviation of
     the node's time base a sample. residual_us: spread of the exchanges about the estimate. path_delay_us: shortest
     way there and back, halved. steps: of the node's clock.
     """
@@ -105,6 +106,7 @@ class ClockReport:
     slope_s: float | None = None
     slope_std_s: float | None = None
     steps: int = 0
+    drift_error_ppm: float | None = None
 
     def section(self) -> dict[str, Any]:
         """A row of `clocks`."""

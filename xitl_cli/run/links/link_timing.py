@@ -102,6 +102,7 @@ class LinkTiming:
             path_delay_s=estimate.path_delay_ns * 1e-9,
             asymmetry_bound_s=estimate.asymmetry_bound_ns * 1e-9,
             steps=estimate.steps,
+            drift_error_ppm=estimate.drift_error_ppm,
         )
 
     def host_ns(self, agent_ns: int) -> int | None:
@@ -125,6 +126,7 @@ class LinkTiming:
             slope_s=slope.mean_s,
             slope_std_s=slope.deviation_s,
             steps=estimate.steps,
+            drift_error_ppm=estimate.drift_error_ppm,
         )
 
 

@@ -21,7 +21,9 @@ class TruthRecorder(RunNode):
 
     def __init__(self, profile: RunProfile, control: ControlNode) -> None:
         rate_hz = profile.clock.physics_rate_hz
+        self._realtime = profile.clock.mode == "realtime"
         self._rate_hz = rate_hz
+        self._now_ns = 0
         self._control = control
         self._frame = local_frame(profile.site)
         self._every_truth = round(rate_hz / profile.recording.truth_rate_hz)
@@ -47,7 +49,17 @@ class TruthRecorder(RunNode):
             if point is not None:
                 recorder.write(now_ns, point)
         if number % self._every_task == 0:
-            recorder.write(now_ns, self._pace.task(self._rate_hz))
+            self._record_pace(now_ns)
+        self._now_ns = now_ns
+
+    def end(self) -> None:
+        if self._now_ns:
+            self._record_pace(self._now_ns)
+
+    def _record_pace(self, now_ns: int) -> None:
+        self._recorder.write(now_ns, self._pace.task(self._rate_hz))
+        if self._realtime:
+            self._recorder.write(now_ns, self._pace.report())
 
 
 class LinkRecorder(RunNode):

@@ -124,6 +124,19 @@ def test_it_beats_the_exponential_filter(jitter_ns: float, from_s: float, to_s: 
     assert rms(ours) * factor < rms(theirs)
 
 
+@pytest.mark.parametrize("kind", DELAYS)
+def test_the_standard_error_of_the_drift_is_that_of_twenty_clocks(kind: str) -> None:
+    """Of a normal one 68 % lie within one, 95 % within two: of twenty 9 to 18, and 16 or more, 98 times of 100."""
+    ratios = []
+    for seed in range(20):
+        sync = ClockSync()
+        for exchange in Truth(jitter_ns=1e6, delay=DELAYS[kind]).exchanges(20.0, seed, rate_hz=5.0):
+            sync.add(*exchange)
+        ratios.append(abs(sync.estimate.drift_ppm - 50.0) / sync.estimate.drift_error_ppm)
+    assert 9 <= sum(ratio < 1.0 for ratio in ratios) <= 18
+    assert sum(ratio < 2.0 for ratio in ratios) >= 16
+
+
 @pytest.mark.parametrize("drift", [-80e-6, 0.0, 50e-6, 80e-6])
 @pytest.mark.parametrize("seed", range(3))
 def test_offset_and_drift_after_a_minute_of_two_millisecond_jitter(drift: float, seed: int) -> None:

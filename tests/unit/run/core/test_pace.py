@@ -76,6 +76,18 @@ def test_a_long_stop_is_a_slip_and_not_raced_after(steps: Steps) -> None:
     assert steps.pace.task(400.0).missed == 1
 
 
+def test_stalls_are_counted_whether_they_are_caught_up_with_or_not(steps: Steps) -> None:
+    steps.run(100)
+    for stop_ms in (30, 60, 400, 3000):  # the first is as long as an autopilot takes no notice of
+        steps.wall.now_ns += stop_ms * MS
+        steps.run(400)
+    report = steps.pace.report()
+    assert (report.slips, report.stalls) == (1, 3)
+    assert report.stalled_s == pytest.approx(0.06 + 0.4 + 3.0)
+    assert report.longest_stall_s == pytest.approx(3.0)
+    assert report.slipped_s == pytest.approx(3.0 - PERIOD_S)
+
+
 def test_the_world_stands_still_while_the_host_does(steps: Steps) -> None:
     steps.run(100)
     stopped_ns, stopped_sim_ns = steps.wall.now_ns, steps.sim_ns

@@ -1,0 +1,62 @@
+"""The judgement of a run in real time: by figures on either side of each limit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from xitl_cli.logs.signals.real_time import LIMITS, LinkLosses, RealTimeFigures, TaskMisses, not_real_time
+
+
+def figures(**values: Any) -> RealTimeFigures:
+    return RealTimeFigures(**{"length_s": 100.0, **values})
+
+
+KEPT = {
+    "physics": TaskMisses("PS1 physics", 40_000, 1900),
+    "control": TaskMisses("LC control", 5000, 90),
+    "link": LinkLosses("sensors", 50_000, 400),
+    "stalls": 10,
+    "stalled_s": 0.9,
+    "longest_stall_s": 0.2,
+}
+
+
+def test_a_run_within_every_limit_kept_real_time() -> None:
+    assert figures(**KEPT).shortfalls() == ()
+
+
+@pytest.mark.parametrize(
+    ("measured", "said"),
+    [
+        ({"physics": TaskMisses("PS1 physics", 40_000, 14_400)}, "36 % of the physics deadlines missed"),
+        (
+            {"control": TaskMisses("LC control", 4900, 300)},
+            "6.1 % of the agent's cycles missed (LC control: 300 of 4900)",
+        ),
+        ({"link": LinkLosses("sensors", 50_000, 900)}, "1.8 % of the frames lost (sensors: 900)"),
+        (
+            {"stalls": 9, "stalled_s": 24.7, "longest_stall_s": 5.1},
+            "the host stood still 9 times, 24.7 s in all, the longest 5.1 s",
+        ),
+        ({"stalls": 1, "stalled_s": 0.3, "longest_stall_s": 0.3}, "the host stood still once, 0.30 s in all"),
+        (
+            {"stalls": 20, "stalled_s": 2.0, "longest_stall_s": 0.1},
+            "the host stood still 20 times, 2.0 s in all, the longest 0.10 s",
+        ),
+        ({"slipped_s": 400.0}, "the host fell behind by 400.0 s that were not made up"),
+        ({"clock_steps": (("LC", 2),)}, "the clock of LC stepped 2 times"),
+    ],
+)
+def test_each_limit_by_itself_makes_it_none(measured: dict[str, Any], said: str) -> None:
+    assert figures(**{**KEPT, **measured}).shortfalls() == (said,)
+
+
+def test_all_of_them_are_one_sentence() -> None:
+    found = figures(physics=TaskMisses("", 100, 36), stalls=3, stalled_s=24.7, longest_stall_s=9.0).shortfalls()
+    assert not_real_time(found) == (
+        "not a real-time run: the host stood still 3 times, 24.7 s in all, the longest 9.0 s; 36 % of the physics "
+        "deadlines missed"
+    )
+    assert LIMITS.clock_steps == 0

@@ -1,0 +1,87 @@
+"""Arguments and options that several commands have, each said once; what Tab offers for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+DEFAULT_PROFILE = "sitl"
+OTHER_SPELLINGS = {"output": "out", "force": "overwrite", "verbosity": "verbose"}
+"""Spellings of an option that are understood wherever the command has it, beside the one that its help shows."""
+
+
+def usual_spelling(token: str) -> str:
+    """For click's `token_normalize_func`."""
+    return OTHER_SPELLINGS.get(token, token)
+
+
+def complete_profile(incomplete: str) -> list[str]:
+    """Names of shipped profiles, and YAML files where the beginning of a path leads.
+
+    Parts of profiles are offered once their folder is typed. Without any, the shell completes files by itself.
+    """
+    from xitl_cli.profile.files.catalogue import SUFFIXES, shipped_profiles
+
+    names = [name for name in shipped_profiles() if name.startswith(incomplete)]
+    if "/" not in incomplete:
+        names = [name for name in names if "/" not in name] or names
+    folder, _, start = incomplete.rpartition("/")
+    where = Path(folder + "/" if folder or incomplete.startswith("/") else ".").expanduser()
+    try:
+        found = [path.name for path in where.iterdir() if path.suffix in SUFFIXES and path.name.startswith(start)]
+    except (OSError, ValueError, RuntimeError):
+        found = []
+    return names + [f"{incomplete[: len(incomplete) - len(start)]}{name}" for name in sorted(found)]
+
+
+def complete_set(context: typer.Context, incomplete: str) -> list[str]:
+    """Keys of the profile that is named already (`sitl` before one is), each with its value."""
+    given = context.params
+    named = given.get("profile") or given.get("profile_option") or given.get("name")
+    if not named:  # an option without its value, as it is while it is typed, ends the parsing before the arguments
+        named = next((word for word in context.args if not word.startswith("-")), DEFAULT_PROFILE)
+    return [word for word in _assignments(str(named)) if word.startswith(incomplete)]
+
+
+def _assignments(name: str) -> Iterator[str]:
+    from xitl_cli.errors import UserError
+    from xitl_cli.profile import load_with_origins
+    from xitl_cli.profile.resolved import values_with_origins
+
+    try:
+        rows = values_with_origins(load_with_origins(name, ()))
+    except UserError:
+        return
+    for key, value, _ in rows:
+        yield f"{key}={value}"
+
+
+def complete_section(incomplete: str) -> list[str]:
+    """Names of analyses."""
+    from xitl_cli.logs.report.build import SECTIONS
+
+    return [name for name in SECTIONS if name.startswith(incomplete)]
+
+
+ProfileName = Annotated[
+    str,
+    typer.Argument(
+        metavar="PROFILE",
+        help="A shipped profile's name (`xitl profiles list`), or a path to a .yaml file.",
+        autocompletion=complete_profile,
+    ),
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a key of the profile: environment.wind.mean_mps=8. Repeatable.",
+        autocompletion=complete_set,
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there already.")]

@@ -1,0 +1,125 @@
+"""The verdict on a run: whether it did what it was for, and whether one in real time kept real time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from xitl_cli.logs.signals.real_time import (
+    LinkLosses,
+    RealTimeFigures,
+    TaskMisses,
+    not_real_time,
+    worst,
+    worst_link,
+)
+from xitl_cli.record.topics import PaceReport, TaskTiming
+from xitl_cli.run.core.reports import ClockReport, Ending, FaultReport, LinkReport
+
+HOST, COMPANION = "PS1", "HC"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """completed: the driver did all it was there for; why: in words. real_time: whether it was kept, None in lockstep.
+
+    duration_asked: the run was to last so long, and did. shortfalls: what kept it from being a run in real time.
+    figures: what that rests on, None in lockstep.
+    """
+
+    completed: bool
+    why: str
+    duration_asked: bool = False
+    real_time: bool | None = None
+    shortfalls: tuple[str, ...] = ()
+    figures: RealTimeFigures | None = None
+
+    @property
+    def warnings(self) -> list[str]:
+        """For `warnings` of summary.json."""
+        return [not_real_time(self.shortfalls)] if self.shortfalls else []
+
+    def section(self) -> dict[str, Any]:
+        """`verdict` of summary.json; docs/recording.md explains the keys."""
+        figures = self.figures
+        section: dict[str, Any] = {
+            "completed": self.completed,
+            "why": self.why,
+            "duration_asked": self.duration_asked,
+            "real_time": self.real_time,
+            "shortfalls": list(self.shortfalls),
+        }
+        if figures is not None:
+            control, link = figures.control, figures.link
+            section |= {
+                "physics_missed_share": None if figures.physics is None else figures.physics.share,
+                "agent_missed_share": None if control is None else control.share,
+                "agent_task": None if control is None else control.name,
+                "lost_share": None if link is None else link.share,
+                "link": None if link is None else link.name,
+                **{key: getattr(figures, key) for key in ("stalls", "stalled_s", "longest_stall_s", "slipped_s")},
+                "clock_steps": sum(steps for _, steps in figures.clock_steps),
+            }
+        return section
+
+
+def measured_figures(
+    length_s: float,
+    pace: PaceReport,
+    tasks: Sequence[TaskTiming],
+    links: Sequence[LinkReport],
+    clocks: Sequence[ClockReport],
+    faults: Sequence[FaultReport],
+) -> RealTimeFigures:
+    """What a run in real time is judged by.
+
+    A fault that loads an agent or moves its clock makes it late on purpose: its cycles and its clock are not judged
+    then, the host's always.
+    """
+    spared = any("agent" in fault.kind.split(", ") and fault.from_s is not None for fault in faults)
+    # A companion skips clouds when it is busy, which is its own count.
+    agents = [task for task in tasks if task.node not in (HOST, COMPANION)]
+    return RealTimeFigures(
+        length_s=length_s,
+        physics=worst([_misses(task) for task in tasks if task.node == HOST]),
+        control=None if spared else worst([_misses(task) for task in agents]),
+        link=worst_link([_losses(link) for link in links if link.lost is not None and link.sent]),
+        clock_steps=() if spared else tuple((clock.node, clock.steps) for clock in clocks if clock.steps),
+        **{key: value for key, value in asdict(pace).items() if key != "slips"},
+    )
+
+
+def why_text(ending: Ending, error: str | None, driver: str, completed: bool, mission: Any, frozen: bool) -> str:
+    """How far a run came and why no further. mission: of summary.json. frozen: the vessel was never let go."""
+    total = mission["waypoints_total"] if mission else 0
+    if driver in ("script", "replay"):
+        done = f"the {driver} was {'' if completed else 'not '}played to its end"
+    elif total:
+        done = f"{mission['waypoints_reached']} of {total} waypoints"
+    else:
+        done = "no mission"
+    if frozen and not completed:
+        done += ", the vessel frozen all the time, as nobody armed it"
+    if ending is Ending.FINISHED:
+        return done
+    said = error if ending is Ending.FAILED and error else ending.value
+    return f"{said}; {done}" if ending is Ending.FAILED else f"{said}, {done}"
+
+
+def judge(ending: Ending, completed: bool, timed: bool, why: str, figures: RealTimeFigures | None) -> Verdict:
+    """timed: the duration was asked for. figures: of a run in real time."""
+    done = completed and ending not in (Ending.INTERRUPTED, Ending.FAILED)
+    asked = timed and ending is Ending.DURATION
+    if figures is None:
+        return Verdict(done, why, asked)
+    shortfalls = figures.shortfalls()
+    return Verdict(done, why, asked, not shortfalls, shortfalls, figures)
+
+
+def _misses(task: TaskTiming) -> TaskMisses:
+    return TaskMisses(f"{task.node} {task.task}", task.cycles + task.skipped, task.missed)
+
+
+def _losses(link: LinkReport) -> LinkLosses:
+    return LinkLosses(link.name, link.sent or 0, max((link.lost or 0) - (link.impaired or 0), 0))
