@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 
 from agent.bridges.samples import EPOCH_UNIX_S, LEAP_S, InertialSample, Navigation, ReceiverFix
+from agent.fcu.estimation.position_filter import standard_height_m
 from agent.fcu.vehicle_state import BarometerMeasurement, MagnetometerMeasurement
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
 
-ACCEL, GYRO, FIELD, PRESSURE, TEMPERATURE = 0x7, 0x38, 0x1C0, 0x200, 0x1000
-"""Bits of HIL_SENSOR.fields_updated."""
+ACCEL, GYRO, FIELD, BAROMETER = 0x7, 0x38, 0x1C0, 0x1A00
+"""Bits of HIL_SENSOR.fields_updated. PX4 takes a barometer only whole: pressure, pressure altitude and temperature."""
 
 _UNKNOWN = 0xFFFF
 
@@ -23,14 +24,15 @@ def updated_fields(sample: object) -> int:
     """Bits of HIL_SENSOR.fields_updated for a sample of a magnetometer or barometer, 0 for anything else."""
     if isinstance(sample, MagnetometerMeasurement):
         return FIELD
-    return PRESSURE | TEMPERATURE if isinstance(sample, BarometerMeasurement) else 0
+    return BAROMETER if isinstance(sample, BarometerMeasurement) else 0
 
 
 def sensor_message(sample: InertialSample, updated: int) -> Message:
     """HIL_SENSOR, stamped with the sensors' clock; `updated` says which fields are new since the last one."""
+    height_m = standard_height_m(max(sample.pressure_pa, 0.0))
     message: Message = mav.MAVLink_hil_sensor_message(
         sample.stamp_ns // 1000, *sample.accel_frd_mps2, *sample.gyro_frd_radps, *sample.field_frd_gauss,
-        sample.pressure_pa * 0.01, 0.0, 0.0, sample.temperature_degc, updated,
+        sample.pressure_pa * 0.01, 0.0, height_m, sample.temperature_degc, updated,
     )  # fmt: skip
     return message
 

@@ -1,14 +1,15 @@
 """PX4's simulator messages: HIL_SENSOR and HIL_GPS out, HIL_ACTUATOR_CONTROLS in.
 
-To a program (SITL) over a line of its own: we listen, by custom at TCP 4560, and PX4 calls. To a board in HITL mode
-(SYS_HITL 1) over its MAVLink, in real time. As PX4's documentation has it (docs.px4.io, Simulation, "Simulator MAVLink
-API" and "HITL") and its source (simulator_mavlink, pwm_out_sim); not yet run against PX4.
+To a program (SITL) over a line of its own: we listen, by custom at TCP 4560, and PX4 calls, once in its life. To a
+board in HITL mode (SYS_HITL 1) over its MAVLink, in real time. Seen with PX4 1.16 in software; for boards, where it has
+not been tried, as its source has it (mavlink_receiver, pwm_out_sim).
 
 Lockstep is one-sided. The stamps of HIL_SENSOR are the clock of a SITL build, so it does not run without us; but
 nothing keeps us from running away from it, for HIL_ACTUATOR_CONTROLS is no answer to a HIL_SENSOR: it comes when the
 control loops put out something new, at their rate, and not at all while PX4 starts or, with a rover, while it is
 disarmed. So there are two ways to pace the run: while outputs come, each is waited for when the period of the last
-ones says that it is due; while none come, we keep to real time, which leaves PX4 the time that it would have had.
+ones says that it is due; while none come, we stay a bit under real time and never catch up, which leaves PX4 the time
+that it would have had. With every HIL_SENSOR answered, at the 100 Hz of a rover's outputs, its estimator misses none.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from agent.wire.transport import open_transport
 SYSTEM_ID, COMPONENT_ID = 254, 51  # neither the autopilot's nor a ground station's
 FIRST_US = 1_000_000  # PX4's clock at the first sample: never 0, which is no time there
 APART_US = 1_000_000  # between a run and the next with the same PX4
+PACE = 0.9  # of real time, while no outputs come
 RHYTHM = 4  # outputs
 LONGEST_PERIOD_US = 50_000
 EARLY_US = 500
@@ -147,11 +149,11 @@ class Px4Line:
         return self._newest_us + EARLY_US >= last_us + period_us
 
     def _lead_s(self, now_s: float) -> float:
-        """How much the samples are ahead of real time."""
-        if self._anchor is None:
-            self._anchor = (now_s, self._newest_us)
-        lead_s = (self._newest_us - self._anchor[1]) * 1e-6 - (now_s - self._anchor[0])
-        if lead_s < -PATIENCE_S:
+        """How much the samples are ahead of their pace. What is behind stays behind: PX4 would miss some of a burst."""
+        lead_s = 0.0
+        if self._anchor is not None:
+            lead_s = (self._newest_us - self._anchor[1]) * 1e-6 / PACE - (now_s - self._anchor[0])
+        if self._anchor is None or lead_s <= 0.0:
             self._anchor = (now_s, self._newest_us)
         return max(lead_s, 0.0)
 
@@ -203,9 +205,9 @@ class Px4Line:
 OUTPUTS = 16
 HIL_ENABLED = 32  # MAV_MODE_FLAG_HIL_ENABLED
 UNSIMULATED_NS = 5_000_000_000
-UNPROVEN = "this bridge follows PX4's documentation and has not yet been run against PX4"
 BLOCK_S = 0.4  # the longest wait of one `advance`
 UNCALLED_S = 3.0
+UNCALLED = "PX4 does not call at {}: it calls once in its life, so start it anew for each run, with this simulator port"
 _ERROR, _WARNING, _NOTICE = 3, 4, 5  # MAV_SEVERITY
 
 
@@ -242,7 +244,6 @@ class Px4Injector(Injector):
         self._uncalled = False
         self._heard_ns: int | None = None
         self._unsimulated = False
-        self._introduced = False
         if self._line is not None:
             self._line.begin()
         elif lockstep:
@@ -265,8 +266,6 @@ class Px4Injector(Injector):
             self._note(line.receive(0.0))
             self.counts.junk = line.junk
             self.counts.taken = line.connected
-            if self.counts.imu_out:
-                self._introduce()
             return
         if self._unsimulated or self._heard_ns is None or now_ns - self._heard_ns < UNSIMULATED_NS:
             return
@@ -311,12 +310,6 @@ class Px4Injector(Injector):
         if self._line is not None:
             self._line.close()
 
-    def _introduce(self) -> None:
-        """Once a run, when it has begun."""
-        if not self._introduced:
-            self._introduced = True
-            self._say(_NOTICE, UNPROVEN)
-
     # -- out
 
     def _send(self, message: Message) -> None:
@@ -356,7 +349,6 @@ class Px4Injector(Injector):
         self.counts.taken = line.connected
         if line.connected:
             self._waited_s = 0.0
-            self._introduce()
             if self._uncalled:
                 self._uncalled = False
                 self._say(_NOTICE, f"PX4 has called at {line.address}")
@@ -364,7 +356,7 @@ class Px4Injector(Injector):
         self._waited_s += monotonic() - began_s
         if self._waited_s > UNCALLED_S and not self._uncalled:
             self._uncalled = True
-            self._say(_WARNING, f"PX4 does not call at {line.address}; start it with this simulator port")
+            self._say(_WARNING, UNCALLED.format(line.address))
         return False
 
     def _hear(self, message: Message) -> None:
@@ -375,8 +367,6 @@ class Px4Injector(Injector):
             self._note([message])
         elif isinstance(message, mav.MAVLink_heartbeat_message) and message.autopilot == mav.MAV_AUTOPILOT_PX4:
             self._heard_ns = self._clock.now_ns() if self._heard_ns is None else self._heard_ns
-            if self.counts.imu_out:
-                self._introduce()
             self.counts.taken = bool(message.base_mode & HIL_ENABLED)
 
     def _note(self, messages: list[Message]) -> None:

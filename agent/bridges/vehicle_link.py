@@ -39,6 +39,8 @@ RATES_HZ = {
     mav.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
     mav.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
 }
+PX4_ATTITUDE_HZ = 50.0
+"""Of PX4, whose streams do not come at the same instants as ArduPilot's do: an attitude is near every position."""
 OUTPUTS_HZ = (50.0, 40.0, 20.0, 10.0)
 """Of SERVO_OUTPUT_RAW, the first that comes: ArduPilot refuses more than 0.8 of its loop rate and sends 1 Hz then."""
 SPARE_OUTPUTS_HZ = (2.0,)
@@ -199,6 +201,8 @@ class VehicleLink:
             self.system_id, self.component_id = message.get_srcSystem(), message.get_srcComponent()
         elif message.get_srcSystem() != self.system_id or message.get_srcComponent() != self.component_id:
             return
+        if not self.heard and message.autopilot == mav.MAV_AUTOPILOT_PX4:
+            self._streams.set_rate(mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, PX4_ATTITUDE_HZ)
         self.heard = True
         self._heard_ns = now_ns
         self.armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
@@ -306,6 +310,11 @@ class StreamRequests:
         self._wanted = {number: _RequestedStream(rates_hz) for number, rates_hz in self._rates_hz.items()}
         for times in self._unanswered.values():
             times.clear()
+
+    def set_rate(self, number: int, rate_hz: float) -> None:
+        """Ask for this kind at another rate from now on."""
+        self._rates_hz[number] = (rate_hz,)
+        self._wanted[number] = _RequestedStream((rate_hz,))
 
     def note_arrival(self, number: int, now_ns: int) -> None:
         """A message of this number has come."""

@@ -128,7 +128,7 @@ class StatusTextSender:
 
 
 class StatusTextReceiver:
-    """Joins what came in chunks."""
+    """Joins what came in chunks. A sentence that PX4 tells as an event too ends in a tab, which is taken off."""
 
     def __init__(self) -> None:
         self._begun: dict[int, str] = {}
@@ -140,4 +140,4 @@ class StatusTextReceiver:
         if text_id and len(chunk) == TEXT_BYTES:
             self._begun = {text_id: text}
             return None
-        return text
+        return text.rstrip()

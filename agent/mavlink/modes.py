@@ -2,7 +2,7 @@
 
 The embedded autopilot has ArduRover's numbers. A mode of PX4 is a main mode and, of the automatic ones, a sub mode:
 bytes 2 and 3 of a heartbeat's custom_mode, parameters 2 and 3 of MAV_CMD_DO_SET_MODE
-(src/modules/commander/px4_custom_mode.h). Not yet run against PX4.
+(src/modules/commander/px4_custom_mode.h). What is GUIDED elsewhere is its Hold, with a place from DO_REPOSITION.
 """
 
 from __future__ import annotations
@@ -44,11 +44,13 @@ PX4_MODES: Mapping[str, tuple[int, int]] = {
     "LOITER": (_AUTO, _LOITER),
     "AUTO": (_AUTO, _MISSION),
     "RTL": (_AUTO, _RETURN),
-    "GUIDED": (_OFFBOARD, 0),
+    "GUIDED": (_AUTO, _LOITER),
 }
 """Main and sub mode by the names that profiles use."""
 _PX4_NAMES = {
     **{mode: name for name, mode in PX4_MODES.items()},
+    PX4_MODES["LOITER"]: "LOITER",
+    (_OFFBOARD, 0): "OFFBOARD",
     (_ALTITUDE, 0): "ALTITUDE",
     (_POSITION, 0): "POSITION",
     (_AUTO, 1): "READY",
@@ -64,6 +66,11 @@ def mode_name(custom_mode: int, px4: bool = False) -> str:
         return ROVER_MODES.get(custom_mode, f"mode {custom_mode}")
     mode = (custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF)
     return _PX4_NAMES.get(mode, f"mode {mode[0]}.{mode[1]}")
+
+
+def shown_mode(name: str, px4: bool = False) -> str:
+    """What `mode_name` says while this mode is in force: PX4 has one for HOLD, LOITER and GUIDED."""
+    return _PX4_NAMES[PX4_MODES[name]] if px4 else name
 
 
 def set_mode_parameters(name: str, px4: bool = False) -> tuple[float, ...]:

@@ -45,6 +45,11 @@ class ParameterClient:
         self._new_timer = new_timer
         self._types: dict[str, int] = {}
 
+    @property
+    def types(self) -> Mapping[str, int]:
+        """MAV_PARAM_TYPE by name, of what has come."""
+        return self._types
+
     def read(self, name: str) -> Request:
         """Ask for one by its name; the answer is a PARAM_VALUE."""
         message = mav.MAVLink_param_request_read_message(*self._target, name.encode("ascii", "replace"), -1)

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 SourceArgument = Annotated[
     str,
     typer.Argument(
-        metavar="SOURCE", help="A .parm file, a shipped one's name, `defaults`, or a vehicle: tcp://… or udp://…"
+        metavar="SOURCE",
+        help="A .parm or .params file, a shipped one's name, `defaults`, or a vehicle: udp://… or tcp://…",
     ),
 ]
 VehicleArgument = Annotated[
@@ -118,7 +119,7 @@ def set_values(
 
 def push(
     source: Annotated[
-        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm file, a shipped one's name, or a profile.")
+        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm or .params file, a shipped one's name, or a profile.")
     ],
     vehicle: VehicleArgument,
     with_script: Annotated[
@@ -147,7 +148,7 @@ def push(
 
 def check(
     source: Annotated[
-        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm file, a shipped one's name, or a profile.")
+        str, typer.Argument(metavar="FILE|PROFILE", help="A .parm or .params file, a shipped one's name, or a profile.")
     ],
     vehicle: VehicleArgument,
     signing_key: Key = None,
@@ -174,13 +175,15 @@ def check(
 
 def pull(
     vehicle: VehicleArgument,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where to write the .parm file.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Where to write: NAME.parm, or NAME.params as QGroundControl does.")
+    ],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")] = False,
     signing_key: Key = None,
     as_json: Json = False,
 ) -> None:
     """Write all parameters of a vehicle into a file, each with what it means."""
-    from xitl_cli.params.values import parm_text, read_source
+    from xitl_cli.params.values import file_text, read_source
 
     if file.exists() and not overwrite:
         raise UserError(f"{file}: exists; choose another name or add --overwrite")
@@ -188,7 +191,7 @@ def pull(
         raise UserError(f"{file.parent}: is no directory; make it first")
     found = read_source(_vehicle(vehicle), _key(signing_key))
     try:
-        file.write_text(parm_text(found.values, vehicle), encoding="utf-8")
+        file.write_text(file_text(found, file.name), encoding="utf-8")
     except OSError as error:
         raise UserError(f"{file}: cannot be written ({error.strerror}); choose another place") from error
     if as_json:

@@ -13,7 +13,7 @@ from xitl_cli.logs.signals.real_time import not_real_time
 from xitl_cli.run.core import directory
 from xitl_cli.run.session import Result
 
-_MORE = (directory.DATAFLASH, directory.MAP, directory.TRAJECTORY, directory.TRUTH)
+_MORE = (directory.DATAFLASH, directory.ULOG, directory.MAP, directory.TRAJECTORY, directory.TRUTH)
 
 
 def show_result(console: Console, result: Result, verbose: bool = False) -> None:
@@ -237,8 +237,6 @@ def autopilot_rows(section: dict[str, Any] | None) -> Iterator[tuple[str, str]]:
         return
     who = " ".join(filter(None, (section["kind"], section["vehicle"], section["firmware"])))
     yield "autopilot", who
-    if section["kind"] == "px4":
-        yield "", "(this bridge has not yet been run against PX4)"
     times = [f"{word} {section[key]:.1f} s" for key, word in _TIMES.items() if section[key] is not None]
     if times:
         yield "", ", ".join(times)

@@ -26,6 +26,7 @@ SITL, SITL_ARMHF = "sitl", "sitl-armhf"
 SIMULATED = (SITL, SITL_ARMHF)
 RECORD = "firmware.json"
 FIND = "find"
+PX4_VARIABLE = "XITL_PX4"
 IMAGE_SUFFIX = ".apj"
 _MOVING = {"stable": 3, "beta": 1, "latest": 0}
 _NUMBERED = re.compile(r"\d+\.\d+\.\d+")
@@ -122,6 +123,28 @@ def find_firmware(vehicle: str, build: str, given: str = FIND) -> Path:
         f"autopilot.firmware: there is no {name} on the PATH or in the cache; build ArduPilot for the board `linux` "
         "(or for this machine's board) and give the path of its program with --firmware"
     )
+
+
+def find_px4(given: str = FIND) -> tuple[Path, Path]:
+    """A PX4 built for simulation and the folder of its start scripts, `etc` beside the one that the program is in.
+
+    `given` is the program's path, or `find` for the one that XITL_PX4 names or that is on the PATH. Raises UserError
+    when there is none that runs here.
+    """
+    named = os.environ.get(PX4_VARIABLE) or shutil.which("px4") if given == FIND else given
+    if not named:
+        raise UserError(
+            f"autopilot.firmware: there is no px4 on the PATH, and {PX4_VARIABLE} names none; build PX4 with "
+            "`make px4_sitl_default` and give the path of its bin/px4 with --firmware"
+        )
+    program = _checked_program(Path(named).expanduser())
+    data = program.resolve().parent.parent / "etc"
+    if not (data / "init.d-posix" / "rcS").is_file():
+        raise UserError(
+            f"autopilot.firmware: {data / 'init.d-posix' / 'rcS'} is missing, with which {program} starts; give the "
+            "bin/px4 of a PX4 built for simulation, with its etc beside bin"
+        )
+    return program, data
 
 
 def runs_here(file: Path) -> bool:

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,10 +25,12 @@ _PR_SET_PDEATHSIG = 1
 class FirmwareProcess:
     """`program` running in `directory`, where its output goes to console.txt. It ends with this process at the latest.
 
-    Raises UserError when it cannot be started.
+    environment: its own, None for ours. Raises UserError when it cannot be started.
     """
 
-    def __init__(self, program: Path, arguments: Sequence[str], directory: Path) -> None:
+    def __init__(
+        self, program: Path, arguments: Sequence[str], directory: Path, environment: Mapping[str, str] | None = None
+    ) -> None:
         self.program = program
         self.directory = directory
         self._console = directory / CONSOLE
@@ -38,6 +40,7 @@ class FirmwareProcess:
                 self._process = subprocess.Popen(
                     [str(program), *arguments],
                     cwd=directory,
+                    env=environment,
                     stdin=subprocess.DEVNULL,
                     stdout=console,
                     stderr=subprocess.STDOUT,
@@ -110,9 +113,9 @@ class FirmwareProcess:
             os.killpg(self._process.pid, number)
 
 
-def newest_log(directory: Path) -> Path | None:
-    """The latest DataFlash log under the directory, None when there is none."""
-    logs = [path for path in directory.rglob("*") if path.suffix.lower() == ".bin" and path.stem.isdigit()]
+def newest_log(directory: Path, suffix: str = ".bin") -> Path | None:
+    """The latest log under the directory, with a number or a time for a name; None when there is none."""
+    logs = [path for path in directory.rglob("*") if path.suffix.lower() == suffix and path.stem[:1].isdigit()]
     logs = [path for path in logs if path.stat().st_size]
     return max(logs, key=lambda path: (path.stat().st_mtime_ns, path.name), default=None)
 

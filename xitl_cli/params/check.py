@@ -168,9 +168,10 @@ def _absent(name: str, value: float, wanted: Mapping[str, float], present: Mappi
 
 
 def firmware_name(vehicle: VehicleConnection) -> str:
-    """Its kind and version, such as `ArduPilot Rover 4.6.2`; without a version where it does not tell."""
+    """Its make, kind and version, such as `ArduPilot Rover 4.6.2`; without a version where it does not tell."""
+    make = "PX4" if vehicle.px4 else "ArduPilot"
     kind = _VEHICLES.get(vehicle.kind, f"vehicle of MAV_TYPE {vehicle.kind}")
     message = vehicle.request_message(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
     if message is None:
-        return f"ArduPilot {kind}"
-    return f"ArduPilot {kind} {version_text(message)}"
+        return f"{make} {kind}"
+    return f"{make} {kind} {version_text(message)}"

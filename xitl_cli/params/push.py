@@ -79,6 +79,8 @@ def push(
     reached: AbstractContextManager[VehicleConnection] = connect(url, key)
     while True:
         with reached as vehicle:
+            if script is not None and vehicle.px4:
+                raise UserError(f"{url}: is a PX4, and the script is for ArduPilot; push without --with-script")
             if script is not None and not path:
                 path, written = install_script(vehicle, script, lambda done: progress(f"script {done:.0%}"))
             fresh = _set_all(vehicle, wanted, changes)

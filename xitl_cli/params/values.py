@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from agent.fcu.parameters import TABLE, Parameter
+from agent.mavlink.exchange import Target
 from agent.mavlink.parameters import same_value
 from xitl_cli.errors import UserError
 from xitl_cli.params.vehicle import connect
 from xitl_cli.profile.files.parameter_files import SUFFIXES, find_parameter_file, read_parameter_file
+from xitl_cli.profile.files.station_file import SUFFIX as STATION_SUFFIX
+from xitl_cli.profile.files.station_file import station_file_text
 
 DEFAULTS = "defaults"
 TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
@@ -18,11 +21,16 @@ TABLE_BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """Named values. `complete`: what is not in it does not exist there, while a file leaves the rest as it is."""
+    """Named values. `complete`: what is not in it does not exist there, while a file leaves the rest as it is.
+
+    types, target: of a vehicle, MAV_PARAM_TYPE by name and its system and component.
+    """
 
     source: str
     values: Mapping[str, float]
     complete: bool
+    types: Mapping[str, int] = field(default_factory=dict)
+    target: Target = (1, 1)
 
     @property
     def described(self) -> bool:
@@ -36,17 +44,17 @@ def is_vehicle(source: str) -> bool:
 
 
 def read_source(source: str, key: bytes | None = None) -> ParameterSet:
-    """The parameters of a .parm file, a shipped file's name, `defaults` or a vehicle's URL. Raises UserError."""
+    """The parameters of a file, a shipped file's name, `defaults` or a vehicle's URL. Raises UserError."""
     if source == DEFAULTS:
         return ParameterSet("defaults", {row.name: float(row.default) for row in TABLE}, complete=True)
     if is_vehicle(source):
         with connect(source, key) as vehicle:
-            return ParameterSet(source, vehicle.read_all(), complete=True)
+            return ParameterSet(source, vehicle.read_all(), True, dict(vehicle.types), vehicle.target)
     return read_file(source)
 
 
 def read_file(source: str) -> ParameterSet:
-    """The parameters of a .parm file or a shipped file's name. Raises UserError."""
+    """The parameters of a file (.parm, or QGroundControl's .params) or a shipped file's name. Raises UserError."""
     try:
         find_parameter_file(source)
     except UserError as error:
@@ -113,6 +121,13 @@ def format_value(value: float) -> str:
         if same_value(float(text), value):
             return text
     return f"{value:.9g}"
+
+
+def file_text(found: ParameterSet, name: str) -> str:
+    """What a file of this name holds of them: QGroundControl's columns in .params, NAME value in any other."""
+    if name.endswith(STATION_SUFFIX):
+        return station_file_text(found.values, found.types, found.target, found.source, format_value)
+    return parm_text(found.values, found.source)
 
 
 def parm_text(values: Mapping[str, float], source: str, now: datetime | None = None) -> str:

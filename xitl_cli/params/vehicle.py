@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -26,7 +26,6 @@ HEARTBEAT_S = 0.5
 ANSWER_S = 1.0
 TRIES = 4
 REASON_S = 0.3
-BYTEWISE_AUTOPILOTS = {12: "PX4"}
 LOCAL_HOSTS = ("127.0.0.1", "0.0.0.0", "localhost", "[::1]", "[::]")
 
 Result = TypeVar("Result")
@@ -63,13 +62,16 @@ def connect(url: str, key: bytes | None = None, wait_s: float | None = None) -> 
 
 
 class VehicleConnection:
-    """One vehicle, the first whose heartbeat is heard: `target` its system and component, `kind` its MAV_TYPE.
+    """One vehicle, the first whose heartbeat is heard.
+
+    target: its system and component; kind: its MAV_TYPE; px4: whether it is a PX4, with whole numbers of its own.
 
     Everything waits for the answer, and raises UserError where the vehicle falls silent.
     """
 
     def __init__(self, transport: Transport, url: str, signing: Signing | None) -> None:
         self.kind = 0
+        self.px4 = False
         self._link = Link(transport, SYSTEM_ID, COMPONENT_ID, signing=signing)
         self._url = url
         self._target: Target | None = None
@@ -85,12 +87,10 @@ class VehicleConnection:
                 raise self._nobody(timeout_s)
             for message in self._receive(0.1):
                 if message.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and _is_vehicle(message):
-                    if message.autopilot in BYTEWISE_AUTOPILOTS:
-                        name = BYTEWISE_AUTOPILOTS[message.autopilot]
-                        raise UserError(f"{self._url}: is a {name} vehicle; only ArduPilot's parameters can be read")
                     self._target = (message.get_srcSystem(), message.get_srcComponent())
                     self.kind = int(message.type)
-                    self._parameters = ParameterClient(self._target, typed=True, tries=TRIES, answer_s=ANSWER_S)
+                    self.px4 = message.autopilot == dialect.MAV_AUTOPILOT_PX4
+                    self._parameters = ParameterClient(self._target, self.px4, True, TRIES, ANSWER_S)
                     self._commands = CommandClient(self._target, TRIES, ANSWER_S)
                     break
 
@@ -106,6 +106,11 @@ class VehicleConnection:
         return tuple(self._texts)
 
     # -- parameters
+
+    @property
+    def types(self) -> Mapping[str, int]:
+        """MAV_PARAM_TYPE by name, of the parameters that have come."""
+        return self._parameters.types
 
     def read_all(self) -> dict[str, float]:
         """Every parameter by name, in the vehicle's order."""
@@ -128,7 +133,12 @@ class VehicleConnection:
     def set(self, name: str, value: float) -> SetResult:
         """Set one parameter and hear what it is now."""
         self._texts.clear()
-        request = self._parameters.set(name, value)
+        if self.px4 and name not in self.types:
+            self.read(name)
+        try:
+            request = self._parameters.set(name, value)
+        except ValueError as error:
+            return SetResult(self.read(name), (str(error),))
         self._complete(request)
         kept = None if request.answer is None else self._parameters.value(request.answer)
         if kept is None or not same_value(kept, value):

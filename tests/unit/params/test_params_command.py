@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from pymavlink.mavparm import MAVParmDict
-from vehicle_double import VehicleDouble, over_tcp, over_udp
+from vehicle_double import Px4Vehicle, VehicleDouble, over_tcp, over_udp
 
 from agent.fcu.parameters import TABLE
 from agent.mavlink import parameters as protocol
@@ -231,9 +231,26 @@ def test_a_pulled_file_pushes_back_as_nothing(params: Params, tmp_path: Path) ->
     assert double.sets == []
 
 
-def test_a_vehicle_whose_parameters_mean_otherwise_is_refused(params: Params) -> None:
-    with over_tcp(VehicleDouble(ROVER, autopilot=12)) as url:
-        assert "is a PX4 vehicle; only ArduPilot's parameters can be read" in params("show", url).error
+def test_a_px4_keeps_whole_numbers_in_their_bytes(params: Params, tmp_path: Path) -> None:
+    """pymavlink's codec at the other end, and INT32 as PX4 1.16 sends it: the value's bytes in the field."""
+    rover = Px4Vehicle({"CA_R_REV": 3, "CAL_ACC0_ID": 1310988, "RO_SPEED_LIM": 1.5}, whole=("CA_R_REV", "CAL_ACC0_ID"))
+    with over_tcp(rover) as url:
+        shown = {row["name"]: row["value"] for row in params("show", url, "--json").told["parameters"]}
+        assert shown == {"CA_R_REV": 3, "CAL_ACC0_ID": 1310988, "RO_SPEED_LIM": 1.5}
+        assert params("pull", url, str(tmp_path / "rover.params")).code == 0
+        assert params("diff", url, str(tmp_path / "rover.params")).code == 0
+        wanted = (tmp_path / "rover.params").read_text().replace("CA_R_REV\t3", "CA_R_REV\t1").replace("\t1.5", "\t2.5")
+        (tmp_path / "wanted.params").write_text(wanted)
+        assert params("diff", url, str(tmp_path / "wanted.params")).code == 1
+        told = params("check", str(tmp_path / "wanted.params"), url, "--json").told
+        assert told["firmware"].startswith("PX4 Rover")
+        assert [row["name"] for row in told["differs"]] == ["CA_R_REV", "RO_SPEED_LIM"]
+        assert params("push", str(tmp_path / "wanted.params"), url).code == 0
+        assert rover.values == {"CA_R_REV": 1, "CAL_ACC0_ID": 1310988, "RO_SPEED_LIM": 2.5}
+        assert "is no value of this whole-number parameter" in params("set", url, "CA_R_REV=1.5").error
+        assert params("set", url, "CA_R_REV=2").code == 0
+        assert rover.values["CA_R_REV"] == 2
+        assert "push without --with-script" in params("push", "px4-rover", url, "--with-script").error
 
 
 @pytest.mark.realtime

@@ -79,14 +79,41 @@ class VehicleDouble:
                 self._codec.statustext_send(4, text[:50].encode(), 7, 0)
                 self._codec.statustext_send(4, text[50:].encode(), 7, 1)
             else:
-                value = message.param_value
+                value = self._told(message)
                 self.values[name] = float(int(value)) if self.types[name] == INT8 else value
             self._value(name)
 
     def _value(self, name: str) -> None:
-        value = struct.unpack("<f", struct.pack("<f", self.values[name]))[0]
+        value = self._field(name)
         index = list(self.values).index(name)
         self._codec.param_value_send(name.encode(), value, self.types[name], len(self.values), index)
+
+    def _field(self, name: str) -> float:
+        return float(struct.unpack("<f", struct.pack("<f", self.values[name]))[0])
+
+    def _told(self, message: Any) -> float:
+        return float(message.param_value)
+
+
+class Px4Vehicle(VehicleDouble):
+    """The same with PX4's way for the INT32 parameters named in `whole`; a set of another type is refused."""
+
+    def __init__(self, values: dict[str, float], whole: tuple[str, ...]) -> None:
+        super().__init__(values, autopilot=mav.MAV_AUTOPILOT_PX4)
+        self.types = {name: mav.MAV_PARAM_TYPE_INT32 if name in whole else REAL32 for name in values}
+
+    def _field(self, name: str) -> float:
+        if self.types[name] == REAL32:
+            return super()._field(name)
+        return float(struct.unpack("<f", struct.pack("<i", int(self.values[name])))[0])
+
+    def _told(self, message: Any) -> float:
+        name = message.param_id
+        if message.param_type != self.types[name]:
+            return self.values[name]
+        if self.types[name] == REAL32:
+            return float(message.param_value)
+        return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
 
 
 @contextmanager

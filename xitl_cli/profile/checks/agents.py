@@ -13,7 +13,14 @@ from xitl_cli.profile.checks.link import made_for_the_run, problem_of_link, prob
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.files.parameter_files import find_parameter_file, read_parameter_file
 from xitl_cli.profile.schema import Profile
-from xitl_cli.profile.schema.agents import LOOPBACK, AutopilotSpec, BridgeSpec, CompanionSpec
+from xitl_cli.profile.schema.agents import (
+    LOOPBACK,
+    MOST_PX4_INSTANCES,
+    PX4_SIMULATOR_PORT,
+    AutopilotSpec,
+    BridgeSpec,
+    CompanionSpec,
+)
 from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.signing import read_key_file
 
@@ -204,8 +211,8 @@ def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyP
             )
         return
     key = f"autopilot.firmware = {shown(autopilot.firmware)}"
-    if autopilot.kind != "ardupilot":
-        yield path, f"{key} starts ArduPilot; with autopilot.kind = {autopilot.kind} start it yourself: use external"
+    if autopilot.kind == "px4":
+        yield from _started_px4(profile, autopilot, key)
     if autopilot.runs == "board":
         yield path, f"{key} runs on this machine, and the bridge on a board; use external, or runs: in-process"
     if autopilot.firmware_build == "linux" and autopilot.bridge.world is not None:
@@ -278,6 +285,39 @@ def _px4(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iter
         )
 
 
+def _started_px4(profile: Profile, autopilot: AutopilotSpec, key: str) -> Iterator[tuple[KeyPath, str]]:
+    bridge = autopilot.bridge
+    path: KeyPath = ("autopilot", "firmware")
+    if autopilot.firmware_build != "sitl" or bridge.sensor_link is None:
+        yield path, f"{key} starts a PX4 in software, and this one is on a board; use external"
+    if autopilot.ground_stations:
+        yield (
+            ("autopilot", "ground_stations"),
+            "autopilot.ground_stations: a PX4 that is started here sends to UDP 14550 of this machine; leave it out",
+        )
+    port = _port_of(bridge.sensor_link)
+    if port and not 0 <= port - PX4_SIMULATOR_PORT < MOST_PX4_INSTANCES:
+        yield (
+            ("autopilot", "bridge", "sensor_link"),
+            f"autopilot.bridge.sensor_link = {shown(bridge.sensor_link)}: a PX4 that is started here calls at "
+            f"{PX4_SIMULATOR_PORT} and the number of its instance; use tcp://127.0.0.1:0 for one that is free",
+        )
+    if _port_of(bridge.mavlink):
+        yield (
+            ("autopilot", "bridge", "mavlink"),
+            f"autopilot.bridge.mavlink = {shown(bridge.mavlink)}: a PX4 that is started here has the port of its "
+            "instance; use udp://127.0.0.1:0",
+        )
+
+
+def _port_of(url: str | None) -> int:
+    """0 where it has none: what is wrong with a URL is said elsewhere."""
+    try:
+        return urlsplit(url or "").port or 0
+    except ValueError:
+        return 0
+
+
 def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     started = autopilot.firmware != EXTERNAL
     for key in ("mavlink", "world", "sensor_link"):
@@ -310,6 +350,8 @@ def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
 
 
 def _schemes(autopilot: AutopilotSpec, key: str) -> tuple[str, ...]:
+    if autopilot.kind == "px4":
+        return ("udp",) if key == "mavlink" else ("tcp",)
     if key == "world":
         return ("udp",)
     if key == "mavlink":

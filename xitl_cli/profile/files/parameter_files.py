@@ -7,25 +7,28 @@ from pathlib import Path
 
 from agent.fcu.parameters import ParameterError, Parameters, load_parm
 from xitl_cli.errors import UserError
+from xitl_cli.profile.files.station_file import SUFFIX, is_station_file, load_station_file
 from xitl_cli.shipped import firmware_params_dir
 
-SUFFIXES = (".parm", ".param")
+SUFFIXES = (".parm", ".param", SUFFIX)
+SHIPPED = ("*.parm", f"*{SUFFIX}")
 
 
 def find_parameter_file(name: str) -> Path:
-    """The file of `name`: a path if it ends in .parm or .param, else a shipped one. UserError if there is none."""
+    """The file of `name`: a path if it ends in .parm, .param or .params, else a shipped one. Raises UserError."""
     if name.endswith(SUFFIXES):
         path = Path(name).expanduser()
         if path.is_file():
             return path
         raise UserError(f"{path} does not exist; check the path, or name a shipped parameter file")
     root = firmware_params_dir()
-    shipped = {path.relative_to(root).with_suffix("").as_posix(): path for path in sorted(root.rglob("*.parm"))}
+    paths = sorted(path for pattern in SHIPPED for path in root.rglob(pattern))
+    shipped = {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
     if name in shipped:
         return shipped[name]
     close = difflib.get_close_matches(name, shipped, n=1)
     hint = f"did you mean {close[0]!r}?" if close else f"shipped ones: {', '.join(shipped) or 'none'}"
-    raise UserError(f"there is no parameter file {name!r}; {hint} (a path ends in .parm)")
+    raise UserError(f"there is no parameter file {name!r}; {hint} (a path ends in .parm or .params)")
 
 
 def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
@@ -36,12 +39,27 @@ def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
     path = find_parameter_file(name)
     try:
         text = path.read_text(encoding="utf-8")
+        if is_station_file(text):
+            return _known(load_station_file(text, str(path)), path) if embedded else load_station_file(text, str(path))
         if embedded:
             Parameters().load(text, str(path))
         return load_parm(text, str(path))
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except UnicodeDecodeError:
-        raise UserError(f"{path}: is not text; give a .parm file, one NAME value a line") from None
+        raise UserError(
+            f"{path}: is not text; give a .parm file, one NAME value a line, or a .params file of QGroundControl"
+        ) from None
     except ParameterError as error:
         raise UserError(str(error)) from error
+
+
+def _known(values: dict[str, float], path: Path) -> dict[str, float]:
+    """The values, if the embedded autopilot takes them. Raises ParameterError."""
+    table = Parameters()
+    for name, value in values.items():
+        try:
+            table.set(name, value)
+        except ParameterError as error:
+            raise ParameterError(f"{path}: {error}") from None
+    return values

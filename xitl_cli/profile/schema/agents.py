@@ -18,6 +18,11 @@ Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
 LOOPBACK = "127.0.0.1"
 
 
+PX4_SIMULATOR_PORT, PX4_MAVLINK_PORT, MOST_PX4_INSTANCES = 4560, 14580, 200
+"""Of a PX4 in software: TCP, where it calls its simulator, and UDP, its link for companions, both with the number of
+its instance added."""
+
+
 @dataclass(frozen=True, slots=True)
 class StartSpec(Specification):
     """Where the vessel lies at the start, at rest."""
@@ -146,8 +151,8 @@ class AutopilotSpec(Specification):
     link_key_file: Annotated[str | None, "signs the link to the agent both ways"] = None
     parameter_files: Annotated[
         tuple[str, ...],
-        "what it starts with, shipped ones by name or .parm files; an autopilot that is started elsewhere gets them by "
-        "`xitl params push`",
+        "what it starts with, shipped ones by name, or .parm and .params files; an ArduPilot that is started elsewhere "
+        "gets them by `xitl params push`, a PX4 at the start of a run",
     ] = ()
     parameters: Annotated[dict[str, float], "by name, over those of the files; set on a live autopilot too"] = field(
         default_factory=dict
@@ -159,7 +164,7 @@ class AutopilotSpec(Specification):
     firmware: Annotated[
         str,
         "external: somebody else starts it; find: it is started here, from the PATH or what `xitl firmware get` has "
-        "brought; or the path of its program",
+        "brought, PX4 from XITL_PX4 or the PATH; or the path of its program",
     ] = "external"
     firmware_build: Literal["sitl", "linux"] = "sitl"
     firmware_arguments: Annotated[tuple[str, ...], "after our own"] = ()

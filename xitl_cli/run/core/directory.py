@@ -16,10 +16,11 @@ RECORDING = "run.mcap"
 SUMMARY = "summary.json"
 PROFILE = "profile.yaml"
 DATAFLASH = "autopilot.bin"
+ULOG = "autopilot.ulg"
 MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"  # what a companion found, and what is true
 AUTOPILOT = "autopilot"  # a folder: where an autopilot that the run started works
 RESERVED_BYTES = 256 * 1024
-_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
+_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH, ULOG, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
 
 
 def check_writable(path: Path) -> None:

@@ -18,6 +18,20 @@ from xitl_cli.record.topics import MotionEstimate, TaskMissEvent, TaskTiming
 
 ORIGIN_SET = "origin set"  # in ArduPilot's words
 RECENT_TEXTS = 20
+SUBSYSTEMS = {
+    0x1: "gyroscope",
+    0x2: "accelerometer",
+    0x4: "magnetometer",
+    0x8: "barometer",
+    0x20: "GNSS",
+    0x800: "attitude",
+    0x1000: "heading",
+    0x2000: "height",
+    0x4000: "position",
+    0x200000: "estimator",
+    0x2000000: "battery",
+}
+"""What an autopilot needs at sea, by its bit of SYS_STATUS (MAV_SYS_STATUS_SENSOR)."""
 
 
 class AgentView:
@@ -25,9 +39,10 @@ class AgentView:
 
     `on_text(severity, text)` and `on_estimate(agent_us, estimate)` are called as they come. `node` is what its tasks
     are kept under; `sim_ns(agent_us)` is the simulation time of an instant on the agent's clock, None while unknown.
-    heard: the autopilot's heartbeat has been; px4: it is a PX4. has_origin: its estimator has an origin. pair_ms: how
-    much older than a position its attitude may be to make an estimate with it. sphere_metres: its local position is in
-    ArduPilot's metres, about an origin on the real Earth.
+    heard: the autopilot's heartbeat has been; px4: it is a PX4. has_origin: its estimator has an origin.
+    unhealthy: what of it is on and not well. pair_ms: how
+    far apart a position and an attitude may be to make an estimate. sphere_metres: its local position is in ArduPilot's
+    metres, about an origin on the real Earth.
     """
 
     def __init__(
@@ -48,6 +63,7 @@ class AgentView:
         self.mode = "–"
         self.armed = False
         self.ready_to_arm = False
+        self.unhealthy: tuple[str, ...] = ()
         self.target_seq: int | None = None
         self.reached_seqs: set[int] = set()
         self.acks: dict[int, int] = {}
@@ -61,6 +77,7 @@ class AgentView:
         self._on_estimate = on_estimate
         self._origin: GeodeticPoint | None = None
         self._attitude: Any = None
+        self._unpaired: Any = None  # a position whose nearest attitude is still to come
         self._handlers: dict[int, Callable[[Any], object]] = {
             dialect.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             dialect.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
@@ -98,6 +115,8 @@ class AgentView:
 
     def _sys_status(self, message: Any) -> None:
         self.ready_to_arm = bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK)
+        bad = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
+        self.unhealthy = tuple(name for bit, name in SUBSYSTEMS.items() if bad & bit)
 
     def _statustext(self, message: Any) -> None:
         text = self._text.handle(message)
@@ -123,12 +142,20 @@ class AgentView:
 
     def _attitude_quaternion(self, message: Any) -> None:
         self._attitude = message
+        position, self._unpaired = self._unpaired, None
+        if position is not None and abs(message.time_boot_ms - position.time_boot_ms) <= self.pair_ms:
+            self._estimated(position, message)
 
     def _local_position(self, message: Any) -> None:
+        """With the attitude before it, or, where that is too old, with the next."""
         attitude = self._attitude
-        if self._origin is None or attitude is None:
-            return
-        if not 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
+        if attitude is not None and 0 <= message.time_boot_ms - attitude.time_boot_ms <= self.pair_ms:
+            self._estimated(message, attitude)
+        elif self.pair_ms:
+            self._unpaired = message
+
+    def _estimated(self, message: Any, attitude: Any) -> None:
+        if self._origin is None:
             return
         estimate = MotionEstimate(
             pos_ned_m=self._ned(self._origin, np.array([[message.x, message.y, message.z]]))[0],

@@ -43,9 +43,13 @@ def embedded_parameters(profile: RunProfile) -> dict[str, float]:
 
 
 def live_parameters(profile: RunProfile) -> dict[str, float]:
-    """Of another autopilot that runs: what the profile implies, by ArduPilot's names, and over that what it sets."""
-    if profile.autopilot.kind != "ardupilot":
-        return dict(profile.autopilot.parameters)
+    """Of another autopilot that runs: what the profile implies, and over that what it sets.
+
+    A PX4 gets the values of its files here too: there is nothing that it would read them from at its start.
+    """
+    if profile.autopilot.kind == "px4":
+        files = parameter_file_values(profile.autopilot.parameter_files)
+        return files | _implied_of_px4(profile) | dict(profile.autopilot.parameters)
     antenna = profile.autopilot.bridge.sensors is not None
     return _implied_parameters(profile, antenna) | dict(profile.autopilot.parameters)
 
@@ -80,6 +84,16 @@ def _implied_parameters(profile: RunProfile, antenna: bool) -> dict[str, float]:
         values.update(_position("INS_POS1", profile.sensors.imu.position_frd_m))
         if antenna:
             values.update(_position("GPS1_POS", profile.sensors.gnss.antenna_frd_m))
+    return values
+
+
+def _implied_of_px4(profile: RunProfile) -> dict[str, float]:
+    values = {"RO_SPEED_LIM": profile.mission.speed_mps, "NAV_ACC_RAD": profile.mission.acceptance_radius_m}
+    if profile.sensors is not None:
+        gnss = profile.sensors.gnss
+        values["EKF2_GPS_DELAY"] = 1e3 * gnss.latency_s
+        values |= _position("EKF2_IMU_POS", profile.sensors.imu.position_frd_m)
+        values |= _position("EKF2_GPS_POS", gnss.antenna_frd_m)
     return values
 
 

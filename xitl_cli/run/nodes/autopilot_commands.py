@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from agent.mavlink.commands import command_long
 from agent.mavlink.missions import MissionDownload
-from agent.mavlink.modes import set_mode_parameters
+from agent.mavlink.modes import set_mode_parameters, shown_mode
 from agent.wire import dialect
 from xitl_cli.run.links.agent_view import AgentView
 
@@ -15,6 +16,7 @@ REPEAT_S = 1.0
 IGNORE_CHANNEL = 65535
 RELEASE_ABOVE_8 = 65534  # where 0 leaves a channel alone, as a sender of eight channels does
 RC_CHANNELS = 18
+DO_NOT_CHANGE_SPEED, CHANGE_MODE = -1.0, 1.0  # of DO_REPOSITION
 POSITION_ONLY = 0x0DF8  # of a position target: velocity, acceleration, yaw and yaw rate are ignored
 
 Send = Callable[[Any], object]
@@ -28,6 +30,8 @@ class AutopilotCommands:
         self.send = send
         self._target = (system_id, component_id)
         self._sent_ns: dict[int, int] = {}
+        self._mode = ""
+        self._place: tuple[float, float, float] | None = None
 
     def download(self) -> MissionDownload:
         """A download of the mission, whose messages go out by `send_all`."""
@@ -47,8 +51,23 @@ class AutopilotCommands:
         return self._command(sim_ns, dialect.MAV_CMD_COMPONENT_ARM_DISARM, float(armed))
 
     def set_mode(self, sim_ns: int, mode: str) -> bool:
-        """Ask for the mode until it is accepted; True once it is."""
-        return self._command(sim_ns, dialect.MAV_CMD_DO_SET_MODE, *set_mode_parameters(mode, self.view.px4))
+        """Ask for the mode until it is in force; True once it is.
+
+        ArduPilot says so in its acknowledgement. PX4's receiver acknowledges before its commander has looked, which may
+        refuse: there the heartbeat tells.
+        """
+        self._mode = mode
+        if self.mode_is_set():
+            return True
+        self._repeat(sim_ns, dialect.MAV_CMD_DO_SET_MODE, *set_mode_parameters(mode, self.view.px4))
+        return False
+
+    def mode_is_set(self) -> bool:
+        """Whether the mode that was asked for since `forget` is in force."""
+        if not self.view.px4:
+            return self.accepted(dialect.MAV_CMD_DO_SET_MODE)
+        asked = dialect.MAV_CMD_DO_SET_MODE in self._sent_ns
+        return asked and self.view.mode == shown_mode(self._mode, px4=True)
 
     def set_waypoint(self, seq: int) -> None:
         """Head for an item of the mission; nothing answers it."""
@@ -64,8 +83,11 @@ class AutopilotCommands:
         self.send(dialect.MAVLink_rc_channels_override_message(*self._target, *channels))
 
     def go_to(self, sim_ns: int, lat_deg: float, lon_deg: float, alt_m: float) -> None:
-        """A GUIDED target; nothing answers it."""
+        """A GUIDED target, to be repeated: ArduPilot does not answer it, PX4 begins anew with each and gets it once."""
         lat, lon = round(lat_deg * 1e7), round(lon_deg * 1e7)
+        if self.view.px4:
+            self._reposition(sim_ns, lat, lon, alt_m)
+            return
         frame = dialect.MAV_FRAME_GLOBAL
         boot_ms = sim_ns // 1_000_000 & 0xFFFFFFFF
         rest = (0.0,) * 8  # velocity, acceleration, yaw, yaw rate
@@ -75,6 +97,20 @@ class AutopilotCommands:
             )
         )
 
+    def _reposition(self, sim_ns: int, lat: int, lon: int, alt_m: float) -> None:
+        """DO_REPOSITION until it is accepted, and no more while the place is the same."""
+        command, place = dialect.MAV_CMD_DO_REPOSITION, (lat, lon, alt_m)
+        if place != self._place:
+            self._place = place
+            self._sent_ns.pop(command, None)
+        if self.accepted(command):
+            return
+        self._sent_ns[command] = sim_ns
+        self.view.acks.pop(command, None)
+        how = (DO_NOT_CHANGE_SPEED, CHANGE_MODE, 0.0, math.nan)
+        frame = dialect.MAV_FRAME_GLOBAL
+        self.send(dialect.MAVLink_command_int_message(*self._target, frame, command, 0, 0, *how, lat, lon, alt_m))
+
     def accepted(self, command: int) -> bool:
         """Whether the command was sent since `forget` and accepted."""
         return command in self._sent_ns and self.view.acks.get(command) == dialect.MAV_RESULT_ACCEPTED
@@ -82,9 +118,12 @@ class AutopilotCommands:
     def _command(self, sim_ns: int, command: int, *parameters: float) -> bool:
         if self.accepted(command):
             return True
+        self._repeat(sim_ns, command, *parameters)
+        return False
+
+    def _repeat(self, sim_ns: int, command: int, *parameters: float) -> None:
         sent_ns = self._sent_ns.get(command)
         if sent_ns is None or sim_ns - sent_ns >= REPEAT_S * 1e9:
             self._sent_ns[command] = sim_ns
             self.view.acks.pop(command, None)
             self.send(command_long(self._target, command, *parameters))
-        return False

@@ -25,7 +25,6 @@ from xitl_cli.logs.model.table import Table, first_of
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
-from xitl_cli.run.core import directory
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import AgentConnection
@@ -36,6 +35,7 @@ from xitl_cli.run.nodes.bridge_clock import SIMULATED_GRAIN_NS, AutopilotClock
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.nodes.preparation import CalibrationStep, MissionStep, ParameterStep, Preparation
+from xitl_cli.run.nodes.px4_launch import Px4Launch
 
 MOVES_MPS = 0.2
 DRIVES = 0.02
@@ -185,6 +185,15 @@ _MAKES = {"ardupilot": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, "px4": dialect.MAV_A
 CALL_S = 0.7  # the agent calls again every half second
 
 
+def make_launch(profile: RunProfile, ground_stations: tuple[str, ...]) -> FirmwareLaunch | Px4Launch | None:
+    """The start of the autopilot, where that is ours to do. Raises UserError."""
+    if profile.autopilot.firmware == EXTERNAL:
+        return None
+    if profile.autopilot.kind == "px4":
+        return Px4Launch(profile)
+    return FirmwareLaunch(profile, resolved_bridge(profile.autopilot.bridge), ground_stations)
+
+
 class BridgeNode(RunNode):
     """The autopilot of `profile` behind the agent, whose log goes to `run_directory`. bridge: how the agent reaches it.
 
@@ -195,10 +204,9 @@ class BridgeNode(RunNode):
         self._profile = profile
         self._directory = run_directory
         autopilot = profile.autopilot
-        started = autopilot.firmware != EXTERNAL
-        self.bridge = resolved_bridge(autopilot.bridge) if started else autopilot.bridge
         self.milestones = Milestones()
-        self._launch = FirmwareLaunch(profile, self.bridge, ground_stations) if started else None
+        self._launch = make_launch(profile, ground_stations)
+        self.bridge = autopilot.bridge if self._launch is None else self._launch.bridge
         self._process: FirmwareProcess | None = None
         self._agent: AgentConnection | None = None
         self._view: AgentView | None = None
@@ -255,7 +263,8 @@ class BridgeNode(RunNode):
             self._process = self._launch.start(self._directory)
         except UserError as error:
             raise self._with_build(error) from error
-        until_s = time.monotonic() + (CALL_S if self.bridge.world is None else 0.0)
+        calls = self.bridge.world is None and self._profile.clock.mode == "realtime"
+        until_s = time.monotonic() + (CALL_S if calls else 0.0)
         while time.monotonic() < until_s:
             self._agent.receive(0.02)
 
@@ -373,13 +382,16 @@ class BridgeNode(RunNode):
 
     def end(self) -> None:
         """Stop it and keep its log. Safe to call again."""
-        if self._process is None or self._directory is None:
+        if self._launch is None:
             return
-        self._process.stop(STOP_S if self.bridge.world is None else BLOCKED_STOP_S)
-        log = newest_log(self._process.directory)
-        if log is not None:
-            self._log = log.replace(self._directory / directory.DATAFLASH)
-        self._process = None
+        if self._process is not None and self._directory is not None:
+            waits = self._profile.clock.mode == "lockstep"
+            self._process.stop(BLOCKED_STOP_S if waits else STOP_S)
+            log = newest_log(self._process.directory, self._launch.log_suffix)
+            if log is not None:
+                self._log = log.replace(self._directory / self._launch.log_name)
+            self._process = None
+        self._launch.end()
 
     def close(self) -> None:
         self.end()
@@ -399,7 +411,7 @@ class BridgeNode(RunNode):
             bridge=_counts(self._status),
             program=None if self._launch is None else str(self._launch.program),
             log=self._log is not None,
-            scheduler=None if self._log is None else scheduler_record(self._log),
+            scheduler=None if self._log is None or autopilot.kind == "px4" else scheduler_record(self._log),
             real_clock=None if self._launch is None else autopilot.firmware_build == "linux",
             utc_offset_s=None if self._clock is None else self._clock.utc_offset_s,
         )

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from agent.mavlink.modes import shown_mode
 from agent.wire import dialect
 from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
@@ -72,7 +73,7 @@ def make_driver(
 
 READY_TIMEOUT_S = 60.0
 ASK_WHY_S = 5.0  # before giving up
-PREARM = ("PreArm: ", "Arm: ")
+PREARM = ("PreArm: ", "Arm: ", "Preflight Fail: ")  # as ArduPilot and PX4 say it
 
 
 class ArmingPhase(Enum):
@@ -109,15 +110,20 @@ class ArmingSequence:
         if self.phase is ArmingPhase.STARTED and commands.set_mode(sim_ns, self._mode):
             self.phase = ArmingPhase.UNDER_WAY
         if self.phase is not ArmingPhase.UNDER_WAY and sim_ns > self._timeout_s * 1e9:
-            said = f"; it said: {', '.join(_latest_reasons(commands.view.texts))}" if commands.view.texts else ""
-            raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{said}")
+            why = why_not_armed(commands.view.texts, commands.view.unhealthy)
+            raise UserError(f"gave up after {self._timeout_s:g} s of waiting for {self.phase.value}{why}")
         return self.phase is ArmingPhase.UNDER_WAY
 
 
-def _latest_reasons(texts: Iterable[str]) -> list[str]:
-    """What keeps it from arming, each once, else the last thing it said."""
+def why_not_armed(texts: Iterable[str], unhealthy: Sequence[str] = ()) -> str:
+    """What keeps it from arming, each once, else the last thing it said and what of it is not well; empty if nothing.
+
+    It goes at the end of a sentence.
+    """
     said = list(texts)
-    return list(dict.fromkeys(text for text in said if text.startswith(PREARM))) or said[-1:]
+    reasons = list(dict.fromkeys(text for text in said if text.startswith(PREARM)))
+    why = f"; it said: {', '.join(reasons or said[-1:])}" if said else ""
+    return why if reasons or not unhealthy else f"{why}; not healthy: {', '.join(unhealthy)}"
 
 
 class MissionDriver(VehicleDriver):
@@ -242,7 +248,7 @@ class ScriptDriver(VehicleDriver):
 
     def _settled(self) -> bool:
         """Whether the orders of the step in force were accepted."""
-        mode = self._mode_set or self._commands.accepted(dialect.MAV_CMD_DO_SET_MODE)
+        mode = self._mode_set or self._commands.mode_is_set()
         return mode and (self._armed or self._commands.accepted(dialect.MAV_CMD_COMPONENT_ARM_DISARM))
 
     def _begin(self, number: int) -> None:
@@ -262,7 +268,7 @@ class ScriptDriver(VehicleDriver):
         target = self._targets[self._number]
         if target is None or not _is_due(self._target_ns, REPEAT_S, sim_ns):
             return
-        if self._target_ns is None or self._commands.view.mode == "GUIDED":
+        if self._target_ns is None or self._commands.view.mode == shown_mode("GUIDED", self._commands.view.px4):
             self._commands.go_to(sim_ns, *target)
         self._target_ns = sim_ns
 

@@ -14,7 +14,7 @@ from xitl_cli.firmware.cache import find_firmware
 from xitl_cli.firmware.process import FirmwareProcess, free_port
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.agents import BridgeSpec
-from xitl_cli.run.core.directory import AUTOPILOT
+from xitl_cli.run.core.directory import AUTOPILOT, DATAFLASH
 from xitl_cli.run.links.setup import EXTERNAL_AHRS_PROTOCOL, parameter_file_text, serial_port_with, start_parameters
 from xitl_cli.shipped import firmware_params_dir
 
@@ -44,11 +44,14 @@ class FirmwareLaunch:
     Raises UserError when there is no firmware, or its parameters keep it from taking our sensors.
     """
 
+    log_name = DATAFLASH
+    log_suffix = ".bin"
+
     def __init__(self, profile: RunProfile, bridge: BridgeSpec, ground_stations: tuple[str, ...] = ()) -> None:
         autopilot = profile.autopilot
         self.program = find_firmware("rover", autopilot.firmware_build, autopilot.firmware)
         self._profile = profile
-        self._bridge = bridge
+        self.bridge = bridge
         self._ground_stations = ground_stations
         self._values = start_parameters(profile)
         if bridge.sensors == "hil":
@@ -61,7 +64,7 @@ class FirmwareLaunch:
             shutil.rmtree(directory, ignore_errors=True)
             directory.mkdir(parents=True)
             (directory / PARAMETERS).write_text(parameter_file_text(self._values))
-            if self._bridge.sensors == "hil":
+            if self.bridge.sensors == "hil":
                 shutil.copytree(firmware_params_dir() / "lua", directory / SCRIPTS)
         except OSError as error:
             raise UserError(f"{directory}: cannot be made ({error.strerror}); choose another --out") from error
@@ -70,6 +73,9 @@ class FirmwareLaunch:
             process.wait_for(*_LISTENS, timeout_s=LISTENS_S)
         return process
 
+    def end(self) -> None:
+        """There is nothing to give back."""
+
     def arguments(self) -> list[str]:
         """Its command line."""
         autopilot = self._profile.autopilot
@@ -77,7 +83,7 @@ class FirmwareLaunch:
         return [*own, "--defaults", PARAMETERS, *autopilot.firmware_arguments]
 
     def _sitl(self) -> list[str]:
-        profile, world = self._profile, self._bridge.world
+        profile, world = self._profile, self.bridge.world
         site, start = profile.site, profile.mission.start
         place = (site.latitude_deg, site.longitude_deg, site.altitude_m, start.heading_deg)
         words = ["--home", ",".join(f"{value:.9f}" for value in place)]
@@ -87,24 +93,24 @@ class FirmwareLaunch:
             parts = urlsplit(world)
             words += ["--model", "JSON:127.0.0.1", "--sim-port-out", str(parts.port), "--speedup", str(SPEEDUP)]
         words += ["--rc-in-port", str(free_port(socket.SOCK_DGRAM))]
-        serial = {0: f"tcp:{urlsplit(self._bridge.mavlink).port}", 1: "none:", 2: "none:"}
+        serial = {0: f"tcp:{urlsplit(self.bridge.mavlink).port}", 1: "none:", 2: "none:"}
         for port, address in self._stations():
             serial[port] = (
                 f"tcp:{address.port}" if address.scheme == "tcp" else f"udpclient:{address.hostname}:{address.port}"
             )
-        if self._bridge.sensor_link is not None:
-            port, parts = self._sensor_port(), urlsplit(self._bridge.sensor_link)
+        if self.bridge.sensor_link is not None:
+            port, parts = self._sensor_port(), urlsplit(self.bridge.sensor_link)
             serial[port] = f"uart:{parts.path}:{_baud(parts)}" if parts.scheme == "serial" else f"tcp:{parts.port}"
         return words + _serial_words(serial)
 
     def _linux(self) -> list[str]:
         words = ["--log-directory", "logs", "--storage-directory", ".", "--terrain-directory", "."]
-        serial = {0: _linux_path(self._bridge.mavlink)}
+        serial = {0: _linux_path(self.bridge.mavlink)}
         for port, address in self._stations():
             where = "*" if address.hostname == "0.0.0.0" else address.hostname
             serial[port] = f"{address.scheme}:{where}:{address.port}"
-        if self._bridge.sensor_link is not None:
-            serial[self._sensor_port()] = _linux_path(self._bridge.sensor_link, waits=True)
+        if self.bridge.sensor_link is not None:
+            serial[self._sensor_port()] = _linux_path(self.bridge.sensor_link, waits=True)
         return words + _serial_words(serial)
 
     def _check_scripting(self) -> None:

@@ -6,7 +6,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
-from agent.mavlink.modes import ROVER_MODES, mode_name, set_mode_parameters
+from agent.mavlink.modes import ROVER_MODES, mode_name, set_mode_parameters, shown_mode
 from agent.mavlink.parameters import bytewise_field, bytewise_value
 
 
@@ -18,7 +18,6 @@ from agent.mavlink.parameters import bytewise_field, bytewise_value
         ("LOITER", "LOITER"),
         ("AUTO", "MISSION"),
         ("RTL", "RTL"),
-        ("GUIDED", "OFFBOARD"),
     ],
 )
 def test_modes_are_those_that_pymavlink_knows(name: str, theirs: str) -> None:
@@ -37,8 +36,16 @@ def test_rovers_modes_are_those_that_pymavlink_knows() -> None:
     assert mode_name(21) == "mode 21"
 
 
-def test_hold_is_px4_s_loiter() -> None:
-    assert set_mode_parameters("HOLD", px4=True) == set_mode_parameters("LOITER", px4=True)
+@pytest.mark.parametrize("name", ["HOLD", "GUIDED"])
+def test_px4_holds_at_a_place_in_loiter(name: str) -> None:
+    assert set_mode_parameters(name, px4=True) == set_mode_parameters("LOITER", px4=True)
+    assert shown_mode(name, px4=True) == "LOITER"
+    assert shown_mode(name) == name
+
+
+def test_offboard_is_no_mode_of_a_profile() -> None:
+    _, main, sub = mavutil.px4_map["OFFBOARD"]
+    assert mode_name(main << 16 | sub << 24, px4=True) == "OFFBOARD"
 
 
 def test_a_mode_that_is_not_known_has_its_numbers() -> None:

@@ -43,6 +43,21 @@ def test_a_position_makes_an_estimate_with_an_attitude_that_is_not_too_old(
     assert estimates == ([1_000_000] if told else [])
 
 
+@pytest.mark.parametrize(("next_ms", "told"), [(1040, True), (1050, True), (1051, False)])
+def test_a_position_without_an_attitude_before_it_takes_the_next(next_ms: int, told: bool) -> None:
+    """PX4's streams come each at its own instants: two of 10 Hz may lie 100 ms apart."""
+    estimates: list[int] = []
+    view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *_: None, lambda stamp_us, _: estimates.append(stamp_us))
+    view.pair_ms = 50
+    view.handle(dialect.MAVLink_gps_global_origin_message(-88000000, -639500000, 70000))
+    view.handle(dialect.MAVLink_attitude_quaternion_message(940, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    view.handle(dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0))
+    assert estimates == []
+    view.handle(dialect.MAVLink_attitude_quaternion_message(next_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    view.handle(dialect.MAVLink_attitude_quaternion_message(next_ms + 10, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    assert estimates == ([1_000_000] if told else [])
+
+
 # What ArduRover 4.7-dev sent at one and the same instant: GPS_GLOBAL_ORIGIN, GLOBAL_POSITION_INT, LOCAL_POSITION_NED.
 SAID_AT_ONCE = [
     ((509999575, 69999997), (510002995, 70002772), (38.0642, 19.4468)),

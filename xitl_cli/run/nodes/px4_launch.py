@@ -1,0 +1,104 @@
+"""The PX4 that a profile has started here: its instance and thereby its ports, its parameters, its directory."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from xitl_cli.errors import UserError
+from xitl_cli.firmware.cache import find_px4
+from xitl_cli.firmware.process import FirmwareProcess
+from xitl_cli.profile.schema import RunProfile
+from xitl_cli.profile.schema.agents import MOST_PX4_INSTANCES, PX4_MAVLINK_PORT, PX4_SIMULATOR_PORT, BridgeSpec
+from xitl_cli.run.core.directory import AUTOPILOT, ULOG
+from xitl_cli.run.links.setup import start_parameters
+
+LOCAL = "127.0.0.1"
+STATION_PORT = 18570  # its link to ground stations; it sends to UDP 14550
+AIRFRAME = 1061  # a differential rover that leaves the simulation to others; in PX4's airframes for software alone
+STARTS_S = 10.0
+_CALLS = ("Waiting for simulator", "Simulator connected")
+
+
+class Px4Launch:
+    """Starts the PX4 of `profile`. bridge: as in the profile, with the ports of the instance, which is kept till `end`.
+
+    Raises UserError when there is no PX4, or no instance is free.
+    """
+
+    log_name = ULOG
+    log_suffix = ".ulg"
+
+    def __init__(self, profile: RunProfile) -> None:
+        bridge = profile.autopilot.bridge
+        self.program, self._data = find_px4(profile.autopilot.firmware)
+        self._profile = profile
+        self._kept = ExitStack()
+        self.instance = self._reserved(bridge)
+        self.bridge = replace(
+            bridge,
+            mavlink=f"udp://{LOCAL}:{PX4_MAVLINK_PORT + self.instance}",
+            sensor_link=f"tcp://{LOCAL}:{PX4_SIMULATOR_PORT + self.instance}",
+        )
+
+    def start(self, run_directory: Path) -> FirmwareProcess:
+        """In `autopilot/` of the run's directory, which is made anew. Raises UserError."""
+        directory = run_directory.absolute() / AUTOPILOT
+        try:
+            shutil.rmtree(directory, ignore_errors=True)
+            directory.mkdir(parents=True)
+        except OSError as error:
+            raise UserError(f"{directory}: cannot be made ({error.strerror}); choose another --out") from error
+        process = FirmwareProcess(self.program, self.arguments(), directory, self.environment())
+        process.wait_for(*_CALLS, timeout_s=STARTS_S)
+        return process
+
+    def arguments(self) -> list[str]:
+        """Its command line."""
+        return ["-d", "-i", str(self.instance), str(self._data), *self._profile.autopilot.firmware_arguments]
+
+    def environment(self) -> Mapping[str, str]:
+        """Ours without what is meant for another PX4. Parameters come this way: some are read at its start alone."""
+        values = start_parameters(self._profile)
+        airframe = values.pop("SYS_AUTOSTART", AIRFRAME)
+        ours = {name: value for name, value in os.environ.items() if not name.startswith("PX4_")}
+        told = {f"PX4_PARAM_{name}": f"{value:.9g}" for name, value in values.items()}
+        return ours | told | {"PX4_SYS_AUTOSTART": f"{airframe:.0f}"}
+
+    def end(self) -> None:
+        """Give the instance back. Safe to call again."""
+        self._kept.close()
+
+    def _reserved(self, bridge: BridgeSpec) -> int:
+        """The instance of the port that the profile names, else the lowest whose ports are free."""
+        port = urlsplit(bridge.sensor_link or "").port or 0
+        wanted = [port - PX4_SIMULATOR_PORT] if port else range(MOST_PX4_INSTANCES)
+        for instance in wanted:
+            if self._reserve(instance):
+                return instance
+        where = f"port {port}" if port else f"ports {PX4_SIMULATOR_PORT} and following"
+        raise UserError(
+            f"autopilot.bridge.sensor_link: {where} of this machine, or the others of that PX4 instance, are taken; "
+            "end the PX4 or the run that has them"
+        )
+
+    def _reserve(self, instance: int) -> bool:
+        """Whether nobody has its ports. UDP at the simulator's is nobody's: kept, it tells other runs of this one."""
+        with ExitStack() as probes, suppress(OSError):
+            kept = probes.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            kept.bind((LOCAL, PX4_SIMULATOR_PORT + instance))
+            with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as listened:
+                listened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listened.bind((LOCAL, PX4_SIMULATOR_PORT + instance))
+            for port in (PX4_MAVLINK_PORT + instance, STATION_PORT + instance):
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as spoken:
+                    spoken.bind(("", port))
+            self._kept.push(probes.pop_all())
+            return True
+        return False
