@@ -107,6 +107,7 @@ def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> R
 
 def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitStack) -> Role:
     from agent.fcu.control.controller import load_controller
+    from agent.fcu.dataflash.stored_logs import StoredLogs
     from agent.fcu.mavlink.channel import MavlinkChannel
     from agent.fcu.parameters import Parameters
     from agent.fcu.vehicle.autopilot import Autopilot
@@ -132,7 +133,8 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
         own = Parameters({name: parameters[name] for name in parameters})
         return MavlinkChannel(Autopilot(own, make_controller), SYSTEM_ID, AUTOPILOT_COMPONENT_ID)
 
-    return AutopilotRole(channel, send, ground, storage, _log_of(options, opened))
+    stored = StoredLogs(options.log_dir, options.log_file)
+    return AutopilotRole(channel, send, ground, storage, _log_of(options, opened), stored)
 
 
 def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]], FlightLog] | None:

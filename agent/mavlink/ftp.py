@@ -1,8 +1,7 @@
-"""MAVLink FTP (mavlink.io/en/services/ftp.html): checksum, folder, read, write. One request at a time.
+"""MAVLink FTP (mavlink.io/en/services/ftp.html), the client's side: checksum, folder, read, write, one at a time.
 
 A repeated request keeps its sequence number, by which the vehicle knows it again and only repeats its answer; so
-nothing is done twice. A server would answer with the same FtpPacket: ACK or NAK, sequence one higher, `requested` the
-operation.
+nothing is done twice. The answer is an FtpPacket too: ACK or NAK, sequence one higher, `requested` the operation.
 """
 
 from __future__ import annotations
@@ -25,20 +24,22 @@ DATA_BYTES = 239
 _HEADER = struct.Struct("<HBBBBBxI")
 
 TERMINATE, LIST, OPEN, READ, CREATE, WRITE, MAKE_DIRECTORY, CHECKSUM = 1, 3, 4, 5, 6, 7, 9, 14
+NONE, RESET, REMOVE_FILE, REMOVE_DIRECTORY, OPEN_TO_WRITE, TRUNCATE, RENAME, BURST = 0, 2, 8, 10, 11, 12, 13, 15
 ACK, NAK = 128, 129
-FAIL, FAIL_ERRNO, INVALID_SESSION, NO_SESSION, END_OF_FILE, FILE_EXISTS, FILE_NOT_FOUND = 1, 2, 4, 5, 6, 8, 10
+FAIL, FAIL_ERRNO, INVALID_SIZE, INVALID_SESSION, NO_SESSION, END_OF_FILE = 1, 2, 3, 4, 5, 6
+UNKNOWN_COMMAND, FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 7, 8, 9, 10
 _NO_SUCH_FILE = 2  # ENOENT
 _BUSY = (INVALID_SESSION, NO_SESSION)
 _REASONS = {
     FAIL: "it fails there",
     FAIL_ERRNO: "its file system fails",
-    3: "the request has a wrong size",
+    INVALID_SIZE: "the request has a wrong size",
     INVALID_SESSION: "another client is busy with its files",
     NO_SESSION: "other clients are busy with its files",
     END_OF_FILE: "the file has ended",
-    7: "it does not know this operation",
+    UNKNOWN_COMMAND: "it does not know this operation",
     FILE_EXISTS: "it exists",
-    9: "it is protected",
+    FILE_PROTECTED: "it is protected",
     FILE_NOT_FOUND: "there is no such file or folder",
 }
 
@@ -72,7 +73,8 @@ class FtpSilentError(Exception):
 class FtpPacket(NamedTuple):
     """The payload of FILE_TRANSFER_PROTOCOL.
 
-    size: of `data`, or how much is asked for; requested: the operation that is answered.
+    size: of `data`, or how much is asked for; requested: the operation that is answered; ends_burst: no more comes of
+    the burst that was asked for.
     """
 
     sequence: int
@@ -82,18 +84,20 @@ class FtpPacket(NamedTuple):
     requested: int = 0
     offset: int = 0
     data: bytes = b""
+    ends_burst: bool = False
 
     def pack(self) -> bytes:
         """The bytes of the payload."""
-        head = _HEADER.pack(self.sequence, self.session, self.operation, self.size, self.requested, 0, self.offset)
+        sequence, session, operation, size, requested, offset, _, ends_burst = self
+        head = _HEADER.pack(sequence, session, operation, size, requested, ends_burst, offset)
         return (head + self.data).ljust(PAYLOAD_BYTES, b"\0")
 
     @classmethod
     def from_payload(cls, payload: bytes) -> FtpPacket:
         """Read a payload of PAYLOAD_BYTES."""
-        sequence, session, operation, size, requested, _, offset = _HEADER.unpack_from(payload)
+        sequence, session, operation, size, requested, ends_burst, offset = _HEADER.unpack_from(payload)
         data = payload[_HEADER.size : _HEADER.size + size]
-        return cls(sequence, session, operation, size, requested, offset, data)
+        return cls(sequence, session, operation, size, requested, offset, data, bool(ends_burst))
 
 
 class FtpRequest(NamedTuple):
@@ -285,6 +289,6 @@ def _closing(session: int, steps: FtpSteps[Result]) -> FtpSteps[Result]:
     return result
 
 
-def checksum(content: bytes) -> int:
-    """CRC-32 as MAVLink FTP has it: that of zlib without its inversions."""
-    return ~zlib.crc32(content, 0xFFFFFFFF) & 0xFFFFFFFF
+def checksum(content: bytes, before: int = 0) -> int:
+    """CRC-32 as MAVLink FTP has it, that of zlib without its inversions; `before` is that of what comes before."""
+    return ~zlib.crc32(content, ~before & 0xFFFFFFFF) & 0xFFFFFFFF

@@ -166,9 +166,10 @@ class ParameterServer:
             mav.MAVLINK_MSG_ID_PARAM_SET: self._on_set,
         }
 
-    def poll(self) -> Messages:
-        """The next values of a list."""
-        return [self._message(self._queue.popleft()) for _ in range(min(self._per_poll, len(self._queue)))]
+    def poll(self, most: int | None = None) -> Messages:
+        """The next values of a list, `most` of them where that is fewer."""
+        count = min(self._per_poll if most is None else min(most, self._per_poll), len(self._queue))
+        return [self._message(self._queue.popleft()) for _ in range(count)]
 
     def value_message(self, name: str) -> Any:
         """PARAM_VALUE of one. Raises KeyError for a name that is none."""

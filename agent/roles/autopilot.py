@@ -19,6 +19,7 @@ from agent.wire.codec import Message
 
 if TYPE_CHECKING:
     from agent.fcu.dataflash.flight_log import FlightLog
+    from agent.fcu.dataflash.stored_logs import StoredLogs
 
 MOTORS_ON_WIRE = 8
 
@@ -29,6 +30,7 @@ class AutopilotRole(Role):
     `send` hands messages to the host. `ground` serves ground stations beside the host, between runs too: there is no
     motion then, but parameters and plans can be set. `storage` keeps over a restart what they set. `make_log` gets this
     node's clock and gives a flight log, a new one begun with each run. None of the three is this one's to close.
+    `stored_logs` are those that stations may read.
     """
 
     title = "embedded autopilot"
@@ -42,11 +44,13 @@ class AutopilotRole(Role):
         ground: GroundStations | None = None,
         storage: Storage | None = None,
         make_log: Callable[[Callable[[], int]], FlightLog] | None = None,
+        stored_logs: StoredLogs | None = None,
     ) -> None:
         self._make_channel = make_channel
         self._send = send
         self._ground = ground
         self._storage = storage
+        self._stored_logs = stored_logs
         self._clock: Clock = MonotonicClock()
         self._log = None if make_log is None else make_log(lambda: self._clock.now_ns())
 
@@ -62,6 +66,8 @@ class AutopilotRole(Role):
         self._lockstep = lockstep
         self._channel = self._make_channel()
         self._hub = self._channel.hub
+        if self._stored_logs is not None:
+            self._hub.logs = self._stored_logs
         self._autopilot = self._channel.autopilot
         self._control_and_allocate = self._autopilot.control
         self._log_outbox: Outbox | None = None
@@ -155,6 +161,7 @@ class AutopilotRole(Role):
                 log.log_event(now_ns, event.severity, event.text)
 
     def log_task_stats(self, now_ns: int, stats: Sequence[TaskStats]) -> None:
+        self._hub.task_stats = stats
         if self._log is not None:
             self._log.log_task_stats(now_ns, stats)
 

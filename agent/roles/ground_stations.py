@@ -21,6 +21,7 @@ from agent.wire.udp import UdpTransport
 MOST_CLIENTS = 16
 CHUNK_BYTES = 1024  # of one station in one cycle: some 20 to 80 messages; the rest waits in the system's buffer
 DATAGRAMS = 4
+BULK = 2  # messages of lists and files that wait for a line with a capacity, beside telemetry
 SILENCE_NS = 1_000_000_000
 STUCK_NS = 10_000_000_000  # a station that takes nothing for so long is dropped
 
@@ -236,7 +237,7 @@ class GroundStation:
         if self._is_stuck():
             self.skipped += 1
             return
-        messages = self._channel.poll(now_ns)
+        messages = self._channel.poll(now_ns, self._room())
         if messages:
             self._send(messages)
 
@@ -265,6 +266,12 @@ class GroundStation:
             self._channel.close()
             self._channel = None
         self.transport.close()
+
+    def _room(self) -> int | None:
+        """How many messages of lists and files a line with a capacity takes at once, None for one without."""
+        if self.transport.capacity_bps is None:
+            return None
+        return 0 if self.link.waiting else BULK
 
     def _is_stuck(self) -> bool:
         return isinstance(self.transport, TcpTransport) and self.transport.stuck

@@ -21,7 +21,7 @@ _write = os.write
 _sync = os.fsync
 Opener = Callable[[], tuple[Path, int]]
 LAST = "LASTLOG.TXT"
-_NAME = re.compile(r"(\d{8,})\.BIN", re.IGNORECASE)
+LOG_NAME = re.compile(r"(\d{8,})\.BIN", re.IGNORECASE)
 _FLAGS = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
@@ -206,7 +206,7 @@ def fixed_log_opener(path: Path) -> Opener:
 
 def _numbers(directory: Path) -> Iterator[int]:
     for entry in directory.iterdir():
-        match = _NAME.fullmatch(entry.name)
+        match = LOG_NAME.fullmatch(entry.name)
         if match:
             yield int(match.group(1))
     try:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agent.fcu.mavlink.commands import CommandHandlers, SetpointHandlers
+from agent.fcu.mavlink.files import VehicleFiles
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.plans import FencePlan, MissionPlan
 from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, TelemetryStreams
@@ -14,11 +15,14 @@ from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.mavlink.commands import CommandServer, StatusTextSender
 from agent.mavlink.exchange import Messages
+from agent.mavlink.ftp_server import FtpServer
+from agent.mavlink.logs import LogServer
 from agent.mavlink.missions import FENCE, MISSION, MissionServer, Plan
 from agent.mavlink.parameters import ParameterServer
 from agent.wire import dialect as mav
 
 _TYPES = {row.name: row.type for row in TABLE}
+BULK_UNDER_WAY = 5  # messages of lists and files a cycle
 _FIXED = frozenset(row.name for row in TABLE if row.fixed)
 
 
@@ -63,6 +67,9 @@ class MavlinkChannel:
             MISSION: MissionPlan(autopilot, self._plan_stored),
             FENCE: FencePlan(autopilot, self._plan_stored),
         }
+        files = VehicleFiles(self.hub)
+        self._ftp = FtpServer(files)
+        self._logs = LogServer(files, lambda text: texts.messages(mav.MAV_SEVERITY_WARNING, text))
         self._missions = MissionServer(plans, self.hub.warn, self._set_current)
         commands = CommandHandlers(self.hub, self.streams, stores=ground)
         setpoints = SetpointHandlers(self.hub, system_id)
@@ -79,6 +86,8 @@ class MavlinkChannel:
         self._requests: dict[int, Callable[[Any, int], Messages]] = {
             **self._parameters.handlers,
             **self._missions.handlers,
+            **self._ftp.handlers,
+            **self._logs.handlers,
             **CommandServer(commands.table).handlers,
             **setpoints.handlers,
             mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: self.streams.on_request_data_stream,
@@ -117,11 +126,23 @@ class MavlinkChannel:
         on_message = self._unaddressed.get(message_id)
         return [] if on_message is None else on_message(message, now_ns)
 
-    def poll(self, now_ns: int) -> Messages:
-        """All that is due: telemetry, events, repeated mission requests, values of parameters."""
+    def poll(self, now_ns: int, most: int | None = None) -> Messages:
+        """All that is due: telemetry, events, repeated mission requests, values of parameters, files and logs.
+
+        most: how many messages of the latter three there may be, where the line bears no more. Under way they are few.
+        """
         messages = self.streams.poll(now_ns)
         messages.extend(self._missions.poll(now_ns))
-        messages.extend(self._parameters.poll())
+        if self.autopilot.state.armed:
+            most = min(BULK_UNDER_WAY, BULK_UNDER_WAY if most is None else most)
+        if most is None:
+            messages.extend(self._parameters.poll())
+            messages.extend(self._ftp.poll(now_ns))
+            messages.extend(self._logs.poll())
+        else:
+            bulk = self._parameters.poll(most)
+            bulk += self._ftp.poll(now_ns, most - len(bulk))
+            messages.extend(bulk + self._logs.poll(most - len(bulk)))
         changed = self._outbox.parameters
         if changed and self._ground:
             messages.extend(map(self._parameters.value_message, changed))

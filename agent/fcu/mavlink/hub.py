@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Protocol
 
+from agent.fcu.dataflash.stored_logs import StoredLogs
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
     WARNING,
@@ -15,6 +17,7 @@ from agent.fcu.vehicle_state import (
     ImuMeasurement,
     MagnetometerMeasurement,
 )
+from agent.timing.tasks import TaskStats
 
 _MOST_WAITING = 128
 _SAME_AGAIN_NS = 1_000_000_000
@@ -61,7 +64,8 @@ class Outbox:
 class MavlinkHub:
     """One autopilot, its newest samples, and its events, each handed to the outbox of every station.
 
-    storage, log: where settings and samples are kept, if anywhere. reboot_asked: a station asked for a restart, see
+    storage, log: where settings and samples are kept, if anywhere. logs: those that stations may read. task_stats: how
+    the agent's tasks did, as of the last second. reboot_asked: a station asked for a restart, see
     `reboot`.
     """
 
@@ -69,6 +73,8 @@ class MavlinkHub:
         self.autopilot = autopilot
         self.storage: SettingsStorage | None = None
         self.log: SampleLog | None = None
+        self.logs = StoredLogs()
+        self.task_stats: Sequence[TaskStats] = ()
         self.actuators = Actuators()
         self.imu: ImuMeasurement | None = None
         self.gnss: GnssMeasurement | None = None

@@ -1,0 +1,156 @@
+"""The logs on the disk, for stations that read them: listed and read by a thread, so that nobody waits for a disk."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Callable, NamedTuple
+
+from agent.fcu.dataflash.writer import LOG_NAME
+
+WINDOW_BYTES = 1 << 16
+WINDOWS = 4  # kept of each open log
+FRESH_S = 1.0  # a list is asked for again after so long
+
+
+class StoredLog(NamedTuple):
+    """A log as it was when it was listed. name: as stations see it."""
+
+    name: str
+    path: Path
+    size: int
+    modified_s: int
+
+
+class StoredLogs:
+    """The numbered logs of a directory, or one file, oldest first. See `agent.mavlink.logs.Logs`.
+
+    What is being written to is there as far as it has been written.
+    """
+
+    def __init__(self, directory: Path | None = None, file: Path | None = None) -> None:
+        self._directory = directory
+        self._file = file
+        self._disk = _Disk()
+        self._listed: tuple[StoredLog, ...] | None = None
+        self._listed_s = -FRESH_S
+        self._asked = False
+
+    def logs(self) -> tuple[StoredLog, ...] | None:
+        if time.monotonic() - self._listed_s > FRESH_S and not self._asked:
+            self._asked = True
+            self._disk.submit(self._list)
+        return None if self._asked else self._listed
+
+    def open_log(self, index: int) -> LogFile | None:
+        logs = self.logs()
+        if logs is None:
+            return None
+        if not 0 <= index < len(logs):
+            raise IndexError(index)
+        return LogFile(logs[index], self._disk)
+
+    def _list(self) -> None:
+        found: list[StoredLog] = []
+        try:
+            for name, path in self._paths():
+                try:
+                    stat = path.stat()
+                except FileNotFoundError:
+                    continue
+                found.append(StoredLog(name, path, stat.st_size, int(stat.st_mtime)))
+        finally:
+            self._listed = tuple(found)
+            self._listed_s = time.monotonic()
+            self._asked = False
+
+    def _paths(self) -> list[tuple[str, Path]]:
+        if self._file is not None:
+            return [("00000001.BIN", self._file)]
+        if self._directory is None or not self._directory.is_dir():
+            return []
+        numbered = [
+            (int(match[1]), entry) for entry in self._directory.iterdir() if (match := LOG_NAME.fullmatch(entry.name))
+        ]
+        return [(entry.name.upper(), entry) for _, entry in sorted(numbered)]
+
+
+class LogFile:
+    """A log of the size that it was listed with. See `agent.mavlink.ftp_server.ServedFile`."""
+
+    def __init__(self, log: StoredLog, disk: _Disk) -> None:
+        self._log = log
+        self._disk = disk
+        self._windows: dict[int, bytes] = {}
+        self._wanted: set[int] = set()
+        self._error: OSError | None = None
+
+    @property
+    def size(self) -> int:
+        return self._log.size
+
+    def read(self, offset: int, count: int) -> bytes | None:
+        count = min(count, self.size - offset)
+        if count <= 0:
+            return b""
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+        first, last = offset // WINDOW_BYTES, (offset + count - 1) // WINDOW_BYTES
+        windows = [self._windows.get(number) for number in range(first, last + 1)]
+        for number in range(first, last + 2):  # the next one too: it is asked for soon
+            if number not in self._windows and number not in self._wanted and number * WINDOW_BYTES < self.size:
+                self._wanted.add(number)
+                self._disk.submit(lambda number=number: self._load(number))  # type: ignore[misc]
+        if any(window is None for window in windows):
+            return None
+        start = offset - first * WINDOW_BYTES
+        return b"".join(window for window in windows if window is not None)[start : start + count]
+
+    def _load(self, number: int) -> None:
+        """By the thread."""
+        try:
+            with self._log.path.open("rb") as file:
+                file.seek(number * WINDOW_BYTES)
+                data = file.read(WINDOW_BYTES)
+            windows = dict(self._windows)
+            while len(windows) >= WINDOWS:
+                del windows[next(iter(windows))]
+            windows[number] = data
+            self._windows = windows
+        except OSError as error:
+            self._error = error
+        finally:
+            self._wanted.discard(number)
+
+
+class _Disk:
+    """Does one thing after the other in a thread that begins with the first; it keeps no process alive."""
+
+    def __init__(self) -> None:
+        self._work: deque[Callable[[], None]] = deque()
+        self._there = threading.Semaphore(0)
+        self._thread: threading.Thread | None = None
+
+    def submit(self, work: Callable[[], None]) -> None:
+        """Have it done."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="log reader", daemon=True)
+            self._thread.start()
+        self._work.append(work)
+        self._there.release()
+
+    def _run(self) -> None:
+        if hasattr(os, "sched_setscheduler") and hasattr(os, "SCHED_OTHER"):
+            with contextlib.suppress(OSError):
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # this thread: it hurries nobody
+        while True:
+            self._there.acquire()
+            try:
+                self._work.popleft()()
+            except OSError:
+                continue  # what waits for it asks again
