@@ -19,6 +19,8 @@ NAMES = (
     "arming",
     "events",
     "missions",
+    "attitude",
+    "control",
     "parameters",
     "scheduler",
     "tasks",

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
+from xitl_cli.logs.analyses.outputs import THROTTLES, OutputChannel, driven_outputs
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
-from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.model.table import Flags, Stamps
 from xitl_cli.logs.signals import Series, outputs, rc_inputs
 from xitl_cli.logs.signals.series import listed, numbers, significant, tables_of
 from xitl_cli.logs.signals.spans import find_holds, held_spans, runs
-from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values, vehicle_kind
+from xitl_cli.logs.signals.states import armed_rows, error_rows, parameter_values
 from xitl_cli.logs.tables.commands import (
     CONTROLS,
-    FIXED_OUTPUTS,
-    MOTORS,
-    OLD_FUNCTIONS,
     PORT_THROTTLE,
     STARBOARD_THROTTLE,
-    THROTTLE,
-    servo_function_name,
 )
 from xitl_cli.logs.tables.events import ERR_RC_FAILSAFE
-from xitl_cli.logs.tables.vehicles import VehicleKind
 
 _IN_FAILSAFE = 2  # RCI2.Flags
 _HELD_S = 5.0
@@ -168,112 +162,6 @@ def _input_plots(channels: Mapping[int, Series]) -> tuple[Plot, ...]:
     return (Plot("inputs", "Remote control", "µs", tuple(traces[:8])),) if traces else ()
 
 
-_SHORTEST_US, _LONGEST_US = 500.0, 2500.0  # of a pulse; what is beyond is none
-_USUAL_US = (1100.0, 1900.0)
-_AT_END = 0.05  # of the range
-
-
-@dataclass(frozen=True, slots=True)
-class OutputChannel:
-    """command: (N,) from -1 to 1 about what it does nothing at, from 0 to 1 where that is its end; NaN where no pulse.
-
-    armed: (N,). known: whether the log tells its ends.
-    """
-
-    channel: int
-    name: str
-    function: int | None
-    series: Series
-    command: Floats
-    armed: Flags
-    known: bool
-
-
-@dataclass(frozen=True, slots=True)
-class OutputRange:
-    """Pulses (us) of an output: least, most, and that at which it does nothing (trim, or an end: idle)."""
-
-    low_us: float
-    high_us: float
-    neutral_us: float
-    reversed: bool
-    known: bool
-
-    def command(self, pulse_us: Floats) -> Floats:
-        """(N,) of pulses: share of the way from neutral to either end."""
-        offset = pulse_us - self.neutral_us
-        up, down = self.high_us - self.neutral_us, self.neutral_us - self.low_us
-        command = np.where(offset >= 0.0, offset / up if up > 0.0 else 0.0, offset / down if down > 0.0 else 0.0)
-        return -command if self.reversed else command
-
-
-def output_channel(
-    log: Log, channel: int, each: Series, parameters: Mapping[str, float], kind: VehicleKind
-) -> OutputChannel | None:
-    """None for one that drives nothing."""
-    armed = armed_rows(log, each.stamp_ns)
-    on = np.ones(len(each.stamp_ns), dtype=np.bool_) if armed is None else armed
-    if each.unit != "us":
-        if not each.values.any():
-            return None
-        return OutputChannel(channel, f"motor {channel}", None, each, each.values, on, known=True)
-    function = _function(channel, parameters, kind)
-    if function is not None and (function in FIXED_OUTPUTS or function <= 0):
-        return None
-    pulse = np.where((each.values < _SHORTEST_US) | (each.values > _LONGEST_US), np.nan, each.values)
-    if not np.isfinite(pulse).any():
-        return None
-    ends = _output_range(channel, function, pulse, on, parameters, kind)
-    name = f"output {channel}" if function is None else f"output {channel} ({servo_function_name(function)})"
-    return OutputChannel(channel, name, function, each, ends.command(pulse), on, ends.known)
-
-
-def _function(channel: int, parameters: Mapping[str, float], kind: VehicleKind) -> int | None:
-    """0 for an output without one; None where the log does not tell."""
-    if any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in parameters):
-        return int(parameters.get(f"SERVO{channel}_FUNCTION", 0.0))
-    if f"RC{channel}_MIN" not in parameters:
-        return None
-    fixed = OLD_FUNCTIONS.get(kind, {}).get(channel)
-    own = int(parameters.get(f"RC{channel}_FUNCTION", 0.0))
-    return own if own or fixed is None else fixed
-
-
-def _output_range(
-    channel: int, function: int | None, pulse_us: Floats, on: Flags, parameters: Mapping[str, float], kind: VehicleKind
-) -> OutputRange:
-    prefix = next((name for name in (f"SERVO{channel}_", f"RC{channel}_") if f"{name}MAX" in parameters), None)
-    low, high = (parameters.get(f"{prefix}{end}", us) for end, us in zip(("MIN", "MAX"), _USUAL_US, strict=True))
-    if function in MOTORS:
-        low, high = _motor_ends(low, high, parameters)
-    known = prefix is not None and low < high
-    if not known:
-        wider = bool(np.nanmin(pulse_us) < _USUAL_US[0] or np.nanmax(pulse_us) > _USUAL_US[1])
-        low, high = (1000.0, 2000.0) if wider else _USUAL_US
-    turned = parameters.get(f"{prefix}REVERSED", 0.0) > 0.0 or parameters.get(f"{prefix}REV", 1.0) < 0.0
-    trim = parameters.get(f"{prefix}TRIM")
-    if function in MOTORS or (kind == "plane" and function in _THROTTLES and parameters.get("THR_MIN", 0.0) >= 0.0):
-        trim = high if turned and function not in MOTORS else low  # TRIM has no part in these
-    if trim is None or not low <= trim <= high:
-        at_rest = pulse_us[~on & np.isfinite(pulse_us)]
-        trim = float(np.median(at_rest)) if len(at_rest) else 0.5 * (low + high)
-        trim = min(max(trim, low), high)
-    span = high - low
-    trim = low if trim - low < _AT_END * span else high if high - trim < _AT_END * span else trim
-    return OutputRange(low, high, trim, turned and function not in MOTORS, known)
-
-
-_THROTTLES = (THROTTLE, PORT_THROTTLE, STARBOARD_THROTTLE)
-
-
-def _motor_ends(low: float, high: float, parameters: Mapping[str, float]) -> tuple[float, float]:
-    """Motors of a multicopter have ends of their own; before 2017 those of the throttle's channel."""
-    for prefix in ("MOT_PWM_", "Q_M_PWM_"):
-        if parameters.get(f"{prefix}MAX", 0.0) > parameters.get(f"{prefix}MIN", 0.0) > 0.0:
-            return parameters[f"{prefix}MIN"], parameters[f"{prefix}MAX"]
-    return parameters.get("RC3_MIN", low), parameters.get("RC3_MAX", high)
-
-
 _OUTPUT_TITLE = "Outputs"
 _AT_LIMIT = 0.995  # of the way from trim to the end
 _NOTICE_SHARE, _NOTICE_S = 0.05, 3.0
@@ -288,12 +176,7 @@ def output_section(log: Log, driven: Mapping[int, Series], parameters: Mapping[s
     if not driven:
         lack = "No outputs are logged; set the bit RCOUT of LOG_BITMASK."
         return Section("radio", _OUTPUT_TITLE, lacks=(lack,))
-    kind = vehicle_kind(log)
-    found = [
-        output
-        for channel, each in driven.items()
-        if (output := output_channel(log, channel, each, parameters, kind)) is not None
-    ]
+    found = driven_outputs(log, parameters)
     single = (finding for output in found for finding in (*_saturated(output, clock), *_swinging(output)))
     findings = (*single, *_uneven(found), *_too_slow(log, found, clock))
     lacks = []
@@ -430,7 +313,7 @@ def _too_slow(log: Log, found: list[OutputChannel], clock: LogClock) -> Iterator
     if out is not None:
         full = np.abs(np.nan_to_num(out)) >= 99.0
     else:
-        thrusters = [each for each in found if each.function in _THROTTLES]
+        thrusters = [each for each in found if each.function in THROTTLES]
         if not thrusters:
             return
         full = np.ones(len(table), dtype=np.bool_)

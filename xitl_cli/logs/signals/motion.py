@@ -23,6 +23,7 @@ from xitl_cli.logs.signals.series import (
     make_series,
     stacked_columns,
 )
+from xitl_cli.logs.signals.spans import runs
 
 HIGHEST_M = 10e3  # beyond it a local frame has no meaning
 
@@ -134,7 +135,10 @@ def yaw(log: Log, of: SignalSource = "estimate") -> Series | None:
 
 
 def yaw_desired(log: Log) -> Series | None:
-    """Degrees, what the control aims at. Rover writes 0 into ATT.DesYaw, and its demand into NTUN."""
+    """Degrees, what the control aims at; None without a demand.
+
+    Rover writes 0 into ATT.DesYaw always, and into NTUN.DesYaw while it steers by turn rate.
+    """
     return first_series(
         log,
         lambda log: _demanded(column_series(log, "ATT", "DesYaw", "deg", turns=True)),
@@ -143,9 +147,17 @@ def yaw_desired(log: Log) -> Series | None:
     )
 
 
+_FLAT_ROWS = 10
+
+
 def _demanded(found: Series | None) -> Series | None:
-    """None for what is 0 throughout: nothing was asked for."""
-    return None if found is None or not found.values.any() else found
+    """Without the rows that are flat at 0: nothing was asked for then."""
+    if found is None:
+        return None
+    flat = np.zeros(len(found.values), dtype=np.bool_)
+    for first, after in runs(found.values == 0.0):
+        flat[first:after] = after - first >= min(_FLAT_ROWS, len(flat))
+    return make_series(found.stamp_ns[~flat], np.mod(found.values[~flat], 360.0), "deg", found.source, turns=True)
 
 
 def yaw_rate(log: Log, of: SignalSource = "estimate") -> Series | None:

@@ -55,6 +55,15 @@ FAILSAFE_REASONS = frozenset({3, 4, 5, 6, 7, 10, 11, 17, 19, 25, 28, 29, 50, 51}
 
 NAVIGATING = frozenset({"AUTO", "GUIDED", "RTL", "SMART_RTL", "LOITER", "CIRCLE", "CRUISE", "QRTL", "AUTO_RTL"})
 """Modes that steer by the position estimate."""
+HEADING_HELD = frozenset({"AUTO", "GUIDED", "RTL", "SMART_RTL", "CIRCLE", "FOLLOW", "STEERING", "SIMPLE", "DOCK"})
+"""Modes of Rover that steer to a heading all the time; LOITER lets it drift within its radius."""
+
+FREE_ATTITUDE: Mapping[VehicleKind, frozenset[str]] = {
+    "copter": frozenset({"ACRO", "FLIP", "SPORT", "THROW", "TURTLE", "AUTOROTATE", "SYSTEMID"}),
+    "plane": frozenset({"MANUAL", "ACRO", "TRAINING", "QACRO"}),
+    "sub": frozenset({"ACRO", "MANUAL"}),
+}
+"""Modes in which the pilot may take any attitude."""
 
 
 def mode_name(kind: VehicleKind, number: int) -> str:

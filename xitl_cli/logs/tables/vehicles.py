@@ -5,6 +5,7 @@ FIRMWARE_VERSION_TYPE of MAVLink.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Literal
 
 VehicleKind = Literal["rover", "copter", "plane", "sub", "unknown"]
@@ -55,6 +56,33 @@ _SUBTYPES: Mapping[int, str] = {
     5001: "FMUv3", 5009: "generic", 5013: "FMUv5",
 }  # fmt: skip
 SITL_BOARD = 3
+SURFACE_BOAT = 11  # MAV_TYPE
+BOAT_FRAME = 2  # FRAME_CLASS of Rover
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """What is normal for a class of vehicles. lean_deg: roll and pitch it keeps to, and lean_s for how long it may not;
+    None where any is normal. overturned_deg: tilt from which it does not right itself. shock_mps2: acceleration beside
+    gravity that waves, kerbs, gusts and landings reach.
+    """
+
+    lean_deg: float | None
+    lean_s: float
+    overturned_deg: float
+    shock_mps2: float
+
+
+MOTION_LIMITS: Mapping[VehicleKind, MotionLimits] = {
+    # A hull heels to 30 deg in waves and rights itself to 60 to 90; small craft slam at 2 to 3 g (ISO 12217, 2631-5).
+    "rover": MotionLimits(45.0, 1.0, 80.0, 35.0),
+    # Lean is limited by ANGLE_MAX; hard landings reach 3 g.
+    "copter": MotionLimits(65.0, 0.5, 90.0, 40.0),
+    # Bank is limited by ROLL_LIMIT_DEG; belly landings and catapults reach 5 g.
+    "plane": MotionLimits(65.0, 1.0, 100.0, 60.0),
+    "sub": MotionLimits(None, 1.0, 100.0, 30.0),
+    "unknown": MotionLimits(None, 1.0, 90.0, 40.0),
+}
 _RELEASES: Mapping[int, str] = {
     0: "development", 64: "alpha", 128: "beta", 192: "release candidate", 255: "official release",
 }  # fmt: skip

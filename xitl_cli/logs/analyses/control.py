@@ -1,0 +1,308 @@
+"""Control: what was demanded of the vehicle beside what it did, and where it no longer obeyed.
+
+Rover says what it steers to in NTUN, THR and STER, Copter and Plane in ATT and RATE; our recordings keep what the
+autopilot tells of its heading over MAVLink. A demand that is 0 throughout is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import xitl_cli.logs.signals as signals
+from xitl_cli.logs.analyses.attitude import free_attitude_spans
+from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.model.log import Log
+from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Plot, Section, Severity, Trace
+from xitl_cli.logs.model.table import Flags, Floats, Stamps
+from xitl_cli.logs.signals.series import column_series, first_instance, numbers, significant
+from xitl_cli.logs.signals.spans import inside, length_s, spans_where
+from xitl_cli.logs.signals.states import armed_rows, vehicle_kind
+from xitl_cli.logs.tables.modes import HEADING_HELD
+from xitl_cli.logs.tables.vehicles import VehicleKind
+
+_TITLE = "Control"
+_MOST_EVIDENCE = 8
+_JOIN_S = 0.5
+_FEWEST_ROWS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """Demanded and achieved (N,) in `unit`, at the rows in which a demand is in force. error: achieved less demanded.
+
+    turns: an angle round the circle. message, field: of the demand.
+    """
+
+    key: str
+    label: str
+    unit: str
+    stamp_ns: Stamps
+    demanded: Floats
+    achieved: Floats
+    message: str
+    field: str
+    turns: bool = False
+
+    @property
+    def error(self) -> Floats:
+        apart = self.achieved - self.demanded
+        return np.mod(apart + 180.0, 360.0) - 180.0 if self.turns else apart
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingLimit:
+    """An error over `least` and over `share` of the demand, for `lasting_s` at a time, is worth `severity`.
+
+    moved: what has to be achieved meanwhile: sticks are stirred on the ground, too, where nothing follows.
+    """
+
+    least: float
+    share: float
+    lasting_s: float
+    severity: Severity = Severity.WARNING
+    moved: float = 0.0
+
+
+# A boat turns through half a circle in 10 to 15 s and gathers way in 10 s; ArduCopter's crash check takes 30 deg for
+# two seconds for lost control.
+_HEADING = TrackingLimit(30.0, 0.0, 15.0)
+_SLOW = TrackingLimit(0.5, 0.3, 15.0)
+_FAST = TrackingLimit(0.75, 0.5, 10.0)
+_TURN_RATE = TrackingLimit(20.0, 0.5, 3.0)
+_ATTITUDE = TrackingLimit(30.0, 0.0, 2.0, Severity.CRITICAL, moved=30.0)
+_RATE = TrackingLimit(60.0, 1.0, 1.0, moved=60.0)
+
+
+def analyse(log: Log) -> Section | None:
+    """None where a recording holds no demand."""
+    clock, kind = LogClock(log), vehicle_kind(log)
+    found = [each for each in _trackings(log, kind) if len(each.stamp_ns) >= _FEWEST_ROWS]
+    if not found:
+        if log.format != "dataflash":
+            return None
+        lack = "What was demanded is not logged: no NTUN, THR or STER of Rover, no desired attitude (ATT), no RATE."
+        return Section("control", _TITLE, lacks=(lack,))
+    findings = _as_one([finding for each in found for finding in _judged(each, clock)])
+    if not findings and clock.armed:
+        findings = [Finding.ok("control.followed", f"It followed what was demanded: {_named(found)}")]
+    return Section("control", _TITLE, tuple(_facts(found)), tuple(findings), plots=tuple(_plots(found)))
+
+
+def _as_one(findings: Sequence[Finding]) -> list[Finding]:
+    """Roll and pitch that were lost together are one loss."""
+    by_key: dict[str, Finding] = {}
+    for finding in findings:
+        before = by_key.setdefault(finding.key, finding)
+        if before is not finding:
+            by_key[finding.key] = replace(before, evidence=(*before.evidence, *finding.evidence))
+    return list(by_key.values())
+
+
+def _trackings(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+    readers = (_heading, _speed, _turn_rate) if kind in ("rover", "unknown") else (_roll, _pitch, _rates)
+    for read in readers:
+        yield from read(log, kind)
+
+
+def _armed(log: Log, stamp_ns: Stamps) -> Flags:
+    armed = armed_rows(log, stamp_ns)
+    return np.ones(len(stamp_ns), dtype=np.bool_) if armed is None else armed
+
+
+def _in_modes(log: Log, stamp_ns: Stamps, names: frozenset[str]) -> Flags:
+    """True throughout where modes are not logged."""
+    modes = signals.modes(log)
+    if not modes:
+        return np.ones(len(stamp_ns), dtype=np.bool_)
+    return inside(stamp_ns, [(span.from_ns, span.until_ns) for span in modes if span.text in names])
+
+
+def _heading(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+    """Of a vessel under way in a mode that holds a heading; going backwards it points the other way."""
+    demand, yaw = signals.yaw_desired(log), signals.yaw(log)
+    if demand is None or yaw is None:
+        return
+    own = column_series(log, "NTUN", "Yaw", "deg", turns=True)
+    if demand.source.startswith("NTUN") and own is not None:
+        yaw = own
+    rows = _armed(log, demand.stamp_ns) & _in_modes(log, demand.stamp_ns, HEADING_HELD)
+    rows &= _under_way(log, demand.stamp_ns)
+    there = yaw.interpolated(demand.stamp_ns)
+    rows &= np.isfinite(there)
+    message, _, field = demand.source.partition(".")
+    yield Tracking(
+        "heading", "heading", "deg", demand.stamp_ns[rows], demand.values[rows], there[rows], message, field, turns=True
+    )
+
+
+_UNDER_WAY_MPS = 0.2
+
+
+def _under_way(log: Log, stamp_ns: Stamps) -> Flags:
+    """Where a speed ahead is demanded, or none is logged: a vessel that lies still does not steer."""
+    speed = column_series(log, "THR", "DesSpeed", "m/s")
+    if speed is None or not (speed.values >= _UNDER_WAY_MPS).any():
+        return np.ones(len(stamp_ns), dtype=np.bool_)
+    ahead: Flags = ~(speed.interpolated(stamp_ns) < _UNDER_WAY_MPS)
+    return ahead
+
+
+def _columns(
+    log: Log, key: str, label: str, unit: str, message: str, demanded: str, achieved: str, *, turns: bool = False
+) -> Iterator[Tracking]:
+    """Of two columns of a message, while armed, where anything is demanded at all."""
+    table = first_instance(log, message)
+    wanted = None if table is None else numbers(table, demanded)
+    there = None if table is None else numbers(table, achieved)
+    if table is None or wanted is None or there is None or wanted.ndim != 1 or not np.nan_to_num(wanted).any():
+        return
+    rows = _armed(log, table.stamp_ns) & np.isfinite(wanted) & np.isfinite(there)
+    yield Tracking(key, label, unit, table.stamp_ns[rows], wanted[rows], there[rows], message, demanded, turns)
+
+
+def _rows(each: Tracking, chosen: Flags) -> Tracking:
+    return replace(each, stamp_ns=each.stamp_ns[chosen], demanded=each.demanded[chosen], achieved=each.achieved[chosen])
+
+
+def _speed(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+    """Where a speed is demanded; 0 of a mode without one is no demand."""
+    for each in _columns(log, "speed", "speed", "m/s", "THR", "DesSpeed", "Speed"):
+        asked = _rows(each, np.abs(each.demanded) >= _UNDER_WAY_MPS)
+        sign = np.sign(asked.demanded)  # backwards counts as ahead
+        yield replace(asked, demanded=sign * asked.demanded, achieved=sign * asked.achieved)
+
+
+def _turn_rate(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+    for each in _columns(log, "turn_rate", "turn rate", "deg/s", "STER", "DesTurnRate", "TurnRate"):
+        yield _rows(each, _under_way(log, each.stamp_ns))
+
+
+def _roll(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+    yield from _steered(log, "roll", "DesRoll", "Roll")
+
+
+def _pitch(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+    yield from _steered(log, "pitch", "DesPitch", "Pitch")
+
+
+def _steered(log: Log, name: str, demanded: str, achieved: str) -> Iterator[Tracking]:
+    """Not in modes without a demanded attitude."""
+    for each in _columns(log, name, name, "deg", "ATT", demanded, achieved, turns=True):
+        yield _rows(each, ~inside(each.stamp_ns, free_attitude_spans(log)))
+
+
+def _rates(log: Log, kind: VehicleKind) -> Iterator[Tracking]:
+    for key, label, demanded, achieved in (
+        ("roll_rate", "roll rate", "RDes", "R"),
+        ("pitch_rate", "pitch rate", "PDes", "P"),
+        ("yaw_rate", "yaw rate", "YDes", "Y"),
+    ):
+        table = log.tables.get("RATE")  # hundredths of a degree in old logs, which do not say so
+        if table is not None and achieved in table.columns and table.columns[achieved].unit == "deg/s":
+            yield from _columns(log, key, label, "deg/s", "RATE", demanded, achieved)
+
+
+def _judged(each: Tracking, clock: LogClock) -> Iterator[Finding]:
+    """One finding for all spans in which the error was too large for too long."""
+    error = each.error
+    if each.key == "heading":
+        yield from _off(
+            each, np.abs(error), _HEADING, "heading_off", "was off the heading demanded", _HEADING_STEP, clock
+        )
+    elif each.key == "speed":
+        yield from _off(each, -error, _SLOW, "too_slow", "stayed under the speed demanded", _SLOW_STEP, clock)
+        yield from _off(each, error, _FAST, "too_fast", "went faster than demanded", _FAST_STEP, clock)
+    elif each.key == "turn_rate":
+        doing = "did not turn as demanded"
+        yield from _off(each, np.abs(error), _TURN_RATE, "turn_rate_off", doing, _TURN_STEP, clock)
+    elif each.key in ("roll", "pitch"):
+        doing = f"lost control: its {each.label} was off the one demanded"
+        yield from _off(each, np.abs(error), _ATTITUDE, "attitude_lost", doing, _LOST_STEP, clock)
+    else:
+        doing = f"did not follow its {each.label} demanded"
+        yield from _off(each, np.abs(error), _RATE, "rate_lost", doing, _LOST_STEP, clock)
+
+
+_HEADING_STEP = (
+    "Look at steering and thrusters then (outputs), at current and wind, and at the compass; a vessel too slow to "
+    "steer does the same."
+)
+_SLOW_STEP = "Look at throttle (outputs), battery, hull and propellers, and at current and wind."
+_FAST_STEP = "Look at current and wind from behind, at CRUISE_THROTTLE and the gains of the speed loop (ATC_SPEED_…)."
+_TURN_STEP = "Look at steering outputs and their range, and at the gains of the turn rate (ATC_STR_RAT_…)."
+_LOST_STEP = "Look at motors and propellers (outputs at their ends), vibration and battery just before."
+
+
+def _off(
+    each: Tracking, error: Floats, limit: TrackingLimit, key: str, doing: str, step: str, clock: LogClock
+) -> Iterator[Finding]:
+    least = np.maximum(limit.least, limit.share * np.abs(each.demanded))
+    wide = spans_where(each.stamp_ns, error > least, _JOIN_S)
+    spans = [span for span in _unbroken(each.stamp_ns, wide) if (span[1] - span[0]) * 1e-9 >= limit.lasting_s]
+    spans = [span for span in spans if np.abs(each.achieved[inside(each.stamp_ns, [span])]).max() >= limit.moved]
+    if not spans:
+        return
+    begin, end = max(spans, key=lambda span: span[1] - span[0])
+    rows = np.flatnonzero((each.stamp_ns >= begin) & (each.stamp_ns <= end))
+    worst = int(rows[np.argmax(error[rows])])
+    again = "" if len(spans) == 1 else f" ({len(spans)} times, {length_s(spans):.0f} s in all)"
+    figures = (
+        f"{each.achieved[worst]:.3g} {each.unit} for {each.demanded[worst]:.3g} {each.unit} at "
+        f"{clock.text(int(each.stamp_ns[worst]))}"
+    )
+    yield Finding(
+        f"control.{key}",
+        limit.severity,
+        f"It {doing} by up to {error[worst]:.3g} {each.unit}, for {(end - begin) * 1e-9:.1f} s from "
+        f"{clock.text(begin)}{again}: {figures}",
+        tuple(
+            Evidence(each.message, each.field, from_ns, until_ns, f"{error[worst]:.3g} {each.unit}")
+            for from_ns, until_ns in spans[:_MOST_EVIDENCE]
+        ),
+        step,
+    )
+
+
+_LONGEST_STEP_NS = 2_000_000_000
+
+
+def _unbroken(stamp_ns: Stamps, spans: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """Spans parted where rows are missing: of what was between them nothing is known."""
+    for begin, end in spans:
+        within = stamp_ns[(stamp_ns >= begin) & (stamp_ns <= end)]
+        breaks = np.flatnonzero(np.diff(within) > _LONGEST_STEP_NS) + 1
+        for part in np.split(within, breaks):
+            yield int(part[0]), int(part[-1])
+
+
+def _named(found: Sequence[Tracking]) -> str:
+    parts = [f"{each.label} within {_rms(each):.2g} {each.unit} RMS" for each in found]
+    return ", ".join(parts)
+
+
+def _rms(each: Tracking) -> float:
+    return float(np.sqrt(np.mean(each.error**2)))
+
+
+def _facts(found: Sequence[Tracking]) -> Iterator[Fact]:
+    for each in found:
+        unit = "degps" if each.unit == "deg/s" else "mps" if each.unit == "m/s" else each.unit
+        label = each.label.capitalize()
+        yield Fact(f"{each.key}_error_rms_{unit}", f"{label}, error RMS", significant(_rms(each), 3), each.unit)
+        largest = float(np.abs(each.error).max())
+        yield Fact(f"{each.key}_error_max_{unit}", f"{label}, largest error", significant(largest, 3), each.unit)
+
+
+def _plots(found: Sequence[Tracking]) -> Iterator[Plot]:
+    for each in found:
+        demanded, achieved = each.demanded, each.achieved
+        if each.turns and each.key == "heading":
+            achieved = demanded + each.error  # no stroke across the plot where 360 becomes 0
+        traces = (
+            Trace("demanded", each.stamp_ns, demanded.astype(np.float64)),
+            Trace("achieved", each.stamp_ns, achieved.astype(np.float64)),
+        )
+        yield Plot(f"tracking.{each.key}", f"{each.label.capitalize()}, demanded and achieved", each.unit, traces)
