@@ -36,7 +36,8 @@ class SyncEstimate:
 
     offset_ns: remote minus local. drift_ppm: growth of the offset. drift_error_ppm: standard error of that.
     path_delay_ns: one way, half of the smallest round
-    trip. asymmetry_bound_ns: the most by which unequal floors of the two ways can shift the offset. residual_ns: RMS of
+    trip. asymmetry_bound_ns: the most by which unequal floors of the two ways, and an uneven clock, can shift the
+    offset. residual_ns: RMS of
     the single exchanges about the line, a measure of the jitter. used: samples behind the estimate. refused: exchanges
     that no clocks could give. outliers: exchanges that contradict the rest. steps: times the relation broke and was
     learned anew.
@@ -66,13 +67,15 @@ class ClockSync:
     """Feed it exchanges; ask it for the relation. Memory and time per sample are bounded.
 
     A clock that steps contradicts the lines: the offset would need negative delays. `VIOLATIONS` of that among
-    `PENDING` samples start a new history; fewer are outliers and left out.
+    `PENDING` samples start a new history; fewer are outliers and left out. uneven_ns: by how much the remote clock may
+    fall behind and catch up again, which is no step; the bound of the offset grows by what of it is seen.
     """
 
-    def __init__(self, max_drift_ppm: float = 500.0) -> None:
+    def __init__(self, max_drift_ppm: float = 500.0, uneven_ns: float = 0.0) -> None:
         if not max_drift_ppm > 0.0:
             raise ValueError(f"clock sync: max_drift_ppm = {max_drift_ppm} leaves no drift; use a number above 0")
         self._max_slope = max_drift_ppm * 1e-6
+        self._uneven_ns = uneven_ns
         self._history: deque[_Sample] = deque(maxlen=HISTORY)
         self._pending: list[tuple[_Sample, bool]] = []
         self._local_zero_ns = self._offset_zero_ns = 0
@@ -125,7 +128,7 @@ class ClockSync:
         return True
 
     def _violates(self, sample: _Sample) -> bool:
-        tolerance_ns = max(SMALLEST_STEP_NS, self._residual_ns)
+        tolerance_ns = max(SMALLEST_STEP_NS, self._residual_ns, self._uneven_ns)
         below_ns = self._upper_ns + self._slope * sample.sent_ns - sample.there_ns
         above_ns = sample.back_ns - self._lower_ns - self._slope * sample.returned_ns
         return max(below_ns, above_ns) > tolerance_ns
@@ -156,7 +159,9 @@ class ClockSync:
         self._upper_ns = min(y - slope * x for x, y in there)
         self._lower_ns = max(-y - slope * x for x, y in back)
         self._smallest_trip_ns = min(s.there_ns - s.back_ns for s in samples)
-        if self._upper_ns < self._lower_ns and len(samples) > PENDING:  # a step before there was a line to break
+        self._slope_error += self._unevenness_ns() / max(span_ns, SETTLING_NS)
+        crossed_ns = self._lower_ns - self._upper_ns
+        if crossed_ns > self._uneven_ns and len(samples) > PENDING:  # a step before there was a line to break
             self._steps += 1
             newest = list(samples)[-PENDING:]
             samples.clear()
@@ -166,6 +171,12 @@ class ClockSync:
         centre_ns = 0.5 * (self._upper_ns + self._lower_ns)
         errors = (0.5 * (s.there_ns + s.back_ns) - centre_ns - slope * s.sent_ns for s in samples)
         self._residual_ns = sqrt(sum(error * error for error in errors) / len(samples))
+
+    def _unevenness_ns(self) -> float:
+        """How far the clock was seen to fall behind: the two lines lie closer together by that, or cross."""
+        if not self._uneven_ns:
+            return 0.0
+        return max(self._smallest_trip_ns - (self._upper_ns - self._lower_ns), 0.0)
 
     def _offset_at(self, local_ns: float) -> float:
         return 0.5 * (self._upper_ns + self._lower_ns) + self._slope * local_ns
@@ -195,7 +206,7 @@ class ClockSync:
             drift_ppm=self._slope * 1e6,
             drift_error_ppm=self._slope_error * 1e6,
             path_delay_ns=round(0.5 * self._smallest_trip_ns),
-            asymmetry_bound_ns=round(0.5 * self._smallest_trip_ns),
+            asymmetry_bound_ns=round(0.5 * (self._smallest_trip_ns + self._unevenness_ns())),
             residual_ns=self._residual_ns,
             used=len(self._history),
             refused=self._refused,

@@ -85,6 +85,7 @@ def measured_figures(
         physics=worst([_misses(task) for task in tasks if task.node == HOST]),
         control=None if spared else worst([_misses(task) for task in agents]),
         link=worst_link([_losses(link) for link in links if link.lost is not None and link.sent]),
+        stood_s=sum(clock.stood_s for clock in clocks),
         clock_steps=() if spared else tuple((clock.node, clock.steps) for clock in clocks if clock.steps),
         **{key: value for key, value in asdict(pace).items() if key != "slips"},
     )

@@ -38,12 +38,12 @@ def test_a_run_within_every_limit_kept_real_time() -> None:
         ({"link": LinkLosses("sensors", 50_000, 900)}, "1.8 % of the frames lost (sensors: 900)"),
         (
             {"stalls": 9, "stalled_s": 24.7, "longest_stall_s": 5.1},
-            "the host stood still 9 times, 24.7 s in all, the longest 5.1 s",
+            "the host stalled 9 times, 24.7 s in all, the longest 5.1 s",
         ),
-        ({"stalls": 1, "stalled_s": 0.3, "longest_stall_s": 0.3}, "the host stood still once, 0.30 s in all"),
+        ({"stalls": 1, "stalled_s": 0.3, "longest_stall_s": 0.3}, "the host stalled once, 0.30 s in all"),
         (
             {"stalls": 20, "stalled_s": 2.0, "longest_stall_s": 0.1},
-            "the host stood still 20 times, 2.0 s in all, the longest 0.10 s",
+            "the host stalled 20 times, 2.0 s in all, the longest 0.10 s",
         ),
         ({"slipped_s": 400.0}, "the host fell behind by 400.0 s that were not made up"),
         ({"clock_steps": (("LC", 2),)}, "the clock of LC stepped 2 times"),
@@ -56,7 +56,7 @@ def test_each_limit_by_itself_makes_it_none(measured: dict[str, Any], said: str)
 def test_all_of_them_are_one_sentence() -> None:
     found = figures(physics=TaskMisses("", 100, 36), stalls=3, stalled_s=24.7, longest_stall_s=9.0).shortfalls()
     assert not_real_time(found) == (
-        "not a real-time run: the host stood still 3 times, 24.7 s in all, the longest 9.0 s; 36 % of the physics "
+        "not a real-time run: the host stalled 3 times, 24.7 s in all, the longest 9.0 s; 36 % of the physics "
         "deadlines missed"
     )
     assert LIMITS.clock_steps == 0

@@ -157,7 +157,7 @@ def test_quantiles_of_bins_never_exceed_the_maximum() -> None:
 def test_the_report_leads_with_the_verdict_and_a_line_for_each_part(tmp_path: Path) -> None:
     lines = shown(tmp_path, eventful()).splitlines()
     assert lines[0].startswith("completed: ")
-    assert lines[1].startswith("not a real-time run: the host stood still 2 times, 3.6 s in all, the longest 2.5")
+    assert lines[1].startswith("not a real-time run: the host stalled 2 times, 3.6 s in all, the longest 2.5")
     words = " ".join(" ".join(lines).split())
     for expected in (
         "takeover standby for agent at 31.20 s, which was silent for 0.31 s; largest step 0.050",

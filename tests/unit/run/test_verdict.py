@@ -29,7 +29,7 @@ def test_everything_that_makes_a_run_none_in_real_time_is_named() -> None:
     )
     assert found.real_time is False
     assert found.shortfalls == (
-        "the host stood still 9 times, 24.7 s in all, the longest 7.0 s",
+        "the host stalled 9 times, 24.7 s in all, the longest 7.0 s",
         "36 % of the physics deadlines missed",
         "6.0 % of the agent's cycles missed (LC control: 300 of 5000)",
         "4.0 % of the frames lost (sensors: 400)",

@@ -61,6 +61,7 @@ class RealTimeFigures:
     """What was measured of a run in real time of `length_s`. None: not known, or caused on purpose by a fault.
 
     physics: of the host. control: of the agents' tasks the one with the largest share. clock_steps: (clock, how many).
+    stood_s: for which a simulated autopilot did not run.
     """
 
     length_s: float
@@ -71,6 +72,7 @@ class RealTimeFigures:
     stalled_s: float = 0.0
     longest_stall_s: float = 0.0
     slipped_s: float = 0.0
+    stood_s: float = 0.0
     clock_steps: tuple[tuple[str, int], ...] = ()
 
     def shortfalls(self, limits: RealTimeLimits = LIMITS) -> tuple[str, ...]:
@@ -82,7 +84,7 @@ class RealTimeFigures:
         if self.longest_stall_s > limits.longest_stall_s or self.stalled_s > limits.stalled_share * length_s:
             times = "once" if self.stalls == 1 else f"{self.stalls} times"
             longest = "" if self.stalls == 1 else f", the longest {_seconds(self.longest_stall_s)}"
-            yield f"the host stood still {times}, {_seconds(self.stalled_s)} in all{longest}"
+            yield f"the host stalled {times}, {_seconds(self.stalled_s)} in all{longest}"
         if self.slipped_s > max(self.stalled_s, limits.stalled_share * length_s):
             yield f"the host fell behind by {_seconds(self.slipped_s)} that were not made up"
         if self.physics is not None and self.physics.share > limits.physics_missed_share:
@@ -92,6 +94,8 @@ class RealTimeFigures:
             yield f"{share} of the agent's cycles missed ({name}: {self.control.missed} of {self.control.cycles})"
         if self.link is not None and self.link.share > limits.lost_share:
             yield f"{_percent(self.link.share)} of the frames lost ({self.link.name}: {self.link.lost})"
+        if self.stood_s > limits.stalled_share * length_s:
+            yield f"the simulated autopilot stood still for {_seconds(self.stood_s)}"
         for clock, steps in self.clock_steps:
             if steps > limits.clock_steps:
                 yield f"the clock of {clock} stepped {'once' if steps == 1 else f'{steps} times'}"

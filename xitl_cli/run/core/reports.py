@@ -92,7 +92,8 @@ class ClockReport:
     drift_error_ppm: standard error of the drift, from the fit. drift_std_ppm: how the drift itself varies from one 10 s
     to the next. slope_s, slope_std_s: mean and standard deviation of
     the node's time base a sample. residual_us: spread of the exchanges about the estimate. path_delay_us: shortest
-    way there and back, halved. steps: of the node's clock.
+    way there and back, halved. steps: of the node's clock. stood_s: for which a simulated clock stood still with its
+    process, but for what it makes up for.
     """
 
     node: str
@@ -107,6 +108,7 @@ class ClockReport:
     slope_std_s: float | None = None
     steps: int = 0
     drift_error_ppm: float | None = None
+    stood_s: float = 0.0
 
     def section(self) -> dict[str, Any]:
         """A row of `clocks`."""

@@ -112,8 +112,9 @@ class DriftWindows:
     A window in which the clock stepped, or with too few exchanges, is left out.
     """
 
-    def __init__(self) -> None:
-        self._sync = ClockSync()
+    def __init__(self, uneven_ns: float = 0.0) -> None:
+        self._uneven_ns = uneven_ns
+        self._sync = ClockSync(uneven_ns=uneven_ns)
         self._began_ns: int | None = None
         self._drifts = Spread()
 
@@ -124,7 +125,7 @@ class DriftWindows:
         if t1_ns - self._began_ns >= WINDOW_NS:
             self._close()
             self._began_ns = t1_ns
-            self._sync = ClockSync()
+            self._sync = ClockSync(uneven_ns=self._uneven_ns)
         self._sync.add(t1_ns, t2_ns, t3_ns, t4_ns)
 
     def _close(self) -> None:

@@ -19,17 +19,18 @@ STAMPS_KEPT = 4096
 class LinkTiming:
     """Real time: from the stamps of the messages that cross the link and a four-timestamp exchange.
 
-    `node` is whose clock it is; `clock_ns` is the host's monotonic one. sensors, actuators: latencies, each counted
-    once a later exchange bears out the relation of the clocks; those about a step of the clock are left out.
+    `node` is whose clock it is, `uneven_ns` as of ClockSync; `clock_ns` is the host's monotonic one. sensors,
+    actuators: latencies, each counted once a later exchange bears out the relation of the clocks; those about a step
+    of the clock are left out.
     """
 
-    def __init__(self, node: str, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, node: str, clock_ns: Callable[[], int] = time.monotonic_ns, uneven_ns: float = 0.0) -> None:
         self.sensors = Histogram()
         self.actuators = Histogram()
         self._node = node
         self._clock_ns = clock_ns
-        self._sync = ClockSync()
-        self._drifts = DriftWindows()
+        self._sync = ClockSync(uneven_ns=uneven_ns)
+        self._drifts = DriftWindows(uneven_ns)
         self._time_base = TimeBase()
         self._requests = 0
         self._time_base_from = 0

@@ -31,7 +31,7 @@ from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.links.setup import live_parameters, mission_places
 from xitl_cli.run.nodes.autopilot_commands import Send
-from xitl_cli.run.nodes.bridge_clock import SIMULATED_GRAIN_NS, AutopilotClock
+from xitl_cli.run.nodes.bridge_clock import SIMULATED_UNEVEN_NS, AutopilotClock
 from xitl_cli.run.nodes.drivers import VehicleDriver
 from xitl_cli.run.nodes.firmware_launch import FirmwareLaunch, resolved_bridge
 from xitl_cli.run.nodes.preparation import CalibrationStep, MissionStep, ParameterStep, Preparation
@@ -229,8 +229,8 @@ class BridgeNode(RunNode):
         places = mission_places(profile, frame) if profile.mission.waypoints_ned_m else []
         self._agent, self._view = agent, agent.inbox.view
         simulated = self._launch is not None and autopilot.firmware_build == "sitl"
-        grain_ns = SIMULATED_GRAIN_NS if simulated else 0
-        self._clock = AutopilotClock(profile.clock.mode == "lockstep", send, grain_ns)
+        uneven_ns = SIMULATED_UNEVEN_NS if simulated else 0
+        self._clock = AutopilotClock(profile.clock.mode == "lockstep", send, uneven_ns)
         return Preparation(
             driver,
             self._view,

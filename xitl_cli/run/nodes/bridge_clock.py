@@ -19,10 +19,48 @@ NODE = "autopilot"
 REALTIME_HZ, LOCKSTEP_HZ = 10.0, 1.0
 REQUESTS_KEPT = 256
 SETTLING_NS = 500_000_000  # an autopilot whose clock is further off in lockstep has been in a run before
-SIMULATED_GRAIN_NS = 10_000_000  # a SITL build in real time sleeps some ms, and its clock runs to catch up
+SIMULATED_UNEVEN_NS = 110_000_000
+"""How far the clock of a SITL build in real time falls behind and catches up with: it sleeps for some ms at a time, and
+counts up to 100 ms for which it was kept from running as a debt. What it was kept longer it never makes up for
+(ArduPilot, libraries/SITL/SIM_Aircraft.cpp, sync_frame_time).
+"""
 OLDEST_UTC_S = 1e9  # before it has the time from a satellite it counts from 1970
 
 Send = Callable[[Any], object]
+
+
+class UnevenClock:
+    """Steps of a clock that stands still whenever its process does, and makes up for `uneven_ns` of that at most.
+
+    It cannot go back, nor on by more than the time that has passed and what it makes up for: either is a step. All
+    else is time that it lost, `lost_s` in all.
+    """
+
+    def __init__(self, uneven_ns: int) -> None:
+        self.steps = 0
+        self._uneven_ns = uneven_ns
+        self._lost_ns = 0
+        self._levels: tuple[int, int] | None = None  # highest and lowest offset since the last step, for certain
+        self._node_ns = 0
+
+    def add(self, sent_ns: int, node_ns: int, returned_ns: int) -> None:
+        """It showed `node_ns` at an instant between the two of the host's clock."""
+        least_ns, most_ns = node_ns - returned_ns, node_ns - sent_ns
+        if self._levels is not None:
+            highest_ns, lowest_ns = self._levels
+            if node_ns < self._node_ns or least_ns > lowest_ns + self._uneven_ns:
+                self.steps += 1
+                self._lost_ns += self._lost_since_step_ns()
+            else:
+                least_ns, most_ns = max(highest_ns, least_ns), min(lowest_ns, most_ns)
+        self._levels, self._node_ns = (least_ns, most_ns), node_ns
+
+    def _lost_since_step_ns(self) -> int:
+        return 0 if self._levels is None else max(self._levels[0] - self._levels[1] - self._uneven_ns, 0)
+
+    @property
+    def lost_s(self) -> float:
+        return (self._lost_ns + self._lost_since_step_ns()) * 1e-9
 
 
 class AutopilotClock:
@@ -30,17 +68,17 @@ class AutopilotClock:
 
     In real time offset and drift against the host's monotonic clock are estimated as for an agent. In lockstep it is
     told the time, and the offset is that of its answer against the tick that brought the request: it may be an
-    exchange behind, and its answer takes some more, which is the bound. `grain_ns`: how far its readings may be off in
-    real time, which widens the bound. utc_offset_s: its UTC (SYSTEM_TIME) less
-    this machine's, None in lockstep and until it knows the time.
+    exchange behind, and its answer takes some more, which is the bound. `uneven_ns`: of a simulated clock in real time,
+    see UnevenClock. utc_offset_s: its UTC (SYSTEM_TIME) less this machine's, None in lockstep and until it knows the
+    time.
     """
 
-    def __init__(self, lockstep: bool, send: Send, grain_ns: int = 0) -> None:
+    def __init__(self, lockstep: bool, send: Send, uneven_ns: int = 0) -> None:
         self.utc_offset_s: float | None = None
         self._lockstep = lockstep
         self._send = send
-        self._grain_ns = grain_ns
-        self._timing = LinkTiming(NODE, lambda: time.monotonic_ns() + grain_ns)
+        self._uneven = UnevenClock(uneven_ns) if uneven_ns else None
+        self._timing = LinkTiming(NODE, time.monotonic_ns, uneven_ns)
         self._every_ns = round(1e9 / (LOCKSTEP_HZ if lockstep else REALTIME_HZ))
         self._asked_ns: int | None = None
         self._requests: dict[int, int] = {}
@@ -95,7 +133,9 @@ class AutopilotClock:
     def report(self) -> ClockReport:
         """The relation at the end."""
         if not self._lockstep:
-            return self._timing.report()
+            found = self._timing.report()
+            uneven = self._uneven
+            return found if uneven is None else replace(found, steps=uneven.steps, stood_s=uneven.lost_s)
         if self._offset_ns is None:
             return ClockReport(NODE, None, None)
         return ClockReport(NODE, self._offset_ns * 1e-3, 0.0, self._trip_ns * 1e-3, samples=self._samples)
@@ -112,14 +152,14 @@ class AutopilotClock:
             self._recorder.write(self._now_ns(), clock)
 
     def _measured(self, sequence: int, sent_ns: int, node_ns: int) -> ClockExchange | None:
-        """An uneven clock makes an exchange as uncertain as one that took so much longer on both ways."""
-        grain_ns = self._grain_ns
-        clock = self._timing.answered(
-            dialect.MAVLink_xitl_timesync_message(sent_ns - grain_ns, node_ns, node_ns, sequence)
-        )
+        clock = self._timing.answered(dialect.MAVLink_xitl_timesync_message(sent_ns, node_ns, node_ns, sequence))
         if clock is None:
             return None
-        return replace(clock, host_ns=sent_ns, round_trip_s=clock.round_trip_s - 2e-9 * grain_ns)
+        uneven = self._uneven
+        if uneven is None:
+            return clock
+        uneven.add(sent_ns, node_ns, sent_ns + round(clock.round_trip_s * 1e9))
+        return replace(clock, steps=uneven.steps)
 
     def _exchange(self, sequence: int, sent_ns: int, node_ns: int, returned_ns: int) -> ClockExchange:
         self._samples += 1
