@@ -141,6 +141,7 @@ def _logs(group: typer.Typer) -> None:
     group.command("analyze")(logs_analyze.analyze)
     group.command("plot")(logs_analyze.plot)
     group.command("compare")(logs_compare.compare)
+    group.command("repair")(logs.repair)
     group.command("tasks")(logs.tasks)
 
 

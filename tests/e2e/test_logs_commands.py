@@ -13,6 +13,8 @@ import pytest
 from conftest import Xitl, assert_one_line_error, command, environment
 
 from tests.recorded import CALM, MISSION_TLOG
+from xitl_cli.record.mcap_file import McapFile
+from xitl_cli.record.recorder import TopicWriter
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -123,6 +125,34 @@ def test_what_cannot_be_done_is_one_sentence(
 ) -> None:
     assert_one_line_error(logs(*arguments), *words)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("info", "cut.mcap"),
+        ("dump", "cut.mcap", "/truth/state", "--limit", "1"),
+        ("export", "cut.mcap", "/truth/state"),
+        ("plot", "cut.mcap", "/truth/state.position_ned_m"),
+        ("analyze", "cut.mcap", "--section", "vehicle"),
+        ("compare", "cut.mcap", "cut.mcap", "--of-a", "truth", "--of-b", "truth"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_every_command_names_the_repair_of_what_was_never_closed(
+    logs: Run, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    file = McapFile(tmp_path / "run.mcap")
+    topics = TopicWriter(file)
+    for step in range(400):
+        motion = (0.1 * step, 0.05 * step, 0.0), (5.0, 2.5, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+        topics.write("/truth/state", step * 20_000_000, *motion, (0.0, 0.0, 0.0), (0.0, 0.0))
+    file.close()
+    (tmp_path / "cut.mcap").write_bytes((tmp_path / "run.mcap").read_bytes()[:-30])
+    told = logs(*arguments)
+    assert told.returncode == 0, told.stderr
+    assert "never closed by its writer" in " ".join((told.stdout + told.stderr).split())
+    assert "`xitl logs repair`" in told.stdout + told.stderr
 
 
 def test_export(logs: Run, tmp_path: Path) -> None:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.output import quiet_pipe, refuse
+from xitl_cli.commands.output import quiet_pipe, refuse, tell_damage
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
     from xitl_cli.params.vehicle import VehicleFiles
@@ -103,6 +104,7 @@ def dump(
         for text in row_lines(log, tables, Asked(names, condition, span_ns, raw, limit, as_json, _width())):
             sys.stdout.write(text)
             written = True
+        tell_damage(log)
     if not written:
         typer.echo(f"{file}: no row of {', '.join(table.name for table in tables)} matches", err=True)
 
@@ -135,12 +137,41 @@ def export(
         tables = tables_named(log, messages or list(log.tables))
         from_ns, until_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
         done = export_log(log, ExportSelection(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
+        tell_damage(log)
     if as_json:
         typer.echo(json.dumps(done.as_json(), ensure_ascii=False))
         return
     for note in done.notes:
         typer.echo(note, err=True)
     typer.echo(done.sentence)
+
+
+def repair(
+    file: Annotated[Path, typer.Argument(metavar="MCAP", help="A recording that is damaged, or was never closed.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Where it goes (default: <name>-repaired.mcap beside it)."),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a file that is there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Write a recording whole: all that can be read of it, with the indexes that programs seek by.
+
+    For a recording of a run that was killed. Sound chunks, attachments and metadata are copied as they are; what is
+    lost is counted. A file that is whole stays as it is.
+    """
+    from xitl_cli.logs import open_log
+    from xitl_cli.logs.export.repair import repair_log
+    from xitl_cli.logs.report.wording import loss_sentences
+
+    with open_log(file) as log:
+        done = repair_log(log, out, overwrite)
+    if as_json:
+        typer.echo(json.dumps(done.as_json(), ensure_ascii=False))
+        return
+    typer.echo(printable(done.sentence))
+    for sentence in () if done.out is None else loss_sentences(done.health):
+        typer.echo(f"  {printable(sentence)}")
 
 
 def tasks(

@@ -13,6 +13,7 @@ import typer
 
 from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse
 from xitl_cli.errors import UserError
+from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
     from xitl_cli.logs.report.model import Report
@@ -104,6 +105,9 @@ def plot(
     page, refusals = signal_page(files, signals, from_s, until_s, raw=raw)
     html.write_page(page, path)
     typer.echo(str(path))
+    for card in page.cards:
+        if card.degraded:
+            typer.echo(printable(f"{card.name}: degraded: {'; '.join(card.notes)}"), err=True)
     if open_it:
         open_in_browser(path)
     refuse([refusal.sentence for refusal in refusals])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from xitl_cli.commands.output import open_in_browser, quiet_pipe
+from xitl_cli.commands.output import open_in_browser, quiet_pipe, tell_damage
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
 
@@ -93,6 +93,7 @@ def compare(
             armed=armed,
         )
         page = _page(log_a, log_b, found) if report is not None else None
+        tell_damage(*([log_a] if a == b else [log_a, log_b]))
     if tum is not None:
         _write_tum(tum, found)
     if page is not None and report is not None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from xitl_cli.commands.output import quiet_pipe
+from xitl_cli.commands.output import quiet_pipe, tell_damage
 from xitl_cli.errors import UserError
 
 _FORMATS = ("ply", "pcd")
@@ -35,6 +35,7 @@ def map_command(
     with open_log(recording) as log:
         found = measure(log)
         files = written(found, directory, "ply" if kind == "ply" else "pcd")
+        tell_damage(log)
     with quiet_pipe():
         if as_json:
             print(json.dumps({**found.report, "files": [str(file) for file in files]}, allow_nan=False))

@@ -8,11 +8,15 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.model.log import Log
 
 GONE = (errno.EPIPE, errno.EIO)
 """Of what is printed: a reader that left, a terminal that hung up."""
@@ -49,6 +53,16 @@ def refuse(sentences: Sequence[str]) -> None:
         typer.echo(f"error: {printable(sentence)}", err=True)
     if sentences:
         raise UserError(sentences[-1])
+
+
+def tell_damage(*logs: Log) -> None:
+    """A line on stderr for each log of which something is missing or in doubt, and how to mend it."""
+    from xitl_cli.logs.report.wording import damage_sentences
+
+    for log in logs:
+        health = log.health
+        if health.degraded:
+            typer.echo(printable(f"{log.path}: degraded: {'; '.join(damage_sentences(health))}"), err=True)
 
 
 def open_in_browser(page: Path) -> None:

@@ -126,6 +126,11 @@ class Log(ABC):
     def facts(self) -> Mapping[str, str]:
         """What the format itself says (library, profile, seed …), for `xitl logs info`."""
 
+    @property
+    def closed(self) -> bool:
+        """Whether its writer finished it; a format without an end has none that is missing."""
+        return True
+
     @abstractmethod
     def close(self) -> None: ...
 

@@ -160,13 +160,13 @@ def signal_page(
         overview = Overview(modes=state_marks(sources, signals.modes), armed=state_marks(sources, signals.armed))
         cards = tuple(
             FileCard(
-                source.label,
-                (("time line", source.time_line.sentence),),
+                source.label or source.log.path.name,
+                (("time line", source.time_line.sentence),) if source.label else (),
                 damage_sentences(source.log.health),
                 source.log.health.degraded,
             )
             for source in sources
-            if source.label
+            if source.label or source.log.health.degraded
         )
     plots = tuple(
         Plot(f"signals.{unit or 'numbers'}", _title(names_by_unit[unit]), unit, tuple(traces))

@@ -61,6 +61,15 @@ def vehicle_line(sections: Sequence[Section]) -> str:
 
 def damage_sentences(health: LogHealth) -> tuple[str, ...]:
     """Every count that is not 0."""
+    unclosed = (UNCLOSED,) if health.unclosed else ()
+    return (*unclosed, *loss_sentences(health))
+
+
+UNCLOSED = "never closed by its writer: the end may be missing; `xitl logs repair` writes a file that is whole"
+
+
+def loss_sentences(health: LogHealth) -> tuple[str, ...]:
+    """Of what cannot be read."""
     told = []
     if health.damaged:
         where = f", the first at byte {health.damage[0].place} ({health.damage[0].why})" if health.damage else ""
@@ -71,8 +80,6 @@ def damage_sentences(health: LogHealth) -> tuple[str, ...]:
         told.append(f"{plural(health.suspect, 'record')} kept although what follows is damaged")
     if health.truncated_bytes:
         told.append(f"ends within a record: {plural(health.truncated_bytes, 'byte')} of it")
-    if health.unclosed:
-        told.append("never closed by its writer: the end may be missing")
     if health.back_in_time:
         told.append(f"{plural(health.back_in_time, 'row')} stamped earlier than the one before")
     if health.replaced_stamps:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.mcap import records
-from xitl_cli.logs.formats.mcap.index import Chunk, RecordingIndex
+from xitl_cli.logs.formats.mcap.index import LATEST_NS, Chunk, RecordingIndex
 from xitl_cli.logs.formats.mcap.records import ChannelRecord, ChunkHead, MalformedError, SchemaRecord
 from xitl_cli.logs.model.file_bytes import FileReader
 
@@ -78,7 +78,6 @@ def _zstd(data: bytes, size: int) -> tuple[bytes, bool]:
 MESSAGE_OVERHEAD = records.MESSAGE_HEAD.size
 _IN_CHUNKS = (records.SCHEMA, records.CHANNEL, records.MESSAGE)
 _ROWS_AT_ONCE = 100_000
-_LATEST_NS = np.uint64(2**63 - 1)
 _HEAD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
@@ -115,7 +114,7 @@ Fits = Callable[[int, int], bool]
 
 def stamps(times: NDArray[np.uint64]) -> NDArray[np.int64]:
     """Log times, the latest that 64 bits with a sign can hold for those beyond."""
-    return np.minimum(times, _LATEST_NS).astype(np.int64)
+    return np.minimum(times, np.uint64(LATEST_NS)).astype(np.int64)
 
 
 def messages_at(data: bytes, offsets: NDArray[np.int64]) -> tuple[MessageRows, NDArray[np.bool_]]:
@@ -318,6 +317,21 @@ class Chunks:
         rows = self.content(chunk, None).rows if chunk.rows is None else chunk.rows
         return rows.of_channel(channel)
 
+    def is_sound(self, chunk: Chunk) -> bool:
+        """Whether the chunk is all there and its checksum holds; once it was unpacked."""
+        return self._sound.get(chunk.place, False)
+
+    def indexed_offsets(self, chunk: Chunk) -> NDArray[np.int64] | None:
+        """Where its message indexes say that messages begin, increasing; None where one of them is damaged."""
+        found = [np.zeros(0, dtype=np.int64)]
+        places = chunk.index()
+        for channel in places:
+            offsets = self._offsets(chunk, channel, places)
+            if offsets is None:
+                return None
+            found.append(offsets)
+        return np.sort(np.concatenate(found))
+
     def _is_indexed(self, chunk: Chunk, channel: int) -> bool:
         trusted = channel not in self._distrusted and (chunk.place, channel) not in self._misled
         return bool(chunk.index_places) and trusted
@@ -345,7 +359,7 @@ class Chunks:
                 record += self._source.read(chunk.data_place + offset + len(record), 9 + length - len(record))
             payload = record[MESSAGE_OVERHEAD : 9 + length]
             sizes.append(len(payload))
-            stamps.append(min(stamp_ns, 2**63 - 1))
+            stamps.append(min(stamp_ns, LATEST_NS))
             payloads.append(payload)
         self._alone.add((chunk.place, channel))
         rows = MessageRows(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
 
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
@@ -17,6 +18,9 @@ from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
 from xitl_cli.logs.model.table import Table
+
+if TYPE_CHECKING:
+    from xitl_cli.logs.formats.mcap.rewrite import Rewritten
 
 OUR_RECORD = "xitl"
 FRAMES = "xitl_msgs/msg/MavlinkFrame"
@@ -121,6 +125,24 @@ class McapLog(Log):
                 data = self._source.read(attachment.place, attachment.size)
                 return data if len(data) == attachment.size else None
         return None
+
+    @property
+    def closed(self) -> bool:
+        return self._index.closed
+
+    def examine(self) -> bool:
+        """Read everything, so that `health` is complete; whether the file is whole and has an index that holds."""
+        from xitl_cli.logs.formats.mcap.rewrite import examine
+
+        if self._index.summarized:
+            examine(self._index, self._chunks)
+        return self._index.summarized and not self.health.degraded
+
+    def rewrite(self, out: BinaryIO) -> Rewritten:
+        """Write to `out` what can be read of the recording, whole and with its indexes. Raises OSError."""
+        from xitl_cli.logs.formats.mcap.rewrite import rewrite
+
+        return rewrite(self._source, self._index, self._chunks, out)
 
     def frame_tables(self, topic: str) -> Mapping[str, Table]:
         """The messages in the frames of a raw MAVLink topic, by "topic:MESSAGE", decoded at the first call.

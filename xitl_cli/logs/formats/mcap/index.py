@@ -13,6 +13,7 @@ from xitl_cli.logs.formats.mcap.records import (
     ChannelRecord,
     ChunkIndexRecord,
     MalformedError,
+    OtherRecord,
     SchemaRecord,
     StatisticsRecord,
 )
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 MOST_CHUNKS = 1_000_000
 MOST_SCHEMA_BYTES = 64 << 20
 LARGEST_CHUNK = 1 << 30
+LATEST_NS = 2**63 - 1
+"""Of what 64 bits with a sign hold; later stamps, which are damage, count as this."""
+
 _EXPANSION = 256
 
 
@@ -70,7 +74,10 @@ class RecordingLosses(Losses):
 
 @dataclass(slots=True)
 class RecordingIndex:
-    """counts: messages by channel. closed: the writer has finished the file."""
+    """counts: messages by channel. closed: the writer has finished the file. summarized: it has a summary that holds.
+
+    others: metadata and private records.
+    """
 
     profile: str = ""
     library: str = ""
@@ -81,7 +88,9 @@ class RecordingIndex:
     span_ns: tuple[int, int] | None = None
     attachments: list[AttachmentRecord] = field(default_factory=list)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    others: list[OtherRecord] = field(default_factory=list)
     closed: bool = False
+    summarized: bool = False
     losses: RecordingLosses = field(default_factory=RecordingLosses)
     schema_bytes: int = 0
     unpacked_bytes: int = 0
@@ -145,7 +154,7 @@ def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex 
         losses.note(start, 0, "the checksum of the summary does not match")
         return None
     index, entries, statistics = (
-        RecordingIndex(closed=True, losses=losses),
+        RecordingIndex(closed=True, summarized=True, losses=losses),
         list[ChunkIndexRecord](),
         list[StatisticsRecord](),
     )
@@ -157,7 +166,7 @@ def from_summary(source: FileReader, losses: RecordingLosses) -> RecordingIndex 
         return None
     index.counts = {channel: count for channel, count in statistics[-1].counts.items() if count}
     if statistics[-1].messages:
-        index.span_ns = statistics[-1].start_ns, statistics[-1].end_ns
+        index.span_ns = min(statistics[-1].start_ns, LATEST_NS), min(statistics[-1].end_ns, LATEST_NS)
     return index if _add_chunks(index, entries, source, start, bool(crc)) else None
 
 
@@ -204,7 +213,7 @@ def _agree(index: RecordingIndex, entries: list[ChunkIndexRecord], statistics: S
         and sum(counts.values()) == statistics.messages
         and all(channel in index.channels for channel, count in counts.items() if count)
         and all(channel.schema_id in (0, *index.schemas) for channel in index.channels.values())
-        and statistics.start_ns <= statistics.end_ns < 2**63
+        and statistics.start_ns <= statistics.end_ns
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
@@ -35,6 +35,17 @@ class Cursor:
     def text(self) -> str:
         return self.read(self.number(4)).decode("utf-8", "replace")
 
+    def texts(self) -> dict[str, str]:
+        """Texts by name, as metadata are."""
+        end = self.number(4) + self.at
+        if end > len(self.data):
+            raise MalformedError
+        values = {}
+        while self.at < end:
+            key = self.text()
+            values[key] = self.text()
+        return values
+
     def read(self, size: int) -> bytes:
         end = self.at + size
         if end > len(self.data):
@@ -59,16 +70,24 @@ class SchemaRecord:
 
 @dataclass(frozen=True, slots=True)
 class ChannelRecord:
+    """metadata: empty where it cannot be read; what else a channel is does not depend on it."""
+
     id: int
     schema_id: int
     topic: str
     encoding: str
+    metadata: dict[str, str] = field(default_factory=dict, compare=False)
 
     @classmethod
     def parse(cls, body: bytes) -> ChannelRecord:
         cursor = Cursor(body)
         number, schema_id = cursor.number(2), cursor.number(2)
-        return cls(number, schema_id, cursor.text(), cursor.text())
+        topic, encoding = cursor.text(), cursor.text()
+        try:
+            metadata = cursor.texts()
+        except MalformedError:
+            metadata = {}
+        return cls(number, schema_id, topic, encoding, metadata)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,21 +167,35 @@ class StatisticsRecord:
 
 @dataclass(frozen=True, slots=True)
 class AttachmentRecord:
-    """Where the `size` bytes named `name` are."""
+    """Where the `size` bytes named `name` are. record: place and size of all of it, opcode included."""
 
     name: str
     place: int
     size: int
+    record: tuple[int, int]
+    media_type: str
+    log_ns: int
+    create_ns: int
 
     @classmethod
     def parse(cls, begin: bytes, place: int, length: int) -> AttachmentRecord:
         """From the first bytes of an attachment's body. place: of the body in the file."""
-        cursor = Cursor(begin, 16)
-        name, _ = cursor.text(), cursor.text()
+        cursor = Cursor(begin)
+        log_ns, create_ns = cursor.number(8), cursor.number(8)
+        name, media_type = cursor.text(), cursor.text()
         size = cursor.number(8)
         if cursor.at + size + 4 > length:
             raise MalformedError
-        return cls(name, place + cursor.at, size)
+        return cls(name, place + cursor.at, size, (place - 9, length + 9), media_type, log_ns, create_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class OtherRecord:
+    """Where a record is that is metadata, by its name, or a private one, without. size: opcode included."""
+
+    place: int
+    size: int
+    name: str | None
 
 
 def parse_header(body: bytes) -> tuple[str, str]:
@@ -181,12 +214,4 @@ def parse_footer(body: bytes) -> tuple[int, int]:
 
 def parse_metadata(body: bytes) -> tuple[str, dict[str, str]]:
     cursor = Cursor(body)
-    name = cursor.text()
-    end = cursor.number(4) + cursor.at
-    if end > len(body):
-        raise MalformedError
-    values = {}
-    while cursor.at < end:
-        key = cursor.text()
-        values[key] = cursor.text()
-    return name, values
+    return cursor.text(), cursor.texts()

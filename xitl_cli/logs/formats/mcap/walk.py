@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, MessageRows, message_index, scan
 from xitl_cli.logs.formats.mcap.index import LARGEST_CHUNK, MOST_CHUNKS, Chunk, RecordingIndex
-from xitl_cli.logs.formats.mcap.records import AttachmentRecord, ChannelRecord, ChunkHead, MalformedError, SchemaRecord
+from xitl_cli.logs.formats.mcap.records import (
+    AttachmentRecord,
+    ChannelRecord,
+    ChunkHead,
+    MalformedError,
+    OtherRecord,
+    SchemaRecord,
+)
 from xitl_cli.logs.model.file_bytes import FileReader
 
 _SHORTEST = {
@@ -38,6 +45,7 @@ _EXACT = (records.FOOTER, records.DATA_END)
 """Records that later versions of MCAP cannot extend; fields may follow those known here in all others."""
 
 _PRIVATE = 0x80
+_MOST_OTHERS = 100_000
 _CHAIN = 3
 _RECORD = np.dtype([("opcode", "u1"), ("length", "<u8")])
 
@@ -173,9 +181,12 @@ class Walk:
         elif opcode == records.ATTACHMENT:
             begin = self._source.peek(at + 9, min(length, 4096))
             self._index.attachments.append(AttachmentRecord.parse(begin, at + 9, length))
-        elif opcode == records.METADATA and len(self._index.metadata) < 1000:
+        elif opcode == records.METADATA and len(self._index.others) < _MOST_OTHERS:
             name, values = records.parse_metadata(self._body(at, length))
             self._index.metadata.setdefault(name, values)
+            self._index.others.append(OtherRecord(at, stop - at, name))
+        elif opcode >= _PRIVATE and len(self._index.others) < _MOST_OTHERS:
+            self._index.others.append(OtherRecord(at, stop - at, None))
         elif opcode == records.FOOTER and self._source.peek(stop, len(records.MAGIC) + 1) == records.MAGIC:
             return end
         return stop

@@ -1,0 +1,71 @@
+"""A damaged recording, or one that its writer never closed, written whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from xitl_cli.logs.export.files import make_directory, part_of, refuse_present
+from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.formats.mcap.rewrite import Rewritten
+from xitl_cli.logs.model.errors import LogError
+from xitl_cli.logs.model.log import Log, LogHealth
+from xitl_cli.logs.model.text import plural
+
+
+@dataclass(frozen=True, slots=True)
+class RepairResult:
+    """out, written: None for a file that is whole: nothing was written. health: of the file that was read."""
+
+    source: Path
+    out: Path | None
+    written: Rewritten | None
+    health: LogHealth
+
+    @property
+    def sentence(self) -> str:
+        if self.out is None or self.written is None:
+            return f"{self.source}: is whole, nothing to repair; nothing was written"
+        done = self.written
+        parts = [
+            f"{plural(done.messages, 'message')} of {plural(done.topics, 'topic')}",
+            f"{plural(done.chunks, 'chunk')}, {done.rebuilt} of them made anew",
+            plural(done.attachments, "attachment") if done.attachments else "",
+            plural(done.metadata, "metadata record") if done.metadata else "",
+        ]
+        return f"{self.out}: {'; '.join(part for part in parts if part)}"
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "file": str(self.source),
+            "out": None if self.out is None else str(self.out),
+            "written": None if self.written is None else self.written.as_json(),
+            "health": self.health.as_json(),
+        }
+
+
+def repair_log(log: Log, out: Path | None, overwrite: bool) -> RepairResult:
+    """Write all that can be read of a recording to `out`, beside it as `<name>-repaired.mcap` by default.
+
+    Raises LogError for other formats, for a recording of which nothing is left, for an unwritable place and for a file
+    that is there.
+    """
+    if not isinstance(log, McapLog):
+        kind = {"dataflash": "a DataFlash log", "tlog": "a telemetry log"}.get(log.format, "no MCAP recording")
+        raise LogError(
+            f"{log.path}: is {kind}, which has no index or end that could be missing: every command reads on behind "
+            "damage; `xitl logs export` writes what can be read"
+        )
+    path = out or log.path.with_name(f"{log.path.stem}-repaired.mcap")
+    if path.is_dir():
+        path = path / f"{log.path.stem}-repaired.mcap"
+    if log.examine():
+        return RepairResult(log.path, None, None, log.health)
+    if not log.health.records:
+        raise LogError(f"{log.path}: holds no message that can be read; there is nothing to repair")
+    refuse_present([path], overwrite)
+    make_directory(path.parent)
+    with part_of(path, overwrite) as part, part.open("xb") as file:
+        written = log.rewrite(file)
+    return RepairResult(log.path, path, written, log.health)
