@@ -118,7 +118,7 @@ def information(path: Path) -> None:
     """What `xitl logs info` shows."""
     with McapLog(path) as log:
         _ = log.base, log.span_ns, dict(log.facts), log.health
-        _ = {name: len(table) for name, table in log.tables.items()}
+        _ = {name: table.indexed_rows for name, table in log.tables.items()}
 
 
 def topic(path: Path, name: str) -> None:
