@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 
-from agent.bridges.samples import EPOCH_UNIX_S, LEAP_S, InertialSample, Navigation, ReceiverFix
+from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
 from agent.fcu.estimation.position_filter import standard_height_m
+from agent.fcu.gps_time import unix_us
 from agent.fcu.vehicle_state import BarometerMeasurement, MagnetometerMeasurement
 from agent.wire import dialect as mav
 from agent.wire.codec import Message
@@ -42,7 +43,7 @@ def gps_message(fix: ReceiverFix) -> Message:
     north, east, down = fix.vel_ned_mps
     course_deg = math.degrees(math.atan2(east, north)) % 360.0
     message: Message = mav.MAVLink_hil_gps_message(
-        _unix_us(fix.gps_ns), fix.fix_type, round(fix.lat_deg * 1e7), round(fix.lon_deg * 1e7), round(fix.alt_m * 1e3),
+        unix_us(fix.gps_ns), fix.fix_type, round(fix.lat_deg * 1e7), round(fix.lon_deg * 1e7), round(fix.alt_m * 1e3),
         _accuracy_cm(fix.horizontal_accuracy_m), _accuracy_cm(fix.vertical_accuracy_m),
         min(_cmps(math.hypot(north, east)), _UNKNOWN - 1), _cmps(north), _cmps(east), _cmps(down),
         round(course_deg * 100.0) % 36000, fix.satellites,
@@ -58,10 +59,6 @@ def state_message(navigation: Navigation, gyro_frd_radps: tuple[float, float, fl
         *(_cmps(speed) for speed in navigation.vel_ned_mps), 0, 0, 0, 0, 0,
     )  # fmt: skip
     return message
-
-
-def _unix_us(gps_ns: int) -> int:
-    return gps_ns // 1000 + (EPOCH_UNIX_S - LEAP_S) * 1_000_000
 
 
 def _accuracy_cm(accuracy_m: float) -> int:

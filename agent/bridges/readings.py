@@ -6,8 +6,9 @@ import math
 from typing import Callable, Union
 
 from agent.bridges.declination import declination_rad
-from agent.bridges.samples import GpsTime, InertialSample, Navigation, ReceiverFix
+from agent.bridges.samples import InertialSample, Navigation, ReceiverFix
 from agent.fcu.estimation.estimator import Estimator
+from agent.fcu.gps_time import GpsTime
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.wire import dialect as mav

@@ -9,7 +9,7 @@ from typing import Callable
 
 from agent.bridges.injector import Injector, InjectorCounters
 from agent.bridges.vehicle_link import VehicleLink
-from agent.mavlink.commands import FORCE_ARM, StatusTextSender, command_long
+from agent.mavlink.commands import FORCE_DISARM, StatusTextSender, command_long
 from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
@@ -181,7 +181,7 @@ class BridgeRole(Role):
         """The host takes the world away: the autopilot is disarmed, where it still hears."""
         self._running = False
         if self._vehicle.armed:
-            self._vehicle.send(command_long((1, 1), mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE_ARM))
+            self._vehicle.send(command_long((1, 1), mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, FORCE_DISARM))
         neutral = (0.0,) * len(self._outputs.channels)
         last = actuators_message(neutral, False, self._imu_stamp_us, self._imu_received_us, now_ns, self._count)
         waiting, self._waiting = self._waiting, []

@@ -1,4 +1,4 @@
-"""What a simulated navigation unit measures, whoever made it (plain values, SI, FRD and NED), and the date it gives."""
+"""What a simulated navigation unit measures (plain values, SI, FRD and NED), whoever made it."""
 
 from __future__ import annotations
 
@@ -6,42 +6,6 @@ import math
 from typing import NamedTuple
 
 from agent.fcu.vehicle_state import Quaternion, Vector3
-
-SECOND_NS = 1_000_000_000
-WEEK_S = 7 * 86_400
-EPOCH_UNIX_S = 315_964_800  # 1980-01-06 00:00 UTC
-LEAP_S = 18  # by which GPS time is ahead of UTC since 2017
-START_OF_RUNS_S = 2_371 * WEEK_S  # 2025-06-15 00:00 GPS time: the date of runs that have to repeat themselves
-_YEAR_S = 365.2425 * 86_400
-_FIRST_YEAR = 1980.0 + 5.0 / 366.0
-
-
-class GpsTime(NamedTuple):
-    """GPS time of the sensors' clock. zero_ns: at its zero, in nanoseconds since the GPS epoch."""
-
-    zero_ns: int
-
-    def gps_ns(self, stamp_ns: int) -> int:
-        """Nanoseconds since the GPS epoch."""
-        return self.zero_ns + stamp_ns
-
-    def year_at(self, stamp_ns: int) -> float:
-        """Decimal year."""
-        return _FIRST_YEAR + self.gps_ns(stamp_ns) / SECOND_NS / _YEAR_S
-
-    @classmethod
-    def fixed(cls) -> GpsTime:
-        """The same date for every run."""
-        return cls(START_OF_RUNS_S * SECOND_NS)
-
-    @classmethod
-    def from_unix_time(cls, unix_s: float, stamp_ns: int) -> GpsTime:
-        """The date at `stamp_ns` is `unix_s`; the fixed one on a board that does not know its date."""
-        gps_s = unix_s - EPOCH_UNIX_S + LEAP_S
-        if gps_s < START_OF_RUNS_S:
-            return cls.fixed()
-        return cls(round(gps_s * SECOND_NS) - stamp_ns)
-
 
 RANGE_ERROR_M = 1.0  # one sigma of a range in the open, which makes an accuracy of a dilution of precision
 

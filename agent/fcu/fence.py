@@ -16,7 +16,6 @@ CIRCLE_IN, CIRCLE_OUT = 5003, 5004  # MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION, _EXCLU
 FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)
 MOST_ITEMS = 200
 BOUNDARY = 3  # FENCE_BREACH_BOUNDARY
-REPORT, RTL_OR_HOLD, HOLD_ONLY = 0, 1, 2  # FENCE_ACTION; 3 and 4 are 1 and 2 for want of SmartRTL
 CIRCLE_TYPE, AREAS_TYPE = 2, 4  # bits of FENCE_TYPE
 
 Point = tuple[float, float]
@@ -71,6 +70,14 @@ class Fence:
     def enabled(self) -> bool:
         """FENCE_ENABLE."""
         return self._parameters["FENCE_ENABLE"] >= 1.0
+
+    @property
+    def names(self) -> str:
+        """What is watched, in ArduPilot's words."""
+        kinds = int(self._parameters["FENCE_TYPE"])
+        known = ((CIRCLE_TYPE, "Circle"), (AREAS_TYPE, "Polygon"))
+        names = [name for kind, name in known if kinds & kind and (kind == CIRCLE_TYPE or self.items)]
+        return f"{' and '.join(names)} fence{'s' if len(names) > 1 else ''}"
 
     def replace(self, items: Sequence[FenceItem]) -> None:
         """Take a new fence; raises FenceError and keeps the old one when it is none."""

@@ -1,49 +1,164 @@
-"""Missions: items as ArduPilot numbers them, with item 0 the home position, and what makes one acceptable."""
+"""Missions: the items that ArduRover takes, as ArduPilot numbers and names them, with item 0 the home position.
+
+An item is kept as it came, so that it is given back the same; what each command does is in
+`agent.fcu.vehicle.mission_progress` and `mission_actions`.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 WAYPOINT = 16  # MAV_CMD_NAV_WAYPOINT
 LOITER_UNLIMITED = 17  # MAV_CMD_NAV_LOITER_UNLIM
+LOITER_TURNS = 18  # MAV_CMD_NAV_LOITER_TURNS
 LOITER_TIME = 19  # MAV_CMD_NAV_LOITER_TIME
 RETURN_HOME = 20  # MAV_CMD_NAV_RETURN_TO_LAUNCH
+GUIDED_ENABLE = 92  # MAV_CMD_NAV_GUIDED_ENABLE
+DELAY = 93  # MAV_CMD_NAV_DELAY
+CONDITION_DELAY = 112  # MAV_CMD_CONDITION_DELAY
+CONDITION_DISTANCE = 114  # MAV_CMD_CONDITION_DISTANCE
 JUMP = 177  # MAV_CMD_DO_JUMP
 CHANGE_SPEED = 178  # MAV_CMD_DO_CHANGE_SPEED
+SET_HOME = 179  # MAV_CMD_DO_SET_HOME
+SET_SERVO = 183  # MAV_CMD_DO_SET_SERVO
+REPEAT_SERVO = 184  # MAV_CMD_DO_REPEAT_SERVO
+SET_REVERSE = 194  # MAV_CMD_DO_SET_REVERSE
+FENCE_ENABLE = 207  # MAV_CMD_DO_FENCE_ENABLE
+SET_YAW_SPEED = 213  # MAV_CMD_NAV_SET_YAW_SPEED
+AUX_FUNCTION = 218  # MAV_CMD_DO_AUX_FUNCTION
+GUIDED_LIMITS = 222  # MAV_CMD_DO_GUIDED_LIMITS
+JUMP_TAG = 600  # MAV_CMD_JUMP_TAG: the tag
+DO_JUMP_TAG = 601  # MAV_CMD_DO_JUMP_TAG: the jump to it
 MOST_ITEMS = 724  # as ArduRover on a board of 16 KiB of storage
 FOREVER = -1
-_LONGEST_S = 65535.0
+_MOST_ALTITUDE_M = 83000.0
 
-PLACES = (WAYPOINT, LOITER_UNLIMITED, LOITER_TIME)  # items with a position
-LEGS = (*PLACES, RETURN_HOME)  # items to go to
-SUPPORTED = {
-    WAYPOINT: "waypoint",
-    LOITER_UNLIMITED: "loiter",
-    LOITER_TIME: "loiter for a time",
-    RETURN_HOME: "return home",
-    JUMP: "jump",
-    CHANGE_SPEED: "change speed",
+PASSAGES = (WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, RETURN_HOME)  # sailed along a line or a circle
+STAGES = (*PASSAGES, GUIDED_ENABLE, DELAY, SET_YAW_SPEED)  # carried out one after the other
+STAYS = (LOITER_UNLIMITED, LOITER_TIME)
+
+
+class MissionCommand(NamedTuple):
+    """A command that ArduRover takes in a mission.
+
+    name: as ArduPilot's texts have it. parameters: how many count. has_place: whether x, y and z are one. device: what
+    it is for and this vessel does not have.
+    """
+
+    name: str
+    parameters: int = 0
+    has_place: bool = False
+    device: str = ""
+
+
+COMMANDS: Mapping[int, MissionCommand] = {
+    WAYPOINT: MissionCommand("WP", 1, True),
+    LOITER_UNLIMITED: MissionCommand("LoitUnlim", 0, True),
+    LOITER_TURNS: MissionCommand("LoitTurns", 3, True),
+    LOITER_TIME: MissionCommand("LoitTime", 1, True),
+    RETURN_HOME: MissionCommand("RTL"),
+    21: MissionCommand("Land", 1, True),
+    22: MissionCommand("Takeoff", 1, True),
+    30: MissionCommand("ContinueAndChangeAlt", 1, True),
+    31: MissionCommand("LoitAltitude", 2, True),
+    82: MissionCommand("SplineWP", 1, True),
+    83: MissionCommand("AltitudeWait", 3),
+    84: MissionCommand("VTOLTakeoff", 0, True),
+    85: MissionCommand("VTOLLand", 1, True),
+    GUIDED_ENABLE: MissionCommand("GuidedEnable", 1, True),
+    DELAY: MissionCommand("Delay", 4),
+    94: MissionCommand("PayloadPlace", 1, True),
+    CONDITION_DELAY: MissionCommand("CondDelay", 1),
+    CONDITION_DISTANCE: MissionCommand("CondDist", 1),
+    115: MissionCommand("CondYaw", 4),
+    JUMP: MissionCommand("Jump", 2),
+    CHANGE_SPEED: MissionCommand("ChangeSpeed", 2),
+    SET_HOME: MissionCommand("SetHome", 1, True),
+    181: MissionCommand("SetRelay", 2, device="relay"),
+    182: MissionCommand("RepeatRelay", 3, device="relay"),
+    SET_SERVO: MissionCommand("SetServo", 2),
+    REPEAT_SERVO: MissionCommand("RepeatServo", 4),
+    188: MissionCommand("ReturnPathStart", 0, True),
+    189: MissionCommand("LandStart", 0, True),
+    191: MissionCommand("Go Around", 0, True),
+    193: MissionCommand("PauseContinue", 1),
+    SET_REVERSE: MissionCommand("SetReverse", 1),
+    195: MissionCommand("SetROILocation", 1, True, "mount"),
+    197: MissionCommand("SetROINone", 1, device="mount"),
+    201: MissionCommand("SetROI", 1, True, "mount"),
+    202: MissionCommand("DigiCamCfg", 4, device="camera"),
+    203: MissionCommand("DigiCamCtrl", 4, device="camera"),
+    205: MissionCommand("MountControl", 3, device="mount"),
+    206: MissionCommand("SetCamTrigDst", 3, device="camera"),
+    FENCE_ENABLE: MissionCommand("FenceEnable", 1),
+    208: MissionCommand("Parachute", 1, device="parachute"),
+    210: MissionCommand("InvertedFlight", 1),
+    211: MissionCommand("Gripper", 2, device="gripper"),
+    212: MissionCommand("AutoTuneEnable", 1),
+    SET_YAW_SPEED: MissionCommand("SetYawSpd", 3),
+    215: MissionCommand("SetRepeatDist", 1),
+    216: MissionCommand("Sprayer", 1, device="sprayer"),
+    217: MissionCommand("Scripting", 4, device="script"),
+    AUX_FUNCTION: MissionCommand("AuxFunction", 2),
+    GUIDED_LIMITS: MissionCommand("GuidedLimits", 4),
+    223: MissionCommand("EngineControl", 4, device="engine control"),
+    531: MissionCommand("SetCameraZoom", 2, device="camera"),
+    532: MissionCommand("SetCameraFocus", 2, device="camera"),
+    534: MissionCommand("SetCameraSource", 3, device="camera"),
+    JUMP_TAG: MissionCommand("Tag", 1),
+    DO_JUMP_TAG: MissionCommand("JumpToTag", 2),
+    1000: MissionCommand("GimbalPitchYaw", 0, device="mount"),
+    2000: MissionCommand("ImageStartCapture", 4, device="camera"),
+    2001: MissionCommand("ImageStopCapture", 1, device="camera"),
+    2500: MissionCommand("VideoStartCapture", 1, device="camera"),
+    2501: MissionCommand("VideoStopCapture", 1, device="camera"),
+    3000: MissionCommand("VTOLTransition", 1),
+    42600: MissionCommand("Winch", 4, device="winch"),
+    42702: MissionCommand("NavScriptTime", 4, device="script"),
+    42703: MissionCommand("NavAttitudeTime", 4),
 }
+"""What AP_Mission of ArduPilot 4.7 keeps, by number. What is neither a stage nor an action is passed over."""
 
 
 class MissionItem(NamedTuple):
-    """One item; the fields from `speed_mps` on count for the commands that have them.
+    """One item, with MAVLink's param1 to param4 in `parameters`.
 
-    `frame` (MAV_FRAME) says what the altitude is above: 0 mean sea level, 3 home. A boat does not look at it.
-    `hold_s` is how long to stay at a WAYPOINT or LOITER_TIME. A JUMP goes on from item `jump_seq`, `repeats` times or
-    FOREVER.
+    `frame` (MAV_FRAME) says what the altitude is above: 0 mean sea level, 3 home, 10 the ground. A boat does not look
+    at it. Latitude and longitude both zero stand for where the vessel is, as ArduPilot has it.
     """
 
     command: int
     lat_deg: float = 0.0
     lon_deg: float = 0.0
     alt_m: float = 0.0
-    speed_mps: float = 0.0
+    parameters: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     frame: int = 3
-    hold_s: float = 0.0
-    jump_seq: int = 0
-    repeats: int = 0
+
+    @property
+    def name(self) -> str:
+        """As ArduPilot's texts have it."""
+        return COMMANDS[self.command].name
+
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """Latitude and longitude, None for where the vessel is."""
+        return (self.lat_deg, self.lon_deg) if self.lat_deg != 0.0 or self.lon_deg != 0.0 else None
+
+    @property
+    def stay_s(self) -> float:
+        """How long to stay at the place of a WAYPOINT or LOITER_TIME, for ever at that of a LOITER_UNLIMITED."""
+        if self.command == LOITER_UNLIMITED:
+            return math.inf
+        return max(0.0, self.parameters[0]) if self.command in (WAYPOINT, LOITER_TIME) else 0.0
+
+
+class ItemProblem(NamedTuple):
+    """What is wrong with an item. field: 1 to 7 of MAVLink's param1 to z, 0 for the command itself."""
+
+    field: int
+    text: str
 
 
 class MissionError(ValueError):
@@ -52,41 +167,17 @@ class MissionError(ValueError):
 
 def waypoint(lat_deg: float, lon_deg: float, alt_m: float = 0.0, hold_s: float = 0.0) -> MissionItem:
     """Go to a place, and stay there for so long."""
-    return MissionItem(WAYPOINT, lat_deg, lon_deg, alt_m, hold_s=hold_s)
+    return MissionItem(WAYPOINT, lat_deg, lon_deg, alt_m, (hold_s, 0.0, 0.0, 0.0))
 
 
 def change_speed(speed_mps: float) -> MissionItem:
     """The speed over ground of the legs that follow."""
-    return MissionItem(CHANGE_SPEED, speed_mps=speed_mps)
+    return MissionItem(CHANGE_SPEED, parameters=(1.0, speed_mps, -1.0, 0.0))
 
 
 def jump(seq: int, repeats: int) -> MissionItem:
-    """Go on from item `seq`."""
-    return MissionItem(JUMP, jump_seq=seq, repeats=repeats)
-
-
-def mission_item(
-    command: int, parameters: tuple[float, ...], lat_deg: float, lon_deg: float, alt_m: float, frame: int
-) -> MissionItem:
-    """An item from MAVLink's fields, param1 to param4 in `parameters`; to be checked by `item_problem`."""
-    first, second = parameters[0], parameters[1]
-    if command == CHANGE_SPEED:
-        return MissionItem(command, speed_mps=second, frame=frame)
-    if command == JUMP:
-        return MissionItem(command, jump_seq=_whole(first), repeats=_whole(second, FOREVER - 1), frame=frame)
-    if command == RETURN_HOME:
-        return MissionItem(command, frame=frame)
-    hold_s = first if command in (WAYPOINT, LOITER_TIME) and not math.isnan(first) else 0.0
-    return MissionItem(command, lat_deg, lon_deg, alt_m, frame=frame, hold_s=hold_s)
-
-
-def item_parameters(item: MissionItem) -> tuple[float, float, float, float]:
-    """MAVLink's param1 to param4 of an item."""
-    if item.command == CHANGE_SPEED:
-        return 1.0, item.speed_mps, -1.0, 0.0  # speed over ground, throttle unchanged
-    if item.command == JUMP:
-        return float(item.jump_seq), float(item.repeats), 0.0, 0.0
-    return item.hold_s, 0.0, 0.0, 0.0
+    """Go on from item `seq`, `repeats` times or FOREVER."""
+    return MissionItem(JUMP, parameters=(float(seq), float(repeats), 0.0, 0.0))
 
 
 class MissionSequence(NamedTuple):
@@ -95,15 +186,22 @@ class MissionSequence(NamedTuple):
     items: tuple[MissionItem, ...] = ()
 
     def waypoints(self) -> tuple[int, ...]:
-        """Sequence numbers of the items to go to."""
-        return tuple(seq for seq, item in enumerate(self.items) if seq > 0 and item.command in LEGS)
+        """Sequence numbers of the stages: the items to go to, to stay at or to turn at."""
+        return tuple(seq for seq, item in enumerate(self.items) if seq > 0 and item.command in STAGES)
 
     def next_waypoint(self, seq: int) -> int | None:
-        """The first item to go to at or after `seq`, not counting home and jumps."""
+        """The first stage at or after `seq`, not counting home and jumps."""
         for candidate in range(max(seq, 1), len(self.items)):
-            if self.items[candidate].command in LEGS:
+            if self.items[candidate].command in STAGES:
                 return candidate
         return None
+
+    def tagged(self, tag: int) -> int:
+        """The first item with this tag, 0 for none."""
+        for seq, item in enumerate(self.items):
+            if seq > 0 and item.command == JUMP_TAG and int(item.parameters[0]) == tag:
+                return seq
+        return 0
 
 
 def make_mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> MissionSequence:
@@ -111,38 +209,25 @@ def make_mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> MissionS
     if len(items) > MOST_ITEMS:
         raise MissionError(f"mission has {len(items)} items; at most {MOST_ITEMS} fit")
     for seq, item in enumerate(items):
-        problem = item_problem(item, len(items))
+        problem = item_problem(item)
         if problem and seq > 0:
-            raise MissionError(f"mission item {seq}: {problem}")
+            raise MissionError(f"mission item {seq}: {problem.text}")
     return MissionSequence(tuple(items) if len(items) > 1 else ())
 
 
-def item_problem(item: MissionItem, count: int = MOST_ITEMS) -> str:
-    """What is wrong with an item of a mission of `count`, or nothing.
-
-    Latitude and longitude both zero, which some tools send for "here", are refused but for loitering: a boat would
-    leave for the Gulf of Guinea.
-    """
-    if item.command in PLACES:
-        if item.lat_deg == 0.0 and item.lon_deg == 0.0:
-            if item.command == WAYPOINT:
-                return "position 0, 0 is not set"
-        elif not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):
-            return f"position {item.lat_deg:g}, {item.lon_deg:g} is not on Earth; use degrees"
-        if not abs(item.alt_m) < 1e5:
-            return f"altitude {item.alt_m:g} m is not one; use 0"
-        return "" if 0.0 <= item.hold_s <= _LONGEST_S else f"time {item.hold_s:g} s; use 0 to {_LONGEST_S:g}"
-    if item.command == CHANGE_SPEED:
-        return "" if 0.0 < item.speed_mps <= 100.0 else f"speed {item.speed_mps:g} m/s; use more than 0, at most 100"
-    if item.command == JUMP:
-        if not 1 <= item.jump_seq < count:
-            return f"jump to item {item.jump_seq}; use 1 to {count - 1}"
-        return "" if FOREVER <= item.repeats <= 32767 else f"jump {item.repeats} times; use up to 32767, or -1 for ever"
-    if item.command == RETURN_HOME:
-        return ""
-    supported = ", ".join(f"{command} ({name})" for command, name in SUPPORTED.items())
-    return f"command {item.command} is not supported; use {supported}"
-
-
-def _whole(value: float, otherwise: int = -1) -> int:
-    return int(value) if math.isfinite(value) and value == int(value) and abs(value) < 1e6 else otherwise
+def item_problem(item: MissionItem) -> ItemProblem | None:
+    """What is wrong with an item, or nothing: what ArduRover refuses, less NaN in parameters that do not count."""
+    command = COMMANDS.get(item.command)
+    if command is None:
+        return ItemProblem(0, f"command {item.command} is not supported; use those of ArduRover's missions")
+    for number, value in enumerate(item.parameters, start=1):
+        if math.isinf(value) or (math.isnan(value) and number <= command.parameters):
+            return ItemProblem(number, f"parameter {number} of {command.name} is {value:g}; use a number")
+    if not command.has_place:
+        return None
+    for field, value, limit in ((5, item.lat_deg, 90.0), (6, item.lon_deg, 180.0)):
+        if not abs(value) <= limit:
+            return ItemProblem(field, f"position {item.lat_deg:g}, {item.lon_deg:g} is not on Earth; use degrees")
+    if not abs(item.alt_m) < _MOST_ALTITUDE_M:
+        return ItemProblem(7, f"altitude {item.alt_m:g} m is not one; use 0")
+    return None

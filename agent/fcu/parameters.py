@@ -68,6 +68,9 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("ATC_STR_RAT_MAX", 30.0, 1.0, 360.0, "deg/s", "largest desired turn rate"),
     Parameter("ATC_STR_RAT_P", 0.6, 0.0, 10.0, "s/rad", "turn rate proportional gain"),
     Parameter("ATC_TURN_MAX_G", 0.15, 0.01, 1.0, "g", "largest lateral acceleration in a turn"),
+    Parameter("CIRC_DIR", 0, 0, 1, "", "CIRCLE: 0 clockwise, 1 counterclockwise", INT8),
+    Parameter("CIRC_RADIUS", 20.0, 0.0, 100.0, "m", "radius of CIRCLE, no less than TURN_RADIUS"),
+    Parameter("CIRC_SPEED", 0.0, 0.0, 10.0, "m/s", "speed of CIRCLE, 0 for WP_SPEED"),
     Parameter("COMPASS_DEC", 0.0, -math.pi, math.pi, "rad", "magnetic declination, east positive"),
     Parameter("COMPASS_OFS_X", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, forward"),
     Parameter("COMPASS_OFS_Y", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),
@@ -83,12 +86,16 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("EK3_VELD_M_NSE", 0.3, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),
     Parameter("EK3_VELNE_M_NSE", 0.1, 0.01, 5.0, "m/s", "least horizontal GNSS velocity noise"),
     Parameter("EK3_VEL_I_GATE", 500.0, 100.0, 5000.0, "", "velocity innovation gate, hundredths of sigma", INT16),
-    Parameter("FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 or 3 RTL or HOLD, 2 or 4 HOLD", INT8),
+    Parameter(
+        "FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 RTL, 2 HOLD, 3 SMART_RTL or RTL, 4 SMART_RTL", INT8
+    ),
     Parameter("FENCE_ENABLE", 0, 0, 1, "", "1 watches the fence", INT8),
     Parameter("FENCE_MARGIN", 2.0, 0.0, 100.0, "m", "GUIDED keeps so far inside; a breach is over so far inside"),
     Parameter("FENCE_RADIUS", 300.0, 1.0, 10000.0, "m", "circle around home to stay in"),
     Parameter("FENCE_TYPE", 6, 0, 7, "", "sum of: 2 circle around home, 4 polygons and circles drawn", INT8),
-    Parameter("FS_ACTION", 2, 0, 6, "", "0 none, 1 or 3 RTL or HOLD, 2 or 4 HOLD, 5 disarm, 6 LOITER or HOLD", INT8),
+    Parameter(
+        "FS_ACTION", 2, 0, 6, "", "0 none, 1 RTL, 2 HOLD, 3 SMART_RTL or RTL, 4 SMART_RTL, 5 disarm, 6 LOITER", INT8
+    ),
     Parameter("FS_EKF_ACTION", 1, 0, 2, "", "estimate bad while steering by it: 0 nothing, 1 HOLD, 2 report", INT8),
     Parameter("FS_EKF_THRESH", 0.8, 0.0, 10.0, "", "test ratio of GNSS or compass that counts as bad, 0 for none"),
     Parameter(
@@ -118,7 +125,10 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("RCMAP_THROTTLE", 3, 1, RC_CHANNELS, "", "RC channel of the throttle stick", INT8),
     Parameter("RC_OVERRIDE_TIME", 3.0, -1.0, 120.0, "s", "RC overrides hold for so long, 0 never, -1 until released"),
     Parameter("RTL_SPEED", 0.0, 0.0, 100.0, "m/s", "speed over ground on the way home, 0 for WP_SPEED"),
+    Parameter("SIMPLE_TYPE", 0, 0, 1, "", "SIMPLE counts headings from: 0 the heading at arming, 1 north", INT8),
     Parameter("SPEED_MAX", 0.0, 0.0, 30.0, "m/s", "speed at full throttle stick, 0 for what CRUISE_THROTTLE says"),
+    Parameter("SRTL_ACCURACY", 2.0, 0.0, 10.0, "m", "SMART_RTL: least distance between the places of its path"),
+    Parameter("SRTL_POINTS", 300, 0, 500, "", "SMART_RTL: most places of its path, 0 for no SMART_RTL", INT16),
     Parameter("SYSID_MYGCS", 255, 0, 255, "", "the ground station whose silence counts, 0 for any", INT16),
     Parameter("TURN_RADIUS", 3.0, 0.1, 100.0, "m", "tightest turn under way, at full steering stick in STEERING"),
     Parameter("WP_RADIUS", 2.0, 0.1, 100.0, "m", "distance at which a waypoint counts as reached"),

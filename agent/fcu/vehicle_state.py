@@ -82,6 +82,13 @@ class Actuators(NamedTuple):
     failsafe: bool = False
 
 
+class ArmingProblem(NamedTuple):
+    """Why the vessel is not to be armed. check: the part that is checked; text: ArduPilot's words for it."""
+
+    check: str
+    text: str
+
+
 @dataclass
 class VehicleState:
     """What the parts of the autopilot share. It is changed by `Autopilot` alone.

@@ -8,7 +8,7 @@ from typing import Any, Callable, NamedTuple
 from agent.mavlink.exchange import Messages, Request, Target, Timer, text_of
 from agent.wire import dialect as mav
 
-FORCE_ARM = 21196  # param2 of COMPONENT_ARM_DISARM: without the checks, or in motion
+FORCE_ARM, FORCE_DISARM = 2989, 21196  # param2 of COMPONENT_ARM_DISARM; ArduPilot arms by either
 TEXT_BYTES = 50
 _MOST_CHUNKS = 254
 _RELEASES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}  # by FIRMWARE_VERSION_TYPE

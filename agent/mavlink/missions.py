@@ -12,10 +12,15 @@ from agent.wire.codec import came_as_mavlink1
 REPEAT_NS = 500_000_000
 RETRIES = 5
 MISSION, FENCE, RALLY, ALL = 0, 1, 2, 255  # MAV_MISSION_TYPE
+GUIDED_TARGET, GUIDED_ALTITUDE = 2, 3  # `current` of an item that is no part of a mission, as ArduPilot takes it
+_PLAIN_XY = (202, 203, 1000, 42702, 42703)  # commands whose x and y are numbers, not a place
 
 
 class PlanItem(NamedTuple):
-    """MISSION_ITEM and MISSION_ITEM_INT in one form; any values are possible. `frame` is a MAV_FRAME."""
+    """MISSION_ITEM and MISSION_ITEM_INT in one form; any values are possible. `frame` is a MAV_FRAME.
+
+    Latitude and longitude are x and y of MISSION_ITEM_INT / 1e7, also of a command that has no place.
+    """
 
     seq: int
     frame: int
@@ -28,16 +33,17 @@ class PlanItem(NamedTuple):
 
 def plan_item(m: Any) -> PlanItem:
     """From either message."""
-    scale = 1e7 if m.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT else 1.0
+    scale = 1e7 if m.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_ITEM_INT or m.command in _PLAIN_XY else 1.0
     return PlanItem(m.seq, m.frame, m.command, (m.param1, m.param2, m.param3, m.param4), m.x / scale, m.y / scale, m.z)
 
 
 def item_message(target: Target, item: PlanItem, current: bool, mission_type: int = MISSION, whole: bool = True) -> Any:
     """MISSION_ITEM_INT of an item, or MISSION_ITEM when not `whole`."""
     head = (*target, item.seq, item.frame, item.command, int(current), 1, *item.parameters)
-    if not whole:
-        return mav.MAVLink_mission_item_message(*head, item.lat_deg, item.lon_deg, item.alt_m, mission_type)
     lat, lon = round(item.lat_deg * 1e7), round(item.lon_deg * 1e7)
+    if not whole:
+        place = (lat, lon) if item.command in _PLAIN_XY else (item.lat_deg, item.lon_deg)
+        return mav.MAVLink_mission_item_message(*head, *place, item.alt_m, mission_type)
     return mav.MAVLink_mission_item_int_message(*head, lat, lon, item.alt_m, mission_type)
 
 
@@ -174,7 +180,7 @@ class MissionDownload:
 
 
 class RefusedItem(NamedTuple):
-    """Why an item is not taken: a MAV_MISSION_RESULT and a sentence."""
+    """Why an item is not taken: a MAV_MISSION_RESULT and a sentence, empty when it is said already."""
 
     result: int
     problem: str
@@ -236,7 +242,8 @@ class MissionServer:
 
     A new plan replaces the old one only when its last item has arrived and the whole is accepted; an item that does not
     come is asked for again. There is no rally point: such a plan is always empty. warn: hears why something is refused.
-    set_current: goes on from an item of the mission and returns what that is answered by.
+    set_current: goes on from an item of the mission and returns what that is answered by. guide: goes to the place of
+    an item that is a target for GUIDED, or says why not.
     """
 
     def __init__(
@@ -244,10 +251,12 @@ class MissionServer:
         plans: Mapping[int, Plan],
         warn: Callable[[str], object],
         set_current: Callable[[int, int], Messages],
+        guide: Callable[[PlanItem], RefusedItem | None],
     ) -> None:
         self._plans = plans
         self._warn = warn
         self._set_current = set_current
+        self._guide = guide
         self._upload: _IncomingPlan | None = None
         self._finished: tuple[Target, int, int] | None = None  # sender, type and last item of the last upload
         self.handlers: dict[int, Callable[[Any, int], Messages]] = {
@@ -321,6 +330,8 @@ class MissionServer:
         upload, plan = self._upload, self._plans.get(mission_type)
         if plan is None:
             return [_ack(message, mav.MAV_MISSION_UNSUPPORTED)]
+        if mission_type == MISSION and message.current in (GUIDED_TARGET, GUIDED_ALTITUDE):
+            return [_ack(message, self._on_guided(message))]
         if upload is None:
             repeated = self._finished == (sender, mission_type, message.seq)  # the acknowledgement was lost
             if not repeated:
@@ -347,6 +358,17 @@ class MissionServer:
         result = self._store(mission_type, [*upload.before, *upload.items, *upload.after], in_part=upload.first > 0)
         self._finished = (sender, mission_type, message.seq) if result == mav.MAV_MISSION_ACCEPTED else None
         return [_ack(message, result)]
+
+    def _on_guided(self, message: Any) -> int:
+        """A change of altitude is acknowledged, and is nothing to a boat."""
+        if message.current == GUIDED_ALTITUDE:
+            return int(mav.MAV_MISSION_ACCEPTED)
+        refused = self._guide(plan_item(message))
+        if refused is None:
+            return int(mav.MAV_MISSION_ACCEPTED)
+        if refused.problem:
+            self._warn(f"Guided target refused: {refused.problem}")
+        return refused.result
 
     def _store(self, mission_type: int, items: list[Any], in_part: bool = False) -> int:
         plan = self._plans[mission_type]

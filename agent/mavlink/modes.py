@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 CUSTOM_MODE_ENABLED = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 
-MANUAL, ACRO, STEERING, HOLD, LOITER, AUTO, RTL, GUIDED = 0, 1, 3, 4, 5, 10, 11, 15
+MANUAL, ACRO, STEERING, HOLD, LOITER, SIMPLE, CIRCLE, AUTO, RTL, SMART_RTL, GUIDED = 0, 1, 3, 4, 5, 7, 9, 10, 11, 12, 15
 
 ROVER_MODES: Mapping[int, str] = {
     MANUAL: "MANUAL",
@@ -21,12 +21,12 @@ ROVER_MODES: Mapping[int, str] = {
     HOLD: "HOLD",
     LOITER: "LOITER",
     6: "FOLLOW",
-    7: "SIMPLE",
+    SIMPLE: "SIMPLE",
     8: "DOCK",
-    9: "CIRCLE",
+    CIRCLE: "CIRCLE",
     AUTO: "AUTO",
     RTL: "RTL",
-    12: "SMART_RTL",
+    SMART_RTL: "SMART_RTL",
     GUIDED: "GUIDED",
     16: "INITIALISING",
 }

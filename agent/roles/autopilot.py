@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Callable
 
@@ -68,6 +69,7 @@ class AutopilotRole(Role):
         self._hub = self._channel.hub
         if self._stored_logs is not None:
             self._hub.logs = self._stored_logs
+        self._hub.unix_s = None if lockstep else time.time
         self._autopilot = self._channel.autopilot
         self._control_and_allocate = self._autopilot.control
         self._log_outbox: Outbox | None = None

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agent.fcu.fence import FenceItem
-from agent.fcu.mission import MissionError, MissionItem, make_mission
+from agent.fcu.mission import CHANGE_SPEED, JUMP, MissionError, MissionItem, make_mission
 from agent.fcu.parameters import ParameterError
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import ERROR, WARNING
 
-FORMAT = 1
+FORMAT = 2
+_FORMATS = (1, 2)  # 1 kept of a mission's items what counted
 
 
 class StorageError(ValueError):
@@ -149,11 +150,11 @@ def _read(path: Path) -> _Contents:
         raise StorageError(f"{path}: cannot be read ({error}); check the path") from None
     try:
         document = json.loads(text)
-        if document["format"] != FORMAT:
+        if document["format"] not in _FORMATS:
             raise StorageError(f"{path}: has format {document['format']}, this release reads {FORMAT}; move it away")
         return _Contents(
             {str(name): float(value) for name, value in document["parameters"].items()},
-            tuple(_item(MissionItem, fields) for fields in document["mission"]),
+            tuple(_mission_item(fields) for fields in document["mission"]),
             tuple(_item(FenceItem, fields) for fields in document["fence"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -163,7 +164,17 @@ def _read(path: Path) -> _Contents:
         raise StorageError(f"{path}: is no storage file ({reason}); move it away to start afresh") from None
 
 
+def _mission_item(fields: Any) -> MissionItem:
+    """An item of either format; the first kept each command's own fields instead of its parameters."""
+    command = int(fields["command"])
+    lat_deg, lon_deg, alt_m = (float(fields.get(name, 0.0)) for name in ("lat_deg", "lon_deg", "alt_m"))
+    named = {CHANGE_SPEED: ("", "speed_mps"), JUMP: ("jump_seq", "repeats")}.get(command, ("hold_s", ""))
+    first, second, third, fourth = fields.get("parameters", (*(fields.get(name, 0.0) for name in named), 0.0, 0.0))
+    parameters = (float(first), float(second), float(third), float(fourth))
+    return MissionItem(command, lat_deg, lon_deg, alt_m, parameters, int(fields.get("frame", 3)))
+
+
 def _item(kind: Any, fields: Any) -> Any:
     """A NamedTuple of numbers, each of the type of its field."""
-    whole = {"command", "frame", "jump_seq", "repeats", "vertex_count"}
+    whole = {"command", "vertex_count"}
     return kind(**{name: int(value) if name in whole else float(value) for name, value in fields.items()})

@@ -32,6 +32,7 @@ class GuidanceGains(NamedTuple):
     deceleration_mps2: float
     lateral_acceleration_mps2: float
     turn_rate_radps: float
+    turn_radius_m: float
     loiter_radius_m: float
     loiter_per_s: float
     loiter_type: int
@@ -47,6 +48,7 @@ class GuidanceGains(NamedTuple):
             deceleration_mps2=p["ATC_DECEL_MAX"],
             lateral_acceleration_mps2=p["ATC_TURN_MAX_G"] * _GRAVITY_MPS2,
             turn_rate_radps=math.radians(p["ATC_STR_RAT_MAX"]),
+            turn_radius_m=p["TURN_RADIUS"],
             loiter_radius_m=p["LOIT_RADIUS"],
             loiter_per_s=p["LOIT_SPEED_GAIN"],
             loiter_type=int(p["LOIT_TYPE"]),
@@ -130,6 +132,11 @@ def follow_leg(
     reached = distance_m <= gains.radius_m or to_go_m <= 0.0
     output = GuidanceOutput(wrap_angle(heading_rad), allowed_mps, cross_m, distance_m, bearing_rad, reached)
     return GuidanceState(integral_s), output
+
+
+def turned_about(output: GuidanceOutput) -> GuidanceOutput:
+    """The same way, stern first."""
+    return output._replace(heading_rad=wrap_angle(output.heading_rad + math.pi), speed_mps=-output.speed_mps)
 
 
 def carry_integral(state: GuidanceState, turn_rad: float) -> GuidanceState:
@@ -245,6 +252,60 @@ class PointTransit:
         )
         self.arrived = output.reached
         return output
+
+
+class CircleTransit:
+    """Onto a circle around a place and around it, clockwise or not.
+
+    radius_m: no less than TURN_RADIUS. speed_mps: what the lateral acceleration and the turn rate allow there.
+    turned_rad: how far around since it was reached.
+    """
+
+    def __init__(self, gains: GuidanceGains, lat_deg: float, lon_deg: float, radius_m: float, clockwise: bool) -> None:
+        self.lat_deg = lat_deg
+        self.lon_deg = lon_deg
+        self.radius_m = max(radius_m, gains.turn_radius_m)
+        self.speed_mps = min(
+            math.sqrt(gains.lateral_acceleration_mps2 * self.radius_m), gains.turn_rate_radps * self.radius_m
+        )
+        self.turned_rad = 0.0
+        self._sense = 1.0 if clockwise else -1.0
+        self._integral_s = 0.0
+        self._angle_rad: float | None = None  # of the vessel seen from the centre, once it is on the circle
+
+    def steer(
+        self,
+        gains: GuidanceGains,
+        frame: LocalProjection,
+        pos_ne_m: tuple[float, float],
+        yaw_rad: float,
+        speed_mps: float,
+        desired_mps: float,
+        dt_s: float,
+    ) -> GuidanceOutput:
+        """Heading and speed: the tangent, turned toward the circle by line of sight as `follow_leg` does to a line."""
+        north_m, east_m = frame.to_local(self.lat_deg, self.lon_deg)
+        north_m, east_m = pos_ne_m[0] - north_m, pos_ne_m[1] - east_m
+        distance_m = math.hypot(north_m, east_m)
+        angle_rad = math.atan2(east_m, north_m) if distance_m > 0.0 else yaw_rad
+        outside_m = distance_m - self.radius_m
+        lookahead_m, kappa_mps = min(gains.lookahead_m, self.radius_m), gains.kappa_mps
+        aim_m = outside_m + kappa_mps * self._integral_s
+        if self._angle_rad is not None:
+            self.turned_rad += self._sense * wrap_angle(angle_rad - self._angle_rad)
+            self._angle_rad = angle_rad
+            if kappa_mps > 0.0 and speed_mps > _LEAST_SPEED_MPS:
+                grown_s = dt_s * lookahead_m * outside_m / (lookahead_m * lookahead_m + aim_m * aim_m)
+                limit_s = _CRAB_LIMIT * lookahead_m / kappa_mps
+                self._integral_s = min(max(self._integral_s + grown_s, -limit_s), limit_s)
+        elif abs(outside_m) <= gains.radius_m:
+            self._angle_rad = angle_rad
+        heading_rad = wrap_angle(angle_rad + self._sense * (0.5 * math.pi + math.atan(aim_m / lookahead_m)))
+        allowed_mps = _turning_speed_mps(
+            gains, abs(wrap_angle(heading_rad - yaw_rad)), min(desired_mps, self.speed_mps)
+        )
+        bearing_rad = wrap_angle(angle_rad + math.pi)
+        return GuidanceOutput(heading_rad, allowed_mps, -self._sense * outside_m, abs(outside_m), bearing_rad, False)
 
 
 class CourseOverGround:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from agent.fcu.parameters import RC_CHANNELS, Parameters
+from agent.fcu.vehicle_state import ArmingProblem
 
 CHANNELS = 18
 NONE = (0,) * CHANNELS
@@ -109,13 +110,13 @@ class ManualControl:
         """Deflections; centred where nobody overrides."""
         return Sticks(self._deflection(self._steering, now_ns), self._deflection(self._throttle, now_ns))
 
-    def problems(self, now_ns: int) -> list[str]:
-        """Sticks that are not centred, by channel."""
-        found = []
-        for name, index in (("steering", self._steering), ("throttle", self._throttle)):
-            if self._deflection(index, now_ns) != 0.0:
-                found.append(f"RC: {name} (RC{index + 1}) is not neutral")
-        return found
+    def problems(self, now_ns: int) -> list[ArmingProblem]:
+        """Sticks that are not centred, by channel; steering is on the roll channel."""
+        return [
+            ArmingProblem("RC", f"{name} (RC{index + 1}) is not neutral")
+            for name, index in (("Roll", self._steering), ("Throttle", self._throttle))
+            if self._deflection(index, now_ns) != 0.0
+        ]
 
     def _deflection(self, index: int, now_ns: int) -> float:
         width_us = self._width_us(index, now_ns)

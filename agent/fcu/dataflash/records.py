@@ -10,7 +10,7 @@ from agent.fcu.control.manual_control import Sticks
 from agent.fcu.dataflash.format import FORMATS
 from agent.fcu.estimation.position_filter import InnovationRatios
 from agent.fcu.geodetic import Home, LocalProjection
-from agent.fcu.mission import MissionItem, item_parameters
+from agent.fcu.mission import MissionItem
 from agent.fcu.vehicle_state import (
     Actuators,
     BarometerMeasurement,
@@ -154,7 +154,7 @@ def position_mark(now_us: int, kind: int, lat_deg: float, lon_deg: float, alt_m:
 def mission_item(name: str, now_us: int, seq: int, total: int, item: MissionItem) -> bytes:
     """CMD or MISE."""
     place = (item.lat_deg, item.lon_deg, item.alt_m, item.frame)
-    return FORMATS[name].pack(now_us, total, seq, item.command, *item_parameters(item), *place)
+    return FORMATS[name].pack(now_us, total, seq, item.command, *item.parameters, *place)
 
 
 def task(now_us: int, index: int, stats: TaskStats) -> bytes:

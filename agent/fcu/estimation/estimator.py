@@ -35,6 +35,7 @@ from agent.fcu.estimation.position_filter import PRESSURE_RANGE_PA, BarometerHei
 from agent.fcu.geodetic import STANDARD_GRAVITY_MPS2, LocalProjection, normal_gravity_mps2
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle_state import (
+    ArmingProblem,
     BarometerMeasurement,
     GnssMeasurement,
     ImuMeasurement,
@@ -114,7 +115,7 @@ class Estimator:
         self._fix_arrived_ns = 0  # by the newest IMU stamp then, since a fix may be late by any time
         self._fix_used_ns: int | None = None
         self._fix_seen_ns: int | None = None
-        self._fix_usable = False
+        self._fix_problem = "GPS 1: Bad fix"
         self._origin_fixes: list[tuple[float, float, float]] = []
         self._heading_ns: int | None = None
         self._heading_used_ns: int | None = None
@@ -212,13 +213,16 @@ class Estimator:
         if state is None:
             return True
         self._fix_seen_ns = sample.stamp_ns
-        self._fix_usable = (
-            sample.fix_type >= 3
-            and sample.satellites >= self._least_satellites
-            and sample.horizontal_accuracy_m <= _ACCURACY_LIMIT_M
-        )
+        self._fix_problem = ""
+        if sample.fix_type < 3:
+            self._fix_problem = "GPS 1: Bad fix"
+        elif sample.satellites < self._least_satellites:
+            self._fix_problem = f"AHRS: GPS numsats {sample.satellites} (needs {self._least_satellites:g})"
+        elif not sample.horizontal_accuracy_m <= _ACCURACY_LIMIT_M:
+            accuracy_m = sample.horizontal_accuracy_m
+            self._fix_problem = f"AHRS: GPS horiz error {accuracy_m:.1f}m (needs {_ACCURACY_LIMIT_M:.1f})"
         then = self._history.state_at(sample.stamp_ns)
-        if then is not None and self._fix_usable:
+        if then is not None and not self._fix_problem:
             self._fuse_fix(then, sample)
         return True
 
@@ -237,9 +241,9 @@ class Estimator:
             first_lon = self._origin_fixes[0][1]
             lat, lon, alt = (sum(column) / _ORIGIN_FIXES for column in zip(*self._origin_fixes))
             # A mean across the date line would lie on the other side of the Earth.
-            self.frame = LocalProjection(lat, lon if abs(lon - first_lon) < 1.0 else first_lon, alt)
-            self._gravity_mps2 = normal_gravity_mps2(lat)
+            self._count_from(lat, lon if abs(lon - first_lon) < 1.0 else first_lon, alt)
         frame = self.frame
+        assert frame is not None
         north, east = frame.to_local(sample.lat_deg, sample.lon_deg)
         late_s = (sample.stamp_ns - then.stamp_ns) * 1e-9
         pos_innovation = (
@@ -405,30 +409,41 @@ class Estimator:
             self.position_valid(),
         )
 
-    def problems(self) -> tuple[str, ...]:
-        """Why the estimate is not to be armed on, each by name; empty when it is ready."""
+    def problems(self) -> tuple[ArmingProblem, ...]:
+        """Why the estimate is not to be armed on; empty when it is ready."""
         state = self._state
         if state is None:
-            return ("AHRS: levelling",)
+            return (ArmingProblem("AHRS", "AHRS: EKF3 not started"),)
         found = []
-        now_ns = state.stamp_ns
+        now_ns, ratios = state.stamp_ns, self._filter.ratios
         if now_ns - self._levelled_ns < _SETTLE_NS:
-            found.append("AHRS: settling")
+            found.append(ArmingProblem("AHRS", "AHRS: Not healthy"))
         if self._heading_ns is None or now_ns - self._heading_ns > _SECOND_NS:
-            found.append("Compass: no data")
-        elif self._filter.ratios.heading > 1.0:
-            found.append("Compass: inconsistent with gyro")
+            found.append(ArmingProblem("Compass", "Compass not healthy"))
+        elif ratios.heading > 1.0:
+            found.append(ArmingProblem("Compass", f"AHRS: Mag yaw error x={ratios.heading:.1f}"))
         if self._fix_seen_ns is None or now_ns - self._fix_seen_ns > 2 * _SECOND_NS:
-            found.append("GPS: no data")
-        elif not self._fix_usable:
-            found.append("GPS: no usable fix")
+            found.append(ArmingProblem("GPS", "GPS 1: Bad fix"))
+        elif self._fix_problem:
+            found.append(ArmingProblem("GPS", self._fix_problem))
         elif not self.position_valid():
-            found.append("EKF: no position")
-        elif max(self._filter.ratios[:3]) > 1.0:
-            found.append("EKF: GPS innovations too large")
+            found.append(ArmingProblem("EKF", "Need Position Estimate"))
+        elif max(ratios[:3]) > 1.0:
+            found.append(ArmingProblem("EKF", "AHRS: EKF3 core 0 unhealthy"))
         if self._barometer.stamp_ns is None or now_ns - self._barometer.stamp_ns > _SECOND_NS:
-            found.append("Baro: no data")
+            found.append(ArmingProblem("Baro", "Baro: not healthy"))
         return tuple(found)
+
+    def set_origin(self, lat_deg: float, lon_deg: float, alt_m: float) -> bool:
+        """The place that positions are counted from, before the first fixes choose it; False when there is one."""
+        if self.frame is not None:
+            return False
+        self._count_from(lat_deg, lon_deg, alt_m)
+        return True
+
+    def _count_from(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
+        self.frame = LocalProjection(lat_deg, lon_deg, alt_m)
+        self._gravity_mps2 = normal_gravity_mps2(lat_deg)
 
     def _rate_frd(self, state: InertialState) -> Vector3:
         bx, by, bz = self._attitude.bias_frd_radps

@@ -63,14 +63,15 @@ class MavlinkChannel:
             lambda problem: texts.messages(mav.MAV_SEVERITY_WARNING, problem),
             read_only=_FIXED,
         )
+        mission = MissionPlan(autopilot, self._plan_stored)
         plans: dict[int, Plan] = {
-            MISSION: MissionPlan(autopilot, self._plan_stored),
+            MISSION: mission,
             FENCE: FencePlan(autopilot, self._plan_stored),
         }
         files = VehicleFiles(self.hub)
         self._ftp = FtpServer(files)
         self._logs = LogServer(files, lambda text: texts.messages(mav.MAV_SEVERITY_WARNING, text))
-        self._missions = MissionServer(plans, self.hub.warn, self._set_current)
+        self._missions = MissionServer(plans, self.hub.warn, self._set_current, mission.guide)
         commands = CommandHandlers(self.hub, self.streams, stores=ground)
         setpoints = SetpointHandlers(self.hub, system_id)
         self._samples: dict[int, Callable[[Any], bool]] = (
@@ -95,6 +96,7 @@ class MavlinkChannel:
         }
         self._system_requests: dict[int, Callable[[Any, int], Messages]] = {
             mav.MAVLINK_MSG_ID_SET_MODE: commands.on_set_mode,
+            mav.MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN: setpoints.on_origin,
         }
         self._unaddressed: dict[int, Callable[[Any, int], Messages]] = {
             mav.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,

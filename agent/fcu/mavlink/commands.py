@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, Callable
 
 from agent.fcu.geodetic import position_problem
 from agent.fcu.mavlink.hub import MavlinkHub
+from agent.fcu.mavlink.reports import origin
 from agent.fcu.mavlink.telemetry import TelemetryStreams
+from agent.fcu.mission import COMMANDS
 from agent.fcu.vehicle import modes
-from agent.mavlink.commands import FORCE_ARM, Answer, Command, command_ack
+from agent.mavlink.commands import FORCE_ARM, FORCE_DISARM, Answer, Command, command_ack
 from agent.mavlink.exchange import Messages
 from agent.wire import dialect as mav
 
@@ -27,6 +30,13 @@ _BODY_FRAMES = (mav.MAV_FRAME_BODY_NED, mav.MAV_FRAME_BODY_OFFSET_NED, mav.MAV_F
 _OFFSET_FRAMES = (mav.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES)
 _LOCAL_FRAMES = (mav.MAV_FRAME_LOCAL_NED, *_OFFSET_FRAMES)
 _NO_AXIS = 32767
+
+# Commands to devices that are not on board, and what an ArduRover without them answers.
+_LACKING: Mapping[int, int] = {
+    **dict.fromkeys((181, 182, 211, 216), int(mav.MAV_RESULT_FAILED)),
+    **dict.fromkeys((195, 197, 201, 205, 1000), int(mav.MAV_RESULT_UNSUPPORTED)),
+    **dict.fromkeys((202, 203, 206, 531, 532, 534, 2000, 2001, 2500, 2501), int(mav.MAV_RESULT_UNSUPPORTED)),
+}
 
 
 class CommandHandlers:
@@ -52,6 +62,14 @@ class CommandHandlers:
             mav.MAV_CMD_GET_HOME_POSITION: self._get_home,
             mav.MAV_CMD_DO_FENCE_ENABLE: self._enable_fence,
             mav.MAV_CMD_DO_SET_MISSION_CURRENT: self._set_current,
+            mav.MAV_CMD_DO_JUMP_TAG: self._jump_to_tag,
+            mav.MAV_CMD_DO_SET_REVERSE: self._set_reverse,
+            mav.MAV_CMD_NAV_SET_YAW_SPEED: self._set_yaw_speed,
+            mav.MAV_CMD_DO_SET_SERVO: self._set_servo,
+            mav.MAV_CMD_DO_REPEAT_SERVO: self._repeat_servo,
+            mav.MAV_CMD_DO_AUX_FUNCTION: self._aux_function,
+            mav.MAV_CMD_RUN_PREARM_CHECKS: self._run_prearm_checks,
+            **dict.fromkeys(_LACKING, self._lack),
             mav.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             mav.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mav.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
@@ -73,12 +91,18 @@ class CommandHandlers:
     def _arm_or_disarm(self, c: Command, now_ns: int) -> Answer:
         wanted = _whole(c.p1)
         if wanted == 1:
-            refused = self._autopilot.arm(force=_whole(c.p2) == FORCE_ARM)
+            refused = self._autopilot.arm(force=_whole(c.p2) in (FORCE_ARM, FORCE_DISARM))
             return _accepted(not refused, mav.MAV_RESULT_FAILED)
         if wanted == 0:
             self._autopilot.disarm()
             return _accepted(True)
-        return _accepted(False)
+        return _accepted(False, mav.MAV_RESULT_UNSUPPORTED)
+
+    def _run_prearm_checks(self, c: Command, now_ns: int) -> Answer:
+        if self._autopilot.state.armed:
+            return _accepted(False, mav.MAV_RESULT_TEMPORARILY_REJECTED)
+        self._autopilot.say_prearm_problems()
+        return _accepted(True)
 
     def _set_mode(self, c: Command, now_ns: int) -> Answer:
         flags = _whole(c.p1)
@@ -98,13 +122,52 @@ class CommandHandlers:
     def _set_current(self, c: Command, now_ns: int) -> Answer:
         return _accepted(not self._autopilot.commands.set_current(_whole(c.p1)))
 
+    def _jump_to_tag(self, c: Command, now_ns: int) -> Answer:
+        tag = _whole(c.p1)
+        if not 0 <= tag <= 65535:
+            return _accepted(False)
+        return _accepted(not self._autopilot.commands.jump_to_tag(tag), mav.MAV_RESULT_FAILED)
+
     def _change_speed(self, c: Command, now_ns: int) -> Answer:
-        return _accepted(not self._autopilot.commands.change_speed(c.p2))
+        """Airspeed counts as ground speed; a boat does not climb."""
+        if _whole(c.p1) not in (0, 1):
+            return _accepted(False)
+        return _accepted(not self._autopilot.commands.change_speed(c.p2), mav.MAV_RESULT_FAILED)
+
+    def _set_reverse(self, c: Command, now_ns: int) -> Answer:
+        return _accepted(not self._autopilot.commands.set_reverse(c.p1 == 1.0))
+
+    def _set_yaw_speed(self, c: Command, now_ns: int) -> Answer:
+        """In GUIDED: a heading, absolute or from the present one, and a speed."""
+        heading_rad = math.radians(c.p1) + (self._autopilot.state.estimate.yaw_rad if c.p3 > 0.0 else 0.0)
+        return _accepted(not self._autopilot.commands.set_course(heading_rad, c.p2), mav.MAV_RESULT_FAILED)
+
+    def _set_servo(self, c: Command, now_ns: int) -> Answer:
+        refused = self._autopilot.commands.set_servo(_whole(c.p1), _whole(c.p2))
+        return _accepted(not refused, mav.MAV_RESULT_FAILED)
+
+    def _repeat_servo(self, c: Command, now_ns: int) -> Answer:
+        refused = self._autopilot.commands.repeat_servo(_whole(c.p1), _whole(c.p2), _whole(c.p3), c.p4)
+        return _accepted(not refused, mav.MAV_RESULT_FAILED)
+
+    def _aux_function(self, c: Command, now_ns: int) -> Answer:
+        position = _whole(c.p2)
+        if position not in (0, 1, 2):
+            return _accepted(False)
+        return _accepted(not self._autopilot.commands.aux_function(_whole(c.p1), position), mav.MAV_RESULT_FAILED)
+
+    def _lack(self, c: Command, now_ns: int) -> Answer:
+        """What a device would have to do that is not on board."""
+        command = COMMANDS[c.number]
+        self._hub.warn(f"{command.name} refused: no {command.device}")
+        return _accepted(False, _LACKING[c.number])
 
     def _enable_fence(self, c: Command, now_ns: int) -> Answer:
         wanted = _whole(c.p1)
+        if wanted == 2:  # the floor, which a boat's fence does not have
+            return _accepted(True)
         if wanted not in (0, 1):
-            return _accepted(False)
+            return _accepted(False, mav.MAV_RESULT_FAILED)
         refused = self._autopilot.commands.enable_fence(wanted == 1)
         if not refused:
             self._hub.parameter_changed("FENCE_ENABLE")
@@ -149,7 +212,21 @@ class CommandHandlers:
         wanted = _whole(c.p1)
         if wanted == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
             return self._get_interval(c._replace(p1=c.p2), now_ns)
+        if wanted == mav.MAVLINK_MSG_ID_AVAILABLE_MODES:
+            return self._available_modes(_whole(c.p2))
         return self._message(wanted, now_ns)
+
+    def _available_modes(self, index: int) -> Answer:
+        """One mode, counted from 1, or with 0 all."""
+        if not 0 <= index <= len(modes.TABLE):
+            return _accepted(False)
+        wanted = range(len(modes.TABLE)) if index == 0 else [index - 1]
+        return int(mav.MAV_RESULT_ACCEPTED), [
+            mav.MAVLink_available_modes_message(
+                len(modes.TABLE), at + 1, 0, modes.TABLE[at].number, 0, modes.TABLE[at].name.encode()
+            )
+            for at in wanted
+        ]
 
     def _message(self, message_id: int, now_ns: int) -> Answer:
         if not self._streams.offers(message_id):
@@ -216,6 +293,7 @@ class SetpointHandlers:
         self.handlers: dict[int, Callable[[Any, int], Messages]] = {
             mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: self._on_local,
             mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: self._on_global,
+            mav.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: self._on_attitude,
             mav.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: self._on_override,
         }
 
@@ -247,15 +325,38 @@ class SetpointHandlers:
             return []
         return self._steer("Global target", m, 0.0, now_ns)
 
+    def _on_attitude(self, m: Any, now_ns: int) -> Messages:
+        """SET_ATTITUDE_TARGET: thrust is a part of WP_SPEED; a heading, or a turn rate where that counts."""
+        if not self._is_guided("Attitude target"):
+            return []
+        if m.type_mask & mav.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE:
+            self._hub.warn("Attitude target ignored: a boat needs its thrust; clear bit 64 of the type mask")
+            return []
+        turns = not m.type_mask & mav.ATTITUDE_TARGET_TYPEMASK_BODY_YAW_RATE_IGNORE
+        w, x, y, z = m.q
+        given = (m.thrust, m.body_yaw_rate) if turns else (m.thrust, w, x, y, z)
+        if not all(map(math.isfinite, given)):
+            self._hub.warn("Attitude target refused: not all of its values are numbers")
+            return []
+        commands, thrust = self._autopilot.commands, min(max(m.thrust, -1.0), 1.0)
+        if turns:
+            commands.set_turn_rate_and_thrust(m.body_yaw_rate, thrust)
+        else:
+            heading_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            commands.set_heading_and_thrust(heading_rad, thrust)
+        return []
+
     def _may_steer(self, name: str, m: Any, frames: tuple[int, ...], now_ns: int) -> bool:
         if m.coordinate_frame not in frames:
             known = ", ".join(map(str, frames))
             self._hub.warn(f"{name} refused: frame {m.coordinate_frame} is not supported; use {known}")
             return False
-        if self._autopilot.state.mode != modes.GUIDED:
+        return self._is_guided(name)
+
+    def _is_guided(self, name: str) -> bool:
+        if not self._autopilot.in_guided:
             self._hub.warn(f"{name} ignored: not in GUIDED")
-            return False
-        return True
+        return self._autopilot.in_guided
 
     def _steer(self, name: str, m: Any, turned_rad: float, now_ns: int) -> Messages:
         """By velocity, heading and turn rate, in the combinations that ArduRover takes."""
@@ -285,6 +386,12 @@ class SetpointHandlers:
         north_mps, east_mps = _rotated(m.vx, m.vy, turned_rad)
         self._autopilot.commands.set_velocity(north_mps, east_mps, yaw_rad, yaw_rate_radps)
         return []
+
+    def on_origin(self, m: Any, now_ns: int) -> Messages:
+        """SET_GPS_GLOBAL_ORIGIN; whoever sends it is told what the origin is."""
+        self._autopilot.commands.set_origin(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3)
+        message = origin(self._hub, now_ns)
+        return [] if message is None else [message]
 
     # -- sticks
 

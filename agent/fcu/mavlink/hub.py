@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Callable, Protocol
 
 from agent.fcu.dataflash.stored_logs import StoredLogs
+from agent.fcu.gps_time import GpsTime
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
     WARNING,
@@ -22,6 +23,7 @@ from agent.timing.tasks import TaskStats
 _MOST_WAITING = 128
 _SAME_AGAIN_NS = 1_000_000_000
 _TEXTS_KEPT = 32
+_DATED_FIX = 3  # three-dimensional
 
 
 class SampleLog(Protocol):
@@ -65,8 +67,8 @@ class MavlinkHub:
     """One autopilot, its newest samples, and its events, each handed to the outbox of every station.
 
     storage, log: where settings and samples are kept, if anywhere. logs: those that stations may read. task_stats: how
-    the agent's tasks did, as of the last second. reboot_asked: a station asked for a restart, see
-    `reboot`.
+    the agent's tasks did, as of the last second. unix_s: the date that fixes bring; None for the one of runs that have
+    to repeat themselves. reboot_asked: a station asked for a restart, see `reboot`.
     """
 
     def __init__(self, autopilot: Autopilot) -> None:
@@ -75,6 +77,7 @@ class MavlinkHub:
         self.log: SampleLog | None = None
         self.logs = StoredLogs()
         self.task_stats: Sequence[TaskStats] = ()
+        self.unix_s: Callable[[], float] | None = None
         self.actuators = Actuators()
         self.imu: ImuMeasurement | None = None
         self.gnss: GnssMeasurement | None = None
@@ -99,6 +102,12 @@ class MavlinkHub:
         accepted = self.autopilot.estimator.on_gnss(sample)
         if accepted:
             self.gnss = sample
+            if self.autopilot.gps_time is None and sample.fix_type >= _DATED_FIX:
+                self.autopilot.gps_time = (
+                    GpsTime.fixed()
+                    if self.unix_s is None
+                    else GpsTime.from_unix_time(self.unix_s(), self.autopilot.estimator.stamp_ns)
+                )
             if self.log is not None:
                 self.log.log_gnss(sample)
         return accepted

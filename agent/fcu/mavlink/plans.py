@@ -6,24 +6,15 @@ from typing import Callable
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, RETURN_POINT, FenceItem
 from agent.fcu.fence import MOST_ITEMS as MOST_FENCE_ITEMS
-from agent.fcu.mission import (
-    MOST_ITEMS,
-    PLACES,
-    SUPPORTED,
-    WAYPOINT,
-    MissionError,
-    MissionItem,
-    item_parameters,
-    item_problem,
-    make_mission,
-    mission_item,
-)
+from agent.fcu.mission import COMMANDS, MOST_ITEMS, WAYPOINT, MissionError, MissionItem, item_problem, make_mission
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.mavlink.missions import PlanItem, RefusedItem
 from agent.wire import dialect as mav
 
 _FENCE_COMMANDS = (RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT)
-_FRAMES = {0: 0, 3: 3, 5: 0, 6: 3}  # the _INT frames mean the same
+_FRAMES = {0: 0, 2: 0, 3: 3, 5: 0, 6: 3, 10: 10, 11: 10}  # the _INT frames mean the same
+_FENCE_FRAMES = (0, 3, 5, 6)
+_RESERVED = (0, 1)  # no commands
 
 
 class MissionPlan:
@@ -51,24 +42,24 @@ class MissionPlan:
             if not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):
                 return MissionItem(WAYPOINT)
             return MissionItem(WAYPOINT, item.lat_deg, item.lon_deg, alt_m, frame=_FRAMES.get(item.frame, 3))
-        if item.command in PLACES and item.frame not in _FRAMES:
-            problem = f"frame {item.frame} is not supported; use 0, 3, 5 or 6"
-            return RefusedItem(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
-        made = mission_item(
-            item.command, item.parameters, item.lat_deg, item.lon_deg, item.alt_m, _FRAMES.get(item.frame, 3)
-        )
-        problem = item_problem(made)
-        if not problem:
-            return made
-        known = item.command in SUPPORTED
-        return RefusedItem(int(mav.MAV_MISSION_INVALID if known else mav.MAV_MISSION_UNSUPPORTED), problem)
+        return mission_item_from(item)
 
     def write(self, seq: int) -> PlanItem:
         item = self._autopilot.navigator.mission.items[seq]
         home = self._autopilot.navigator.home
         if seq == 0 and home is not None:
             item = MissionItem(WAYPOINT, home.lat_deg, home.lon_deg, home.alt_m, frame=0)
-        return PlanItem(seq, item.frame, item.command, item_parameters(item), item.lat_deg, item.lon_deg, item.alt_m)
+        return PlanItem(seq, item.frame, item.command, item.parameters, item.lat_deg, item.lon_deg, item.alt_m)
+
+    def guide(self, item: PlanItem) -> RefusedItem | None:
+        """Go to its place in GUIDED, or why not; what the autopilot refuses is an event already."""
+        made = mission_item_from(item)
+        if isinstance(made, RefusedItem):
+            return made
+        if not self._autopilot.in_guided:
+            return RefusedItem(int(mav.MAV_MISSION_ERROR), "not in GUIDED")
+        refused = self._autopilot.commands.go_to(made.lat_deg, made.lon_deg)
+        return RefusedItem(int(mav.MAV_MISSION_ERROR), "") if refused else None
 
     def store(self, items: list[MissionItem], in_part: bool) -> str:
         """One that was changed in part goes on where the vessel is."""
@@ -81,6 +72,23 @@ class MissionPlan:
             self._autopilot.commands.set_current(current)
         self._stored()
         return ""
+
+
+def mission_item_from(item: PlanItem) -> MissionItem | RefusedItem:
+    """An item as the autopilot has it, or why ArduRover refuses it."""
+    frame = _FRAMES.get(item.frame, item.frame)
+    made = MissionItem(item.command, item.lat_deg, item.lon_deg, item.alt_m, item.parameters, frame)
+    problem = item_problem(made)
+    if problem is None:
+        if COMMANDS[item.command].has_place and item.frame not in _FRAMES:
+            known = ", ".join(map(str, _FRAMES))
+            text = f"frame {item.frame} is not supported; use {known}"
+            return RefusedItem(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), text)
+        return made
+    result = int(mav.MAV_MISSION_INVALID if item.command in _RESERVED else mav.MAV_MISSION_UNSUPPORTED)
+    if problem.field:
+        result = int(mav.MAV_MISSION_INVALID_PARAM1) + problem.field - 1
+    return RefusedItem(result, problem.text)
 
 
 class FencePlan:
@@ -105,7 +113,7 @@ class FencePlan:
             return RefusedItem(
                 int(mav.MAV_MISSION_UNSUPPORTED), f"command {item.command} is not supported; use {known}"
             )
-        if item.frame not in _FRAMES:
+        if item.frame not in _FENCE_FRAMES:
             problem = f"frame {item.frame} is not supported; use 0, 3, 5 or 6"
             return RefusedItem(int(mav.MAV_MISSION_UNSUPPORTED_FRAME), problem)
         if not (abs(item.lat_deg) <= 90.0 and abs(item.lon_deg) <= 180.0):

@@ -15,7 +15,8 @@ from agent.fcu.control.allocation import pulse_width_us
 from agent.fcu.geodetic import STANDARD_GRAVITY_MPS2
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.vehicle import modes, navigation
-from agent.fcu.vehicle.navigation import COMPLETE, UNDER_WAY
+from agent.fcu.vehicle.mission_progress import COMPLETE, UNDER_WAY
+from agent.fcu.vehicle.servos import MOTORS
 from agent.wire import dialect as mav
 
 Report = Callable[[MavlinkHub, int], Any]
@@ -32,7 +33,7 @@ _MASK_COURSE = 0x09C7  # velocity and yaw
 _MASK_TURN = 0x05C7  # velocity and yaw rate
 
 _PROBLEM_BITS = {
-    "IMU": mav.MAV_SYS_STATUS_SENSOR_3D_GYRO | mav.MAV_SYS_STATUS_SENSOR_3D_ACCEL,
+    "INS": mav.MAV_SYS_STATUS_SENSOR_3D_GYRO | mav.MAV_SYS_STATUS_SENSOR_3D_ACCEL,
     "AHRS": mav.MAV_SYS_STATUS_AHRS,
     "EKF": mav.MAV_SYS_STATUS_AHRS,
     "Compass": mav.MAV_SYS_STATUS_SENSOR_3D_MAG,
@@ -43,8 +44,6 @@ _PRESENT = mav.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS | mav.MAV_SYS_STATUS_PREARM_C
 for _bits in _PROBLEM_BITS.values():
     _PRESENT |= _bits
 
-_STEERS_ITSELF = (modes.AUTO, modes.RTL, modes.LOITER, modes.GUIDED)
-_TAKES_INPUT = (modes.MANUAL, modes.ACRO, modes.STEERING)
 _LANDED_ON_GROUND = 1
 
 # The release of ArduRover whose services these are; ground stations choose their parameter descriptions by it.
@@ -56,6 +55,7 @@ _CAPABILITIES = (
     | mav.MAV_PROTOCOL_CAPABILITY_MISSION_INT
     | mav.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     | mav.MAV_PROTOCOL_CAPABILITY_FTP
+    | mav.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
     | mav.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     | mav.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
     | mav.MAV_PROTOCOL_CAPABILITY_MAVLINK2
@@ -216,10 +216,11 @@ def scaled_pressure(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def servo_output(hub: MavlinkHub, now_ns: int) -> Any:
-    """Outputs 1 and 3 are port and starboard, as ArduRover wires a boat with skid steering."""
+    """The propellers, and what DO_SET_SERVO has set."""
     command = hub.actuators.command
-    pulses = [0] * 16
-    pulses[0], pulses[2] = pulse_width_us(command[0]), pulse_width_us(command[1])
+    pulses = list(hub.autopilot.servos.widths_us)
+    for output, part in zip(MOTORS, command):
+        pulses[output - 1] = pulse_width_us(part)
     return mav.MAVLink_servo_output_raw_message((now_ns // 1000) & 0xFFFFFFFF, 0, *pulses)
 
 
@@ -310,9 +311,9 @@ def heartbeat(hub: MavlinkHub, now_ns: int) -> Any:
     base_mode = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
     if autopilot.state.mode == modes.AUTO:
         base_mode |= mav.MAV_MODE_FLAG_AUTO_ENABLED
-    if autopilot.state.mode in _STEERS_ITSELF:
+    if modes.BY_NUMBER[autopilot.state.mode].steers_itself:
         base_mode |= mav.MAV_MODE_FLAG_GUIDED_ENABLED
-    if autopilot.state.mode in _TAKES_INPUT:
+    elif autopilot.state.mode != modes.HOLD:
         base_mode |= mav.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     if autopilot.state.armed:
         base_mode |= mav.MAV_MODE_FLAG_SAFETY_ARMED
@@ -320,7 +321,7 @@ def heartbeat(hub: MavlinkHub, now_ns: int) -> Any:
         status = mav.MAV_STATE_CRITICAL
     elif autopilot.state.armed:
         status = mav.MAV_STATE_ACTIVE
-    elif any(problem.startswith("AHRS") for problem in autopilot.estimator.problems()):
+    elif any(problem.check == "AHRS" for problem in autopilot.estimator.problems()):
         status = mav.MAV_STATE_CALIBRATING
     else:
         status = mav.MAV_STATE_STANDBY
@@ -334,9 +335,9 @@ def sys_status(hub: MavlinkHub, now_ns: int) -> Any:
     autopilot = hub.autopilot
     health = _PRESENT
     for problem in autopilot.estimator.problems():
-        health &= ~_PROBLEM_BITS.get(problem.split(":", 1)[0], 0)
+        health &= ~_PROBLEM_BITS.get(problem.check, 0)
     if autopilot.failsafes.imu_lost:
-        health &= ~_PROBLEM_BITS["IMU"]
+        health &= ~_PROBLEM_BITS["INS"]
     if autopilot.prearm_problems():
         health &= ~mav.MAV_SYS_STATUS_PREARM_CHECK
     if autopilot.fence.breach.outside:
@@ -346,8 +347,8 @@ def sys_status(hub: MavlinkHub, now_ns: int) -> Any:
 
 
 def system_time(hub: MavlinkHub, now_ns: int) -> Any:
-    """The receivers here tell no date: the UTC field stays 0."""
-    return mav.MAVLink_system_time_message(0, _boot_ms(now_ns))
+    """UTC once a receiver has a fix; 0 until then."""
+    return mav.MAVLink_system_time_message(hub.autopilot.utc_us or 0, _boot_ms(now_ns))
 
 
 def nav_controller_output(hub: MavlinkHub, now_ns: int) -> Any | None:

@@ -18,38 +18,54 @@ from agent.fcu.control.manual_control import ManualControl
 from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.fence import Fence, FenceBreach
 from agent.fcu.geodetic import LocalProjection
+from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import MissionSequence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.commands import OperatorCommands
 from agent.fcu.vehicle.failsafes import FailsafeHandler
 from agent.fcu.vehicle.navigation import GuidedTarget, ModeInput, Navigator
-from agent.fcu.vehicle_state import ERROR, INFO, NOTICE, WARNING, Actuators, EventQueue, VehicleState
+from agent.fcu.vehicle.servos import ServoOutputs
+from agent.fcu.vehicle_state import (
+    CRITICAL,
+    INFO,
+    NOTICE,
+    WARNING,
+    Actuators,
+    ArmingProblem,
+    EventQueue,
+    VehicleState,
+)
+from agent.mavlink.modes import ROVER_MODES
 
 LOOP_HZ = 50
 _LOOP_S = 1.0 / LOOP_HZ
 _NO_ORIGIN = LocalProjection(0.0, 0.0, 0.0)
 
-# Pre-arm checks: names as ArduPilot has them, and the bits of ARMING_CHECK that switch them on.
+# Pre-arm checks, and the bits of ARMING_CHECK that switch them on.
 _ALL_CHECKS = 1
 _CHECK_BITS = {
     "Baro": 2,
     "Compass": 4,
     "GPS": 8,
     "EKF": 8,
-    "IMU": 16,
+    "INS": 16,
     "AHRS": 16,
     "RC": 64,
     "Mission": 16384,
 }
 _POSITION_CHECKS = ("GPS", "EKF")
+_PREARM_REPEATED_NS = 30_000_000_000
+_PREARM_AGAIN_NS = 4_000_000_000  # when a check that passed does not any more
+_PREARM_EVERY = LOOP_HZ
 
 
 class Autopilot:
     """The parts of an autopilot and its control loop. Feed `estimator` and call `control` at LOOP_HZ.
 
     make_controller: builds what replaces HeadingSpeedController. estimates_used: by control (LC), of the estimator's
-    (LS). What can be refused returns the reason, empty when done.
+    (LS). gps_time: the date, None until a receiver has told it. What can be refused returns the reason, empty when
+    done.
     """
 
     def __init__(self, parameters: Parameters | None = None, make_controller: MakeController | None = None) -> None:
@@ -71,7 +87,9 @@ class Autopilot:
             mode=initial_mode if initial_mode in modes.BY_NUMBER else modes.HOLD, estimate=self.estimator.estimate()
         )
         self.manual = ManualControl(p)
-        self.navigator = Navigator(mission, p, self.events)
+        self.navigator = Navigator(mission, p, self.events, perform=lambda item: self.commands.perform(item))
+        self.servos = ServoOutputs()
+        self.gps_time: GpsTime | None = None
         self.controller = ControllerGuard(self._make_controller, p, self.events)
         self.allocator = ThrustAllocator(p)
         self.fence.breach = FenceBreach()
@@ -94,11 +112,17 @@ class Autopilot:
             self.navigator,
             self.fence,
             self.manual,
+            self.servos,
             self.events,
             set_mode=self.set_mode,
             switch_mode=self.switch_mode,
+            arm=self.arm,
+            disarm=self.disarm,
         )
         self.estimates_used = 0
+        self._prearm_cycle = 0
+        self._prearm_said_ns: int | None = None
+        self._prearm_passed = False
         self._parameters_version = p.version
         self._last_control_ns: int | None = None
 
@@ -128,7 +152,12 @@ class Autopilot:
         estimate = state.estimate = self.estimator.estimate()
         if self.navigator.home is None and estimate.position_valid:
             self.navigator.set_home_here(self.estimator.frame, estimate)
+        position = estimate.pos_ned_m[:2] if estimate.position_valid else None
+        self.navigator.return_path.update(self.estimator.frame, position, now_ns, state.mode != modes.SMART_RTL)
         self.failsafes.update(now_ns)
+        self.servos.update(now_ns)
+        if not state.armed:
+            self._repeat_prearm_problems(now_ns)
         if not state.armed or self.failsafes.imu_lost:
             self._restart_control()
             return Actuators(NEUTRAL, state.armed, self.failsafes.imu_lost)
@@ -153,6 +182,7 @@ class Autopilot:
                 (north_m, east_m),
                 speed_mps,
                 self.manual.sticks(now_ns),
+                self.utc_s,
             ),
         )
         if asked is None:
@@ -190,20 +220,41 @@ class Autopilot:
     # -- arming
 
     def prearm_problems(self) -> tuple[str, ...]:
-        """Why arming is refused, each as `Name: what`; empty when ready."""
+        """Why arming is refused, in ArduPilot's words; empty when ready."""
         checks = int(self.parameters["ARMING_CHECK"])
         if checks == 0:
             return ()
         found = list(self.estimator.problems())
         if self.failsafes.imu_lost or self.estimator.imu_accepted == 0:
-            found.insert(0, "IMU: no data")
-        if self.state.mode == modes.AUTO and not self.navigator.mission.waypoints():
-            found.append("Mission: no waypoint")
+            found.insert(0, ArmingProblem("INS", "Gyros not healthy"))
+        if self.state.mode == modes.AUTO and not self.navigator.mission.items:
+            found.append(ArmingProblem("Mission", "Mode requires mission"))
         found += self.failsafes.fence_problems()
         found += self.manual.problems(self.state.now_ns)
         if self.controller.problem:
-            found.append(f"Controller: {self.controller.problem}")
+            found.append(ArmingProblem("Controller", f"Controller: {self.controller.problem}"))
         return tuple(_enabled_checks(found, checks, modes.BY_NUMBER[self.state.mode].needs_position))
+
+    def say_prearm_problems(self) -> None:
+        """Each as an event."""
+        for problem in self.prearm_problems():
+            self.events.add(CRITICAL, f"PreArm: {problem}")
+        self._prearm_said_ns = self.state.now_ns
+
+    def _repeat_prearm_problems(self, now_ns: int) -> None:
+        """Every 30 s, and soon after a check has begun to fail, as ArduPilot does."""
+        self._prearm_cycle = (self._prearm_cycle + 1) % _PREARM_EVERY
+        if self._prearm_cycle:
+            return
+        if self._prearm_said_ns is None or now_ns < self._prearm_said_ns:
+            self._prearm_said_ns = now_ns
+        passed = not self.prearm_problems()
+        wait_ns = _PREARM_AGAIN_NS if self._prearm_passed else _PREARM_REPEATED_NS
+        if passed:
+            self._prearm_passed = True
+        elif now_ns - self._prearm_said_ns > wait_ns:
+            self.say_prearm_problems()
+            self._prearm_passed = False
 
     def arm(self, force: bool = False) -> tuple[str, ...]:
         """Arm, or return why not; by force without the checks. Home moves to the vessel, unless it was set."""
@@ -213,7 +264,7 @@ class Autopilot:
         problems = () if force else self.prearm_problems()
         if problems:
             for problem in problems:
-                self.events.add(ERROR, f"PreArm: {problem}")
+                self.events.add(CRITICAL, f"Arm: {problem}")
             return problems
         state.armed = True
         self._restart_control()
@@ -221,6 +272,8 @@ class Autopilot:
             modes.BY_NUMBER[state.mode].enter(self.navigator)
         if state.estimate.position_valid and not self.navigator.home_is_set:
             self.navigator.set_home_here(self.estimator.frame, state.estimate)
+        self.navigator.return_path.restart()
+        self.navigator.simple_heading_rad = state.estimate.yaw_rad
         self.failsafes.restart_fence()
         if force:
             self.events.add(WARNING, "Armed by force, checks skipped")
@@ -251,13 +304,16 @@ class Autopilot:
         """Why a mode cannot be had now, or nothing."""
         if mode not in modes.BY_NUMBER:
             known = ", ".join(f"{number} {name}" for number, name in modes.NAMES.items())
-            return f"mode {mode} is not supported; use {known}"
+            return f"mode {ROVER_MODES.get(mode, mode)} is not supported; use {known}"
         wanted = modes.BY_NUMBER[mode]
-        if mode == modes.AUTO and not self.navigator.mission.waypoints():
-            return "AUTO needs a mission with a waypoint"
+        if mode == modes.AUTO and not self.navigator.mission.items:
+            return "No Mission. Can't set AUTO."
+        if mode == modes.SMART_RTL and self.navigator.return_path.problem:
+            return f"SMART_RTL needs a path home: {self.navigator.return_path.problem}"
         needs_position = self.state.armed and wanted.needs_position and mode != self.state.mode
         if needs_position and not self.estimator.position_valid():
-            return f"{wanted.name} needs a position: {', '.join(self.estimator.problems())}"
+            why = ", ".join(problem.text for problem in self.estimator.problems())
+            return f"{wanted.name} needs a position: {why}"
         return ""
 
     def switch_mode(self, mode: int) -> None:
@@ -266,23 +322,39 @@ class Autopilot:
             self.state.mode = mode
             self.navigator.output = None
             self.navigator.asked_mps = None
+            self.navigator.astern = self.navigator.astern and not modes.BY_NUMBER[mode].steers_itself
             self._restart_control()
             modes.BY_NUMBER[mode].enter(self.navigator)
 
     @property
+    def in_guided(self) -> bool:
+        """Whether targets are followed: in GUIDED, and where a mission leaves the vessel to them."""
+        by_mission = self.state.mode == modes.AUTO and self.navigator.progress.hands_over
+        return by_mission or self.state.mode == modes.GUIDED
+
+    @property
     def guided_target(self) -> GuidedTarget | None:
         """The target of GUIDED in force."""
-        return self.navigator.guided.target if self.state.mode == modes.GUIDED else None
+        return self.navigator.guided.target if self.in_guided else None
+
+    @property
+    def utc_us(self) -> int | None:
+        """UTC in microseconds since 1970, as far as a receiver has told the date."""
+        return None if self.gps_time is None else self.gps_time.unix_us(self.state.estimate.stamp_ns)
+
+    @property
+    def utc_s(self) -> float | None:
+        """UTC in seconds since 1970."""
+        return None if self.utc_us is None else self.utc_us * 1e-6
 
 
-def _enabled_checks(problems: Iterable[str], checks: int, needs_position: bool) -> Iterator[str]:
-    """Problems, each `Name: what`, that ARMING_CHECK looks for. A mode without a position does not need GNSS.
+def _enabled_checks(problems: Iterable[ArmingProblem], checks: int, needs_position: bool) -> Iterator[str]:
+    """The texts of what ARMING_CHECK looks for. A mode without a position does not need GNSS.
 
     Problems without a bit, such as those of the fence, count as long as anything is checked.
     """
     for problem in problems:
-        name = problem.split(":", 1)[0]
-        if name in _POSITION_CHECKS and not needs_position:
+        if problem.check in _POSITION_CHECKS and not needs_position:
             continue
-        if checks & _ALL_CHECKS or checks & _CHECK_BITS.get(name, checks):
-            yield problem
+        if checks & _ALL_CHECKS or checks & _CHECK_BITS.get(problem.check, checks):
+            yield problem.text

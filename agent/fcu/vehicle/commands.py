@@ -1,17 +1,30 @@
-"""What operators may ask of the autopilot beside arming and modes: mission, targets of GUIDED, sticks, home, fence."""
+"""What operators may ask of the autopilot beside arming and modes: mission, targets of GUIDED, sticks, home, fence.
+
+What an item of a mission may ask for beside its stages is a row of ACTIONS.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Callable
 
 from agent.fcu.control.manual_control import ManualControl
 from agent.fcu.estimation.estimator import Estimator
 from agent.fcu.fence import Fence, FenceError, FenceItem
 from agent.fcu.geodetic import Home, position_problem
-from agent.fcu.mission import MissionSequence
+from agent.fcu.mission import (
+    AUX_FUNCTION,
+    FENCE_ENABLE,
+    REPEAT_SERVO,
+    SET_HOME,
+    SET_REVERSE,
+    SET_SERVO,
+    MissionItem,
+    MissionSequence,
+)
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
+from agent.fcu.vehicle.mission_progress import LEAST_SPEED_MPS, passed_over
 from agent.fcu.vehicle.navigation import (
     POSITION,
     GuidedTarget,
@@ -20,7 +33,24 @@ from agent.fcu.vehicle.navigation import (
     turn_target,
     velocity_target,
 )
-from agent.fcu.vehicle_state import NOTICE, EventQueue, VehicleState
+from agent.fcu.vehicle.servos import ServoOutputs
+from agent.fcu.vehicle_state import INFO, NOTICE, EventQueue, VehicleState
+
+_LOW, _MIDDLE, _HIGH = range(3)  # positions of an auxiliary switch
+_FENCE, _MISSION_RESET, _CLEAR_MISSION, _DISARM, _ARM_DISARM = 11, 24, 58, 81, 153  # RCx_OPTION
+_MODE_SWITCHES = {
+    4: modes.RTL,
+    16: modes.AUTO,
+    42: modes.SMART_RTL,
+    51: modes.MANUAL,
+    52: modes.ACRO,
+    53: modes.STEERING,
+    54: modes.HOLD,
+    55: modes.GUIDED,
+    56: modes.LOITER,
+    59: modes.SIMPLE,
+    72: modes.CIRCLE,
+}
 
 
 class OperatorCommands:
@@ -34,9 +64,12 @@ class OperatorCommands:
         navigator: Navigator,
         fence: Fence,
         manual: ManualControl,
+        servos: ServoOutputs,
         events: EventQueue,
         set_mode: Callable[[int], str],
         switch_mode: Callable[[int], None],
+        arm: Callable[[], tuple[str, ...]],
+        disarm: Callable[[], None],
     ) -> None:
         self._parameters = parameters
         self._state = state
@@ -44,16 +77,19 @@ class OperatorCommands:
         self._navigator = navigator
         self._fence = fence
         self._manual = manual
+        self._servos = servos
         self._events = events
         self._set_mode = set_mode
         self._switch_mode = switch_mode
+        self._arm = arm
+        self._disarm = disarm
 
     # -- mission
 
     def set_mission(self, mission: MissionSequence) -> None:
         """Replace the mission; in AUTO the new one starts from its first waypoint, an empty one ends in HOLD."""
         self._navigator.load_mission(mission)
-        if self._state.mode == modes.AUTO and not mission.waypoints():
+        if self._state.mode == modes.AUTO and not mission.items:
             self._events.add(NOTICE, "Mission cleared: HOLD")
             self._switch_mode(modes.HOLD)
 
@@ -74,15 +110,74 @@ class OperatorCommands:
         self._navigator.progress.resume_from(max(seq, 1))
         return ""
 
+    def jump_to_tag(self, tag: int) -> str:
+        """Go on from the item with a tag."""
+        seq = self._navigator.mission.tagged(tag)
+        return self.set_current(seq) if seq else self._events.refuse(f"tag {tag} is not in the mission")
+
     def change_speed(self, speed_mps: float) -> str:
-        """Speed over ground from now on: of the mission, or of RTL and GUIDED while they last."""
-        if not 0.0 < speed_mps <= 100.0:
-            return self._events.refuse(f"speed {speed_mps:g} m/s; use more than 0, at most 100")
-        if self._state.mode in (modes.RTL, modes.GUIDED):
-            self._navigator.asked_mps = speed_mps
-        else:
+        """Speed over ground while the mode lasts; of the mission in AUTO."""
+        mode = modes.BY_NUMBER[self._state.mode]
+        if not mode.has_speed:
+            return self._events.refuse(f"{mode.name} has no speed of its own")
+        if not LEAST_SPEED_MPS <= speed_mps <= 100.0:
+            return self._events.refuse(f"speed {speed_mps:g} m/s; use {LEAST_SPEED_MPS:g} to 100")
+        if mode.number == modes.AUTO:
             self._navigator.progress.speed_mps = speed_mps
+        else:
+            self._navigator.asked_mps = speed_mps
         return ""
+
+    def set_reverse(self, astern: bool) -> str:
+        """Legs and circles stern first, or bow first again, until a mode that steers itself is chosen."""
+        self._navigator.astern = astern
+        return ""
+
+    def perform(self, item: MissionItem) -> str:
+        """Carry out an item of the mission that is no stage; what is said of one that is left out."""
+        action = ACTIONS.get(item.command)
+        if action is None:
+            return passed_over(item)
+        action(self, item)  # what it refuses is an event
+        return ""
+
+    # -- servos and switches
+
+    def set_servo(self, output: int, width_us: int) -> str:
+        """DO_SET_SERVO."""
+        problem = self._servos.set(output, width_us)
+        return self._say(INFO, problem) if problem else ""
+
+    def repeat_servo(self, output: int, width_us: int, times: int, period_s: float) -> str:
+        """DO_REPEAT_SERVO."""
+        problem = self._servos.repeat(output, width_us, times, period_s)
+        return self._say(INFO, problem) if problem else ""
+
+    def aux_function(self, function: int, position: int) -> str:
+        """DO_AUX_FUNCTION: as a switch of a transmitter with that RCx_OPTION, 0 low, 1 middle, 2 high."""
+        if position not in (_LOW, _MIDDLE, _HIGH):
+            return self._events.refuse(f"switch position {position}; use 0 to 2")
+        mode = _MODE_SWITCHES.get(function)
+        if mode is not None:
+            return self._set_mode(mode) if position == _HIGH else ""
+        if function == _FENCE:
+            return self.enable_fence(position == _HIGH)
+        if function == _MISSION_RESET and position == _HIGH:
+            self._navigator.progress.restart()
+        elif function == _CLEAR_MISSION and position == _HIGH:
+            self.set_mission(MissionSequence())
+        elif function in (_DISARM, _ARM_DISARM) and position != _MIDDLE:
+            if function == _ARM_DISARM and position == _HIGH:
+                return "; ".join(self._arm())
+            if function == _ARM_DISARM or position == _HIGH:
+                self._disarm()
+        elif function not in (_MISSION_RESET, _CLEAR_MISSION, _DISARM, _ARM_DISARM):
+            return self._events.refuse(f"auxiliary function {function} is not supported")
+        return ""
+
+    def _say(self, severity: int, text: str) -> str:
+        self._events.add(severity, text)
+        return text
 
     # -- targets of GUIDED
 
@@ -115,6 +210,14 @@ class OperatorCommands:
         """Heading and speed over ground, negative astern, for GUID_TIMEOUT."""
         return self._guide(course_target(heading_rad, speed_mps))
 
+    def set_heading_and_thrust(self, heading_rad: float, thrust: float) -> str:
+        """A heading, and a part of WP_SPEED in [-1, 1], for GUID_TIMEOUT: SET_ATTITUDE_TARGET."""
+        return self.set_course(heading_rad, thrust * self._navigator.cruise_mps)
+
+    def set_turn_rate_and_thrust(self, turn_rate_radps: float, thrust: float) -> str:
+        """A turn rate, and a part of WP_SPEED in [-1, 1], for GUID_TIMEOUT."""
+        return self.set_turn_rate(turn_rate_radps, thrust * self._navigator.cruise_mps)
+
     def set_turn_rate(self, turn_rate_radps: float, speed_mps: float) -> str:
         """Turn rate and speed over ground, negative astern, for GUID_TIMEOUT."""
         return self._guide(turn_target(turn_rate_radps, speed_mps))
@@ -122,7 +225,8 @@ class OperatorCommands:
     def _guide(self, target: GuidedTarget | str) -> str:
         if isinstance(target, str):
             return self._events.refuse(target)
-        if self._state.mode != modes.GUIDED:
+        by_mission = self._state.mode == modes.AUTO and self._navigator.progress.hands_over
+        if not by_mission and self._state.mode != modes.GUIDED:
             return self._events.refuse(f"targets are for GUIDED; the mode is {modes.NAMES[self._state.mode]}")
         self._navigator.guided.set_target(target, self._state.now_ns)
         return ""
@@ -160,6 +264,15 @@ class OperatorCommands:
         self._navigator.set_home_here(self._estimator.frame, self._state.estimate)
         return ""
 
+    def set_origin(self, lat_deg: float, lon_deg: float, alt_m: float) -> str:
+        """What local positions are counted from, where no fix has said it yet."""
+        problem = position_problem(lat_deg, lon_deg)
+        if not problem and not abs(alt_m) < 1e5:
+            problem = f"altitude {alt_m:g} m is not one; use 0"
+        if not problem and not self._estimator.set_origin(lat_deg, lon_deg, alt_m):
+            problem = "the origin is set already"
+        return self._events.refuse(f"Origin refused: {problem}") if problem else ""
+
     def set_fence(self, items: Sequence[FenceItem]) -> str:
         """Replace the fence; none of it is taken when an item is refused."""
         try:
@@ -171,4 +284,32 @@ class OperatorCommands:
     def enable_fence(self, on: bool) -> str:
         """FENCE_ENABLE."""
         self._parameters.set("FENCE_ENABLE", float(on))
+        self._events.add(NOTICE, f"{self._fence.names} {'enabled' if on else 'disabled'}")
         return ""
+
+
+def _set_home(commands: OperatorCommands, item: MissionItem) -> str:
+    if item.parameters[0] == 1.0 or item.place is None:
+        return commands.set_home_here()
+    return commands.set_home(item.lat_deg, item.lon_deg, item.alt_m)
+
+
+def _enable_fence(commands: OperatorCommands, item: MissionItem) -> str:
+    """2 switches the floor off, which is nothing to a boat."""
+    wanted = item.parameters[0]
+    return commands.enable_fence(wanted == 1.0) if wanted != 2.0 else ""
+
+
+def _repeat_servo(commands: OperatorCommands, item: MissionItem) -> str:
+    output, width_us, times, period_s = item.parameters
+    return commands.repeat_servo(int(output), int(width_us), int(times), period_s)
+
+
+ACTIONS: Mapping[int, Callable[[OperatorCommands, MissionItem], str]] = {
+    SET_HOME: _set_home,
+    SET_REVERSE: lambda commands, item: commands.set_reverse(item.parameters[0] == 1.0),
+    FENCE_ENABLE: _enable_fence,
+    AUX_FUNCTION: lambda commands, item: commands.aux_function(*map(int, item.parameters[:2])),
+    SET_SERVO: lambda commands, item: commands.set_servo(*map(int, item.parameters[:2])),
+    REPEAT_SERVO: _repeat_servo,
+}

@@ -12,19 +12,19 @@ from agent.fcu.fence import Fence
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.navigation import Navigator
-from agent.fcu.vehicle_state import CRITICAL, NOTICE, WARNING, EventQueue, VehicleState
+from agent.fcu.vehicle_state import CRITICAL, NOTICE, WARNING, ArmingProblem, EventQueue, VehicleState
 
 _FENCE_EVERY = 10  # cycles
 _FURTHER_OUT_M = 20.0  # so much more, and the fence acts again
 _CONTINUE_IN_AUTO = 2  # FS_GCS_ENABLE
 _EKF_HOLD, _EKF_REPORT = 1, 2  # FS_EKF_ACTION
 _DISARM = 5  # FS_ACTION
-_MODES_OF_ACTION = {  # FS_ACTION and FENCE_ACTION: modes to try in turn; 3 and 4 are 1 and 2 for want of SmartRTL
+_MODES_OF_ACTION = {  # FS_ACTION and FENCE_ACTION: modes to try in turn
     0: (),
     1: (modes.RTL, modes.HOLD),
     2: (modes.HOLD,),
-    3: (modes.RTL, modes.HOLD),
-    4: (modes.HOLD,),
+    3: (modes.SMART_RTL, modes.RTL, modes.HOLD),
+    4: (modes.SMART_RTL, modes.HOLD),
     6: (modes.LOITER, modes.HOLD),
 }
 _EKF_BAD_NS = 1_000_000_000
@@ -230,7 +230,7 @@ class FailsafeHandler:
         if action == _DISARM:
             self._events.add(CRITICAL, f"{why}, disarming")
             self._disarm()
-        elif mode in (modes.HOLD, modes.RTL):
+        elif mode in (modes.HOLD, modes.RTL, modes.SMART_RTL):
             self._act(why, ())
         else:
             self._act(why, _MODES_OF_ACTION[action])
@@ -246,13 +246,15 @@ class FailsafeHandler:
 
     # -- the fence
 
-    def fence_problems(self) -> tuple[str, ...]:
+    def fence_problems(self) -> tuple[ArmingProblem, ...]:
         """Why the fence does not let a vessel arm."""
         if not self._fence.enabled:
             return ()
         if not self._state.estimate.position_valid:
-            return ("Fence: needs a position",)
-        return ("Fence: vessel is outside",) if self._fence_clearance_m() < 0.0 else ()
+            return (ArmingProblem("Fence", "Fence requires position"),)
+        if self._fence_clearance_m() >= 0.0:
+            return ()
+        return (ArmingProblem("Fence", f"Vehicle breaching {self._fence.names}"),)
 
     def restart_fence(self) -> None:
         """At arming: a vessel outside of the fence is a new breach."""

@@ -10,21 +10,44 @@ import math
 from typing import Callable, NamedTuple, Union
 
 from agent.fcu.control.controller import STILL, Demand, Order
-from agent.fcu.control.guidance import GuidanceOutput, PointTransit, StationKeeping
+from agent.fcu.control.guidance import (
+    CircleTransit,
+    GuidanceOutput,
+    PointTransit,
+    StationKeeping,
+    turned_about,
+    wrap_angle,
+)
 from agent.fcu.vehicle.navigation import COURSE, POSITION, TURN, ModeInput, Navigator
-from agent.fcu.vehicle_state import NOTICE
-from agent.mavlink.modes import ACRO, AUTO, GUIDED, HOLD, LOITER, MANUAL, ROVER_MODES, RTL, STEERING
+from agent.fcu.vehicle_state import INFO, NOTICE, WARNING
+from agent.mavlink.modes import (
+    ACRO,
+    AUTO,
+    CIRCLE,
+    GUIDED,
+    HOLD,
+    LOITER,
+    MANUAL,
+    ROVER_MODES,
+    RTL,
+    SIMPLE,
+    SMART_RTL,
+    STEERING,
+)
 
 __all__ = [
     "ACRO",
     "AUTO",
     "BY_NUMBER",
+    "CIRCLE",
     "GUIDED",
     "HOLD",
     "LOITER",
     "MANUAL",
     "NAMES",
     "RTL",
+    "SIMPLE",
+    "SMART_RTL",
     "STEERING",
     "TABLE",
     "Mode",
@@ -38,13 +61,18 @@ ModeOutput = Union[Order, Demand, None]
 
 
 class Mode(NamedTuple):
-    """One mode. `enter` prepares it, when it is chosen and when the vessel is armed in it."""
+    """One mode. `enter` prepares it, when it is chosen and when the vessel is armed in it.
+
+    steers_itself: by its own targets; else by the sticks. has_speed: DO_CHANGE_SPEED counts in it.
+    """
 
     number: int
     name: str
     needs_position: bool
     steer: Callable[[Navigator, ModeInput], ModeOutput]
     enter: Callable[[Navigator], None] = lambda _: None
+    steers_itself: bool = False
+    has_speed: bool = False
 
 
 def _manual(navigator: Navigator, now: ModeInput) -> ModeOutput:
@@ -66,9 +94,21 @@ def _steering(navigator: Navigator, now: ModeInput) -> ModeOutput:
         return Order(None, now.sticks.steering * navigator.acro_radps, 0.0)
     speed_mps = abs(now.speed_mps)
     most_mps2 = navigator.gains.lateral_acceleration_mps2
-    full_mps2 = min(max(speed_mps * speed_mps / navigator.turn_radius_m, _LEAST_LATERAL_MPS2), most_mps2)
+    full_mps2 = min(max(speed_mps * speed_mps / navigator.gains.turn_radius_m, _LEAST_LATERAL_MPS2), most_mps2)
     rate_radps = now.sticks.steering * full_mps2 / max(speed_mps, _LEAST_STEERING_MPS)
     return Order(None, rate_radps if wanted_mps > 0.0 else -rate_radps, wanted_mps)
+
+
+def _simple(navigator: Navigator, now: ModeInput) -> ModeOutput:
+    """The stick points to where to go: from the heading at arming on, or from north."""
+    sticks = now.sticks
+    part = min(math.hypot(sticks.throttle, sticks.steering), 1.0)
+    if part > 0.0:
+        zero_rad = navigator.simple_heading_rad if navigator.simple_is_relative else 0.0
+        navigator.held_heading_rad = wrap_angle(zero_rad + math.atan2(sticks.steering, sticks.throttle))
+    elif navigator.held_heading_rad is None:
+        navigator.held_heading_rad = now.estimate.yaw_rad
+    return Order(navigator.held_heading_rad, 0.0, part * navigator.speed_max_mps)
 
 
 def _hold(navigator: Navigator, now: ModeInput) -> ModeOutput:
@@ -81,8 +121,25 @@ def _loiter(navigator: Navigator, now: ModeInput) -> ModeOutput:
     return _toward(navigator, now, _kept(navigator, now, navigator.station))
 
 
+def _circle(navigator: Navigator, now: ModeInput) -> ModeOutput:
+    if navigator.circle is None:
+        here = now.frame.to_geodetic(*now.pos_ne_m)
+        asked_m, most_mps = navigator.circle_radius_m, navigator.circle_mps
+        navigator.circle = circle = CircleTransit(navigator.gains, *here, asked_m, navigator.circles_clockwise)
+        if circle.radius_m > asked_m:
+            navigator.events.add(WARNING, f"Circle: radius increased to TURN_RADIUS ({circle.radius_m:.1f})")
+        if circle.speed_mps < most_mps:
+            navigator.events.add(WARNING, f"Circle: max speed is {circle.speed_mps:.1f}")
+    most_mps = navigator.asked_mps or navigator.circle_mps
+    facing = now.facing(navigator.astern)
+    output = navigator.circle.steer(navigator.gains, now.frame, now.pos_ne_m, *facing, most_mps, now.dt_s)
+    return _toward(navigator, now, turned_about(output) if navigator.astern else output)
+
+
 def _auto(navigator: Navigator, now: ModeInput) -> ModeOutput:
     output = navigator.follow_mission(now)
+    if navigator.progress.hands_over:
+        return _guided(navigator, now)
     return None if output is None else _toward(navigator, now, output)
 
 
@@ -92,6 +149,24 @@ def _rtl(navigator: Navigator, now: ModeInput) -> ModeOutput:
     if navigator.way_home is None:
         navigator.way_home = PointTransit(navigator.home.lat_deg, navigator.home.lon_deg)
     return _along(navigator, now, navigator.way_home, navigator.asked_mps or navigator.homeward_mps, "home")
+
+
+def _smart_rtl(navigator: Navigator, now: ModeInput) -> ModeOutput:
+    """Back the way the vessel came; it stops until the path is thinned out, and stays at its start."""
+    if navigator.station is not None:
+        return _toward(navigator, now, _kept(navigator, now, navigator.station))
+    if not navigator.return_path.points:
+        return STILL
+    if navigator.return_progress is None:
+        if not navigator.return_path.tidy():
+            return Order(None, 0.0, 0.0)
+        navigator.start_return(now.frame)
+    output = navigator.follow_return(now)
+    if output is None:
+        navigator.events.add(INFO, "Reached destination")
+        navigator.station = StationKeeping(*now.frame.to_geodetic(*navigator.return_path.points[0]))
+        output = _kept(navigator, now, navigator.station)
+    return _toward(navigator, now, output)
 
 
 def _guided(navigator: Navigator, now: ModeInput) -> ModeOutput:
@@ -123,12 +198,11 @@ def _kept(navigator: Navigator, now: ModeInput, station: StationKeeping) -> Guid
 
 def _along(navigator: Navigator, now: ModeInput, transit: PointTransit, most_mps: float, what: str) -> ModeOutput:
     under_way = transit.under_way
-    output = transit.steer(
-        navigator.gains, now.frame, now.pos_ne_m, now.estimate.yaw_rad, now.speed_mps, most_mps, now.dt_s
-    )
+    astern = navigator.astern and not transit.arrived
+    output = transit.steer(navigator.gains, now.frame, now.pos_ne_m, *now.facing(astern), most_mps, now.dt_s)
     if under_way and transit.arrived:
         navigator.events.add(NOTICE, f"Reached {what}")
-    return _toward(navigator, now, output)
+    return _toward(navigator, now, turned_about(output) if astern else output)
 
 
 def _toward(navigator: Navigator, now: ModeInput, output: GuidanceOutput) -> Order:
@@ -141,15 +215,36 @@ def _steered(navigator: Navigator, now: ModeInput, heading_rad: float, speed_mps
     return Order(heading_rad, 0.0, speed_mps)
 
 
+def _by_sticks(
+    number: int,
+    needs_position: bool,
+    steer: Callable[[Navigator, ModeInput], ModeOutput],
+    enter: Callable[[Navigator], None] = lambda _: None,
+) -> Mode:
+    return Mode(number, ROVER_MODES[number], needs_position, steer, enter)
+
+
+def _by_itself(
+    number: int,
+    steer: Callable[[Navigator, ModeInput], ModeOutput],
+    enter: Callable[[Navigator], None],
+    has_speed: bool = True,
+) -> Mode:
+    return Mode(number, ROVER_MODES[number], True, steer, enter, True, has_speed)
+
+
 TABLE: tuple[Mode, ...] = (
-    Mode(MANUAL, ROVER_MODES[MANUAL], False, _manual),
-    Mode(ACRO, ROVER_MODES[ACRO], False, _acro),
-    Mode(STEERING, ROVER_MODES[STEERING], True, _steering),
+    _by_sticks(MANUAL, False, _manual),
+    _by_sticks(ACRO, False, _acro),
+    _by_sticks(STEERING, True, _steering),
     Mode(HOLD, ROVER_MODES[HOLD], False, _hold),
-    Mode(LOITER, ROVER_MODES[LOITER], True, _loiter, Navigator.enter_loiter),
-    Mode(AUTO, ROVER_MODES[AUTO], True, _auto, Navigator.enter_auto),
-    Mode(RTL, ROVER_MODES[RTL], True, _rtl, Navigator.enter_rtl),
-    Mode(GUIDED, ROVER_MODES[GUIDED], True, _guided, Navigator.enter_guided),
+    _by_itself(LOITER, _loiter, Navigator.enter_loiter, has_speed=False),
+    _by_sticks(SIMPLE, True, _simple, Navigator.enter_simple),
+    _by_itself(CIRCLE, _circle, Navigator.enter_circle),
+    _by_itself(AUTO, _auto, Navigator.enter_auto),
+    _by_itself(RTL, _rtl, Navigator.enter_rtl),
+    _by_itself(SMART_RTL, _smart_rtl, Navigator.enter_smart_rtl),
+    _by_itself(GUIDED, _guided, Navigator.enter_guided),
 )
 BY_NUMBER = {mode.number: mode for mode in TABLE}
 NAMES = {mode.number: mode.name for mode in TABLE}

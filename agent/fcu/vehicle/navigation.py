@@ -7,197 +7,27 @@ from collections import deque
 from typing import NamedTuple
 
 from agent.fcu.control.guidance import (
+    CircleTransit,
     CourseOverGround,
     GuidanceGains,
-    GuidanceLeg,
     GuidanceOutput,
-    GuidanceState,
     PointTransit,
     StationKeeping,
-    carry_integral,
-    follow_leg,
-    make_leg,
+    turned_about,
     wrap_angle,
 )
 from agent.fcu.control.manual_control import Sticks
 from agent.fcu.geodetic import Home, LocalProjection
-from agent.fcu.mission import (
-    CHANGE_SPEED,
-    FOREVER,
-    JUMP,
-    LEGS,
-    LOITER_TIME,
-    LOITER_UNLIMITED,
-    RETURN_HOME,
-    WAYPOINT,
-    MissionSequence,
-)
+from agent.fcu.mission import MissionSequence, make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle_state import INFO, EventQueue, StateEstimate
+from agent.fcu.vehicle.mission_progress import MissionProgress, Perform, passed_over
+from agent.fcu.vehicle.return_path import ReturnPath
+from agent.fcu.vehicle_state import EventQueue, StateEstimate
 
-NOT_STARTED, UNDER_WAY, COMPLETE = range(3)
 POSITION, VELOCITY, COURSE, TURN = range(4)
 _MOST_MPS = 100.0
 _MOST_RADPS = 10.0
 _MOST_REACHED = 64
-
-
-class _NextItem(NamedTuple):
-    """The item to go to (0 for none), the speed asked for on the way, and the jumps made so far by item."""
-
-    current: int
-    speed_mps: float | None
-    jumps: dict[int, int]
-
-
-class MissionProgress:
-    """Guidance along one mission. `current` is the item under way, 0 when there is none.
-
-    The first leg, and the leg after an interruption, starts where the vessel is; every other leg joins two waypoints.
-    `home` is where RETURN_HOME goes; the mission's own item 0 when it is not set.
-    """
-
-    def __init__(self, mission: MissionSequence, default_speed_mps: float) -> None:
-        self.mission = mission
-        self.default_speed_mps = default_speed_mps
-        self.home: Home | None = None
-        self.restart()
-
-    def restart(self) -> None:
-        """Back to the first waypoint."""
-        self.speed_mps: float | None = None  # what CHANGE_SPEED asked for
-        self.output: GuidanceOutput | None = None
-        self.reached = 0  # waypoints reached so far
-        self._undrained: list[int] = []
-        self._jumps: dict[int, int] = {}
-        self.resume_from(1)
-
-    def resume_from(self, seq: int) -> None:
-        """Go to the first waypoint at or after `seq`."""
-        self.state = NOT_STARTED
-        self._advance_to(seq)
-        self.start_leg()
-
-    def start_leg(self) -> None:
-        """The next leg starts where the vessel is; a completed mission starts again."""
-        self._leg: GuidanceLeg | None = None
-        self._frame: LocalProjection | None = None
-        self._guidance = GuidanceState()
-        self._station: StationKeeping | None = None
-        self._stayed_s = 0.0
-        if self.state == COMPLETE:
-            self.restart()
-
-    def steer(
-        self,
-        gains: GuidanceGains,
-        frame: LocalProjection,
-        pos_ne_m: tuple[float, float],
-        yaw_rad: float,
-        speed_mps: float,
-        dt_s: float,
-    ) -> GuidanceOutput | None:
-        """Guidance along the mission, None once the last waypoint is reached."""
-        if self.current == 0:
-            self.state = COMPLETE
-            return None
-        self.state = UNDER_WAY
-        desired_mps = self.default_speed_mps if self.speed_mps is None else self.speed_mps
-        if self._station is not None:
-            return self._stay(self._station, gains, frame, pos_ne_m, yaw_rad, desired_mps, dt_s)
-        line = self._leg
-        if line is None or frame is not self._frame:
-            self._frame = frame
-            line = self._leg = self._leg_from(frame, pos_ne_m)
-        self._guidance, output = follow_leg(
-            gains, self._guidance, line, pos_ne_m, yaw_rad, speed_mps, desired_mps, dt_s
-        )
-        self.output = output
-        if not output.reached:
-            return output
-        if self._stays(self.current):
-            self._station = StationKeeping(*frame.to_geodetic(line.end_north_m, line.end_east_m))
-            self._stayed_s = 0.0
-            return output
-        return self._reach(frame, line, output)
-
-    def _stay(
-        self,
-        station: StationKeeping,
-        gains: GuidanceGains,
-        frame: LocalProjection,
-        pos_ne_m: tuple[float, float],
-        yaw_rad: float,
-        desired_mps: float,
-        dt_s: float,
-    ) -> GuidanceOutput | None:
-        self._stayed_s += dt_s
-        self.output = output = station.steer(gains, frame, pos_ne_m, yaw_rad, desired_mps)
-        item = self.mission.items[self.current]
-        if item.command == LOITER_UNLIMITED or self._stayed_s < item.hold_s:
-            return output
-        self._station = None
-        return self._reach(frame, None, output)
-
-    def _reach(self, frame: LocalProjection, line: GuidanceLeg | None, output: GuidanceOutput) -> GuidanceOutput | None:
-        """The current item is done; without a line the next leg starts where the vessel is."""
-        self.reached += 1
-        self._undrained.append(self.current)
-        self._advance_to(self.current + 1)
-        if self.current == 0:
-            self.state = COMPLETE
-            return None
-        if line is None:
-            self._leg, self._guidance = None, GuidanceState()
-            return output
-        self._leg = self._leg_from(frame, (line.end_north_m, line.end_east_m))
-        self._guidance = carry_integral(self._guidance, self._leg.course_rad - line.course_rad)
-        return output
-
-    def drain_reached(self) -> list[int]:
-        """Waypoints reached since the last call."""
-        reached, self._undrained = self._undrained, []
-        return reached
-
-    def _advance_to(self, seq: int) -> None:
-        self.current, self.speed_mps, self._jumps = self._next_item(seq)
-
-    def _next_item(self, seq: int) -> _NextItem:
-        """From `seq` to the next item to go to, by what stands between. Jumps in a ring end the mission."""
-        items, speed_mps, jumps = self.mission.items, self.speed_mps, self._jumps
-        for _ in range(2 * len(items)):
-            if seq >= len(items):
-                break
-            item = items[seq]
-            if item.command in LEGS:
-                return _NextItem(seq, speed_mps, jumps)
-            made = jumps.get(seq, 0)
-            if item.command == CHANGE_SPEED:
-                speed_mps = item.speed_mps
-            if item.command == JUMP and (item.repeats == FOREVER or made < item.repeats):
-                jumps = {**jumps, seq: made + 1}
-                seq = item.jump_seq
-            else:
-                seq += 1
-        return _NextItem(0, speed_mps, jumps)
-
-    def _stays(self, seq: int) -> bool:
-        item = self.mission.items[seq]
-        return item.command in (LOITER_TIME, LOITER_UNLIMITED) or (item.command == WAYPOINT and item.hold_s > 0.0)
-
-    def _leg_from(self, frame: LocalProjection, start_ne_m: tuple[float, float]) -> GuidanceLeg:
-        end = self._local(frame, self.current, start_ne_m)
-        after = 0 if self._stays(self.current) else self._next_item(self.current + 1).current
-        return make_leg(start_ne_m, end, self._local(frame, after, end) if after else None)
-
-    def _local(self, frame: LocalProjection, seq: int, here_ne_m: tuple[float, float]) -> tuple[float, float]:
-        item = self.mission.items[seq]
-        if item.command == RETURN_HOME:
-            home = self.home or self.mission.items[0]
-            return frame.to_local(home.lat_deg, home.lon_deg)
-        if item.lat_deg == 0.0 and item.lon_deg == 0.0:  # loitering "here"
-            return here_ne_m
-        return frame.to_local(item.lat_deg, item.lon_deg)
 
 
 class GuidedTarget(NamedTuple):
@@ -293,26 +123,45 @@ class ModeInput(NamedTuple):
     pos_ne_m: tuple[float, float]
     speed_mps: float
     sticks: Sticks
+    utc_s: float | None = None  # where the date is known
+
+    def facing(self, astern: bool) -> tuple[float, float]:
+        """Heading and speed of the bow, or of the stern."""
+        if astern:
+            return wrap_angle(self.estimate.yaw_rad + math.pi), -self.speed_mps
+        return self.estimate.yaw_rad, self.speed_mps
 
 
 class Navigator:
     """What the modes keep from cycle to cycle.
 
-    output: guidance of the mode in force, None when it has none. asked_mps: speed asked for while the mode lasts. home:
-    where the vessel was armed, or first had a position, unless it was set. reached: waypoints nobody has drained yet.
+    output: guidance of the mode in force, None when it has none. asked_mps: speed asked for while the mode lasts.
+    astern: legs and circles are sailed stern first. home: where the vessel was armed, or first had a position, unless
+    it was set. reached: waypoints nobody has drained yet. simple_heading_rad: what SIMPLE counts headings from.
+    perform: carries out the items of a mission that are not sailed.
     """
 
-    def __init__(self, mission: MissionSequence, parameters: Parameters, events: EventQueue) -> None:
-        self.progress = MissionProgress(mission, parameters["WP_SPEED"])
+    def __init__(
+        self, mission: MissionSequence, parameters: Parameters, events: EventQueue, perform: Perform = passed_over
+    ) -> None:
         self.guided = GuidedNavigation()
         self.station: StationKeeping | None = None
         self.way_home: PointTransit | None = None
+        self.return_path = ReturnPath(parameters, events)
+        self.return_progress: MissionProgress | None = None
+        self.circle: CircleTransit | None = None
         self.home: Home | None = None
         self.home_is_set = False
+        self.simple_heading_rad = 0.0
+        self.held_heading_rad: float | None = None
         self.output: GuidanceOutput | None = None
         self.asked_mps: float | None = None
+        self.astern = False
         self.reached: deque[int] = deque(maxlen=_MOST_REACHED)
         self.events = events
+        self._perform = perform
+        self.cruise_mps = parameters["WP_SPEED"]
+        self.load_mission(mission)
         self.configure(parameters)
 
     def configure(self, p: Parameters) -> None:
@@ -323,9 +172,15 @@ class Navigator:
         # Drag, and with it thrust, grows with the square of the speed.
         self.speed_max_mps = p["SPEED_MAX"] or p["CRUISE_SPEED"] / math.sqrt(p["CRUISE_THROTTLE"] / 100.0)
         self.acro_radps = math.radians(p["ACRO_TURN_RATE"])
-        self.turn_radius_m = p["TURN_RADIUS"]
+        self.circle_radius_m = p["CIRC_RADIUS"]
+        self.circle_mps = p["CIRC_SPEED"] or p["WP_SPEED"]
+        self.circles_clockwise = p["CIRC_DIR"] == 0.0
+        self.simple_is_relative = p["SIMPLE_TYPE"] == 0.0
         self.guided_timeout_ns = int(p["GUID_TIMEOUT"] * 1e9)
         self.progress.default_speed_mps = p["WP_SPEED"]
+        self.return_path.configure(p)
+
+    # -- the mission
 
     @property
     def mission(self) -> MissionSequence:
@@ -334,15 +189,13 @@ class Navigator:
 
     def load_mission(self, mission: MissionSequence) -> None:
         """A new mission, from its start."""
-        self.progress = MissionProgress(mission, self.cruise_mps)
+        self.progress = MissionProgress(mission, self.cruise_mps, self.events.add, self._perform)
 
     def follow_mission(self, now: ModeInput) -> GuidanceOutput | None:
-        """One step along the mission, None once the last waypoint is reached; each waypoint reached is an event."""
-        self.progress.home = self.home
-        output = self.progress.steer(self.gains, now.frame, now.pos_ne_m, now.estimate.yaw_rad, now.speed_mps, now.dt_s)
-        for seq in self.progress.drain_reached():
-            self.reached.append(seq)
-            self.events.add(INFO, f"Reached waypoint {seq}")
+        """One step along the mission, None once its last stage is done."""
+        self.progress.home, self.progress.utc_s = self.home, now.utc_s
+        output = self._sail(self.progress, now)
+        self.reached.extend(self.progress.drain_reached())
         return output
 
     def drain_reached(self) -> list[int]:
@@ -350,6 +203,32 @@ class Navigator:
         reached = list(self.reached)
         self.reached.clear()
         return reached
+
+    def _sail(self, progress: MissionProgress, now: ModeInput) -> GuidanceOutput | None:
+        astern = self.astern and progress.sails
+        output = progress.steer(self.gains, now.frame, now.pos_ne_m, *now.facing(astern), now.dt_s)
+        return turned_about(output) if astern and output is not None else output
+
+    # -- the way back
+
+    def start_return(self, frame: LocalProjection) -> None:
+        """Back along the path, which is used up on the way."""
+        places = [waypoint(*frame.to_geodetic(*point)) for point in reversed(self.return_path.points)]
+        self.return_progress = MissionProgress(make_mission([places[-1], *places]), self.homeward_mps)
+
+    def follow_return(self, now: ModeInput) -> GuidanceOutput | None:
+        """One step back, None at the start of the path."""
+        progress = self.return_progress
+        if progress is None:
+            return None
+        progress.speed_mps = self.asked_mps
+        output = self._sail(progress, now)
+        for _ in progress.drain_reached():
+            if len(self.return_path.points) > 1:
+                self.return_path.points.pop()
+        return output
+
+    # -- home
 
     def set_home(self, home: Home) -> None:
         """Home from now on; a way home under way starts anew."""
@@ -372,9 +251,23 @@ class Navigator:
         """Stay where the vessel comes to rest next."""
         self.station = None
 
+    def enter_circle(self) -> None:
+        """Around where the vessel is next."""
+        self.circle = None
+
+    def enter_simple(self) -> None:
+        """With centred sticks the heading is held that the vessel has next."""
+        self.held_heading_rad = None
+
     def enter_rtl(self) -> None:
         """The way home starts where the vessel is."""
         self.way_home = None
+
+    def enter_smart_rtl(self) -> None:
+        """Stop until the path is thinned out, then go back along it."""
+        self.return_progress = None
+        self.station = None
+        self.return_path.leave()
 
     def enter_guided(self) -> None:
         """Stay where the vessel comes to rest, until a target comes."""

@@ -11,7 +11,7 @@ from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed
 from agent.fcu.geodetic import LocalProjection
 from agent.fcu.mission import make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle.navigation import COMPLETE, MissionProgress
+from agent.fcu.vehicle.mission_progress import COMPLETE, MissionProgress
 from agent.fcu.vehicle_state import StateEstimate
 from sim_core.kinematics import Kinematics
 from xitl_cli.errors import UserError

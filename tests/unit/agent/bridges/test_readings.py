@@ -26,8 +26,8 @@ from agent.bridges.readings import (
     magnetometer_sample_from,
     receiver_fix_from,
 )
-from agent.bridges.samples import SECOND_NS, WEEK_S, GpsTime
 from agent.bridges.vectornav import VectorNav, sentence
+from agent.fcu.gps_time import SECOND_NS, WEEK_S, GpsTime
 from agent.timing.clock import TickClock
 from agent.wire import dialect as mav
 from agent.wire.codec import Message, Packer

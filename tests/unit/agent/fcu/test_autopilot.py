@@ -109,8 +109,9 @@ def test_shipped_parameters_sail_their_vessel(name: str, hull: Hull) -> None:
 def test_arming_names_what_is_missing() -> None:
     autopilot = Autopilot()
     autopilot.control(0)
-    assert autopilot.arm() == ("IMU: no data", "AHRS: levelling")
-    assert [event.text for event in autopilot.events.drain()] == ["PreArm: IMU: no data", "PreArm: AHRS: levelling"]
+    assert autopilot.arm() == ("Gyros not healthy", "AHRS: EKF3 not started")
+    said = [event.text for event in autopilot.events.drain()]
+    assert said == ["Arm: Gyros not healthy", "Arm: AHRS: EKF3 not started"]
     assert not autopilot.state.armed
 
 
@@ -174,7 +175,7 @@ def test_unknown_modes_are_refused(mode: int) -> None:
 
 
 def test_auto_needs_a_mission_and_clearing_it_holds() -> None:
-    assert "needs a mission" in Autopilot().set_mode(modes.AUTO)
+    assert "No Mission. Can't set AUTO." in Autopilot().set_mode(modes.AUTO)
     autopilot = ready()
     autopilot.commands.set_mission(make_mission([]))
     assert autopilot.state.mode == modes.HOLD

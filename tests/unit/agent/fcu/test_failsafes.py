@@ -31,7 +31,7 @@ def hear(ship: SteeredBoat, seconds: float, system_id: int = 255) -> None:
 
 @pytest.mark.parametrize(
     ("action", "mode"),
-    [(0, "AUTO"), (1, "RTL"), (2, "HOLD"), (3, "RTL"), (4, "HOLD"), (5, "disarmed"), (6, "LOITER")],
+    [(0, "AUTO"), (1, "RTL"), (2, "HOLD"), (3, "SMART_RTL"), (4, "SMART_RTL"), (5, "disarmed"), (6, "LOITER")],
 )
 def test_ground_station_lost_and_found(action: int, mode: str) -> None:
     ship = under_way(modes.AUTO, FS_ACTION=action)

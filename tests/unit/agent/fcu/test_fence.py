@@ -149,12 +149,12 @@ def test_arming_outside_is_refused() -> None:
     ship.sail(12.0)
     assert ship.autopilot.commands.set_fence([circle(CIRCLE_IN, 200.0, 0.0, 50.0)]) == ""
     assert ship.autopilot.commands.enable_fence(True) == ""
-    assert ship.autopilot.arm() == ("Fence: vessel is outside",)
+    assert ship.autopilot.arm() == ("Vehicle breaching Circle and Polygon fences",)
     assert ship.autopilot.commands.enable_fence(False) == ""
     assert ship.autopilot.arm() == ()
     early = SteeredBoat(FENCE_ENABLE=1)
     early.sail(1.0)
-    assert "Fence: needs a position" in early.autopilot.arm()
+    assert "Fence requires position" in early.autopilot.arm()
 
 
 def test_guided_keeps_its_margin() -> None:

@@ -300,7 +300,7 @@ def test_messages_and_the_name_of_the_mode_in_a_readers_eyes(flown: tuple[Flight
     flight, rows = flown
     texts = [row.Message for row in rows["MSG"]]
     assert "Armed" in texts
-    assert "Reached waypoint 1" in texts
+    assert "Reached waypoint #1" in texts
     path = flight.log.path
     assert path is not None
     reader = mavutil.mavlink_connection(str(path))

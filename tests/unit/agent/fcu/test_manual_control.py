@@ -38,7 +38,8 @@ def test_mapping_trim_and_direction_are_the_parameters() -> None:
     sticks = manual(RCMAP_ROLL=4, RCMAP_THROTTLE=2, RC4_REVERSED=1, RC2_TRIM=1400, RC2_DZ=0, RC2_MIN=1000)
     override(sticks, c4=1900, c2=1200, c1=1900, c3=1900)
     assert sticks.sticks(0) == pytest.approx((-1.0, -0.5))
-    assert sticks.problems(0) == ["RC: steering (RC4) is not neutral", "RC: throttle (RC2) is not neutral"]
+    texts = [problem.text for problem in sticks.problems(0)]
+    assert texts == ["Roll (RC4) is not neutral", "Throttle (RC2) is not neutral"]
 
 
 def test_overrides_are_released_ignored_and_age() -> None:

@@ -158,17 +158,22 @@ def test_commands_are_answered() -> None:
 
     assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)) == mav.MAV_RESULT_ACCEPTED
-    assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.5)) == mav.MAV_RESULT_DENIED
-    assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, math.nan)) == mav.MAV_RESULT_DENIED
+    assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, 0.5)) == mav.MAV_RESULT_UNSUPPORTED
+    assert result(command(mav.MAV_CMD_COMPONENT_ARM_DISARM, math.nan)) == mav.MAV_RESULT_UNSUPPORTED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, float(modes.MANUAL))) == mav.MAV_RESULT_ACCEPTED
     assert channel.autopilot.state.mode == modes.MANUAL
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 0.0, float(modes.HOLD))) == mav.MAV_RESULT_DENIED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, float(modes.AUTO))) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_DO_SET_MODE, 1.0, 77.0)) == mav.MAV_RESULT_FAILED
     assert result(command(mav.MAV_CMD_MISSION_START)) == mav.MAV_RESULT_FAILED
+    assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, 2.0, -1.0)) == mav.MAV_RESULT_FAILED  # not in MANUAL
+    channel.autopilot.set_mode(modes.GUIDED)
     assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, 2.0, -1.0)) == mav.MAV_RESULT_ACCEPTED
-    assert channel.autopilot.navigator.progress.speed_mps == 2.0
-    assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, math.nan)) == mav.MAV_RESULT_DENIED
+    assert channel.autopilot.navigator.asked_mps == 2.0
+    for speed_mps in (-2.0, -1.0, 0.0, math.nan):
+        assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 1.0, speed_mps)) == mav.MAV_RESULT_FAILED
+    assert result(command(mav.MAV_CMD_DO_CHANGE_SPEED, 2.0, 2.0)) == mav.MAV_RESULT_DENIED  # it does not climb
+    assert channel.autopilot.navigator.asked_mps == 2.0
     assert result(command(22)) == mav.MAV_RESULT_UNSUPPORTED
     assert result(command(mav.MAV_CMD_REQUEST_MESSAGE, 0.0)) == mav.MAV_RESULT_ACCEPTED
     assert result(command(mav.MAV_CMD_REQUEST_MESSAGE, 12345.0)) == mav.MAV_RESULT_UNSUPPORTED

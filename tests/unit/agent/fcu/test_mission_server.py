@@ -129,11 +129,12 @@ def test_a_station_that_falls_silent_is_given_up_and_the_old_mission_kept() -> N
 @pytest.mark.parametrize(
     ("bad", "result", "words"),
     [
-        (item(1, command=21), mav.MAV_MISSION_UNSUPPORTED, "item 1 refused: command 21 is not supported"),
+        (item(1, command=999), mav.MAV_MISSION_UNSUPPORTED, "item 1 refused: command 999 is not supported"),
+        (item(1, command=0), mav.MAV_MISSION_INVALID, "item 1 refused: command 0 is not supported"),
         (item(1, frame=1), mav.MAV_MISSION_UNSUPPORTED_FRAME, "item 1 refused: frame 1"),
-        (item(1, x=910000000), mav.MAV_MISSION_INVALID, "item 1 refused: position 91"),
-        (item(1, z=math.nan), mav.MAV_MISSION_INVALID, "item 1 refused: altitude nan"),
-        (item(1, command=178, p2=math.nan), mav.MAV_MISSION_INVALID, "item 1 refused: speed nan"),
+        (item(1, x=910000000), mav.MAV_MISSION_INVALID_PARAM5_X, "item 1 refused: position 91"),
+        (item(1, z=math.nan), mav.MAV_MISSION_INVALID_PARAM7, "item 1 refused: altitude nan"),
+        (item(1, command=178, p2=math.nan), mav.MAV_MISSION_INVALID_PARAM2, "parameter 2 of ChangeSpeed is nan"),
     ],
 )
 def test_a_bad_item_ends_the_upload(bad: Any, result: int, words: str) -> None:
@@ -206,7 +207,7 @@ def test_a_float_item_that_is_nowhere_is_refused(bad: float) -> None:
     old = channel.autopilot.navigator.mission
     channel.handle(count(2), 0)
     channel.handle(float_item(0, bad, bad), 0)
-    assert acks(channel.handle(float_item(1, bad, 0.0), 0)) == [mav.MAV_MISSION_INVALID]
+    assert acks(channel.handle(float_item(1, bad, 0.0), 0)) == [mav.MAV_MISSION_INVALID_PARAM5_X]
     assert "Mission item 1 refused: position " in texts(channel.poll(0))
     assert channel.autopilot.navigator.mission == old
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from agent.fcu.fence import CIRCLE_IN, FenceItem
-from agent.fcu.mission import change_speed, make_mission, waypoint
+from agent.fcu.mission import change_speed, jump, make_mission, waypoint
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.roles.storage import Storage, StorageError
 
@@ -37,6 +37,22 @@ def test_parameters_and_plans_are_back_after_a_restart(tmp_path: Path) -> None:
     assert again.navigator.mission == PLAN
     assert list(again.fence.items) == FENCE
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_mission_kept_by_an_earlier_release_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "kept.json"
+    kept = {"lat_deg": 0.0, "lon_deg": 0.0, "alt_m": 0.0, "speed_mps": 0.0, "frame": 3, "hold_s": 0.0}
+    items = [
+        {**kept, "command": 16, "lat_deg": -8.8, "lon_deg": -63.95, "jump_seq": 0, "repeats": 0},
+        {**kept, "command": 16, "lat_deg": -8.79, "lon_deg": -63.95, "hold_s": 3.0},
+        {**kept, "command": 178, "speed_mps": 2.0},
+        {**kept, "command": 177, "jump_seq": 1, "repeats": -1},
+    ]
+    path.write_text(json.dumps({"format": 1, "parameters": {}, "mission": items, "fence": []}))
+    found = restarted(path).navigator.mission.items
+    assert found[:2] == PLAN.items[:2]
+    assert found[2].parameters[1] == 2.0
+    assert found[3] == jump(1, -1)
 
 
 def test_only_what_was_set_is_kept_until_all_is_asked_for(tmp_path: Path) -> None:
@@ -85,8 +101,8 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str) -> None:
 
 def test_another_format_and_no_folder_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "kept.json"
-    path.write_text('{"format": 2}')
-    with pytest.raises(StorageError, match="has format 2, this release reads 1; move it away"):
+    path.write_text('{"format": 3}')
+    with pytest.raises(StorageError, match="has format 3, this release reads 2; move it away"):
         Storage(path)
     with pytest.raises(StorageError, match=r"there is no folder .*; make it or choose another file"):
         Storage(tmp_path / "no" / "kept.json")

@@ -1,0 +1,58 @@
+"""Servo outputs beside those of the propellers: set, or moved to and fro, by DO_SET_SERVO and DO_REPEAT_SERVO."""
+
+from __future__ import annotations
+
+OUTPUTS = 16
+MOTORS = (1, 3)  # port and starboard, as ArduRover wires a boat with skid steering
+_TRIM_US = 1500
+_WIDTHS_US = (500, 2500)
+
+
+class ServoOutputs:
+    """`widths_us` of outputs 1 to 16, 0 where nothing was asked for. One output at a time is moved to and fro."""
+
+    def __init__(self) -> None:
+        self.widths_us = [0] * OUTPUTS
+        self._moving = 0  # output, 0 for none
+        self._width_us = 0
+        self._moves_left = 0
+        self._half_ns = 0
+        self._moved_ns: int | None = None
+
+    def set(self, output: int, width_us: int) -> str:
+        """Set an output, or why not."""
+        problem = _problem(output, width_us)
+        if not problem:
+            if output == self._moving:
+                self._moves_left = 0
+            self.widths_us[output - 1] = width_us
+        return problem
+
+    def repeat(self, output: int, width_us: int, times: int, period_s: float) -> str:
+        """Move an output there and back to 1500 us so many times, or why not."""
+        problem = _problem(output, width_us)
+        if not problem:
+            self._moving, self._width_us, self._moves_left = output, width_us, 2 * max(times, 0)
+            self._half_ns = round(0.5e9 * min(max(period_s, 0.0), 3600.0))
+            self._moved_ns = None
+        return problem
+
+    def update(self, now_ns: int) -> None:
+        """Each cycle."""
+        if self._moves_left == 0:
+            return
+        if self._moved_ns is not None and 0 <= now_ns - self._moved_ns < self._half_ns:
+            return
+        self.widths_us[self._moving - 1] = _TRIM_US if self._moves_left % 2 else self._width_us
+        self._moves_left -= 1
+        self._moved_ns = now_ns
+
+
+def _problem(output: int, width_us: int) -> str:
+    if not 1 <= output <= OUTPUTS:
+        return f"Servo {output} is not there; use 1 to {OUTPUTS}"
+    if output in MOTORS:
+        return f"ServoRelayEvent: Channel {output} is already in use"
+    low, high = _WIDTHS_US
+    fits = low <= width_us <= high or width_us == 0
+    return "" if fits else f"Servo at {width_us} us; use {low} to {high}, 0 for none"
