@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import agent
 from agent.assembly import REFUSALS, assemble
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
             if options.attached:
                 end_with_parent(parent)
             transport = opened.enter_context(open_transport(options.link, listen=True))
-            node = assemble(transport, options, opened)
+            node = assemble(transport, options, opened, say)
         except REFUSALS as error:
             return _refuse(str(error))
         standing = set_up(options.realtime, options.cpus)
@@ -40,11 +40,18 @@ def main(arguments: list[str] | None = None, program: str = "python -m agent") -
         lines = [f"xitl agent {agent.__version__}: {node.role.title} {WAITS_AT} {transport.address}"]
         if node.role.addresses:
             lines.append(f"{node.role.peers}: {', '.join(node.role.addresses)}")
-        sys.stdout.write("\n".join([*lines, *standing.problems, ""]))
-        sys.stdout.flush()
+        for line in (*lines, *standing.problems):
+            say(line)
         notify_ready()
         node.serve(lambda: not stop)
     return 0
+
+
+def say(sentence: str) -> None:
+    """To whoever looks at this program; nobody has to."""
+    with suppress(OSError, ValueError):
+        sys.stdout.write(f"{sentence}\n")
+        sys.stdout.flush()
 
 
 def _refuse(sentence: str) -> int:

@@ -43,8 +43,10 @@ REFUSALS = (OptionsError, ParameterError, TransportError, StorageError, SigningK
 """What `assemble` raises, each one sentence."""
 
 
-def assemble(transport: Transport, options: Options, opened: ExitStack) -> AgentNode:
-    """The node that the options describe, on a transport that is open.
+def assemble(
+    transport: Transport, options: Options, opened: ExitStack, say: Callable[[str], None] = lambda sentence: None
+) -> AgentNode:
+    """The node that the options describe, on a transport that is open; `say` as in AgentNode.
 
     The transport stays the caller's to close; what else has to be closed goes to `opened`. Raises `REFUSALS`.
     """
@@ -58,7 +60,7 @@ def assemble(transport: Transport, options: Options, opened: ExitStack) -> Agent
     machine = read_machine()
     machine = machine._replace(kind=options.kind or machine.kind, name=options.machine or machine.name)
     identity = Identity(role.nodes, machine, signed=key is not None)
-    return AgentNode(link, role, identity, faults, options.silence_s, clock)
+    return AgentNode(link, role, identity, faults, options.silence_s, clock, say)
 
 
 def _role(options: Options, send: Callable[..., bool], opened: ExitStack) -> Role:

@@ -22,6 +22,7 @@ STATUS_RATE_HZ = 1.0
 IDLE_WAIT_S = 0.5
 SILENCE_S = 60.0
 MISSES_A_CYCLE = 10
+STRANGERS_SAID_NS = 10_000_000_000
 LATEST_NS = 1 << 62  # here a host's time stands still: after 146 years, half of what the wire's signed fields hold
 _WARNING = 4  # MAV_SEVERITY
 
@@ -35,7 +36,10 @@ class AgentNode:
     say goes out ahead of the next answer.
 
     executor: runs the tasks of the run. `faults` are those of `link`'s transport. A host that is silent in real time
-    for `silence_s` is gone, and its run with it; 0 waits forever. `clock` is this machine's.
+    for `silence_s` is gone, and its run with it; 0 waits forever. `clock` is this machine's. `say` gets what the person
+    at this machine has to know.
+
+    A run is its host's alone: the link refuses others, and the role is told of them.
     """
 
     def __init__(
@@ -46,6 +50,7 @@ class AgentNode:
         faults: AgentFaults | None = None,
         silence_s: float = SILENCE_S,
         clock: Clock | None = None,
+        say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         self._link = link
         self.role = role
@@ -60,7 +65,11 @@ class AgentNode:
             dialect.MAVLink_xitl_timesync_message: self._on_timesync,
             dialect.MAVLink_xitl_faults_message: self._on_faults,
         }
+        self._say = say
         self._running = False
+        self._token = 0
+        self._strangers = 0
+        self._told_strangers_ns = 0
         self._heard_ns = 0
         self._ahead = 0  # messages of the batch at hand that were received, but not yet handled
         self._host_is_gone = False
@@ -91,6 +100,8 @@ class AgentNode:
             for message in messages:
                 self._ahead -= 1
                 handlers.get(type(message), other)(message)
+        if self._link.strangers != self._strangers:
+            self._tell_of_strangers()
         executor = self._due_now()
         if executor is not None:
             executor.run_due(executor.clock.now_ns())
@@ -142,7 +153,7 @@ class AgentNode:
         self._faults.answering = True
         if message.command == dialect.XITL_RUN_COMMAND_START:
             lockstep = message.clock_mode == dialect.XITL_CLOCK_MODE_LOCKSTEP
-            self._start_run(lockstep, min(message.time_usec * 1000, LATEST_NS))
+            self._start_run(lockstep, min(message.time_usec * 1000, LATEST_NS), message.token)
         elif message.command == dialect.XITL_RUN_COMMAND_STOP:
             self._end_run()
         repeatable = message.clock_mode == dialect.XITL_CLOCK_MODE_LOCKSTEP
@@ -151,12 +162,13 @@ class AgentNode:
         self._link.send(self._status_message(now_ns, repeatable))
         self._faults.answering = False
 
-    def _start_run(self, lockstep: bool, start_ns: int) -> None:
+    def _start_run(self, lockstep: bool, start_ns: int, token: int) -> None:
         if self._running:  # the host that started the last run is gone
             self.role.end_run(self._clock.now_ns())
         self._link.reset_counters()
         self._reset(lockstep, start_ns)
-        self._running = True
+        self._running, self._token = True, token
+        self._strangers = self._told_strangers_ns = 0
         self._host_is_gone = False
         executor = self.executor
         self.role.start_run(executor, self._silent_s)
@@ -169,7 +181,7 @@ class AgentNode:
     def _end_run(self) -> None:
         """Said again when the host asks again: it may have missed it."""
         self._host_is_gone = False
-        was_running, self._running = self._running, False
+        was_running, self._running, self._token = self._running, False, 0
         now_ns = self._clock.now_ns()
         self._link.send_prepared(self._deferred)
         self._deferred.clear()
@@ -218,6 +230,17 @@ class AgentNode:
             for sentence in self._faults.handle(message):
                 self.role.add_event(_WARNING, sentence)
 
+    def _tell_of_strangers(self) -> None:
+        """At the first of a run, and every `STRANGERS_SAID_NS` while they go on."""
+        now_ns = self._monotonic.now_ns()
+        if not self._running or now_ns < self._told_strangers_ns:
+            return
+        count, self._strangers = self._link.strangers - self._strangers, self._link.strangers
+        self._told_strangers_ns = now_ns + STRANGERS_SAID_NS
+        transport = self._link.transport
+        self._say(f"refused {count} datagrams or calls, the last of {transport.stranger}: {transport.peer} has the run")
+        self.role.add_event(_WARNING, f"Refused {transport.stranger}: not this run's host")
+
     # Tasks
 
     def _telemetry(self, now_ns: int) -> None:
@@ -257,4 +280,5 @@ class AgentNode:
             0 if repeatable else self.executor.misses.unreported,
             UNKNOWN if repeatable else self._health.read(),
             self._running,
+            self._token,
         )

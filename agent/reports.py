@@ -62,8 +62,9 @@ def node_status(
     misses_unreported: int,
     health: MachineHealth,
     running: bool,
+    token: int = 0,
 ) -> Message:
-    """XITL_NODE_STATUS; `counters` are of the instant before."""
+    """XITL_NODE_STATUS; `counters` are of the instant before, `token` that of the run."""
     degrees = health.temperature_degc
     message: Message = dialect.MAVLink_xitl_node_status_message(
         now_ns // 1000,
@@ -89,6 +90,8 @@ def node_status(
         _NO_TEMPERATURE if degrees is None else round(100.0 * degrees),
         int(running),
         PROTOCOL,
+        token,
+        counters.strangers & _MOST,
     )
     return message
 

@@ -57,6 +57,7 @@ class ImpairedTransport(Transport):
         super().__init__(inner.address)
         self.inner = inner
         self.name, self.stream, self.learns_peer = inner.name, inner.stream, inner.learns_peer
+        self.serves_one = inner.serves_one
         self.datagram_bytes = inner.datagram_bytes
         self.capacity_bps = inner.capacity_bps
         self.patience_s = OVERTAKEN_S
@@ -177,6 +178,14 @@ class ImpairedTransport(Transport):
     @property
     def peer(self) -> str:
         return self.inner.peer
+
+    @property
+    def strangers(self) -> int:  # type: ignore[override]
+        return self.inner.strangers
+
+    @property
+    def stranger(self) -> str:  # type: ignore[override]
+        return self.inner.stranger
 
     def accept_sender(self, index: int, standing: SenderStatus) -> bool:
         return self.inner.accept_sender(index, standing)

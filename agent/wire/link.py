@@ -117,7 +117,7 @@ class LinkCounters:
     messages that waited for a slow line until others needed their place. received: good frames. lost, late, repeated:
     from the sequence numbers, see `SequenceMonitor`. dropped_*: see `Framer`. bytes_in, bytes_out: all bytes, good or
     not. refused: good frames without a signature that counts, see `Signing`. strangers: good frames of another than the
-    peer, on a transport that takes bytes from anybody.
+    peer, on a transport that takes bytes from anybody, and what that refused unread.
     """
 
     sent: int
@@ -182,11 +182,12 @@ class Link:
         self._others: dict[tuple[int, int], Packer] = {}
         self._framer = Framer(transport.stream, foreign, mavlink1)
         self._may_be_mavlink1 = mavlink1
+        self._asks_sender = transport.learns_peer or transport.serves_one
         self._foreign = foreign
         self.passed = 0
         self._sequence = SequenceMonitor()
         self._sent = self._unsent = self._received = self._bytes_out = self._refused_before = 0
-        self._strangers = 0
+        self._strangers = self._strangers_before = 0
         self._waiting: WaitingMessages | None = None
         self._take = transport.receive
         self._until_s = 0.0
@@ -299,7 +300,7 @@ class Link:
                     self.passed += len(frames) - len(heard)
                 else:
                     heard = list(map(decode, frames))
-                if frames and transport.learns_peer and not transport.accept_sender(index, _standing(heard)):
+                if frames and self._asks_sender and not transport.accept_sender(index, _standing(heard)):
                     self._strangers += len(frames)
                     continue
                 if self._may_be_mavlink1 and frames:
@@ -366,12 +367,18 @@ class Link:
             bytes_in=framing.bytes_in,
             bytes_out=self._bytes_out,
             refused=self.refused_signature - self._refused_before,
-            strangers=self._strangers,
+            strangers=self.strangers,
         )
+
+    @property
+    def strangers(self) -> int:
+        """As in `counters`."""
+        return self._strangers + self.transport.strangers - self._strangers_before
 
     def reset_counters(self) -> None:
         """Count from zero and forget the senders, as at the start of a run. The own sequence number goes on."""
         self._sent = self._unsent = self._received = self._bytes_out = self._strangers = self.passed = 0
+        self._strangers_before = self.transport.strangers
         self._refused_before = self.refused_signature
         if self._waiting is not None:
             self._waiting.given_up = 0

@@ -11,9 +11,10 @@ import errno
 import select
 import socket
 from time import monotonic
+from typing import Callable
 from urllib.parse import SplitResult
 
-from agent.wire.transport import Transport, TransportClosedError
+from agent.wire.transport import SenderStatus, ServedPeer, Transport, TransportClosedError
 from agent.wire.urls import Address, address_url, bind_to_interface, interface_named_by, resolve, transport_error
 
 BUFFER_BYTES = 1 << 16  # what may lie unread at the other end: a second or two of telemetry, not minutes of it
@@ -21,6 +22,12 @@ CHUNK_BYTES = 1 << 16
 CHUNKS = 16  # of one receive(): a flood may not hold the caller
 RETRY_S = 0.5
 WAITING = 16  # connections the system holds until they are accepted
+LOOK_S = 0.1  # how often a listener with a peer looks who else calls
+IDLE_S = 1.5  # a peer that says nothing gives way after so long
+EXHAUSTED_S = 1.0  # without a descriptor for those who call, the next look is so much later
+
+
+_NO_DESCRIPTORS = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 class _Connection:
@@ -217,19 +224,33 @@ class TcpListener:
             self._socket.close()
             raise transport_error(error, url, True) from None
         self.address = address_url("tcp", self._socket.getsockname())
+        self.exhausted = 0
+        self._again_s = 0.0
         self._closed = False
 
     def accept(self) -> tuple[socket.socket, str] | None:
-        """The next connection and who it is, None when nobody calls."""
+        """The next connection and who it is, None when nobody calls or there is no descriptor for it.
+
+        exhausted: how often that was so; who calls then waits, and is looked at again after `EXHAUSTED_S`.
+        """
+        if monotonic() < self._again_s:
+            return None
         try:
             sock, source = self._socket.accept()
-        except OSError:  # nobody, or somebody who gave up meanwhile, or no descriptor is left
+        except OSError as error:  # most often nobody, or somebody who gave up meanwhile
+            if error.errno in _NO_DESCRIPTORS:
+                self.pause(EXHAUSTED_S)
+                self.exhausted += 1
             return None
         return sock, address_url("tcp", source)
 
+    def pause(self, seconds: float) -> None:
+        """Let those who call wait for so long: a descriptor that stays readable would wake the caller at once."""
+        self._again_s = monotonic() + seconds
+
     def fileno(self) -> int | None:
-        """Descriptor that becomes readable when somebody calls."""
-        return None if self._closed else self._socket.fileno()
+        """Descriptor that becomes readable when somebody calls, None while they are to wait."""
+        return None if self._closed or monotonic() < self._again_s else self._socket.fileno()
 
     def close(self) -> None:
         """Stop listening; connections that were accepted live on."""
@@ -238,16 +259,59 @@ class TcpListener:
 
 
 class TcpPeerOfListener(TcpTransport):
-    """Waits at an address and serves one peer at a time; the next is served when that one has left."""
+    """Waits at an address and serves one peer at a time, until it has left or gives way, see `ServedPeer`.
 
-    def __init__(self, listener: TcpListener) -> None:
+    Others who call wait for that; while the peer has a run on they are turned away, and are `strangers`. peer_changes:
+    how often a peer gave way.
+    """
+
+    serves_one = True
+
+    def __init__(self, listener: TcpListener, clock_s: Callable[[], float] = monotonic) -> None:
         super().__init__(listener.address)
+        self.peer_changes = 0
         self._listener = listener
+        self._clock_s = clock_s
+        self._served = ServedPeer(IDLE_S)
+        self._look_s = 0.0
 
     def _find_peer(self) -> None:
         called = self._listener.accept()
         if called is not None:
             self._connection = _Connection(*called)
+            self._served = ServedPeer(IDLE_S)
+            self._served.called(self._clock_s())
+
+    def _ready(self) -> _Connection | None:
+        if self._connection is not None and not self._closed:
+            now_s = self._clock_s()
+            if now_s >= self._look_s:
+                self._look_s = now_s + LOOK_S
+                self._meet_others(now_s)
+        return super()._ready()
+
+    def _meet_others(self, now_s: float) -> None:
+        if self._served.gives_way(SenderStatus.HEARD, now_s):
+            before = self._connection
+            self._find_peer()
+            if before is not None and self._connection is not before:
+                self.peer_changes += 1
+                before.socket.close()
+        elif self._served.bound(now_s):
+            for _ in range(WAITING):
+                called = self._listener.accept()
+                if called is None:
+                    return
+                called[0].close()
+                self.strangers += 1
+                self.stranger = called[1]
+
+    def accept_sender(self, index: int, standing: SenderStatus) -> bool:
+        self._served.heard(standing, self._clock_s())
+        return True
+
+    def counts(self) -> dict[str, int]:
+        return {**super().counts(), "peer_changes": self.peer_changes}
 
     def fileno(self) -> int | None:
         return super().fileno() if self._connection is not None else self._listener.fileno()
@@ -273,7 +337,10 @@ class TcpCaller(TcpTransport):
             if monotonic() < self._next_try_s:
                 return
             self._next_try_s = monotonic() + RETRY_S
-            self._calling = socket.socket(self._family, self._kind, self._protocol)
+            try:
+                self._calling = socket.socket(self._family, self._kind, self._protocol)
+            except OSError:  # no descriptor is left
+                return
             self._calling.setblocking(False)
             self._calling.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
             if self._calling.connect_ex(self._target) not in (0, errno.EINPROGRESS):

@@ -23,6 +23,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from enum import Enum
 from importlib import import_module
+from math import inf
 from time import monotonic
 from types import TracebackType
 from typing import Callable, TypeVar, cast
@@ -54,6 +55,9 @@ SCHEMES: dict[str, str] = {
 
 DATAGRAM_BYTES = 1400  # below the 1500 of Ethernet with room for IPv6 and a tunnel
 
+ASKED_S = 1.0  # an end that only asked is served for so long after its last word
+RUN_SILENCE_S = 5.0  # and one that has started a run for so long
+
 Self = TypeVar("Self", bound="Transport")
 
 
@@ -63,6 +67,44 @@ class SenderStatus(Enum):
     HEARD = 0  # somebody who speaks the dialect
     STARTS = 1  # asks to be served from now on, and nobody else
     LEAVES = 2  # wants nothing more
+
+
+class ServedPeer:
+    """Who is served at an address where anybody may call: one, until it leaves or has been silent for too long.
+
+    One that has started a run is served until RUN_SILENCE_S after its last good frame, and `bound` meanwhile; one that
+    only asked, for `asked_s`, and it gives way to one that starts a run.
+    """
+
+    def __init__(self, asked_s: float = ASKED_S) -> None:
+        self._asked_s = asked_s
+        self._patience_s = 0.0
+        self._heard_s = -inf
+
+    def called(self, now_s: float) -> None:
+        """A new one is there that has said nothing yet."""
+        self._heard_s, self._patience_s = now_s, self._asked_s
+
+    def heard(self, standing: SenderStatus, now_s: float) -> None:
+        """It has sent a good frame."""
+        self._heard_s = now_s
+        if standing is SenderStatus.STARTS:
+            self._patience_s = RUN_SILENCE_S
+        elif standing is SenderStatus.LEAVES:
+            self._heard_s = -inf
+        elif self._patience_s != RUN_SILENCE_S:
+            self._patience_s = self._asked_s
+
+    def bound(self, now_s: float) -> bool:
+        """Whether it has a run on: nobody else is heard."""
+        return self._patience_s == RUN_SILENCE_S and not self._is_over(now_s)
+
+    def gives_way(self, standing: SenderStatus, now_s: float) -> bool:
+        """Whether another one is served from now on that has sent a good frame."""
+        return self._is_over(now_s) or (standing is SenderStatus.STARTS and not self.bound(now_s))
+
+    def _is_over(self, now_s: float) -> bool:
+        return now_s - self._heard_s > self._patience_s
 
 
 class TransportError(Exception):
@@ -111,16 +153,21 @@ class Transport(ABC):
 
     name: the kind, for instance "udp". address: this end as a URL, for people. stream: False when each `send` arrives
     as one chunk or not at all, True when chunks may be cut and joined on the way. unsent: sends that `send` could not
-    hand on. learns_peer: True when `credit` matters. datagram_bytes: the most that one `send` should carry, when there
-    is a choice; a single frame may be longer. capacity_bps: bytes of payload per second that the line carries, None
-    when the line is not what limits a link.
+    hand on. learns_peer: True when the peer is learned from what comes. serves_one: True when others wait for the peer
+    to leave; for both `accept_sender` matters. strangers: datagrams and calls that were refused unheard because they
+    came from another than the peer; stranger: who sent the latest. datagram_bytes: the most that one `send` should
+    carry, when there is a choice; a single frame may be longer. capacity_bps: bytes of payload per second that the line
+    carries, None when the line is not what limits a link.
     """
 
     name: str = ""
     stream: bool = False
     learns_peer: bool = False
+    serves_one: bool = False
     datagram_bytes: int = DATAGRAM_BYTES
     capacity_bps: float | None = None
+    strangers: int = 0
+    stranger: str = ""
 
     def __init__(self, address: str) -> None:
         self.address = address

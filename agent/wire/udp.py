@@ -4,29 +4,28 @@ from __future__ import annotations
 
 import errno
 import socket
-from math import inf
 from time import monotonic
 from typing import Callable
 from urllib.parse import SplitResult
 
 from agent.timing.clock import wait_readable
-from agent.wire.transport import DatagramTooLongError, SenderStatus, Transport, TransportClosedError
+from agent.wire.transport import DatagramTooLongError, SenderStatus, ServedPeer, Transport, TransportClosedError
 from agent.wire.urls import Address, address_url, bind_to_interface, interface_named_by, resolve, transport_error
 
 # A second and more of 400 Hz sensors while the reader is held up; the kernel caps it at net.core.rmem_max.
 BUFFER_BYTES = 1 << 20
 BATCH = 512  # datagrams of one receive(): a flood may not hold the caller
+STRANGERS = 32  # of those that may be anybody's
 LARGEST = 65507
-PEER_SILENCE_S = 1.0
 
 
 class UdpTransport(Transport):
     """A bound socket that learns its peer (listen), or a connected one.
 
-    Listening, datagrams of any sender are handed up, and answers go to the peer, the only one whom `credit` does not
-    deny: the first sender of a good frame. It gives way to another sender that starts a run, and to any other sender of
-    a good frame once it has left or has been silent for `PEER_SILENCE_S`. So garbage never moves it, a second host that
-    asks around does not take the answers away in mid-run, and a host that restarts on another port is served.
+    Listening, answers go to the peer: the first sender of a good frame, until it gives way, see `ServedPeer`. So
+    garbage never moves it, a second host that asks around does not take the answers away, and a host that restarts on
+    another port is served. While the peer has a run on, datagrams of others are refused unread; at other times those of
+    any sender are handed up, few at a time, for they may be a flood.
 
     refused: how often the other machine said that nobody listens at the port (ICMP). peer_changes: how often the peer
     moved after the first. batch: the most datagrams that one `receive` takes.
@@ -46,7 +45,7 @@ class UdpTransport(Transport):
         self._listen = listen
         self._clock_s = clock_s
         self._peer: Address | None = None if listen else sock.getpeername()
-        self._peer_heard_s = 0.0
+        self._served = ServedPeer()
         self._sources: list[Address] = []
         self._buffer = bytearray(LARGEST + 29)
         self._view = memoryview(self._buffer)
@@ -114,6 +113,10 @@ class UdpTransport(Transport):
         chunks: list[bytes] = []
         self._sources = sources = []
         view, take = self._view, self._socket.recvfrom_into
+        bound = False
+        if self._listen:
+            bound = self._served.bound(self._clock_s())
+            most = most if bound else min(most, STRANGERS)
         for _ in range(most):
             try:
                 size, source = take(self._buffer)
@@ -124,19 +127,24 @@ class UdpTransport(Transport):
                 continue
             except OSError:  # an interface that went down reports it here once
                 break
+            if bound and source != self._peer:
+                if size:  # an empty one has nothing to refuse
+                    self.strangers += 1
+                    self.stranger = address_url("udp", source)
+                continue
             chunks.append(bytes(view[:size]))
             sources.append(source)
         return chunks
 
     def accept_sender(self, index: int, standing: SenderStatus) -> bool:
         source, now_s = self._sources[index], self._clock_s()
-        if source == self._peer:
-            self._peer_heard_s = now_s if standing is not SenderStatus.LEAVES else -inf
-        elif self._peer is None or standing is SenderStatus.STARTS or now_s - self._peer_heard_s > PEER_SILENCE_S:
+        if source != self._peer:
+            if not self._served.gives_way(standing, now_s):
+                self.stranger = address_url("udp", source)
+                return False
             self.peer_changes += self._peer is not None
-            self._peer, self._peer_heard_s = source, now_s
-        else:
-            return False
+            self._peer, self._served = source, ServedPeer()
+        self._served.heard(standing, now_s)
         return True
 
     def counts(self) -> dict[str, int]:

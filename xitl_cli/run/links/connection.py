@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from random import randrange
 from typing import Any
 
 from agent.assembly import AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID
@@ -21,7 +22,7 @@ from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.faults import FaultsInForce
 from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import LinkReport, NodeReport
-from xitl_cli.run.links.inbox import AgentInbox
+from xitl_cli.run.links.inbox import OWN_IDS, AgentInbox
 from xitl_cli.run.links.link_accounts import link_state, node_report
 from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import set_parameters, upload_mission
@@ -92,6 +93,14 @@ def _restarted_error(peer: str, who: str, sim_s: float) -> UserError:
     return UserError(
         f"{peer}: {who} answers but has no run on, at {sim_s:.2f} s of simulation time: it was started anew; look at "
         "its log for why it ended, then run again"
+    )
+
+
+def _taken_over_error(peer: str, who: str, sim_s: float) -> UserError:
+    """It has the run of somebody else on."""
+    return UserError(
+        f"{peer}: {who} has another run on, at {sim_s:.2f} s of simulation time: another host has started it; give "
+        "each host an agent of its own, and the link a key (--link-key), then run again"
     )
 
 
@@ -171,6 +180,7 @@ QUIET_S = 0.1
 SYNC_BURST = 10
 FAULTS_REPEAT_NS = 1_000_000_000
 NOTICE, WARNING = 5, 4  # MAV_SEVERITY
+_MOST_TOKEN = 0xFFFFFFFF
 
 _NEVER_IMPAIRED = {dialect.MAVLINK_MSG_ID_XITL_RUN, dialect.MAVLINK_MSG_ID_XITL_FAULTS}
 
@@ -216,6 +226,9 @@ class AgentConnection:
         self._prefix = "" if name == "agent" else f"{name} "
         self._profile = profile
         self._lockstep = profile.clock.mode == "lockstep"
+        self._token = 0 if self._lockstep else 1 + randrange(_MOST_TOKEN)
+        self._reached = False
+        self._strangers = 0
         self._signing = signing
         self._impaired: ImpairedTransport | None = None
         self._faults = FaultsInForce()
@@ -255,6 +268,7 @@ class AgentConnection:
                 f"{transport.peer}: the agent there is no {self._terms.key}, it runs {info.nodes}; "
                 f"start it with --role {self._terms.role}, or use another {self._terms.key}.link"
             )
+        self._reached = True
 
     def begin(
         self,
@@ -284,13 +298,25 @@ class AgentConnection:
         for number in range(START_TRIES):
             self._send_run(dialect.XITL_RUN_COMMAND_START)
             self.link.reset_counters()
-            if self._receive_until(lambda: view.status is not None and bool(view.status.running), HELLO_INTERVAL_S):
+            if self._receive_until(self._has_our_run, HELLO_INTERVAL_S):
                 if number:  # a start that is slow to arrive starts it once more
                     self._receive_until(lambda: False, HELLO_INTERVAL_S)
                 self.inbox.accounts.started(self.link.counters)
                 return
             self.peer.check()
         raise self.peer.unreachable(START_TRIES * HELLO_INTERVAL_S)
+
+    def _has_our_run(self) -> bool:
+        """As far as its latest status tells: an agent of an earlier release tells of no token."""
+        status = self.inbox.view.status
+        return status is not None and bool(status.running) and status.token in (0, self._token)
+
+    def _lost_run(self) -> UserError | None:
+        """Why our run is not on there any more; None while it is."""
+        if self.inbox.view.status is None or self._has_our_run():
+            return None
+        error = _taken_over_error if self.inbox.view.status.running else _restarted_error
+        return error(self.peer.transport.peer, self._who, self._sim_s())
 
     # In the run
 
@@ -344,8 +370,21 @@ class AgentConnection:
         """Take in what has arrived; waits for it at most `timeout_s`."""
         self.peer.pump()
         messages = self.link.receive(timeout_s)
+        if self._reached:
+            messages = self._agents_own(messages)
         self.inbox.handle(messages)
         return messages
+
+    def _agents_own(self, messages: list[Any]) -> list[Any]:
+        """Without what claims to be between the two ends and has another sender: on a bus anybody may send."""
+        own = (AGENT_SYSTEM_ID, self._terms.component_id)
+        heard = [
+            message
+            for message in messages
+            if message.get_msgId() < OWN_IDS or (message.get_srcSystem(), message.get_srcComponent()) == own
+        ]
+        self._strangers += len(messages) - len(heard)
+        return heard
 
     def _receive_until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Take in what arrives until it is done, which is returned, or time is up."""
@@ -373,10 +412,9 @@ class AgentConnection:
             return
         if silence.noticed(now_ns):
             inbox.say(WARNING, "run", f"no {self._terms.says} from {self._who} for {SAID_S:g} s")
-        if silence.under_way:
-            if not inbox.view.status.running:
-                self.gone = _restarted_error(self.peer.transport.peer, self._who, self._sim_s())
-            elif silence.too_long(now_ns):
+        self.gone = self._lost_run()
+        if self.gone is None and silence.under_way:
+            if silence.too_long(now_ns):
                 self.gone = self.silent(self._terms.silent_s)
             elif now_ns - self._probed_ns > HELLO_INTERVAL_S * 1e9:
                 self._probed_ns = now_ns
@@ -462,7 +500,17 @@ class AgentConnection:
         there, back = inbox.accounts.reports(
             self._prefix, self.link.counters, self.impaired[0], inbox.view.status, inbox.timing
         )
-        return there, replace(back, host_end=self.link.transport.counts())
+        return there, replace(back, strangers=self._strangers, host_end=self.link.transport.counts())
+
+    def warnings(self) -> list[str]:
+        """What a person should know of its link."""
+        there, back = self.links()
+        told = {f"{self._who} refused": there.strangers, f"the host refused on the link of {self._who}": back.strangers}
+        return [
+            f"{who} {count} datagrams, frames or calls of others in the run; see /log for from where"
+            for who, count in told.items()
+            if count
+        ]
 
     def record_links(self, recorder: Recorder, stamp_ns: int) -> None:
         """Keep how the link has done so far."""
@@ -480,7 +528,8 @@ class AgentConnection:
     def _send_run(self, command: int) -> None:
         mode = dialect.XITL_CLOCK_MODE_LOCKSTEP if self._lockstep else dialect.XITL_CLOCK_MODE_REALTIME
         name = self._profile.name.encode()[:32]
-        self.link.send(dialect.MAVLink_xitl_run_message(self._now_ns() // 1000, name, command, mode, PROTOCOL))
+        message = dialect.MAVLink_xitl_run_message(self._now_ns() // 1000, name, command, mode, PROTOCOL, self._token)
+        self.link.send(message)
 
 
 def connections_report(agents: Sequence[AgentConnection]) -> dict[str, Any]:
@@ -490,6 +539,7 @@ def connections_report(agents: Sequence[AgentConnection]) -> dict[str, Any]:
         "tasks": [task for agent in agents for task in agent.inbox.view.tasks.values()],
         "clocks": [agent.inbox.timing.report() for agent in agents],
         "nodes": [report for agent in agents if (report := agent.node()) is not None],
+        "warnings": [text for agent in agents for text in agent.warnings()],
         "traffic": {agent.name: agent.inbox.traffic for agent in agents},
     }
 

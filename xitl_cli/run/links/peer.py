@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -92,6 +94,7 @@ HOST_COMPONENT_ID = 190
 AGENT_SYSTEM_ID = 1
 AGENT_COMPONENT_ID = 1
 _STOP_S = 2.0
+LINES_KEPT = 20
 
 
 class Peer(Protocol):
@@ -176,6 +179,7 @@ class ProcessAgent:
         if self._loopback is not None:
             url, agent_url = self._loopback.host_url, self._loopback.agent_url
         self._what = "companion" if options.companion else "agent"
+        self._said: threading.Thread | None = None
         self._process = subprocess.Popen(
             [sys.executable, "-m", "agent", "--attached", "--link", agent_url, *options.arguments()],
             stdin=subprocess.DEVNULL,
@@ -190,6 +194,8 @@ class ProcessAgent:
             error = self._gone()
             self.close()
             raise error
+        self._said = threading.Thread(target=deque, args=(self._process.stdout, LINES_KEPT), daemon=True)
+        self._said.start()  # what it says later has to be read, or it would wait for that
         self._url = url = url if self._loopback is not None else waits_at(first_line)
         try:
             self.transport = open_transport(url, listen=False)
@@ -221,6 +227,8 @@ class ProcessAgent:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
+        if self._said is not None:
+            self._said.join(_STOP_S)
         for stream in (self._process.stdout, self._process.stderr):
             if stream is not None:
                 stream.close()

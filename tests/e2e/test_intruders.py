@@ -1,0 +1,58 @@
+"""Others send to the agent of a run: it goes on as if they had not, and says so."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from conftest import command, environment, payloads, summary
+
+from agent.wire import dialect
+from agent.wire.codec import Packer
+
+RUN = dialect.MAVLink_xitl_run_message
+SPOOFED = (
+    RUN(0, b"mine", dialect.XITL_RUN_COMMAND_START, dialect.XITL_CLOCK_MODE_REALTIME, 2),
+    RUN(0, b"mine", dialect.XITL_RUN_COMMAND_STOP, dialect.XITL_CLOCK_MODE_REALTIME, 2),
+    dialect.MAVLink_param_set_message(1, 1, b"WP_SPEED", 0.5, 9),
+    dialect.MAVLink_xitl_faults_message(0, 0, 0.0, 1, 0, 0, 1.0, 0.0, 0.0, 0.0, 1),
+    dialect.MAVLink_xitl_imu_message(0, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0), 20.0),
+)
+
+
+@pytest.mark.realtime
+def test_a_run_is_not_taken_over_by_datagrams(tmp_path: Path, free_port: int) -> None:
+    link = f"autopilot.link=udp://127.0.0.1:{free_port}"
+    process = subprocess.Popen(
+        command("sim", "--profile", "hitl-loopback", "--set", link, "--duration", "3", "--out", "run"),
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert any(line.startswith("t ") for line in process.stdout), "it is never under way"
+    packer = Packer(255, 190)
+    frames = [packer.pack(message) for message in SPOOFED]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as intruder:
+        for number in range(400):
+            noise = os.urandom(number % 1400 + 1)
+            for data in (frames[number % len(frames)], noise, b"\xfd" * 1400, frames[0][:7], b"".join(frames)):
+                intruder.sendto(data, ("127.0.0.1", free_port))
+            intruder.sendto(b"\xfd" * 60_000, ("127.0.0.1", free_port))
+            time.sleep(0.001)
+    _, errors = process.communicate(timeout=30)
+    assert errors == "", errors
+    told = summary(tmp_path / "run")
+    assert (told["ended"], told["error"]) == ("duration reached", None)
+    sensors, actuators = told["links"]
+    assert sensors["strangers"] == sensors["dropped"] > 1000
+    assert (sensors["lost"], actuators["lost"], actuators["strangers"]) == (0, 0, 0)
+    assert any(text.startswith(f"the agent refused {sensors['strangers']} ") for text in told["warnings"])
+    log = b"".join(data for _, data in payloads(tmp_path / "run/run.mcap")["/log"])
+    assert b"not this run's host" in log

@@ -1,0 +1,83 @@
+"""An agent that does not have our run on any more: said at once, before it falls silent, and never 'commands again'."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from agent.wire import dialect
+from agent.wire.link import Link
+from agent.wire.memory import memory_pair
+from sim_core.geodesy import LocalFrame
+from xitl_cli.profile import load_profile
+from xitl_cli.run.links.connection import AgentConnection
+from xitl_cli.run.links.inbox import AgentInbox
+
+RUNS, NONE = 1, 0
+
+
+class Reached:
+    """An agent at the other end of memory that has been reached; `told` is what it says of itself."""
+
+    def __init__(self) -> None:
+        here, there = memory_pair("agent")
+        self.transport, self.agent = here, Link(there, 1, 1)
+        inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, False, lambda stamp_ns, estimate: None)
+        self.connection = AgentConnection("agent", load_profile("hitl-loopback").runnable(), inbox)
+        self.connection._peer = self
+        self.connection.link = Link(here, 255, 190)
+        self.connection._reached = True
+
+    def pump(self) -> None:
+        pass
+
+    def check(self) -> None:
+        pass
+
+    def tells(self, running: int, token: int) -> str | None:
+        fields = dict.fromkeys(dialect.MAVLink_xitl_node_status_message.fieldnames, 0)
+        self.agent.send(dialect.MAVLink_xitl_node_status_message(**{**fields, "running": running, "token": token}))
+        self.connection.receive()
+        self.connection.watch()
+        return None if self.connection.gone is None else str(self.connection.gone)
+
+
+@pytest.fixture
+def reached() -> Reached:
+    return Reached()
+
+
+def test_our_run_is_ours_and_one_of_an_earlier_release_tells_no_token(reached: Reached) -> None:
+    assert reached.connection._token != 0
+    assert reached.tells(RUNS, reached.connection._token) is None
+    assert reached.tells(RUNS, 0) is None
+
+
+def test_an_agent_that_was_started_anew_has_no_run(reached: Reached) -> None:
+    assert "was started anew" in str(reached.tells(NONE, 0))
+
+
+def test_an_agent_that_was_started_by_another_host_has_another(reached: Reached) -> None:
+    said = str(reached.tells(RUNS, reached.connection._token ^ 1))
+    assert "has another run on" in said
+    assert "--link-key" in said
+
+
+@pytest.mark.parametrize(("system", "component"), [(1, 2), (9, 1), (255, 190)])
+def test_what_another_sender_claims_to_be_the_agents_is_refused_and_counted(
+    reached: Reached, system: int, component: int
+) -> None:
+    other: Any = Link(reached.agent.transport, system, component)
+    fields = dict.fromkeys(dialect.MAVLink_xitl_actuators_message.fieldnames, 0) | {"command": [1.0] * 8}
+    other.send(dialect.MAVLink_xitl_actuators_message(**fields), dialect.MAVLink_xitl_timesync_message(1, 2, 3, 4))
+    assert reached.connection.receive() == []
+    assert not reached.connection.inbox.fresh
+    _, back = reached.connection.links()
+    assert back.strangers == 2
+    assert "refused" in reached.connection.warnings()[0]
+
+
+def test_a_token_would_make_a_run_in_lockstep_another_one() -> None:
+    inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, True, lambda stamp_ns, estimate: None)
+    assert AgentConnection("agent", load_profile("sitl").runnable(), inbox)._token == 0
