@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile import Profile
+from xitl_cli.profile import Profile, load_with_origins
 from xitl_cli.profile import load_profile as _load_profile
 from xitl_cli.run.session import Result
 
@@ -62,13 +62,15 @@ def simulate(
 
     own = {"clock.seed": seed, "clock.duration_s": duration_s}
     given = {key: value for key, value in own.items() if value is not None}
+    warnings: tuple[str, ...] = ()
     if isinstance(profile, Profile):
         if given or overrides:
             raise UserError(f"{profile.name}: is loaded already; give seed, duration_s and overrides to load_profile")
     else:
-        profile = _load_profile(fspath(profile), [*_texts(overrides), *_texts(given)])
+        found = load_with_origins(fspath(profile), [*_texts(overrides), *_texts(given)])
+        profile, warnings = found.profile, found.warnings
     directory = default_path(profile.name) if out is None else Path(out)
-    result = run(profile, directory, overwrite, NoView, timed=duration_s is not None)
+    result = run(profile, directory, overwrite, NoView, timed=duration_s is not None, warnings=warnings)
     if result.summary["error"]:
         raise UserError(f"{result.summary['error']} (what was recorded is in {result.directory})")
     return result

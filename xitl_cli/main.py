@@ -69,7 +69,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     """All commands. A group that is not named among these arguments stays empty: filling it takes its time."""
     import typer
 
-    from xitl_cli.commands import doctor, sim, wdri
+    from xitl_cli.commands import doctor, init, sim, wdri
     from xitl_cli.commands.map import map_command
     from xitl_cli.commands.options import usual_spelling
 
@@ -80,6 +80,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": usual_spelling},
     )
+    app.command("init")(init.init)
     app.command("sim")(sim.sim)
     app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)

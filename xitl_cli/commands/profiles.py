@@ -77,14 +77,14 @@ def check(
     """Check profiles and list everything that is wrong with them, one problem a line."""
     from rich.text import Text
 
-    from xitl_cli.profile import ProfileError, load_profile
+    from xitl_cli.profile import ProfileError, load_with_origins
     from xitl_cli.profile.files.catalogue import shipped_profiles
 
     console = terminal()
     wrong = 0
     for name in names or shipped_profiles():
         try:
-            profile = load_profile(name, overrides or ())
+            found = load_with_origins(name, overrides or ())
         except ProfileError as error:
             wrong += 1
             for problem in error.problems:
@@ -93,6 +93,8 @@ def check(
             wrong += 1
             console.print(Text(str(error), style="red"), soft_wrap=True)
         else:
-            console.print(Text.assemble(("ok", "green"), f"  {name} ({profile.role()})"), soft_wrap=True)
+            console.print(Text.assemble(("ok", "green"), f"  {name} ({found.profile.role()})"), soft_wrap=True)
+            for text in found.warnings:
+                console.print(Text(f"warning: {text}", style="yellow"), soft_wrap=True)
     if wrong:
         raise typer.Exit(2)

@@ -63,7 +63,7 @@ def sim(
     Exit code: 0 completed, or --duration reached; 1 not completed; 2 something to put right; 130 interrupted.
     """
     from xitl_cli.commands.sim_report import show_result
-    from xitl_cli.profile import load_profile
+    from xitl_cli.profile import load_with_origins
     from xitl_cli.run.core.directory import default_path
     from xitl_cli.run.session import run
     from xitl_cli.run.view import make_view
@@ -72,7 +72,8 @@ def sim(
         raise UserError(f"{profile} and --profile {profile_option}: are two profiles; give one of them")
     options = {"clock.duration_s": duration, "clock.mode": clock, "clock.seed": seed, "autopilot.firmware": firmware}
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
-    loaded = load_profile(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given])
+    found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given])
+    loaded = found.profile
     console = terminal(stderr=as_json)
     result = run(
         loaded,
@@ -80,6 +81,7 @@ def sim(
         overwrite,
         lambda: make_view(console, loaded.name, as_json),
         timed=duration is not None,
+        warnings=found.warnings,
     )
     with still_read():
         if as_json:

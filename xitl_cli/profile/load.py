@@ -9,6 +9,7 @@ from pathlib import Path
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks import check
+from xitl_cli.profile.checks.leftovers import leftovers
 from xitl_cli.profile.files import parameter_files
 from xitl_cli.profile.files.catalogue import SUFFIXES, find_profile
 from xitl_cli.profile.files.compose import compose, override
@@ -33,6 +34,11 @@ class LoadedProfile:
     profile: Profile
     path: Path
     entry: Entry
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is right in itself and hardly meant: values of another vessel or another site."""
+        return tuple(leftovers(self.profile, self.entry))
 
     def origin(self, dotted_key: str) -> Origin:
         """Where `a.b.0.c` was written, or the nearest group around it where it has its default."""

@@ -78,8 +78,18 @@ class Result:
         return open_log(self.recording)
 
 
-def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], View], timed: bool = False) -> Result:
-    """One run, kept in `out`. timed: its duration was asked for, so that reaching it is what was wanted.
+def run(
+    profile: Profile,
+    out: Path,
+    overwrite: bool,
+    make_view: Callable[[], View],
+    timed: bool = False,
+    warnings: Sequence[str] = (),
+) -> Result:
+    """One run, kept in `out`.
+
+    timed: its duration was asked for, so that reaching it is what was wanted. warnings: of the profile, told beside
+    those of the world.
 
     Raises UserError, leaving nothing behind, when the profile cannot run, a node cannot be reached or `out` cannot be
     used. What goes wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code
@@ -89,6 +99,8 @@ def run(profile: Profile, out: Path, overwrite: bool, make_view: Callable[[], Vi
     directory.check_writable(out)
     seeds = Seeds(ready.clock.seed)
     scenery = Scenery(ready)
+    for text in warnings:
+        scenery.warn(text)
     plant = Plant(*build_simulation(ready, seeds, scenery), default_rng(seeds.sequence("environment")))
     interruption = Interruption()
     with ExitStack() as opened:

@@ -27,7 +27,9 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
     kind: KeyPath = ("driver", "kind")
     autopilot = profile.autopilot
     if driver.kind == "mission":
-        if profile.mission is None or not profile.mission.waypoints_ned_m:
+        # Without site, vessel and mission it is a part, which says itself what it lacks for a run.
+        base = autopilot is not None and not (profile.mission or profile.site or profile.vehicle)
+        if not base and (profile.mission is None or not profile.mission.waypoints_ned_m):
             yield kind, "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
         other = autopilot is not None and autopilot.kind not in ("none", "embedded")
         if profile.vehicle is not None and not other and profile.vehicle.commands > len(profile.vehicle.propellers):

@@ -10,6 +10,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.shipped import profiles_dir
 
 SUFFIXES = (".yaml", ".yml")
+PROFILE = "profile.yaml"
 
 
 def shipped_profiles() -> dict[str, Path]:
@@ -23,8 +24,8 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
     """The file of the profile `name`.
 
     A name that ends in .yaml is a path, relative to the folder `beside` (default: the working directory). Any other is
-    a shipped profile, by its full name or, where that is unique, its last part; failing that, a path.
-    Raises UserError with suggestions.
+    a shipped profile, by its full name or, where that is unique, its last part; failing that, a path: of a file, or of
+    a folder with a profile.yaml, as `xitl init` makes it and a run leaves it. Raises UserError with suggestions.
     """
     path = (beside or Path()) / Path(name).expanduser()
     if name.endswith(SUFFIXES):
@@ -44,6 +45,8 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
         raise UserError(f"{name!r} names {len(same)} profiles; write {' or '.join(same)}")
     if _is_file(path):
         return path
+    if _is_file(path / PROFILE):
+        return path / PROFILE
     raise UserError(f"there is no profile {name!r};{_suggestion(name, shipped)} `xitl profiles list` shows all")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from xitl_cli.errors import UserError
@@ -26,10 +26,11 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One value of a profile: a scalar, a mapping or a list, with its origin."""
+    """One value of a profile: a scalar, a mapping or a list, with its origin, and the one that it was laid upon."""
 
     value: Scalar | dict[str, Entry] | tuple[Entry, ...]
     origin: Origin
+    replaced: Entry | None = field(default=None, compare=False, repr=False)
 
     def child(self, key: Key) -> Entry | None:
         """The entry under `key`, or None where there is none."""
@@ -61,7 +62,7 @@ class Entry:
 def merge(base: Entry, over: Entry) -> Entry:
     """`over` laid on `base`: mappings merge key by key, everything else is replaced; origins go with their values."""
     if not (isinstance(base.value, dict) and isinstance(over.value, dict)):
-        return over
+        return Entry(over.value, over.origin, base)
     merged = dict(base.value)
     for key, entry in over.value.items():
         merged[key] = merge(merged[key], entry) if key in merged else entry

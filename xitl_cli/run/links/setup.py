@@ -17,6 +17,7 @@ from sim_core.geodesy import LocalFrame
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.parameter_files import read_parameter_file
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.run.links.vessel_gains import vessel_gains
 from xitl_cli.run.world.world import magnetic_field_ned_gauss
 
 Place = tuple[float, float, float]
@@ -34,8 +35,12 @@ SERIAL_PORTS = range(10)
 
 
 def embedded_parameters(profile: RunProfile) -> dict[str, float]:
-    """Of the embedded autopilot: its files, then what site, mission and sensors imply, then the profile's own."""
+    """Of the embedded autopilot: its files, then what vessel, site, mission and sensors imply, then the profile's own.
+
+    Gains that a file gives are not those that the vessel implies.
+    """
     values = parameter_file_values(profile.autopilot.parameter_files, embedded=True)
+    values = values | vessel_gains(profile.vehicle, profile.mission.speed_mps) | values
     north, east, _ = magnetic_field_ned_gauss(profile.site)
     values["COMPASS_DEC"] = math.atan2(east, north)
     values.update(_implied_parameters(profile, antenna=True))

@@ -1,0 +1,45 @@
+"""`xitl init`: the files of a boat of one's own."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from xitl_cli.errors import UserError
+
+FILES = ("profile.yaml", "vessel.yaml", "mission.yaml")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+def init(
+    path: Annotated[Path, typer.Argument(metavar="NAME", help="The boat's name, or a path to the folder to make.")],
+) -> None:
+    """Write profile, vessel and mission of a boat of your own: they run at once, and say what to edit."""
+    from xitl_cli.profile.files.catalogue import shipped_profiles
+
+    name = path.name
+    if not _NAME.fullmatch(name):
+        raise UserError(f"{str(path)!r}: no name of a boat; use letters, digits, '-', '_' and '.', 64 at most")
+    if path.parent == Path() and any(name in (shipped, shipped.rpartition("/")[2]) for shipped in shipped_profiles()):
+        raise UserError(f"{name} is the name of a profile that comes with xitl; choose another one")
+    try:
+        path.mkdir(parents=True)
+        for file in FILES:
+            text = files("xitl_cli").joinpath("templates", file).read_text(encoding="utf-8")
+            (path / file).write_text(text.replace("NAME", name), encoding="utf-8")
+    except FileExistsError:
+        raise UserError(f"{path} exists; choose another name, or move it away first") from None
+    except OSError as error:
+        raise UserError(f"{path} cannot be written ({error.strerror}); choose another place") from None
+    typer.echo(
+        f"{path}/ is a boat that sails: xitl sim --profile {path}\n"
+        "Make it yours, in this order:\n"
+        f"  1. {path / 'vessel.yaml'}   mass, hull, drag, propellers, windage\n"
+        f"  2. {path / 'mission.yaml'}  where your water is, and the waypoints\n"
+        f"  3. {path / 'profile.yaml'}  weather, and what you tune of the autopilot\n"
+        f"After each: xitl profiles check {path}"
+    )

@@ -1,0 +1,218 @@
+"""Values that a profile has kept of another vessel or another site than its own.
+
+A profile that is laid upon a whole one inherits what it does not write. That is meant where it changes a value, and
+hardly where it brings another hull or another place: then drag, windage, gains, structures and waypoints are those of
+what was there before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from sim_core.vessel.spec import VesselSpec
+from xitl_cli.errors import UserError
+from xitl_cli.profile.files.catalogue import shipped_profiles
+from xitl_cli.profile.files.compose import compose
+from xitl_cli.profile.files.entry import Entry, KeyPath, dotted
+from xitl_cli.profile.reader import read_group
+from xitl_cli.profile.schema import Profile
+
+ELSEWHERE_M = 1000.0
+_EARTH_M_PER_DEG = 111_000.0
+_HULL = ("length_m", "width_m", "radius_m")
+_OF_ANY_HULL = ("strips", "surge_coefficient", "sway_coefficient", "yaw_coefficient")
+_SITE = ("world", "mission", "environment", "site")
+_GAINS = ("ATC_", "CRUISE_", "LOS_", "MOT_")
+SAME_SHARE, SAME_HULL_SHARE = 0.25, 0.1
+"""By how much mass and thrust, and the size of the hull, may differ for gains to be still those of the vessel."""
+
+
+def leftovers(profile: Profile, entry: Entry) -> Iterator[str]:
+    """Sentences that name what is left, of whom, and what to do."""
+    gains = list(_gains_of_vessel(profile))
+    yield from _of_vessel(entry, gains_are_named=bool(gains))
+    yield from gains
+    yield from _of_site(entry)
+
+
+def _of_vessel(entry: Entry, gains_are_named: bool) -> Iterator[str]:
+    found = _changed_vessel(entry)
+    if found is None:
+        return
+    now, before = found
+    source = before.origin.source
+    kept = [
+        path
+        for path, leaf in _leaves(entry.child("vehicle"), ("vehicle",))
+        if leaf.origin.source == source and path[-1] not in (*_OF_ANY_HULL, "name") and leaf.value
+    ]
+    kept += [
+        path
+        for path, leaf in _leaves(entry.child("autopilot"), ("autopilot",))
+        if leaf.origin.source == source
+        and (
+            (path[1] == "parameter_files" and leaf.value and not gains_are_named)
+            or (path[1] == "parameters" and str(path[-1]).startswith(_GAINS))
+        )
+    ]
+    if kept:
+        yield (
+            f"{now.origin}: the vessel is another one than that of {source}, but {_listed(kept)} still of that one; "
+            "give those of this vessel, or begin from base-sitl, which has none (`xitl init`)"
+        )
+
+
+def _changed_vessel(entry: Entry) -> tuple[Entry, Entry] | None:
+    """What makes it another hull, and what it replaced; None where nothing does."""
+    vehicle = entry.child("vehicle")
+    if vehicle is None:
+        return None
+    changed = {
+        path: (leaf, before)
+        for path in (*(("hull", key) for key in _HULL), ("name",), ("mass_kg",))
+        if (leaf := _at(vehicle, path)) is not None and (before := _replaced(leaf)) is not None
+    }
+    for path, pair in changed.items():
+        if path[0] == "hull":
+            return pair
+    # Another name and another mass are another boat; one of both is a version of the same.
+    return changed[("mass_kg",)] if ("name",) in changed and ("mass_kg",) in changed else None
+
+
+def _gains_of_vessel(profile: Profile) -> Iterator[str]:
+    """Shipped parameter files end with the name of the vessel that they were tuned on."""
+    if profile.vehicle is None or profile.autopilot is None or profile.autopilot.kind == "none":
+        return
+    shipped = {
+        name.rpartition("/")[2]: path for name, path in shipped_profiles().items() if name.startswith("vehicles/")
+    }
+    fix = "give those of this vessel"
+    if profile.autopilot.kind == "embedded":
+        fix += ", or `parameter_files: []` for gains that follow from its data"
+    for number, file in enumerate(profile.autopilot.parameter_files):
+        if file.startswith("embedded-") and profile.autopilot.kind == "ardupilot":
+            yield (
+                f"autopilot.parameter_files.{number} = {file} is for the embedded autopilot, and autopilot.kind = "
+                f"{profile.autopilot.kind}; name the files of that one after the vessel: see docs/ardupilot.md"
+            )
+            continue
+        name = next((name for name in shipped if file.endswith(f"-{name}")), None)
+        if name is None or (tuned := _vessel(compose(shipped[name]))) is None:
+            continue
+        if difference := _difference(profile.vehicle, tuned):
+            yield (
+                f"autopilot.parameter_files.{number} = {file} has the gains of {name}, and {profile.vehicle.name} has "
+                f"{difference}; {fix}"
+            )
+
+
+def _vessel(entry: Entry) -> VesselSpec | None:
+    group = entry.child("vehicle")
+    try:
+        return None if group is None else read_group(group, VesselSpec, "vehicle")
+    except UserError:
+        return None
+
+
+def _difference(vessel: VesselSpec, tuned: VesselSpec) -> str:
+    """In what it is another vessel; empty where it is none."""
+    for what, unit, share, own, other in (
+        ("a hull of", "m", SAME_HULL_SHARE, vessel.hull.length_m, tuned.hull.length_m),
+        ("a width of", "m", SAME_HULL_SHARE, vessel.hull.width_m, tuned.hull.width_m),
+        ("a mass of", "kg", SAME_SHARE, vessel.mass_kg, tuned.mass_kg),
+        ("a thrust of", "N", SAME_SHARE, _thrust_n(vessel), _thrust_n(tuned)),
+    ):
+        if abs(own - other) > share * other:
+            return f"{what} {own:g} {unit}, not {other:g}"
+    return ""
+
+
+def _thrust_n(vessel: VesselSpec) -> float:
+    return sum(propeller.max_thrust_n for propeller in vessel.propellers)
+
+
+def _of_site(entry: Entry) -> Iterator[str]:
+    moved = _moved_site(entry)
+    if moved is None:
+        return
+    now, before, distance_m = moved
+    source = before.origin.source
+    kept: list[KeyPath] = []
+    for group in _SITE:
+        for path, leaf in _leaves(entry.child(group), (group,)):
+            if leaf.origin.source == source and leaf.value not in (None, False, ()) and _of_place(path):
+                kept.append(path)
+    if kept:
+        yield (
+            f"{now.origin}: the site is {distance_m / 1000:.0f} km from that of {source}, but {_listed(kept)} still of "
+            "that one; give yours, set what is not there to null, or begin from base-sitl, which has none (`xitl init`)"
+        )
+
+
+def _of_place(path: KeyPath) -> bool:
+    """Whether a value belongs to where the origin is."""
+    group, key = path[0], str(path[-1])
+    return {
+        "site": key in ("altitude_m", "magnetic_field_ned_gauss"),
+        "world": path[1] not in ("contact", "debris"),
+        "mission": key == "waypoints_ned_m",
+        "environment": "channel" in key,
+    }[str(group)]
+
+
+def _moved_site(entry: Entry) -> tuple[Entry, Entry, float] | None:
+    """The coordinate that moves it, the one that it replaced, and how far."""
+    site = entry.child("site")
+    latitude, longitude = (None if site is None else site.child(key) for key in ("latitude_deg", "longitude_deg"))
+    if latitude is None or longitude is None:
+        return None
+    changed = [(leaf, before) for leaf in (latitude, longitude) if (before := _replaced(leaf)) is not None]
+    if not changed:
+        return None
+    north_m, east_m = (_moved_deg(leaf) * _EARTH_M_PER_DEG for leaf in (latitude, longitude))
+    distance_m = math.hypot(north_m, east_m * math.cos(math.radians(_number(latitude))))
+    return (*changed[0], distance_m) if distance_m > ELSEWHERE_M else None
+
+
+def _moved_deg(leaf: Entry) -> float:
+    before = _replaced(leaf)
+    return 0.0 if before is None else _number(leaf) - _number(before)
+
+
+def _number(leaf: Entry) -> float:
+    assert isinstance(leaf.value, (int, float))
+    return float(leaf.value)
+
+
+def _replaced(leaf: Entry) -> Entry | None:
+    """The value that it was laid upon, if that was another one."""
+    before = leaf.replaced
+    while before is not None:
+        if before.value is not None and before.plain() != leaf.plain():
+            return before
+        before = before.replaced
+    return None
+
+
+def _at(entry: Entry, path: tuple[str, ...]) -> Entry | None:
+    found, depth = entry.nearest(path)
+    return found if depth == len(path) else None
+
+
+def _leaves(entry: Entry | None, path: KeyPath) -> Iterator[tuple[KeyPath, Entry]]:
+    """What is no mapping, with the way to it; a list is one."""
+    if entry is None:
+        return
+    if isinstance(entry.value, dict):
+        for key, below in entry.value.items():
+            yield from _leaves(below, (*path, key))
+    else:
+        yield path, entry
+
+
+def _listed(paths: list[KeyPath]) -> str:
+    """Groups of two keys, each once, and the verb."""
+    names = list(dict.fromkeys(dotted(path[:2]) for path in paths))
+    text = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"{text} {'is' if len(names) == 1 else 'are'}"
