@@ -29,6 +29,7 @@ from tests.documentation import (
     profile_header_commands,
     suppose,
 )  # fmt: skip
+from xitl_cli.commands.init import init
 from xitl_cli.errors import UserError
 from xitl_cli.main import _app
 from xitl_cli.profile import load_profile
@@ -133,6 +134,8 @@ def check_xitl(command: Command, words: list[str], whole: bool, profile: bool) -
     if whole and not any(PLACEHOLDER.fullmatch(word) for word in operands):
         required = [param for param in node.params if param.param_type_name == "argument" and param.required]
         assert all(given.get(param.name) not in (None, ()) for param in required), f"{command}: lacks an operand"
+    if path == ["init"] and whole:
+        init(Path(given["path"]))
     if (argument := PROFILE_ARGUMENTS.get(" ".join(path))) is None or not profile:
         return
     names = given.get(argument)
