@@ -382,7 +382,10 @@ def _odometry(odometry: dict[str, Any]) -> str:
     if ate_m is None:
         return f"{odometry['poses']} poses, too few to be held against the truth"
     share = f" ({100.0 * ate_m / path_m:.2f} % of {path_m:.0f} m)" if path_m else ""
-    return f"{odometry['rate_hz']:.1f} Hz, ATE {ate_m:.2f} m{share}, RPE {odometry['rpe_m']:.2f} m in a second"
+    rate_hz, rpe_m = odometry["rate_hz"], odometry["rpe_m"]
+    rate = "" if rate_hz is None else f"{rate_hz:.1f} Hz, "
+    each_second = "" if rpe_m is None else f", RPE {rpe_m:.2f} m in a second"
+    return f"{rate}ATE {ate_m:.2f} m{share}{each_second}"
 
 
 def _map(mapping: dict[str, Any]) -> str:

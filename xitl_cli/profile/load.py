@@ -9,11 +9,11 @@ from pathlib import Path
 
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks import check
-from xitl_cli.profile.checks.leftovers import leftovers
 from xitl_cli.profile.files import parameter_files
 from xitl_cli.profile.files.catalogue import SUFFIXES, find_profile
 from xitl_cli.profile.files.compose import compose, override
 from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, Problem, ProfileError
+from xitl_cli.profile.leftovers import leftovers
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import Profile, RunProfile
 from xitl_cli.profile.schema.derived_graph import complete_graph_group

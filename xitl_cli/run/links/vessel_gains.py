@@ -27,7 +27,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
     speed_p = _limited(_SPEED_RADPS * quicker / ahead_mps2, 0.05, 2.0)
     gains = {
         "CRUISE_SPEED": _limited(speed_mps, 0.1, 30.0),
-        "CRUISE_THROTTLE": _limited(100.0 * drag_n / ahead_n, 1.0, 100.0),
+        "CRUISE_THROTTLE": float(round(_limited(100.0 * drag_n / ahead_n, 1.0, 100.0))),
         "ATC_SPEED_P": speed_p,
         "ATC_SPEED_I": 0.4 * speed_p * quicker,
         "ATC_ACCEL_MAX": _limited(0.3 * ahead_mps2, 0.05, 0.7),
@@ -37,7 +37,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
         "WP_SPEED_MIN": _limited(speed_mps / 3.0, 0.1, 100.0),
         "MOT_THST_EXPO": 1.0,
         "MOT_THST_ASYM": _limited(ahead_n / astern_n, 1.0, 10.0) if astern_n else 10.0,
-        "MOT_SLEWRATE": _limited(500.0 * quicker, 50.0, 1000.0),
+        "MOT_SLEWRATE": float(round(_limited(500.0 * quicker, 50.0, 1000.0))),
     }
     moment_nm = sum(propeller.max_thrust_n * abs(propeller.position_frd_m[1]) for propeller in vessel.propellers)
     if moment_nm <= 0.0:
