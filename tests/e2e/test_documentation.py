@@ -141,13 +141,19 @@ def test_what_a_page_has_typed_works(page: str, earlier: Path, tmp_path: Path) -
         elif kind == COMMANDS:
             for command in block.commands:
                 if command.program not in PARSED_ONLY:
-                    reader.run(command)
+                    reader.run(command, short=not is_shown(page, command))
         elif kind == CONSOLE:
             check_console(reader, block)
         elif kind in (OUTPUT, SHAPE):
             printed = reader.run(Command(page, block.line, block.about), short=False)
             missing = holds(block.text, printed, shape=kind == SHAPE)
             assert not missing, f"{block}: not printed:\n{missing}\n\nbut:\n{printed}"
+
+
+def is_shown(page: str, command: Command) -> bool:
+    """Whether the page shows what is read from the directory of this run."""
+    out = re.search(r"--out (\S+)", command.text)
+    return out is not None and any(out[1] in block.about for block in blocks(page) if block.kind in (OUTPUT, SHAPE))
 
 
 def check_console(reader: Reader, block: Block) -> None:
