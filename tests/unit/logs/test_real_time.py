@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import xitl
+from xitl_cli.logs.analyses.real_time import analyse
+from xitl_cli.logs.model.sections import Severity
 from xitl_cli.logs.signals.real_time import LIMITS, LinkLosses, RealTimeFigures, TaskMisses, not_real_time
+from xitl_cli.run.nodes.direct_control import IdealControl
 
 
 def figures(**values: Any) -> RealTimeFigures:
@@ -60,3 +66,35 @@ def test_all_of_them_are_one_sentence() -> None:
         "deadlines missed"
     )
     assert LIMITS.clock_steps == 0
+
+
+@pytest.mark.realtime
+def test_a_recording_says_what_its_summary_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The host is held up for 0.4 s, which it makes up for."""
+    exchange, held = IdealControl.exchange, []
+
+    def holds_up(self: IdealControl, step: Any) -> None:
+        exchange(self, step)
+        if not held:
+            held.append(step)
+            time.sleep(0.4)
+
+    monkeypatch.setattr(IdealControl, "exchange", holds_up)
+    result = xitl.simulate("mitl", overrides={"clock.mode": "realtime"}, duration_s=1.0, out=tmp_path / "run")
+    assert not result.completed
+    assert result.verdict["real_time"] is False
+    assert 0.4 <= result.verdict["longest_stall_s"] < 0.6
+    with result.open_log() as log:
+        found = analyse(log)
+    assert found is not None
+    (finding,) = found.findings
+    assert (finding.key, finding.severity) == ("real_time.not_kept", Severity.CRITICAL)
+    assert finding.sentence.startswith("not a real-time run: the host stalled once, 0.4")
+    assert finding.sentence == result.summary["warnings"][-1]
+
+
+def test_a_recording_in_lockstep_is_not_judged(tmp_path: Path) -> None:
+    result = xitl.simulate("mitl", duration_s=0.1, out=tmp_path / "run")
+    assert result.verdict["real_time"] is None
+    with result.open_log() as log:
+        assert analyse(log) is None

@@ -22,6 +22,7 @@ NAMES = (
     "attitude",
     "control",
     "parameters",
+    "real_time",
     "scheduler",
     "tasks",
     "time_bases",

@@ -271,7 +271,7 @@ def _rates(relation: ClockRelation, made_up: bool) -> Iterator[Finding]:
         "time_bases.drift",
         severity,
         f"{pair_title(readings)} runs {abs(rate_ppm):.0f} ppm {'fast' if rate_ppm > 0.0 else 'slow'} "
-        f"(± {error_ppm:.1f}), {per_hour_ms:.0f} ms an hour",
+        f"(standard error {error_ppm:.1f}), {per_hour_ms:.0f} ms an hour",
         (Evidence(readings.message, readings.fields, value=f"{rate_ppm:+.1f} ppm"),),
         "Crystals differ by tens of ppm at most: see whether one of the clocks is simulated, disciplined or held "
         "up; map stamps through this relation before comparing them.",
@@ -324,7 +324,7 @@ def _bends(relations: Sequence[ClockRelation], clock: LogClock) -> Iterator[Find
             yield Finding.notice(
                 "time_bases.rate_change",
                 f"About {clock.text(step.at_ns)} the rate of {pair_title(relation.readings)} changed from "
-                f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (± {error_ppm:.1f})",
+                f"{before.slope_ppm:+.1f} to {after.slope_ppm:+.1f} ppm (standard error {error_ppm:.1f})",
                 (Evidence(relation.readings.message, relation.readings.fields, step.at_ns),),
                 "Temperature changes a crystal by single ppm only: look for what disciplines that clock.",
             )

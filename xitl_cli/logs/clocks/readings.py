@@ -221,7 +221,17 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
             yield ClockReadings(key, SIMULATION, clock, *read, resolution_s=longest_s)[good]
         else:
             floor_ns = node_ns - host_ns - trip_ns
-            yield ClockReadings(key, HOST, clock, *read, late=True, floor_ns=floor_ns, resolution_s=1e-9)[good]
+            slack_s = _unevenness_s(table)
+            readings = ClockReadings(key, HOST, clock, *read, True, floor_ns, resolution_s=1e-9, slack_s=slack_s)
+            yield readings[good]
+
+
+def _unevenness_s(exchanges: Table) -> float:
+    """How far a simulated clock fell behind and caught up: what its bound has beyond that of the path."""
+    if not {"asymmetry_bound_s", "path_delay_s"} <= set(exchanges.columns):
+        return 0.0
+    beyond_s = 2.0 * (exchanges.values("asymmetry_bound_s") - exchanges.values("path_delay_s"))
+    return max(float(np.nanmax(beyond_s, initial=0.0)), 0.0)
 
 
 def _header_stamps(log: Log) -> Iterator[ClockReadings]:
