@@ -19,7 +19,7 @@ from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Plot, Se
 from xitl_cli.logs.model.text import plural
 from xitl_cli.logs.report import wording
 from xitl_cli.logs.report.model import Overview, Report
-from xitl_cli.logs.report.page import FileCard, Page, PagePart, report_page
+from xitl_cli.logs.report.page import FileCard, Page, PageFinding, PageGroup, PagePart, report_page
 from xitl_cli.logs.report.plots import json_text, map_payload, page_payload, plot_payload, thinned_note
 
 _MOST_ROWS = 2000
@@ -53,18 +53,47 @@ def _state(card: FileCard) -> str:
     return f'<p class="state {kind}"><strong>{word}</strong>: {notes}.</p>'
 
 
-def finding_items(found: Sequence[tuple[Finding, PagePart, str]]) -> str:
-    """The list at the head of a page; the third of each is the id of its section."""
+def finding_items(groups: Sequence[PageGroup], parts: Sequence[PagePart]) -> str:
+    """The list at the head of a page: causes, and below each what follows from it."""
     return "".join(
-        f'<li class="finding {wording.SEVERITY_NAMES[finding.severity]}" data-find>{badge(finding.severity)}<div>'
-        f'<p class="sentence">{escape(wording.sentence_text(finding.sentence))}</p>'
+        f'<li class="finding {wording.SEVERITY_NAMES[group.cause.finding.severity]}" data-find>'
+        + finding_item(group.cause, parts, _consequences(group, parts))
+        + "</li>"
+        for group in groups
+    )
+
+
+def finding_item(found: PageFinding, parts: Sequence[PagePart], below: str = "") -> str:
+    finding, part, section_id = found.finding, parts[found.part], section_name(found.part)
+    return (
+        f'{badge(finding.severity)}<div><p class="sentence">{escape(wording.sentence_text(finding.sentence))}</p>'
         + evidence_line(finding.evidence, part.time_line, section_id)
         + (f'<p class="next">{escape(wording.sentence_text(finding.next_step))}</p>' if finding.next_step else "")
         + f'<p class="from"><a href="#{section_id}">{escape(part.section.title)}</a>'
         + (f" · {escape(part.label)}" if part.label else "")
-        + "</p></div></li>"
-        for finding, part, section_id in found
+        + f"</p>{below}</div>"
     )
+
+
+def _consequences(group: PageGroup, parts: Sequence[PagePart]) -> str:
+    """Open where one of them is worse than the cause: it would not be seen otherwise."""
+    if not group.consequences:
+        return ""
+    counted = wording.severity_counts([each.finding.severity for each in group.consequences])
+    items = "".join(
+        f'<li class="finding {wording.SEVERITY_NAMES[each.finding.severity]}">{finding_item(each, parts)}</li>'
+        for each in group.consequences
+    )
+    opened = " open" if group.worst > group.cause.finding.severity else ""
+    return (
+        f'<details class="follows"{opened}><summary>What follows from it: {counted}</summary>'
+        f'<ol class="consequences">{items}</ol></details>'
+    )
+
+
+def section_name(number: int) -> str:
+    """Its id on the page."""
+    return f"s{number + 1}"
 
 
 def evidence_line(evidence: Sequence[Evidence], time_line: TimeLine, section_id: str) -> str:
@@ -224,16 +253,14 @@ def write_text(path: Path, text: str) -> None:
 
 
 def html(page: Page) -> str:
-    identified = [(part, f"s{number}") for number, part in enumerate(page.parts, 1)]
-    found = sorted(
-        ((finding, part, section_id) for part, section_id in identified for finding in part.section.findings),
-        key=lambda each: -each[0].severity,
-    )
+    identified = [(part, section_name(number)) for number, part in enumerate(page.parts)]
+    groups = page.grouped
     numbers = itertools.count(1)
 
     def next_plot() -> str:
         return f"p{next(numbers)}"
 
+    track = _track(page, next_plot)
     body = [_overview(page, next_plot), *(_part(part, section_id, next_plot) for part, section_id in identified)]
     plotly, script, style = _plotly(), _script(), _asset("page.css")
     policy = (
@@ -247,9 +274,9 @@ def html(page: Page) -> str:
         '<meta name="color-scheme" content="light dark">\n<meta name="referrer" content="no-referrer">\n'
         f"<title>{escape(page.title)}</title>\n<style>{style}</style>\n</head>\n<body>\n"
         '<a class="skip" href="#main">To the findings</a>\n'
-        f"{_bar(page)}\n{_navigation(page, identified, bool(found), bool(body[0]))}\n"
-        f'<main id="main">\n{_head(page, [finding for finding, _, _ in found])}\n'
-        f"{_findings(found)}\n{''.join(body)}\n"
+        f"{_bar(page)}\n{_navigation(page, identified, bool(groups), bool(body[0]))}\n"
+        f'<main id="main">\n{_head(page, groups)}\n'
+        f"{_findings(groups, page.parts, track)}\n{''.join(body)}\n"
         '<p class="none" id="none" hidden>Nothing here matches the filter.</p>\n</main>\n'
         f'<script type="application/json" id="page">{json_text(page_payload(page))}</script>\n'
         f"<script>{plotly}</script>\n<script>{script}</script>\n</body>\n</html>\n"
@@ -292,39 +319,45 @@ def _navigation(page: Page, identified: list[tuple[PagePart, str]], findings: bo
     return f'<nav aria-label="Sections">{"".join(links)}</nav>'
 
 
-def _head(page: Page, findings: list[Finding]) -> str:
-    verdict = wording.severity_counts([finding.severity for finding in findings])
-    worst = max((finding.severity for finding in findings), default=Severity.OK)
-    summary = f'<p class="verdict {wording.SEVERITY_NAMES[worst]}">{escape(verdict)}</p>' if findings else ""
+def _head(page: Page, groups: Sequence[PageGroup]) -> str:
+    many = len(groups) + sum(len(group.consequences) for group in groups)
+    verdict = wording.verdict([group.worst for group in groups], many)
+    worst = max((group.worst for group in groups), default=Severity.OK)
+    summary = f'<p class="verdict {wording.SEVERITY_NAMES[worst]}">{escape(verdict)}</p>' if groups else ""
     subtitle = f'<p class="subtitle">{escape(page.subtitle)}</p>' if page.subtitle else ""
     notices = "".join(f'<p class="notice-bar" role="note">{escape(notice)}</p>' for notice in page.notices)
     shown = f'<div class="cards">{card_markup(page.cards)}</div>' if page.cards else ""
     return f'<div class="head"><h1>{escape(page.title)}</h1>{subtitle}{summary}</div>{notices}{shown}'
 
 
-def _findings(found: list[tuple[Finding, PagePart, str]]) -> str:
-    if not found:
-        return ""
-    worse = [each for each in found if each[0].severity > Severity.OK]
-    fine = [each for each in found if each[0].severity == Severity.OK]
-    parts = f'<ol class="findings">{finding_items(worse)}</ol>' if worse else ""
+def _findings(groups: Sequence[PageGroup], parts: Sequence[PagePart], track: str) -> str:
+    """With the map beside them."""
+    if not groups:
+        return f'<section id="findings">{track}</section>' if track else ""
+    worse = [group for group in groups if group.worst > Severity.OK]
+    fine = [group for group in groups if group.worst == Severity.OK]
+    listed = f'<ol class="findings">{finding_items(worse, parts)}</ol>' if worse else ""
     if fine:
-        parts += (
+        listed += (
             f"<details{'' if worse else ' open'}><summary>{len(fine)} looked at, and fine</summary>"
-            f'<ol class="findings">{finding_items(fine)}</ol></details>'
+            f'<ol class="findings">{finding_items(fine, parts)}</ol></details>'
         )
-    return f'<section id="findings"><h2>Findings</h2>{parts}</section>'
+    beside = ' class="beside"' if track else ""
+    return f'<section id="findings"{beside}><h2>Findings</h2><div class="list">{listed}</div>{track}</section>'
+
+
+def _track(page: Page, next_plot: Callable[[], str]) -> str:
+    overview = page.overview
+    if overview is None or not overview.tracks:
+        return ""
+    origin = overview.origin
+    note = "" if origin is None else f"metres about {origin[0]:.6f}°, {origin[1]:.6f}°"
+    return plot_markup(next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview))
 
 
 def _overview(page: Page, next_plot: Callable[[], str]) -> str:
     parts = []
     overview = page.overview
-    if overview is not None and overview.tracks:
-        origin = overview.origin
-        note = "" if origin is None else f"metres about {origin[0]:.6f}°, {origin[1]:.6f}°"
-        parts.append(
-            plot_markup(next_plot(), "Track", "track", note, json_text(map_payload(overview)), _map_controls(overview))
-        )
     if page.marks:
         kinds = {mark.kind for mark in page.marks}
         title = ", ".join(word for kind, word in _BANDS if kind in kinds).capitalize()

@@ -10,6 +10,7 @@ import numpy as np
 
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
+from xitl_cli.logs.report.causes import FindingGroup, group_findings
 from xitl_cli.logs.report.model import FileFinding, FileReport, Report
 from xitl_cli.logs.report.wording import SEVERITY_NAMES
 
@@ -17,7 +18,12 @@ FORMAT = 1
 
 
 def document(report: Report) -> dict[str, Any]:
-    """format: version of this layout. Instants: `at_ns` on the log's own time, `at_s` on the report's time line."""
+    """format: version of this layout. Instants: `at_ns` on the log's own time, `at_s` on the report's time line.
+
+    findings: the worst causes first, each followed by what follows from it (`follows_from`, null for a cause). counts:
+    of all of them; causes: of the causes, each as severe as the worst that follows from it.
+    """
+    groups = group_findings(report)
     return {
         "format": FORMAT,
         "worst": SEVERITY_NAMES[report.worst] if report.findings else None,
@@ -25,7 +31,11 @@ def document(report: Report) -> dict[str, Any]:
             SEVERITY_NAMES[severity]: sum(found.finding.severity == severity for found in report.findings)
             for severity in sorted(Severity, reverse=True)
         },
-        "findings": [_found(found) for found in report.findings],
+        "causes": {
+            SEVERITY_NAMES[severity]: sum(group.worst == severity for group in groups)
+            for severity in sorted(Severity, reverse=True)
+        },
+        "findings": [row for group in groups for row in _group(group)],
         "files": [_file(file) for file in report.files],
         "alignment": [_alignment(file) for file in report.files] if len(report.files) > 1 else [],
         "refused": [{"path": str(refusal.path), "reason": refusal.sentence} for refusal in report.refusals],
@@ -66,8 +76,15 @@ def section_document(section: Section, time_line: TimeLine) -> dict[str, Any]:
     }
 
 
-def _found(found: FileFinding) -> dict[str, Any]:
-    return {"file": found.file.name, "section": found.section.key, **_finding(found.finding, found.file.time_line)}
+def _group(group: FindingGroup) -> list[dict[str, Any]]:
+    cause = group.cause
+    named = {"file": cause.file.name, "key": cause.finding.key, "sentence": cause.finding.sentence}
+    return [_found(cause, None), *(_found(found, named) for found in group.consequences)]
+
+
+def _found(found: FileFinding, follows_from: dict[str, str] | None) -> dict[str, Any]:
+    finding = _finding(found.finding, found.file.time_line)
+    return {"file": found.file.name, "section": found.section.key, **finding, "follows_from": follows_from}
 
 
 def _finding(finding: Finding, time_line: TimeLine) -> dict[str, Any]:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from xitl_cli.logs.clocks.time_line import TimeLine
-from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.logs.model.sections import Finding, Section, Severity
 from xitl_cli.logs.model.text import duration_text
-from xitl_cli.logs.report.model import FileReport, Overview, Report
+from xitl_cli.logs.report.causes import group_findings
+from xitl_cli.logs.report.model import FileFinding, FileReport, Overview, Report
 from xitl_cli.logs.report.wording import FORMAT_NAMES
 
 
@@ -32,6 +33,26 @@ class PagePart:
 
 
 @dataclass(frozen=True, slots=True)
+class PageFinding:
+    """A finding, and the number of its part of the page."""
+
+    finding: Finding
+    part: int
+
+
+@dataclass(frozen=True, slots=True)
+class PageGroup:
+    """A finding of the page's head and what follows from it. worst: of them all."""
+
+    cause: PageFinding
+    consequences: tuple[PageFinding, ...] = ()
+
+    @property
+    def worst(self) -> Severity:
+        return max((self.cause.finding.severity, *(each.finding.severity for each in self.consequences)))
+
+
+@dataclass(frozen=True, slots=True)
 class PageMark:
     """Drawn across all plots over time, from `from_s` to `until_s` (equal: an instant) on the page's time line."""
 
@@ -44,7 +65,10 @@ class PageMark:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """notices: sentences about the page as a whole, such as a file that could not be opened."""
+    """notices: sentences about the page as a whole, such as a file that could not be opened.
+
+    groups: the findings of its head by cause; None where each stands for itself, the worst first.
+    """
 
     title: str
     subtitle: str
@@ -53,6 +77,19 @@ class Page:
     notices: tuple[str, ...] = ()
     marks: tuple[PageMark, ...] = ()
     overview: Overview | None = None
+    groups: tuple[PageGroup, ...] | None = None
+
+    @property
+    def grouped(self) -> tuple[PageGroup, ...]:
+        """Findings of all parts, by cause where that is known."""
+        if self.groups is not None:
+            return self.groups
+        every = [
+            PageGroup(PageFinding(finding, number))
+            for number, part in enumerate(self.parts)
+            for finding in part.section.findings
+        ]
+        return tuple(sorted(every, key=lambda group: -group.worst))
 
 
 _MOST_MARKS = 400
@@ -76,6 +113,21 @@ def report_page(report: Report) -> Page:
         tuple(notices),
         (*page_marks(overview), *_finding_marks(report)),
         overview if shown else None,
+        _groups(report),
+    )
+
+
+def _groups(report: Report) -> tuple[PageGroup, ...]:
+    placed = report.sections
+
+    def on_page(found: FileFinding) -> PageFinding:
+        number = next(
+            place for place, each in enumerate(placed) if each.section is found.section and each.file is found.file
+        )
+        return PageFinding(found.finding, number)
+
+    return tuple(
+        PageGroup(on_page(group.cause), tuple(map(on_page, group.consequences))) for group in group_findings(report)
     )
 
 

@@ -11,6 +11,7 @@ from rich.text import Text
 from xitl_cli.logs.model.sections import Fact, Grid, Section, Severity
 from xitl_cli.logs.model.text import duration_text, plural, printable
 from xitl_cli.logs.report import wording
+from xitl_cli.logs.report.causes import FindingGroup, group_findings
 from xitl_cli.logs.report.model import FileFinding, FileReport, Report
 
 _APART = 2
@@ -95,21 +96,17 @@ def show(console: Console, report: Report) -> None:
     """Every file in a line, findings worst first, then the facts of each section with short tables."""
     for file in report.files:
         _head(console, file, several=len(report.files) > 1)
-    found = [each for each in report.findings if each.finding.severity > Severity.OK]
+    groups = group_findings(report)
     fine = [each for each in report.findings if each.finding.severity == Severity.OK]
     several = len(report.files) > 1
     if report.findings:
+        said = wording.verdict([group.worst for group in groups], len(report.findings))
         _line(console, "")
-        _line(
-            console,
-            Text(
-                wording.sentence_text(wording.severity_counts([each.finding.severity for each in report.findings])),
-                style="bold",
-            ),
-        )
-    for each in found:
-        _line(console, "")
-        _finding(console, each, several)
+        _line(console, Text(wording.sentence_text(said), style="bold"))
+    for group in groups:
+        if group.worst > Severity.OK:
+            _line(console, "")
+            _group(console, group, several)
     if fine:
         _line(console, "")
     for sentence in dict.fromkeys(each.finding.sentence for each in fine):
@@ -140,19 +137,43 @@ def _head(console: Console, file: FileReport, several: bool) -> None:
         _hanging(console, "failed", "bold red", _plain(failure.sentence))
 
 
-def _finding(console: Console, found: FileFinding, several: bool) -> None:
+def _group(console: Console, group: FindingGroup, several: bool) -> None:
+    """A cause as a finding, and below it what follows from it, without their next steps."""
+    _finding(console, group.cause, several)
+    if not group.consequences:
+        return
+    _hanging(console, "", "", _plain("What follows from it:"))
+    for each in group.consequences:
+        name = wording.SEVERITY_NAMES[each.finding.severity]
+        _hanging(
+            console,
+            f"{'':{_INDENT}}{name.upper()}",
+            _STYLES[each.finding.severity],
+            _plain(wording.sentence_text(each.finding.sentence)),
+            indent=2 * _INDENT,
+        )
+        _hanging(console, "", "", _plain(_place(each, several), style="dim"), indent=2 * _INDENT)
+
+
+def _place(found: FileFinding, several: bool) -> str:
+    """Section, file and evidence."""
     finding = found.finding
     place = f"{found.section.title} ({found.file.name})" if several else found.section.title
+    evidence = [wording.evidence_text(each, found.file.time_line) for each in finding.evidence[:_MOST_EVIDENCE]]
+    if len(finding.evidence) > _MOST_EVIDENCE:
+        evidence.append(f"and {len(finding.evidence) - _MOST_EVIDENCE} more")
+    return f"{place}: {'; '.join(evidence)}" if evidence else place
+
+
+def _finding(console: Console, found: FileFinding, several: bool) -> None:
+    finding = found.finding
     _hanging(
         console,
         wording.SEVERITY_NAMES[finding.severity].upper(),
         _STYLES[finding.severity],
         _plain(wording.sentence_text(finding.sentence)),
     )
-    evidence = [wording.evidence_text(each, found.file.time_line) for each in finding.evidence[:_MOST_EVIDENCE]]
-    if len(finding.evidence) > _MOST_EVIDENCE:
-        evidence.append(f"and {len(finding.evidence) - _MOST_EVIDENCE} more")
-    _hanging(console, "", "", _plain(f"{place}: {'; '.join(evidence)}" if evidence else place, style="dim"))
+    _hanging(console, "", "", _plain(_place(found, several), style="dim"))
     if finding.next_step:
         _hanging(console, "", "", _plain(f"→ {wording.sentence_text(finding.next_step)}"))
 

@@ -102,6 +102,13 @@ def severity_counts(severities: list[Severity]) -> str:
     return ", ".join(parts).replace("criticals", "critical") or "nothing to look into"
 
 
+def verdict(worst: list[Severity], findings: int) -> str:
+    """Of the causes, each by the worst that follows from it: "1 critical, 2 notices (7 findings follow from these)"."""
+    follow = findings - len(worst)
+    more = "" if not follow else f" ({plural(follow, 'finding')} {'follows' if follow == 1 else 'follow'} from these)"
+    return severity_counts(worst) + more
+
+
 def evidence_text(evidence: Evidence, time_line: TimeLine) -> str:
     """PM.MaxT at 0:43.2–0:53.2: 23 ms."""
     where = evidence.message if evidence.field is None else f"{evidence.message}.{evidence.field}"

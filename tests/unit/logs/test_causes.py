@@ -1,0 +1,153 @@
+"""One cause, one finding: what follows from another is folded under it, and nothing is lost."""
+
+from io import StringIO
+from pathlib import Path
+
+from rich.console import Console
+
+from xitl_cli.logs.analyses import catalogue
+from xitl_cli.logs.clocks.time_line import TimeLine
+from xitl_cli.logs.model.log import LogHealth
+from xitl_cli.logs.model.sections import Evidence, Finding, Section, Severity
+from xitl_cli.logs.report import terminal
+from xitl_cli.logs.report.causes import CAUSES, FindingGroup, group_findings
+from xitl_cli.logs.report.html import html
+from xitl_cli.logs.report.json import document
+from xitl_cli.logs.report.model import FileReport, Report
+from xitl_cli.logs.report.page import report_page
+
+S = 1_000_000_000
+NOTICE, WARNING, CRITICAL = Severity.NOTICE, Severity.WARNING, Severity.CRITICAL
+
+
+def finding(key: str, *spans_s: float | tuple[float, float], severity: Severity = WARNING) -> Finding:
+    spans = [span if isinstance(span, tuple) else (span, span) for span in spans_s]
+    evidence = tuple(Evidence("X", None, round(begin * S), round(end * S)) for begin, end in spans)
+    return Finding(key, severity, f"what {key} says", evidence, "look")
+
+
+def log(*findings: Finding, name: str = "one.bin", zero_s: float = 0.0) -> FileReport:
+    sections: dict[str, list[Finding]] = {}
+    for each in findings:
+        sections.setdefault(each.key.split(".")[0], []).append(each)
+    made = tuple(Section(key, key.capitalize(), findings=tuple(rows)) for key, rows in sections.items())
+    health, line = LogHealth(1, 1), TimeLine(round(zero_s * S))
+    return FileReport(name, Path(name), "dataflash", "boot", (0, 100 * S), health, {}, made, line)
+
+
+def shape(groups: list[FindingGroup]) -> list[tuple[str, list[str]]]:
+    return [(group.cause.finding.key, [each.finding.key for each in group.consequences]) for group in groups]
+
+
+CUT = (
+    finding("faults.injected", (40.0, 45.0), severity=NOTICE),
+    finding("links.loss", (40.0, 46.0), severity=NOTICE),
+    finding("gnss.silent", (39.9, 45.1)),
+    finding("sensors.gap", (40.0, 45.0)),
+    finding("events.error.26.1", (40.3, 45.0)),
+    finding("events.error.16.2", (45.0, 45.3)),
+    finding("estimator.position_lost", (45.0, 45.2), severity=CRITICAL),
+    finding("modes.failsafe", 45.4, severity=CRITICAL),
+    finding("missions.unfinished", (30.0, 45.4)),
+)
+
+
+def test_a_cut_link_is_one_finding() -> None:
+    (group,) = group_findings(Report((log(*CUT[:8]),)))
+    assert group.cause.finding.key == "faults.injected"
+    assert [each.finding.key for each in group.consequences] == [
+        "gnss.silent", "links.loss", "sensors.gap", "events.error.26.1", "events.error.16.2", "estimator.position_lost",
+        "modes.failsafe",
+    ]  # fmt: skip
+    assert group.worst == CRITICAL
+
+
+def test_without_the_fault_the_earliest_is_the_cause() -> None:
+    assert shape(group_findings(Report((log(*CUT[3:8]),))))[0][0] == "sensors.gap"
+
+
+def test_a_crash_is_one_critical() -> None:
+    rows = (
+        finding("events.error.12.1", 61.0, severity=CRITICAL),
+        finding("attitude.overturned", (60.4, 77.0), severity=CRITICAL),
+        finding("attitude.impact", 60.2, severity=CRITICAL),
+        finding("arming.disarmed_by_failsafe", 61.0, severity=CRITICAL),
+        finding("events.said.crash", 61.0, severity=CRITICAL),
+    )
+    ((cause, follow),) = shape(group_findings(Report((log(*rows),))))
+    assert cause == "attitude.impact"
+    assert len(follow) == 4
+
+
+def test_what_came_before_or_long_after_stands_for_itself() -> None:
+    rows = (
+        finding("gnss.fix_lost", (40.0, 42.0)),
+        finding("estimator.refused.velocity", (10.0, 11.0)),
+        finding("modes.failsafe", 95.0, severity=CRITICAL),
+    )
+    assert all(not follow for _, follow in shape(group_findings(Report((log(*rows),)))))
+
+
+def test_what_is_mostly_elsewhere_is_not_explained() -> None:
+    rows = (finding("gnss.fix_lost", (40.0, 42.0)), finding("estimator.refused.velocity", 41.0, 80.0, 85.0, 90.0))
+    assert len(group_findings(Report((log(*rows),)))) == 2
+
+
+def test_an_event_explains_before_a_state_does() -> None:
+    rows = (
+        finding("sensors.field_changes", (0.0, 100.0)),
+        finding("gnss.fix_lost", (40.0, 42.0)),
+        finding("estimator.position_lost", (43.0, 44.0)),
+    )
+    assert ("gnss.fix_lost", ["estimator.position_lost"]) in shape(group_findings(Report((log(*rows),))))
+
+
+def test_two_files_of_one_run_tell_a_finding_once_on_the_reports_time() -> None:
+    first = log(finding("missions.unfinished", (30.0, 45.4)), name="run.mcap")
+    second = log(finding("missions.unfinished", (130.0, 145.5)), name="autopilot.bin", zero_s=100.0)
+    (group,) = group_findings(Report((first, second)))
+    assert [each.file.name for each in group.consequences] == ["autopilot.bin"]
+    far = log(finding("missions.unfinished", (230.0, 245.5)), name="autopilot.bin", zero_s=100.0)
+    assert len(group_findings(Report((first, far)))) == 2
+
+
+def test_every_finding_is_shown_once_whatever_the_times_are() -> None:
+    """Causes that come within a second of each other, each able to follow from the next."""
+    keys = sorted({kind for rule in CAUSES for kind in (*rule.causes, *rule.consequences)})
+    rows = [finding(key, 10.0 + 0.7 * (place % 7)) for place, key in enumerate(keys)]
+    groups = group_findings(Report((log(*rows),)))
+    told = [found.finding.key for group in groups for found in (group.cause, *group.consequences)]
+    assert sorted(told) == keys
+
+
+def test_the_table_names_kinds_that_exist() -> None:
+    analyses = {*catalogue.NAMES, "events"}
+    assert {kind.split(".")[0] for rule in CAUSES for kind in (*rule.causes, *rule.consequences)} <= analyses
+
+
+def test_json_says_from_what_each_follows() -> None:
+    report = document(Report((log(*CUT),)))
+    assert len(report["findings"]) == len(CUT)
+    assert report["causes"]["critical"] == 1
+    assert report["counts"] == {"critical": 2, "warning": 5, "notice": 2, "fine": 0}
+    of = {each["key"]: each["follows_from"] for each in report["findings"]}
+    assert of["faults.injected"] is None
+    assert of["sensors.gap"] == {"file": "one.bin", "key": "faults.injected", "sentence": "what faults.injected says"}
+
+
+def test_the_terminal_shows_them_below_their_cause() -> None:
+    out = StringIO()
+    terminal.show(Console(file=out, width=80, color_system=None), Report((log(*CUT[:8]),)))
+    lines = [line.strip() for line in out.getvalue().splitlines()]
+    assert "1 critical (7 findings follow from these)" in lines
+    cause, follow = lines.index("NOTICE    What faults.injected says"), lines.index("What follows from it:")
+    assert cause < follow < lines.index("WARNING   What sensors.gap says")
+    assert out.getvalue().count("says\n") == 8
+    assert max(len(line) for line in out.getvalue().splitlines()) <= 80
+
+
+def test_the_page_holds_them_below_their_cause() -> None:
+    page = html(report_page(Report((log(*CUT[:8]),))))
+    assert page.count('class="finding ') == 8
+    assert page.count("<details class=") == 1
+    assert '<details class="follows" open><summary>What follows from it: 2 critical, 4 warnings, 1 notice' in page

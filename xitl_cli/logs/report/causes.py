@@ -1,0 +1,237 @@
+"""One cause, one finding: what follows from another finding is folded under it, the earliest first.
+
+A cut link makes a gap of the sensors, a failsafe, a lost position and an unfinished mission. Which kinds of findings
+can follow from which, and how long after, is `CAUSES`; whether they do is a matter of time, on the report's one time
+line, so that a cause in one file explains what another file shows. Nothing is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from xitl_cli.logs.model.sections import Severity
+from xitl_cli.logs.report.model import FileFinding, Report
+
+
+@dataclass(frozen=True, slots=True)
+class CauseRule:
+    """What can follow from these kinds of findings, beginning up to `after_s` after they ended.
+
+    Kinds are keys of findings or the beginnings of keys: "gnss" is all of gnss.…. `WHOLE_LOG`: of the log it is of,
+    whenever.
+    """
+
+    causes: tuple[str, ...]
+    consequences: tuple[str, ...]
+    after_s: float
+
+
+WHOLE_LOG = math.inf
+
+_ERRORS = ("events.error", "events.said")
+_EKF = ("estimator", "events.error.16", "events.error.17", "events.error.24", "events.said.ekf_failsafe",
+        "events.said.ekf_variance", "events.error.7")  # fmt: skip
+_ACTED = ("modes.failsafe", "arming.disarmed_by_failsafe", "missions.unfinished")
+_HIT = (
+    "attitude.impact", "attitude.contact", "attitude.overturned", "attitude.leaning", "control.attitude_lost",
+    "control.rate_lost", "events.error.12", "events.error.25", "events.said.crash", "events.said.flight",
+)  # fmt: skip
+_SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe", "radio.none")
+
+CAUSES = (
+    CauseRule(("vehicle.simulated", "vehicle.lockstep"), ("scheduler.simulated_clock",), WHOLE_LOG),
+    CauseRule(
+        ("faults.injected",),
+        ("links", "sensors", "gnss", "estimator", *_ERRORS, "scheduler", "tasks", "time_bases", "radio", "control",
+         "vibration", "faults.takeover", *_ACTED),
+        5.0,
+    ),
+    CauseRule(
+        ("power.breakdown", "power.brown_out", "power.input_lost", "power.low", "power.used_up", "power.overcurrent"),
+        ("power", "events.error.6", "events.said.battery", "vehicle.reboots", "sensors.gap", "sensors.unhealthy",
+         "control.too_slow", "radio.too_slow", *_ACTED),
+        30.0,
+    ),
+    CauseRule(("vehicle.reboots", "events.watchdog"), ("sensors", "links", "time_bases", "scheduler", *_ERRORS), 10.0),
+    CauseRule(("time_bases.step", "time_bases.rate_step"), ("sensors", "gnss.silent", "scheduler", "time_bases"), 2.0),
+    CauseRule(
+        ("links.silence", "links.sequence_loss"),
+        ("links", "sensors.gap", "sensors.recording_pauses", "gnss.silent"),
+        3.0,
+    ),
+    CauseRule(
+        _SILENT,
+        ("events.error.5", "events.error.8", "events.error.26", "events.said.radio_failsafe",
+         "events.said.gcs_failsafe", "events.said.failsafe", *_ACTED),
+        15.0,
+    ),
+    CauseRule(
+        _HIT,
+        (*_HIT, *_ERRORS, *_EKF, *_ACTED, "gnss", "sensors", "vibration", "radio", "control", "power"),
+        15.0,
+    ),
+    CauseRule(("vibration",), ("sensors.saturated", "sensors.disagree", "vibration", "events.error.29", *_EKF), 5.0),
+    CauseRule(("gnss",), ("gnss", "events.error.11", "events.said.sensor", "arming.refused", *_EKF, *_ACTED), 30.0),
+    CauseRule(
+        ("sensors.gap", "sensors.stuck", "sensors.stopped_together", "sensors.unhealthy", "sensors.errors",
+         "sensors.slow", "sensors.missing", "sensors.saturated", "sensors.compasses_disagree", "sensors.field_changes"),
+        ("sensors", "gnss.silent", "events.error.3", "events.error.18", "events.error.26", "events.said.sensor",
+         "control", *_EKF, *_ACTED),
+        10.0,
+    ),
+    CauseRule(("estimator",), (*_EKF, "gnss.glitch", "events.error.11", "control", "arming.refused", *_ACTED), 15.0),
+    CauseRule(
+        ("scheduler", "tasks", "events.main_loop_stuck", "events.error.19"),
+        ("scheduler", "tasks", "events.main_loop_stuck", "events.error.19", "sensors.missing", "sensors.gap",
+         "vehicle.log_dropped", "links.serial_overflow"),
+        2.0,
+    ),
+    CauseRule(("vehicle.log_dropped",), ("sensors.gap", "sensors.missing", "sensors.recording_pauses"), 2.0),
+    CauseRule(
+        ("radio.too_slow", "radio.saturated", "radio.oscillation"),
+        ("control", "radio", "missions.unfinished"),
+        5.0,
+    ),
+    CauseRule(("control",), ("control", "radio", "missions.unfinished"), 5.0),
+    CauseRule((*_ERRORS, "modes.failsafe", "arming.disarmed_by_failsafe", "power.failsafe"), (*_ERRORS, *_ACTED), 5.0),
+)  # fmt: skip
+"""The causal table."""
+
+_TOGETHER_S = 1.0
+"""What is logged within a second of each other began together: then the earlier kind in `_FIRST` is the cause."""
+_FIRST = (
+    "faults", "power", "vehicle", "time_bases", "links", "attitude.contact", "attitude.impact", "vibration", "gnss",
+    "sensors", "scheduler", "control", "attitude", "estimator", "radio", "events.error", "events", "modes", "arming",
+    "missions",
+)  # fmt: skip
+_SAME_S = 2.0
+_EVENT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class FindingGroup:
+    """A finding and what follows from it, in the order of time."""
+
+    cause: FileFinding
+    consequences: tuple[FileFinding, ...] = ()
+
+    @property
+    def worst(self) -> Severity:
+        return max((self.cause.finding.severity, *(each.finding.severity for each in self.consequences)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Placed:
+    """A finding with its spans (s) on the report's time line; none for one without an instant. file: its place."""
+
+    found: FileFinding
+    spans: tuple[tuple[float, float], ...]
+    rank: int
+    file: int
+
+    @property
+    def begin_s(self) -> float:
+        return self.spans[0][0] if self.spans else math.inf
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it is a state of the whole log rather than an event, and nobody's intention."""
+        longest_s = max((end - begin for begin, end in self.spans), default=math.inf)
+        return longest_s > _EVENT_S and not is_kind(self.found.finding.key, ("faults",))
+
+
+def group_findings(report: Report) -> list[FindingGroup]:
+    """Each finding once: the worst groups first, otherwise the earliest; what is fine stands by itself, last."""
+    order = {id(file): place for place, file in enumerate(report.files)}
+    placed = [_placed(found, order[id(found.file)]) for found in report.findings]
+    causes = [_cause(each, placed) for each in placed]
+    roots = [_root(place, causes) for place in range(len(placed))]
+    groups = []
+    for place, each in enumerate(placed):
+        if roots[place] != place:
+            continue
+        under = [placed[other] for other, root in enumerate(roots) if root == place != other]
+        under.sort(key=lambda one: (one.begin_s, one.rank))
+        groups.append((each, FindingGroup(each.found, tuple(one.found for one in under))))
+    groups.sort(key=lambda pair: (-pair[1].worst, pair[0].begin_s))
+    return [group for _, group in groups]
+
+
+def _placed(found: FileFinding, file: int) -> _Placed:
+    line = found.file.time_line
+    spans = sorted(
+        (line.second(each.at_ns), line.second(each.at_ns if each.until_ns is None else max(each.until_ns, each.at_ns)))
+        for each in found.finding.evidence
+        if each.at_ns is not None
+    )
+    key = found.finding.key
+    rank = min((place for place, kind in enumerate(_FIRST) if is_kind(key, (kind,))), default=len(_FIRST))
+    return _Placed(found, tuple(spans), rank, file)
+
+
+def is_kind(key: str, kinds: Sequence[str]) -> bool:
+    """Whether the key of a finding is one of these, or begins with it."""
+    return any(key == kind or key.startswith(f"{kind}.") for kind in kinds)
+
+
+def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
+    """Place of the earliest finding that this one follows from."""
+    if each.found.finding.severity == Severity.OK:
+        return None
+    candidates = [
+        place
+        for place, other in enumerate(every)
+        if other is not each
+        and other.found.finding.severity > Severity.OK
+        and (_follows(each, other) or _same(each, other))
+    ]
+    # What lasts is a state, such as a field that changes all the time: an event explains more.
+    return min(
+        candidates, key=lambda place: (every[place].lasts, every[place].begin_s, every[place].rank), default=None
+    )
+
+
+def _follows(each: _Placed, cause: _Placed) -> bool:
+    """Whether a rule allows it, the cause came first, and it covers at least half of what this finding is about."""
+    key, cause_key = each.found.finding.key, cause.found.finding.key
+    reach_s = [rule.after_s for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
+    if not reach_s:
+        return False
+    if max(reach_s) == WHOLE_LOG:
+        return each.found.file is cause.found.file
+    if not each.spans or not cause.spans or not _precedes(cause, each):
+        return False
+    explained = sum(
+        any(begin - _TOGETHER_S <= at <= end + max(reach_s) for begin, end in cause.spans) for at, _ in each.spans
+    )
+    return 2 * explained >= len(each.spans)
+
+
+def _precedes(cause: _Placed, each: _Placed) -> bool:
+    apart_s = each.begin_s - cause.begin_s
+    if abs(apart_s) <= _TOGETHER_S:
+        return (cause.rank, -apart_s) < (each.rank, 0.0)
+    return apart_s > 0.0
+
+
+def _same(each: _Placed, other: _Placed) -> bool:
+    """The same finding of another file: what two recordings of one run both tell is told once."""
+    if each.found.finding.key != other.found.finding.key or each.file == other.file:
+        return False
+    if not each.spans or not other.spans:
+        return False
+    (begin, end), (other_begin, other_end) = each.spans[0], other.spans[0]
+    near = begin <= other_end + _SAME_S and other_begin <= end + _SAME_S
+    return near and other.file < each.file
+
+
+def _root(place: int, causes: Sequence[int | None]) -> int:
+    """Of a chain of causes the first; where a chain comes back to itself, the one that comes first in it."""
+    seen = [place]
+    while (cause := causes[seen[-1]]) is not None:
+        if cause in seen:
+            return min(seen[seen.index(cause) :])
+        seen.append(cause)
+    return seen[-1]
