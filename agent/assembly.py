@@ -19,7 +19,7 @@ from agent.roles.storage import StorageError
 from agent.timing.clock import MonotonicClock
 from agent.wire.codec import Message
 from agent.wire.link import Link
-from agent.wire.signing import Signing, SigningKeyError, read_key
+from agent.wire.signing import Signing, SigningKeyError, read_key_file
 from agent.wire.transport import Transport, TransportError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def assemble(
     clock = MonotonicClock()
     faults = AgentFaults(clock)
     opened.callback(faults.close)
-    key = _signing(options.link_key)
+    key = _signing(options.link_key, "--link-key")
     component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
     link = Link(faults.wrap(transport), SYSTEM_ID, component_id, signing=key)
     role = _role(options, link.send, opened)
@@ -121,7 +121,7 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
     if options.parameters is not None:
         parameters.load(_text(options.parameters), str(options.parameters))
     make_controller = load_controller(options.controller) if options.controller else None
-    signing = _signing(options.signing_key)
+    signing = _signing(options.signing_key, "--signing-key")
     storage = None
     if options.storage is not None:
         storage = Storage(options.storage)
@@ -158,8 +158,8 @@ def _log_of(options: Options, opened: ExitStack) -> Callable[[Callable[[], int]]
     return make
 
 
-def _signing(key_file: Path | None) -> Signing | None:
-    return None if key_file is None else Signing(read_key(_text(key_file), str(key_file)))
+def _signing(key_file: Path | None, option: str) -> Signing | None:
+    return None if key_file is None else Signing(read_key_file(str(key_file), option))
 
 
 def _text(path: Path) -> str:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from agent.wire.signing import SigningKeyError, read_key
+from agent.wire.signing import SigningKeyError
+from agent.wire.signing import read_key_file as read_file
 from xitl_cli.errors import UserError
 
 
-def read_key_file(path: str) -> bytes:
-    """The key in the file: 64 hexadecimal digits or a passphrase. Raises UserError."""
+def read_key_file(path: str, option: str = "--signing-key") -> bytes:
+    """The key in the file: 64 hexadecimal digits or a passphrase. option: what named the file. Raises UserError."""
     try:
-        return read_key(Path(path).read_text(encoding="utf-8"), path)
-    except (OSError, ValueError) as error:
-        if isinstance(error, SigningKeyError):
-            raise UserError(str(error)) from error
-        reason = error.strerror if isinstance(error, OSError) else "it is not text"
-        raise UserError(f"{path}: cannot be read ({reason}); check the path, or use no signing") from error
+        return read_file(path, option)
+    except SigningKeyError as error:
+        raise UserError(str(error)) from error

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import time
 from hmac import compare_digest
+from pathlib import Path
 from typing import Callable
 
 from agent.wire.framing import SIGNATURE_BYTES, SIGNED
@@ -39,6 +40,26 @@ def read_key(text: str, source: str) -> bytes:
         except ValueError:
             pass
     return hashlib.sha256(line.encode()).digest()
+
+
+def read_key_file(path: str, option: str) -> bytes:
+    """The key in the file, see `read_key`. option: what named the file, for the sentence.
+
+    Raises SigningKeyError when there is none.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SigningKeyError(
+            f"{path}: the signing key is missing, there is no such file; make one for both ends with "
+            f"`openssl rand -hex 32 > {path}`, or leave {option} out"
+        ) from None
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else "not text"
+        raise SigningKeyError(
+            f"{path}: the signing key cannot be read ({why}); check path and permissions, or leave {option} out"
+        ) from None
+    return read_key(text, path)
 
 
 def wall_clock_timestamp() -> int:

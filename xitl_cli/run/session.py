@@ -18,7 +18,9 @@ from numpy.random import default_rng
 
 from agent import __version__
 from xitl_cli.errors import UserError
+from xitl_cli.extras import PERCEPTION
 from xitl_cli.profile import Profile, resolved_yaml
+from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.compose import RunSetup, compose, link_names
 from xitl_cli.run.core import directory
@@ -96,6 +98,7 @@ def run(
     say so.
     """
     ready = profile.runnable()
+    check_extras(ready)
     directory.check_writable(out)
     seeds = Seeds(ready.clock.seed)
     scenery = Scenery(ready)
@@ -125,6 +128,21 @@ def run(
     if outcome.crash is not None:
         raise outcome.crash
     return Result(summary, out, _exit_code(outcome))
+
+
+def check_extras(profile: RunProfile) -> None:
+    """Raise UserError when packages are missing that its perception needs: before anything is made, and not after."""
+    sensors, companion = profile.sensors, profile.companion
+    wanted = {"embreex": [f"sensors.{key}" for key in ("lidar", "sonar") if getattr(sensors, key, None) is not None]}
+    if companion is not None and companion.runs != "board":
+        wanted["kiss_icp"] = ["companion"]
+    missing = [package for package in PERCEPTION.missing if wanted.get(package)]
+    if missing:
+        keys = [key for package in missing for key in wanted[package]]
+        raise UserError(
+            f"{profile.name}: {', '.join(keys)}: cannot do without {' and '.join(missing)}, not installed here; "
+            f"{PERCEPTION.pip_line}"
+        )
 
 
 def _go(

@@ -15,7 +15,7 @@ import pytest
 from dataflash_reader import rows_of
 
 from agent.assembly import REFUSALS, assemble
-from agent.options import Options, OptionsError
+from agent.options import Options
 from agent.wire import dialect as mav
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
@@ -103,7 +103,7 @@ def test_refused_frames_are_counted_in_the_status(opened: ExitStack, tmp_path: P
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (Options(link_key=Path("/nowhere/key")), "/nowhere/key: cannot be read (No such file or directory)"),
+        (Options(link_key=Path("/nowhere/key")), "/nowhere/key: the signing key is missing, there is no such file"),
         (Options(parameters=Path("/nowhere/p")), "/nowhere/p: cannot be read (No such file or directory)"),
         (Options(controller="nowhere:Fast"), "nowhere"),
         (Options(storage=Path("/nowhere/kept.json")), "/nowhere/kept.json: there is no folder /nowhere"),
@@ -125,7 +125,7 @@ def test_an_empty_key_is_refused(opened: ExitStack, tmp_path: Path) -> None:
     with pytest.raises(REFUSALS, match="holds no signing key"):
         Pair(Options(link_key=tmp_path / "key"), opened)
     (tmp_path / "key").write_bytes(b"\xff\xff")
-    with pytest.raises(OptionsError, match="not text"):
+    with pytest.raises(REFUSALS, match="not text"):
         Pair(Options(link_key=tmp_path / "key"), opened)
 
 

@@ -109,7 +109,10 @@ def test_a_written_file_reads_in_pymavlink(tmp_path: Path) -> None:
         (("set", "tcp://127.0.0.1:9", "WP_SPEED"), ("'WP_SPEED' sets nothing; write NAME=VALUE",)),
         (("set", "tcp://127.0.0.1:9", "WP_SPEED=nan"), ("sets nothing",)),
         (("push", "defaults", "tcp://127.0.0.1:9"), ("there is no parameter file 'defaults'",)),
-        (("show", "tcp://127.0.0.1:9", "--signing-key", "gone"), ("gone: cannot be read",)),
+        (
+            ("show", "tcp://127.0.0.1:9", "--signing-key", "gone"),
+            ("gone: the signing key is missing", "or leave --signing-key out"),
+        ),
     ],
 )
 def test_what_is_wrong_is_one_line(params: Params, arguments: tuple[str, ...], words: tuple[str, ...]) -> None:

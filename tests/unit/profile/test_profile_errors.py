@@ -297,13 +297,14 @@ def test_values(write: Write, text: str, problem: str) -> None:
         ),
         (
             "extends: sitl\nautopilot:\n  signing_key_file: key.txt",
-            "boat.yaml:3: autopilot.signing_key_file: {tmp}/key.txt: cannot be read (No such file or directory); "
-            "check the path, or use no signing",
+            "boat.yaml:3: autopilot.signing_key_file: {tmp}/key.txt: the signing key is missing, there is no such "
+            "file; make one for both ends with `openssl rand -hex 32 > {tmp}/key.txt`, or leave "
+            "autopilot.signing_key_file out",
         ),
         (
             "extends: sitl\nautopilot:\n  link_key_file: key.txt",
-            "boat.yaml:3: autopilot.link_key_file: {tmp}/key.txt: cannot be read (No such file or directory); "
-            "check the path, or use no signing",
+            "boat.yaml:3: autopilot.link_key_file: {tmp}/key.txt: the signing key is missing, there is no such file; "
+            "make one for both ends with `openssl rand -hex 32 > {tmp}/key.txt`, or leave autopilot.link_key_file out",
         ),
         (
             "extends: sitl\nautopilot:\n  standby: {runs: in-process}",

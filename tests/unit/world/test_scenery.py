@@ -17,13 +17,14 @@ from sim_core.world.rays import RayCaster
 from sim_core.world.spec import MeshFileSpec
 from sim_core.world.structures import LogBoom, upright_walls
 from tests.river import fan, river_profile, river_scenery
+from xitl_cli import extras
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.entry import ProfileError
 from xitl_cli.profile.load import load_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import WorldSpec
+from xitl_cli.run.session import check_extras
 from xitl_cli.run.world import scene
-from xitl_cli.run.world import scenery as scenery_module
 from xitl_cli.run.world.scene import make_scene
 from xitl_cli.run.world.scenery import Scenery
 
@@ -139,12 +140,22 @@ def test_a_meshs_path_is_meant_from_its_profile(tmp_path: Path) -> None:
     assert world.meshes[0].file == str(tmp_path / "meshes" / "quay.stl")
 
 
-def test_without_embree_numpy_casts_and_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenery_module, "find_spec", lambda name: None)
-    scenery = Scenery(run_in())
-    caster: RayCaster = scenery.caster()
+def test_without_embree_a_run_that_needs_it_is_refused_with_what_to_install(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(extras, "find_spec", lambda name: None)
+    with pytest.raises(UserError) as refused:
+        check_extras(load_profile("sitl-perception").runnable())
+    assert str(refused.value) == (
+        "sitl-perception: sensors.lidar, sensors.sonar, companion: cannot do without embreex and kiss_icp, not "
+        "installed here; pip install 'xitl[perception]'"
+    )
+    check_extras(load_profile("sitl").runnable())
+
+
+def test_numpy_casts_for_those_who_ask_for_it() -> None:
+    caster: RayCaster = Scenery(run_in()).caster("numpy")
     assert isinstance(caster, PrimitiveCaster)
-    assert [warning for warning in scenery.warnings if "pip install 'xitl[perception]'" in warning] != []
 
 
 @pytest.mark.parametrize(

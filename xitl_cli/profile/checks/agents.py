@@ -122,7 +122,7 @@ def _extras(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
         file = getattr(autopilot, key)
         if file is not None:
             try:
-                read_key_file(file)
+                read_key_file(file, f"autopilot.{key}")
             except UserError as error:
                 yield ("autopilot", key), f"autopilot.{key}: {error}"
 

@@ -103,7 +103,7 @@ class AutopilotNode(ControlNode):
             partial(self._on_estimate, name),
             partial(self._on_message, name),
         )
-        signing = None if key is None else Signing(read_key_file(key))
+        signing = None if key is None else Signing(read_key_file(key, "autopilot.link_key_file"))
         why_silent = self._supervision.why_silent if name == "agent" else None
         return AgentConnection(name, profile, inbox, signing, why_silent=why_silent)
 

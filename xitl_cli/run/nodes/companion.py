@@ -186,7 +186,7 @@ class CompanionNode(RunNode):
         self._lockstep = profile.clock.mode == "lockstep"
         self.inbox = CompanionInbox(local_frame(profile.site), self._lockstep, self._heard)
         key = companion.link_key_file
-        signing = None if key is None else Signing(read_key_file(key))
+        signing = None if key is None else Signing(read_key_file(key, "companion.link_key_file"))
         self.agent = AgentConnection(COMPANION_LINK, profile, self.inbox, signing, companion_terms(profile))
         self.heard = MessageRoute()
         self.intake = ExchangePart(self._take_effect)

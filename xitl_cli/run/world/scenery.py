@@ -8,7 +8,6 @@ scenery.caster().cast(origins, directions)
 from __future__ import annotations
 
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +22,6 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 
 _FLAT_BED_M = 2000.0
-_SLOW = (
-    "rays are cast with numpy, far slower than real time, as embreex is not installed; pip install 'xitl[perception]'"
-)
 
 
 class Scenery:
@@ -81,12 +77,8 @@ class Scenery:
         parts += [self._mesh(number, mesh) for number, mesh in enumerate(self._world.meshes)]
         return Scene(tuple(parts))
 
-    def caster(self, backend: Backend | None = None) -> RayCaster:
-        """Without a backend: Embree where it is installed, else numpy, with a warning. The same for all who ask."""
-        if backend is None:
-            backend = "embree" if find_spec("embreex") is not None else "numpy"
-            if backend == "numpy" and _SLOW not in self._warnings:
-                self._warnings.append(_SLOW)
+    def caster(self, backend: Backend = "embree") -> RayCaster:
+        """The same for all who ask. Raises UserError where Embree is not installed: numpy is fifty times too slow."""
         if backend not in self._casters:
             try:
                 self._casters[backend] = make_caster(self.scene, backend)

@@ -1,0 +1,31 @@
+"""Packages that not everybody needs: which extra of xitl brings each, and whether it is installed here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """packages: as they are imported. what: it is for."""
+
+    name: str
+    packages: tuple[str, ...]
+    what: str
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Those of its packages that are not installed."""
+        return tuple(package for package in self.packages if find_spec(package) is None)
+
+    @property
+    def pip_line(self) -> str:
+        """What to type to have it."""
+        return f"pip install 'xitl[{self.name}]'"
+
+
+PERCEPTION = Extra("perception", ("embreex", "kiss_icp", "trimesh"), "lidar, sonar, meshes and a companion")
+PANDAS = Extra("pandas", ("pandas",), "tables of logs as data frames")
+PARQUET = Extra("parquet", ("pyarrow",), "export of logs to Parquet")
+EXTRAS = (PERCEPTION, PANDAS, PARQUET)
