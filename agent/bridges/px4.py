@@ -244,6 +244,7 @@ class Px4Injector(Injector):
         self._uncalled = False
         self._heard_ns: int | None = None
         self._unsimulated = False
+        self._armed = False
         if self._line is not None:
             self._line.begin()
         elif lockstep:
@@ -361,11 +362,21 @@ class Px4Injector(Injector):
 
     def _hear(self, message: Message) -> None:
         """From the autopilot's MAVLink, where a board has its outputs."""
-        if self._line is not None:
-            return
-        if isinstance(message, mav.MAVLink_hil_actuator_controls_message):
+        if isinstance(message, mav.MAVLink_heartbeat_message):
+            self._on_heartbeat(message)
+        elif self._line is None and isinstance(message, mav.MAVLink_hil_actuator_controls_message):
             self._note([message])
-        elif isinstance(message, mav.MAVLink_heartbeat_message) and message.autopilot == mav.MAV_AUTOPILOT_PX4:
+
+    def _on_heartbeat(self, message: Message) -> None:
+        """Disarmed, PX4 puts out nothing new: what it put out last is over then."""
+        if message.autopilot != mav.MAV_AUTOPILOT_PX4:
+            return
+        armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+        if self._armed and not armed:
+            self._outputs = (0.0,) * OUTPUTS
+            self.counts.outputs_in += 1
+        self._armed = armed
+        if self._line is None:
             self._heard_ns = self._clock.now_ns() if self._heard_ns is None else self._heard_ns
             self.counts.taken = bool(message.base_mode & HIL_ENABLED)
 

@@ -115,6 +115,7 @@ WATCH_HZ = 10.0
 STATUS_NS = 1_000_000_000
 TELEMETRY_HZ = 10.0
 SPACING_NS = 4_000_000  # of XITL_ACTUATORS in real time, at least
+REST_NS = 100_000_000  # at most, while the autopilot is disarmed: a PX4 then puts out nothing
 REACH_S, PATIENCE_S = 0.4, 3.0  # of real time: at a try, and in all
 PREFIX = "Bridge: "
 
@@ -243,13 +244,19 @@ class BridgeRole(Role):
             return
         self._take_outputs()
         out, self._waiting = self._waiting, []
-        if self._fresh and self._running and (self._sent_ns is None or now_ns - self._sent_ns >= SPACING_NS):
+        if self._running and self._is_due(now_ns):
             self._sent_ns = now_ns
             self._fresh = False
             self._count += 1
             out.append(self._actuators(now_ns))
         if out:
             self._send(*out)
+
+    def _is_due(self, now_ns: int) -> bool:
+        """Whether motor commands are to be sent: new ones, or those of an autopilot that rests and is there."""
+        waited_ns = REST_NS if self._sent_ns is None else now_ns - self._sent_ns
+        rests = self._vehicle.connected and not self._vehicle.armed
+        return (self._fresh and waited_ns >= SPACING_NS) or (rests and waited_ns >= REST_NS)
 
     def _hear(self, now_ns: int) -> None:
         """Between runs nobody is told: the counts of the run are closed."""

@@ -1,24 +1,38 @@
-"""A bridge to PX4 as a whole node: the host's lockstep on one side, on the other what PX4's documentation describes."""
+"""A bridge to PX4 as a whole node: the host's lockstep on one side, on the other what a real PX4 1.16 sent."""
 
 from __future__ import annotations
 
 import socket
+import threading
+from collections import deque
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common as mavlink
 
 from agent.assembly import assemble
 from agent.bridges import px4
+from agent.bridges.hil_messages import BAROMETER
 from agent.node import AgentNode
 from agent.options import Options
 from agent.wire import dialect as mav
+from agent.wire.codec import decode
+from agent.wire.framing import Framer, is_known
 from agent.wire.link import Link
 from agent.wire.memory import memory_pair
-from tests.doubles.px4 import Px4Double, calling
+from sim_core.geodesy import LocalFrame
+from tests.doubles.capture import MAVLINK, OUTPUTS, SENSORS, read_capture
+from xitl_cli.run.links.agent_view import AgentView
+from xitl_cli.run.nodes.drivers import why_not_armed
 
-TICK_US, IMU_US = 10_000, 5_000
+DATA = Path(__file__).parents[1] / "data" / "px4"
+RECORDS = list(read_capture(DATA / "mission.xz"))
+TICK_US = 10_000
+FRAMES = 700  # it arms after 400
+ARMED = 128
 
 
 class Host:
@@ -46,12 +60,10 @@ class Host:
         return int(self.node.role.addresses[-1].rpartition(":")[2])
 
     def exchange(self) -> Any:
-        """Two samples and a tick, asked for again until it is answered."""
+        """A sample and a tick, asked for again until it is answered."""
         self.tick += 1
         now_us = self.tick * TICK_US
-        for stamp_us in (now_us - IMU_US, now_us):
-            accel = (acceleration_at(stamp_us), 0.0, -9.8)
-            self.link.send(mav.MAVLink_xitl_imu_message(stamp_us, (0.0, 0.0, -0.25), accel, 20.0))
+        self.link.send(mav.MAVLink_xitl_imu_message(now_us, (0.0, 0.0, -0.25), (0.0, 0.0, -9.8), 20.0))
         for _ in range(20):
             self.link.send(mav.MAVLink_xitl_tick_message(now_us, self.tick))
             self.node.poll()
@@ -61,43 +73,131 @@ class Host:
         return None
 
 
-def acceleration_at(stamp_us: int) -> float:
-    return (stamp_us // 1000 % 400) / 512 - 0.25
+@contextmanager
+def replaying(port: int) -> Iterator[list[int]]:
+    """What the real one sent to its simulator, at the sample after which it came; the stamps of what it got."""
+    stamps: list[int] = []
+    sock = socket.create_connection(("127.0.0.1", port), 5.0)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    outputs = deque(record for record in RECORDS if record.kind == OUTPUTS)
+
+    def serve() -> None:
+        parser, frame = mavlink.MAVLink(None), 0
+        while True:
+            while outputs and outputs[0].frame <= frame:
+                sock.sendall(outputs.popleft().data)
+            data = sock.recv(65536)
+            if not data:
+                return
+            for message in parser.parse_buffer(data) or ():
+                if message.get_type() == "HIL_SENSOR":
+                    frame += 1
+                    stamps.append(message.time_usec)
+                    while outputs and outputs[0].frame <= frame:
+                        sock.sendall(outputs.popleft().data)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield stamps
+    finally:
+        sock.shutdown(socket.SHUT_RDWR)
+        thread.join()
+        sock.close()
+
+
+def captured(kind: int, name: str) -> Iterator[tuple[int, Any]]:
+    """(frame, message) as pymavlink reads them."""
+    parser = mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    for record in RECORDS:
+        if record.kind == kind:
+            for message in parser.parse_buffer(record.data) or ():
+                if message.get_type() == name:
+                    yield record.frame, message
 
 
 @pytest.fixture
 def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
     monkeypatch.setattr(px4, "PATIENCE_S", 5.0)
+    monkeypatch.setattr(px4, "PACE", 100.0)  # what sends again needs no time
     with ExitStack() as opened, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         yield Host(opened, taken.getsockname()[1])
 
 
-def test_samples_in_and_the_motors_of_the_same_tick_out(host: Host) -> None:
-    with calling(Px4Double(), host.port) as double:
-        for _ in range(200):
+def test_the_motors_of_a_tick_are_what_px4_put_out_for_its_sample(host: Host) -> None:
+    put_out: dict[int, Any] = {}
+    for frame, message in captured(OUTPUTS, "HIL_ACTUATOR_CONTROLS"):
+        put_out[frame] = message
+    first = min(put_out)
+    assert 300 < first < FRAMES - 200
+    compared = 0
+    with replaying(host.port) as stamps:
+        for tick in range(1, FRAMES):
             answer = host.exchange()
             assert answer is not None
-            if host.tick > 10:
-                assert answer.command[0] == pytest.approx(-0.25)
-                assert answer.command[1] == pytest.approx(acceleration_at(host.tick * TICK_US), abs=1e-6)
-                assert (answer.count, answer.imu_time_usec) == (2, host.tick * TICK_US)
-    assert double.steps_back == 0
-    assert len(double.sensors) == 400
+            if tick < first:
+                assert tuple(answer.command[:2]) == (0.0, 0.0)
+            elif tick > first + px4.RHYTHM and tick in put_out:
+                assert put_out[tick].mode & ARMED
+                assert tuple(answer.command[:2]) == pytest.approx(put_out[tick].controls[1::-1], abs=1e-6)
+                compared += 1
+    assert compared > 200
+    assert stamps == [px4.FIRST_US + tick * TICK_US for tick in range(1, FRAMES)]
+
+
+def test_the_barometer_has_the_bits_with_which_the_real_one_armed() -> None:
+    """Whole: pressure, pressure altitude and temperature. With two of the three it said: barometer 0 missing."""
+    bits = {message.fields_updated & ~0x1FF for _, message in captured(SENSORS, "HIL_SENSOR")}
+    assert bits == {0, 0x1A00}
+    assert BAROMETER in bits
+
+
+def test_a_refusal_is_told_by_its_cause_and_without_its_tab() -> None:
+    view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *_: None, lambda *_: None)
+    framer = Framer(stream=False, foreign=True)
+    for record in read_capture(DATA / "refused.xz"):
+        if record.kind == MAVLINK:
+            for frame in framer.feed(record.data):
+                if is_known(frame):
+                    view.handle(decode(frame))
+    assert view.texts[-1] == "Arming denied: Resolve system health failures first"
+    assert why_not_armed(view.texts, view.unhealthy) == "; it said: Preflight Fail: barometer 0 missing"
+    assert "barometer" in view.unhealthy
+    assert not view.ready_to_arm
+
+
+def test_every_position_of_px4_makes_an_estimate() -> None:
+    estimates: list[int] = []
+    view = AgentView(LocalFrame(-8.8, -63.95, 70.0), lambda *_: None, lambda stamp_us, _: estimates.append(stamp_us))
+    view.pair_ms = 50
+    framer, positions = Framer(stream=False, foreign=True), 0
+    for record in RECORDS:
+        if record.kind == MAVLINK:
+            for frame in framer.feed(record.data):
+                if is_known(frame):
+                    message = decode(frame)
+                    view.handle(message)
+                    positions += view.has_origin and isinstance(message, mav.MAVLink_local_position_ned_message)
+    assert positions > 100
+    assert len(estimates) == pytest.approx(positions, abs=1)
 
 
 def test_a_run_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the samples before PX4 arms to those after it."""
     monkeypatch.setattr(px4, "PATIENCE_S", 5.0)
+    monkeypatch.setattr(px4, "PACE", 100.0)
     told = []
     for _ in range(2):
         with ExitStack() as opened, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
             taken.bind(("127.0.0.1", 0))
-            host = Host(opened, taken.getsockname()[1])
-            with calling(Px4Double(), host.port):
-                for _ in range(10):
-                    host.exchange()
-                told.append([tuple(host.exchange().command) for _ in range(50)])
-    assert told[0] == told[1]
+            again = Host(opened, taken.getsockname()[1])
+            with replaying(again.port):
+                answers = [again.exchange() for _ in range(500)]
+            told.append([tuple(answer.command) for answer in answers])
+    assert told[0][450:] == told[1][450:]
+    assert any(any(command) for command in told[0])
 
 
 def test_no_tick_is_answered_without_px4(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:

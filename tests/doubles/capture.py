@@ -1,4 +1,7 @@
-"""What a real ArduPilot sent over its JSON interface and its MAVLink port, by frame of its simulator."""
+"""What a real autopilot sent at its simulator interface and its MAVLink port, by frame of its simulator.
+
+Of PX4, whose frame is a HIL_SENSOR, what was sent to it is there too.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,16 @@ from pathlib import Path
 from typing import BinaryIO
 
 _HEAD = struct.Struct("<BIH")
-OUTPUTS, MAVLINK = 0, 1
+OUTPUTS, MAVLINK, SENSORS, COMMANDS = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
 class Record:
-    """`kind` OUTPUTS: a servo packet, in force until the next. MAVLINK: bytes. `frame`: the simulator frame of it."""
+    """`frame`: the simulator frame of it.
+
+    kind: OUTPUTS from its simulator interface, of ArduPilot in force until the next; MAVLINK bytes from it; SENSORS to
+    its simulator interface; COMMANDS, MAVLink to it.
+    """
 
     kind: int
     frame: int
@@ -32,12 +39,12 @@ class CaptureWriter:
     def outputs(self, frame: int, packet: bytes) -> None:
         if _said(packet) != self._outputs:
             self._outputs = _said(packet)
-            self._write(OUTPUTS, frame, packet)
+            self.write(OUTPUTS, frame, packet)
 
     def mavlink(self, frame: int, data: bytes) -> None:
-        self._write(MAVLINK, frame, data)
+        self.write(MAVLINK, frame, data)
 
-    def _write(self, kind: int, frame: int, data: bytes) -> None:
+    def write(self, kind: int, frame: int, data: bytes) -> None:
         self._file.write(_HEAD.pack(kind, frame, len(data)) + data)
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, Problem, P
 from xitl_cli.profile.leftovers import leftovers
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import Profile, RunProfile
+from xitl_cli.profile.schema.agents import EXTERNAL, FIND
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
 
 _ANY_FILE: tuple[KeyPath, ...] = (
@@ -24,7 +25,7 @@ _ANY_FILE: tuple[KeyPath, ...] = (
     ("autopilot", "link_key_file"),
 )
 
-_NO_FILE = ("external", "find")  # of autopilot.firmware
+_NO_FILE = (EXTERNAL, FIND)
 
 
 @dataclass(frozen=True, slots=True)

@@ -69,6 +69,17 @@ def sentences(profile: str, *overrides: str) -> list[str]:
         ("sitl", "autopilot.firmware_build=linux", "autopilot.firmware_build is for another autopilot"),
         ("sitl", "autopilot.firmware_arguments=[-w]", "autopilot.firmware_arguments is for another autopilot"),
         (PX4, "autopilot.bridge.sensor_link=null", "in lockstep PX4 calls at a line of its own"),
+        (
+            PX4,
+            "autopilot.bridge.sensor_link=tcp://127.0.0.1:4560",
+            "mavlink = 'udp://127.0.0.1:0' has no port, and the",
+        ),
+        (
+            PX4,
+            "autopilot.ground_stations=['udp://127.0.0.1:14550']",
+            "sends to UDP 14550 of this machine; leave it out",
+        ),
+        (PX4_BOARD, "autopilot.firmware=/bin/sh", "starts a PX4 in software, and this one is on a board"),
         (PX4_BOARD, "clock.mode=lockstep", "in lockstep PX4 calls at a line of its own"),
         (PX4, "autopilot.bridge.world=udp://127.0.0.1:9002", "JSON interface, which PX4 does not have"),
         (LINUX, "autopilot.bridge.sensors=vectornav", "is not heard by ArduPilot's Linux builds"),

@@ -16,6 +16,7 @@ from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import (
     LOOPBACK,
     MOST_PX4_INSTANCES,
+    PX4_MAVLINK_PORT,
     PX4_SIMULATOR_PORT,
     AutopilotSpec,
     BridgeSpec,
@@ -27,12 +28,12 @@ from xitl_cli.signing import read_key_file
 _URL = re.compile(r"(udp|tcp)://(\[[0-9A-Fa-f:.]+\]|[^\s:/\[\]@?#]+):([0-9]{1,5})")
 _INTERFACE = re.compile(r"[0-9A-Za-z_.-]+|\[[0-9A-Fa-f:.]+\]")
 _CLASS = re.compile(r"([A-Za-z_]\w*(\.[A-Za-z_]\w*)*|.+\.py):[A-Za-z_]\w*")
-EXTERNAL = "external"
 OWN_LINK = ("vectornav", "microstrain7")
 OWN_SIMULATION = ("gnss", "magnetometer", "barometer")
 LOCAL_HOSTS = ("127.0.0.1", "localhost")
 MOST_GROUND_STATIONS = 2
 USUAL_PORTS = {"mavlink": "5760", "world": "9002", "sensor_link": "that of its SERIAL3, 5763 or as it was started"}
+PX4_PORTS = {"mavlink": PX4_MAVLINK_PORT, "sensor_link": PX4_SIMULATOR_PORT, "world": "none"}
 FAST = ("udp", "tcp")
 _EMBEDDED_ONLY = {
     "controller": "steers by itself",
@@ -196,7 +197,7 @@ def _parameter_files(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
 
 def _firmware(profile: Profile, autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
     path: KeyPath = ("autopilot", "firmware")
-    if autopilot.firmware == EXTERNAL:
+    if not autopilot.started_here:
         if autopilot.ground_stations and autopilot.runs != "board":
             yield (
                 ("autopilot", "ground_stations"),
@@ -319,7 +320,7 @@ def _port_of(url: str | None) -> int:
 
 
 def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
-    started = autopilot.firmware != EXTERNAL
+    started = autopilot.started_here
     for key in ("mavlink", "world", "sensor_link"):
         url = getattr(autopilot.bridge, key)
         if url is None:
@@ -328,7 +329,8 @@ def _urls(autopilot: AutopilotSpec) -> Iterator[tuple[KeyPath, str]]:
         free = started and url.startswith(("udp://", "tcp://")) and url.endswith(":0")
         problem = None if free else problem_of_url(url)
         if not started and url.endswith(":0"):
-            problem = f"has no port, and the autopilot is started elsewhere; its usual one is {USUAL_PORTS[key]}"
+            usual = USUAL_PORTS[key] if autopilot.kind == "ardupilot" else PX4_PORTS[key]
+            problem = f"has no port, and the autopilot is started elsewhere; its usual one is {usual}"
         if problem is None and started and urlsplit(url).scheme not in _schemes(autopilot, key):
             problem = f"is none that an autopilot started here has; use {_schemes(autopilot, key)[0]}://127.0.0.1:0"
         if problem is None and key == "world" and urlsplit(url).scheme != "udp":

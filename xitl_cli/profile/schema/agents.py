@@ -18,6 +18,7 @@ Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
 LOOPBACK = "127.0.0.1"
 
 
+EXTERNAL, FIND = "external", "find"  # of autopilot.firmware
 PX4_SIMULATOR_PORT, PX4_MAVLINK_PORT, MOST_PX4_INSTANCES = 4560, 14580, 200
 """Of a PX4 in software: TCP, where it calls its simulator, and UDP, its link for companions, both with the number of
 its instance added."""
@@ -165,7 +166,7 @@ class AutopilotSpec(Specification):
         str,
         "external: somebody else starts it; find: it is started here, from the PATH or what `xitl firmware get` has "
         "brought, PX4 from XITL_PX4 or the PATH; or the path of its program",
-    ] = "external"
+    ] = EXTERNAL
     firmware_build: Literal["sitl", "linux"] = "sitl"
     firmware_arguments: Annotated[tuple[str, ...], "after our own"] = ()
     arm_timeout_s: Annotated[
@@ -174,6 +175,13 @@ class AutopilotSpec(Specification):
     moored_until_armed: Annotated[
         bool, "the vessel's state is frozen until the autopilot is armed, and the duration does not run"
     ] = False
+
+    @property
+    def started_here(self) -> bool:
+        """Whether the run starts another autopilot: also not a PX4 that is looked for and whose port is named."""
+        if self.kind == "px4" and self.firmware == FIND:
+            return (self.bridge.sensor_link or "").endswith(":0")
+        return self.firmware != EXTERNAL
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -69,7 +69,7 @@ class StationAddresses:
 def _asked_for(profile: RunProfile) -> tuple[str, ...]:
     """An autopilot that somebody else has started serves its own ground stations."""
     autopilot = profile.autopilot
-    elsewhere = autopilot.kind != "embedded" and autopilot.firmware == "external"
+    elsewhere = autopilot.kind != "embedded" and not autopilot.started_here
     return () if elsewhere else ground_stations_of(profile)
 
 

@@ -174,7 +174,6 @@ def _scheduler(record: SchedulerRecord) -> dict[str, Any]:
     return {**asdict(record), "fields": list(record.fields)}
 
 
-EXTERNAL = "external"
 BRIDGE = "Bridge: "
 WRONG_VEHICLE = f"{BRIDGE}the autopilot is "
 CHECK_EVERY = 16  # exchanges
@@ -187,7 +186,7 @@ CALL_S = 0.7  # the agent calls again every half second
 
 def make_launch(profile: RunProfile, ground_stations: tuple[str, ...]) -> FirmwareLaunch | Px4Launch | None:
     """The start of the autopilot, where that is ours to do. Raises UserError."""
-    if profile.autopilot.firmware == EXTERNAL:
+    if not profile.autopilot.started_here:
         return None
     if profile.autopilot.kind == "px4":
         return Px4Launch(profile)

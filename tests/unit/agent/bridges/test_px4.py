@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 
 import pytest
@@ -136,6 +136,34 @@ def test_a_silent_px4_gets_the_real_time_that_it_would_have_had(bridge: Bridge) 
         took_s = monotonic() - began_s
     assert took_s > 0.9 * 20 * TICK_NS * 1e-9  # a bound from below: nothing is judged for being slow
     assert bridge.injector.commands() == (0.0,) * 16
+
+
+def test_what_is_late_is_not_caught_up_while_px4_is_silent(bridge: Bridge) -> None:
+    """A burst would be lost on its estimator: each sample comes no sooner after the last than its time."""
+    with calling(Px4Double(quiet_us=[(0, 10_000_000)]), bridge.port):
+        assert bridge.tick()
+        sleep(0.2)  # the host stands still
+        began_s = monotonic()
+        for _ in range(10):
+            assert bridge.tick()
+        took_s = monotonic() - began_s
+    assert took_s > 0.9 * 10 * TICK_NS * 1e-9 / px4.PACE
+
+
+def test_outputs_end_when_px4_says_that_it_is_disarmed(bridge: Bridge) -> None:
+    """It puts out nothing new then, and what it put out last would stay."""
+    with calling(Px4Double(), bridge.port):
+        for _ in range(20):
+            bridge.tick()
+        assert bridge.injector.commands() != (0.0,) * 16
+        bridge.injector._hear(heartbeat(armed=True))
+        assert bridge.injector.commands() != (0.0,) * 16
+        bridge.injector._hear(heartbeat(armed=False))
+        assert bridge.injector.commands() == (0.0,) * 16
+
+
+def heartbeat(armed: bool) -> Any:
+    return mav.MAVLink_heartbeat_message(10, mav.MAV_AUTOPILOT_PX4, 128 if armed else 0, 0, 4, 3)
 
 
 def test_disarmed_outputs_command_nothing(bridge: Bridge) -> None:

@@ -303,3 +303,20 @@ def test_the_world_waits_for_the_connection_and_then_goes_on_without(
     assert of(came, "XITL_ACTUATORS")
     text = "".join(message.text for message in of(came, "STATUSTEXT"))
     assert text == f"Bridge: no connection to the autopilot's MAVLink at {bench.double.url}; going on without"
+
+
+def test_an_autopilot_that_rests_and_puts_out_nothing_is_not_silent(make: Callable[..., Bench]) -> None:
+    """A PX4 on a board, disarmed: its motors are told of ten times a second."""
+    bench = make(Way(values=(0.0, 0.0, 0.0)))
+    bench.start(REALTIME)
+    assert of(bench.send(), "XITL_ACTUATORS") == []  # it has not been heard
+    bench.tell(beat())
+    told = of(bench.send(), "XITL_ACTUATORS")
+    until(lambda: told.extend(of(bench.send(), "XITL_ACTUATORS")) or len(told) >= 2)
+    assert {message.flags for message in told} == {0}
+    assert {tuple(message.command[:2]) for message in told} == {(0.0, 0.0)}
+    bench.tell(beat(ARMED))
+    bench.send()
+    count = bench.role._count
+    bench.send()
+    assert bench.role._count == count  # armed, silence is silence

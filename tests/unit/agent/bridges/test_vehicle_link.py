@@ -190,3 +190,20 @@ def test_kinds_that_the_dialect_has_not_are_no_damage(double: VehicleDouble, ben
     counters = bench.link.counters
     assert bench.link.passed == 1
     assert (counters.received, counters.lost, counters.dropped) == (2, 0, 0)
+
+
+def test_a_px4_is_asked_for_its_attitude_more_often_than_an_ardupilot(double: VehicleDouble) -> None:
+    """Its streams come each at its own instants, and a position is worth little without an attitude near it."""
+    bench = Bench(double.url)
+    assert bench.link.wait_for_line(2.0)
+    for make, rate_hz in ((mav.MAV_AUTOPILOT_ARDUPILOTMEGA, 10.0), (mav.MAV_AUTOPILOT_PX4, 50.0)):
+        bench.link.reset(TickClock(), lambda severity, text: None)
+        double.say(mav.MAVLink_heartbeat_message(10, make, 0, 0, 4, 3))
+        bench.serve(0)
+        double.hear()
+        double.heard.clear()
+        bench.link.update(0)
+        double.hear()
+        asked = [m for m in double.heard if m.get_type() == "COMMAND_LONG" and m.command == 511]
+        assert {m.param2 for m in asked if m.param1 == mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION} == {1e6 / rate_hz}
+    bench.link.close()

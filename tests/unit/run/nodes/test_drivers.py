@@ -312,3 +312,70 @@ def test_a_score_starts_again_with_another_mission_only() -> None:
     assert score.completed
     score.follow(((10.0, 0.0), (20.0, 0.0)))
     assert (score.total, score.reached, score.cross_track_rms_m) == (2, 0, None)
+
+
+PX4_AUTO, PX4_HOLD = 4 << 16 | 4 << 24, 4 << 16 | 3 << 24
+
+
+class Px4Boat(Boat):
+    """A PX4: its receiver acknowledges a mode before anybody has looked at it."""
+
+    def beat(self, mode: int, armed: bool) -> None:
+        base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        self.view.handle(dialect.MAVLink_heartbeat_message(10, dialect.MAV_AUTOPILOT_PX4, base, mode, 4, 3))
+
+
+def test_the_mode_of_a_px4_is_what_its_heartbeat_says() -> None:
+    boat = Px4Boat()
+    boat.beat(PX4_HOLD, armed=True)
+    assert not boat.orders.set_mode(0, "AUTO")
+    assert [p for *p, _ in boat.commands()] == [[SET_MODE, 1.0]]
+    boat.accept(SET_MODE)  # the receiver
+    assert not boat.orders.set_mode(TICK, "AUTO")
+    boat.accept(SET_MODE, dialect.MAV_RESULT_TEMPORARILY_REJECTED)  # the commander
+    assert not boat.orders.set_mode(S, "AUTO")
+    assert len(boat.commands()) == 1  # asked for again after a second
+    boat.beat(PX4_AUTO, armed=True)
+    assert boat.orders.set_mode(S + TICK, "AUTO")
+    assert boat.commands() == []
+
+
+def test_a_mode_that_a_px4_was_in_before_is_asked_for_all_the_same() -> None:
+    boat = Px4Boat()
+    boat.beat(PX4_HOLD, armed=True)
+    assert not boat.orders.mode_is_set()
+    assert not boat.orders.set_mode(0, "HOLD")
+    assert len(boat.commands()) == 1
+    assert boat.orders.set_mode(TICK, "HOLD")
+    boat.orders.forget()
+    assert not boat.orders.mode_is_set()
+
+
+def test_a_px4_goes_to_a_place_by_reposition_which_it_gets_until_it_has_taken_it() -> None:
+    boat = Px4Boat()
+    boat.beat(PX4_HOLD, armed=True)
+    steps = (ScriptStep(at_s=0.0, goto_ned_m=(30.0, -40.0)), ScriptStep(at_s=5.0, goto_ned_m=(1.0, 2.0)))
+    driver = ScriptDriver(boat.orders, FRAME, steps, 0)
+    kind = dialect.MAVLink_command_int_message
+    driver.update(0)
+    (asked,) = boat.take(kind)
+    lat, lon, _ = (float(value[0]) for value in FRAME.geodetic(np.array([[30.0, -40.0, 0.0]])))
+    assert (asked.command, asked.frame, asked.param2) == (dialect.MAV_CMD_DO_REPOSITION, dialect.MAV_FRAME_GLOBAL, 1.0)
+    assert (asked.x, asked.y) == (round(lat * 1e7), round(lon * 1e7))
+    driver.update(S)
+    assert len(boat.take(kind)) == 1  # nobody answered
+    boat.accept(dialect.MAV_CMD_DO_REPOSITION)
+    for second in (2, 3, 4):
+        driver.update(second * S)
+    assert boat.take(kind) == []  # each would make it begin anew
+    driver.update(5 * S)
+    assert len(boat.take(kind)) == 1
+
+
+def test_what_is_not_well_is_said_where_no_text_gives_a_reason(boat: Boat) -> None:
+    driver = MissionDriver(boat.orders, 2)
+    position, estimator, radio = 0x4000, 0x200000, 0x10000
+    enabled = position | estimator | radio
+    boat.view.handle(dialect.MAVLink_sys_status_message(enabled, enabled, estimator, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+    with pytest.raises(UserError, match=r"waiting for the autopilot to become ready to arm; not healthy: position$"):
+        driver.update(round((READY_TIMEOUT_S + 1) * S))
