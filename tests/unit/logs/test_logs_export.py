@@ -19,6 +19,7 @@ from mcap_ros2.decoder import DecoderFactory
 
 from tests.recorded import CALM, MISSION_TLOG
 from xitl_cli.logs import open_log
+from xitl_cli.logs.clocks.utc import utc_offset
 from xitl_cli.logs.export.exporting import ExportResult, ExportSelection, export_log
 from xitl_cli.logs.export.files import file_names
 from xitl_cli.logs.export.mcap_export import field_names, type_names
@@ -92,6 +93,42 @@ def test_csv_of_a_log_on_utc_has_both_times(tmp_path: Path) -> None:
     told = read_csv(tmp_path / "KIND.csv")
     assert told["time_s"][:2] == ["0.000000", "0.001000001"]
     assert told["utc_s"][0] == "1700000000.123456789"
+
+
+def test_times_are_utc_where_the_log_tells_it(tmp_path: Path) -> None:
+    """By GPS week and milliseconds, the least delay of a fix being under half a second; 18 leap seconds since 2017."""
+    with open_log(CALM) as log:
+        tables = tuple(log.tables[name] for name in ("GPS", "ATT"))
+        done = export_log(log, ExportSelection(tables), "mcap", tmp_path / "utc.mcap", False)
+        assert done.sentence.endswith("its times are UTC by GPS")
+        told = read_mcap(tmp_path / "utc.mcap")
+        for stamp_ns, fix in told["/GPS"]:
+            gps_ns = (fix.gwk * 604_800_000 + fix.gms) * 1_000_000
+            assert -1e6 <= stamp_ns - gps_ns - (315_964_800 - 18) * 1e9 < 0.5e9
+        between = np.diff([stamp_ns for stamp_ns, _ in told["/ATT"]])
+        np.testing.assert_array_equal(between, np.diff(log["ATT"].stamp_ns))
+        export_log(log, ExportSelection(tables), "csv", tmp_path / "csv", False)
+        utc_s = read_csv(tmp_path / "csv" / "ATT.csv")["utc_s"]
+        assert [round(float(text) * 1e5) for text in utc_s] == [round(ns / 1e4) for ns, _ in told["/ATT"]]
+    with open_log(tmp_path / "utc.mcap") as log:
+        assert log.base == "utc"
+
+
+def test_a_log_that_tells_no_utc_says_so(tmp_path: Path) -> None:
+    done = exported(MadeLog(every_kind()), tmp_path / "none.mcap", "mcap")
+    assert done.sentence.endswith("the log tells no UTC: its times count since the autopilot started")
+    assert read_mcap(tmp_path / "none.mcap")["/KIND"][0][0] < 10**12
+
+
+def test_utc_by_what_else_tells_it() -> None:
+    hour_ns = 3_600_000_000_000
+    for name, column, kind in (("PM", "R", "uint64"), ("SYSTEM_TIME", "time_unix_usec", "uint64")):
+        values = np.array([0, 1_795_000_000_000_000, 1_795_000_001_000_000], dtype=kind)  # 0: not set yet
+        stamps = [hour_ns, 2 * hour_ns, 2 * hour_ns + 10**9]
+        log = MadeLog(made_table(name, {column: (Column(column), values)}, stamps, [1, 2, 3]))
+        found = utc_offset(log)
+        assert found is not None
+        assert (found.offset_ns, name in found.source) == (1_795_000_000 * 10**9 - 2 * hour_ns, True)
 
 
 def test_a_span_of_time(tmp_path: Path) -> None:

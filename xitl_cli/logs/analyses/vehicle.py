@@ -9,9 +9,10 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from xitl_cli.logs.clocks.time_line import LogClock
+from xitl_cli.logs.clocks.utc import utc_offset
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Section, Value
-from xitl_cli.logs.model.table import Table, first_of
+from xitl_cli.logs.model.table import Table
 from xitl_cli.logs.model.text import length_text
 from xitl_cli.logs.signals.series import rounded
 from xitl_cli.logs.signals.states import (
@@ -25,8 +26,6 @@ from xitl_cli.logs.signals.states import (
 )
 from xitl_cli.logs.tables.vehicles import MAV_TYPES, SITL_BOARD, board_name, release_name
 
-_GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
-_LEAP_S = 18  # GPS is ahead of UTC by so much since 2017
 _EMBEDDED = re.compile(r"^xitl (\S+), messages and modes as")
 _HASH = re.compile(r"\(([0-9a-f]{6,12})\)")
 _REBOOT_NS = 1_000_000_000
@@ -122,26 +121,14 @@ def _times(log: Log, clock: LogClock) -> Iterator[Fact]:
 
 
 def _utc_at_start(log: Log, clock: LogClock) -> tuple[datetime.datetime | None, str]:
-    if log.base == "utc":
-        try:
-            epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
-            return epoch + datetime.timedelta(microseconds=clock.start_ns // 1000), "of the receiving machine"
-        except OverflowError:
-            return None, ""
-    gps = log.tables.get("GPS")
-    if gps is None:
+    found = utc_offset(log)
+    if found is None:
         return None, ""
-    week, ms = first_of(gps, ("GWk", "Week")), first_of(gps, ("GMS", "TimeMS"))
-    if week is None or ms is None or "Status" not in gps.columns:
+    try:
+        epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+        return epoch + datetime.timedelta(microseconds=(clock.start_ns + found.offset_ns) // 1000), found.source
+    except OverflowError:
         return None, ""
-    weeks = np.asarray(gps.values(week, raw=True), dtype=np.int64)
-    good = (weeks > 1000) & (weeks < 10_000) & (np.asarray(gps.values("Status", raw=True)) >= 3)
-    if not good.any():
-        return None, ""
-    since_epoch_ns = weeks[good] * 604_800 * 10**9 + np.asarray(gps.values(ms, raw=True), dtype=np.int64)[good] * 10**6
-    offset_ns = int(np.median(since_epoch_ns - gps.stamp_ns[good]))
-    begin_us = (clock.start_ns + offset_ns) // 1000 - _LEAP_S * 10**6
-    return _GPS_EPOCH + datetime.timedelta(microseconds=begin_us), "by GPS"
 
 
 def _logging(parameters: Mapping[str, float]) -> Iterator[Fact]:

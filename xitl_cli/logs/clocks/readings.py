@@ -143,7 +143,7 @@ def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
                 yield found
     performance = log.tables.get("PM")
     if performance is not None and "R" in performance.columns:
-        utc_ns = _whole(performance, "R") * 1000
+        utc_ns = whole_numbers(performance, "R") * 1000
         known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
         stamps = performance.stamp_ns
         clocks = "rtc", AUTOPILOT, UTC
@@ -151,7 +151,7 @@ def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
     for name in SAMPLED:
         sensor = log.tables.get(name)
         if sensor is not None and "SampleUS" in sensor.columns:
-            sampled_ns, stamps = _whole(sensor, "SampleUS") * 1000, sensor.stamp_ns
+            sampled_ns, stamps = whole_numbers(sensor, "SampleUS") * 1000, sensor.stamp_ns
             clocks = f"samples.{name}", "the sensors' clock", AUTOPILOT
             fields = "SampleUS, TimeUS"
             yield ClockReadings(*clocks, stamps, sampled_ns, stamps, name, fields, late=True, resolution_s=1e-6)
@@ -161,14 +161,14 @@ def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
 def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings | None:
     if not {"GWk", "GMS"} <= set(table.columns):
         return None
-    week, ms = _whole(table, "GWk"), _whole(table, "GMS")
+    week, ms = whole_numbers(table, "GWk"), whole_numbers(table, "GMS")
     set_ = (week > 0) & (week < 10_000) & (ms >= 0) & (ms < WEEK_MS)
     utc_ns = (week * WEEK_MS + ms) * 1_000_000 + (GPS_EPOCH_S - GPS_LEAP_S) * 1_000_000_000
     at_ns = table.stamp_ns
     came_ns, message, field = at_ns, "GPS", "GWk, GMS, TimeUS"
     if arrival is not None and "SMS" in arrival.columns:
         rows = _matching(at_ns, arrival.stamp_ns)
-        came_ns = np.where(rows >= 0, _whole(arrival, "SMS")[np.maximum(rows, 0)] * 1_000_000, -1)
+        came_ns = np.where(rows >= 0, whole_numbers(arrival, "SMS")[np.maximum(rows, 0)] * 1_000_000, -1)
         set_ &= (rows >= 0) & (came_ns > 0)
         message, field = "GPA", "GPS.GWk, GPS.GMS, SMS"
     set_[1:] &= came_ns[1:] != came_ns[:-1]  # a message logged twice, or a backlog that came at once
@@ -206,7 +206,7 @@ def _exchanges(clocks: Table) -> Iterator[ClockReadings]:
     in_lockstep = "PS1" not in names
     for name in names:
         table = Selection(clocks, nodes == name)
-        host_ns, node_ns, at_ns = _whole(table, "host_ns"), _whole(table, "node_ns"), table.stamp_ns
+        host_ns, node_ns, at_ns = whole_numbers(table, "host_ns"), whole_numbers(table, "node_ns"), table.stamp_ns
         if name == "PS1":
             read = at_ns, node_ns, host_ns, "/clocks", "PS1: node_ns, host_ns"
             yield ClockReadings("clocks.PS1", SIMULATION, HOST, *read, late=True, resolution_s=1e-9)
@@ -241,7 +241,7 @@ def _header_stamps(log: Log) -> Iterator[ClockReadings]:
         heavy = any(column.kind == "bytes" or -1 in column.shape for column in table.columns.values())
         if STAMP not in table.columns or heavy or len(table) > LONGEST_TOPIC or found == MOST_TOPICS:
             continue
-        said_ns = _whole(table, STAMP)
+        said_ns = whole_numbers(table, STAMP)
         late_ns = table.stamp_ns - said_ns
         if not len(late_ns) or not late_ns.any():
             continue
@@ -256,9 +256,9 @@ def _from_telemetry(log: Log) -> Iterator[ClockReadings]:
     yield from _boot_clocks(log, "the ground station's clock")
     for system, table in _by_system(log.tables.get("SYSTEM_TIME")):
         if {"time_boot_ms", "time_unix_usec"} <= set(table.columns):
-            utc_ns = _whole(table, "time_unix_usec") * 1000
+            utc_ns = whole_numbers(table, "time_unix_usec") * 1000
             known = (utc_ns > EARLIEST_UTC_NS) & (utc_ns < LATEST_UTC_NS)
-            boot_ns = _whole(table, "time_boot_ms") * 1_000_000
+            boot_ns = whole_numbers(table, "time_boot_ms") * 1_000_000
             clocks = f"system_time.{system}", boot_clock(system), UTC
             yield ClockReadings(
                 *clocks,
@@ -272,7 +272,7 @@ def _from_telemetry(log: Log) -> Iterator[ClockReadings]:
     for system, table in _by_system(log.tables.get("TIMESYNC")):
         if not {"tc1", "ts1"} <= set(table.columns):
             continue
-        remote_ns, local_ns = _whole(table, "tc1"), _whole(table, "ts1")
+        remote_ns, local_ns = whole_numbers(table, "tc1"), whole_numbers(table, "ts1")
         answered = (remote_ns > 0) & (local_ns > 0)
         clocks = f"timesync.{system}", "the ground station's monotonic clock", boot_clock(system)
         yield ClockReadings(
@@ -306,7 +306,7 @@ def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
     parts: dict[tuple[str, int], list[tuple[Stamps, Stamps, Stamps]]] = {}
     for link, table in _booted(log):
         for system, mine in _by_system(table):
-            boot_ns = _whole(mine, "time_boot_ms") * 1_000_000
+            boot_ns = whole_numbers(mine, "time_boot_ms") * 1_000_000
             parts.setdefault((link, system), []).append((boot_ns, mine.stamp_ns, mine.file_offset))
     for (link, system), found in sorted(parts.items()):
         boot_ns, at_ns, place = (np.concatenate(each) for each in zip(*found, strict=True))
@@ -325,7 +325,7 @@ def _boot_clocks(log: Log, arrival: str) -> Iterator[ClockReadings]:
         )
 
 
-def _whole(table: Table, column: str) -> Stamps:
+def whole_numbers(table: Table, column: str) -> Stamps:
     """Whole numbers as stored; what does not fit 63 bits is 0."""
     values = table.values(column, raw=True)
     if values.dtype.kind == "f":

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.clocks.utc import UtcOffset, utc_offset
 from xitl_cli.logs.export.files import file_names, make_directory, part_of, refuse_present
 from xitl_cli.logs.export.tabular import COLUMNS_FILE, write_columns, write_csv
 from xitl_cli.logs.model.errors import LogError
@@ -63,10 +64,13 @@ def _as_mcap(log: Log, wanted: ExportSelection, out: Path | None, overwrite: boo
     _refuse_itself(log, [path])
     refuse_present([path], overwrite)
     make_directory(path.parent)
+    utc = utc_offset(log)
     with part_of(path, overwrite) as part:
-        rows, early = write_mcap(part, log, wanted.tables, (wanted.from_ns, wanted.until_ns), wanted.raw)
+        rows, early = write_mcap(part, log, wanted.tables, (wanted.from_ns, wanted.until_ns), utc, wanted.raw)
     notes = (f"{early} rows stamped before the log's zero are at 0",) if early else ()
-    return ExportResult((str(path),), rows, f"{path}: {_of(rows, wanted)}", notes)
+    since = f"since {log.zero_in_words}" if log.zero_ns == 0 else "from a zero of its own"
+    times = f"the log tells no UTC: its times count {since}" if utc is None else f"its times are UTC {utc.source}"
+    return ExportResult((str(path),), rows, f"{path}: {_of(rows, wanted)}; {times}", notes)
 
 
 def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Path, overwrite: bool) -> ExportResult:
@@ -80,7 +84,7 @@ def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Pa
     _refuse_itself(log, paths)
     make_directory(directory)
     refuse_present([*paths, *also], overwrite)
-    utc, zero, rows_written = log.base == "utc", log.zero_ns, 0
+    utc, zero, rows_written = utc_offset(log), log.zero_ns, 0
     notes: list[str] = []
     described: list[tuple[str, str, list[FlatColumn]]] = []
     for table, path in zip(wanted.tables, paths, strict=True):
@@ -96,11 +100,14 @@ def _as_files(log: Log, wanted: ExportSelection, file_format: str, directory: Pa
         with part_of(path, overwrite) as part:
             write_columns(part, described, wanted.raw)
     what = f"{_of(rows_written, wanted)}, a file each"
-    sentence = f"{directory}: {what}; time_s counts seconds since {log.zero_in_words}"
+    known = "the log tells no UTC" if utc is None else f"utc_s is UTC {utc.source}"
+    sentence = f"{directory}: {what}; time_s counts seconds since {log.zero_in_words}; {known}"
     return ExportResult(tuple(str(path) for path in [*paths, *also]), rows_written, sentence, tuple(notes))
 
 
-_Writer = Callable[[Path, Table, list[NDArray[np.intp]], int, bool, bool], tuple[list[FlatColumn], list[str]]]
+_Writer = Callable[
+    [Path, Table, list[NDArray[np.intp]], int, UtcOffset | None, bool], tuple[list[FlatColumn], list[str]]
+]
 
 
 def _writer(file_format: str) -> _Writer:

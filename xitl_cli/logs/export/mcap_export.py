@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.clocks.utc import UtcOffset, in_utc
 from xitl_cli.logs.export.files import unique_names
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.query import merge_rows, rows_at_once
@@ -157,9 +158,17 @@ _APART_BYTES = 32 << 10
 
 
 def write_mcap(
-    path: Path, log: Log, tables: Sequence[Table], span_ns: tuple[int | None, int | None], raw: bool
+    path: Path,
+    log: Log,
+    tables: Sequence[Table],
+    span_ns: tuple[int | None, int | None],
+    utc: UtcOffset | None,
+    raw: bool,
 ) -> tuple[int, int]:
-    """Write `path`. Returns how many rows were written, and how many of them at 0 for a stamp before the log's zero."""
+    """Write `path`, its times in UTC where that is known.
+
+    Returns how many rows were written, and how many of them at 0 for a stamp before the log's zero.
+    """
     from mcap.writer import CompressionType, Writer
 
     names = type_names(table.name for table in tables)
@@ -176,7 +185,8 @@ def write_mcap(
         source = {
             "source": log.path.name,
             "format": log.format,
-            "time_base": log.base,
+            "time_base": log.base if utc is None else "utc",
+            "utc_offset_ns": "" if utc is None else str(utc.offset_ns),
             "values": "raw" if raw else "scaled",
         }
         writer.add_metadata("xitl export", source)
@@ -184,7 +194,7 @@ def write_mcap(
             rows_written += len(batch.order)
             waiting = []
             for table, message, channel, own in zip(tables, messages, channels, batch.rows, strict=True):
-                stamps, payloads = table.stamp_ns[own], list(message.payloads(own))
+                stamps, payloads = in_utc(table.stamp_ns[own], utc), list(message.payloads(own))
                 early += int(np.count_nonzero(stamps < 0))
                 rows = zip(np.clip(stamps, 0, None).tolist(), payloads, strict=True)
                 if sum(map(len, payloads)) >= _APART_BYTES:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from xitl_cli.logs.clocks.utc import UtcOffset, in_utc
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.flat_columns import FlatColumn, flat_columns, flat_values
 from xitl_cli.logs.model.table import Table, text_cells
@@ -26,21 +27,21 @@ _BREAKS = str.maketrans({"\n": "\\n", "\r": "\\r", "\0": ""})
 
 
 def write_csv(
-    path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: bool, raw: bool
+    path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: UtcOffset | None, raw: bool
 ) -> tuple[list[FlatColumn], list[str]]:
-    """Write a CSV file, its time in seconds since `zero_ns` and, with `utc`, since 1970.
+    """Write a CSV file, its time in seconds since `zero_ns` and, where `utc` is known, since 1970.
 
     Returns the columns written and the fields left out.
     """
     columns, left_out = flat_columns(table, pieces, raw)
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*time_names(table, utc), *(column.name for column in columns)])
+        writer.writerow([*time_names(table, utc is not None), *(column.name for column in columns)])
         for piece in pieces:
             stamps, values = table.stamp_ns[piece], flat_values(table, columns, piece, raw)
             for begin in range(0, len(piece), _LINES):
                 some = slice(begin, begin + _LINES)
-                times = [_seconds(stamps[some] - zero_ns), *([_seconds(stamps[some])] if utc else [])]
+                times = [_seconds(stamps[some] - zero_ns), *([_seconds(in_utc(stamps[some], utc))] if utc else [])]
                 cells = [_cells(flat, one[some]) for flat, one in zip(columns, values, strict=True)]
                 writer.writerows(zip(*times, *cells, strict=True))
     return columns, left_out
@@ -89,20 +90,20 @@ def require_parquet() -> None:
 
 
 def write_parquet(
-    path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: bool, raw: bool
+    path: Path, table: Table, pieces: Sequence[NDArray[np.intp]], zero_ns: int, utc: UtcOffset | None, raw: bool
 ) -> tuple[list[FlatColumn], list[str]]:
-    """Write a Parquet file: time_s (double), with `utc` also utc_s, stamp_ns (int64, as logged) and the fields."""
+    """Write a Parquet file: time_s (double), utc_s where `utc` is known, stamp_ns (int64, as logged) and the fields."""
     import pyarrow as pa
     from pyarrow import parquet
 
     columns, left_out = flat_columns(table, pieces, raw)
-    times = [*time_names(table, utc), "stamp_ns" if "stamp_ns" not in table.columns else "stamp_ns_"]
+    times = [*time_names(table, utc is not None), "stamp_ns" if "stamp_ns" not in table.columns else "stamp_ns_"]
     schema: Any = None
     writer: Any = None
     try:
         for piece in pieces:
             stamps = table.stamp_ns[piece]
-            seconds = [(stamps - zero_ns) * 1e-9, *([stamps * 1e-9] if utc else [])]
+            seconds = [(stamps - zero_ns) * 1e-9, *([in_utc(stamps, utc) * 1e-9] if utc else [])]
             values = [*seconds, stamps, *map(_widened, flat_values(table, columns, piece, raw))]
             if schema is None:
                 units = ["s"] * len(seconds) + ["ns"]
