@@ -34,6 +34,9 @@ def analyze(
         list[str] | None,
         typer.Option("--section", metavar="NAME", help="Only this analysis, such as scheduler. Repeatable."),
     ] = None,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="With a page, print here what is on it as well: all facts.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     open_it: Open = False,
 ) -> None:
@@ -60,7 +63,7 @@ def analyze(
         if as_json:
             print(json.dumps(document(found), allow_nan=False, ensure_ascii=False))
         elif found.files:
-            _show(found, page)
+            _show(found, page, verbose)
     if page is not None and open_it and found.files:
         open_in_browser(page)
     for file in found.files:
@@ -124,15 +127,14 @@ def _files_and_signals(arguments: Sequence[str]) -> tuple[list[Path], list[str]]
     return [Path(text) for text in files], signals
 
 
-def _show(found: Report, page: Path | None) -> None:
-    from rich.console import Console
+def _show(found: Report, page: Path | None, verbose: bool) -> None:
+    """Findings; the facts of all sections where no page has them, or where they are asked for."""
+    from xitl_cli.commands.terminal import terminal
+    from xitl_cli.logs.report.terminal import show
 
-    from xitl_cli.logs.report import terminal
-
-    console = Console(highlight=False)
-    terminal.show(console, found)
+    show(terminal(), found, sections=verbose or page is None)
     if page is not None:
-        console.print(f"\n{page}: the same with plots, opens in any browser", markup=False, soft_wrap=True)
+        typer.echo(f"\n{printable(str(page))}: every section with its plots; opens in any browser")
 
 
 def _beside(log: Path, what: str) -> Path:
@@ -143,12 +145,13 @@ def _beside(log: Path, what: str) -> Path:
 @contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
     """Shows the current step on a terminal."""
-    from rich.console import Console
-    from rich.markup import escape
+    from xitl_cli.commands.terminal import terminal
 
-    console = Console(stderr=True)
+    console = terminal(stderr=True)
     if not console.is_terminal:
         yield lambda _: None
         return
+    from rich.text import Text
+
     with console.status("opening") as status:
-        yield lambda text: status.update(escape(text))
+        yield lambda text: status.update(Text(printable(text)))

@@ -14,8 +14,6 @@ from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from xitl_cli.logs.compare.comparison import Comparison
     from xitl_cli.logs.model.log import Log
     from xitl_cli.logs.report.page import FileCard, Page
@@ -161,37 +159,22 @@ def _card(name: str, log: Log) -> FileCard:
 
 
 def _show(a: Path, b: Path, found: Comparison, report: Path | None) -> None:
-    from rich.console import Console
-
+    from xitl_cli.commands.terminal import show_facts, terminal
     from xitl_cli.logs.model.sections import Severity, by_severity
     from xitl_cli.logs.report.terminal import show_section
 
-    console = Console(highlight=False)
-    table = _hanging([("A", str(a)), ("B", str(b)), ("time", found.pairing.sentence), ("", found.zero_sentence)])
-    console.print(table)
+    console = terminal()
+    show_facts(console, [("A", str(a)), ("B", str(b)), ("time", found.pairing.sentence), ("", found.zero_sentence)])
     findings = by_severity(found.sections)
     if findings:
         console.print()
         words = ["" if each.severity == Severity.OK else each.severity.name for each in findings]
         sentences = [f"{each.sentence} {each.next_step}".rstrip() for each in findings]
-        console.print(_hanging(list(zip(words, sentences, strict=True))))
+        show_facts(console, list(zip(words, sentences, strict=True)))
     for section in found.sections:
         show_section(console, section)
     if report is not None:
-        console.print(f"\n{report}", markup=False, soft_wrap=True)
-
-
-def _hanging(rows: list[tuple[str, str]]) -> Table:
-    """A word and a sentence that is wrapped beside it."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table.grid(padding=(0, 2))
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
-    for word, sentence in rows:
-        table.add_row(Text(word), Text(printable(sentence)))
-    return table
+        typer.echo(f"\n{printable(str(report))}")
 
 
 def _write_tum(directory: Path, found: Comparison) -> None:

@@ -9,7 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from xitl_cli.commands.output import quiet_pipe, tell_damage
+from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
+from xitl_cli.logs.model.text import printable
 
 _FORMATS = ("ply", "pcd")
 
@@ -44,11 +46,7 @@ def map_command(
 
 
 def _show(report: dict[str, Any], files: list[Path]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table.grid(padding=(0, 2))
-    table.add_row("", "offline", "online")
+    rows = []
     for group, name, unit in (
         ("odometry", "poses", ""),
         ("odometry", "rate_hz", "Hz"),
@@ -62,13 +60,12 @@ def _show(report: dict[str, Any], files: list[Path]) -> None:
         ("mapping", "coverage", ""),
     ):
         cells = [_cell(report[when][group][name], unit) if report[when] else "–" for when in ("offline", "online")]
-        table.add_row(f"{group} {name}", *cells)
+        rows.append([f"{group} {name}", *cells])
     for name, value in (report["difference"] or {}).items():
-        table.add_row(f"offline v. online {name}", _cell(value, ""))
-    console = Console(highlight=False)
-    console.print(table)
+        rows.append([f"offline v. online {name}", _cell(value, ""), ""])
+    show_rows(terminal(), ["", "offline", "online"], rows)
     for file in files:
-        console.print(f"wrote {file}", markup=False, soft_wrap=True)
+        typer.echo(printable(f"wrote {file}"))
 
 
 def _cell(value: Any, unit: str) -> str:

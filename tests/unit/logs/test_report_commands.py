@@ -22,9 +22,9 @@ app.command("analyze")(logs_analyze.analyze)
 app.command("plot")(logs_analyze.plot)
 
 
-def run(*arguments: str | Path) -> tuple[int, str]:
+def run(*arguments: str | Path, width: int = 80) -> tuple[int, str]:
     """Exit code, or 2 with the sentence as `main` prints it, and what was printed."""
-    told = CliRunner().invoke(app, [str(each) for each in arguments], env={"COLUMNS": "80", "NO_COLOR": "1"})
+    told = CliRunner().invoke(app, [str(each) for each in arguments], env={"COLUMNS": str(width), "NO_COLOR": "1"})
     if isinstance(told.exception, (UserError, LogError)):
         return 2, told.output + f"error: {told.exception}"
     if told.exception is not None and not isinstance(told.exception, SystemExit):
@@ -50,6 +50,27 @@ def test_answers_come_first_and_the_page_holds_the_overview(tmp_path: Path) -> N
     written = page.read_text(encoding="utf-8")
     for title in ("Track", "Speed over ground", "Yaw", "Outputs to motors and servos"):
         assert f"<h3>{title}</h3>" in written
+
+
+def test_with_a_page_the_findings_and_its_name_are_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not for the eye of a first look is on the page; `:x:` in a name is no picture."""
+    monkeypatch.chdir(tmp_path)
+    Path("a:x:.bin").symlink_to(CALM)
+    some = ("a:x:.bin", "--section", "vehicle", "--section", "modes", "--section", "power")
+    code, text = run("analyze", *some, "--report", "b:x:.html", width=60)
+    assert code == 0
+    assert text.startswith("a:x:.bin  rover")
+    assert text.splitlines()[-1].startswith("b:x:.html: every section")
+    assert "NOTICE" in text
+    assert len(text.splitlines()) < 30
+    assert "In AUTO" not in text
+    assert max(map(len, text.splitlines()[:-1])) <= 60
+    _, every = run("analyze", *some, "--report", "b:x:.html", "--verbose", width=60)
+    _, without = run("analyze", *some, width=60)
+    assert every.startswith(text.rpartition("\nb:x:.html")[0])
+    assert "In AUTO" in every
+    assert without == every.rpartition("\nb:x:.html")[0]
+    assert "…" not in without.replace("SIM_…", "")
 
 
 def test_one_section_only() -> None:

@@ -66,11 +66,12 @@ def test_wide_text_goes_below_its_row() -> None:
     ]
 
 
-def test_what_does_not_fit_is_counted() -> None:
+def test_what_does_not_fit_beside_goes_below_and_rows_left_out_are_counted() -> None:
     grid = Grid("k", "T", tuple(f"column{index}" for index in range(9)), ((1,) * 9,) * 11)
     told = grid_lines(grid, 40, 8)
     assert max(map(len, told)) <= 40 or told[-1].startswith("(")
-    assert told[-1] == "(3 more rows and 5 more columns in --report and --json)"
+    assert told[-1] == "(3 more rows in --report and --json)"
+    assert told[2:4] == ["  column4 1, column5 1, column6 1,", "    column7 1, column8 1"]
 
 
 def test_json_is_json() -> None:

@@ -20,9 +20,9 @@ _LEAST_BELOW = 20
 
 
 def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
-    """Head, rows, and what was left out. No line is longer than `width` where words allow.
+    """Head, rows, and how many of them were left out. No line is longer than `width` where words allow.
 
-    Where not all columns fit, wide text goes below its row, and columns are left out from the right.
+    Where not all columns fit, wide text goes below its row, and so do columns from the right.
     """
     shown = [
         [printable(wording.value_text(value, name)) for name, value in zip(grid.columns, row, strict=False)]
@@ -39,22 +39,21 @@ def grid_lines(grid: Grid, width: int, most_rows: int) -> list[str]:
     if _total(widths, beside) > width:
         below = [index for index in beside[1:] if not right[index] and widths[index] > _WIDE]
         beside = [index for index in beside if index not in below]
+    narrow: list[int] = []
     while len(beside) > 1 and _total(widths, beside) > width:
-        beside.pop()
+        narrow.insert(0, beside.pop())
     for index in beside:  # a heading in one line, where there is room for it
         widths[index] += max(0, min(len(heads[index]) - widths[index], width - _total(widths, beside)))
     lines = _table_head(heads, widths, right, beside)
     for row in shown:
         lines.append(_table_line([row[index] for index in beside], widths, right, beside))
-        for index in below:
-            if row[index]:
-                lines += textwrap.wrap(
-                    f"{heads[index]}: {row[index]}",
-                    max(width, _LEAST_BELOW),
-                    initial_indent="  ",
-                    subsequent_indent="    ",
-                )
-    return lines + _left_out(len(grid.rows) - len(shown), len(heads) - len(beside) - len(below))
+        under = [", ".join(f"{heads[index]} {row[index]}" for index in narrow if row[index])]
+        for text in (*under, *(f"{heads[index]}: {row[index]}" for index in below if row[index])):
+            lines += textwrap.wrap(
+                text, max(width, _LEAST_BELOW), initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False
+            )
+    left_out = len(grid.rows) - len(shown)
+    return [*lines, f"({plural(left_out, 'more row')} in --report and --json)"] if left_out > 0 else lines
 
 
 def _total(widths: list[int], columns: list[int]) -> int:
@@ -76,12 +75,6 @@ def _table_line(cells: list[str], widths: list[int], right: list[bool], columns:
     return (" " * _APART).join(padded).rstrip()
 
 
-def _left_out(rows: int, columns: int) -> list[str]:
-    parts = [plural(rows, "more row")] if rows > 0 else []
-    parts += [plural(columns, "more column")] if columns > 0 else []
-    return [f"({' and '.join(parts)} in --report and --json)"] if parts else []
-
-
 _STYLES = {Severity.CRITICAL: "bold red", Severity.WARNING: "yellow", Severity.NOTICE: "cyan", Severity.OK: "green"}
 _INDENT = 10
 _MOST_EVIDENCE = 3
@@ -92,8 +85,8 @@ _LEAST_WIDTH = 20
 _MOST_LACKS = 4
 
 
-def show(console: Console, report: Report) -> None:
-    """Every file in a line, findings worst first, then the facts of each section with short tables."""
+def show(console: Console, report: Report, *, sections: bool = True) -> None:
+    """Every file in a line, findings worst first, then, with `sections`, their facts with short tables."""
     for file in report.files:
         _head(console, file, several=len(report.files) > 1)
     groups = group_findings(report)
@@ -113,6 +106,8 @@ def show(console: Console, report: Report) -> None:
         of = [each.file.name for each in fine if each.finding.sentence == sentence]
         text = wording.sentence_text(sentence) + (f" ({', '.join(of)})" if several else "")
         _hanging(console, wording.SEVERITY_NAMES[Severity.OK], _STYLES[Severity.OK], _plain(text))
+    if not sections:
+        return
     for file in report.files:
         for section in file.sections:
             show_section(console, section, file.name if several else "")
@@ -228,4 +223,4 @@ def _plain(text: str, style: str = "") -> Text:
 
 
 def _line(console: Console, text: str | Text, style: str = "") -> None:
-    console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
+    console.print(text, style=style, highlight=False, markup=False, emoji=False, soft_wrap=True)
