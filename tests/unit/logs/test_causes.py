@@ -56,7 +56,7 @@ def test_a_cut_link_is_one_finding() -> None:
     (group,) = group_findings(Report((log(*CUT[:8]),)))
     assert group.cause.finding.key == "faults.injected"
     assert [each.finding.key for each in group.consequences] == [
-        "gnss.silent", "links.loss", "sensors.gap", "events.error.26.1", "events.error.16.2", "estimator.position_lost",
+        "gnss.silent", "links.loss", "sensors.gap", "events.error.26.1", "estimator.position_lost", "events.error.16.2",
         "modes.failsafe",
     ]  # fmt: skip
     assert group.worst == CRITICAL
