@@ -3,7 +3,7 @@
 import numpy as np
 from made_log import MadeLog, MadeTable
 
-from xitl_cli.logs.analyses import sensors
+from xitl_cli.logs.analyses import gnss, sensors
 from xitl_cli.logs.model.sections import Finding, Section, Severity
 
 S = 1_000_000_000
@@ -129,3 +129,14 @@ def test_a_sensor_alone_that_stops_with_logging_is_no_gap() -> None:
     receiver = MadeTable("GPS", even, {"Status": np.full(len(even), 3)})
     section = analysed(*tables, receiver, switched((2.0, 1), (40.0, 0), (90.0, 1)))
     assert "sensors.gap" not in keys(section)
+
+
+def test_a_receiver_says_nothing_while_logging_is_off() -> None:
+    stamps = np.concatenate([np.arange(0, 55, 0.2), np.arange(90, 120, 0.2)])
+    columns = {"Status": np.full(len(stamps), 3), "Lat": -8.8 + stamps * 1e-6, "Lng": np.full(len(stamps), -63.9)}
+    receiver = MadeTable("GPS", np.round(stamps * S).astype(np.int64), columns)
+    arming = switched((2.0, 1), (40.0, 0), (90.0, 1))
+    for rows, silent in ((arming, False), (switched((2.0, 1)), True)):
+        section = gnss.analyse(MadeLog(receiver, rows))
+        assert section is not None
+        assert ("gnss.silent" in keys(section)) == silent

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_core.geodesy import LocalFrame
+from xitl_cli.logs.analyses.sensor_faults import switched_off
 from xitl_cli.logs.clocks.time_line import LogClock
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Evidence, Fact, Finding, Grid, Mark, Plot, Section, Severity, Trace, Value
@@ -68,6 +69,8 @@ def _outages(log: Log, receiver: GnssReceiver, fixed: Flags, pause: Stamps, cloc
     between = np.diff(good) - 1
     from_ns = receiver.stamp_ns[good[:-1]]
     whole = covered_share(from_ns, from_ns + length_ns, pause) >= 0.5
+    long = np.flatnonzero(length_ns > _SILENT_S * 1e9)
+    whole[long] |= switched_off(log, np.stack([from_ns[long], (from_ns + length_ns)[long]], axis=1))
     silent = (between == 0) & (length_ns > max(_SILENT_S, 5.0 * regular.period_s) * 1e9) & ~whole
     spans = {
         "gnss.fix_lost": _outage_spans(from_ns, length_ns, between > 0),

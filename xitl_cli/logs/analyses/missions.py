@@ -256,6 +256,7 @@ def analyse(log: Log) -> Section | None:
     done = len({leg.seq for leg in legs if leg.reached})
     last = max((item.seq for item in plan.places), default=0) if plan else _last_item(log)
     complete = complete_ns is not None or (bool(last) and any(leg.reached and leg.seq == last for leg in legs))
+    complete |= bool(wanted) and done >= (wanted or 0)
     lacks = []
     if legs and not reached:
         lacks.append("When waypoints were reached is not logged; only that the next one was taken up.")

@@ -42,6 +42,12 @@ _SILENT = ("links.silence", "links.sequence_loss", "links.loss", "radio.failsafe
 
 CAUSES = (
     CauseRule(("vehicle.simulated", "vehicle.lockstep"), ("scheduler.simulated_clock",), WHOLE_LOG),
+    CauseRule(("scheduler.long_loops",), ("scheduler.longest_loop",), WHOLE_LOG),
+    CauseRule(
+        ("gnss.no_fix", "estimator.never_positioned"),
+        ("estimator.never_positioned", "estimator.timeout", "events.error.7", "arming.refused"),
+        WHOLE_LOG,
+    ),
     CauseRule(
         ("faults.injected",),
         ("links", "sensors", "gnss", "estimator", *_ERRORS, "scheduler", "tasks", "time_bases", "radio", "control",
@@ -124,12 +130,14 @@ class FindingGroup:
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """A finding with its spans (s) on the report's time line; none for one without an instant. file: its place."""
+    """A finding with its spans (s) on the report's time line; none for one without an instant. file, place: numbers
+    of its file, and of it among all."""
 
     found: FileFinding
     spans: tuple[tuple[float, float], ...]
     rank: int
     file: int
+    place: int
 
     @property
     def begin_s(self) -> float:
@@ -145,7 +153,7 @@ class _Placed:
 def group_findings(report: Report) -> list[FindingGroup]:
     """Each finding once: the worst groups first, otherwise the earliest; what is fine stands by itself, last."""
     order = {id(file): place for place, file in enumerate(report.files)}
-    placed = [_placed(found, order[id(found.file)]) for found in report.findings]
+    placed = [_placed(found, order[id(found.file)], place) for place, found in enumerate(report.findings)]
     causes = [_cause(each, placed) for each in placed]
     roots = [_root(place, causes) for place in range(len(placed))]
     groups = []
@@ -159,7 +167,7 @@ def group_findings(report: Report) -> list[FindingGroup]:
     return [group for _, group in groups]
 
 
-def _placed(found: FileFinding, file: int) -> _Placed:
+def _placed(found: FileFinding, file: int, place: int) -> _Placed:
     line = found.file.time_line
     spans = sorted(
         (line.second(each.at_ns), line.second(each.at_ns if each.until_ns is None else max(each.until_ns, each.at_ns)))
@@ -168,7 +176,7 @@ def _placed(found: FileFinding, file: int) -> _Placed:
     )
     key = found.finding.key
     rank = min((place for place, kind in enumerate(_FIRST) if is_kind(key, (kind,))), default=len(_FIRST))
-    return _Placed(found, tuple(spans), rank, file)
+    return _Placed(found, tuple(spans), rank, file, place)
 
 
 def is_kind(key: str, kinds: Sequence[str]) -> bool:
@@ -212,7 +220,7 @@ def _follows(each: _Placed, cause: _Placed) -> bool:
 def _precedes(cause: _Placed, each: _Placed) -> bool:
     apart_s = each.begin_s - cause.begin_s
     if abs(apart_s) <= _TOGETHER_S:
-        return (cause.rank, -apart_s) < (each.rank, 0.0)
+        return (cause.rank, cause.begin_s, cause.place) < (each.rank, each.begin_s, each.place)
     return apart_s > 0.0
 
 
