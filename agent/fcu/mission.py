@@ -212,6 +212,8 @@ def make_mission(items: list[MissionItem] | tuple[MissionItem, ...]) -> MissionS
         problem = item_problem(item)
         if problem and seq > 0:
             raise MissionError(f"mission item {seq}: {problem.text}")
+        if item.command == JUMP and seq > 0 and not 1 <= int(item.parameters[0]) < len(items):
+            raise MissionError(f"mission item {seq}: jump to item {item.parameters[0]:g}; use 1 to {len(items) - 1}")
     return MissionSequence(tuple(items) if len(items) > 1 else ())
 
 

@@ -180,7 +180,7 @@ class MissionDownload:
 
 
 class RefusedItem(NamedTuple):
-    """Why an item is not taken: a MAV_MISSION_RESULT and a sentence, empty when it is said already."""
+    """Why an item or a whole plan is not taken: a MAV_MISSION_RESULT and a sentence, empty when it is said already."""
 
     result: int
     problem: str
@@ -204,7 +204,7 @@ class Plan(Protocol):
     def write(self, seq: int) -> PlanItem:
         """An item that is in force."""
 
-    def store(self, items: list[Any], in_part: bool) -> str:
+    def store(self, items: list[Any], in_part: bool) -> RefusedItem | None:
         """Put a whole plan in force, or say why not. in_part: its beginning is as it was."""
 
 
@@ -372,10 +372,11 @@ class MissionServer:
 
     def _store(self, mission_type: int, items: list[Any], in_part: bool = False) -> int:
         plan = self._plans[mission_type]
-        problem = plan.store(items, in_part)
-        if problem:
-            self._warn(f"{plan.name} refused: {problem}")
-        return int(mav.MAV_MISSION_INVALID if problem else mav.MAV_MISSION_ACCEPTED)
+        refused = plan.store(items, in_part)
+        if refused is None:
+            return int(mav.MAV_MISSION_ACCEPTED)
+        self._warn(f"{plan.name} refused: {refused.problem}")
+        return refused.result
 
     def _on_ack(self, message: Any, now_ns: int) -> Messages:
         """A sender ends its upload, or has all that it asked for."""

@@ -31,11 +31,12 @@ _OFFSET_FRAMES = (mav.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES)
 _LOCAL_FRAMES = (mav.MAV_FRAME_LOCAL_NED, *_OFFSET_FRAMES)
 _NO_AXIS = 32767
 
-# Commands to devices that are not on board, and what an ArduRover without them answers.
+# Commands to devices that are not on board, and what an ArduRover 4.7 without them was seen to answer.
 _LACKING: Mapping[int, int] = {
-    **dict.fromkeys((181, 182, 211, 216), int(mav.MAV_RESULT_FAILED)),
-    **dict.fromkeys((195, 197, 201, 205, 1000), int(mav.MAV_RESULT_UNSUPPORTED)),
-    **dict.fromkeys((202, 203, 206, 531, 532, 534, 2000, 2001, 2500, 2501), int(mav.MAV_RESULT_UNSUPPORTED)),
+    **dict.fromkeys((181, 182, 205, 211, 532, 1000, 2000, 2500, 2501), int(mav.MAV_RESULT_FAILED)),
+    **dict.fromkeys((195, 197, 201, 202, 203, 206, 216, 2001), int(mav.MAV_RESULT_ACCEPTED)),
+    531: int(mav.MAV_RESULT_UNSUPPORTED),
+    534: int(mav.MAV_RESULT_DENIED),
 }
 
 
@@ -159,8 +160,8 @@ class CommandHandlers:
     def _lack(self, c: Command, now_ns: int) -> Answer:
         """What a device would have to do that is not on board."""
         command = COMMANDS[c.number]
-        self._hub.warn(f"{command.name} refused: no {command.device}")
-        return _accepted(False, _LACKING[c.number])
+        self._hub.warn(f"{command.name} ignored: no {command.device}")
+        return _LACKING[c.number], []
 
     def _enable_fence(self, c: Command, now_ns: int) -> Answer:
         wanted = _whole(c.p1)

@@ -61,17 +61,17 @@ class MissionPlan:
         refused = self._autopilot.commands.go_to(made.lat_deg, made.lon_deg)
         return RefusedItem(int(mav.MAV_MISSION_ERROR), "") if refused else None
 
-    def store(self, items: list[MissionItem], in_part: bool) -> str:
+    def store(self, items: list[MissionItem], in_part: bool) -> RefusedItem | None:
         """One that was changed in part goes on where the vessel is."""
         current = self.current()
         try:
             self._autopilot.commands.set_mission(make_mission(items))
         except MissionError as error:
-            return str(error)
+            return RefusedItem(int(mav.MAV_MISSION_ERROR), str(error))
         if in_part and current > 0:
             self._autopilot.commands.set_current(current)
         self._stored()
-        return ""
+        return None
 
 
 def mission_item_from(item: PlanItem) -> MissionItem | RefusedItem:
@@ -130,8 +130,9 @@ class FencePlan:
         first = float(item.vertex_count) if item.vertex_count else item.radius_m
         return PlanItem(seq, 0, item.command, (first, 0.0, 0.0, 0.0), item.lat_deg, item.lon_deg, 0.0)
 
-    def store(self, items: list[FenceItem], in_part: bool) -> str:
+    def store(self, items: list[FenceItem], in_part: bool) -> RefusedItem | None:
         problem = self._autopilot.commands.set_fence(items)
-        if not problem:
-            self._stored()
-        return problem
+        if problem:
+            return RefusedItem(int(mav.MAV_MISSION_INVALID), problem)
+        self._stored()
+        return None

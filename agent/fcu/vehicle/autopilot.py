@@ -152,8 +152,7 @@ class Autopilot:
         estimate = state.estimate = self.estimator.estimate()
         if self.navigator.home is None and estimate.position_valid:
             self.navigator.set_home_here(self.estimator.frame, estimate)
-        position = estimate.pos_ned_m[:2] if estimate.position_valid else None
-        self.navigator.return_path.update(self.estimator.frame, position, now_ns, state.mode != modes.SMART_RTL)
+        self._save_place()
         self.failsafes.update(now_ns)
         self.servos.update(now_ns)
         if not state.armed:
@@ -206,6 +205,12 @@ class Autopilot:
         if isinstance(output, Motors):
             return self.allocator.pass_through(output)
         return self.allocator.allocate(output, dt_s)
+
+    def _save_place(self) -> None:
+        state = self.state
+        place = state.estimate.pos_ned_m[:2] if state.estimate.position_valid else None
+        saves = state.mode != modes.SMART_RTL
+        self.navigator.return_path.update(self.estimator.frame, place, state.now_ns, saves)
 
     def _restart_control(self) -> None:
         self.controller.restart()
@@ -273,6 +278,7 @@ class Autopilot:
         if state.estimate.position_valid and not self.navigator.home_is_set:
             self.navigator.set_home_here(self.estimator.frame, state.estimate)
         self.navigator.return_path.restart()
+        self._save_place()
         self.navigator.simple_heading_rad = state.estimate.yaw_rad
         self.failsafes.restart_fence()
         if force:

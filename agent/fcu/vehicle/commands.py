@@ -172,7 +172,7 @@ class OperatorCommands:
             if function == _ARM_DISARM or position == _HIGH:
                 self._disarm()
         elif function not in (_MISSION_RESET, _CLEAR_MISSION, _DISARM, _ARM_DISARM):
-            return self._events.refuse(f"auxiliary function {function} is not supported")
+            return self._events.refuse(f"Invalid channel option ({function})")
         return ""
 
     def _say(self, severity: int, text: str) -> str:

@@ -322,13 +322,9 @@ class MissionProgress:
         dt_s: float,
     ) -> GuidanceOutput | None:
         """Guidance along the mission, None once the last stage is done."""
-        for text in self._jumps_made:
-            self._say(INFO, text)
-        self._jumps_made = ()
         self._do_passed(dt_s)
         if self.current == 0:
-            self._leave_out_passed()
-            self.state = COMPLETE
+            self._finish()
             return None
         self.state = UNDER_WAY
         item = self.mission.items[self.current]
@@ -359,8 +355,13 @@ class MissionProgress:
         self._stage = None
         self._before = stage if isinstance(stage, PlaceStage) and not stage.stays else None
         self._advance_to(self.current + 1)
-        if self.current == 0 and not self._passed:
-            self.state = COMPLETE
+        if self.current == 0:
+            self._do_passed(0.0)
+            self._finish()
+
+    def _finish(self) -> None:
+        self._leave_out_passed()
+        self.state = COMPLETE
 
     def _advance_to(self, seq: int) -> None:
         self.current, self._passed, self._jumps, self._jumps_made = self._next_item(seq)
@@ -402,7 +403,10 @@ class MissionProgress:
     # -- what stands before a stage
 
     def _do_passed(self, dt_s: float) -> None:
-        """One item; all of them when no stage comes after."""
+        """The jumps, and one item; all of them when no stage comes after."""
+        for text in self._jumps_made:
+            self._say(INFO, text)
+        self._jumps_made = ()
         while self._passed:
             seq = self._passed[0]
             item = self.mission.items[seq]

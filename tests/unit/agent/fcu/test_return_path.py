@@ -1,0 +1,163 @@
+"""The path of SMART_RTL: what is kept of it, what is cut off, when it is given up."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.fcu.geodetic import LocalProjection
+from agent.fcu.parameters import Parameters
+from agent.fcu.vehicle.return_path import ReturnPath, thinned
+from agent.fcu.vehicle_state import EventQueue
+
+FRAME = LocalProjection(-8.8, -63.95, 50.0)
+SECOND = 1_000_000_000
+PLACE = st.tuples(st.floats(-200.0, 200.0), st.floats(-200.0, 200.0))
+
+
+class Trail:
+    """A path that is followed by a metre a cycle at 1 Hz."""
+
+    def __init__(self, **parameters: float) -> None:
+        self.events = EventQueue()
+        self.path = ReturnPath(Parameters(parameters), self.events)
+        self.now_ns = 0
+        self.place = (0.0, 0.0)
+        self.stay(1)
+
+    def stay(self, seconds: int, known: bool = True, saves: bool = True) -> None:
+        for _ in range(seconds):
+            self.now_ns += SECOND
+            self.path.update(FRAME, self.place if known else None, self.now_ns, saves)
+
+    def go(self, *places: tuple[float, float]) -> None:
+        for end in places:
+            north_m, east_m = self.place
+            steps = math.ceil(math.dist(self.place, end))
+            for step in range(1, steps + 1):
+                part = step / steps
+                self.place = (north_m + part * (end[0] - north_m), east_m + part * (end[1] - east_m))
+                self.stay(1)
+
+    def tidied(self) -> list[tuple[float, float]]:
+        for _ in range(1000):
+            if self.path.tidy():
+                return self.path.points
+        raise AssertionError("it never ends")
+
+
+def test_corners_are_kept_and_straight_lines_thinned_out() -> None:
+    trail = Trail()
+    trail.go((60.0, 0.0), (60.0, 40.0), (20.0, 40.0))
+    assert len(trail.path.points) < 300
+    points = trail.tidied()
+    assert points[0] == (0.0, 0.0)
+    assert [(round(north), round(east)) for north, east in points[1:]] == [(60, 0), (60, 40), (20, 40)]
+
+
+def test_a_loop_is_cut_off_where_the_path_comes_by_itself() -> None:
+    trail = Trail()
+    trail.go((40.0, 0.0), (40.0, 30.0), (20.0, 30.0), (20.0, -30.0))
+    points = trail.tidied()
+    assert len(points) == 3
+    assert points[1] == pytest.approx((20.0, 0.0), abs=1.0)
+    assert points[2] == pytest.approx((20.0, -30.0), abs=2.0)
+
+
+def test_arming_begins_it_anew() -> None:
+    trail = Trail()
+    trail.go((30.0, 0.0))
+    trail.path.restart()
+    assert trail.path.problem == "no position yet"
+    trail.stay(1)
+    assert trail.path.points == [(30.0, 0.0)]
+    assert trail.path.problem == ""
+
+
+def test_without_a_position_for_long_it_is_given_up_until_the_next_arming() -> None:
+    trail = Trail()
+    trail.go((10.0, 0.0))
+    trail.stay(14, known=False)
+    assert trail.path.problem == ""
+    trail.stay(3, known=False)
+    assert trail.path.problem == "bad position"
+    trail.stay(5)
+    assert trail.path.points == []
+    assert [event.text for event in trail.events.drain()] == ["SmartRTL deactivated: bad position"]
+    trail.path.restart()
+    trail.stay(1)
+    assert trail.path.problem == ""
+
+
+def test_a_path_that_does_not_fit_is_given_up_in_words() -> None:
+    trail = Trail(SRTL_POINTS=20.0)
+    radius_m, turns = 3.0, 30  # a spiral whose rounds keep apart
+    for step in range(36 * turns):
+        angle_rad = math.radians(10.0 * step)
+        out_m = radius_m + 5.0 * step / 36
+        trail.go((out_m * math.cos(angle_rad), out_m * math.sin(angle_rad)))
+        if trail.path.problem:
+            break
+    assert trail.path.problem == "buffer full"
+    said = [event.text for event in trail.events.drain()]
+    assert said[-1] == "SmartRTL deactivated: buffer full"
+    assert "SmartRTL Low on space!" in said
+
+
+def test_there_and_back_many_times_fits() -> None:
+    trail = Trail(SRTL_POINTS=60.0)
+    for _ in range(12):
+        trail.go((0.0, 100.0), (1.0, 0.0))
+    assert trail.path.problem == ""
+    assert len(trail.tidied()) <= 3
+
+
+def test_no_points_means_no_path() -> None:
+    trail = Trail(SRTL_POINTS=0.0)
+    assert trail.path.problem == "SRTL_POINTS is 0"
+    assert trail.path.points == []
+
+
+def test_while_it_is_sailed_nothing_is_kept() -> None:
+    trail = Trail()
+    trail.place = (50.0, 0.0)
+    trail.stay(3, saves=False)
+    assert trail.path.points == [(0.0, 0.0)]
+
+
+def test_a_new_origin_moves_it() -> None:
+    trail = Trail()
+    trail.go((30.0, 0.0))
+    moved = LocalProjection(*FRAME.to_geodetic(10.0, 0.0), 50.0)
+    trail.path.update(moved, (20.0, 0.0), trail.now_ns + SECOND, True)
+    assert trail.path.points[0] == pytest.approx((-10.0, 0.0), abs=1e-3)
+
+
+@given(st.lists(PLACE, max_size=40), st.floats(0.1, 10.0))
+def test_thinning_keeps_the_ends_and_leaves_no_point_far_off(places: list[tuple[float, float]], least_m: float) -> None:
+    kept = thinned(places, least_m)
+    assert kept[:1] == places[:1]
+    assert kept[-1:] == places[-1:]
+    for place in places:
+        assert min((_off_m(place, a, b) for a, b in itertools.pairwise(kept)), default=0.0) <= least_m + 1e-9
+
+
+def _off_m(place: tuple[float, float], a: tuple[float, float], b: tuple[float, float]) -> float:
+    dn, de = b[0] - a[0], b[1] - a[1]
+    length2 = dn * dn + de * de
+    along = 0.0 if length2 == 0.0 else ((place[0] - a[0]) * dn + (place[1] - a[1]) * de) / length2
+    along = min(max(along, 0.0), 1.0)
+    return math.hypot(place[0] - a[0] - along * dn, place[1] - a[1] - along * de)
+
+
+@given(st.lists(PLACE, min_size=1, max_size=8))
+def test_any_way_is_tidied_and_ends_where_it_ended(places: list[tuple[float, float]]) -> None:
+    trail = Trail()
+    trail.go(*places)
+    points = trail.tidied()
+    assert math.dist(points[0], (0.0, 0.0)) < 2.0
+    assert math.dist(points[-1], trail.place) < 4.0
