@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Callable
 from agent.faults import AgentFaults
 from agent.fcu.control.controller import ControllerError
 from agent.fcu.parameters import ParameterError
+from agent.files import read_text
 from agent.machine import read_machine
 from agent.node import AgentNode
 from agent.options import BRIDGE, COMPANION, Options, OptionsError, check_bridge
@@ -164,7 +165,7 @@ def _signing(key_file: Path | None, option: str) -> Signing | None:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text()
+        return read_text(path)
     except UnicodeDecodeError:
         raise OptionsError(f"{path}: cannot be read (not text); check the path") from None
     except OSError as error:

@@ -167,7 +167,7 @@ class AgentNode:
             self.role.end_run(self._clock.now_ns())
         self._link.reset_counters()
         self._reset(lockstep, start_ns)
-        self._running, self._token = True, token
+        self._running, self._token = True, token or 1
         self._strangers = self._told_strangers_ns = 0
         self._host_is_gone = False
         executor = self.executor
@@ -181,7 +181,7 @@ class AgentNode:
     def _end_run(self) -> None:
         """Said again when the host asks again: it may have missed it."""
         self._host_is_gone = False
-        was_running, self._running, self._token = self._running, False, 0
+        was_running, self._running = self._running, False
         now_ns = self._clock.now_ns()
         self._link.send_prepared(self._deferred)
         self._deferred.clear()
@@ -279,6 +279,5 @@ class AgentNode:
             self.role.traffic,
             0 if repeatable else self.executor.misses.unreported,
             UNKNOWN if repeatable else self._health.read(),
-            self._running,
-            self._token,
+            self._token if self._running else 0,
         )

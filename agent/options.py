@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import agent
+from agent.files import read_text
 from agent.machine import REAL, VIRTUAL
 from agent.timing.realtime import DEFAULT_PRIORITY
 
@@ -124,7 +125,7 @@ def _of_file(path: Path, parser: argparse.ArgumentParser) -> dict[str, Any]:
     }
     config = ConfigParser(interpolation=None, default_section="")
     try:
-        config.read_string(path.read_text(), str(path))
+        config.read_string(read_text(path), str(path))
     except ConfigError as error:
         raise OptionsError(f"{path}: {' '.join(str(error).split())}; write KEY = VALUE under [{SECTION}]") from None
     except UnicodeDecodeError:

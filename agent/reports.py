@@ -61,10 +61,9 @@ def node_status(
     traffic: Traffic,
     misses_unreported: int,
     health: MachineHealth,
-    running: bool,
-    token: int = 0,
+    running: int,
 ) -> Message:
-    """XITL_NODE_STATUS; `counters` are of the instant before, `token` that of the run."""
+    """XITL_NODE_STATUS; `counters` are of the instant before, `running` the token of the run, 0 while none is on."""
     degrees = health.temperature_degc
     message: Message = dialect.MAVLink_xitl_node_status_message(
         now_ns // 1000,
@@ -75,7 +74,7 @@ def node_status(
         counters.late & _MOST,
         counters.repeated & _MOST,
         counters.dropped & _MOST,
-        counters.refused & _MOST,
+        counters.refused + counters.strangers & _MOST,
         impaired & _MOST,
         traffic.messages_refused & _MOST,
         misses_unreported & _MOST,
@@ -88,10 +87,8 @@ def node_status(
         health.cpu_percent,
         health.load_1min,
         _NO_TEMPERATURE if degrees is None else round(100.0 * degrees),
-        int(running),
+        running,
         PROTOCOL,
-        token,
-        counters.strangers & _MOST,
     )
     return message
 

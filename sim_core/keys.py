@@ -45,17 +45,18 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True)
 class Items:
-    """How many entries a list has."""
+    """How many entries a list has; why: what limits them."""
 
     at_least: int = 0
     at_most: int | None = None
+    why: str = ""
 
     def problem(self, value: tuple[object, ...]) -> str | None:
         """As of `Bounds`, for a list."""
         if len(value) < self.at_least:
             return f"is too short; give at least {self.at_least}"
         if self.at_most is not None and len(value) > self.at_most:
-            return f"is too long; give {self.at_most}"
+            return f"is too long; give at most {self.at_most}" + (f", {self.why}" if self.why else "")
         return None
 
 

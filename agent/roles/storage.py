@@ -16,6 +16,7 @@ from agent.fcu.mission import CHANGE_SPEED, JUMP, MissionError, MissionItem, mak
 from agent.fcu.parameters import ParameterError
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import ERROR, WARNING
+from agent.files import read_text
 
 FORMAT = 2
 _FORMATS = (1, 2)  # 1 kept of a mission's items what counted
@@ -141,13 +142,14 @@ def _write(path: Path, contents: _Contents) -> None:
 
 def _read(path: Path) -> _Contents:
     try:
-        text = path.read_text()
+        text = read_text(path)
     except FileNotFoundError:
         if not path.parent.is_dir():
             raise StorageError(f"{path}: there is no folder {path.parent}; make it or choose another file") from None
         return _Contents({}, (), ())
     except (OSError, UnicodeDecodeError) as error:
-        raise StorageError(f"{path}: cannot be read ({error}); check the path") from None
+        reason = error.strerror if isinstance(error, OSError) else "not text"
+        raise StorageError(f"{path}: cannot be read ({reason}); check the path") from None
     try:
         document = json.loads(text)
         if document["format"] not in _FORMATS:

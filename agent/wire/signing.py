@@ -12,6 +12,7 @@ from hmac import compare_digest
 from pathlib import Path
 from typing import Callable
 
+from agent.files import read_text
 from agent.wire.framing import SIGNATURE_BYTES, SIGNED
 
 KEY_BYTES = 32
@@ -48,7 +49,7 @@ def read_key_file(path: str, option: str) -> bytes:
     Raises SigningKeyError when there is none.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_text(Path(path))
     except FileNotFoundError:
         raise SigningKeyError(
             f"{path}: the signing key is missing, there is no such file; make one for both ends with "

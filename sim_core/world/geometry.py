@@ -161,6 +161,7 @@ UPRIGHT = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 LARGEST_M = 2000.0
 """Of what is not suspected to be in millimetres."""
+LARGEST_BYTES = 512 << 20
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
@@ -195,6 +196,8 @@ def _read(path: Path) -> tuple[Array, NDArray[int32]]:
         raise WorldError(f"{path} is not of a known format; use one of {', '.join(MESH_FORMATS)}")
     if not path.is_file():
         raise WorldError(f"{path} does not exist; give the path of a mesh, relative to the profile")
+    if path.stat().st_size > LARGEST_BYTES:
+        raise WorldError(f"{path} has more than {LARGEST_BYTES >> 20} MiB; reduce the mesh and export it again")
     try:
         import trimesh
     except ImportError:

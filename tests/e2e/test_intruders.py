@@ -51,8 +51,8 @@ def test_a_run_is_not_taken_over_by_datagrams(tmp_path: Path, free_port: int) ->
     told = summary(tmp_path / "run")
     assert (told["ended"], told["error"]) == ("duration reached", None)
     sensors, actuators = told["links"]
-    assert sensors["strangers"] == sensors["dropped"] > 1000
-    assert (sensors["lost"], actuators["lost"], actuators["strangers"]) == (0, 0, 0)
-    assert any(text.startswith(f"the agent refused {sensors['strangers']} ") for text in told["warnings"])
+    assert sensors["refused"] == sensors["dropped"] > 1000
+    assert (sensors["lost"], actuators["lost"], actuators["refused"]) == (0, 0, 0)
+    assert any(text.startswith(f"the agent refused {sensors['refused']} ") for text in told["warnings"])
     log = b"".join(data for _, data in payloads(tmp_path / "run/run.mcap")["/log"])
     assert b"not this run's host" in log

@@ -18,6 +18,7 @@ from typing import Any
 import agent
 from agent.board.install import DeploySettings, DeploySettingsError, checked_options
 from agent.board.receive import MARK
+from agent.files import read_text
 from xitl_cli.deploy.package import Package
 from xitl_cli.errors import UserError
 
@@ -54,7 +55,7 @@ def _read(path: Path) -> dict[str, tuple[str, ...]]:
 
 def _text(option: str, path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except UnicodeDecodeError:
         raise UserError(f"{option} {path}: cannot be read (not text); check the path") from None
     except OSError as error:

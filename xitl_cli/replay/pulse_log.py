@@ -11,15 +11,18 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
+from agent.files import read_bytes
 from xitl_cli.errors import UserError
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 
+MOST_BYTES = 256 << 20
 NO_PULSE_US = 0.0
 SHORTEST_US, LONGEST_US = 500.0, 2500.0
 """What a servo output can be when it is not off (0)."""
@@ -63,8 +66,8 @@ def read_csv(path: Path) -> PulseLog:
     Raises UserError with file, line and column.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return _read_table(_table_rows(file), str(path))
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+        return _read_table(_table_rows(StringIO(text, newline="")), str(path))
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except UnicodeDecodeError:

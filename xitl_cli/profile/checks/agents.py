@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from urllib.parse import urlsplit
 
 from agent.companion.settings import checked_parameter
+from agent.fcu.mission import MOST_ITEMS
 from agent.fcu.parameters import ParameterError, checked
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.link import made_for_the_run, problem_of_link, problem_of_url
@@ -68,6 +69,13 @@ def _autopilot(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
         except UserError as error:
             yield path, f"autopilot.parameter_files.{number}: {error}"
     if profile.autopilot.kind == "embedded":
+        waypoints = 0 if profile.mission is None else len(profile.mission.waypoints_ned_m)
+        if waypoints >= MOST_ITEMS:
+            yield (
+                ("mission", "waypoints_ned_m"),
+                f"mission.waypoints_ned_m = a list of {waypoints} is too long for the embedded autopilot, which keeps "
+                f"{MOST_ITEMS} items with home, as ArduRover does on a board; give at most {MOST_ITEMS - 1}",
+            )
         for name, value in profile.autopilot.parameters.items():
             try:
                 checked(name, value)

@@ -30,7 +30,8 @@ def find_profile(name: str, beside: Path | None = None) -> Path:
     path = (beside or Path()) / Path(name).expanduser()
     if name.endswith(SUFFIXES):
         if not _is_file(path):
-            what = "is a folder" if os.path.isdir(path) else "does not exist"  # noqa: PTH112 - never raises
+            there = "is no regular file" if os.path.exists(path) else "does not exist"  # noqa: PTH110 - never raises
+            what = "is a folder" if os.path.isdir(path) else there  # noqa: PTH112 - never raises
             raise UserError(
                 f"{shown_path(path)} {what}; check the path, or name a shipped profile (`xitl profiles list`)"
             )

@@ -6,6 +6,7 @@ import difflib
 from pathlib import Path
 
 from agent.fcu.parameters import ParameterError, Parameters, load_parm
+from agent.files import read_text
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.station_file import SUFFIX, is_station_file, load_station_file
 from xitl_cli.shipped import firmware_params_dir
@@ -20,7 +21,8 @@ def find_parameter_file(name: str) -> Path:
         path = Path(name).expanduser()
         if path.is_file():
             return path
-        raise UserError(f"{path} does not exist; check the path, or name a shipped parameter file")
+        what = "is no regular file" if path.exists() else "does not exist"
+        raise UserError(f"{path} {what}; check the path, or name a shipped parameter file")
     root = firmware_params_dir()
     paths = sorted(path for pattern in SHIPPED for path in root.rglob(pattern))
     shipped = {path.relative_to(root).with_suffix("").as_posix(): path for path in paths}
@@ -38,7 +40,7 @@ def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
     """
     path = find_parameter_file(name)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
         if is_station_file(text):
             return _known(load_station_file(text, str(path)), path) if embedded else load_station_file(text, str(path))
         if embedded:

@@ -40,7 +40,11 @@ class MissionSpec(Specification):
     speed_mps: Annotated[float, Bounds(above=0, at_most=30), "over ground"] = 3.0
     acceptance_radius_m: Positive = 3.0
     start: StartSpec = StartSpec()
-    waypoints_ned_m: Annotated[tuple[Place, ...], "a list of [north, east]"] = ()
+    waypoints_ned_m: Annotated[
+        tuple[Place, ...],
+        Items(0, 65534, "as MAVLink numbers 65535 items and the first is home"),
+        "a list of [north, east]",
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,7 +26,7 @@ _FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH, ULOG, MAP, TRAJECTORY, TRUTH, 
 def check_writable(path: Path) -> None:
     """Raise UserError when a run cannot be kept in `path`; makes nothing."""
     folder = path
-    while not folder.exists():
+    while not _exists(folder):
         folder = folder.parent
     if not folder.is_dir():
         raise UserError(f"{folder}: is a file, not a directory; choose another --out")
@@ -34,10 +34,26 @@ def check_writable(path: Path) -> None:
         raise UserError(f"{folder}: is not writable; choose another --out or change its permissions")
 
 
+def _exists(path: Path) -> bool:
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:  # no name of a file at all, or one that this user may not look for
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise UserError(f"{_shown(path)}: cannot be used ({reason}); choose another --out") from error
+    return True
+
+
+def _shown(path: Path) -> str:
+    text = str(path)
+    return text if len(text) <= 120 else f"{text[:80]}… ({len(text)} characters)"
+
+
 def create(path: Path, overwrite: bool) -> Path:
     """Make `path` and see that it holds no earlier run, or clear that run away."""
     check_writable(path)
-    present = [name for name in _FILES if (path / name).exists()]
+    present = [name for name in _FILES if _exists(path / name)]
     if present and not overwrite:
         raise UserError(f"{path}: already holds a run ({', '.join(present)}); choose another --out or add --overwrite")
     try:
@@ -48,7 +64,7 @@ def create(path: Path, overwrite: bool) -> Path:
             else:
                 (path / name).unlink()
     except OSError as error:
-        raise UserError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
+        raise UserError(f"{_shown(path)}: cannot be made ({error.strerror}); choose another --out") from error
     return path
 
 
@@ -87,7 +103,7 @@ def default_path(profile: str, started: datetime | None = None) -> Path:
     stamp = (started or datetime.now(UTC)).strftime("%Y%m%dT%H%M%SZ")
     base = Path("runs") / f"{Path(profile).name}-{stamp}"
     path, number = base, 1
-    while path.exists():
+    while _exists(path):
         number += 1
         path = base.with_name(f"{base.name}-{number}")
     return path
@@ -96,5 +112,8 @@ def default_path(profile: str, started: datetime | None = None) -> Path:
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write a JSON file whole or not at all."""
     temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
-    temporary.replace(path)
+    try:
+        temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
+        temporary.replace(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written ({error.strerror}); free space, or choose another --out") from error

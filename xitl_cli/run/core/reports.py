@@ -48,9 +48,8 @@ class LinkReport:
     them: `standby sensors`.
     lost: sent and never received. gaps: missing from the sequence at the receiver, late: out of order, repeated: came
     twice. unsent: not taken by the transport of the sender. dropped: damaged or unknown ones. refused: without a good
-    signature. strangers: of others than the other end. impaired: kept back for good by an injected fault, part of the
-    lost ones. host_end: what the host's transport has counted beside that, by name, told with the direction that it
-    hears.
+    signature, or of others than the other end. impaired: kept back for good by an injected fault, part of the lost
+    ones. host_end: what the host's transport has counted beside that, by name, told with the direction that it hears.
     """
 
     name: str
@@ -65,7 +64,6 @@ class LinkReport:
     repeated: int | None = None
     refused: int | None = None
     impaired: int | None = None
-    strangers: int | None = None
     host_end: dict[str, int] = field(default_factory=dict)
 
     def section(self) -> dict[str, Any]:
@@ -82,7 +80,6 @@ class LinkReport:
             "dropped": self.dropped,
             "refused": self.refused,
             "impaired": self.impaired,
-            "strangers": self.strangers,
             "host_end": self.host_end,
             "latency_us": _quantiles_us(self.latency),
         }

@@ -180,7 +180,7 @@ QUIET_S = 0.1
 SYNC_BURST = 10
 FAULTS_REPEAT_NS = 1_000_000_000
 NOTICE, WARNING = 5, 4  # MAV_SEVERITY
-_MOST_TOKEN = 0xFFFFFFFF
+_SOME_RUN = 1  # without a token
 
 _NEVER_IMPAIRED = {dialect.MAVLINK_MSG_ID_XITL_RUN, dialect.MAVLINK_MSG_ID_XITL_FAULTS}
 
@@ -226,7 +226,7 @@ class AgentConnection:
         self._prefix = "" if name == "agent" else f"{name} "
         self._profile = profile
         self._lockstep = profile.clock.mode == "lockstep"
-        self._token = 0 if self._lockstep else 1 + randrange(_MOST_TOKEN)
+        self._token = 0 if self._lockstep else randrange(2, 256)
         self._reached = False
         self._strangers = 0
         self._signing = signing
@@ -309,7 +309,7 @@ class AgentConnection:
     def _has_our_run(self) -> bool:
         """As far as its latest status tells: an agent of an earlier release tells of no token."""
         status = self.inbox.view.status
-        return status is not None and bool(status.running) and status.token in (0, self._token)
+        return status is not None and status.running in (_SOME_RUN, self._token or _SOME_RUN)
 
     def _lost_run(self) -> UserError | None:
         """Why our run is not on there any more; None while it is."""
@@ -500,14 +500,16 @@ class AgentConnection:
         there, back = inbox.accounts.reports(
             self._prefix, self.link.counters, self.impaired[0], inbox.view.status, inbox.timing
         )
-        return there, replace(back, strangers=self._strangers, host_end=self.link.transport.counts())
+        return there, replace(
+            back, refused=(back.refused or 0) + self._strangers, host_end=self.link.transport.counts()
+        )
 
     def warnings(self) -> list[str]:
         """What a person should know of its link."""
         there, back = self.links()
-        told = {f"{self._who} refused": there.strangers, f"the host refused on the link of {self._who}": back.strangers}
+        told = {f"{self._who} refused": there.refused, f"the host refused on the link of {self._who}": back.refused}
         return [
-            f"{who} {count} datagrams, frames or calls of others in the run; see /log for from where"
+            f"{who} {count} frames, datagrams or calls of others; /log says whose"
             for who, count in told.items()
             if count
         ]

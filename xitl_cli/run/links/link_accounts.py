@@ -82,7 +82,6 @@ class LinkAccounts:
             repeated=status.frames_repeated,
             refused=status.frames_refused,
             impaired=impaired,
-            strangers=status.strangers,
         )
 
     def _from_agent(self, prefix: str, counters: LinkCounters, status: Any, latency: Histogram) -> LinkReport:

@@ -80,3 +80,14 @@ def test_what_a_companion_found_goes_with_the_run_that_it_was_of(tmp_path: Path)
         directory.create(tmp_path, overwrite=False)
     directory.create(tmp_path, overwrite=True)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["x" * 300, f"runs/{'x' * 300}/a", "a\0b", "taken/run", "x/" * 3000])
+def test_a_directory_that_cannot_be_is_refused_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(UserError, match=r"choose another --out$") as refusal:
+        directory.create(Path(text), overwrite=False)
+    assert len(str(refusal.value)) < 300
