@@ -9,7 +9,8 @@ What is far from every vessel is left out: `find_near` looks now and then, `comp
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,7 +33,8 @@ _FRICTION_SHARE = 0.2  # of the sliding speed that friction may take in one step
 class Outline:
     """Two demi-hulls for contact: ends_frd_m (4, 3) of their axes, port stern, port bow, starboard stern and bow.
 
-    reach_m: no part of them is farther from the origin in plan.
+    reach_m: no part of them is farther from the origin in plan. spheres_frd_m (S, 3): middles of spheres that fill
+    them, of the same radius.
     """
 
     ends_frd_m: Array
@@ -40,6 +42,7 @@ class Outline:
     keel_frd_m: Array
     mass_kg: float
     reach_m: float
+    spheres_frd_m: Array = field(default_factory=lambda: np.empty((0, 3)))
 
     @classmethod
     def from_spec(cls, model: VesselSpec) -> Outline:
@@ -49,13 +52,20 @@ class Outline:
         ends = np.array([(x * along, y * hull.centreline_m, axis_m) for x, y in sides])
         keel = ends + np.array([0.0, 0.0, hull.radius_m])
         reach = float(np.hypot(along, hull.centreline_m)) + hull.radius_m
-        return cls(ends, hull.radius_m, keel, model.mass_kg, reach)
+        return cls(ends, hull.radius_m, keel, model.mass_kg, reach, spheres_along(ends, hull.radius_m))
 
     def capsules(self, motion: Kinematics) -> Capsules:
         """Two for each of N vessels."""
         ends = (motion.rot_ned_frd @ self.ends_frd_m.T)[:, :2].transpose(0, 2, 1) + motion.pos_ned_m[:, None, :2]
         pairs = ends.reshape(-1, 2, 2)
         return Capsules(pairs[:, 0], pairs[:, 1], np.full(len(pairs), self.radius_m), ("hull",) * len(pairs))
+
+
+def spheres_along(ends_frd_m: Array, radius_m: float) -> Array:
+    """(S, 3) middles along the axes of two hulls, stern and bow of each in `ends_frd_m` (4, 3)."""
+    count = max(math.ceil(float(np.linalg.norm(ends_frd_m[1] - ends_frd_m[0])) / (0.75 * radius_m)), 1) + 1
+    share = np.linspace(0.0, 1.0, count)[:, None]
+    return np.concatenate([ends_frd_m[i] + share * (ends_frd_m[i + 1] - ends_frd_m[i]) for i in (0, 2)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,7 +204,7 @@ def compute_contacts(
     parts = [part for part in parts if len(part)]
     if not parts:
         return NO_CONTACTS, None, push
-    contacts = parts[0] if len(parts) == 1 else _joined(parts)
+    contacts = joined_contacts(parts)
     wrench = wrench_frd(motion, contacts.vessel, contacts.place_ned_m, contacts.force_ned_n)
     return contacts, wrench, push
 
@@ -266,7 +276,10 @@ def _contacts(
     return Contacts(vessel, what, place, force, -np.vecdot(velocity, normal), impulse)
 
 
-def _joined(parts: list[Contacts]) -> Contacts:
+def joined_contacts(parts: list[Contacts]) -> Contacts:
+    """All of them."""
+    if len(parts) == 1:
+        return parts[0]
     return Contacts(
         np.concatenate([part.vessel for part in parts]),
         tuple(name for part in parts for name in part.what),

@@ -150,7 +150,7 @@ class BuildingSpec(Specification):
 
 @dataclass(frozen=True, slots=True)
 class MeshFileSpec(Specification):
-    """A mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB); vessels see it and do not run into it."""
+    """A mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB); seen, and with `contact` run into."""
 
     file: Annotated[str, "relative to the profile"]
     position_ned_m: Annotated[Vector, "of its origin"] = (0.0, 0.0, 0.0)

@@ -14,9 +14,27 @@ import numpy as np
 
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
-from sim_core.world.contact import NO_CONTACTS, NOTHING_NEAR, Contacts, Near, Outline, compute_contacts, find_near
+from sim_core.world.contact import (
+    NO_CONTACTS,
+    NOTHING_NEAR,
+    Contacts,
+    Near,
+    Outline,
+    compute_contacts,
+    find_near,
+    joined_contacts,
+    wrench_frd,
+)  # fmt: skip
 from sim_core.world.debris import DebrisState, Launch, Push, drift, launched, no_debris
 from sim_core.world.debris_contact import held_by, together
+from sim_core.world.mesh_contact import (
+    NO_TRIANGLES,
+    OUT_OF_REACH,
+    Reachable,
+    Triangles,
+    compute_mesh_contacts,
+    find_reachable,
+)  # fmt: skip
 from sim_core.world.plan import Capsules
 from sim_core.world.river import Bed
 
@@ -25,13 +43,14 @@ from sim_core.world.river import Bed
 class Waterway:
     """standing: what stands or lies at anchor; bed: the bottom, None for none; launches: by their instants.
 
-    contact: whether vessels feel any of it. Debris always does.
+    contact: whether vessels feel any of it; debris always feels all but triangles, which are what else stands.
     """
 
     standing: Capsules
     bed: Bed | None = None
     launches: tuple[Launch, ...] = ()
     contact: bool = True
+    triangles: Triangles = NO_TRIANGLES
 
 
 OPEN_WATER = Waterway(Capsules.joined(()), contact=False)
@@ -53,6 +72,7 @@ class Afloat:
     near: Near
     contacts: Contacts = NO_CONTACTS
     wrench_frd: Array | None = None
+    reachable: Reachable = OUT_OF_REACH
 
 
 STILL = Afloat(no_debris(), NOTHING_NEAR)
@@ -72,23 +92,31 @@ def step(
 ) -> Afloat:
     """One step later, with the vessels where they are at its start."""
     time_ns, dt_ns, long_ns = times.time_ns, times.dt_ns, times.long_ns
-    debris, near = afloat.debris, afloat.near
+    debris, near, reachable = afloat.debris, afloat.near, afloat.reachable
     long_step = time_ns % long_ns == 0
     if long_step:
         debris = _launch_due(waterway, debris, time_ns, water)
-        near = find_near(waterway.standing, waterway.bed, outline, motion, debris) if waterway.contact else NOTHING_NEAR
+        near, reachable = NOTHING_NEAR, OUT_OF_REACH
+        if waterway.contact:
+            near = find_near(waterway.standing, waterway.bed, outline, motion, debris)
+            reachable = find_reachable(waterway.triangles, outline, motion)
     contacts, wrench, push = NO_CONTACTS, None, None
     if not near.nothing:
         contacts, wrench, push = compute_contacts(
             waterway.standing, waterway.bed, outline, motion, debris, near, dt_ns * 1e-9
         )
+    if len(reachable):
+        struck = compute_mesh_contacts(waterway.triangles, outline, motion, reachable, dt_ns * 1e-9)
+        if len(struck):
+            contacts = joined_contacts([contacts, struck] if len(contacts) else [struck])
+            wrench = wrench_frd(motion, contacts.vessel, contacts.place_ned_m, contacts.force_ned_n)
     if not debris.bodies:
-        return Afloat(debris, near, contacts, wrench)
+        return Afloat(debris, near, contacts, wrench, reachable)
     if len(near.bodies):
         debris = _carried(waterway, debris, dt_ns, water, push)
     elif long_step:
         debris = _carried(waterway, debris, long_ns, water, None)
-    return Afloat(debris, near, contacts, wrench)
+    return Afloat(debris, near, contacts, wrench, reachable)
 
 
 def launch_body(debris: DebrisState, launch: Launch, water: WaterMotion) -> DebrisState:

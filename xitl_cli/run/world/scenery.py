@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.random import default_rng
 
-from sim_core.world.geometry import BED, Box, Plane, WorldError, box, import_mesh, moved
+from sim_core.world.geometry import BED, Box, Mesh, Plane, WorldError, box, import_mesh, moved
 from sim_core.world.rays import Backend, RayCaster, Scene, ScenePart, make_caster
 from sim_core.world.river import Bed, FlatBed, RiverBed, bank_parts, shoal_part
 from sim_core.world.spec import MeshFileSpec
@@ -71,11 +71,27 @@ class Scenery:
         if self._world.dam is not None:
             parts += dam_parts(self._world.dam)
         parts += self._buildings
-        for number, shoal in enumerate(self._world.shoals):
-            rng = default_rng([shoal.seed, number])
-            parts.append(shoal_part(self.bed, self.water_down_m, shoal, rng))
-        parts += [self._mesh(number, mesh) for number, mesh in enumerate(self._world.meshes)]
-        return Scene(tuple(parts))
+        return Scene((*parts, *self._shoals, *self._meshes))
+
+    @cached_property
+    def felt(self) -> tuple[tuple[str, Mesh], ...]:
+        """What a hull runs into by its triangles, named for the user: all that is neither capsules nor bed."""
+        named = {"trunks": "tree", "crowns": "tree", "rocks": "rock", "shoal": "rock"}
+        parts = (*self._banks, *self._shoals, *self._meshes)
+        return tuple((named.get(part.name, Path(part.name).stem), part.mesh) for part in parts)
+
+    @cached_property
+    def _banks(self) -> list[ScenePart]:
+        return bank_parts(self.bed) if isinstance(self.bed, RiverBed) else []
+
+    @cached_property
+    def _shoals(self) -> list[ScenePart]:
+        shoals = enumerate(self._world.shoals)
+        return [shoal_part(self.bed, self.water_down_m, shoal, default_rng([shoal.seed, n])) for n, shoal in shoals]
+
+    @cached_property
+    def _meshes(self) -> list[ScenePart]:
+        return [self._mesh(number, mesh) for number, mesh in enumerate(self._world.meshes)]
 
     def caster(self, backend: Backend = "embree") -> RayCaster:
         """The same for all who ask. Raises UserError where Embree is not installed: numpy is fifty times too slow."""
@@ -91,7 +107,7 @@ class Scenery:
             down_m = float(self.bed.bed_down_m(np.zeros(2)))
             flat = moved(box((_FLAT_BED_M, _FLAT_BED_M, 1.0), BED), (0.0, 0.0, down_m + 0.5))
             return [ScenePart("bed", flat, (Plane(np.array([0.0, 0.0, 1.0]), down_m, BED),))]
-        return [*(ScenePart("ground", mesh) for mesh in self.bed.meshes()), *bank_parts(self.bed)]
+        return [*(ScenePart("ground", mesh) for mesh in self.bed.meshes()), *self._banks]
 
     def _mesh(self, number: int, spec: MeshFileSpec) -> ScenePart:
         try:

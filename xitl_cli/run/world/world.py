@@ -1,6 +1,6 @@
 """From the profile to the simulated world: the vessel in its environment, what it runs into, and what drifts.
 
-Meshes of a file are seen, not felt; a dam is felt as the box around it.
+A dam is felt as the box around it, boom and buildings as they stand in plan, all else by the triangles that are seen.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from sim_core.geodesy import LocalFrame
 from sim_core.sensors.magnetometer import local_field_ned_gauss
 from sim_core.simulation import Simulation, SimulationState, initial
 from sim_core.world.debris import BodyKind, Launch
+from sim_core.world.mesh_contact import NO_TRIANGLES, Triangles
 from sim_core.world.plan import Capsules, box_capsules
 from sim_core.world.structures import NEAR_SURFACE_M
 from sim_core.world.waterway import OPEN_WATER, Waterway
@@ -65,7 +66,9 @@ def build_waterway(profile: RunProfile, scenery: Scenery) -> Waterway:
         north, east, _ = solid.centre_m.tolist()
         parts.append(box_capsules(name, (north, east), (float(solid.size_m[0]), float(solid.size_m[1])), heading_rad))
     launches = sorted((launch_from(launch) for launch in profile.world.debris.launches), key=lambda each: each.at_ns)
-    return Waterway(Capsules.joined(parts), scenery.bed, tuple(launches), profile.world.contact)
+    contact = profile.world.contact
+    triangles = Triangles.from_meshes(scenery.felt, scenery.water_down_m) if contact else NO_TRIANGLES
+    return Waterway(Capsules.joined(parts), scenery.bed, tuple(launches), contact, triangles)
 
 
 def launch_from(spec: LaunchSpec) -> Launch:

@@ -1,0 +1,203 @@
+"""Contact of hulls with triangles: rocks, trees and meshes of files, by the same triangles that are seen.
+
+A demi-hull is a row of spheres along its axis, and each sphere is pressed by the one triangle that it reaches into
+deepest, away from where it touches it: which side of a triangle is outside makes no difference. The spring, damper
+and friction are those of `contact`, shared by the spheres of a vessel that touch. The middle of a sphere must not get
+through, so a stop takes up to `STOP_SHARE` of the closing speed in a step, more the deeper it is.
+
+Triangles lie in cells of the plan. What a sphere may reach before the next look is found by cells and bounds, so that
+a step costs by what is near and not by what there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import float64
+from numpy.typing import NDArray
+
+from sim_core.frames import Array
+from sim_core.kinematics import Kinematics
+from sim_core.world.contact import NO_CONTACTS, Contacts, Outline, pressed_n, velocity_at
+from sim_core.world.geometry import Mesh
+from sim_core.world.plan import Numbers, nearest_on_axis
+
+CELL_M = 4.0
+REACH_M = 0.25  # farther than a hull gets between two looks, 20 ms: 12 m/s
+ABOUT_WATER_M = 5.0  # farther above or below the water no hull gets
+STOP_FROM, STOP_SHARE = 0.3, 0.4  # share of the radius from which the stop acts; of the closing speed in a step
+_MOST_CELLS = 4096  # of one triangle; a larger one is looked at wherever the vessel is
+_NO_NUMBERS = np.empty(0, np.intp)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triangles:
+    """T triangles in NED that stand still: corners_m (T, 3, 3), what (T,) numbers of `names`, and where.
+
+    low_m, high_m (T, 3): their bounds; least_m, most_m (3,): of all. cells: numbers of triangles by place in the plan;
+    everywhere: those too large for it.
+    """
+
+    corners_m: NDArray[float64]
+    what: Numbers
+    names: tuple[str, ...]
+    low_m: Array
+    high_m: Array
+    least_m: Array
+    most_m: Array
+    cells: dict[tuple[int, int], Numbers]
+    everywhere: Numbers
+
+    @classmethod
+    def from_meshes(cls, meshes: Sequence[tuple[str, Mesh]], water_down_m: float) -> Triangles:
+        """Those of named meshes that a hull in this water can reach."""
+        names = tuple(dict.fromkeys(name for name, _ in meshes))
+        corners = np.concatenate([np.empty((0, 3, 3)), *(mesh.vertices_m[mesh.faces] for _, mesh in meshes)])
+        what = np.repeat([names.index(name) for name, _ in meshes], [len(mesh.faces) for _, mesh in meshes])
+        down = corners[:, :, 2]
+        kept = (down.min(axis=1) < water_down_m + ABOUT_WATER_M) & (down.max(axis=1) > water_down_m - ABOUT_WATER_M)
+        corners, what = corners[kept], what[kept].astype(np.intp)
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        first = np.floor(low[:, :2] / CELL_M).astype(np.intp)
+        counts = np.floor(high[:, :2] / CELL_M).astype(np.intp) - first + 1
+        size = counts.prod(axis=1)
+        large = size > _MOST_CELLS
+        number = np.repeat(np.arange(len(corners)), np.where(large, 0, size))
+        turn = np.arange(len(number)) - np.repeat(np.cumsum(np.where(large, 0, size)) - size * ~large, size * ~large)
+        place = first[number] + np.column_stack([turn // counts[number, 1], turn % counts[number, 1]])
+        order = np.lexsort((place[:, 1], place[:, 0]))
+        number, place = number[order], place[order]
+        edges = np.flatnonzero(np.any(np.diff(place, axis=0) != 0, axis=1)) + 1
+        groups = np.split(number, edges) if len(number) else []
+        keys = place[np.concatenate([[0], edges])].tolist() if len(number) else []
+        cells = {(north, east): group for (north, east), group in zip(keys, groups, strict=True)}
+        least, most = np.min(low, axis=0, initial=np.inf), np.max(high, axis=0, initial=-np.inf)
+        return cls(corners, what, names, low, high, least, most, cells, np.flatnonzero(large))
+
+    def __len__(self) -> int:
+        return len(self.corners_m)
+
+    def within(self, low_m: Array, high_m: Array) -> Numbers:
+        """Those whose bounds meet a box (3,) to (3,)."""
+        (north0, east0), (north1, east1) = (
+            np.floor(edge[:2] / CELL_M).astype(int).tolist() for edge in (low_m, high_m)
+        )
+        places = ((north, east) for north in range(north0, north1 + 1) for east in range(east0, east1 + 1))
+        found = [group for place in places if (group := self.cells.get(place)) is not None]
+        if not found and not len(self.everywhere):
+            return _NO_NUMBERS
+        numbers = np.unique(np.concatenate([self.everywhere, *found]))
+        meets = np.all((self.low_m[numbers] < high_m) & (self.high_m[numbers] > low_m), axis=1)
+        chosen: Numbers = numbers[meets]
+        return chosen
+
+
+NO_TRIANGLES = Triangles.from_meshes((), 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reachable:
+    """Spheres of the hulls, numbered through all vessels, and triangles (P,) each may touch before the next look.
+
+    low_m, high_m (P, 3): bounds of these triangles.
+    """
+
+    sphere: Numbers
+    triangle: Numbers
+    low_m: Array
+    high_m: Array
+
+    def __len__(self) -> int:
+        return len(self.sphere)
+
+
+OUT_OF_REACH = Reachable(_NO_NUMBERS, _NO_NUMBERS, np.empty((0, 3)), np.empty((0, 3)))
+
+
+def find_reachable(triangles: Triangles, outline: Outline, motion: Kinematics) -> Reachable:
+    """For all vessels, within `REACH_M`."""
+    if not len(triangles):
+        return OUT_OF_REACH
+    centres = _centres(outline, motion)
+    reach_m = outline.radius_m + REACH_M
+    found = []
+    low, high = centres.min(axis=1) - reach_m, centres.max(axis=1) + reach_m
+    for vessel in np.flatnonzero(np.all((high > triangles.least_m) & (low < triangles.most_m), axis=1)).tolist():
+        near = triangles.within(low[vessel], high[vessel])
+        if not len(near):
+            continue
+        own = centres[vessel][:, None]
+        meets = (triangles.low_m[near] < own + reach_m) & (triangles.high_m[near] > own - reach_m)
+        sphere, which = np.nonzero(np.all(meets, axis=2))
+        found.append((vessel * len(outline.spheres_frd_m) + sphere, near[which]))
+    if not found:
+        return OUT_OF_REACH
+    sphere, triangle = (np.concatenate(column) for column in zip(*found, strict=True))
+    return Reachable(sphere, triangle, triangles.low_m[triangle], triangles.high_m[triangle])
+
+
+def compute_mesh_contacts(
+    triangles: Triangles, outline: Outline, motion: Kinematics, reachable: Reachable, dt_s: float
+) -> Contacts:
+    """One for each sphere that touches."""
+    spheres, reach = _centres(outline, motion).reshape(-1, 3), outline.radius_m**2
+    centre = spheres[reachable.sphere]
+    # To the bounds of a triangle it is never farther than to the triangle.
+    short = np.maximum(reachable.low_m - centre, 0.0) + np.maximum(centre - reachable.high_m, 0.0)
+    close = np.flatnonzero(np.vecdot(short, short) < reach)
+    if not len(close):
+        return NO_CONTACTS
+    sphere, triangle, centre = reachable.sphere[close], reachable.triangle[close], centre[close]
+    place = nearest_on_triangles(centre, triangles.corners_m[triangle])
+    between = centre - place
+    square = np.vecdot(between, between)
+    touch = np.flatnonzero(square < reach)
+    if not len(touch):
+        return NO_CONTACTS
+    touch = touch[np.lexsort((square[touch], sphere[touch]))]
+    touch = touch[np.unique(sphere[touch], return_index=True)[1]]  # the deepest of each sphere
+    vessel = sphere[touch] // len(outline.spheres_frd_m)
+    distance, place = np.sqrt(square[touch]), place[touch]
+    inward = motion.pos_ned_m[vessel] - place  # for a middle that lies in the triangle itself
+    away = np.where((distance > 1e-9)[:, None], between[touch], inward)
+    normal = away / np.maximum(np.sqrt(np.vecdot(away, away)), 1e-12)[:, None]
+    depth = outline.radius_m - distance
+    velocity = velocity_at(motion, vessel, place)
+    share_kg = outline.mass_kg / np.bincount(vessel)[vessel]
+    force = pressed_n(normal, depth, velocity, share_kg, dt_s)
+    closing = -np.vecdot(velocity, normal)
+    stop = np.clip((depth / outline.radius_m - STOP_FROM) / (1.0 - STOP_FROM), 0.0, 1.0) ** 0.5 * STOP_SHARE
+    lacking = np.maximum(stop * share_kg * closing / dt_s - np.vecdot(force, normal), 0.0)
+    force = force + lacking[:, None] * normal
+    what = tuple(triangles.names[number] for number in triangles.what[triangle[touch]].tolist())
+    return Contacts(vessel, what, place, force, closing, np.sqrt(np.vecdot(force, force)) * dt_s)
+
+
+def nearest_on_triangles(points: Array, corners: Array) -> Array:
+    """(P, 3) places on triangles (P, 3, 3) nearest to (P, 3) points."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    best, _ = nearest_on_axis(points, a, b)
+    least = np.vecdot(points - best, points - best)
+    for start, end in ((b, c), (c, a)):
+        place, _ = nearest_on_axis(points, start, end)
+        square = np.vecdot(points - place, points - place)
+        best = np.where((square < least)[:, None], place, best)
+        least = np.minimum(square, least)
+    # Above the inside the foot on the plane is nearer than any edge: barycentric coordinates, none negative.
+    ab, ac, ap = b - a, c - a, points - a
+    ab2, ac2, both = np.vecdot(ab, ab), np.vecdot(ac, ac), np.vecdot(ab, ac)
+    to_ab, to_ac = np.vecdot(ap, ab), np.vecdot(ap, ac)
+    area = ab2 * ac2 - both * both
+    safe = np.where(area > 0.0, area, 1.0)
+    v, w = (ac2 * to_ab - both * to_ac) / safe, (ab2 * to_ac - both * to_ab) / safe
+    inside = (area > 0.0) & (v >= 0.0) & (w >= 0.0) & (v + w <= 1.0)
+    nearest: Array = np.where(inside[:, None], a + v[:, None] * ab + w[:, None] * ac, best)
+    return nearest
+
+
+def _centres(outline: Outline, motion: Kinematics) -> Array:
+    """(N, S, 3) middles of the spheres."""
+    centres: Array = (motion.rot_ned_frd @ outline.spheres_frd_m.T).transpose(0, 2, 1) + motion.pos_ned_m[:, None]
+    return centres
