@@ -35,14 +35,16 @@ def test_a_setting_is_set_and_answered() -> None:
 def test_nonsense_is_refused_with_the_value_in_force(value: float) -> None:
     refused: list[str] = []
     settings = CompanionParameters(refused.append)
-    (answer,) = settings.handle(ask("AVD_MARGIN", value))
-    assert answer.param_value == settings["AVD_MARGIN"] == 3.0
+    kept, error = settings.handle(ask("AVD_MARGIN", value))
+    assert kept.param_value == settings["AVD_MARGIN"] == 3.0
+    assert isinstance(error, mav.MAVLink_param_error_message)
     assert "out of range; use 0.5 to 30 m" in refused[0]
 
 
 def test_an_unknown_one_is_named() -> None:
     refused: list[str] = []
-    assert CompanionParameters(refused.append).handle(ask("AVD_MARGEN", 1.0)) == []
+    (error,) = CompanionParameters(refused.append).handle(ask("AVD_MARGEN", 1.0))
+    assert (error.get_type(), error.error) == ("PARAM_ERROR", mav.MAV_PARAM_ERROR_DOES_NOT_EXIST)
     assert refused[0].startswith("AVD_MARGEN is no setting of a companion; use one of AVD_ENABLE")
     with pytest.raises(ParameterError):
         checked_parameter("WP_RADIUS", 1.0)

@@ -165,7 +165,7 @@ def test_a_mission_that_is_refused_has_its_reason() -> None:
     line.run(upload := MissionUpload(VEHICLE, [*waypoint_items(PLACES[:1]), nowhere]))
     assert (upload.done, upload.accepted) == (True, False)
     assert upload.result is not None
-    assert result_name(upload.result) == "MAV_MISSION_INVALID"
+    assert result_name(upload.result) == "MAV_MISSION_INVALID_PARAM5_X"
     assert result_name(99) == "99"
 
 
