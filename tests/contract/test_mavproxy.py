@@ -34,6 +34,13 @@ MISSION = """QGC WPL 110
 1\t0\t3\t16\t0\t0\t0\t0\t-8.7999000\t-63.9500000\t0\t1
 2\t0\t3\t178\t1\t2.5\t-1\t0\t0\t0\t0\t1
 3\t0\t3\t16\t0\t0\t0\t0\t-8.7998000\t-63.9499000\t0\t1
+4\t0\t3\t206\t5\t0\t1\t0\t0\t0\t0\t1
+5\t0\t3\t114\t8\t0\t0\t0\t0\t0\t0\t1
+6\t0\t3\t183\t5\t1700\t0\t0\t0\t0\t0\t1
+7\t0\t10\t18\t2\t0\t-12\t0\t-8.7998000\t-63.9498000\t0\t1
+8\t0\t3\t93\t20\t-1\t-1\t-1\t0\t0\t0\t1
+9\t0\t3\t178\t1\t-1\t-1\t0\t0\t0\t0\t1
+10\t0\t3\t20\t0\t0\t0\t0\t0\t0\t0\t1
 """
 
 
@@ -120,9 +127,13 @@ def test_parameters_mission_mode_and_arming(tmp_path: Path) -> None:
         prompt.type("wp load mission.txt")
         prompt.wait("MISSION_ACK: TYPE_MISSION: ACCEPTED")
         prompt.type("wp list")
-        prompt.wait(r"Saved 4 waypoints")
+        prompt.wait(r"Saved 11 waypoints")
         saved = [line.split("\t") for line in (tmp_path / "way.txt").read_text().splitlines()[1:]]
-        assert [line[3] for line in saved] == ["16", "16", "178", "16"]
+        sent = [line.split("\t") for line in MISSION.splitlines()[1:]]
+        assert [line[3] for line in saved] == [line[3] for line in sent]
+        for ours, theirs in zip(saved[1:], sent[1:], strict=True):
+            assert [float(value) for value in ours[4:8]] == [float(value) for value in theirs[4:8]]
+        assert saved[7][2] == "10"
         assert float(saved[1][8]) == pytest.approx(-8.7999, abs=1e-6)
         assert float(saved[2][5]) == 2.5
 
@@ -136,7 +147,7 @@ def test_parameters_mission_mode_and_arming(tmp_path: Path) -> None:
             answer = prompt.wait(r"COMPONENT_ARM_DISARM: \w+")
             if answer.endswith("ACCEPTED"):
                 break
-            prompt.wait("PreArm: ")
+            prompt.wait("Arm: ")
             assert time.monotonic() < until_s
             time.sleep(2.5)  # MAVProxy does not print a text again sooner
         prompt.wait("ARMED")

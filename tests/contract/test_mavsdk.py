@@ -50,6 +50,31 @@ def waypoint(seq: int, x: int, y: int) -> Any:
     return MissionItem(seq, frame, command, int(seq == 1), 1, 0.0, 0.0, 0.0, math.nan, x, y, 0.0, 0)
 
 
+def item(seq: int, frame: int, command: int, parameters: tuple[float, ...], x: int, y: int) -> Any:
+    return MissionItem(seq, frame, command, int(seq == 1), 1, *parameters, x, y, 0.0, 0)
+
+
+def items_of_a_survey(place: tuple[int, int]) -> list[Any]:
+    """Frame, command, parameters and place of items that need devices, wait, turn or jump."""
+    return [
+        (3, 206, (5.0, 0.0, 1.0, 0.0), 0, 0),
+        (3, 16, (0.0, 0.0, 0.0, 0.0), *place),
+        (3, 114, (8.0, 0.0, 0.0, 0.0), 0, 0),
+        (3, 183, (5.0, 1700.0, 0.0, 0.0), 0, 0),
+        (10, 18, (2.0, 0.0, -12.0, 1.0), *place),
+        (3, 201, (3.0, 0.0, 0.0, 0.0), *place),
+        (3, 194, (1.0, 0.0, 0.0, 0.0), 0, 0),
+        (3, 93, (20.0, -1.0, -1.0, -1.0), 0, 0),
+        (3, 178, (1.0, -1.0, -1.0, 0.0), 0, 0),
+        (3, 177, (2.0, 3.0, 0.0, 0.0), 0, 0),
+        (3, 20, (0.0, 0.0, 0.0, 0.0), 0, 0),
+    ]
+
+
+def fields_of(one: Any) -> tuple[Any, ...]:
+    return one.frame, one.command, one.param1, one.param2, one.param3, one.param4, one.x, one.y, one.z
+
+
 def test_connect_see_set_and_fly_a_mission() -> None:
     with boat() as found:
         with_system(found, fly)
@@ -79,6 +104,12 @@ async def fly(system: Any) -> None:
     mission = MissionRawAsync(system)
     here = (round(start.latitude_deg * 1e7), round(start.longitude_deg * 1e7))
     there = [(here[0] + round(north_m * DEG_PER_M * 1e7), here[1]) for north_m in (15.0, 30.0)]
+    home = waypoint(0, *here)
+    rich = [home, *(item(seq, *fields) for seq, fields in enumerate(items_of_a_survey(there[0]), start=1))]
+    await asyncio.wait_for(mission.upload_mission(rich), WAIT_S)
+    back = await asyncio.wait_for(mission.download_mission(), WAIT_S)
+    assert [fields_of(one) for one in back[1:]] == [fields_of(one) for one in rich[1:]]
+
     plan = [waypoint(seq, *place) for seq, place in enumerate([here, *there])]
     await asyncio.wait_for(mission.upload_mission(plan), WAIT_S)
     back = await asyncio.wait_for(mission.download_mission(), WAIT_S)
