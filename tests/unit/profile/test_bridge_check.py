@@ -71,6 +71,11 @@ def sentences(profile: str, *overrides: str) -> list[str]:
         (PX4, "autopilot.bridge.sensor_link=null", "in lockstep PX4 calls at a line of its own"),
         (
             PX4,
+            "driver={kind: script, script: [{at_s: 1, mode: SMART_RTL, arm: true}]}",
+            "driver.script.0.mode = SMART_RTL is none of PX4's; use MANUAL",
+        ),
+        (
+            PX4,
             "autopilot.bridge.sensor_link=tcp://127.0.0.1:4560",
             "mavlink = 'udp://127.0.0.1:0' has no port, and the",
         ),

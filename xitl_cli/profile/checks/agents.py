@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 from agent.companion.settings import checked_parameter
 from agent.fcu.mission import MOST_ITEMS
 from agent.fcu.parameters import ParameterError, checked
+from agent.mavlink.modes import PX4_MODES
 from xitl_cli.errors import UserError
 from xitl_cli.profile.checks.link import made_for_the_run, problem_of_link, problem_of_url
 from xitl_cli.profile.files.entry import KeyPath, shown
@@ -281,6 +282,12 @@ def _ways_in(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> 
 def _px4(profile: Profile, autopilot: AutopilotSpec, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     if autopilot.kind != "px4":
         return
+    for number, step in enumerate(() if profile.driver is None else profile.driver.script):
+        if step.mode is not None and step.mode not in PX4_MODES:
+            yield (
+                ("driver", "script", number, "mode"),
+                f"driver.script.{number}.mode = {step.mode} is none of PX4's; use {', '.join(PX4_MODES)}",
+            )
     if bridge.world is not None:
         yield (
             ("autopilot", "bridge", "world"),

@@ -58,7 +58,11 @@ class ScriptStep(Specification):
     ] = None
     arm: bool | None = None
     mode: Annotated[
-        Literal["MANUAL", "ACRO", "STEERING", "HOLD", "LOITER", "AUTO", "RTL", "GUIDED"] | None, "by name"
+        Literal[
+            "MANUAL", "ACRO", "STEERING", "HOLD", "LOITER", "SIMPLE", "CIRCLE", "AUTO", "RTL", "SMART_RTL", "GUIDED"
+        ]
+        | None,
+        "by name",
     ] = None
     rc_us: Annotated[
         Annotated[tuple[RcPulse | None, ...], Items(1, 18)] | None,
