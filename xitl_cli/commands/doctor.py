@@ -1,20 +1,20 @@
-"""`xitl doctor`: whether this machine, or a board, is fit for hardware in the loop."""
+"""`xitl doctor`: whether this machine is fit for simulating, and it or a board for hardware in the loop."""
 
 from __future__ import annotations
 
-import os
-import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from xitl_cli.commands.agent import Identity, Port, SshConfig
+from xitl_cli.commands.options import Json
 
 if TYPE_CHECKING:
     from agent.board.doctor import DoctorFinding
     from xitl_cli.deploy.ssh import Board
 
 HOST_PYTHON = (3, 11)
+STYLES = {"ok": "", "warning": "yellow", "problem": "bold red"}
 
 
 def doctor(
@@ -24,23 +24,58 @@ def doctor(
     link: Annotated[
         str | None, typer.Option(metavar="URL", help="Link to try as well: its port, device or interface.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Findings as JSON.")] = False,
+    as_json: Json = False,
     port: Port = None,
     identity: Identity = None,
     ssh_config: SshConfig = None,
 ) -> None:
-    """Check this machine or a board: kernel, permissions, clocks, ports, devices. Exit code 1 on a problem."""
-    from agent.board.doctor import examine, exit_code, findings_text, findings_to_json
+    """Check this machine: extras, firmware, ports; it or a board: kernel, permissions, clocks, devices.
 
+    Exit code 1 when something will not work.
+    """
+    from agent.board.doctor import examine, exit_code, findings_to_json
+
+    simulating: list[DoctorFinding] = []
     if destination is None:
-        findings = examine(link, HOST_PYTHON)
+        from xitl_cli.readiness import examine_simulating
+
+        simulating, machine = examine_simulating(), examine(link, HOST_PYTHON)
     else:
         from xitl_cli.deploy.ssh import Board
 
-        findings = _examined_there(Board(destination, port, identity, ssh_config), link)
-    colour = sys.stdout.isatty() and "NO_COLOR" not in os.environ
-    print(findings_to_json(findings) if as_json else findings_text(findings, colour))
-    raise typer.Exit(exit_code(findings))
+        machine = _examined_there(Board(destination, port, identity, ssh_config), link)
+    if as_json:
+        typer.echo(findings_to_json([*simulating, *machine]))
+    else:
+        _show(simulating, machine)
+    raise typer.Exit(exit_code([*simulating, *machine]))
+
+
+def _show(simulating: list[DoctorFinding], machine: list[DoctorFinding]) -> None:
+    """The findings of each part, and last whether it will work."""
+    from xitl_cli.commands.terminal import say, show_facts, terminal
+    from xitl_cli.readiness import verdict, without_optional
+
+    console = terminal()
+    verdicts = []
+    for title, what, findings in (
+        ("Simulating", "simulating on this machine", simulating),
+        ("Agent and hardware in the loop", "agent and hardware in the loop", machine),
+    ):
+        if not findings:
+            continue
+        say(console, title, "bold")
+        show_facts(console, [(finding.check, _text(finding), STYLES[finding.level]) for finding in findings])
+        console.print()
+        level, sentence = verdict(what, findings)
+        verdicts.append((sentence + without_optional(findings), STYLES[level] or "green"))
+    for sentence, style in verdicts:
+        say(console, sentence, f"bold {style}")
+
+
+def _text(finding: DoctorFinding) -> str:
+    level = "" if finding.level == "ok" else f"{finding.level}: "
+    return f"{level}{finding.found}" + (f"\n→ {finding.advice}" if finding.advice else "")
 
 
 def _examined_there(board: Board, link: str | None) -> list[DoctorFinding]:

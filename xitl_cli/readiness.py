@@ -1,0 +1,117 @@
+"""What `xitl doctor` looks at on a machine that simulates: packages, firmware, ports, pseudo-terminals."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterable, Iterator, Sequence
+from urllib.parse import urlsplit
+
+from agent.board.doctor import OK, PROBLEM, WARNING, DoctorFinding
+from xitl_cli.errors import UserError
+from xitl_cli.extras import EXTRAS
+from xitl_cli.firmware.cache import find_firmware, find_px4
+from xitl_cli.profile.schema.profile import USUAL
+
+PACKAGES = ("numpy", "yaml", "mcap", "foxglove", "rich", "typer")
+"""A run does without none of them."""
+
+
+def examine_simulating() -> list[DoctorFinding]:
+    """Of this machine."""
+    return [check_packages(), *check_extras(), *check_firmware(), *check_ports(), check_pseudo_terminals()]
+
+
+def check_packages() -> DoctorFinding:
+    """Whether xitl itself is whole."""
+    from importlib.util import find_spec
+
+    missing = [package for package in PACKAGES if find_spec(package) is None]
+    if missing:
+        return DoctorFinding("packages", PROBLEM, f"not installed: {', '.join(missing)}", "pip install xitl")
+    return DoctorFinding("packages", OK, "all that a run needs")
+
+
+def check_extras() -> Iterator[DoctorFinding]:
+    """None is needed by every run: what is missing is no trouble, and how to have it is said."""
+    for extra in EXTRAS:
+        name, missing = f"extra {extra.name}", extra.missing
+        if missing:
+            yield DoctorFinding(name, OK, f"not installed (only for {extra.what})", extra.pip_line)
+        else:
+            yield DoctorFinding(name, OK, f"installed, for {extra.what}")
+
+
+def check_firmware() -> Iterator[DoctorFinding]:
+    """Programs of other autopilots, which the embedded one does without."""
+    try:
+        yield DoctorFinding("ArduRover", OK, str(find_firmware("rover", "sitl")))
+    except UserError:
+        yield DoctorFinding("ArduRover", OK, "none found (only for profiles with ArduPilot)", "xitl firmware get rover")
+    try:
+        yield DoctorFinding("PX4", OK, str(find_px4()[0]))
+    except UserError:
+        advice = "build one (docs/px4.md), then export XITL_PX4=path/to/px4"
+        yield DoctorFinding("PX4", OK, "none found (only for profiles with PX4)", advice)
+
+
+def check_ports() -> Iterator[DoctorFinding]:
+    """Of a run in real time: where ground stations look for it. A run takes the next free one of those that are not."""
+    sends_to, listens_at = urlsplit(USUAL[0]), USUAL[1]
+    if _free(socket.SOCK_STREAM, listens_at):
+        yield DoctorFinding("ground stations", OK, f"TCP {listens_at} is free")
+    else:
+        yield DoctorFinding(
+            "ground stations",
+            WARNING,
+            f"TCP {listens_at} is taken by another program, perhaps another run",
+            "a run listens at the next free port and says which; or end that program",
+        )
+    listening = not _free(socket.SOCK_DGRAM, sends_to.port or 0)
+    who = "a program, as a ground station does" if listening else "nobody yet"
+    yield DoctorFinding("ground stations", OK, f"{who} listens at UDP {sends_to.port}, where a run sends to")
+
+
+def _free(kind: socket.SocketKind, port: int) -> bool:
+    with socket.socket(socket.AF_INET, kind) as probe:
+        if kind is socket.SOCK_STREAM:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # one that has just ended holds nothing
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
+
+
+def check_pseudo_terminals() -> DoctorFinding:
+    """Serial lines and CAN buses without hardware are made of them."""
+    try:
+        for descriptor in os.openpty():
+            os.close(descriptor)
+    except OSError as error:
+        return DoctorFinding(
+            "pseudo-terminals",
+            WARNING,
+            f"none can be had ({error.strerror}): no serial and CAN loopback",
+            "mount /dev/pts",
+        )
+    return DoctorFinding("pseudo-terminals", OK, "can be had, for serial and CAN loopback")
+
+
+def verdict(what: str, findings: Iterable[DoctorFinding]) -> tuple[str, str]:
+    """(level, sentence): whether it will work."""
+    named: dict[str, list[str]] = {PROBLEM: [], WARNING: []}
+    for finding in findings:
+        if finding.level in named:
+            named[finding.level].append(finding.check)
+    if named[PROBLEM]:
+        return PROBLEM, f"{what}: will not work ({', '.join(named[PROBLEM])})"
+    if named[WARNING]:
+        return WARNING, f"{what}: will work, less well ({', '.join(named[WARNING])})"
+    return OK, f"{what}: ready"
+
+
+def without_optional(findings: Sequence[DoctorFinding]) -> str:
+    """What is not there and not needed by every run, to follow the verdict; empty when all is there."""
+    absent = [finding.check.removeprefix("extra ") for finding in findings if finding.level == OK and finding.advice]
+    return f", without {', '.join(absent)}" if absent else ""
