@@ -51,7 +51,7 @@ def check_firmware() -> Iterator[DoctorFinding]:
     try:
         yield DoctorFinding("PX4", OK, str(find_px4()[0]))
     except UserError:
-        advice = "build one (docs/px4.md), then export XITL_PX4=path/to/px4"
+        advice = "build PX4 with `make px4_sitl_default`, then export XITL_PX4=…/bin/px4"
         yield DoctorFinding("PX4", OK, "none found (only for profiles with PX4)", advice)
 
 

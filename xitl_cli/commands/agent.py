@@ -25,9 +25,9 @@ def package(
     out: Annotated[Path, typer.Option(metavar="FILE", help="Where to write it.")] = Path("xitl-agent.pyz"),
 ) -> None:
     """Make one file of the agent for a board: nothing to install there but Python 3.9 or newer."""
-    from rich.console import Console
     from rich.text import Text
 
+    from xitl_cli.commands.terminal import terminal
     from xitl_cli.deploy.package import build
     from xitl_cli.errors import UserError
 
@@ -37,7 +37,7 @@ def package(
         out.chmod(0o755)
     except OSError as error:
         raise UserError(f"{out}: cannot be written ({error.strerror}); choose another place with --out") from error
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal(soft_wrap=True)
     console.print(Text.assemble((str(out), "cyan"), f"  {len(made.data) / 1024:.0f} KiB"))
     console.print(Text(f"sha256  {made.sha256}", style="dim"))
     console.print(Text(f"in it   {', '.join(made.parts)}", style="dim"))
@@ -64,10 +64,10 @@ def deploy(
     ssh_config: SshConfig = None,
 ) -> None:
     """Bring the agent to a board over ssh, check it there, and start it as a service. A second time changes nothing."""
-    from rich.console import Console
     from rich.text import Text
 
     from agent.board.install import settings_to_json
+    from xitl_cli.commands.terminal import terminal
     from xitl_cli.deploy.package import build
     from xitl_cli.deploy.ssh import Board, run_there, settings
 
@@ -83,7 +83,7 @@ def deploy(
     )
     made = build()
     outcome = run_there(board, made, ["install"], settings_to_json(wanted))
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal(soft_wrap=True)
     console.print(Text.assemble((destination, "cyan"), f"  {outcome['machine']}, Python {outcome['python']}"))
     console.print(Text(f"sha256  {made.sha256}, checked there", style="dim"))
     for path in outcome["changed"]:

@@ -7,10 +7,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
-from rich.table import Table
 
+from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,7 +37,7 @@ def get(
     from xitl_cli.firmware.download import fetch_firmware
     from xitl_cli.firmware.server import BASE
 
-    console = Console(stderr=as_json, highlight=False, soft_wrap=True)
+    console = terminal(stderr=as_json, soft_wrap=True)
     shown = console.is_terminal and not as_json
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
     bar = Progress(*columns, TimeRemainingColumn(), console=console, transient=True)
@@ -81,7 +80,7 @@ def list_firmware(
     from xitl_cli.firmware.download import read_text
     from xitl_cli.firmware.server import BASE, MOVING_VERSIONS, list_releases
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = terminal(soft_wrap=True)
     if available is not None:
         if available not in PROGRAMS:
             raise UserError(f"{available}: no firmware is known for it; use one of {', '.join(PROGRAMS)}")
@@ -98,12 +97,13 @@ def list_firmware(
     if not all_cached:
         console.print(f"{firmware_root()}: no firmware yet; bring some with `xitl firmware get rover`", markup=False)
         return
-    table = Table("vehicle", "version", "board", "is", "bytes", "commit", box=None, header_style="bold")
+    rows = []
     for one in all_cached:
         record = one.record
         size = str(record.size or one.file.stat().st_size)
-        table.add_row(one.vehicle, one.version, one.board, record.version or "put there by hand", size, record.git[:8])
-    console.print(table)
+        version = record.version or "put there by hand"
+        rows.append([one.vehicle, one.version, one.board, version, size, record.git[:8]])
+    show_rows(console, ("vehicle", "version", "board", "is", "bytes", "commit"), rows, text=(0, 1, 2, 3, 5))
 
 
 def path(

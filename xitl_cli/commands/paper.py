@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
+
+from xitl_cli.commands.terminal import say, show_rows, terminal
 
 if TYPE_CHECKING:
     from xitl_cli.experiments.departure import DepartureRun
@@ -37,7 +38,7 @@ def section_4_2(
     """
     from xitl_cli.experiments.departure import EVENTS, InterruptedRunError, measure_departures, table_json
 
-    console = Console(stderr=as_json, highlight=False, soft_wrap=True)
+    console = terminal(stderr=as_json, soft_wrap=True)
     directory = out or Path("runs") / f"paper-4.2-{datetime.now(UTC).strftime('%Y%m%d-%H%M%S')}"
 
     def on_departure(one: DepartureRun) -> None:
@@ -64,22 +65,18 @@ def section_4_2(
 def _show(console: Console, departures: list[DepartureRun]) -> None:
     from xitl_cli.experiments.departure import ENVIRONMENTS, EVENTS, compare_departures
 
-    table = Table(box=None, header_style="bold", title_justify="left", title_style="bold", pad_edge=False)
-    table.title = f"Section 4.2: departure of ArduPilot {departures[0].firmware or '–'}, simulation time from its start"
-    table.add_column("environment")
-    table.add_column("event")
-    for heading in ("own sensors", "our sensors", "difference"):
-        table.add_column(heading, justify="right")
+    rows: list[list[str]] = []
     before = ""
     for row in compare_departures(departures):
         named = ENVIRONMENTS[row.environment] if row.environment != before else ""
-        if named and before:
-            table.add_section()
         before = row.environment
         difference = "–" if row.difference_s is None else f"{row.difference_s:+.1f} s"
-        table.add_row(named, EVENTS[row.event], _seconds(row.own_s), _seconds(row.ours_s), difference)
+        rows.append([named, EVENTS[row.event], _seconds(row.own_s), _seconds(row.ours_s), difference])
     console.print()
-    console.print(table)
+    firmware = departures[0].firmware or "–"
+    say(console, f"Section 4.2: departure of ArduPilot {firmware}, simulation time from its start", "bold")
+    heads = ("environment", "event", "own sensors", "our sensors", "difference")
+    show_rows(console, heads, rows, text=(0, 1))
 
 
 def _seconds(value_s: float | None) -> str:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
+from rich.text import Text
 
+from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
@@ -67,14 +67,11 @@ def show(
         ]
         _print_json({"source": source, "parameters": listed})
         return
-    table = _table("name", "value", "unit", "default", "meaning")
-    for name, row in rows.items():
-        table.add_row(
-            name,
-            format_value(values[name]),
-            *((row.unit, format_value(row.default), row.meaning) if row else ("", "", "")),
-        )
-    Console(highlight=False).print(table)
+    cells = [
+        [name, format_value(values[name]), *((row.unit, format_value(row.default), row.meaning) if row else ("",) * 3)]
+        for name, row in rows.items()
+    ]
+    show_rows(terminal(), ("name", "value", "unit", "default", "meaning"), cells, text=(0, 2, 4))
 
 
 def diff(
@@ -91,12 +88,13 @@ def diff(
     if as_json:
         _print_json({"one": one, "other": other, "differences": [asdict(difference) for difference in found]})
     else:
-        console = Console(highlight=False)
-        table = _table("name", one, other)
-        for difference in found:
-            values = (difference.one, difference.other)
-            table.add_row(difference.name, *("–" if value is None else format_value(value) for value in values))
-        console.print(table if found else "no differences")
+        rows = [
+            [each.name, *("–" if value is None else format_value(value) for value in (each.one, each.other))]
+            for each in found
+        ]
+        show_rows(terminal(), ("name", one, other), rows)
+        if not found:
+            typer.echo("no differences")
     raise typer.Exit(1 if found else 0)
 
 
@@ -138,8 +136,10 @@ def push(
 
     wanted = read_wanted(source)
     script = shipped_script() if with_script else None
-    with Console(stderr=True).status("parameters") as status:
-        done = push_parameters(_vehicle(vehicle), _key(signing_key), wanted, script, reboot, status.update)
+    with terminal(stderr=True).status("parameters") as status:
+        done = push_parameters(
+            _vehicle(vehicle), _key(signing_key), wanted, script, reboot, lambda text: status.update(Text(text))
+        )
     more = {"script": done.script or None, "script_written": done.written, "restarts": done.restarts}
     notes = [f"{done.script} {'written' if done.written else 'is there already'}"] if done.script else []
     notes += ["a restart is due: --reboot, or its power off and on"] if done.restart_due and (reboot or script) else []
@@ -197,19 +197,16 @@ def pull(
     if as_json:
         _print_json({"vehicle": vehicle, "file": str(file), "count": len(found.values)})
     else:
-        Console(highlight=False, soft_wrap=True).print(f"{file}: {len(found.values)} parameters", markup=False)
+        terminal(soft_wrap=True).print(f"{file}: {len(found.values)} parameters", markup=False)
 
 
 def _show_findings(version: str, found: ParameterFindings) -> None:
     from xitl_cli.params.values import format_value
 
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(version, markup=False)
-    if found.differs:
-        table = _table("name", "wanted", "vehicle")
-        for difference in found.differs:
-            table.add_row(difference.name, format_value(difference.wanted), format_value(difference.kept))
-        console.print(table)
+    console = terminal(soft_wrap=True)
+    console.print(version)
+    differs = [[each.name, format_value(each.wanted), format_value(each.kept)] for each in found.differs]
+    show_rows(console, ("name", "wanted", "vehicle"), differs)
     for missing in found.absent:
         console.print(
             f"{missing.name} = {format_value(missing.wanted)}: {missing.sentence(format_value)}", markup=False
@@ -246,7 +243,7 @@ def _report(
             }
         )
     else:
-        console = Console(highlight=False, soft_wrap=True)
+        console = terminal(soft_wrap=True)
         for change in changes:
             before = "" if change.before is None else f"{format_value(change.before)} → "
             if change.reason:
@@ -294,10 +291,3 @@ def _key(path: Path | None) -> bytes | None:
 
 def _print_json(content: dict[str, Any]) -> None:
     typer.echo(json.dumps(content, indent=2, allow_nan=False))
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
-    for column in columns:
-        table.add_column(column, overflow="fold")
-    return table

@@ -19,11 +19,14 @@ LEAST_TEXT = 24
 """A column of text narrower than this is hard to read: the row is told in a paragraph then."""
 
 
-def terminal(stderr: bool = False) -> Console:
-    """What is printed there is taken for what it says: brackets are no markup, `:x:` is no picture."""
+def terminal(stderr: bool = False, soft_wrap: bool = False) -> Console:
+    """What is printed there is taken for what it says: brackets are no markup, `:x:` is no picture.
+
+    soft_wrap: lines are left to the terminal to wrap, so that a path stays one word.
+    """
     from rich.console import Console
 
-    return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    return Console(stderr=stderr, highlight=False, markup=False, emoji=False, soft_wrap=soft_wrap)
 
 
 def say(console: Console, text: str, style: str = "") -> None:
