@@ -1,6 +1,10 @@
 """How fast a DataFlash log of some 100 MB is read, against pymavlink's reader in the same run.
 
-The log is made of the records of recorded ones, as they follow each other, again and again with their time going on.
+Two of them, each of the records of recorded logs, as they follow each other, again and again with their time going on:
+
+simulator   of ArduPilot's simulator, whose clock stands still while it logs: 97 of 100 stamps repeat the row before
+board       of the Linux build with a real scheduler; every stamp is its own, and the low bits of every float are noise
+
 Run by hand: `python -m tests.bench.bench_logs`.
 """
 
@@ -16,13 +20,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from tests.recorded import LOGS
 from xitl_cli.logs.formats.dataflash.file import DataFlashLog
 
-NAMES = ("boat-auto-calm.bin", "boat-auto-gust.bin")
+Kind = Literal["simulator", "board"]
+NAMES: dict[Kind, tuple[str, ...]] = {
+    "simulator": ("boat-auto-calm.bin", "boat-auto-gust.bin"),
+    "board": ("boat-auto-linux-hal-injected.bin",),
+}
 SIZE = 100_000_000
 RUNS = 7
 DENSE, RARE = "IMU", "PM"
@@ -38,37 +47,67 @@ with DataFlashLog(Path(sys.argv[1])) as log:
 
 
 @cache
-def large_log() -> Path:
+def large_log(kind: Kind) -> Path:
     """Made anew in each run of the bench, and gone with it."""
     folder = tempfile.TemporaryDirectory()
     atexit.register(folder.cleanup)
-    path = Path(folder.name) / "large.bin"
-    whole, bodies = [], []
-    for name in NAMES:
-        data = np.fromfile(LOGS / name, np.uint8)
-        whole.append(data)
-        bodies.append(_body(LOGS / name, data))
+    path, rng = Path(folder.name) / f"{kind}.bin", np.random.default_rng(1)
+    bodies = [body_of(LOGS / name) for name in NAMES[kind]]
     with path.open("wb") as file:
-        size = file.write(whole[0].tobytes())
-        at_us = bodies[0][2] + bodies[0][3]
+        size = file.write((LOGS / NAMES[kind][0]).read_bytes())
+        at_us = bodies[0].begin_us + bodies[0].lasts_us
         while size < SIZE:
-            for body, times, begin_us, lasts_us in bodies:
-                shifted = body.copy()
-                stamps = shifted[times[:, None] + np.arange(8)].view("<u8")[:, 0]
-                now = (stamps - np.uint64(begin_us) + np.uint64(at_us)).view(np.uint8).reshape(-1, 8)
-                shifted[times[:, None] + np.arange(8)] = now
-                size += file.write(shifted.tobytes())
-                at_us += lasts_us
+            for body in bodies:
+                records = body.shifted(at_us)
+                if kind == "board":
+                    body.set_apart(records, rng)
+                    body.add_noise(records, rng)
+                size += file.write(records.tobytes())
+                at_us += body.lasts_us
     return path
 
 
-def _body(path: Path, data: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, int]:
-    """Records but those that describe, where their times are, when they begin and how long they last.
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Records but those that describe. times, floats: where their stamps are, and their numbers of single precision."""
 
-    Records are found by pymavlink. Types have the same numbers in both logs: one build wrote them.
-    """
+    records: np.ndarray
+    times: np.ndarray
+    floats: np.ndarray
+    begin_us: int
+    lasts_us: int
+
+    def stamps(self, records: np.ndarray) -> np.ndarray:
+        return records[self.times[:, None] + np.arange(8)].view("<u8")[:, 0].astype(np.int64)
+
+    def stamp(self, records: np.ndarray, stamps_us: np.ndarray) -> None:
+        records[self.times[:, None] + np.arange(8)] = stamps_us.astype("<u8").view(np.uint8).reshape(-1, 8)
+
+    def shifted(self, at_us: int) -> np.ndarray:
+        records = self.records.copy()
+        self.stamp(records, self.stamps(records) - self.begin_us + at_us)
+        return records
+
+    def set_apart(self, records: np.ndarray, rng: np.random.Generator) -> None:
+        """Stamps of rows that were written in one instant, as by a processor that takes its time for each."""
+        stamps_us = self.stamps(records)
+        number = np.arange(len(stamps_us))
+        begins = np.append(True, stamps_us[1:] != stamps_us[:-1])
+        in_a_row = number - np.maximum.accumulate(np.where(begins, number, 0))
+        self.stamp(records, stamps_us + 4 * in_a_row + rng.integers(0, 4, len(stamps_us)))
+
+    def add_noise(self, records: np.ndarray, rng: np.random.Generator) -> None:
+        records[self.floats] = rng.integers(0, 256, len(self.floats), dtype=np.uint8)  # the last 14 of 24 bits
+        records[self.floats + 1] = records[self.floats + 1] & 0xC0 | rng.integers(
+            0, 64, len(self.floats), dtype=np.uint8
+        )
+
+
+def body_of(path: Path) -> Body:
+    """Records are found by pymavlink. Types have the same numbers in logs of one build."""
     from pymavlink import DFReader
 
+    data = np.fromfile(path, np.uint8)
     reader = DFReader.DFReader_binary(str(path), zero_time_base=True)
     begin = {kind: list(starts) for kind, starts in enumerate(reader.offsets) if len(starts)}
     formats = dict(reader.formats)
@@ -76,13 +115,24 @@ def _body(path: Path, data: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, in
     left_out = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "FILE")
     rows = sorted((start, formats[kind]) for kind, starts in begin.items() for start in starts)
     rows = [(start, one) for start, one in rows if one.name not in left_out and start + one.len <= len(data)]
-    body = np.concatenate([data[start : start + one.len] for start, one in rows])
+    records = np.concatenate([data[start : start + one.len] for start, one in rows])
     ends = np.cumsum([one.len for _, one in rows])
-    times = np.array(
-        [end - one.len + 3 for end, (_, one) in zip(ends, rows, strict=True) if one.columns[0] == "TimeUS"]
-    )
-    stamps = body[times[:, None] + np.arange(8)].view("<u8")
-    return body, times, int(stamps.min()), int(np.ptp(stamps)) + 1000
+    starts = [end - one.len for end, (_, one) in zip(ends.tolist(), rows, strict=True)]
+    times = [start + 3 for start, (_, one) in zip(starts, rows, strict=True) if one.columns[0] == "TimeUS"]
+    inside = {one.type: _floats(one.format) for _, one in rows}
+    floats = [start + 3 + at for start, (_, one) in zip(starts, rows, strict=True) for at in inside[one.type]]
+    stamps = records[np.array(times)[:, None] + np.arange(8)].view("<u8")
+    return Body(records, np.array(times), np.array(floats), int(stamps.min()), int(np.ptp(stamps)) + 1000)
+
+
+_SIZES = {"b": 1, "B": 1, "M": 1, "h": 2, "H": 2, "c": 2, "C": 2, "g": 2, "n": 4, "N": 16, "Z": 64, "a": 64}
+_SIZES |= dict.fromkeys("iIfeEL", 4) | dict.fromkeys("qQd", 8)
+
+
+def _floats(letters: str) -> list[int]:
+    """Where the numbers of single precision are in a record."""
+    ends = np.cumsum([_SIZES[letter] for letter in letters]).tolist()
+    return [end - 4 for end, letter in zip(ends, letters, strict=True) if letter == "f"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,15 +146,15 @@ class Theirs:
 
 
 @cache
-def pymavlink() -> Theirs:
+def pymavlink(kind: Kind) -> Theirs:
     """Medians of three, of the long loop one."""
     from pymavlink import DFReader
 
     opens_s, dense_s, rare_s = [], [], []
-    DFReader.DFReader_binary(str(large_log())).close()  # the file is in memory then, for both
+    DFReader.DFReader_binary(str(large_log(kind))).close()  # the file is in memory then, for both
     for _ in range(3):
         started_s = time.perf_counter()
-        reader = DFReader.DFReader_binary(str(large_log()))
+        reader = DFReader.DFReader_binary(str(large_log(kind)))
         opens_s.append(time.perf_counter() - started_s)
         rare_s.append(loop_s(partial(reader.recv_match, type=RARE)))
         reader.rewind()
@@ -135,87 +185,87 @@ def timed(work: Callable[[], object], runs: int) -> list[float]:
     return took_s
 
 
-def all_ratios() -> list[float]:
+def all_ratios(kind: Kind) -> list[float]:
     """Opening and every message, by pymavlink's recv_msg and into scaled columns."""
 
     def work() -> None:
-        with DataFlashLog(large_log()) as log:
+        with DataFlashLog(large_log(kind)) as log:
             log.read()
 
-    theirs = pymavlink()
+    theirs = pymavlink(kind)
     return [(theirs.open_s + theirs.all_s) / took_s for took_s in timed(work, RUNS)]
 
 
-def dense_ratios() -> list[float]:
+def dense_ratios(kind: Kind) -> list[float]:
     """All fields of the IMU of an opened log, by pymavlink's recv_match and into scaled columns."""
-    with DataFlashLog(large_log()) as log:
+    with DataFlashLog(large_log(kind)) as log:
         took_s = timed(lambda: log.tables[DENSE].read(), RUNS)
-    return [pymavlink().dense_s / one for one in took_s]
+    return [pymavlink(kind).dense_s / one for one in took_s]
 
 
-def dense_mbps() -> list[float]:
+def dense_mbps(kind: Kind) -> list[float]:
     """Of the file: opening and all fields of the IMU."""
 
     def work() -> None:
-        with DataFlashLog(large_log()) as log:
+        with DataFlashLog(large_log(kind)) as log:
             log.tables[DENSE].read()
 
-    return [large_log().stat().st_size / 1e6 / took_s for took_s in timed(work, RUNS)]
+    return [large_log(kind).stat().st_size / 1e6 / took_s for took_s in timed(work, RUNS)]
 
 
-def rare_ratios() -> list[float]:
+def rare_ratios(kind: Kind) -> list[float]:
     """Opening and PM alone, where pymavlink's index serves it."""
 
     def work() -> None:
-        with DataFlashLog(large_log()) as log:
+        with DataFlashLog(large_log(kind)) as log:
             log.tables[RARE].read()
 
-    theirs = pymavlink()
+    theirs = pymavlink(kind)
     return [(theirs.open_s + theirs.rare_s) / took_s for took_s in timed(work, RUNS)]
 
 
-def info_s() -> list[float]:
+def info_s(kind: Kind) -> list[float]:
     """Opening, rows by type, the span of time."""
 
     def work() -> None:
-        with DataFlashLog(large_log()) as log:
+        with DataFlashLog(large_log(kind)) as log:
             void({name: len(table) for name, table in log.tables.items()}, log.span_ns)
 
     return timed(work, RUNS)
 
 
-def health_s() -> list[float]:
+def health_s(kind: Kind) -> list[float]:
     """The same, and how whole it is, down to rows that go back in time."""
 
     def work() -> None:
-        with DataFlashLog(large_log()) as log:
+        with DataFlashLog(large_log(kind)) as log:
             void({name: len(table) for name, table in log.tables.items()}, log.span_ns, log.health)
 
     return timed(work, RUNS)
 
 
-def info_command_s() -> list[float]:
+def info_command_s(kind: Kind) -> list[float]:
     """`xitl logs info` as a process of its own."""
-    return timed(lambda: xitl("logs", "info", str(large_log())), RUNS)
+    return timed(lambda: xitl("logs", "info", str(large_log(kind))), RUNS)
 
 
-def analyze_command_s() -> list[float]:
+def analyze_command_s(kind: Kind) -> list[float]:
     """`xitl logs analyze --report` as a process of its own."""
-    page = large_log().with_name("large.html")
-    return timed(lambda: xitl("logs", "analyze", str(large_log()), "--report", str(page)), 3)
+    page = large_log(kind).with_suffix(".html")
+    return timed(lambda: xitl("logs", "analyze", str(large_log(kind)), "--report", str(page)), 3)
 
 
 def xitl(*arguments: str) -> None:
     subprocess.run([sys.executable, "-m", "xitl_cli.main", *arguments], capture_output=True, check=True)
 
 
-def memory_over_file_mib() -> list[float]:
+def memory_over_file_mib(kind: Kind) -> list[float]:
     """Resident at most, of a process that holds every column, less the size of the file."""
     found = []
     for _ in range(3):
-        command = [sys.executable, "-c", _HOLD_ALL, str(large_log())]
+        command = [sys.executable, "-c", _HOLD_ALL, str(large_log(kind))]
         told = subprocess.run(command, capture_output=True, text=True, check=True)
-        found.append((int(told.stdout) - large_log().stat().st_size) / 2**20)
+        found.append((int(told.stdout) - large_log(kind).stat().st_size) / 2**20)
     return found
 
 
@@ -223,8 +273,8 @@ def void(*_: object) -> None:
     """Where results go."""
 
 
-FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
-    ("every message of a 100 MB log, of pymavlink", ">= 40", "x", all_ratios),
+_OF_EACH: list[tuple[str, str, str, Callable[[Kind], list[float]]]] = [
+    ("every message, of pymavlink", ">= 40", "x", all_ratios),
     ("all fields of its IMU, of pymavlink", ">= 60", "x", dense_ratios),
     ("the same with opening, of the file", ">= 350", "MB/s", dense_mbps),
     ("its PM alone with opening, of pymavlink", ">= 1", "x", rare_ratios),
@@ -234,10 +284,17 @@ FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
     ("xitl logs analyze of it, with a report", "< 10", "s", analyze_command_s),
     ("every column held, memory over the file's size", "< 250", "MiB", memory_over_file_mib),
 ]
+_LOGS: dict[Kind, str] = {"simulator": "100 MB of a simulator", "board": "100 MB of a board"}
+FIGURES: list[tuple[str, str, str, Callable[[], list[float]]]] = [
+    (f"{log}: {name}", wanted, unit, partial(measure, kind))
+    for kind, log in _LOGS.items()
+    for name, wanted, unit, measure in _OF_EACH
+]
 
 
 if __name__ == "__main__":
-    print(f"{large_log().stat().st_size / 1e6:.1f} MB; pymavlink: {pymavlink()}")
+    for each in _LOGS:
+        print(f"{each}: {large_log(each).stat().st_size / 1e6:.1f} MB; pymavlink: {pymavlink(each)}")
     for name, wanted, unit, measure in FIGURES:
         values = measure()
-        print(f"{name:50} {wanted:>7} {statistics.median(values):8.3g} {min(values):8.3g} {max(values):8.3g} {unit}")
+        print(f"{name:70} {wanted:>7} {statistics.median(values):8.3g} {min(values):8.3g} {max(values):8.3g} {unit}")
