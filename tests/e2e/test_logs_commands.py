@@ -82,6 +82,24 @@ def test_dump_several_messages_in_the_order_of_the_file(logs: Run) -> None:
     assert {"message": "MSG", "time_s": 42.433853, "fields": {"TimeUS": 42433853, "Message": "Throttle armed"}} in rows
 
 
+def test_messages_that_a_log_has_no_row_of_and_fields_that_one_lacks_are_said(logs: Run) -> None:
+    told = logs("dump", str(CALM), "PM,EV", "--where", "NLon > 0", "--from", "60", "--until", "120")
+    assert told.returncode == 0
+    assert told.stderr.splitlines() == [f"{CALM}: has no row of EV", f"{CALM}: no row of PM matches"]
+    told = logs("dump", str(CALM), "MSG,PM,ev", "--where", "NL > 0 or Message == 'Throttle armed'", "--json")
+    rows = [json.loads(line) for line in told.stdout.splitlines()]
+    assert [row["message"] for row in rows].count("PM") == 9  # one in ten seconds
+    assert [row["fields"]["Message"] for row in rows if row["message"] == "MSG"] == ["Throttle armed"]
+    assert told.stderr.splitlines()[1:] == [
+        "MSG has no NL: no comparison with it holds there",
+        "PM has no Message: no comparison with it holds there",
+    ]
+    assert logs("dump", str(CALM), "EV").returncode == 0
+    assert_one_line_error(logs("plot", str(CALM), "EV"), "has no row of EV")
+    assert_one_line_error(logs("export", str(CALM), "EV"), "has no row of EV")
+    assert_one_line_error(logs("dump", str(CALM), "PM,EVV"), "'EVV'")
+
+
 def test_dump_raw_values_and_nothing(logs: Run) -> None:
     told = logs("dump", str(MISSION_TLOG), "GLOBAL_POSITION_INT", "--raw", "--json", "--limit", "1")
     assert isinstance(json.loads(told.stdout)["fields"]["lat"], int)

@@ -96,7 +96,12 @@ def dump(
     condition = Condition(where) if where.strip() else None
     written = False
     with open_log(file) as log, quiet_pipe():
-        tables = tables_named(log, messages)
+        named = tables_named(log, messages)
+        tables = named.tables
+        for name in named.rowless:
+            typer.echo(f"{log.path}: has no row of {name}", err=True)
+        if not tables:
+            return
         names = tuple(name.strip() for name in fields.split(",") if name.strip())
         span_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
         for name, lacked in (condition.lacked(tables) if condition is not None else {}).items():
@@ -134,10 +139,14 @@ def export(
     from xitl_cli.logs.model.text import parse_optional_seconds
 
     with open_log(file) as log:
-        tables = tables_named(log, messages or list(log.tables))
+        named = tables_named(log, messages or list(log.tables))
+        if not named.tables:
+            raise LogError(f"{file}: has no row of {', '.join(named.rowless)}; `xitl logs info` lists what it has")
         from_ns, until_ns = stamps_between(log, parse_optional_seconds(from_time), parse_optional_seconds(until_time))
-        done = export_log(log, ExportSelection(tuple(tables), from_ns, until_ns, raw), file_format, out, overwrite)
+        done = export_log(log, ExportSelection(named.tables, from_ns, until_ns, raw), file_format, out, overwrite)
         tell_damage(log)
+    for name in named.rowless:
+        typer.echo(f"{file}: has no row of {name}", err=True)
     if as_json:
         typer.echo(json.dumps(done.as_json(), ensure_ascii=False))
         return

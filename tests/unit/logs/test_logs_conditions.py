@@ -133,8 +133,8 @@ def test_rows_come_in_the_order_of_the_file(one: int, other: int, limit: int) ->
 
 def test_names_in_any_case_and_near_ones() -> None:
     log = MadeLog(att(), att("att2"), path="flight.bin")
-    assert [table is log.tables["ATT"] for table in tables_named(log, ["att,ATT"])] == [True]
-    assert len(tables_named(log, ["ATT2", "ATT"])) == 2
+    assert [table is log.tables["ATT"] for table in tables_named(log, ["att,ATT"]).tables] == [True]
+    assert len(tables_named(log, ["ATT2", "ATT"]).tables) == 2
     with pytest.raises(LogError, match=r"flight\.bin: has no message 'AT'; did you mean 'ATT'\?"):
         tables_named(log, ["AT"])
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -111,6 +111,11 @@ class Log(ABC):
     @abstractmethod
     def tables(self) -> Mapping[str, Table]:
         """By name of message or topic, sorted by name; none is empty."""
+
+    @property
+    def rowless(self) -> Collection[str]:
+        """Messages or topics that the log describes, and of which it has no row."""
+        return ()
 
     @property
     @abstractmethod

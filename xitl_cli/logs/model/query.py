@@ -48,12 +48,23 @@ _ARITHMETIC: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
 }
 
 
-def tables_named(log: Log, wanted: Iterable[str]) -> list[Table]:
-    """Tables in the order of the names, each once; "IMU,ATT" are two names. Raises LogError."""
+@dataclass(frozen=True, slots=True)
+class NamedTables:
+    """tables: in the order of the names, each once. rowless: those that the log knows and has no row of."""
+
+    tables: tuple[Table, ...]
+    rowless: tuple[str, ...]
+
+
+def tables_named(log: Log, wanted: Iterable[str]) -> NamedTables:
+    """The tables of messages or topics; "IMU,ATT" are two names. Raises LogError."""
     names = [name.strip() for text in wanted for name in text.split(",") if name.strip()]
     if not len(log):
         raise LogError(f"{log.path}: holds no message that can be read; `xitl logs info` says what is wrong with it")
-    return list({table.name: table for table in map(log.__getitem__, names)}.values())
+    known = {name.casefold(): name for name in log.rowless}
+    without = {name: known[name.casefold()] for name in names if name.casefold() in known}
+    tables = {table.name: table for table in (log[name] for name in names if name not in without)}
+    return NamedTables(tuple(tables.values()), tuple(dict.fromkeys(without.values())))
 
 
 def stamps_between(log: Log, from_s: float | None, until_s: float | None) -> tuple[int | None, int | None]:

@@ -82,6 +82,8 @@ def _of(log: Log, wanted: str, raw: bool) -> list[NamedSignal]:
 
 def _no_message(log: Log, wanted: str) -> LogError:
     typed = re.split(r"[.\[]", wanted, maxsplit=1)[0] if not wanted.startswith("/") else wanted
+    if typed.casefold() in map(str.casefold, log.rowless):
+        return LogError(f"{log.path}: has no row of {typed}; `xitl logs info` lists what it has")
     known = {name.casefold(): name for name in log.tables}
     near = get_close_matches(typed.casefold(), known, n=1)
     advice = f"did you mean {known[near[0]]}? " if near else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
@@ -79,6 +79,11 @@ class DataFlashLog(Log):
                 for name in sorted(parts)
             }
         )
+
+    @property
+    def rowless(self) -> Collection[str]:
+        described = {one.name for versions in self._index.described.versions.values() for one in versions}
+        return described - self.tables.keys()
 
     @cached_property
     def _parts(self) -> list[DefinitionRows]:

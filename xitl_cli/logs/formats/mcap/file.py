@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -81,6 +81,10 @@ class McapLog(Log):
     @property
     def tables(self) -> Mapping[str, Table]:
         return self._tables
+
+    @property
+    def rowless(self) -> Collection[str]:
+        return {channel.topic for channel in self._index.channels.values()} - self._tables.topics.keys()
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
