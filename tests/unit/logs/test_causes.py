@@ -151,3 +151,16 @@ def test_the_page_holds_them_below_their_cause() -> None:
     assert page.count('class="finding ') == 8
     assert page.count("<details class=") == 1
     assert '<details class="follows" open><summary>What follows from it: 2 critical, 4 warnings, 1 notice' in page
+
+
+def test_a_state_of_the_whole_log_explains_nothing_critical() -> None:
+    rows = (
+        finding("gnss.poor", (0.0, 100.0), severity=NOTICE),
+        finding("estimator.refused.velocity", (40.0, 48.0)),
+        finding("control.attitude_lost", (49.0, 52.0), severity=CRITICAL),
+        finding("estimator.position_lost", (70.0, 72.0), severity=CRITICAL),
+    )
+    groups = shape(group_findings(Report((log(*rows),))))
+    assert ("control.attitude_lost", []) in groups
+    assert ("estimator.position_lost", []) in groups
+    assert ("gnss.poor", ["estimator.refused.velocity"]) in groups

@@ -87,7 +87,13 @@ CAUSES = (
          "control", *_EKF, *_ACTED),
         10.0,
     ),
-    CauseRule(("estimator",), (*_EKF, "gnss.glitch", "events.error.11", "control", "arming.refused", *_ACTED), 15.0),
+    CauseRule(("estimator",), (*_EKF, "gnss.glitch", "events.error.11", "arming.refused", *_ACTED), 15.0),
+    CauseRule(
+        ("estimator.position_lost", "estimator.position_step", "estimator.yaw_reset", "estimator.faults",
+         "estimator.lane_switch", "estimator.dcm_fallback"),
+        ("control",),
+        5.0,
+    ),
     CauseRule(
         ("scheduler", "tasks", "events.main_loop_stuck", "events.error.19"),
         ("scheduler", "tasks", "events.main_loop_stuck", "events.error.19", "sensors.missing", "sensors.gap",
@@ -188,39 +194,47 @@ def _cause(each: _Placed, every: Sequence[_Placed]) -> int | None:
     """Place of the earliest finding that this one follows from."""
     if each.found.finding.severity == Severity.OK:
         return None
-    candidates = [
-        place
-        for place, other in enumerate(every)
-        if other is not each
-        and other.found.finding.severity > Severity.OK
-        and (_follows(each, other) or _same(each, other))
-    ]
-    # What lasts is a state, such as a field that changes all the time: an event explains more.
-    return min(
-        candidates, key=lambda place: (every[place].lasts, every[place].begin_s, every[place].rank), default=None
-    )
+    candidates = []
+    for place, other in enumerate(every):
+        if other is each or other.found.finding.severity == Severity.OK:
+            continue
+        span = _explaining(each, other)
+        if span is not None:
+            # What lasts is a state, such as a field that changes all the time: an event explains more.
+            candidates.append((other.lasts, span[0], other.rank, place))
+        elif _same(each, other):
+            candidates.append((False, other.begin_s, other.rank, place))
+    return min(candidates)[-1] if candidates else None
 
 
-def _follows(each: _Placed, cause: _Placed) -> bool:
-    """Whether a rule allows it, the cause came first, and it covers at least half of what this finding is about."""
+def _explaining(each: _Placed, cause: _Placed) -> tuple[float, float] | None:
+    """The span of a cause that this follows from, None where no rule allows it or the cause came later.
+
+    A cause covers at least half of what a finding is about; a state of the whole log explains nothing critical.
+    """
     key, cause_key = each.found.finding.key, cause.found.finding.key
     reach_s = [rule.after_s for rule in CAUSES if is_kind(cause_key, rule.causes) and is_kind(key, rule.consequences)]
     if not reach_s:
-        return False
+        return None
     if max(reach_s) == WHOLE_LOG:
-        return each.found.file is cause.found.file
-    if not each.spans or not cause.spans or not _precedes(cause, each):
-        return False
-    explained = sum(
-        any(begin - _TOGETHER_S <= at <= end + max(reach_s) for begin, end in cause.spans) for at, _ in each.spans
-    )
-    return 2 * explained >= len(each.spans)
+        return (-math.inf, math.inf) if each.file == cause.file else None
+    if not each.spans or (cause.lasts and each.found.finding.severity == Severity.CRITICAL):
+        return None
+    explained = [
+        next((span for span in cause.spans if span[0] - _TOGETHER_S <= at <= span[1] + max(reach_s)), None)
+        for at, _ in each.spans
+    ]
+    known = [span for span in explained if span is not None]
+    if 2 * len(known) < len(each.spans) or not _precedes(cause, known[0][0], each):
+        return None
+    return known[0]
 
 
-def _precedes(cause: _Placed, each: _Placed) -> bool:
-    apart_s = each.begin_s - cause.begin_s
+def _precedes(cause: _Placed, begin_s: float, each: _Placed) -> bool:
+    """Whether a cause that begins at `begin_s` comes first."""
+    apart_s = each.begin_s - begin_s
     if abs(apart_s) <= _TOGETHER_S:
-        return (cause.rank, cause.begin_s, cause.place) < (each.rank, each.begin_s, each.place)
+        return (cause.rank, begin_s, cause.place) < (each.rank, each.begin_s, each.place)
     return apart_s > 0.0
 
 
