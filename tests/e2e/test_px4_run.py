@@ -7,10 +7,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from conftest import Xitl, assert_one_line_error, command, environment, summary
 
 from tests.px4 import px4_program
+from xitl_cli.logs.formats import open_log
 
 pytestmark = [pytest.mark.px4, pytest.mark.realtime]  # before it arms, PX4 is given the time of the wall
 PROFILE = ("--profile", "sitl-px4")
@@ -82,3 +84,29 @@ def test_two_at_once_have_instances_of_their_own(tmp_path: Path) -> None:
     assert 2 not in codes
     for name in ("a", "b"):
         assert summary(tmp_path / name)["autopilot"]["time_to_arm_s"] is not None
+
+
+GUIDED = """
+extends: sitl-px4
+mission: {start: {north_m: 0, east_m: 0, heading_deg: 0}, waypoints_ned_m: []}
+driver:
+  kind: script
+  script:
+    - {at_s: 4, arm: true}
+    - {at_s: 6, mode: GUIDED, goto_ned_m: [25, 10]}
+    - {at_s: 25, mode: HOLD}
+    - {at_s: 27, end: true}
+environment: {current: {speed_mps: 0, deviation_mps: 0}}
+"""
+
+
+def test_it_goes_to_a_place_in_guided(xitl: Xitl, tmp_path: Path) -> None:
+    (tmp_path / "guided.yaml").write_text(GUIDED)
+    words = ("--profile", "guided.yaml", "--firmware", str(px4_program()), "--out", "run")
+    done = xitl("sim", *words, timeout_s=200)
+    assert done.returncode == 0, done.stderr
+    assert summary(tmp_path / "run")["driver"]["completed"]
+    with open_log(tmp_path / "run" / "run.mcap") as log:
+        truth = log.tables["/truth/odometry"]
+        north, east = (truth.values(f"pose.pose.position.{axis}") for axis in "yx")  # ENU
+    assert np.hypot(north - 25.0, east - 10.0).min() < 4.0  # NAV_ACC_RAD is 3 m, its receiver wanders

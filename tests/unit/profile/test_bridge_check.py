@@ -85,6 +85,7 @@ def sentences(profile: str, *overrides: str) -> list[str]:
             "sends to UDP 14550 of this machine; leave it out",
         ),
         (PX4_BOARD, "autopilot.firmware=/bin/sh", "starts a PX4 in software, and this one is on a board"),
+        (PX4, "companion={}", "by ArduPilot's GUIDED, which PX4 does not have; with companion.parameters.AVD_ENABLE=0"),
         (PX4_BOARD, "clock.mode=lockstep", "in lockstep PX4 calls at a line of its own"),
         (PX4, "autopilot.bridge.world=udp://127.0.0.1:9002", "JSON interface, which PX4 does not have"),
         (LINUX, "autopilot.bridge.sensors=vectornav", "is not heard by ArduPilot's Linux builds"),
@@ -104,6 +105,7 @@ def test_what_cannot_be_is_said(profile: str, override: str, sentence: str) -> N
         (LOCKSTEP, "driver={kind: script, script: [{at_s: 1, arm: true}]}"),
         (LOCKSTEP, "autopilot.bridge.mavlink=tcp://localhost:5770"),
         (PX4_BOARD, "autopilot.bridge.sensor_link=null"),
+        (PX4, "companion={parameters: {AVD_ENABLE: 0}}"),
     ],
 )
 def test_what_can_be_is_let_through(profile: str, override: str) -> None:

@@ -430,6 +430,12 @@ def _companion(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             "companion: there is no autopilot for it to hear and to give orders to; "
             "use autopilot.kind = embedded, or leave it out",
         )
+    if profile.autopilot is not None and profile.autopilot.kind == "px4" and companion.parameters.get("AVD_ENABLE", 1):
+        yield (
+            ("companion", "parameters"),
+            "companion: it steers around obstacles by ArduPilot's GUIDED, which PX4 does not have; with "
+            "companion.parameters.AVD_ENABLE=0 it maps and tracks them",
+        )
     yield from _companion_link(profile, companion)
     for name, value in companion.parameters.items():
         try:

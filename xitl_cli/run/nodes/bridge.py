@@ -132,7 +132,7 @@ class AutopilotReport:
     """firmware, vehicle: as it says itself, empty where it never did.
 
     milestones: see there. bridge: counts of XITL_BRIDGE_STATUS by name, empty where none came. program: what was
-    started here, None for one that somebody else started. log: whether its DataFlash log was collected. scheduler: from
+    started here, None for one that somebody else started. log: whether its own log was collected. scheduler: from
     that log; only of one that runs on a real clock (None: not known) it tells of processor time.
     utc_offset_s: its UTC less ours.
     """
