@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from agent.fcu.fence import FenceItem
 from agent.fcu.mission import CHANGE_SPEED, JUMP, MissionError, MissionItem, make_mission
-from agent.fcu.parameters import BY_NAME, ParameterError
+from agent.fcu.parameters import ParameterError
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import ERROR, WARNING
 from agent.files import read_text
@@ -67,7 +67,7 @@ class Storage:
         self._keep(self._contents._replace(parameters={**self._contents.parameters, name: value}))
 
     def keep_all_parameters(self, autopilot: Autopilot) -> None:
-        values = {name: autopilot.parameters[name] for name in autopilot.parameters if not BY_NAME[name].fixed}
+        values = {name: autopilot.parameters[name] for name in autopilot.parameters}
         self._keep(self._contents._replace(parameters=values))
 
     def keep_plan(self, autopilot: Autopilot) -> None:
