@@ -12,11 +12,13 @@ $(VENV)/.run: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import ensurepip, venv' || \
 		{ echo "$(PYTHON) has no venv module. On Debian or Ubuntu: apt install python3-venv" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@echo "installing xitl and what it needs into $(VENV)/, some 340 MB: a minute or so, the first time only"
+	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e .
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.run
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@echo "installing what tests and checks need into $(VENV)/, another 1.2 GB: some minutes, the first time only"
+	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e '.[dev]'
 	@touch $@
 
 run: $(VENV)/.run  ## inspect the log boom in current, waves and gusts

@@ -13,8 +13,23 @@ cd "$work"
 venv/bin/xitl --help > /dev/null
 venv/bin/xitl profiles list > /dev/null
 venv/bin/xitl wdri paper/eq35-full-hitl --json | venv/bin/python -c 'import json, sys; assert round(json.load(sys.stdin)["wdri"], 4) == 0.9306'
-venv/bin/xitl sim --profile sitl --duration 5 --out run > /dev/null && exit 1 || test $? -eq 1
+# A base install: it simulates, and each command that needs more names the extra.
+needs() { # EXTRA COMMAND...: it fails, and says what to type
+    extra=$1
+    shift
+    "$@" > /dev/null 2> told && exit 1
+    grep -qF "pip install 'xitl[$extra]'" told || { cat told; exit 1; }
+}
+venv/bin/xitl sim sitl --duration 5 --out run > /dev/null
 test -s run/run.mcap && test -s run/summary.json
+venv/bin/xitl logs analyze run/run.mcap run/autopilot.bin > /dev/null
+needs report venv/bin/xitl logs analyze run/autopilot.bin --report report.html
+needs report venv/bin/xitl logs plot run/autopilot.bin ATT.Roll --out plot.html
+needs parquet venv/bin/xitl logs export run/autopilot.bin ATT --format parquet --out folder
+needs perception venv/bin/xitl map run/run.mcap
+needs perception venv/bin/xitl sim sitl-perception --duration 1
+test "$(du -sm venv | cut -f 1)" -lt 400
+"$work/venv/bin/python" -m pip --disable-pip-version-check install --quiet -c "$root/constraints.txt" "$(echo "$work"/xitl-*.whl)[report]"
 venv/bin/xitl logs analyze run/run.mcap run/autopilot.bin --report report.html > /dev/null && test -s report.html
 venv/bin/python -c 'import xitl; assert xitl.wdri("sitl").wdri > 0.16; xitl.open_log("run/run.mcap").close()'
 venv/bin/xitl agent package > /dev/null

@@ -28,4 +28,5 @@ class Extra:
 PERCEPTION = Extra("perception", ("embreex", "kiss_icp", "trimesh"), "lidar, sonar, meshes and a companion")
 PANDAS = Extra("pandas", ("pandas",), "tables of logs as data frames")
 PARQUET = Extra("parquet", ("pyarrow",), "export of logs to Parquet")
-EXTRAS = (PERCEPTION, PANDAS, PARQUET)
+REPORT = Extra("report", ("plotly",), "pages of logs with plots and a map")
+EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT)

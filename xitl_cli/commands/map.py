@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,11 +29,14 @@ def map_command(
 
     Writes map.ply (or .pcd), trajectory.tum, truth.tum, online.tum and map.json; earlier ones are replaced.
     """
+    from xitl_cli.extras import PERCEPTION
     from xitl_cli.logs import open_log
     from xitl_cli.mapping.rebuild import measure, written
 
     if kind not in _FORMATS:
         raise UserError(f"--format {kind}: is no format of a map; use ply or pcd")
+    if missing := [package for package in ("kiss_icp", "scipy") if find_spec(package) is None]:
+        raise UserError(f"a map needs {' and '.join(missing)}, which is not installed; {PERCEPTION.pip_line}")
     directory = recording.parent if out is None else out
     with open_log(recording) as log:
         found = measure(log)

@@ -400,13 +400,13 @@ def _plotly() -> str:
     """plotly.js as the installed plotly package brings it; the package itself is not loaded."""
     found = importlib.util.find_spec("plotly")
     if found is None or found.origin is None:
-        raise LogError("a page needs plotly.js, which the plotly package brings; install it with `pip install plotly`")
+        raise LogError("a page needs plotly.js, which is not installed; install it with `pip install 'xitl[report]'`")
     file = Path(found.origin).parent / "package_data" / "plotly.min.js"
     try:
         return file.read_text(encoding="utf-8")
     except OSError as error:
         raise LogError(
-            f"{file}: the plotly package lacks its script; reinstall it with `pip install plotly`"
+            f"{file}: the plotly package lacks its script; reinstall it with `pip install --force-reinstall plotly`"
         ) from error
 
 
