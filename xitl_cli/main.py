@@ -5,9 +5,10 @@ from __future__ import annotations
 import errno
 import io
 import os
+import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
@@ -15,6 +16,7 @@ from xitl_cli.logs.model.errors import LogError
 if TYPE_CHECKING:
     import typer
 
+FRAMED_HELP_WIDTH = 80
 _ABOUT_THE_AGENT = (["package"], ["deploy"])
 
 
@@ -68,16 +70,30 @@ def fail(message: str) -> NoReturn:
 def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     """All commands. A group that is not named among these arguments stays empty: filling it takes its time."""
     import typer
+    import typer.core
 
     from xitl_cli.commands import doctor, init, sim, wdri
     from xitl_cli.commands.map import map_command
     from xitl_cli.commands.options import usual_spelling
 
+    # The frames of rich cut the names of options off in a narrow terminal, plain help wraps what is beside them.
+    markup: Literal["rich"] | None = "rich" if shutil.get_terminal_size().columns >= FRAMED_HELP_WIDTH else None
+
+    class WrappedGroup(typer.core.TyperGroup):
+        """Plain help that tells the whole first sentence of each command."""
+
+        def format_commands(self, ctx: Any, formatter: Any) -> None:
+            rows = [(name, one.get_short_help_str(limit=1000)) for name, one in self.commands.items() if not one.hidden]
+            with formatter.section("Commands"):
+                formatter.write_dl(rows)
+
     app = typer.Typer(
         name="xitl",
+        cls=WrappedGroup,
         help="X-in-the-loop simulation for autonomous boats and other MAVLink vehicles.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
+        rich_markup_mode=markup,
         context_settings={"help_option_names": ["-h", "--help"], "token_normalize_func": usual_spelling},
     )
     app.command("init")(init.init)
@@ -86,7 +102,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     app.command("wdri")(wdri.wdri)
     app.command("map")(map_command)
     for name, (text, fill) in _GROUPS.items():
-        group = typer.Typer(help=text, no_args_is_help=name != "agent")
+        group = typer.Typer(help=text, no_args_is_help=name != "agent", rich_markup_mode=markup, cls=WrappedGroup)
         if arguments is None or name in arguments:
             fill(group)
         app.add_typer(group, name=name)

@@ -19,7 +19,7 @@ STYLES = {"ok": "", "warning": "yellow", "problem": "bold red"}
 
 def doctor(
     destination: Annotated[
-        str | None, typer.Argument(metavar="[USER@HOST]", help="A board, over ssh; this machine if left out.")
+        str | None, typer.Argument(metavar="USER@HOST", help="A board, over ssh; this machine if left out.")
     ] = None,
     link: Annotated[
         str | None, typer.Option(metavar="URL", help="Link to try as well: its port, device or interface.")

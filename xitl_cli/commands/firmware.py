@@ -30,7 +30,9 @@ def get(
     version: Version = "stable",
     board: Board = None,
     url: Url = None,
-    force: Annotated[bool, typer.Option("--force", help="Download it again, from the start.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Download it again, from the start, over what is there.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Download ArduPilot firmware from the project's public server into the cache, where `xitl sim` finds it."""
@@ -49,7 +51,7 @@ def get(
             bar.update(task, completed=done, total=total)
 
     try:
-        fetched = fetch_firmware(vehicle, version, board, url or BASE, force, progress)
+        fetched = fetch_firmware(vehicle, version, board, url or BASE, overwrite, progress)
     finally:
         if shown:
             bar.stop()

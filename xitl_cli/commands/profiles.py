@@ -67,7 +67,7 @@ def check(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[PROFILE...]",
+            metavar="PROFILE...",
             help="Names or paths; all shipped profiles if none.",
             autocompletion=complete_profile,
         ),

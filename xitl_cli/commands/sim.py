@@ -18,7 +18,7 @@ def sim(
     profile: Annotated[
         str | None,
         typer.Argument(
-            metavar="[PROFILE]",
+            metavar="PROFILE",
             help="A shipped profile's name (`xitl profiles list`), or a path to a .yaml file; sitl if left out.",
             autocompletion=complete_profile,
         ),

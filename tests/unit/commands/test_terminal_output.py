@@ -106,3 +106,15 @@ def test_every_command_prints_through_one_place() -> None:
     ]
     assert makers == ["xitl_cli/commands/terminal.py"]
     assert terminal().width > 0
+
+
+@pytest.mark.parametrize("arguments", [(), ("logs",), ("sim",)], ids=" ".join)
+def test_help_cuts_nothing_off_in_a_narrow_terminal(
+    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for width in ("80", "50"):
+        monkeypatch.setenv("COLUMNS", width)
+        text = printed(capsys, *arguments, "--help")
+        assert "…" not in text
+        assert "..." not in text.replace("[ARGS]...", "")
+        assert max(len(line.rstrip()) for line in text.splitlines()) <= int(width)
