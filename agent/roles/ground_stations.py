@@ -20,7 +20,12 @@ from agent.wire.udp import UdpTransport
 
 MOST_CLIENTS = 16
 CHUNK_BYTES = 1024  # of one station in one cycle: some 20 to 80 messages; the rest waits in the system's buffer
+BYTES_A_CYCLE = 4096  # of all stations together, shared evenly: what costs time is theirs, the time is the control's
+FEWEST_BYTES = 128
 DATAGRAMS = 4
+DATAGRAM_BYTES = 2048  # more than any station sends at once
+QUIET_NS = 3_000_000_000  # a station's heart beats once a second
+LOOK_AGAIN_S = 0.5
 BULK = 2  # messages of lists and files that wait for a line with a capacity, beside telemetry
 SILENCE_NS = 1_000_000_000
 STUCK_NS = 10_000_000_000  # a station that takes nothing for so long is dropped
@@ -29,9 +34,10 @@ STUCK_NS = 10_000_000_000  # a station that takes nothing for so long is dropped
 class StationCounters(NamedTuple):
     """Since the start, over all stations, those that have left among them.
 
-    turned_away: connections beyond `MOST_CLIENTS`. dropped: stations that took nothing for ten seconds. unsent: frames
-    that a station did not take. skipped: cycles in which one was too slow to be sent anything. refused: frames without
-    a good signature. unpackable: messages with a field that does not fit the wire.
+    turned_away: none any more, who calls too many waits. dropped: stations that took nothing for ten seconds, or made
+    room for another. unsent: frames that a station did not take. skipped: cycles in which one was too slow to be sent
+    anything. refused: frames without a good signature, and datagrams longer than any of a station. unpackable: messages
+    with a field that does not fit the wire.
     """
 
     connected: int
@@ -52,6 +58,9 @@ class StationCounters(NamedTuple):
 class GroundStations:
     """`udp://host:port` is sent to; at `tcp://host:port` we listen for any number of stations up to `MOST_CLIENTS`.
 
+    When another one calls, one that is idle makes room: that has never sent a good frame, then that has been silent for
+    longest. While all have been heard of late it waits.
+
     Raises a TransportError from the constructor. Afterwards nothing of a station's doing raises or waits.
     """
 
@@ -63,7 +72,7 @@ class GroundStations:
         self._hub: MavlinkHub | None = None
         self._made = 0
         self._turned_away = self._dropped = self._sent = self._unsent = self._skipped = self._refused = 0
-        self._unpackable = 0
+        self._unpackable = self._exhausted = 0
         self._spoke_ns = time.monotonic_ns()
         try:
             for url in urls:
@@ -83,7 +92,7 @@ class GroundStations:
             return
         transport = open_transport(url, listen=False)
         if isinstance(transport, UdpTransport):
-            transport.batch = DATAGRAMS
+            transport.batch, transport.longest = DATAGRAMS, DATAGRAM_BYTES
         self._add(transport, url)
 
     def _add(self, transport: Transport, name: str) -> None:
@@ -114,7 +123,7 @@ class GroundStations:
             self._sent + sum(one.sent for one in counted),
             self._unsent + sum(one.unsent for one in counted),
             self._skipped + sum(client.skipped for client in self._clients),
-            self._refused + sum(client.link.refused_signature for client in self._clients),
+            self._refused + sum(client.refused for client in self._clients),
             self._unpackable + sum(client.unpackable for client in self._clients),
         )
 
@@ -163,17 +172,38 @@ class GroundStations:
         self._listeners.clear()
 
     def _accept(self, listener: TcpListener) -> None:
+        idle = None
+        if len(self._clients) >= MOST_CLIENTS:
+            stations = [one for one in self._clients if isinstance(one.transport, TcpAccepted)]
+            if len(stations) >= MOST_CLIENTS:
+                idle = min(stations, key=lambda one: one.heard_ns)  # 0: has never sent a frame; the oldest comes first
+                if time.monotonic_ns() - idle.heard_ns < QUIET_NS:
+                    listener.pause(LOOK_AGAIN_S)
+                    return
         called = listener.accept()
         if called is None:
+            if listener.exhausted != self._exhausted:
+                self._exhausted = listener.exhausted
+                self._warn("No descriptor left: stations that call wait")
             return
+        if idle is not None:
+            self._warn(f"Station {idle.name} made room: it was idle")
+            self._let_go(idle)
         sock, peer = called
-        if len(self._clients) >= MOST_CLIENTS:
-            self._turned_away += 1
-            sock.close()
-            return
         transport = TcpAccepted(sock, listener.address, peer)
-        transport.chunks, transport.chunk_bytes = 1, CHUNK_BYTES
+        transport.chunks = 1
         self._add(transport, peer)
+        self._share()
+
+    def _share(self) -> None:
+        """How much of each station is read in a cycle."""
+        stations = [one.transport for one in self._clients if isinstance(one.transport, TcpAccepted)]
+        for transport in stations:
+            transport.chunk_bytes = max(min(CHUNK_BYTES, BYTES_A_CYCLE // len(stations)), FEWEST_BYTES)
+
+    def _warn(self, sentence: str) -> None:
+        if self._hub is not None:
+            self._hub.warn(sentence)
 
     def _let_go(self, client: GroundStation) -> None:
         counters = client.link.counters
@@ -181,18 +211,19 @@ class GroundStations:
         self._unsent += counters.unsent
         self._skipped += client.skipped
         self._unpackable += client.unpackable
-        self._refused += client.link.refused_signature
+        self._refused += client.refused
         transport = client.transport
         self._dropped += isinstance(transport, TcpAccepted) and transport.connected
         client.close()
         self._clients.remove(client)
+        self._share()
 
 
 class GroundStation:
     """Serves one station. Nothing here waits, raises for what comes in, or lets a slow station cost more than a try.
 
     skipped: cycles of telemetry not even made because the station did not take the last. unpackable: messages with a
-    value that does not fit the wire.
+    value that does not fit the wire. heard_ns: when its last good frame came, on the monotonic clock, 0 for never.
     """
 
     def __init__(self, link: Link, name: str) -> None:
@@ -200,6 +231,7 @@ class GroundStation:
         self.name = name
         self.skipped = 0
         self.unpackable = 0
+        self.heard_ns = 0
         self._channel: MavlinkChannel | None = None
         self._stuck_ns: int | None = None
         self._said_signature = False
@@ -208,6 +240,12 @@ class GroundStation:
     def transport(self) -> Transport:
         """Carries its bytes."""
         return self.link.transport
+
+    @property
+    def refused(self) -> int:
+        """See StationCounters."""
+        transport = self.transport
+        return self.link.refused_signature + (transport.too_long if isinstance(transport, UdpTransport) else 0)
 
     def attach(self, hub: MavlinkHub) -> None:
         """Serve this vehicle from now on, at the rates the station has asked for."""
@@ -222,7 +260,10 @@ class GroundStation:
         channel = self._channel
         if channel is None:
             return
-        for message in self.link.receive(0.0):
+        messages = self.link.receive(0.0)
+        if messages:
+            self.heard_ns = time.monotonic_ns()
+        for message in messages:
             replies = channel.handle(message, clock())
             if replies:
                 self._send(replies)

@@ -28,7 +28,8 @@ class UdpTransport(Transport):
     any sender are handed up, few at a time, for they may be a flood.
 
     refused: how often the other machine said that nobody listens at the port (ICMP). peer_changes: how often the peer
-    moved after the first. batch: the most datagrams that one `receive` takes.
+    moved after the first. batch: the most datagrams that one `receive` takes. longest: longer ones are dropped, and
+    counted in `too_long`.
     """
 
     name = "udp"
@@ -39,6 +40,8 @@ class UdpTransport(Transport):
         super().__init__(address)
         self.learns_peer = listen
         self.batch = BATCH
+        self.longest = LARGEST
+        self.too_long = 0
         self.refused = 0
         self.peer_changes = 0
         self._socket = sock
@@ -131,6 +134,9 @@ class UdpTransport(Transport):
                 if size:  # an empty one has nothing to refuse
                     self.strangers += 1
                     self.stranger = address_url("udp", source)
+                continue
+            if size > self.longest:
+                self.too_long += 1
                 continue
             chunks.append(bytes(view[:size]))
             sources.append(source)

@@ -21,6 +21,8 @@ _write = os.write
 _sync = os.fsync
 Opener = Callable[[], tuple[Path, int]]
 LAST = "LASTLOG.TXT"
+MOST_LOGS = 100  # ArduPilot keeps up to 500, on a card of its own
+MOST_LOG_BYTES = 4 << 30
 LOG_NAME = re.compile(r"(\d{8,})\.BIN", re.IGNORECASE)
 _FLAGS = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 
@@ -171,10 +173,14 @@ class LogWriter:
 
 
 def numbered_log_opener(directory: Path) -> Opener:
-    """`00000001.BIN` and so on; a number is never used twice as long as LASTLOG.TXT or the newest log is kept."""
+    """`00000001.BIN` and so on; a number is never used twice as long as LASTLOG.TXT or the newest log is kept.
+
+    The oldest logs go when there are `MOST_LOGS` with the new one, or they have more than `MOST_LOG_BYTES`.
+    """
 
     def open_next() -> tuple[Path, int]:
         directory.mkdir(parents=True, exist_ok=True)
+        _remove_oldest(directory)
         number = max(_numbers(directory), default=0) + 1
         while True:
             path = directory / f"{number:08d}.BIN"
@@ -204,12 +210,24 @@ def fixed_log_opener(path: Path) -> Opener:
     return open_it
 
 
+def _remove_oldest(directory: Path) -> None:
+    logs = sorted(path for path in directory.iterdir() if LOG_NAME.fullmatch(path.name))
+    sizes = [path.stat().st_size for path in logs]
+    total = sum(sizes)
+    for number, (path, size) in enumerate(zip(logs, sizes)):
+        if len(logs) - number < MOST_LOGS and total <= MOST_LOG_BYTES:
+            return
+        path.unlink()
+        total -= size
+
+
 def _numbers(directory: Path) -> Iterator[int]:
     for entry in directory.iterdir():
         match = LOG_NAME.fullmatch(entry.name)
         if match:
             yield int(match.group(1))
     try:
-        yield int((directory / LAST).read_bytes()[:16])
+        with (directory / LAST).open("rb") as file:
+            yield int(file.read(16))
     except (OSError, ValueError):
         return

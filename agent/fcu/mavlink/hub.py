@@ -10,6 +10,7 @@ from agent.fcu.dataflash.stored_logs import StoredLogs
 from agent.fcu.gps_time import GpsTime
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
+    ERROR,
     WARNING,
     Actuators,
     BarometerMeasurement,
@@ -23,6 +24,7 @@ from agent.timing.tasks import TaskStats
 _MOST_WAITING = 128
 _SAME_AGAIN_NS = 1_000_000_000
 _TEXTS_KEPT = 32
+TEXTS_AT_ONCE, TEXTS_HZ = 30, 3.0
 _DATED_FIX = 3  # three-dimensional
 
 
@@ -52,6 +54,23 @@ class SettingsStorage(Protocol):
 
     def forget_parameters(self, autopilot: Autopilot) -> None:
         """Back to the defaults what was kept."""
+
+
+class TextLimit:
+    """TEXTS_AT_ONCE, and then TEXTS_HZ: a bucket of tokens that fills again."""
+
+    def __init__(self) -> None:
+        self._tokens = float(TEXTS_AT_ONCE)
+        self._filled_ns = 0
+
+    def allows(self, now_ns: int) -> bool:
+        """Whether one more may go, which then counts."""
+        passed_ns, self._filled_ns = max(now_ns - self._filled_ns, 0), now_ns
+        self._tokens = min(self._tokens + passed_ns * 1e-9 * TEXTS_HZ, float(TEXTS_AT_ONCE))
+        if self._tokens < 1.0:
+            return False
+        self._tokens -= 1.0
+        return True
 
 
 class Outbox:
@@ -86,6 +105,8 @@ class MavlinkHub:
         self.reboot_asked = False
         self._outboxes: list[Outbox] = []
         self._warned_ns: dict[str, int] = {}
+        self._limits = TextLimit(), TextLimit()  # of the others, of errors and worse
+        self._left_out = self._left_out_said_ns = 0
 
     # -- samples
 
@@ -151,12 +172,21 @@ class MavlinkHub:
     def distribute(self, now_ns: int) -> None:
         """Hand the autopilot's events since the last call to every outbox; the same warning at most once a second.
 
-        A station that sends something wrong sends it fifty times a second.
+        A station that sends something wrong sends it fifty times a second, and each time something else. So all are
+        limited in number too, urgent ones by themselves; those left out are counted as lost, and how many is told.
         """
         reached, events = self.autopilot.navigator.drain_reached(), self.autopilot.events.drain()
-        if not reached and not events:
+        if not reached and not events and not self._left_out:
             return
         events = [event for event in events if event.severity != WARNING or self._is_news(event.text, now_ns)]
+        within = [event for event in events if self._limits[event.severity <= ERROR].allows(now_ns)]
+        left_out = len(events) - len(within)
+        self._left_out += left_out
+        self.autopilot.events.lost += left_out
+        events = within
+        if self._left_out and not 0 <= now_ns - self._left_out_said_ns < _SAME_AGAIN_NS:
+            events.append(Event(WARNING, f"{self._left_out} texts left out, too many at once"))
+            self._left_out, self._left_out_said_ns = 0, now_ns
         for outbox in self._outboxes:
             outbox.reached.extend(reached)
             outbox.events.extend(events)

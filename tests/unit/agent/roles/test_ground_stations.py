@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -154,7 +155,96 @@ def test_no_more_than_so_many(world: World) -> None:
     for number in range(MOST_CLIENTS + 3):
         world.call(number + 1)
     assert world.stations.counters.connected == MOST_CLIENTS
-    assert world.stations.counters.turned_away == 3
+    assert world.stations.counters.dropped == 3
+
+
+def port_of(link: Link) -> int:
+    port: int = link.transport._connection.socket.getsockname()[1]  # type: ignore[attr-defined]
+    return port
+
+
+BEAT = mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+
+
+def test_silent_ones_lock_nobody_out_and_the_one_that_speaks_stays(world: World) -> None:
+    speaks = world.call(1)
+    speaks.send(BEAT)
+    world.run(3)
+    silent = [world.call(2 + number) for number in range(MOST_CLIENTS - 1)]
+    newest = world.call(99)
+    assert "made room" in world.until(speaks, of("STATUSTEXT")).text
+    assert world.until(newest, of("HEARTBEAT"))
+    counters = world.stations.counters
+    assert (counters.connected, counters.dropped) == (MOST_CLIENTS, 1)
+    served = {client.name for client in world.stations._clients}
+    assert f"tcp://127.0.0.1:{port_of(silent[0])}" not in served  # the oldest of those that never spoke
+    assert f"tcp://127.0.0.1:{port_of(speaks)}" in served
+
+
+def test_while_all_are_heard_of_late_the_next_waits_and_then_gets_in(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(MOST_CLIENTS):
+        world.call(1 + number).send(BEAT)
+    world.run(3)
+    newest = world.call(99)
+    world.run(3)
+    assert newest.receive(0.01) == []
+    assert world.stations.descriptors() == [one.transport.fileno() for one in world.stations._clients]
+    monkeypatch.setattr(client_module, "QUIET_NS", 0)  # they fall silent
+    world.stations._listeners[0].pause(0.0)
+    assert world.until(newest, of("HEARTBEAT"))
+    assert world.stations.counters.dropped == 1
+
+
+def test_without_a_descriptor_nobody_is_woken_for_those_who_call(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    listens = world.call(1)
+    listener = world.stations._listeners[0]
+    own = listener._socket
+
+    class Exhausted:
+        def accept(self) -> None:
+            raise OSError(errno.EMFILE, "Too many open files")
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(own, name)
+
+    monkeypatch.setattr(listener, "_socket", Exhausted())
+    newest = world.call(2)
+    assert listener.exhausted == 1
+    assert own.fileno() not in world.stations.descriptors()
+    assert "No descriptor left" in world.until(listens, of("STATUSTEXT")).text
+    monkeypatch.setattr(listener, "_socket", own)
+    listener.pause(0.0)
+    assert own.fileno() in world.stations.descriptors()
+    assert world.until(newest, of("HEARTBEAT"))
+
+
+def test_many_share_what_one_cycle_can_bear(world: World) -> None:
+    links = [world.call(1 + number) for number in range(MOST_CLIENTS)]
+    for link in links:
+        assert link.transport.send(b"\xfd" * 4000)
+    read = [client.link.counters.bytes_in for client in world.stations._clients]
+    world.run()
+    taken = [client.link.counters.bytes_in - one for client, one in zip(world.stations._clients, read, strict=True)]
+    assert 0 < sum(taken) <= client_module.BYTES_A_CYCLE
+    assert min(taken) == max(taken)
+
+
+def test_a_datagram_that_no_station_sends_is_dropped_unread_and_counted() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        sock.settimeout(5.0)
+        made = World(f"udp://127.0.0.1:{sock.getsockname()[1]}")
+        made.run()
+        _, peer = sock.recvfrom(2000)
+        sock.sendto(b"\xfd" * 60_000, peer)
+        sock.sendto(b"\xfd" * 1000, peer)
+        time.sleep(0.01)
+        made.run()
+        assert made.stations.counters.refused == 1
+        assert made.stations._clients[0].link.counters.bytes_in == 1000
+    made.stations.close()
 
 
 def test_a_flood_is_taken_in_small_bites(world: World) -> None:

@@ -224,3 +224,18 @@ def test_a_killed_process_costs_the_last_second(tmp_path: Path) -> None:
     assert times == sorted(times)
     # The period is one second; as much again for a machine that has other things to do.
     assert last_us - times[-1] < 2_000_000
+
+
+@pytest.mark.parametrize("bound", [("MOST_LOGS", 5), ("MOST_LOG_BYTES", 4 * 100)])
+def test_the_oldest_logs_make_room_and_their_numbers_are_not_used_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: tuple[str, int]
+) -> None:
+    monkeypatch.setattr(writer_module, *bound)
+    (tmp_path / "notes.txt").write_text("mine")
+    opener = numbered_log_opener(tmp_path)
+    for _ in range(12):
+        _, descriptor = opener()
+        os.write(descriptor, bytes(100))
+        os.close(descriptor)
+    assert sorted(path.name for path in tmp_path.glob("*.BIN")) == [f"{n:08d}.BIN" for n in range(8, 13)]
+    assert (tmp_path / "notes.txt").read_text() == "mine"
