@@ -57,7 +57,7 @@ _CHECK_BITS = {
 _POSITION_CHECKS = ("GPS", "EKF")
 _PREARM_REPEATED_NS = 30_000_000_000
 _PREARM_AGAIN_NS = 4_000_000_000  # when a check that passed does not any more
-_PREARM_EVERY = LOOP_HZ
+_PATH_EVERY = 10  # cycles
 
 
 class Autopilot:
@@ -87,7 +87,7 @@ class Autopilot:
             mode=initial_mode if initial_mode in modes.BY_NUMBER else modes.HOLD, estimate=self.estimator.estimate()
         )
         self.manual = ManualControl(p)
-        self.navigator = Navigator(mission, p, self.events, perform=lambda item: self.commands.perform(item))
+        self.navigator = Navigator(mission, p, self.events, lambda item: self.commands.perform(item), self._utc_s)
         self.servos = ServoOutputs()
         self.gps_time: GpsTime | None = None
         self.controller = ControllerGuard(self._make_controller, p, self.events)
@@ -120,7 +120,7 @@ class Autopilot:
             disarm=self.disarm,
         )
         self.estimates_used = 0
-        self._prearm_cycle = 0
+        self._cycle = 0
         self._prearm_said_ns: int | None = None
         self._prearm_passed = False
         self._parameters_version = p.version
@@ -152,10 +152,12 @@ class Autopilot:
         estimate = state.estimate = self.estimator.estimate()
         if self.navigator.home is None and estimate.position_valid:
             self.navigator.set_home_here(self.estimator.frame, estimate)
-        self._save_place()
         self.failsafes.update(now_ns)
         self.servos.update(now_ns)
-        if not state.armed:
+        self._cycle = (self._cycle + 1) % LOOP_HZ
+        if self._cycle % _PATH_EVERY == 0:
+            self._save_place()
+        if self._cycle == 0 and not state.armed:
             self._repeat_prearm_problems(now_ns)
         if not state.armed or self.failsafes.imu_lost:
             self._restart_control()
@@ -181,7 +183,6 @@ class Autopilot:
                 (north_m, east_m),
                 speed_mps,
                 self.manual.sticks(now_ns),
-                self.utc_s,
             ),
         )
         if asked is None:
@@ -248,9 +249,6 @@ class Autopilot:
 
     def _repeat_prearm_problems(self, now_ns: int) -> None:
         """Every 30 s, and soon after a check has begun to fail, as ArduPilot does."""
-        self._prearm_cycle = (self._prearm_cycle + 1) % _PREARM_EVERY
-        if self._prearm_cycle:
-            return
         if self._prearm_said_ns is None or now_ns < self._prearm_said_ns:
             self._prearm_said_ns = now_ns
         passed = not self.prearm_problems()
@@ -348,10 +346,9 @@ class Autopilot:
         """UTC in microseconds since 1970, as far as a receiver has told the date."""
         return None if self.gps_time is None else self.gps_time.unix_us(self.state.estimate.stamp_ns)
 
-    @property
-    def utc_s(self) -> float | None:
-        """UTC in seconds since 1970."""
-        return None if self.utc_us is None else self.utc_us * 1e-6
+    def _utc_s(self) -> float | None:
+        utc_us = self.utc_us
+        return None if utc_us is None else utc_us * 1e-6
 
 
 def _enabled_checks(problems: Iterable[ArmingProblem], checks: int, needs_position: bool) -> Iterator[str]:

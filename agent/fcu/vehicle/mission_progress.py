@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Callable, NamedTuple, Protocol
+from typing import Callable, NamedTuple, Optional, Protocol
 
 from agent.fcu.control.guidance import (
     CircleTransit,
@@ -62,6 +62,7 @@ _DAY_S = 86_400.0
 
 Say = Callable[[int, str], None]
 Perform = Callable[[MissionItem], str]
+UtcClock = Callable[[], Optional[float]]
 
 
 class StageInput(NamedTuple):
@@ -244,6 +245,11 @@ def _mute(severity: int, text: str) -> None:
     pass
 
 
+def no_date() -> float | None:
+    """Where nobody tells it."""
+    return None
+
+
 def passed_over(item: MissionItem) -> str:
     """What is said of an item that this vessel cannot carry out."""
     command = COMMANDS[item.command]
@@ -256,9 +262,9 @@ class MissionProgress:
     """Guidance along one mission. `current` is the stage under way, 0 when there is none.
 
     The first leg, and the leg after an interruption, starts where the vessel is; every other leg joins two waypoints.
-    `home` is where RETURN_HOME goes, the mission's own item 0 when it is not set; `utc_s` what a DELAY until a time of
-    day goes by. say: hears what is begun. perform: carries an item out that is no stage, and returns what is said of
-    one that it does not, empty when done.
+    `home` is where RETURN_HOME goes, the mission's own item 0 when it is not set. say: hears what is begun. perform:
+    carries an item out that is no stage, and returns what is said of one that it does not, empty when done. utc_s: what
+    a DELAY until a time of day goes by, None without a date.
     """
 
     def __init__(
@@ -267,13 +273,14 @@ class MissionProgress:
         default_speed_mps: float,
         say: Say = _mute,
         perform: Perform = passed_over,
+        utc_s: UtcClock = no_date,
     ) -> None:
         self.mission = mission
         self.default_speed_mps = default_speed_mps
         self.home: Home | None = None
-        self.utc_s: float | None = None
         self._say = say
         self._perform = perform
+        self._utc_s = utc_s
         self.restart()
 
     def restart(self) -> None:
@@ -501,7 +508,7 @@ class MissionProgress:
 
     def _begin_delay(self, item: MissionItem, now: StageInput) -> Stage:
         seconds = item.parameters[0]
-        delay_s = seconds if seconds > 0.0 else until_time_of_day_s(item.parameters[1:], self.utc_s)
+        delay_s = seconds if seconds > 0.0 else until_time_of_day_s(item.parameters[1:], self._utc_s())
         self._say(INFO, f"Delaying {int(delay_s)} sec")
         return DelayStage(now, delay_s)
 

@@ -20,7 +20,7 @@ from agent.fcu.control.manual_control import Sticks
 from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import MissionSequence, make_mission, waypoint
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle.mission_progress import MissionProgress, Perform, passed_over
+from agent.fcu.vehicle.mission_progress import MissionProgress, Perform, UtcClock, no_date, passed_over
 from agent.fcu.vehicle.return_path import ReturnPath
 from agent.fcu.vehicle_state import EventQueue, StateEstimate
 
@@ -123,7 +123,6 @@ class ModeInput(NamedTuple):
     pos_ne_m: tuple[float, float]
     speed_mps: float
     sticks: Sticks
-    utc_s: float | None = None  # where the date is known
 
     def facing(self, astern: bool) -> tuple[float, float]:
         """Heading and speed of the bow, or of the stern."""
@@ -138,11 +137,16 @@ class Navigator:
     output: guidance of the mode in force, None when it has none. asked_mps: speed asked for while the mode lasts.
     astern: legs and circles are sailed stern first. home: where the vessel was armed, or first had a position, unless
     it was set. reached: waypoints nobody has drained yet. simple_heading_rad: what SIMPLE counts headings from.
-    perform: carries out the items of a mission that are not sailed.
+    perform: carries out the items of a mission that are not sailed. utc_s: what they may wait for.
     """
 
     def __init__(
-        self, mission: MissionSequence, parameters: Parameters, events: EventQueue, perform: Perform = passed_over
+        self,
+        mission: MissionSequence,
+        parameters: Parameters,
+        events: EventQueue,
+        perform: Perform = passed_over,
+        utc_s: UtcClock = no_date,
     ) -> None:
         self.guided = GuidedNavigation()
         self.station: StationKeeping | None = None
@@ -160,6 +164,7 @@ class Navigator:
         self.reached: deque[int] = deque(maxlen=_MOST_REACHED)
         self.events = events
         self._perform = perform
+        self._utc_s = utc_s
         self.cruise_mps = parameters["WP_SPEED"]
         self.load_mission(mission)
         self.configure(parameters)
@@ -189,11 +194,11 @@ class Navigator:
 
     def load_mission(self, mission: MissionSequence) -> None:
         """A new mission, from its start."""
-        self.progress = MissionProgress(mission, self.cruise_mps, self.events.add, self._perform)
+        self.progress = MissionProgress(mission, self.cruise_mps, self.events.add, self._perform, self._utc_s)
 
     def follow_mission(self, now: ModeInput) -> GuidanceOutput | None:
         """One step along the mission, None once its last stage is done."""
-        self.progress.home, self.progress.utc_s = self.home, now.utc_s
+        self.progress.home = self.home
         output = self._sail(self.progress, now)
         self.reached.extend(self.progress.drain_reached())
         return output

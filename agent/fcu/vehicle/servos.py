@@ -33,7 +33,7 @@ class ServoOutputs:
         problem = _problem(output, width_us)
         if not problem:
             self._moving, self._width_us, self._moves_left = output, width_us, 2 * max(times, 0)
-            self._half_ns = round(0.5e9 * min(max(period_s, 0.0), 3600.0))
+            self._half_ns = round(0.5e9 * min(period_s, 3600.0)) if period_s > 0.0 else 0
             self._moved_ns = None
         return problem
 

@@ -234,7 +234,8 @@ def test_values(write: Write, text: str, problem: str) -> None:
         (
             "extends: sitl\ndriver:\n  kind: script\n  script: [{at_s: 0, mode: AUT0}]",
             "boat.yaml:4: driver.script.0.mode = 'AUT0' is not one of the choices; did you mean 'AUTO'? "
-            "use MANUAL, ACRO, STEERING, HOLD, LOITER, AUTO, RTL or GUIDED",
+            "use MANUAL, ACRO, STEERING, HOLD, LOITER, SIMPLE, "
+            "CIRCLE, AUTO, RTL, SMART_RTL or GUIDED",
         ),
         (
             "extends: sitl\ndriver:\n  kind: ground-station",

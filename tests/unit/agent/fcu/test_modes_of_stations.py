@@ -81,7 +81,7 @@ def test_smart_rtl_is_refused_without_a_path() -> None:
     assert ship.autopilot.set_mode(modes.SMART_RTL) == "SMART_RTL needs a path home: no position yet"
     ship.sail(12.0)
     ship.autopilot.parameters.set("SRTL_POINTS", 0.0)
-    ship.sail(0.1)
+    ship.sail(0.3)
     assert ship.autopilot.set_mode(modes.SMART_RTL) == "SMART_RTL needs a path home: SRTL_POINTS is 0"
 
 
@@ -152,6 +152,7 @@ def test_a_servo_is_moved_to_and_fro() -> None:
         servos.update(tenth * 100_000_000)
         seen.append(servos.widths_us[4])
     assert [seen[at] for at in (0, 5, 10, 20, 30, 59)] == [1900, 1900, 1500, 1900, 1500, 1500]
+    assert servos.repeat(5, 1900, 1, math.nan) == ""
     assert "not there" in servos.set(17, 1500)
     assert "use 500 to 2500" in servos.set(5, 100)
 

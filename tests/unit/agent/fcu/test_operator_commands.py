@@ -13,19 +13,20 @@ from hypothesis import strategies as st
 from steered_boat import SteeredBoat
 
 from agent.fcu.fence import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, FenceItem
-from agent.fcu.mission import MissionItem, change_speed, item_problem, jump, make_mission, waypoint
+from agent.fcu.mission import COMMANDS, MissionItem, change_speed, item_problem, jump, make_mission, waypoint
 from agent.fcu.parameters import REAL32, TABLE
 from agent.fcu.vehicle import modes
 
 ANY = st.floats() | st.sampled_from([0.0, 1.0, -1.0, 3.0, LAT_DEG, LON_DEG])
 NEAR = st.floats(-100.0, 100.0)
+SMALL = [-1.0, 0.0, 1.0, 2.0, 5.0]
 WHOLE = st.integers(-(2**31), 2**31) | st.integers(-2, 20)
 STICK = st.none() | st.integers(-1001, 1001)
 PLACE = st.tuples(NEAR, NEAR).map(lambda place: degrees(*place))
 ITEMS = st.lists(
     st.one_of(
         PLACE.map(lambda place: waypoint(*place, hold_s=0.1)),
-        st.builds(MissionItem, st.sampled_from([17, 19, 20])),
+        st.builds(MissionItem, st.sampled_from(sorted(COMMANDS)), parameters=st.tuples(*[st.sampled_from(SMALL)] * 4)),
         st.builds(jump, st.integers(1, 3), st.integers(-1, 2)),
         st.builds(change_speed, st.floats(0.1, 3.0)),
     ),
@@ -51,6 +52,13 @@ ORDERS = st.one_of(
     st.tuples(st.just("change_speed"), ANY),
     st.tuples(st.just("set_current"), WHOLE),
     st.tuples(st.just("start_mission")),
+    st.tuples(st.just("jump_to_tag"), WHOLE),
+    st.tuples(st.just("set_reverse"), st.booleans()),
+    st.tuples(st.just("set_servo"), WHOLE, WHOLE),
+    st.tuples(st.just("repeat_servo"), WHOLE, WHOLE, WHOLE, ANY),
+    st.tuples(st.just("aux_function"), st.sampled_from([4, 11, 16, 24, 42, 54, 58, 59, 72, 81, 153, 999]), WHOLE),
+    st.tuples(st.just("set_heading_and_thrust"), ANY, ANY),
+    st.tuples(st.just("set_origin"), ANY, ANY, ANY),
     st.tuples(st.just("set_home"), ANY, ANY, ANY),
     st.tuples(st.just("set_home_here")),
     st.tuples(st.just("enable_fence"), st.booleans()),
@@ -76,7 +84,8 @@ def give(ship: SteeredBoat, name: str, values: tuple[Any, ...]) -> None:
     autopilot = ship.autopilot
     if name == "mission":
         items = [item for item in values[0] if not item_problem(item)]
-        autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *items]))
+        if all(item.command != 177 or 1 <= item.parameters[0] <= len(items) for item in items):
+            autopilot.commands.set_mission(make_mission([waypoint(LAT_DEG, LON_DEG), *items]))
     elif name == "parameter":
         row, part = values
         value = row.low + part * (row.high - row.low)
