@@ -74,7 +74,7 @@ def test_a_parameter_that_it_does_not_have_ends_the_run(xitl: Xitl) -> None:
 
 
 def test_two_at_once_have_instances_of_their_own(tmp_path: Path) -> None:
-    words = ["sim", *PROFILE, "--firmware", str(px4_program()), "--duration", "3", "--json", "--out"]
+    words = ["sim", *PROFILE, "--firmware", str(px4_program()), "--duration", "8", "--json", "--out"]
     runs = [
         subprocess.Popen(command(*words, name), cwd=tmp_path, env=environment(), stdout=subprocess.DEVNULL)
         for name in ("a", "b")

@@ -54,14 +54,19 @@ def live_parameters(profile: RunProfile) -> dict[str, float]:
     """
     if profile.autopilot.kind == "px4":
         files = parameter_file_values(profile.autopilot.parameter_files)
-        return files | _implied_of_px4(profile) | dict(profile.autopilot.parameters)
+        mission = {"RO_SPEED_LIM": profile.mission.speed_mps, "NAV_ACC_RAD": profile.mission.acceptance_radius_m}
+        return files | mission | dict(profile.autopilot.parameters)
     antenna = profile.autopilot.bridge.sensors is not None
     return _implied_parameters(profile, antenna) | dict(profile.autopilot.parameters)
 
 
 def start_parameters(profile: RunProfile) -> dict[str, float]:
-    """Of an autopilot that is started here: its files, then as if it ran. Raises UserError."""
-    return parameter_file_values(profile.autopilot.parameter_files) | live_parameters(profile)
+    """Of an autopilot that is started here: its files, then as if it ran. Raises UserError.
+
+    A PX4 is told of our sensors at its start alone: most of that is in force after a restart.
+    """
+    sensors = _sensors_of_px4(profile) if profile.autopilot.kind == "px4" else {}
+    return sensors | parameter_file_values(profile.autopilot.parameter_files) | live_parameters(profile)
 
 
 def parameter_file_values(names: Iterable[str], embedded: bool = False) -> dict[str, float]:
@@ -92,14 +97,13 @@ def _implied_parameters(profile: RunProfile, antenna: bool) -> dict[str, float]:
     return values
 
 
-def _implied_of_px4(profile: RunProfile) -> dict[str, float]:
-    values = {"RO_SPEED_LIM": profile.mission.speed_mps, "NAV_ACC_RAD": profile.mission.acceptance_radius_m}
-    if profile.sensors is not None:
-        gnss = profile.sensors.gnss
-        values["EKF2_GPS_DELAY"] = 1e3 * gnss.latency_s
-        values |= _position("EKF2_IMU_POS", profile.sensors.imu.position_frd_m)
-        values |= _position("EKF2_GPS_POS", gnss.antenna_frd_m)
-    return values
+def _sensors_of_px4(profile: RunProfile) -> dict[str, float]:
+    if profile.sensors is None:
+        return {}
+    gnss = profile.sensors.gnss
+    values = {"EKF2_GPS_DELAY": 1e3 * gnss.latency_s}
+    values |= _position("EKF2_IMU_POS", profile.sensors.imu.position_frd_m)
+    return values | _position("EKF2_GPS_POS", gnss.antenna_frd_m)
 
 
 def _position(name: str, position_frd_m: tuple[float, float, float]) -> dict[str, float]:
