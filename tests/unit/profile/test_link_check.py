@@ -126,7 +126,7 @@ def test_a_bus_with_both_agents_carries_the_traffic_of_both(write: Write) -> Non
     assert problem_of(write, bus, "board", own) == ""
     shared = f"  standby: {{runs: board, link: '{bus}&peer=3'}}\n"
     sentence = problem_of(write, bus, "board", shared)
-    assert "wanted are 39596 bytes/s for 2 agents (imu 400 Hz × 48 = 19200, " in sentence
+    assert "wanted are 39580 bytes/s for 2 agents (imu 400 Hz × 48 = 19200, " in sentence
     assert "use bitrate=1000000&fd=true&data_bitrate=2000000" in sentence
     lower = re.search(r"lower sensors\.imu\.rate_hz to ([0-9.]+)", sentence)
     assert lower is not None
@@ -160,7 +160,7 @@ def test_a_bus_that_is_too_slow_counts_both_ways(write: Write) -> None:
     assert sentence.startswith(
         "autopilot.link = 'can://slcan/pty?bitrate=250000' carries 11409 bytes/s of such frames both"
     )
-    assert "wanted are 19798 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
+    assert "wanted are 19790 bytes/s (imu 200 Hz × 48 = 9600, " in sentence
     assert "actuators 50 Hz × 74 = 3700" in sentence
 
 
