@@ -7,6 +7,7 @@ import io
 import os
 import shutil
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
@@ -28,6 +29,8 @@ def main() -> NoReturn:
         from agent.__main__ import main as agent_main  # without the command-line library: boards are small
 
         sys.exit(agent_main(sys.argv[2:], program="xitl agent"))
+    if not sys.warnoptions:  # advice on programs, such as numpy's on numbers that a damaged log holds
+        warnings.simplefilter("ignore")
     if isinstance(sys.stdout, io.TextIOWrapper):  # names of files and texts of logs may hold what it cannot say
         sys.stdout.reconfigure(errors="backslashreplace")
     try:

@@ -6,7 +6,7 @@ import csv
 import json
 import os
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -145,6 +145,38 @@ def test_what_cannot_be_done_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
+def record(path: Path, stamps_ns: Sequence[int], compression: str = "lz4") -> None:
+    """A recording of a vessel that goes straight on."""
+    file = McapFile(path, compression)
+    topics = TopicWriter(file)
+    for step, stamp_ns in enumerate(stamps_ns):
+        motion = (0.1 * step, 0.05 * step, 0.0), (5.0, 2.5, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+        topics.write("/truth/state", stamp_ns, *motion, (0.0, 0.0, 0.0), (0.0, 0.0))
+    file.close()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("plot", "wild.mcap", "/truth/state.position_ned_m"),
+        ("analyze", "wild.mcap", "--section", "overview"),
+        ("compare", "wild.mcap", "wild.mcap", "--of-a", "truth", "--of-b", "truth"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_a_stamp_that_no_clock_shows_ends_no_command(logs: Run, tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    """Nor does it bring a warning of numpy's, which is an error here."""
+    stamps_ns = [step * 20_000_000 for step in range(400)]
+    record(tmp_path / "wild.mcap", stamps_ns, "none")
+    data = (tmp_path / "wild.mcap").read_bytes()
+    wild = data.replace(stamps_ns[-1].to_bytes(8, "little"), (2**63 - 5).to_bytes(8, "little"))
+    assert wild != data
+    (tmp_path / "wild.mcap").write_bytes(wild)
+    told = logs(*arguments)
+    assert "failed" not in told.stdout + told.stderr
+    assert told.returncode == 0, told.stderr
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -160,12 +192,7 @@ def test_what_cannot_be_done_is_one_sentence(
 def test_every_command_names_the_repair_of_what_was_never_closed(
     logs: Run, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
-    file = McapFile(tmp_path / "run.mcap")
-    topics = TopicWriter(file)
-    for step in range(400):
-        motion = (0.1 * step, 0.05 * step, 0.0), (5.0, 2.5, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
-        topics.write("/truth/state", step * 20_000_000, *motion, (0.0, 0.0, 0.0), (0.0, 0.0))
-    file.close()
+    record(tmp_path / "run.mcap", [step * 20_000_000 for step in range(400)])
     (tmp_path / "cut.mcap").write_bytes((tmp_path / "run.mcap").read_bytes()[:-30])
     told = logs(*arguments)
     assert told.returncode == 0, told.stderr

@@ -23,7 +23,7 @@ from xitl_cli.logs.clocks.fit import ClockRelation, clock_relations
 from xitl_cli.logs.clocks.readings import HOST, SIMULATION, UTC
 from xitl_cli.logs.clocks.time_line import LogPlacement, placement_from
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Stamps
+from xitl_cli.logs.model.table import Stamps, whole_ns
 from xitl_cli.logs.signals.states import LOCKSTEP, first_text
 
 BOOT, AGENT = "the autopilot's clock", "the agent's clock"
@@ -361,7 +361,7 @@ def _correlated(log: Log, name: str, match: SignalMatch) -> LogPlacement:
     about_ns, offset_ns, drift, error_s = offset_line(match, log.span_ns)
 
     def to_reference(stamp_ns: Stamps) -> Stamps:
-        return stamp_ns + offset_ns + np.round(drift * (stamp_ns - about_ns).astype(np.float64)).astype(np.int64)
+        return stamp_ns + offset_ns + whole_ns(drift * (stamp_ns - about_ns).astype(np.float64))
 
     parts = f" and in each of {len(match.parts)} parts of it" if len(match.parts) > 1 else ""
     return placement_from(

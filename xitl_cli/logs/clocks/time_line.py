@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from xitl_cli.logs.model.log import Base, Log, LogHealth
-from xitl_cli.logs.model.table import Floats, Stamps, Table
+from xitl_cli.logs.model.table import Floats, Stamps, Table, whole_ns
 from xitl_cli.logs.model.text import clock_text
 from xitl_cli.logs.signals.spans import inside
 from xitl_cli.logs.signals.states import armed
@@ -59,7 +59,7 @@ class LogPlacement:
         which = np.maximum(np.searchsorted(begins, stamps, side="right") - 1, 0)
         offset = np.array([stretch.offset_ns for stretch in self.stretches], dtype=np.int64)[which]
         rate = np.array([stretch.drift_ppm for stretch in self.stretches])[which] * 1e-6
-        grown = np.round(rate * (stamps - begins[which]).astype(np.float64)).astype(np.int64)
+        grown = whole_ns(rate * (stamps - begins[which]).astype(np.float64))
         return stamps + offset + grown
 
 

@@ -24,6 +24,7 @@ Stamps = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Rows = slice | NDArray[np.intp] | NDArray[np.bool_]
 ALL = slice(None)
+_FARTHEST_NS = 2.0**62
 
 Kind = Literal["number", "text", "bytes"]
 
@@ -152,6 +153,11 @@ def by_instance(table: Table) -> dict[int, Table]:
         return {0: table}
     numbers = table.values(table.instance, raw=True)
     return {int(number): Selection(table, numbers == number) for number in np.unique(numbers)}
+
+
+def whole_ns(ns: Floats) -> Stamps:
+    """Nanoseconds as whole numbers; those that no stamp can hold, which damage makes, as the farthest that one can."""
+    return np.clip(np.rint(np.nan_to_num(ns)), -_FARTHEST_NS, _FARTHEST_NS).astype(np.int64)
 
 
 def steps_back(stamp_ns: NDArray[np.int64]) -> int:

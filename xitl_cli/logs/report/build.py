@@ -19,7 +19,7 @@ from xitl_cli.logs.clocks.time_line import AlignedLog, TimeLine
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Mark, Plot, Section, Trace
-from xitl_cli.logs.model.table import Floats, Stamps
+from xitl_cli.logs.model.table import Floats, Stamps, whole_ns
 from xitl_cli.logs.model.text import resolve_name
 from xitl_cli.logs.report.model import FileReport, MapTrack, MapWaypoint, Overview, RefusedFile, Report
 from xitl_cli.logs.report.plots import thin
@@ -119,7 +119,7 @@ def _outputs(sources: Sequence[ReportLog]) -> list[Plot]:
 
 
 def _trace(source: ReportLog, name: str, found: Series, style: Style = "line") -> Trace:
-    at_ns = np.rint(source.time_line.seconds(found.stamp_ns) * 1e9).astype(np.int64)
+    at_ns = whole_ns(source.time_line.seconds(found.stamp_ns) * 1e9)
     values = found.values
     if found.turns:
         at_ns, values = _broken_turns(at_ns, values)

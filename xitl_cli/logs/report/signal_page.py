@@ -16,7 +16,7 @@ from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.sections import Plot, Section, Trace
-from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, column_named
+from xitl_cli.logs.model.table import Floats, Stamps, Table, by_instance, column_named, whole_ns
 from xitl_cli.logs.report.build import ReportLog, open_all, short_names, state_marks, time_lines
 from xitl_cli.logs.report.model import Overview, RefusedFile
 from xitl_cli.logs.report.page import FileCard, Page, PagePart, page_marks
@@ -186,7 +186,7 @@ def _trace(source: ReportLog, signal: NamedSignal, from_s: float | None, until_s
         inside &= at_s >= from_s
     if until_s is not None:
         inside &= at_s <= until_s
-    at_ns = np.rint(at_s[inside] * 1e9).astype(np.int64)
+    at_ns = whole_ns(at_s[inside] * 1e9)
     return thin(Trace(source.named(signal.name), at_ns, signal.values[inside]), over_time=True)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from xitl_cli.logs.model.log import Log
-from xitl_cli.logs.model.table import Floats, Stamps, Table, first_of
+from xitl_cli.logs.model.table import Floats, Stamps, Table, first_of, whole_ns
 from xitl_cli.logs.signals.states import LOCKSTEP, first_text
 
 SITL_BOARD = 3  # VER.BT
@@ -182,7 +182,7 @@ class MissedDeadlines:
 
     @property
     def end_ns(self) -> Stamps:
-        after: Stamps = self.due_ns + np.round((self.late_s + self.run_s) * 1e9).astype(np.int64)
+        after: Stamps = self.due_ns + whole_ns((self.late_s + self.run_s) * 1e9)
         return after
 
 
