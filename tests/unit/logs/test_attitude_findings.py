@@ -150,3 +150,11 @@ def test_contacts_of_a_recording_are_told() -> None:
 def test_real_boats_that_sailed_well_are_fine(path) -> None:
     with open_log(path) as log:
         assert set(found(log)) == {"attitude.upright"}
+
+
+def test_an_inverted_copter_with_its_motors_running_is_said_without_parameters() -> None:
+    log = copter(0, over(TIMES_S))
+    log.tables = log.tables | {"RCOU": MadeTable("RCOU", STAMPS, {"C1": np.full(len(STAMPS), 1700)})}
+    finding = found(log)["attitude.overturned"]
+    assert "was inverted: at roll 178° for 17.0 s" in finding.sentence
+    assert "with its motors running at up to 75 %" in finding.sentence

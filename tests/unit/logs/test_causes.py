@@ -164,3 +164,9 @@ def test_a_state_of_the_whole_log_explains_nothing_critical() -> None:
     assert ("control.attitude_lost", []) in groups
     assert ("estimator.position_lost", []) in groups
     assert ("gnss.poor", ["estimator.refused.velocity"]) in groups
+
+
+def test_all_sensors_that_fall_silent_at_once_are_one_outage() -> None:
+    ((cause, follow),) = shape(group_findings(Report((log(*CUT[2:7]),))))
+    assert cause == "sensors.gap"
+    assert len(follow) == 4

@@ -25,6 +25,7 @@ from xitl_cli.logs.tables.vehicles import VehicleKind
 _SHORTEST_US, _LONGEST_US = 500.0, 2500.0  # of a pulse; what is beyond is none
 _USUAL_US = (1100.0, 1900.0)
 _AT_END = 0.05  # of the range
+_FEWEST_MOTORS = 4  # what a copter flies with, on its first outputs
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +99,9 @@ def _function(channel: int, parameters: Mapping[str, float], kind: VehicleKind) 
     """0 for an output without one; None where the log does not tell."""
     if any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in parameters):
         return int(parameters.get(f"SERVO{channel}_FUNCTION", 0.0))
-    if f"RC{channel}_MIN" not in parameters:
-        return None
     fixed = OLD_FUNCTIONS.get(kind, {}).get(channel)
+    if f"RC{channel}_MIN" not in parameters:
+        return fixed if kind == "copter" and channel <= _FEWEST_MOTORS else None
     own = int(parameters.get(f"RC{channel}_FUNCTION", 0.0))
     return own if own or fixed is None else fixed
 
