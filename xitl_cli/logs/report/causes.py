@@ -115,8 +115,8 @@ _TOGETHER_S = 1.0
 """What is logged within a second of each other began together: then the earlier kind in `_FIRST` is the cause."""
 _FIRST = (
     "faults", "power", "vehicle", "time_bases", "links", "attitude.contact", "attitude.impact", "vibration",
-    "sensors", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "events.error", "events", "modes", "arming",
-    "missions",
+    "sensors", "gnss", "scheduler", "control", "attitude", "estimator", "radio", "events.error", "events", "modes",
+    "arming", "missions",
 )  # fmt: skip
 _SAME_S = 2.0
 _EVENT_S = 60.0
