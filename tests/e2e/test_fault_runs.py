@@ -21,7 +21,7 @@ faults:
 @pytest.mark.slow
 def test_faults_repeat_byte_for_byte_and_add_up(xitl: Xitl, tmp_path: Path) -> None:
     (tmp_path / "faulty.yaml").write_text(FAULTS)
-    texts = [xitl("sim", "-p", "faulty.yaml", "--out", name).stdout for name in ("one", "other")]
+    texts = [xitl("sim", "-p", "faulty.yaml", "--out", name, "--verbose").stdout for name in ("one", "other")]
     one, other = payloads(tmp_path / "one/run.mcap"), payloads(tmp_path / "other/run.mcap")
     assert one.keys() == other.keys()
     assert [topic for topic in one if one[topic] != other[topic]] == []
