@@ -475,6 +475,18 @@ def test_time_and_ping_are_answered(station: MavlinkChannel) -> None:
     assert station.handle(sent(mav.MAVLink_ping_message(11, 3, 1, 1)), 0) == []
 
 
+def test_in_real_time_utc_is_the_date_of_the_machine() -> None:
+    hub = MavlinkHub(Autopilot())
+    hub.unix_s = lambda: 1.8e9
+    boat, sensors = Boat(), Sensors(1, Noise())
+    hub.on_imu(sensors.imu(boat))
+    hub.on_gnss(sensors.gnss(boat)._replace(fix_type=2))
+    assert hub.autopilot.utc_us is None
+    hub.on_gnss(sensors.gnss(boat)._replace(stamp_ns=1))
+    hub.autopilot.control(0)
+    assert hub.autopilot.utc_us == round(1.8e15)
+
+
 def test_utc_is_told_once_a_receiver_has_a_fix(station: MavlinkChannel) -> None:
     before = MavlinkChannel(Autopilot()).streams.message(mav.MAVLINK_MSG_ID_SYSTEM_TIME, 5 * SECOND)
     assert before is not None
