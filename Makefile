@@ -12,7 +12,7 @@ $(VENV)/.run: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import ensurepip, venv' || \
 		{ echo "$(PYTHON) has no venv module. On Debian or Ubuntu: apt install python3-venv" >&2; exit 2; }
 	$(PYTHON) -m venv $(VENV)
-	@echo "installing xitl and what it needs into $(VENV)/, some 340 MB: a minute or so, the first time only"
+	@echo "installing xitl and what it needs into $(VENV)/, some 360 MB: a minute or so, the first time only"
 	$(BIN)/python -m pip install --disable-pip-version-check --no-input -c constraints.txt -e .
 	@touch $@
 
