@@ -36,7 +36,7 @@ def init(
     except OSError as error:
         raise UserError(f"{path} cannot be written ({error.strerror}); choose another place") from None
     typer.echo(
-        f"{path}/ is a boat that sails: xitl sim --profile {path}\n"
+        f"{path}/ is a boat that sails: xitl sim {path}\n"
         "Make it yours, in this order:\n"
         f"  1. {path / 'vessel.yaml'}   mass, hull, drag, propellers, windage\n"
         f"  2. {path / 'mission.yaml'}  where your water is, and the waypoints\n"
