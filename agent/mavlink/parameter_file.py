@@ -22,7 +22,7 @@ _TYPES = {2: (1, "<b"), 4: (2, "<h"), 6: (3, "<i"), 9: (4, "<f")}  # by MAV_PARA
 _LIMIT = 65535
 
 
-class ParameterRow(NamedTuple):
+class ParameterFileRow(NamedTuple):
     """One parameter; `type` is a MAV_PARAM_TYPE."""
 
     name: str
@@ -55,14 +55,14 @@ def parse_query(text: str) -> ParameterQuery:
 WHOLE = ParameterQuery()
 
 
-def pack_parameters(rows: Sequence[ParameterRow], query: ParameterQuery = WHOLE, piece: int = DATA_BYTES) -> bytes:
+def pack_parameters(rows: Sequence[ParameterFileRow], query: ParameterQuery = WHOLE, piece: int = DATA_BYTES) -> bytes:
     """The file, for reads of `piece` bytes each."""
     chosen = rows[query.start : query.start + query.limit] if query.limit else rows[query.start :]
     magic = _MAGIC_WITH_DEFAULTS if query.with_defaults else _MAGIC
     return _HEADER.pack(magic, len(chosen), len(rows)) + _packed(chosen, query.with_defaults, piece)
 
 
-def _packed(rows: Iterable[ParameterRow], with_defaults: bool, piece: int) -> bytes:
+def _packed(rows: Iterable[ParameterFileRow], with_defaults: bool, piece: int) -> bytes:
     data = bytearray()
     before = ""
     for name, kind, value, default in rows:
@@ -90,7 +90,7 @@ def _value(layout: str, value: float) -> bytes:
 class PackedParameters:
     """The file as it was at the first read, whose size is that of the pieces. A ServedFile."""
 
-    def __init__(self, rows: Callable[[], Sequence[ParameterRow]], query: ParameterQuery) -> None:
+    def __init__(self, rows: Callable[[], Sequence[ParameterFileRow]], query: ParameterQuery) -> None:
         """Raises OSError where nothing is left of what is asked for."""
         self._rows = rows()
         self._query = query

@@ -9,7 +9,7 @@ from typing import Any
 from xitl_cli.logs.signals.real_time import (
     LinkLosses,
     RealTimeFigures,
-    TaskMisses,
+    TaskMissCount,
     not_real_time,
     worst,
     worst_link,
@@ -118,8 +118,8 @@ def judge(ending: Ending, completed: bool, timed: bool, why: str, figures: RealT
     return Verdict(done, why, asked, not shortfalls, shortfalls, figures)
 
 
-def _misses(task: TaskTiming) -> TaskMisses:
-    return TaskMisses(f"{task.node} {task.task}", task.cycles + task.skipped, task.missed)
+def _misses(task: TaskTiming) -> TaskMissCount:
+    return TaskMissCount(f"{task.node} {task.task}", task.cycles + task.skipped, task.missed)
 
 
 def _losses(link: LinkReport) -> LinkLosses:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from agent.fcu.mavlink.commands import CommandHandlers, SetpointHandlers
-from agent.fcu.mavlink.files import VehicleFiles
+from agent.fcu.mavlink.files import ServedFiles
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.plans import FencePlan, MissionPlan
 from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, TelemetryStreams
@@ -68,7 +68,7 @@ class MavlinkChannel:
             MISSION: mission,
             FENCE: FencePlan(autopilot, self._plan_stored),
         }
-        files = VehicleFiles(self.hub)
+        files = ServedFiles(self.hub)
         self._ftp = FtpServer(files)
         self._logs = LogServer(files, lambda text: texts.messages(mav.MAV_SEVERITY_WARNING, text))
         self._missions = MissionServer(plans, self.hub.warn, self._set_current, mission.guide)

@@ -11,7 +11,7 @@ from agent.fcu.dataflash.stored_logs import LogFile, StoredLog
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.parameters import TABLE
 from agent.mavlink.ftp_server import ServedFile
-from agent.mavlink.parameter_file import PackedParameters, ParameterRow, parse_query
+from agent.mavlink.parameter_file import PackedParameters, ParameterFileRow, parse_query
 from agent.timing.tasks import TaskStats
 
 _LOGS = ("APM", "LOGS")
@@ -33,7 +33,7 @@ class TextFile:
         return self._content[offset : offset + count]
 
 
-class VehicleFiles:
+class ServedFiles:
     """See `Files` and `Logs` of agent.mavlink; nothing of it can be written."""
 
     def __init__(self, hub: MavlinkHub) -> None:
@@ -87,7 +87,7 @@ class VehicleFiles:
     def _parameters(self, query: str) -> PackedParameters:
         values = self._hub.autopilot.parameters
         return PackedParameters(
-            lambda: [ParameterRow(row.name, row.type, values[row.name], row.default) for row in TABLE],
+            lambda: [ParameterFileRow(row.name, row.type, values[row.name], row.default) for row in TABLE],
             parse_query(query),
         )
 

@@ -11,7 +11,7 @@ import pytest
 import xitl
 from xitl_cli.logs.analyses.real_time import analyse
 from xitl_cli.logs.model.sections import Severity
-from xitl_cli.logs.signals.real_time import LIMITS, LinkLosses, RealTimeFigures, TaskMisses, not_real_time
+from xitl_cli.logs.signals.real_time import LIMITS, LinkLosses, RealTimeFigures, TaskMissCount, not_real_time
 from xitl_cli.run.nodes.direct_control import IdealControl
 
 
@@ -20,8 +20,8 @@ def figures(**values: Any) -> RealTimeFigures:
 
 
 KEPT = {
-    "physics": TaskMisses("PS1 physics", 40_000, 1900),
-    "control": TaskMisses("LC control", 5000, 90),
+    "physics": TaskMissCount("PS1 physics", 40_000, 1900),
+    "control": TaskMissCount("LC control", 5000, 90),
     "link": LinkLosses("sensors", 50_000, 400),
     "stalls": 10,
     "stalled_s": 0.9,
@@ -36,9 +36,9 @@ def test_a_run_within_every_limit_kept_real_time() -> None:
 @pytest.mark.parametrize(
     ("measured", "said"),
     [
-        ({"physics": TaskMisses("PS1 physics", 40_000, 14_400)}, "36 % of the physics deadlines missed"),
+        ({"physics": TaskMissCount("PS1 physics", 40_000, 14_400)}, "36 % of the physics deadlines missed"),
         (
-            {"control": TaskMisses("LC control", 4900, 300)},
+            {"control": TaskMissCount("LC control", 4900, 300)},
             "6.1 % of the agent's cycles missed (LC control: 300 of 4900)",
         ),
         ({"link": LinkLosses("sensors", 50_000, 900)}, "1.8 % of the frames lost (sensors: 900)"),
@@ -60,7 +60,7 @@ def test_each_limit_by_itself_makes_it_none(measured: dict[str, Any], said: str)
 
 
 def test_all_of_them_are_one_sentence() -> None:
-    found = figures(physics=TaskMisses("", 100, 36), stalls=3, stalled_s=24.7, longest_stall_s=9.0).shortfalls()
+    found = figures(physics=TaskMissCount("", 100, 36), stalls=3, stalled_s=24.7, longest_stall_s=9.0).shortfalls()
     assert not_real_time(found) == (
         "not a real-time run: the host stalled 3 times, 24.7 s in all, the longest 9.0 s; 36 % of the physics "
         "deadlines missed"

@@ -14,7 +14,7 @@ from xitl_cli.logs.signals.deadlines import task_totals
 from xitl_cli.logs.signals.real_time import (
     LinkLosses,
     RealTimeFigures,
-    TaskMisses,
+    TaskMissCount,
     not_real_time,
     worst,
     worst_link,
@@ -50,7 +50,9 @@ def measured(log: Log) -> RealTimeFigures | None:
     if pace is None or not len(pace):
         return None
     spared = any(group == "agent" for fault in fault_spans(log) for group, _, _ in fault.wrong)
-    tasks = [(task.node, TaskMisses(task.name, task.cycles + task.skipped, task.missed)) for task in task_totals(log)]
+    tasks = [
+        (task.node, TaskMissCount(task.name, task.cycles + task.skipped, task.missed)) for task in task_totals(log)
+    ]
     return RealTimeFigures(
         length_s=_wall_s(log),
         physics=worst([task for node, task in tasks if node == HOST]),

@@ -31,7 +31,7 @@ LIMITS = RealTimeLimits()
 
 
 @dataclass(frozen=True, slots=True)
-class TaskMisses:
+class TaskMissCount:
     """Deadlines of the task that kept the fewest of them."""
 
     name: str
@@ -65,8 +65,8 @@ class RealTimeFigures:
     """
 
     length_s: float
-    physics: TaskMisses | None = None
-    control: TaskMisses | None = None
+    physics: TaskMissCount | None = None
+    control: TaskMissCount | None = None
     link: LinkLosses | None = None
     stalls: int = 0
     stalled_s: float = 0.0
@@ -106,7 +106,7 @@ def not_real_time(shortfalls: tuple[str, ...]) -> str:
     return f"not a real-time run: {'; '.join(shortfalls)}"
 
 
-def worst(all_of: list[TaskMisses]) -> TaskMisses | None:
+def worst(all_of: list[TaskMissCount]) -> TaskMissCount | None:
     """The one with the largest share missed."""
     return max(all_of, key=lambda one: one.share, default=None)
 

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from pymavlink.mavftp import MAVFTP
 
 from agent.fcu.parameters import TABLE
-from agent.mavlink.parameter_file import ParameterQuery, ParameterRow, pack_parameters, parse_query
+from agent.mavlink.parameter_file import ParameterFileRow, ParameterQuery, pack_parameters, parse_query
 
 CAPTURES = Path(__file__).parents[3] / "data" / "captures"
 REAL = lzma.decompress((CAPTURES / "rover-parameters.pck.xz").read_bytes())
 TYPES = {1: ("<b", 2), 2: ("<h", 4), 3: ("<i", 6), 4: ("<f", 9)}
 
 
-def unpacked(data: bytes) -> list[ParameterRow]:
+def unpacked(data: bytes) -> list[ParameterFileRow]:
     """Read by the description in ArduPilot's source, AP_Filesystem_Param.cpp."""
     rows, name, at = [], "", 6
     while at < len(data):
@@ -40,7 +40,7 @@ def unpacked(data: bytes) -> list[ParameterRow]:
             default += math.copysign(0.5, value) * (
                 default == value
             )  # a whole number whose default in the source is none
-        rows.append(ParameterRow(name, kind, value, default))
+        rows.append(ParameterFileRow(name, kind, value, default))
     return rows
 
 
@@ -64,7 +64,7 @@ def test_ours_have_its_types() -> None:
 @settings(max_examples=30)
 @given(st.integers(0, 30), st.integers(0, 30), st.booleans(), st.integers(8, 239))
 def test_pymavlink_reads_any_part(start: int, count: int, with_defaults: bool, piece: int) -> None:
-    rows = [ParameterRow(row.name, row.type, float(row.high), float(row.default)) for row in TABLE[:40]]
+    rows = [ParameterFileRow(row.name, row.type, float(row.high), float(row.default)) for row in TABLE[:40]]
     found = MAVFTP.ftp_param_decode(pack_parameters(rows, ParameterQuery(start, count, with_defaults), piece))
     wanted = rows[start : start + count] if count else rows[start:]
     assert [name.decode() for name, _, _ in found.params] == [row.name for row in wanted]
