@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 
 .PHONY: run package test test-fast lint format types dialect check-dialect pages bench soak wheel lock clean
 .DEFAULT_GOAL := run
+# Tests start hundreds of processes; without kept bytecode each compiles the whole package.
+unexport PYTHONDONTWRITEBYTECODE
 
 $(VENV)/.run: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

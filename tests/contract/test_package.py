@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 from pythons import python
 
-VERSIONS = ("3.9", *(pytest.param(version, marks=pytest.mark.slow) for version in ("3.10", "3.11", "3.12", "3.13")))
+pytestmark = pytest.mark.slow
+
+VERSIONS = ("3.9", "3.10", "3.11", "3.12", "3.13")
 BARE = ("-I", "-S")  # neither the user's nor installed packages
 
 

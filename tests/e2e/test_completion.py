@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 BASH = shutil.which("bash")
-pytestmark = pytest.mark.skipif(BASH is None, reason="there is no bash on this machine")
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(BASH is None, reason="there is no bash on this machine")]
 
 
 @pytest.fixture

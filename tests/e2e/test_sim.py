@@ -15,10 +15,11 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pymavlink.dialects.v20 import common
 
+pytestmark = pytest.mark.slow
+
 ENVIRONMENTS = {"calm": 2.0, "current-waves": 4.0, "current-waves-gusts": 4.0}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_path: Path, environment: str) -> None:
     profile = tmp_path / "boat.yaml"
@@ -40,7 +41,6 @@ def test_the_mission_closes_in_the_papers_three_environments(xitl: Xitl, tmp_pat
     assert all(task["missed"] == 0 for task in told["tasks"])
 
 
-@pytest.mark.slow
 def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, tmp_path: Path) -> None:
     for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
         assert xitl("sim", "--seed", seed, "--duration", "15", "--out", name).returncode == 0
@@ -50,7 +50,6 @@ def test_the_same_seed_records_the_same_bytes_and_another_does_not(xitl: Xitl, t
     assert first["/link/agent/tx"] != other["/link/agent/tx"]
 
 
-@pytest.mark.slow
 def test_an_agent_in_its_own_process_flies_the_same_run_in_lockstep(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     """Where the autopilot runs changes the profile and nothing else: not one byte of the vessel's motion."""
     assert xitl("sim", "--duration", "15", "--out", "here").returncode == 0
@@ -72,7 +71,6 @@ def python_of_a_board() -> str | None:
     return None
 
 
-@pytest.mark.slow
 def test_a_bare_python_3_9_flies_the_same_run(xitl: Xitl, tmp_path: Path, free_port: int) -> None:
     """The agent as on a board: the oldest Python it supports, and no package but the standard library."""
     python = python_of_a_board()
@@ -142,7 +140,6 @@ def test_the_recording_reads_back_in_standard_tools(xitl: Xitl, tmp_path: Path) 
     assert {"HEARTBEAT", "SYS_STATUS", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "MISSION_ACK"} <= kinds
 
 
-@pytest.mark.slow
 def test_without_an_autopilot_the_driver_commands_the_vessel(xitl: Xitl, tmp_path: Path) -> None:
     result = xitl("sim", "--profile", "mitl", "--out", "run", "--json")
     told = json.loads(result.stdout)
@@ -152,7 +149,6 @@ def test_without_an_autopilot_the_driver_commands_the_vessel(xitl: Xitl, tmp_pat
     assert told["estimation"]["position_rms_m"] is None
 
 
-@pytest.mark.slow
 def test_a_resolved_profile_flies_the_same_run_again(xitl: Xitl, tmp_path: Path) -> None:
     assert xitl("sim", "--set", "environment.wind.mean_mps=8", "--duration", "15", "--out", "one").returncode == 0
     assert xitl("sim", "--profile", "one/profile.yaml", "--out", "two").returncode == 1
@@ -190,7 +186,6 @@ def test_sensors_carry_noise_latency_and_rate(xitl: Xitl, tmp_path: Path) -> Non
     assert delays[dialect.MAVLINK_MSG_ID_XITL_GNSS] == {120_000}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["mitl", "sitl"])
 def test_a_controller_from_a_file_steers_in_place_of_the_built_in_one(xitl: Xitl, tmp_path: Path, profile: str) -> None:
     example = Path(__file__).parents[2] / "examples/sliding_mode_heading.py"

@@ -13,6 +13,8 @@ import pytest
 from tests.recorded import CALM
 from xitl_cli.extras import EXTRAS
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OPTIONAL = ("plotly", "scipy", "pandas", "pyarrow", "kiss_icp", "embreex", "trimesh")

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -60,6 +61,7 @@ def files(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
 
 
+@cache
 def imports(package: str) -> list[Import]:
     return [
         found
@@ -175,6 +177,7 @@ def modules_named(node: ast.AST, own: list[str]) -> Iterator[str]:
         yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
+@cache
 def folder_imports() -> dict[str, set[str]]:
     """Which folder imports from which others. A package's own top files serve all below and are left out."""
     paths = [file.relative_to(ROOT) for package in PACKAGES for file in files(package)]

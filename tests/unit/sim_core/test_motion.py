@@ -20,6 +20,8 @@ from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, initial, kinematics, step
 from sim_core.vessel.spec import Damping, VesselSpec
 
+pytestmark = pytest.mark.slow
+
 DENSITY = 997.8
 STOPPED = np.zeros((1, 2))
 CALM = Environment(water=Water(density_kgpm3=DENSITY, level_m=0.0))

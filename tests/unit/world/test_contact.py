@@ -26,6 +26,8 @@ from sim_core.world.plan import Capsules, box_capsules, touches
 from sim_core.world.river import FlatBed
 from sim_core.world.waterway import OPEN_WATER, Waterway
 
+pytestmark = pytest.mark.slow
+
 BOOM_AT_M = 12.0
 BOOM = Capsules(
     np.array([[-18.0, BOOM_AT_M], [-5.95, BOOM_AT_M], [6.05, BOOM_AT_M]]),

@@ -18,6 +18,8 @@ from sim_core.world.river import FlatBed
 from sim_core.world.waterway import STILL, Afloat, StepTimes, WaterMotion, Waterway
 from sim_core.world.waterway import step as waterway_step
 
+pytestmark = pytest.mark.slow
+
 DT_NS = 20_000_000
 STILL_WATER = np.zeros((1, 3))
 

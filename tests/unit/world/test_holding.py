@@ -13,6 +13,8 @@ from sim_core.world.debris import BodyKind, DebrisState, Launch, drift, launched
 from sim_core.world.debris_contact import held_by
 from sim_core.world.plan import Capsules
 
+pytestmark = pytest.mark.slow
+
 LONG_NS = 20_000_000
 
 

@@ -33,6 +33,8 @@ from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.rays import Backend, Bodies, RayCaster, Scene, ScenePart, make_caster, rays_near
 from tests.river import fan, river_scenery
 
+pytestmark = pytest.mark.slow
+
 # Single precision carries 24 bits: 6e-8 of the 10 m these rays go, and some operations.
 SINGLE_M = 1e-5
 SIDES = 240
