@@ -99,7 +99,12 @@ def _kind_name(kind: Any) -> str:
         inner = get_args(kind)
         if inner[-1] is Ellipsis:
             return f"list of {_type(inner[0])}"
-        return f"{len(inner)} {_NAMES[alternatives(inner[0])[0][0]]}s"
+        entry = alternatives(inner[0])[0][0]
+        return (
+            f"{len(inner)} rows of {_kind_name(entry)}"
+            if get_origin(entry) is tuple
+            else f"{len(inner)} {_NAMES[entry]}s"
+        )
     return _NAMES[kind]
 
 

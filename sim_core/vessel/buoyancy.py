@@ -53,6 +53,7 @@ def strip_axes_frd_m(hull: Hull) -> Array:
 
 def floating_draft_m(model: VesselSpec, water: Water) -> float:
     """Depth of the keel at rest. Raises ValueError when the hulls cannot carry the vessel."""
+    assert model.hull is not None
     kg_per_m2 = 2.0 * water.density_kgpm3 * model.hull.length_m
     carried = model.mass_kg / kg_per_m2
     low, high = 0.0, 2.0 * model.hull.radius_m
@@ -85,6 +86,7 @@ class Buoyancy:
     def from_spec(cls, model: VesselSpec, water: Water) -> Buoyancy:
         """Constants from the vessel's hull and the water."""
         hull = model.hull
+        assert hull is not None
         axes = strip_axes_frd_m(hull)
         strip_n = water.density_kgpm3 * GRAVITY_MPS2 * hull.length_m / hull.strips * hull.radius_m**2
         draft = np.array([floating_draft_m(model, water)])

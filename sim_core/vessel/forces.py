@@ -46,7 +46,7 @@ class Hydrodynamics:
         rigid_mass = np.diag([model.mass_kg] * 3 + list(model.inertia_kgm2))
         added_mass = np.diag(astuple(model.added_mass))
         mass = rigid_mass + added_mass
-        stern_products, stern_lift = stern_forces(added_mass, model.hull.length_m)
+        stern_products, stern_lift = stern_forces(added_mass, model.length_m)
         products = transport_products(mass) - coriolis_products(mass) + stern_products
         linear = np.diag(astuple(model.damping_linear))
         quadratic = np.diag(astuple(model.damping_quadratic))

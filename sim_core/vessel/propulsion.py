@@ -15,6 +15,7 @@ import numpy as np
 from numpy import intp
 from numpy.typing import NDArray
 
+from sim_core.environment.spec import Water
 from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec
 
@@ -30,8 +31,7 @@ class Propulsion:
     @classmethod
     def from_spec(cls, model: VesselSpec, dt_s: float) -> Propulsion:
         """Constants from the vessel's propellers for steps of dt_s."""
-        forward = np.array([propeller.max_thrust_n for propeller in model.propellers])
-        reverse = np.array([propeller.max_reverse_thrust_n for propeller in model.propellers])
+        forward, reverse = np.array([p.static_thrust_n(Water().density_kgpm3) for p in model.propellers]).T
         ahead = np.array([1.0, 0.0, 0.0])
         per_newton = np.array([[*ahead, *np.cross(p.position_frd_m, ahead)] for p in model.propellers])
         up_gain = 1.0 - np.exp([-dt_s / propeller.spin_up_s for propeller in model.propellers])
@@ -72,8 +72,7 @@ class SteeredPropulsion:
         """Constants from the vessel's propellers for steps of dt_s."""
         propulsion = Propulsion.from_spec(model, dt_s)
         gears = [(index, p.steering) for index, p in enumerate(model.propellers) if p.steering is not None]
-        forward = np.array([propeller.max_thrust_n for propeller in model.propellers])
-        reverse = np.array([propeller.max_reverse_thrust_n for propeller in model.propellers])
+        forward, reverse = np.array([p.static_thrust_n(Water().density_kgpm3) for p in model.propellers]).T
         to_port = np.array([0.0, -1.0, 0.0])
         per_newton = np.array([[*to_port, *np.cross(p.position_frd_m, to_port)] for p in model.propellers])
         aside = [0.5 * (forward + reverse)[:, None] * per_newton, 0.5 * (forward - reverse)[:, None] * per_newton]

@@ -1,14 +1,33 @@
-"""A vessel as data: mass, hull, damping, propellers and windage.
+"""A vessel as data: mass, hulls, hydrodynamics, propellers, rudders and windage.
 
-The body origin is the centre of gravity, axes FRD.
+Positions are from the body's origin, axes FRD. The derivatives, matrices and dampings of a vessel hold for that origin;
+its centre of gravity may lie elsewhere.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Annotated, Literal
 
-from sim_core.keys import Bounds, Items, NonNegative, Positive, Required, Specification, SpecificationError, Vector
+from sim_core.keys import (
+    Bounds,
+    Items,
+    NonNegative,
+    Place,
+    Positive,
+    Required,
+    Share,
+    Specification,
+    SpecificationError,
+    Vector,
+)
+from sim_core.vessel.derivatives import parse_derivative
+
+Row = tuple[float, float, float, float, float, float]
+Matrix = tuple[Row, Row, Row, Row, Row, Row]
+Table = Annotated[tuple[float, ...], Items(2, 200)]
+Angle = Annotated[float, Bounds(at_least=-180, at_most=180)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +38,7 @@ class Hull(Specification):
     width_m: Annotated[Positive, "overall; at least four radii"]
     radius_m: Annotated[Positive, "of each"]
     strips: Annotated[int, Bounds(at_least=2, at_most=1000), "of each, for buoyancy and waves"] = 6
-    keel_below_cg_m: Annotated[float, "height of the centre of gravity above the lowest line of the hulls"]
+    keel_below_cg_m: Annotated[float, "height of the body's origin above the lowest line of the hulls"]
 
     def check(self) -> None:
         if self.width_m < 4 * self.radius_m:
@@ -33,6 +52,98 @@ class Hull(Specification):
     def centreline_m(self) -> float:
         """Distance of each demi-hull's axis from the plane of symmetry."""
         return 0.5 * self.width_m - self.radius_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HullMesh(Specification):
+    """A closed mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB) as the shape of a hull."""
+
+    file: str
+    position_frd_m: Annotated[Vector, "of the mesh's origin, from the body's origin"] = (0.0, 0.0, 0.0)
+    axes: Annotated[Literal["flu", "frd"], "of the mesh: x forward, y left, z up; or y right, z down"] = "flu"
+    scale: Annotated[Positive, "metres a unit of the mesh"] = 1.0
+    width_m: Annotated[Positive, "overall"]
+    depth_m: Annotated[Positive, "from its lowest point to the deck"]
+    columns: Annotated[int, Bounds(at_least=2, at_most=100), "across its width, for buoyancy"] = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Section(Specification):
+    """Cross-section of a hull: round, a box, or by its offsets, such as a V. Give one of the three."""
+
+    radius_m: Annotated[Positive | None, "of a round one"] = None
+    width_m: Annotated[Positive | None, "of a box"] = None
+    depth_m: Annotated[Positive | None, "of a box, from keel to deck"] = None
+    offsets_m: Annotated[
+        Annotated[tuple[Place, ...], Items(2, 50)] | None,
+        "a list of [height above the keel, half width] from keel to deck; a V is [[0, 0], [0.3, 0.2]]",
+    ] = None
+
+    def check(self) -> None:
+        box = self.width_m is not None or self.depth_m is not None
+        if (self.radius_m is not None) + box + (self.offsets_m is not None) != 1:
+            raise SpecificationError((), "needs one form; give radius_m, or width_m and depth_m, or offsets_m")
+        if box and (self.width_m is None or self.depth_m is None):
+            raise SpecificationError((), "is a box without its size; give width_m and depth_m")
+        heights_m = [height_m for height_m, _ in self.offsets_m or ()]
+        if any(above <= below for below, above in pairwise(heights_m)) or any(h != 0 for h in heights_m[:1]):
+            raise SpecificationError(("offsets_m",), "has to begin at height 0 and rise from keel to deck; sort it")
+        if any(half_m < 0 for _, half_m in self.offsets_m or ()) or not self.greatest_width_m:
+            raise SpecificationError(("offsets_m",), "has a half width below 0, or none above; give half widths in m")
+
+    @property
+    def greatest_width_m(self) -> float:
+        """From side to side."""
+        if self.radius_m is not None:
+            return 2.0 * self.radius_m
+        return self.width_m or 2.0 * max((half_m for _, half_m in self.offsets_m or ()), default=0.0)
+
+    @property
+    def height_m(self) -> float:
+        """From keel to deck."""
+        if self.radius_m is not None:
+            return 2.0 * self.radius_m
+        return self.depth_m or max((height_m for height_m, _ in self.offsets_m or ()), default=0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DemiHull(Specification):
+    """One hull of any number: a section drawn along its length, or a mesh. Give `section` or `mesh`."""
+
+    length_m: Annotated[Positive, "of the waterline"]
+    keel_frd_m: Annotated[Vector, "halfway along its lowest line, from the body's origin"]
+    section: Section | None = None
+    mesh: HullMesh | None = None
+    taper: Annotated[
+        tuple[Place, ...],
+        Items(2, 50),
+        "a list of [place from -0.5 at the stern to 0.5 at the bow, share of the section's width there]",
+    ] = ((-0.5, 1.0), (0.5, 1.0))
+    strips: Annotated[int, Bounds(at_least=2, at_most=1000), "for buoyancy and waves"] = 8
+
+    def check(self) -> None:
+        if (self.section is None) == (self.mesh is None):
+            raise SpecificationError((), "needs a section or a mesh; give one of the two")
+        places = [place for place, _ in self.taper]
+        if places[0] != -0.5 or places[-1] != 0.5 or any(ahead <= behind for behind, ahead in pairwise(places)):
+            raise SpecificationError(("taper",), "has to rise from -0.5 at the stern to 0.5 at the bow; sort it")
+        if any(share < 0 for _, share in self.taper) or not any(share for _, share in self.taper):
+            raise SpecificationError(("taper",), "has a share below 0, or none above; give shares of the width")
+
+    @property
+    def width_m(self) -> float:
+        """Greatest, from side to side."""
+        if self.section is not None:
+            return self.section.greatest_width_m * max(share for _, share in self.taper)
+        assert self.mesh is not None
+        return self.mesh.width_m
+
+    @property
+    def height_m(self) -> float:
+        """From keel to deck."""
+        shape = self.section.height_m if self.section is not None else self.mesh and self.mesh.depth_m
+        assert shape
+        return shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +170,19 @@ class Damping(Specification):
     yaw: NonNegative = 0.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CrossFlowDrag(Specification):
+    """Drag of the flow across the hull, strip by strip along it (Fossen 2021, section 6.4; Faltinsen 1990, ch. 6)."""
+
+    length_m: Annotated[Positive, "of the waterline"]
+    draft_m: Annotated[Positive, "mean"]
+    width_m: Annotated[Positive | None, "of the waterline, for Hoerner's curve; needed without a coefficient"] = None
+    coefficient: Annotated[Positive | None, "two-dimensional; null: Hoerner's curve by width over twice the draft"] = (
+        None
+    )
+    strips: Annotated[int, Bounds(at_least=2, at_most=200)] = 20
+
+
 @dataclass(frozen=True, slots=True)
 class SteeringGear(Specification):
     """What turns a propeller about its mast, to either side up to an angle. Its command comes after all throttles."""
@@ -67,19 +191,72 @@ class SteeringGear(Specification):
     rate_degps: Positive
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenWater(Specification):
+    """Open-water curve of a propeller: thrust = rho D⁴ K_T(J) n |n|, J = u_a / (n D)."""
+
+    diameter_m: Positive
+    max_speed_rps: Annotated[Positive, "of the shaft at full command"]
+    advance_ratio: Annotated[Table, "J, rising from 0"]
+    thrust_coefficient: Annotated[Table, "K_T at each"]
+    reverse_share: Annotated[Share, "of K_T when it turns astern"] = 1.0
+
+
 @dataclass(frozen=True, slots=True)
 class Propeller(Specification):
-    """An air propeller that pushes along the body's x axis, or where its gear turns it.
+    """A propeller in air or water that pushes at its place along its own line, or where its gear turns it.
 
-    Its speed follows the command as a first-order lag.
+    Its speed follows the command as a first-order lag. Give the thrust at rest, or `open_water`.
     """
 
-    position_frd_m: Annotated[Vector, "from the centre of gravity"]
-    max_thrust_n: Annotated[Positive, "at full speed ahead"]
-    max_reverse_thrust_n: Annotated[NonNegative, "at full speed astern"]
-    spin_up_s: Annotated[Positive, "time constant while it speeds up"]
-    spin_down_s: Annotated[Positive, "time constant while it slows down"]
+    position_frd_m: Annotated[Vector, "from the body's origin"]
+    max_thrust_n: Annotated[Positive | None, "at rest, at full speed ahead"] = None
+    max_reverse_thrust_n: Annotated[NonNegative | None, "at rest, at full speed astern"] = None
+    spin_up_s: Annotated[Positive, Required, "time constant while it speeds up"] = 0.3
+    spin_down_s: Annotated[Positive, Required, "time constant while it slows down"] = 0.3
     steering: SteeringGear | None = None
+    medium: Literal["air", "water"] = "air"
+    angle_deg: Annotated[Angle, "where its thrust points: 0 ahead, 90 to starboard as of a bow thruster"] = 0.0
+    diameter_m: Annotated[
+        Positive | None, "in air: thrust falls with the apparent wind by momentum theory; null: it does not"
+    ] = None
+    zero_thrust_speed_mps: Annotated[
+        Positive | None, "in water: speed of advance at which full speed ahead gives no thrust; null: as at rest"
+    ] = None
+    open_water: OpenWater | None = None
+    wake_fraction: Annotated[float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow"] = 0.0
+    thrust_deduction: Annotated[float, Bounds(at_least=0, below=1), "share of the thrust lost to the hull"] = 0.0
+
+    def check(self) -> None:
+        if (self.open_water is None) == (self.max_thrust_n is None):
+            raise SpecificationError((), "needs max_thrust_n or open_water; give one of the two")
+        if (self.max_thrust_n is None) != (self.max_reverse_thrust_n is None):
+            raise SpecificationError((), "needs max_thrust_n and max_reverse_thrust_n together; give both")
+
+    def static_thrust_n(self, water_density_kgpm3: float) -> tuple[float, float]:
+        """Thrust at rest at full speed, ahead and astern, both positive."""
+        if (curve := self.open_water) is None:
+            assert self.max_thrust_n is not None
+            assert self.max_reverse_thrust_n is not None
+            return self.max_thrust_n, self.max_reverse_thrust_n
+        ahead_n = water_density_kgpm3 * curve.diameter_m**4 * curve.thrust_coefficient[0] * curve.max_speed_rps**2
+        return ahead_n, ahead_n * curve.reverse_share
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rudder(Specification):
+    """A rudder behind or beside a propeller. Its command comes after all gears, positive for the bow to starboard."""
+
+    position_frd_m: Annotated[Vector, "of its stock at half its height, from the body's origin"]
+    area_m2: Positive
+    aspect_ratio: Annotated[Positive, "height over chord; sets the slope of its lift by Fujii's formula"]
+    max_angle_deg: Annotated[float, Bounds(above=0, at_most=90)] = 35.0
+    rate_degps: Positive = 30.0
+    propeller: Annotated[
+        Annotated[int, Bounds(at_least=0, at_most=15)] | None, "number of the one in whose race it stands, from 0"
+    ] = None
+    race_share: Annotated[Share, "of its area that stands in the race"] = 1.0
+    wake_fraction: Annotated[float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow"] = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,24 +269,51 @@ class Windage(Specification):
     surge_coefficient: Annotated[NonNegative, Required] = 0.0
     sway_coefficient: Annotated[NonNegative, Required] = 0.0
     yaw_coefficient: Annotated[float, Required] = 0.0
+    height_m: Annotated[
+        Positive | None, "of the areas' centre above the water at rest; null: half of lateral area over length"
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VesselSpec(Specification):
-    """The vessel: mass, hull, added mass, damping, propellers and windage.
+    """The vessel: mass, hulls, hydrodynamics, propellers, rudders and windage.
 
-    Commands are the throttles of the propellers in their order, then the steering of those that have a gear, positive
-    for the bow to starboard with the propeller at the stern.
+    Commands are the throttles of the propellers in their order, then the steering of those that have a gear, then the
+    rudders; steering is positive for the bow to starboard with the propeller or rudder at the stern.
     """
 
     name: str
     mass_kg: Positive
-    inertia_kgm2: Annotated[tuple[Positive, Positive, Positive], "about x, y and z"]
-    hull: Hull
+    inertia_kgm2: Annotated[tuple[Positive, Positive, Positive], "about x, y and z through the centre of gravity"]
+    inertia_products_kgm2: Annotated[Vector, "Ixy, Ixz and Iyz there: the negative of the matrix's entries"] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    centre_of_gravity_frd_m: Annotated[Vector, "from the body's origin"] = (0.0, 0.0, 0.0)
+    hull: Annotated[Hull | None, "a catamaran with two round hulls; null: see `hulls`"] = None
+    hulls: Annotated[tuple[DemiHull, ...], Items(0, 8), "any others, in place of `hull`"] = ()
     added_mass: AddedMass = AddedMass()
-    damping_linear: Damping
-    damping_quadratic: Damping
+    added_mass_matrix: Annotated[Matrix | None, "in place of `added_mass`: six rows of six, positive definite"] = None
+    damping_linear: Damping = Damping()
+    damping_linear_matrix: Annotated[Matrix | None, "in place of `damping_linear`: six rows of six"] = None
+    damping_quadratic: Damping = Damping()
+    derivatives: Annotated[
+        dict[str, float], "by SNAME name with its sign, such as Y_rv or X_uuu: [vessel.md](vessel.md#derivatives)"
+    ] = field(default_factory=dict)
+    cross_flow_drag: CrossFlowDrag | None = None
+    centre_of_lateral_resistance_frd_m: Annotated[
+        Vector | None,
+        "where added_mass and the dampings per axis act; null: amidships at half the draft. "
+        "Matrices and derivatives hold for the body's origin",
+    ] = None
+    stern_force: Annotated[
+        Literal["on", "off"] | None,
+        "side force of the flow that a blunt stern sheds: [vessel.md](vessel.md#stern-force); "
+        "null: on, and off where matrices or derivatives are given",
+    ] = None
     propellers: Annotated[tuple[Propeller, ...], Items(1, 16), "port first, then starboard"]
+    rudders: Annotated[tuple[Rudder, ...], Items(0, 8)] = ()
     wind: Annotated[Windage, Required] = Windage()
 
     def check(self) -> None:
@@ -121,8 +325,53 @@ class VesselSpec(Specification):
                 f"= [{ixx:g}, {iyy:g}, {izz:g}] belongs to no body: one moment exceeds the sum of the other two; "
                 f"lower it to {total - largest:g} or less",
             )
+        if (self.hull is None) == (not self.hulls):
+            raise SpecificationError(
+                ("hull",),
+                "and `hulls` exclude each other; give one of them" if self.hull else "is missing; give it or `hulls`",
+            )
+
+        for name in self.derivatives:
+            try:
+                parse_derivative(name)
+            except ValueError as error:
+                raise SpecificationError(("derivatives", name), str(error)) from None
+
+    @property
+    def demi_hulls(self) -> tuple[DemiHull, ...]:
+        """All of them; those of `hull` as two with a round section, port first."""
+        hull = self.hull
+        if hull is None:
+            return self.hulls
+        return tuple(
+            DemiHull(
+                length_m=hull.length_m,
+                keel_frd_m=(0.0, side * hull.centreline_m, hull.keel_below_cg_m),
+                section=Section(radius_m=hull.radius_m),
+                strips=hull.strips,
+            )
+            for side in (-1.0, 1.0)
+        )
+
+    @property
+    def length_m(self) -> float:
+        """Overall, of all hulls."""
+        ends = [(hull.keel_frd_m[0], 0.5 * hull.length_m) for hull in self.demi_hulls]
+        return max(middle + half for middle, half in ends) - min(middle - half for middle, half in ends)
+
+    @property
+    def width_m(self) -> float:
+        """Overall, of all hulls."""
+        sides = [(hull.keel_frd_m[1], 0.5 * hull.width_m) for hull in self.demi_hulls]
+        return max(middle + half for middle, half in sides) - min(middle - half for middle, half in sides)
+
+    @property
+    def keel_m(self) -> float:
+        """Depth of the lowest line of all hulls below the body's origin."""
+        return max(hull.keel_frd_m[2] for hull in self.demi_hulls)
 
     @property
     def commands(self) -> int:
-        """How many: a throttle for each propeller and a steering for each gear."""
-        return len(self.propellers) + sum(propeller.steering is not None for propeller in self.propellers)
+        """How many: a throttle for each propeller, a steering for each gear, and one for each rudder."""
+        gears = sum(propeller.steering is not None for propeller in self.propellers)
+        return len(self.propellers) + gears + len(self.rudders)

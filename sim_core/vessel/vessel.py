@@ -90,7 +90,7 @@ def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
     vessels = len(north_east_m)
     pos_ned_m = np.empty((vessels, 3))
     pos_ned_m[:, :2] = north_east_m
-    pos_ned_m[:, 2] = vessel.draft_m - vessel.level_m - vessel.model.hull.keel_below_cg_m
+    pos_ned_m[:, 2] = vessel.draft_m - vessel.level_m - vessel.model.keel_m
     euler_rad = np.zeros((vessels, 3))
     euler_rad[:, 2] = yaw_rad
     quat = euler_to_quat(euler_rad)

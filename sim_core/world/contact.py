@@ -47,6 +47,7 @@ class Outline:
     @classmethod
     def from_spec(cls, model: VesselSpec) -> Outline:
         hull = model.hull
+        assert hull is not None
         along, axis_m = max(0.5 * hull.length_m - hull.radius_m, 0.0), hull.keel_below_cg_m - hull.radius_m
         sides = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
         ends = np.array([(x * along, y * hull.centreline_m, axis_m) for x, y in sides])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.catalogue import shipped_profiles
@@ -118,8 +119,8 @@ def _vessel(entry: Entry) -> VesselSpec | None:
 def _difference(vessel: VesselSpec, tuned: VesselSpec) -> str:
     """In what it is another vessel; empty where it is none."""
     for what, unit, share, own, other in (
-        ("a hull of", "m", SAME_HULL_SHARE, vessel.hull.length_m, tuned.hull.length_m),
-        ("a width of", "m", SAME_HULL_SHARE, vessel.hull.width_m, tuned.hull.width_m),
+        ("a hull of", "m", SAME_HULL_SHARE, vessel.length_m, tuned.length_m),
+        ("a width of", "m", SAME_HULL_SHARE, vessel.width_m, tuned.width_m),
         ("a mass of", "kg", SAME_SHARE, vessel.mass_kg, tuned.mass_kg),
         ("a thrust of", "N", SAME_SHARE, _thrust_n(vessel), _thrust_n(tuned)),
     ):
@@ -129,7 +130,7 @@ def _difference(vessel: VesselSpec, tuned: VesselSpec) -> str:
 
 
 def _thrust_n(vessel: VesselSpec) -> float:
-    return sum(propeller.max_thrust_n for propeller in vessel.propellers)
+    return sum(propeller.static_thrust_n(Water().density_kgpm3)[0] for propeller in vessel.propellers)
 
 
 def _of_site(entry: Entry) -> Iterator[str]:

@@ -15,8 +15,7 @@ from xitl_cli.profile.schema import Profile
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
     """A mass that the hulls cannot carry, files that are not there, an address that is none."""
-    if (vehicle := profile.vehicle) is not None:
-        hull = vehicle.hull
+    if (vehicle := profile.vehicle) is not None and (hull := vehicle.hull) is not None:
         water = profile.environment.water if profile.environment else Water()
         carried_kg = 2 * math.pi * hull.radius_m**2 * hull.length_m * water.density_kgpm3
         if vehicle.mass_kg >= carried_kg:

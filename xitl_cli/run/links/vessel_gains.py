@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
 
 TUNED_LENGTH_M = 2.3
@@ -18,10 +19,10 @@ _TURN_RADPS, _MOST_RADPS = 0.3, math.radians(30.0)  # at which the yaw drag is t
 
 def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
     """Parameters by name, for a mission at `speed_mps`."""
-    length, masses = vessel.hull.length_m / TUNED_LENGTH_M, vessel.added_mass
+    length, masses = vessel.length_m / TUNED_LENGTH_M, vessel.added_mass
     quicker = 1.0 / math.sqrt(length)
-    ahead_n = sum(propeller.max_thrust_n for propeller in vessel.propellers)
-    astern_n = sum(propeller.max_reverse_thrust_n for propeller in vessel.propellers)
+    thrusts_n = [propeller.static_thrust_n(Water().density_kgpm3) for propeller in vessel.propellers]
+    ahead_n, astern_n = sum(ahead for ahead, _ in thrusts_n), sum(astern for _, astern in thrusts_n)
     drag_n = vessel.damping_linear.surge * speed_mps + vessel.damping_quadratic.surge * speed_mps**2
     ahead_mps2 = ahead_n / (vessel.mass_kg + masses.surge_kg)
     speed_p = _limited(_SPEED_RADPS * quicker / ahead_mps2, 0.05, 2.0)
@@ -39,7 +40,8 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
         "MOT_THST_ASYM": _limited(ahead_n / astern_n, 1.0, 10.0) if astern_n else 10.0,
         "MOT_SLEWRATE": float(round(_limited(500.0 * quicker, 50.0, 1000.0))),
     }
-    moment_nm = sum(propeller.max_thrust_n * abs(propeller.position_frd_m[1]) for propeller in vessel.propellers)
+    levers_m = [abs(propeller.position_frd_m[1]) for propeller in vessel.propellers]
+    moment_nm = sum(ahead * lever_m for (ahead, _), lever_m in zip(thrusts_n, levers_m, strict=True))
     if moment_nm <= 0.0:
         return gains
     turn_radps = _TURN_RADPS * quicker

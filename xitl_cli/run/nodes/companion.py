@@ -50,12 +50,12 @@ KEPT_ELSEWHERE = _ids("XITL_CLOUD", "XITL_PING")
 def companion_parameters(profile: RunProfile) -> dict[str, float]:
     """What vessel, lidar and mission imply, then the profile's own."""
     assert profile.companion is not None
-    hull = profile.vehicle.hull
+    vessel = profile.vehicle
     water = profile.environment.water
     values = {
-        "HULL_LENGTH": hull.length_m,
-        "HULL_WIDTH": hull.width_m,
-        "HULL_WATER": hull.keel_below_cg_m - floating_draft_m(profile.vehicle, water),
+        "HULL_LENGTH": vessel.length_m,
+        "HULL_WIDTH": vessel.width_m,
+        "HULL_WATER": vessel.keel_m - floating_draft_m(vessel, water),
         "WP_SPEED": profile.mission.speed_mps,
     }
     if profile.sensors is not None and profile.sensors.lidar is not None:

@@ -230,8 +230,8 @@ class FindingsNode(RunNode):
 
 def findings_from_profile(profile: RunProfile, scenery: Scenery) -> FindingsNode:
     """For the companion of a profile that has one, with the truth of the world that it looks at."""
-    sensors, hull = profile.sensors, profile.vehicle.hull
+    sensors, vessel = profile.sensors, profile.vehicle
     looks = sensors is not None and sensors.lidar is not None
     standing = scenery.caster() if looks else None
-    score = ObstacleScore((hull.length_m, hull.width_m), standing, scenery.water_down_m)
+    score = ObstacleScore((vessel.length_m, vessel.width_m), standing, scenery.water_down_m)
     return FindingsNode(local_frame(profile.site), score, profile.clock.physics_rate_hz, scenery.boom)

@@ -95,6 +95,7 @@ def _mission(profile: RunProfile) -> messages.SceneEntity:
 
 def _vessel(vehicle: VesselSpec) -> messages.SceneEntity:
     hull = vehicle.hull
+    assert hull is not None
     side = hull.width_m / 2 - hull.radius_m
     keel = hull.radius_m - hull.keel_below_cg_m
     along = _quaternion(pitch_rad=math.pi / 2)

@@ -1,0 +1,56 @@
+"""Hydrodynamic derivatives by their SNAME names: `Y_vdot`, `N_r`, `X_uu`, `Y_rv`, `X_uuu`.
+
+A name is a component of the force (X, Y, Z) or moment (K, M, N), an underscore, and one to three velocities of u, v, w,
+p, q, r, or one acceleration (`udot`). It is the coefficient of the product of these velocities, with the sign of SNAME
+(1950): damping and added mass are negative.
+
+A magnitude can be written: `Y_|r|v` is |r| v. A second-order name without bars means the term that has sense for a hull
+that is the same to port and starboard (Abkowitz 1964; Fossen 2021, section 6.5): the plain product where that changes
+sign as the component does (`X_vr` v r, `X_vv` v^2, `Y_uv` u v), else with the magnitude of the first factor (`Y_vv`
+|v| v, `Y_rv` |r| v, `N_vr` |v| r, `Z_ww` |w| w); and `X_uu` is |u| u. Third-order names are plain products, such as
+`X_uuu` u^3.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+COMPONENTS, VELOCITIES = "XYZKMN", "uvwpqr"
+_NAME = re.compile(r"([XYZKMN])_(?:([uvwpqr])dot|((?:[uvwpqr]|\|[uvwpqr]\|){1,3}))")
+_FACTOR = re.compile(r"\|?([uvwpqr])(\|?)")
+
+
+class Derivative(NamedTuple):
+    """Which component, 0 to 5, and the term it is linear in.
+
+    acceleration: index of the acceleration, None for a product of velocities. factors: index of each velocity and
+    whether its magnitude is meant.
+    """
+
+    component: int
+    acceleration: int | None
+    factors: tuple[tuple[int, bool], ...]
+
+
+def parse_derivative(name: str) -> Derivative:
+    """The term that a name stands for. Raises ValueError, with what to write, for what is no such name."""
+    found = _NAME.fullmatch(name)
+    if found is None:
+        raise ValueError("is not a derivative; write a name like Y_v, N_vdot, Y_rv, Y_|r|v or X_uuu")
+    component, acceleration, product = found.groups()
+    if acceleration is not None:
+        return Derivative(COMPONENTS.index(component), VELOCITIES.index(acceleration), ())
+    letters = [(letter, bool(bar)) for letter, bar in _FACTOR.findall(product)]
+    if len(letters) == 2 and not any(bar for _, bar in letters) and _needs_magnitude(component, product):
+        letters[0] = (letters[0][0], True)
+    return Derivative(
+        COMPONENTS.index(component), None, tuple((VELOCITIES.index(letter), bar) for letter, bar in letters)
+    )
+
+
+def _needs_magnitude(component: str, product: str) -> bool:
+    """Whether the plain product of two velocities would push to the same side whichever way the hull goes."""
+    if component == "X":
+        return product == "uu"
+    return set(product) <= set("vpr" if component in "YKN" else "wq")
