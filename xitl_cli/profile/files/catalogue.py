@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+from functools import cache
 from pathlib import Path
 
 from xitl_cli.errors import UserError
@@ -15,7 +16,12 @@ PROFILE = "profile.yaml"
 
 def shipped_profiles() -> dict[str, Path]:
     """Every shipped profile by its name (`sitl`, `environments/calm`), sorted: the runnable top ones first."""
-    root = profiles_dir()
+    return dict(_profiles_below(profiles_dir()))
+
+
+@cache
+def _profiles_below(root: Path) -> dict[str, Path]:
+    """Looked for once: a profile asks for each that it extends, and what is shipped stays as it is."""
     names = {path.relative_to(root).with_suffix("").as_posix(): path for path in root.rglob("*.yaml")}
     return dict(sorted(names.items(), key=lambda item: (item[0].count("/"), item[0])))
 

@@ -10,6 +10,7 @@ import gc
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -62,12 +63,18 @@ def read_yaml(path: Path, shown_as: str) -> Entry:
     except OSError as error:
         reason = (error.strerror or "unknown reason").lower()
         raise _error(shown_as, None, f"cannot be read: {reason}; check the path and its permissions") from None
-    entry = parse_yaml(text, shown_as)
+    entry = _parsed_once(text, shown_as) if len(text) < LONG_TEXT else parse_yaml(text, shown_as)
     if entry is None:
         raise _error(shown_as, 1, "is empty; a profile is a mapping of keys such as `extends:` and `mission:`")
     if not isinstance(entry.value, dict):
         raise _error(shown_as, entry.origin.line, f"is {shown(entry.plain())}; a profile is a mapping of keys")
     return entry
+
+
+@lru_cache(maxsize=256)
+def _parsed_once(text: str, source: str) -> Entry | None:
+    """The same bases stand below most profiles. An entry is never changed, so all of them may share it."""
+    return parse_yaml(text, source)
 
 
 def parse_yaml(text: str, source: str, first_line: int | None = 1) -> Entry | None:
