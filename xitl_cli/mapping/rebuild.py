@@ -29,7 +29,6 @@ from sim_core import frames
 from xitl_cli.errors import UserError
 from xitl_cli.logs.compare.trajectories import Trajectory, tum_text
 from xitl_cli.logs.export.files import make_directory, part_of
-from xitl_cli.logs.formats.mcap.file import McapLog
 from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import clouds, map_points, online, pings, read_autopilot_messages, truth
@@ -212,7 +211,7 @@ def trajectory_of(placed: list[RegisteredCloud]) -> Trajectory:
 
 def profile_of(log: Log) -> RunProfile | None:
     """The profile kept in the recording; None where there is none that this version understands."""
-    data = log.attachment(PROFILE) if isinstance(log, McapLog) else None
+    data = log.attachment(PROFILE)
     if data is None:
         return None
     try:

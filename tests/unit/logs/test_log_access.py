@@ -13,6 +13,11 @@ from made_table import every_kind
 
 from tests.recorded import CALM
 from xitl_cli.logs import LogError, open_log
+from xitl_cli.logs.clocks.time_line import AlignedLog
+from xitl_cli.logs.formats.dataflash.file import DataFlashLog
+from xitl_cli.logs.formats.mcap.file import McapLog
+from xitl_cli.logs.formats.tlog.file import TelemetryLog
+from xitl_cli.logs.model.log import Log
 from xitl_cli.logs.model.table import by_instance
 
 
@@ -82,3 +87,9 @@ def test_importing_the_logs_loads_no_numpy_before_one_is_opened() -> None:
     program = "import xitl_cli.logs, sys; print('numpy' in sys.modules)"
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("kind", [McapLog, DataFlashLog, TelemetryLog])
+def test_an_aligned_log_answers_what_its_format_answers_itself(kind: type[Log]) -> None:
+    answered = {name for name in vars(Log) if not name.startswith("_")} & set(vars(kind))
+    assert answered <= set(vars(AlignedLog))

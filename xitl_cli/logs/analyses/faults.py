@@ -130,10 +130,7 @@ def fault_spans(log: Log) -> list[FaultSpan]:
 
 def _told(log: Log) -> dict[str, tuple[tuple[str, str, str], ...]]:
     """Effect of each fault, by the profile inside the recording or beside it; empty without a profile."""
-    text: bytes | None = None
-    attachment = getattr(log, "attachment", None)
-    if attachment is not None:
-        text = attachment("profile.yaml")
+    text = log.attachment("profile.yaml")
     if text is None:
         try:
             with log.path.with_name("profile.yaml").open("rb") as file:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -154,6 +154,20 @@ class AlignedLog(Log):
     @property
     def facts(self) -> Mapping[str, str]:
         return self.inner.facts
+
+    @property
+    def rowless(self) -> Collection[str]:
+        return self.inner.rowless
+
+    @property
+    def closed(self) -> bool:
+        return self.inner.closed
+
+    def attachment(self, name: str) -> bytes | None:
+        return self.inner.attachment(name)
+
+    def frame_tables(self, topic: str) -> Mapping[str, Table]:
+        return self.inner.frame_tables(topic)
 
     def close(self) -> None:
         self.inner.close()

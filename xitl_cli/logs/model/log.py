@@ -136,6 +136,10 @@ class Log(ABC):
         """Whether its writer finished it; a format without an end has none that is missing."""
         return True
 
+    def attachment(self, name: str) -> bytes | None:
+        """The first file of this name inside the log; None when there is none, or none that is all there."""
+        return None
+
     @abstractmethod
     def close(self) -> None: ...
 

@@ -123,7 +123,6 @@ class McapLog(Log):
         return {key: value for key, value in facts.items() if value}
 
     def attachment(self, name: str) -> bytes | None:
-        """The first attached file of this name; None when there is none, or none that is all there."""
         for attachment in self._index.attachments:
             if attachment.name == name and attachment.size <= _MOST_ATTACHMENT:
                 data = self._source.read(attachment.place, attachment.size)
