@@ -127,6 +127,18 @@ def key_annotations(group: type) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(group) if field.init}
 
 
+@lru_cache(maxsize=256)
+def required_keys(group: type) -> tuple[str, ...]:
+    """Those that have to be given."""
+    known, absent = key_annotations(group), dataclasses.MISSING
+    return tuple(
+        field.name
+        for field in dataclasses.fields(group)
+        if field.name in known
+        and (Required in unpacked(known[field.name])[1] or field.default is absent is field.default_factory)
+    )
+
+
 def unpacked(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
     """The type within an annotation, and its markers and meaning."""
     if get_origin(annotation) is Annotated:

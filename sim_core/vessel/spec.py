@@ -283,6 +283,7 @@ class VesselSpec(Specification):
     """
 
     name: str
+    cruise_speed_mps: Annotated[Positive | None, "over ground, of a mission that says no other"] = None
     mass_kg: Positive
     inertia_kgm2: Annotated[tuple[Positive, Positive, Positive], "about x, y and z through the centre of gravity"]
     inertia_products_kgm2: Annotated[Vector, "Ixy, Ixz and Iyz there: the negative of the matrix's entries"] = (

@@ -22,7 +22,7 @@ from xitl_cli.profile.schema import Profile
 ELSEWHERE_M = 1000.0
 _EARTH_M_PER_DEG = 111_000.0
 _HULL = ("length_m", "width_m", "radius_m")
-_OF_ANY_HULL = ("strips", "surge_coefficient", "sway_coefficient", "yaw_coefficient")
+_OF_ANY_HULL = ("cruise_speed_mps", "strips", "surge_coefficient", "sway_coefficient", "yaw_coefficient")
 _SITE = ("world", "mission", "environment", "site")
 _GAINS = ("ATC_", "CRUISE_", "LOS_", "MOT_")
 SAME_SHARE, SAME_HULL_SHARE = 0.25, 0.1

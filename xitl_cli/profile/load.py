@@ -67,7 +67,7 @@ def load_with_origins(name: str, overrides: Iterable[str] = ()) -> LoadedProfile
     overrides = tuple(overrides)
     path = find_profile(name)
     try:
-        entry = _with_absolute_paths(override(compose(path), overrides))
+        entry = _at_speed_of_vessel(_with_absolute_paths(override(compose(path), overrides)))
         return LoadedProfile(_validated(entry, name), path, entry)
     except ProfileError as error:
         called = " ".join([shlex.quote(name), *(f"--set {shlex.quote(text)}" for text in overrides)])
@@ -81,6 +81,17 @@ def _validated(entry: Entry, name: str) -> Profile:
     if problems:
         raise ProfileError(problems, name)
     return profile
+
+
+def _at_speed_of_vessel(entry: Entry) -> Entry:
+    """A mission that says no speed goes at the vessel's, whichever of the two was composed first."""
+    vessel, mission = entry.child("vehicle"), entry.child("mission")
+    speed = None if vessel is None else vessel.child("cruise_speed_mps")
+    if speed is None or speed.value is None or mission is None or not isinstance(mission.value, dict):
+        return entry
+    assert isinstance(entry.value, dict)
+    faster = Entry({"speed_mps": speed, **mission.value}, mission.origin, mission.replaced)
+    return Entry({**entry.value, "mission": faster}, entry.origin)
 
 
 def _with_absolute_paths(entry: Entry) -> Entry:

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import is_dataclass
 from typing import Any, TypeVar, get_args, get_origin
 
 from sim_core.keys import (
-    Required,
     SpecificationError,
     alternatives,
     entries,
@@ -19,8 +18,8 @@ from sim_core.keys import (
     length_problem,
     optional,
     own_rule,
+    required_keys,
     unit_of,
-    unpacked,
     value_problem,
 )
 from xitl_cli.profile.files.entry import Entry, KeyPath, Problem, ProfileError, dotted, shown
@@ -61,14 +60,14 @@ class _Reader:
         for key in entry.value:
             if key not in known:
                 meant.add(self._unknown_key(entry.value[key], list(known), (*path, key)))
-        values = {}
-        for field in fields(group):
-            below = entry.value.get(field.name)
+        values, required = {}, required_keys(group)
+        for key, annotation in known.items():
+            below = entry.value.get(key)
             if below is not None:
-                values[field.name] = self._value(below, known[field.name], (*path, field.name))
-            elif _required(field, known[field.name]) and field.name not in meant:
-                unit = unit_of(field.name)
-                needs = f"{dotted(path) or 'the profile'} needs {field.name!r}; add it{f' in {unit}' if unit else ''}"
+                values[key] = self._value(below, annotation, (*path, key))
+            elif key in required and key not in meant:
+                unit = unit_of(key)
+                needs = f"{dotted(path) or 'the profile'} needs {key!r}; add it{f' in {unit}' if unit else ''}"
                 self.problems.append(Problem(entry.origin, needs))
         if len(self.unknown) + len(self.problems) > before:
             return None
@@ -121,10 +120,6 @@ class _Reader:
             fix = f"known keys: {', '.join(known)}"
         self.unknown.append(Problem(entry.origin, f"{dotted(path)} is not a known key; {fix}"))
         return close[0] if close else None
-
-
-def _required(field: Field[Any], annotation: Any) -> bool:
-    return Required in unpacked(annotation)[1] or (field.default is MISSING and field.default_factory is MISSING)
 
 
 def _paths(group: Any, above: KeyPath) -> Iterator[KeyPath]:

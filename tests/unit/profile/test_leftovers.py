@@ -141,3 +141,31 @@ def test_the_base_has_no_site_no_vessel_and_no_mission() -> None:
     assert set(base.missing_for_run()) == {"site", "vehicle", "mission"}
     assert base.autopilot is not None
     assert (base.autopilot.parameter_files, dict(base.autopilot.parameters)) == ((), {})
+
+
+def test_a_whole_vessel_takes_the_place_of_the_one_before(write: Write) -> None:
+    """Keys that only the vessel before had, a short hull among them, are gone; a version of it keeps them."""
+    general = VESSEL.replace("WIND", WIND).replace(
+        "hull: {length_m: 1.8, width_m: 1.0, radius_m: 0.15, keel_below_cg_m: 0.2}",
+        "hulls: [{length_m: 1.8, keel_frd_m: [0, 0, 0.2], section: {width_m: 1, depth_m: 0.4}}]",
+    )
+    write(general + "  derivatives: {Y_r: -2}\n", "general.yaml")
+    other = general.replace("name: mine", "name: other") + "  derivatives: {N_v: -1}\n"
+    mine = load_with_origins(str(write(f"extends: [sitl, general.yaml]\n{other}"))).profile.vehicle
+    assert mine is not None
+    assert mine.hull is None
+    assert mine.derivatives == {"N_v": -1.0}
+    heavier = load_with_origins(str(write("extends: [sitl, general.yaml]\nvehicle: {mass_kg: 66}"))).profile.vehicle
+    assert heavier is not None
+    assert heavier.derivatives == {"Y_r": -2.0}
+
+
+def test_a_mission_without_a_speed_goes_at_the_vessels(write: Write) -> None:
+    def speed_mps(text: str, *overrides: str) -> float:
+        return load_with_origins(str(write(text)), overrides).runnable().mission.speed_mps
+
+    for parts in ("[sitl, vehicles/asv-third]", "[sitl, vehicles/asv-third, sites/santo-antonio]"):
+        assert speed_mps(f"extends: {parts}") == 1.73
+    assert speed_mps("extends: sitl", "vehicle.cruise_speed_mps=2") == 2.0
+    assert speed_mps("extends: sitl\nmission: {speed_mps: 1.5}") == 1.5
+    assert speed_mps("extends: sitl\nvehicle: {cruise_speed_mps: null}") == 3.0

@@ -1,10 +1,15 @@
-"""Composition: `extends:` (later ones win, the file itself wins over all) and `--set` overrides."""
+"""Composition: `extends:` (later ones win, the file itself wins over all) and `--set` overrides.
+
+Groups merge key by key, but a whole vessel takes the place of the one before: nothing of that one is left.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
 
+from sim_core.keys import required_keys
+from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.catalogue import find_profile, profile_name, shown_path
 from xitl_cli.profile.files.entry import Entry, Origin, Problem, ProfileError, dotted, merge, shown
@@ -43,13 +48,35 @@ def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
                 what = f"extends = {shown(name.value)} goes round in a circle: {loop}; drop one of them"
                 raise _error(name.origin, what)
             base = _composed(base_path, (*chain, resolved))
-            below = base if below is None else merge(below, base)
+            below = base if below is None else _laid_on(below, base)
     own = Entry({key: value for key, value in entry.value.items() if key != "extends"}, entry.origin)
     if below is None:
         return own
     assert isinstance(below.value, dict)
     inherited = {key: value for key, value in below.value.items() if key not in OWN_KEYS}
-    return merge(Entry(inherited, below.origin), own)
+    return _laid_on(Entry(inherited, below.origin), own)
+
+
+def _laid_on(below: Entry, above: Entry) -> Entry:
+    merged = merge(below, above)
+    vessel = above.child("vehicle")
+    if vessel is None or not _is_whole_vessel(vessel):
+        return merged
+    assert isinstance(merged.value, dict)
+    return Entry({**merged.value, "vehicle": _only_keys_of(vessel, merged.value["vehicle"])}, merged.origin)
+
+
+def _is_whole_vessel(vessel: Entry) -> bool:
+    """Whether it has all that a vessel needs; without a hull it is a version of another one."""
+    hull = any((entry := vessel.child(key)) is not None and bool(entry.value) for key in ("hull", "hulls"))
+    return hull and all(vessel.child(key) is not None for key in required_keys(VesselSpec))
+
+
+def _only_keys_of(above: Entry, merged: Entry) -> Entry:
+    if not (isinstance(above.value, dict) and isinstance(merged.value, dict)):
+        return merged
+    kept = {key: _only_keys_of(entry, merged.value[key]) for key, entry in above.value.items()}
+    return Entry(kept, merged.origin, merged.replaced)
 
 
 def _names(extends: Entry) -> tuple[Entry, ...]:

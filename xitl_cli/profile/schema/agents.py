@@ -37,7 +37,9 @@ class StartSpec(Specification):
 class MissionSpec(Specification):
     """Waypoints from the local origin."""
 
-    speed_mps: Annotated[float, Bounds(above=0, at_most=30), "over ground"] = 3.0
+    speed_mps: Annotated[
+        float, Bounds(above=0, at_most=30), "over ground; without: `vehicle.cruise_speed_mps`, where that is given"
+    ] = 3.0
     acceptance_radius_m: Positive = 3.0
     start: StartSpec = StartSpec()
     waypoints_ned_m: Annotated[
