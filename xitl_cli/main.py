@@ -133,6 +133,13 @@ def _profiles(group: typer.Typer) -> None:
     group.command("check")(profiles.check)
 
 
+def _vehicle(group: typer.Typer) -> None:
+    from xitl_cli.commands import vehicle
+
+    group.callback()(_several)
+    group.command("check")(vehicle.check)
+
+
 def _params(group: typer.Typer) -> None:
     from xitl_cli.commands import params
 
@@ -182,6 +189,7 @@ def _paper(group: typer.Typer) -> None:
 _GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {
     "agent": ("Run the agent for a simulation host (`xitl agent --help`), package it, deploy it to a board.", _agent),
     "profiles": ("List, show and check profiles.", _profiles),
+    "vehicle": ("Look into the model of a vessel.", _vehicle),
     "params": ("Read, compare and set parameters of a vehicle.", _params),
     "firmware": ("Download the firmware of other autopilots.", _firmware),
     "logs": ("Look into the logs of vehicles and runs.", _logs),

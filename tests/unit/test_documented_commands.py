@@ -36,7 +36,13 @@ from xitl_cli.profile import load_profile
 
 TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-PROFILE_ARGUMENTS = {"sim": "profile", "wdri": "profile", "profiles show": "name", "profiles check": "names"}
+PROFILE_ARGUMENTS = {
+    "sim": "profile",
+    "wdri": "profile",
+    "profiles show": "name",
+    "profiles check": "names",
+    "vehicle check": "name",
+}
 SIM_OPTIONS = {"duration": "clock.duration_s", "clock": "clock.mode", "seed": "clock.seed"}
 PLACEHOLDER = re.compile(r"[A-Z][A-Z_@]+(\.\.\.|,[A-Z])?|…|.*<.*>.*")
 APP: Any = typer.main.get_command(_app())

@@ -1,0 +1,178 @@
+"""Small motions about rest or about steady way: stiffness, natural periods, damping ratios, stability of course.
+
+The acceleration of the simulation's own vessel is differentiated numerically, by central differences, so whatever
+forces a vessel has are in it. State: depth z, roll, pitch, then the six velocities in body axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from sim_core.environment.spec import GRAVITY_MPS2
+from sim_core.environment.waves import StillHull
+from sim_core.frames import Array, euler_to_quat, matrix_to_euler, quat_to_matrix
+from sim_core.kinematics import Kinematics
+from sim_core.simulation import Simulation
+from sim_core.vessel.vessel import Surroundings, VesselState, accelerate
+
+Plane = Literal["across", "upright"]
+STEPS = np.array([1e-4] * 3 + [1e-3] * 6)
+"""m, rad, m/s, rad/s: small beside any draft, large beside rounding."""
+_MOST_NEWTON_STEPS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """An oscillation about rest: natural period without damping, and damping as a share of the critical one."""
+
+    name: str
+    period_s: float
+    damping_ratio: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmallMotion:
+    """x' = matrix x, (9, 9), about one motion; mass: (6, 6) with the added one."""
+
+    matrix: Array
+    mass: Array
+
+    @property
+    def stiffness(self) -> Array:
+        """(3, 3) force down and moments of roll and pitch against depth, roll and pitch."""
+        restoring: Array = -(self.mass @ self.matrix[3:, :3])[2:5]
+        return restoring
+
+    @property
+    def damping(self) -> Array:
+        """(6, 6) force against velocity."""
+        drag: Array = -self.mass @ self.matrix[3:, 3:]
+        return drag
+
+    def metacentric_heights_m(self, mass_kg: float) -> tuple[float, float]:
+        """Transverse and longitudinal: the moment per angle that a free vessel needs, over its weight."""
+        compliance = np.linalg.pinv(self.stiffness)
+        weight_n = mass_kg * GRAVITY_MPS2
+        roll, pitch = (1.0 / (weight_n * compliance[axis, axis]) for axis in (1, 2))
+        return float(roll), float(pitch)
+
+    def modes(self) -> tuple[Mode, ...]:
+        """Heave, roll and pitch: the undamped modes, each with the damping that acts in its own shape.
+
+        That holds for one damped beyond oscillation too. Raises ValueError where the vessel does not right itself.
+        """
+        restoring = np.zeros((6, 6))
+        restoring[:, 2:5] = -self.matrix[3:, :3]
+        squares, shapes = np.linalg.eig(restoring)
+        left = np.linalg.inv(shapes)
+        found = []
+        largest = np.argsort(-squares.real)[:3]
+        for mode in largest:
+            square = squares[mode].real
+            if square <= 0:
+                raise ValueError("does not right itself: its metacentric height is below 0")
+            omega = float(np.sqrt(square))
+            damped = (left[mode] @ -self.matrix[3:, 3:] @ shapes[:, mode]).real
+            share = np.abs(left[mode] * shapes[:, mode])[2:5]
+            found.append((share, 2.0 * np.pi / omega, float(damped) / (2.0 * omega)))
+        names: dict[int, str] = {}
+        order = sorted(((share[axis], mode, axis) for mode, (share, _, _) in enumerate(found) for axis in range(3)))
+        for _, mode, axis in reversed(order):
+            if mode not in names and (name := ("heave", "roll", "pitch")[axis]) not in names.values():
+                names[mode] = name
+        modes = [Mode(names[mode], period, ratio) for mode, (_, period, ratio) in enumerate(found)]
+        return tuple(sorted(modes, key=lambda mode: ("heave", "roll", "pitch").index(mode.name)))
+
+    def growth(self, plane: Plane) -> float:
+        """Rate (1/s) of what grows fastest across the hull (sway, roll, yaw) or in its upright plane; below 0: none."""
+        rows = np.array([1, 4, 6, 8] if plane == "across" else [0, 2, 3, 5, 7])
+        return float(np.linalg.eigvals(self.matrix[np.ix_(rows, rows)]).real.max())
+
+    @property
+    def fastest_radps(self) -> float:
+        """Of all motions: what the steps of a simulation have to follow."""
+        return float(np.abs(np.linalg.eigvals(self.matrix)).max())
+
+
+def small_motion(simulation: Simulation, state: VesselState, vessel: int = 0) -> SmallMotion:
+    """About the motion of one vessel of a state, in still water, with its propellers held."""
+    base = _Base(simulation, state, vessel)
+    offsets = np.concatenate([np.diag(STEPS), -np.diag(STEPS)])
+    rates = base.rates(offsets)
+    matrix = (rates[:9] - rates[9:]).T / (2.0 * STEPS)
+    mass: Array = np.asarray(np.linalg.inv(simulation.vessel.hydrodynamics.inverse_mass), dtype=np.float64)
+    return SmallMotion(matrix, mass)
+
+
+def settle(simulation: Simulation, state: VesselState) -> VesselState:
+    """The first vessel of a state that is nearly at rest, at the depth and attitude where no force is left.
+
+    Raises ValueError where there is none near.
+    """
+    offset = np.zeros(9)
+    still = replace(
+        state.motion,
+        vel_ned_mps=np.zeros_like(state.motion.vel_ned_mps),
+        gyro_frd_radps=np.zeros_like(state.motion.gyro_frd_radps),
+    )
+    base = _Base(simulation, replace(state, motion=still), 0)
+    for _ in range(_MOST_NEWTON_STEPS):
+        about = np.concatenate([offset + np.diag(STEPS)[:3], offset - np.diag(STEPS)[:3], offset[None]])
+        force = base.rates(about)[:, 5:8]
+        if np.abs(force[6]).max() < 1e-9:
+            break
+        slope = (force[:3] - force[3:6]).T / (2.0 * STEPS[:3])
+        step = np.linalg.lstsq(slope, -force[6], rcond=None)[0]
+        offset[:3] += step * min(1.0, 0.05 / max(np.abs(step).max(), 1e-12))
+    else:
+        raise ValueError("finds no rest: its weight and its buoyancy do not balance at any small trim and heel")
+    return replace(state, motion=base.motions(offset[None]))
+
+
+class _Base:
+    """One motion, and what happens a little off it."""
+
+    def __init__(self, simulation: Simulation, state: VesselState, vessel: int) -> None:
+        motion = state.motion
+        self._vessel = simulation.vessel
+        self._points = len(np.atleast_2d(simulation.vessel.buoyancy.axes_frd_m))
+        self._rotor = state.rotor_speed[vessel]
+        self._pos = motion.pos_ned_m[vessel]
+        rotation = motion.rot_ned_frd[vessel]
+        self._euler = matrix_to_euler(rotation)
+        self._velocity = np.concatenate([motion.vel_ned_mps[vessel] @ rotation, motion.gyro_frd_radps[vessel]])
+
+    def motions(self, offsets: Array) -> Kinematics:
+        """(N, 9) offsets from it."""
+        count = len(offsets)
+        pos = np.tile(self._pos, (count, 1))
+        pos[:, 2] += offsets[:, 0]
+        euler = np.tile(self._euler, (count, 1))
+        euler[:, :2] += offsets[:, 1:3]
+        quat = euler_to_quat(euler)
+        rotation = quat_to_matrix(quat)
+        velocity = self._velocity + offsets[:, 3:]
+        zero = np.zeros((count, 3))
+        return Kinematics(
+            pos, np.vecdot(rotation, velocity[:, None, :3]), zero, quat, rotation, velocity[:, 3:].copy(), zero
+        )
+
+    def rates(self, offsets: Array) -> Array:
+        """(N, 9) derivatives of depth, roll, pitch and velocity."""
+        count, motion = len(offsets), self.motions(offsets)
+        surface = StillHull(self._points).sample(0.0, motion.pos_ned_m, motion.rot_ned_frd)
+        still = np.zeros((count, 3))
+        around = Surroundings(still, still, surface)
+        acceleration = accelerate(self._vessel, motion, np.tile(self._rotor, (count, 1)), around)
+        velocity = self._velocity + offsets[:, 3:]
+        rate, euler = velocity[:, 3:], matrix_to_euler(motion.rot_ned_frd)
+        roll, pitch = euler[:, 0], euler[:, 1]
+        across = np.sin(roll) * rate[:, 1] + np.cos(roll) * rate[:, 2]
+        turning = np.column_stack(
+            [rate[:, 0] + np.tan(pitch) * across, np.cos(roll) * rate[:, 1] - np.sin(roll) * rate[:, 2]]
+        )
+        acceleration[:, :3] -= np.cross(rate, velocity[:, :3])
+        return np.column_stack([motion.vel_ned_mps[:, 2], turning, acceleration])
