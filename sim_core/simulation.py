@@ -13,7 +13,7 @@ from numpy.random import Generator
 
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
-from sim_core.environment.waves import HullWaves, StillHull
+from sim_core.environment.waves import HullWaves, StillHull, WaveField
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
@@ -49,7 +49,7 @@ class Simulation:
         dt_ns = round(dt_s * 1e9)
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
-        vessel = Vessel.from_spec(model, environment.water, dt_s)
+        vessel = Vessel.from_spec(model, environment.water, dt_s, waves=isinstance(environment.waves, WaveField))
         hull_waves = environment.waves.at_hull(vessel.buoyancy.axes_frd_m)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
         return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway)

@@ -28,7 +28,7 @@ class Environment:
     @classmethod
     def from_spec(cls, spec: EnvironmentSpec, rng: Generator) -> Environment:
         """What the specification describes, its waves with phases drawn from `rng`."""
-        waves = realise_waves(spec.waves, spec.water, rng)
+        waves = realise_waves(spec.waves, spec.water, rng, spec.current.mean_ne_mps)
         return cls(spec.water, make_current(spec.current), waves, make_wind(spec.wind))
 
     def surface_ned_z_m(self, time_s: float, pos_ne_m: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -36,6 +37,12 @@ class CurrentSpec(Specification):
     channel_centre_ned_m: Annotated[Place, "a point of the channel's middle line, north and east"] = (0.0, 0.0)
     channel_bank_ratio: Annotated[Share, "of the speed that is left at the banks"] = 0.3
     channel_bank_exponent: Annotated[Positive, "how suddenly the current slackens"] = 4.0
+
+    @property
+    def mean_ne_mps(self) -> tuple[float, float]:
+        """Mean velocity north and east, in the middle of a channel: what carries the pattern of the waves."""
+        course_rad = math.radians(self.direction_deg)
+        return self.speed_mps * math.cos(course_rad), self.speed_mps * math.sin(course_rad)
 
 
 @dataclass(frozen=True, slots=True)

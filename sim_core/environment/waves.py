@@ -1,7 +1,9 @@
 """The sea surface: wave spectra, FlatWater and WaveField, and waves as a hull feels them.
 
 `direction_deg` is where the waves go, clockwise from north. Linear (Airy) theory at the surface, for component i
-theta_i = k_i . x - omega_i t + phase_i: elevation `a cos theta`, up positive. Spectra are one-sided densities S(omega)
+theta_i = k_i . x - (omega_i + k_i . U) t + phase_i: elevation `a cos theta`, up positive. omega_i, which goes with k_i
+by the dispersion of still water, is what the water feels; the mean current U carries the pattern past a fixed place
+(Peregrine 1976; the Doppler term). Spectra are one-sided densities S(omega)
 in m^2 s/rad of the angular frequency in rad/s; the integral over omega is Hs^2 / 16.
 
 A hull of S points and a sea of W components need N S W cosines a step. The phase at each vessel's origin is reduced
@@ -14,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy import float32, float64
@@ -42,16 +44,26 @@ class FlatWater:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaveField:
-    """A realised sea of W components, the same for every vessel; each array (W,), wave vectors (W, 2) north, east."""
+    """A realised sea of W components, the same for every vessel; each array (W,), wave vectors (W, 2) north, east.
+
+    omega_radps: the frequency that the water feels. The pattern goes with a current_ne_mps (2,) of the water.
+    """
 
     amplitude_m: Array
     omega_radps: Array
     wave_vector_radpm: Array
     phase_rad: Array
+    current_ne_mps: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def apparent_omega_radps(self) -> Array:
+        """(W,) frequency at a fixed place, omega + k . U: negative where the current carries crests back."""
+        apparent: Array = self.omega_radps + self.wave_vector_radpm @ self.current_ne_mps
+        return apparent
 
     def phase_at(self, time_s: float, pos_ne_m: Array) -> Array:
         """(..., W) theta in rad at (..., 2) positions."""
-        phase: Array = pos_ne_m @ self.wave_vector_radpm.T - self.omega_radps * time_s + self.phase_rad
+        phase: Array = pos_ne_m @ self.wave_vector_radpm.T - self.apparent_omega_radps * time_s + self.phase_rad
         return phase
 
     def elevation_m(self, time_s: float, pos_ne_m: Array) -> Array:
@@ -79,13 +91,13 @@ class WaveField:
 
     def at_hull(self, points_frd_m: Array) -> HullWaves:
         """Sampler for a hull of (S, 3) points."""
-        return HullWaves.bind(
-            self.amplitude_m, self.omega_radps, self.wave_vector_radpm, self.phase_rad, self.drift_mps, points_frd_m
-        )
+        return HullWaves.bind(self, points_frd_m)
 
 
-def realise_waves(spec: WaveSpec, water: Water, rng: Generator) -> WaveField | FlatWater:
-    """The sea of a specification with random phases; flat water where it has no waves.
+def realise_waves(
+    spec: WaveSpec, water: Water, rng: Generator, current_ne_mps: tuple[float, float] = (0.0, 0.0)
+) -> WaveField | FlatWater:
+    """The sea of a specification with random phases, carried by a current; flat water where it has no waves.
 
     A random sea has one component per band, at a random frequency in it, with the band's energy. Bands of equal ratio
     and frequencies off their centres leave no common period; the amplitudes sum to Hs exactly.
@@ -95,7 +107,9 @@ def realise_waves(spec: WaveSpec, water: Water, rng: Generator) -> WaveField | F
     direction_rad = math.radians(spec.direction_deg)
     if spec.spectrum == "regular":
         omega = np.array([2.0 * np.pi / spec.peak_period_s])
-        return _field(np.array([0.5 * spec.significant_height_m]), omega, np.array([direction_rad]), water, rng)
+        return _field(
+            np.array([0.5 * spec.significant_height_m]), omega, np.array([direction_rad]), water, rng, current_ne_mps
+        )
     density = wave_density(spec.spectrum, spec.significant_height_m, spec.peak_period_s, spec.gamma)
     peak_radps = 2.0 * np.pi / spec.peak_period_s
     edges = peak_radps * np.geomspace(LOWEST_OF_PEAK, HIGHEST_OF_PEAK, spec.components + 1)
@@ -106,13 +120,21 @@ def realise_waves(spec: WaveSpec, water: Water, rng: Generator) -> WaveField | F
     course = np.full(spec.components, direction_rad)
     if spec.spreading is not None:
         course = course + rng.permutation(spreading_quantiles(spec.spreading, spec.components))
-    return _field(np.sqrt(2.0 * variance), omega, course, water, rng)
+    return _field(np.sqrt(2.0 * variance), omega, course, water, rng, current_ne_mps)
 
 
-def _field(amplitude_m: Array, omega_radps: Array, course_rad: Array, water: Water, rng: Generator) -> WaveField:
+def _field(
+    amplitude_m: Array,
+    omega_radps: Array,
+    course_rad: Array,
+    water: Water,
+    rng: Generator,
+    current_ne_mps: tuple[float, float],
+) -> WaveField:
     heading = np.stack([np.cos(course_rad), np.sin(course_rad)], axis=1)
     wave_vector = wave_number(omega_radps, water.depth_m)[:, None] * heading
-    return WaveField(amplitude_m, omega_radps, wave_vector, rng.uniform(0.0, 2.0 * np.pi, len(omega_radps)))
+    phase = rng.uniform(0.0, 2.0 * np.pi, len(omega_radps))
+    return WaveField(amplitude_m, omega_radps, wave_vector, phase, np.array(current_ne_mps))
 
 
 def pierson_moskowitz(omega_radps: Array, significant_height_m: float, peak_period_s: float) -> Array:
@@ -175,19 +197,31 @@ def spreading_quantiles(spreading: float, count: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HullSurface:
-    """The surface at N hulls of S points.
+    """The surface at N hulls of S points; velocities are those of the water without its current.
 
     elevation_m: (N,) at the vessel's origin, and point_elevation_m: (N, S), up positive over the still level.
-    orbital_ned_mps: (N, 3) velocity of the water, horizontally the mean over the hull.
-    slope_frd: (N, 3) gradient of the plane fitted to the points along forward and right, third component 0.
-    rise_mps2: (N, 1) vertical acceleration of the surface, up positive, the mean over the hull.
+    The rest are means over the points:
+    orbital_ned_mps: (N, 3) velocity of the water.
+    slope_frd: (N, 3) rise per metre forward and right of the plane fitted to the elevations, third 0.
+    turn_frd_radps: (N, 3) roll and pitch rate of the plane fitted to the water's vertical velocities, third 0.
+    gradient_ned: (N, 3) slope of the surface, its rise per metre to north and east, third 0.
+    rise_mps2: (N, 1) vertical acceleration of the surface, up positive.
+    turn_radps2: (N, 2) acceleration of the fitted plane in roll and pitch.
     """
 
     elevation_m: Array
     point_elevation_m: Array
     orbital_ned_mps: Array
     slope_frd: Array
+    turn_frd_radps: Array
+    gradient_ned: Array
     rise_mps2: Array
+    turn_radps2: Array
+
+    @classmethod
+    def joined(cls, parts: list[HullSurface]) -> HullSurface:
+        """Of all vessels of the parts, in their order."""
+        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +234,11 @@ class StillHull:
         """All zero."""
         vessels = len(pos_ned_m)
         zero = np.zeros((vessels, 3))
-        return HullSurface(np.zeros(vessels), np.zeros((vessels, self.points)), zero, zero, np.zeros((vessels, 1)))
+        flat = np.zeros((vessels, self.points))
+        return HullSurface(np.zeros(vessels), flat, zero, zero, zero, zero, zero[:, :1], zero[:, :2])
+
+
+_BLOCK = 128  # vessels sampled at once: what they need stays in the processor's cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,60 +249,74 @@ class HullWaves:
     turns_per_s: Array  # (W,)
     turns: Array  # (W,)
     lever: Array32  # (6, (1 + S) W), the origin first
-    at_point: Array32  # (W, 4): elevation, vertical acceleration, orbital north, orbital east
-    over_hull: Array32  # (4 (1 + S), 8)
-    at_origin: Array32  # (W, 8)
+    of_cosines: Array32  # (W, 4): elevation, vertical acceleration, orbital north, orbital east
+    of_sines: Array32  # (W, 3): vertical velocity, slope to north, slope to east
+    over_hull: Array32  # (4 (1 + S), 16)
+    over_hull_sines: Array32  # (3 (1 + S), 16)
 
     @classmethod
-    def bind(
-        cls,
-        amplitude_m: Array,
-        omega_radps: Array,
-        wave_vector_radpm: Array,
-        phase_rad: Array,
-        drift_mps: Array,
-        points_frd_m: Array,
-    ) -> HullWaves:
-        """Constants of `sample`; its eight columns: orbital velocity (3), slope (3), vertical acceleration, elevation.
+    def bind(cls, waves: WaveField, points_frd_m: Array) -> HullWaves:
+        """Constants of `sample` for hulls of (S, 3) points.
 
-        amplitude, omega, phase: (W,); wave vectors and drift (amplitude of the horizontal velocity): (W, 2) north,
-        east; points: (S, 3).
+        Its sixteen columns: orbital velocity (3), slope (3), turn (3), gradient (3), rise, acceleration of the turn
+        (2), elevation at the origin.
         """
-        components, points = len(amplitude_m), len(points_frd_m)
+        points = len(points_frd_m)
+        amplitude_m, omega = waves.amplitude_m, waves.omega_radps
         origin_too = np.concatenate([np.zeros((1, 3)), points_frd_m])
-        lever = np.einsum("wi,sj->ijsw", wave_vector_radpm, origin_too).reshape(6, -1)
-        at_point = np.column_stack([amplitude_m, -amplitude_m * omega_radps**2, drift_mps])
-        over_hull = np.zeros((1 + points, 4, 8))
-        over_hull[1:, 2, 0] = over_hull[1:, 3, 1] = over_hull[1:, 1, 6] = 1.0 / points
-        # Least-squares plane through the points' elevations: rows 1 and 2 of the pseudo-inverse are its slopes.
-        over_hull[1:, 0, 3:5] = np.linalg.pinv(np.column_stack([np.ones(points), points_frd_m[:, :2]]))[1:].T
-        over_hull[0, 0, 7] = 1.0
-        at_origin = np.zeros((components, 8))
-        at_origin[:, 2] = -amplitude_m * omega_radps  # of sin theta: the surface rises, down is positive
+        lever = np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, origin_too).reshape(6, -1)
+        # Least-squares plane through the points: rows 1 and 2 of the pseudo-inverse are its slopes forward and right.
+        # It pitches as it rises forward and rolls as it falls to the right.
+        plane = np.linalg.pinv(np.column_stack([np.ones(points), points_frd_m[:, :2]]))
+        roll_pitch = np.stack([-plane[2], plane[1]], axis=1)
+        over_hull = np.zeros((1 + points, 4, 16))
+        over_hull[1:, 2, 0] = over_hull[1:, 3, 1] = over_hull[1:, 1, 12] = 1.0 / points
+        over_hull[1:, 0, 3:5] = plane[1:].T
+        over_hull[1:, 1, 13:15] = roll_pitch
+        over_hull[0, 0, 15] = 1.0
+        over_hull_sines = np.zeros((1 + points, 3, 16))
+        over_hull_sines[1:, 0, 2] = -1.0 / points
+        over_hull_sines[1:, 0, 6:8] = roll_pitch
+        over_hull_sines[1:, 1, 9] = over_hull_sines[1:, 2, 10] = 1.0 / points
         turn = 2.0 * math.pi
         return cls(
-            turns_per_m=wave_vector_radpm.T / turn,
-            turns_per_s=omega_radps / turn,
-            turns=phase_rad / turn,
+            turns_per_m=waves.wave_vector_radpm.T / turn,
+            turns_per_s=waves.apparent_omega_radps / turn,
+            turns=waves.phase_rad / turn,
             lever=lever.astype(float32),
-            at_point=at_point.astype(float32),
-            over_hull=over_hull.reshape(-1, 8).astype(float32),
-            at_origin=at_origin.astype(float32),
+            of_cosines=np.column_stack([amplitude_m, -amplitude_m * omega**2, waves.drift_mps]).astype(float32),
+            of_sines=np.column_stack([amplitude_m * omega, -amplitude_m[:, None] * waves.wave_vector_radpm]).astype(
+                float32
+            ),
+            over_hull=over_hull.reshape(-1, 16).astype(float32),
+            over_hull_sines=over_hull_sines.reshape(-1, 16).astype(float32),
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
         """The surface at time_s under N vessels at (N, 3) positions with (N, 3, 3) attitudes."""
         vessels, components = len(pos_ned_m), len(self.turns)
-        phase = self._phase_at_origin(time_s, pos_ned_m)
+        if vessels > _BLOCK:
+            blocks = [slice(first, first + _BLOCK) for first in range(0, vessels, _BLOCK)]
+            return HullSurface.joined([self.sample(time_s, pos_ned_m[one], rot_ned_frd[one]) for one in blocks])
         lever = rot_ned_frd.reshape(vessels, 9)[:, :6].astype(float32) @ self.lever
         wave = lever.reshape(vessels, -1, components)
-        wave += phase[:, None, :]
-        np.cos(wave, out=wave)
-        point = wave @ self.at_point
-        summed = point.reshape(vessels, -1) @ self.over_hull
-        summed += np.sin(phase) @ self.at_origin
+        wave += self._phase_at_origin(time_s, pos_ned_m)[:, None, :]
+        cosines = np.cos(wave) @ self.of_cosines
+        np.sin(wave, out=wave)
+        sines = wave @ self.of_sines
+        summed = cosines.reshape(vessels, -1) @ self.over_hull
+        summed += sines.reshape(vessels, -1) @ self.over_hull_sines
         hull = summed.astype(float64)
-        return HullSurface(hull[:, 7], point[:, 1:, 0].astype(float64), hull[:, :3], hull[:, 3:6], hull[:, 6:7])
+        return HullSurface(
+            hull[:, 15],
+            cosines[:, 1:, 0].astype(float64),
+            hull[:, :3],
+            hull[:, 3:6],
+            hull[:, 6:9],
+            hull[:, 9:12],
+            hull[:, 12:13],
+            hull[:, 13:15],
+        )
 
     def _phase_at_origin(self, time_s: float, pos_ned_m: Array) -> Array32:
         """(N, W) theta in (-pi, pi]."""

@@ -112,7 +112,7 @@ class WaterSeen:
             none = np.zeros(0, float32)
             return cls(level_down_m, 0.0, middle.astype(float32), none, none, none)
         phase = np.remainder(waves.phase_at(time_s, middle), 2.0 * np.pi)
-        to_phase = np.concatenate([waves.wave_vector_radpm.T, -waves.omega_radps[None], phase[None]])
+        to_phase = np.concatenate([waves.wave_vector_radpm.T, -waves.apparent_omega_radps[None], phase[None]])
         return cls(
             level_down_m=level_down_m,
             crest_m=float(np.abs(waves.amplitude_m).sum()),

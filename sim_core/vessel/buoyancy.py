@@ -2,7 +2,7 @@
 
 Pressure on a circular section points at the section's centre, so each strip's lift acts on the hull's axis whatever
 the roll; what it amounts to depends on the depth of that axis alone. Along the hull it acts at the centre of buoyancy,
-taken at the draft of rest. The lift is normal to the surface: its horizontal part is the waves' Froude-Krylov force.
+taken at the draft of rest.
 """
 
 from __future__ import annotations
@@ -104,14 +104,14 @@ class Buoyancy:
             wrench=wrench.reshape(12, 6),
         )
 
-    def terms(self, pos_ned_m: Array, down_frd: Array, normal_frd: Array, surface: HullSurface) -> tuple[Array]:
+    def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
         """(N, 12) what the force is linear in, for vessels at (N, 3).
 
-        down_frd: (N, 3) the vertical in the body; normal_frd: (N, 3) upward normal of the surface, vertical part 1.
+        down_frd: (N, 3) the vertical in the body; up_frd: (N, 3) where the lift points.
         """
         cosine = down_frd @ self.minus_axes_in_radii
         cosine -= (surface.point_elevation_m + (pos_ned_m[:, 2:] + self.level_m)) * self.per_radius
         np.maximum(cosine, -1.0, out=cosine)
         np.minimum(cosine, 1.0, out=cosine)
         lift = _unit_segment(cosine) @ self.lift_n
-        return ((lift[:, :, None] * normal_frd[:, None, :]).reshape(-1, 12),)
+        return ((lift[:, :, None] * up_frd[:, None, :]).reshape(-1, 12),)

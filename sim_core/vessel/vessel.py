@@ -14,6 +14,7 @@ from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
 from sim_core.vessel.forces import Hydrodynamics, WindDrag
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.wave_forces import FLAT, NoWaveForces, WaveForces
 
 # Rows: outer(q, (p, q, r)); q' = 1/2 q * (0, p, q, r), Fossen 2021, eq 2.78.
 _HALF_RATES = 0.5 * np.array(
@@ -56,22 +57,23 @@ class Vessel:
     buoyancy: Buoyancy
     propulsion: Propulsion | SteeredPropulsion
     windage: WindDrag
+    wave_forces: WaveForces | NoWaveForces
     acceleration_per_term: Array  # (terms, 6), in the order of `accelerate`
     draft_m: float
     level_m: float
 
     @classmethod
-    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float) -> Vessel:
-        """Matrices of all parts. Raises ValueError when the vessel does not float."""
+    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float, waves: bool = False) -> Vessel:
+        """Matrices of all parts; waves: whether it feels any. Raises ValueError when the vessel does not float."""
         hydrodynamics = Hydrodynamics.from_spec(model)
         buoyancy = Buoyancy.from_spec(model, water)
         propulsion = make_propulsion(model, dt_s)
         windage = WindDrag.from_spec(model)
-        # The water at the surface slides down its slope with g, and rises with it: a_f = g (down + normal) - rise down.
-        of_water = hydrodynamics.water_wrench
+        draft_m = floating_draft_m(model, water)
         weight = model.mass_kg * GRAVITY_MPS2 * np.eye(3, 6)
-        per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench]
-        per_term += [weight + GRAVITY_MPS2 * of_water, GRAVITY_MPS2 * of_water, -of_water]
+        wave_forces = WaveForces.from_parts(hydrodynamics, buoyancy, draft_m - model.keel_m) if waves else FLAT
+        per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench, weight]
+        per_term += [wave_forces.wrench]
         return cls(
             model=model,
             dt_s=dt_s,
@@ -79,8 +81,9 @@ class Vessel:
             buoyancy=buoyancy,
             propulsion=propulsion,
             windage=windage,
+            wave_forces=wave_forces,
             acceleration_per_term=np.concatenate(per_term) @ hydrodynamics.inverse_mass,
-            draft_m=floating_draft_m(model, water),
+            draft_m=draft_m,
             level_m=water.level_m,
         )
 
@@ -116,22 +119,21 @@ def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: S
     Every force is linear in some terms: the terms side by side times one constant matrix is the acceleration.
     """
     surface = around.surface
-    relative_ned_mps = np.empty((len(motion.pos_ned_m), 2, 3))
-    np.subtract(motion.vel_ned_mps, around.water_ned_mps, out=relative_ned_mps[:, 0])
-    np.subtract(motion.vel_ned_mps, around.wind_ned_mps, out=relative_ned_mps[:, 1])
-    relative_frd_mps = relative_ned_mps @ motion.rot_ned_frd  # row vectors: v @ R is R^T v
-    nu_r = np.concatenate((relative_frd_mps[:, 0], motion.gyro_frd_radps), axis=1)
+    ned = np.empty((len(motion.pos_ned_m), 3, 3))
+    np.subtract(motion.vel_ned_mps, around.water_ned_mps, out=ned[:, 0])
+    np.subtract(motion.vel_ned_mps, around.wind_ned_mps, out=ned[:, 1])
+    ned[:, 2] = surface.gradient_ned
+    frd = ned @ motion.rot_ned_frd  # row vectors: v @ R is R^T v
+    nu_r = np.concatenate((frd[:, 0], motion.gyro_frd_radps - surface.turn_frd_radps), axis=1)
     down_frd = motion.rot_ned_frd[:, 2]
-    normal_frd = -surface.slope_frd - down_frd
 
     terms = (
         *vessel.hydrodynamics.terms(nu_r),
-        *vessel.buoyancy.terms(motion.pos_ned_m, down_frd, normal_frd, surface),
+        *vessel.buoyancy.terms(motion.pos_ned_m, down_frd, -down_frd, surface),
         *vessel.propulsion.terms(rotor_speed),
-        *vessel.windage.terms(relative_frd_mps[:, 1]),
+        *vessel.windage.terms(frd[:, 1]),
         down_frd,
-        normal_frd,
-        surface.rise_mps2 * down_frd,
+        *vessel.wave_forces.terms(ned[:, 0, 2:], down_frd, frd[:, 2], surface),
     )
     acceleration: Array = np.concatenate(terms, axis=1) @ vessel.acceleration_per_term
     return acceleration

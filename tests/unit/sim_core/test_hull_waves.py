@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from vessels import BARE, FULL
 
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water, WaveSpec
-from sim_core.environment.waves import FlatWater, realise_waves
+from sim_core.environment.waves import FlatWater, HullSurface, realise_waves
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.buoyancy import strip_axes_frd_m
 from sim_core.vessel.spec import Damping
@@ -53,14 +53,50 @@ def test_slope_of_a_long_wave_is_its_gradient_in_the_body() -> None:
     np.testing.assert_allclose(surface.slope_frd[:, :2], in_body, atol=0.002 * np.abs(gradient).max() + 1e-6)
 
 
-def test_orbital_velocity_and_rise_are_means_over_the_hull() -> None:
+def test_velocity_gradient_and_rise_are_means_over_the_hull() -> None:
     orbital = FIELD.orbital_velocity_ned_mps(TIME_S, PLACES).mean(axis=1)
-    np.testing.assert_allclose(SURFACE.orbital_ned_mps[:, :2], orbital[:, :2], atol=10 * TOLERANCE)
-    at_origin = FIELD.orbital_velocity_ned_mps(TIME_S, POS[:, :2])
-    np.testing.assert_allclose(SURFACE.orbital_ned_mps[:, 2], at_origin[:, 2], atol=10 * TOLERANCE)
+    np.testing.assert_allclose(SURFACE.orbital_ned_mps, orbital, atol=10 * TOLERANCE)
+    gradient = FIELD.slope(TIME_S, PLACES).mean(axis=1)
+    np.testing.assert_allclose(SURFACE.gradient_ned[:, :2], gradient, atol=10 * TOLERANCE)
     h = 1e-3
     above, here, below = (FIELD.elevation_m(TIME_S + s, PLACES).mean(axis=1) for s in (h, 0.0, -h))
     np.testing.assert_allclose(SURFACE.rise_mps2[:, 0], (above - 2 * here + below) / h**2, atol=1e-4)
+
+
+def test_the_surface_turns_as_the_plane_through_the_strips() -> None:
+    """Where the fitted plane rises forward it pitches up; where it rises to the right it rolls to the left."""
+    matrix = np.column_stack([np.ones(12), POINTS[:, :2]])
+    h = 1e-3
+    slopes = [
+        np.linalg.lstsq(matrix, FIELD.elevation_m(TIME_S + s, PLACES).T, rcond=None)[0][1:].T for s in (h, 0.0, -h)
+    ]
+    rate, acceleration = (slopes[0] - slopes[2]) / (2 * h), (slopes[0] - 2 * slopes[1] + slopes[2]) / h**2
+    sign = np.array([-1.0, 1.0])
+    np.testing.assert_allclose(SURFACE.turn_frd_radps[:, :2], sign * rate[:, ::-1], atol=1e-4)
+    np.testing.assert_allclose(SURFACE.turn_radps2, sign * acceleration[:, ::-1], atol=1e-3)
+    assert not SURFACE.turn_frd_radps[:, 2].any()
+
+
+def test_a_batch_larger_than_a_block_is_sampled_alike() -> None:
+    many = FIELD.at_hull(POINTS).sample(TIME_S, np.tile(POS, (8, 1)), np.tile(ROT, (8, 1, 1)))
+    for field in fields(HullSurface):
+        alone = getattr(SURFACE, field.name)
+        np.testing.assert_allclose(getattr(many, field.name)[280:], alone, atol=1e-5 * np.abs(alone).max())
+
+
+def test_a_current_carries_the_pattern() -> None:
+    """What a place sees is what it saw where the water came from; a fixed place meets omega + k . U."""
+    current = np.array([0.4, -0.7])
+    carried = replace(FIELD, current_ne_mps=current)
+    np.testing.assert_allclose(
+        carried.elevation_m(TIME_S, PLACES + TIME_S * current), FIELD.elevation_m(TIME_S, PLACES), atol=1e-9
+    )
+    surface = carried.at_hull(POINTS).sample(TIME_S, POS + TIME_S * np.append(current, 0.0), ROT)
+    for field in fields(HullSurface):
+        np.testing.assert_allclose(getattr(surface, field.name), getattr(SURFACE, field.name), atol=20 * TOLERANCE)
+    np.testing.assert_allclose(
+        carried.apparent_omega_radps - FIELD.omega_radps, FIELD.wave_vector_radpm @ current, rtol=1e-12
+    )
 
 
 def test_flat_water_is_flat() -> None:

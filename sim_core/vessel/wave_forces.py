@@ -1,0 +1,69 @@
+"""Forces of the waves on a hull, to first order in their slope.
+
+What the hull displaces slides down the slope of the surface with g, and so does the water that moves with it, which
+also rises with the surface and turns with it. The lift of the strips stays vertical. No product of two motions in the
+waves' rhythm is left that would push a free vessel against the waves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_core.environment.spec import GRAVITY_MPS2
+from sim_core.environment.waves import HullSurface, StillHull
+from sim_core.frames import Array
+from sim_core.vessel.buoyancy import Buoyancy
+from sim_core.vessel.forces import Hydrodynamics
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaveForces:
+    """Constants of one vessel."""
+
+    wrench: Array  # (12, 6)
+
+    @classmethod
+    def from_parts(cls, hydrodynamics: Hydrodynamics, buoyancy: Buoyancy, depth_m: float) -> WaveForces:
+        """depth_m: of the body's origin at rest below the still surface."""
+        mass = hydrodynamics.added_mass
+        slide = -_lift_at_rest(buoyancy, depth_m) - GRAVITY_MPS2 * mass[:3]
+        # Heave damping acts along the vertical, however the body is tilted, and the momentum of the water that heaves
+        # with the hull turns with the body alone, not with the water.
+        upright = np.zeros((4, 6))
+        upright[0, 0] = upright[1, 1] = hydrodynamics.wrench[38, 2]
+        upright[2, 1], upright[3, 0] = mass[2, 2], -mass[2, 2]
+        return cls(np.concatenate([slide, -mass[:3], mass[3:5], upright]))
+
+    def terms(self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface) -> tuple[Array, ...]:
+        """(N, 3), (N, 3), (N, 2), (N, 4) what the forces are linear in.
+
+        heave_mps: (N, 1) vertical velocity of the vessel relative to the water, down positive; down_frd: (N, 3) the
+        vertical in the body; gradient_frd: (N, 3) slope of the surface along the body's axes.
+        """
+        tilt = np.concatenate((down_frd[:, :2], surface.turn_frd_radps[:, :2]), axis=1)
+        return gradient_frd, surface.rise_mps2 * down_frd, surface.turn_radps2, heave_mps * tilt
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoWaveForces:
+    """In flat water."""
+
+    wrench: Array
+
+    def terms(self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface) -> tuple[Array, ...]:
+        """None."""
+        return ()
+
+
+FLAT = NoWaveForces(np.zeros((0, 6)))
+
+
+def _lift_at_rest(buoyancy: Buoyancy, depth_m: float) -> Array:
+    """(3, 6) force and moment of the lift at rest, were it along x, y or z of the body."""
+    surface = StillHull(len(buoyancy.axes_frd_m)).sample(0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
+    pos_ned_m = np.tile([0.0, 0.0, depth_m - buoyancy.level_m], (3, 1))
+    (terms,) = buoyancy.terms(pos_ned_m, np.tile([0.0, 0.0, 1.0], (3, 1)), np.eye(3), surface)
+    lift: Array = terms @ buoyancy.wrench
+    return lift
