@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """True motion of the body origin (centre of gravity) of N vessels.
+    """True motion of the body's origin of N vessels.
 
     pos_ned_m, vel_ned_mps, acc_ned_mps2: (N, 3) position, velocity and its time derivative (gravity not
         included: a vessel at rest has zero acceleration), NED axes.

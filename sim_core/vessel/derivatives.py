@@ -32,6 +32,23 @@ class Derivative(NamedTuple):
     acceleration: int | None
     factors: tuple[tuple[int, bool], ...]
 
+    @property
+    def term(self) -> tuple[int, int | None, tuple[tuple[int, bool], ...]]:
+        """The same for two names of one term, such as X_vr and X_rv."""
+        return self.component, self.acceleration, tuple(sorted(self.factors))
+
+    @property
+    def linear(self) -> int | None:
+        """Index of the velocity that it is a plain multiple of, None for any other term."""
+        return self.factors[0][0] if len(self.factors) == 1 and not self.factors[0][1] else None
+
+    @property
+    def own_order(self) -> int:
+        """1 to 3 for the damping of a velocity along its own component, such as Y_v, Y_vv and Y_vvv; 0 for others."""
+        own = {index for index, _ in self.factors} == {self.component}
+        odd = len(self.factors) - sum(magnitude for _, magnitude in self.factors)
+        return len(self.factors) if own and odd % 2 == 1 else 0
+
 
 def parse_derivative(name: str) -> Derivative:
     """The term that a name stands for. Raises ValueError, with what to write, for what is no such name."""

@@ -6,7 +6,7 @@ its centre of gravity may lie elsewhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, fields
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -22,7 +22,8 @@ from sim_core.keys import (
     SpecificationError,
     Vector,
 )
-from sim_core.vessel.derivatives import parse_derivative
+from sim_core.vessel.definiteness import lacking_diagonal
+from sim_core.vessel.derivatives import COMPONENTS, Derivative, parse_derivative
 
 Row = tuple[float, float, float, float, float, float]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
@@ -182,6 +183,10 @@ class CrossFlowDrag(Specification):
     )
     strips: Annotated[int, Bounds(at_least=2, at_most=200)] = 20
 
+    def check(self) -> None:
+        if self.width_m is None and self.coefficient is None:
+            raise SpecificationError((), "needs a drag; give coefficient, or width_m for Hoerner's curve")
+
 
 @dataclass(frozen=True, slots=True)
 class SteeringGear(Specification):
@@ -273,6 +278,13 @@ class Windage(Specification):
         Positive | None, "of the areas' centre above the water at rest; null: half of lateral area over length"
     ] = None
 
+    @property
+    def centre_height_m(self) -> float:
+        """Of the areas above the water at rest."""
+        if self.height_m is not None:
+            return self.height_m
+        return 0.5 * self.lateral_area_m2 / self.length_m if self.length_m else 0.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VesselSpec(Specification):
@@ -332,11 +344,114 @@ class VesselSpec(Specification):
                 "and `hulls` exclude each other; give one of them" if self.hull else "is missing; give it or `hulls`",
             )
 
+        self._check_inertia()
+        parsed = self._parsed_derivatives()
+        self._check_given_once(parsed)
+        self._check_signs(parsed)
+        self._check_definite(parsed)
+
+    def _check_inertia(self) -> None:
+        """The sum of m r r^T over the body, half the trace less the tensor, is positive semi-definite for any body."""
+        half = 0.5 * sum(self.inertia_kgm2)
+        xy, xz, yz = self.inertia_products_kgm2
+        spread = [[half, xy, xz], [xy, half, yz], [xz, yz, half]]
+        for axis, moment in enumerate(self.inertia_kgm2):
+            spread[axis][axis] -= moment
+        if lacking_diagonal(spread) is not None:
+            raise SpecificationError(
+                ("inertia_products_kgm2",),
+                f"= [{xy:g}, {xz:g}, {yz:g}] belong to no body: they are too large beside the moments of inertia_kgm2; "
+                "make them smaller",
+            )
+
+    def _parsed_derivatives(self) -> dict[str, Derivative]:
+        parsed = {}
         for name in self.derivatives:
             try:
-                parse_derivative(name)
+                parsed[name] = parse_derivative(name)
             except ValueError as error:
                 raise SpecificationError(("derivatives", name), str(error)) from None
+        return parsed
+
+    def _check_given_once(self, parsed: dict[str, Derivative]) -> None:
+        """Each term by its matrix, by its axis or by its name."""
+        masses, linear = astuple(self.added_mass), astuple(self.damping_linear)
+        for matrix, per_axis, values in (
+            ("added_mass_matrix", "added_mass", masses),
+            ("damping_linear_matrix", "damping_linear", linear),
+        ):
+            given = [field.name for field, value in zip(fields(getattr(self, per_axis)), values, strict=True) if value]
+            if getattr(self, matrix) is not None and given:
+                text = f"and {per_axis}.{given[0]} both give it; leave the matrix away, or set {per_axis} to 0"
+                raise SpecificationError((matrix,), text)
+        quadratic = astuple(self.damping_quadratic)
+        first: dict[object, str] = {}
+        for name, derivative in parsed.items():
+            component, acceleration, factors = derivative.term
+            if (other := first.setdefault(derivative.term, name)) != name:
+                raise SpecificationError(
+                    ("derivatives", name), f"and {other} are the same term; leave one of them away"
+                )
+            also = None
+            if acceleration is not None and self.added_mass_matrix is not None:
+                also = "added_mass_matrix"
+            elif acceleration == component and masses[component]:
+                also = f"added_mass.{fields(AddedMass)[component].name}"
+            elif derivative.linear is not None and self.damping_linear_matrix is not None:
+                also = "damping_linear_matrix"
+            elif derivative.linear == component and linear[component]:
+                also = f"damping_linear.{fields(Damping)[component].name}"
+            elif factors == ((component, False), (component, True)) and quadratic[component]:
+                also = f"damping_quadratic.{fields(Damping)[component].name}"
+            if also is not None:
+                raise SpecificationError(
+                    ("derivatives", name), f"and {also} both give it; leave one of them away, or set {also} to 0"
+                )
+
+    def _check_signs(self, parsed: dict[str, Derivative]) -> None:
+        """Of the highest damping term of each axis; that of added mass is seen by its matrix."""
+        highest: dict[int, tuple[int, str]] = {}
+        for name, derivative in parsed.items():
+            order = derivative.own_order
+            if order > highest.get(derivative.component, (0, ""))[0]:
+                highest[derivative.component] = order, name
+        for name, value in self.derivatives.items():
+            own = name in [most for _, most in highest.values()] or parsed[name].own_order == 1
+            if value > 0 and (own or parsed[name].acceleration == parsed[name].component):
+                what = "drives the hull" if parsed[name].acceleration is None else "is a negative mass"
+                raise SpecificationError(
+                    ("derivatives", name),
+                    f"= {value:g} {what}: SNAME's derivatives carry the sign of the force; write {-value:g}",
+                )
+
+    def _check_definite(self, parsed: dict[str, Derivative]) -> None:
+        """Added mass and linear damping never drive: the first in all forms, the second as a matrix.
+
+        Published tables have pairs of linear derivatives, fitted at speed, that are indefinite at rest.
+        """
+        masses: list[list[float]] = [list(row) for row in self.added_mass_matrix or ()]
+        key, named = "added_mass_matrix", [name for name, one in parsed.items() if one.acceleration is not None]
+        if not masses:
+            key = "derivatives"
+            masses = [[mass if i == j else 0.0 for j in range(6)] for i, mass in enumerate(astuple(self.added_mass))]
+            for name in named:
+                component, acceleration, _ = parsed[name]
+                assert acceleration is not None
+                masses[component][acceleration] -= self.derivatives[name]
+        for name, matrix in ((key, masses), ("damping_linear_matrix", self.damping_linear_matrix)):
+            if matrix is None or (lacking := lacking_diagonal(matrix)) is None:
+                continue
+            row, least = lacking
+            what, definite = f"row {row + 1}, column {row + 1} = {matrix[row][row]:g}", "positive definite"
+            if name == "derivatives":
+                what = f"-{COMPONENTS[row]}_{'uvwpqr'[row]}dot = {matrix[row][row]:g}"
+            if name == "damping_linear_matrix":
+                definite = "positive semi-definite"
+            raise SpecificationError(
+                (name,),
+                f"is not {definite}: {what} has to reach {least:g} beside the entries off the diagonal; "
+                "raise it, make those smaller, or look for a sign",
+            )
 
     @property
     def demi_hulls(self) -> tuple[DemiHull, ...]:
@@ -359,6 +474,12 @@ class VesselSpec(Specification):
         """Overall, of all hulls."""
         ends = [(hull.keel_frd_m[0], 0.5 * hull.length_m) for hull in self.demi_hulls]
         return max(middle + half for middle, half in ends) - min(middle - half for middle, half in ends)
+
+    @property
+    def midship_frd_x_m(self) -> float:
+        """Halfway along all hulls, forward of the body's origin."""
+        ahead = max(hull.keel_frd_m[0] + 0.5 * hull.length_m for hull in self.demi_hulls)
+        return ahead - 0.5 * self.length_m
 
     @property
     def width_m(self) -> float:

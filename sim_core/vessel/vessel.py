@@ -11,10 +11,11 @@ from sim_core.environment.waves import HullSurface
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
-from sim_core.vessel.forces import Hydrodynamics, WindDrag
+from sim_core.vessel.hydrodynamics import Hydrodynamics
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
 from sim_core.vessel.wave_forces import FLAT, NoWaveForces, WaveForces
+from sim_core.vessel.windage import WindDrag
 
 # Rows: outer(q, (p, q, r)); q' = 1/2 q * (0, p, q, r), Fossen 2021, eq 2.78.
 _HALF_RATES = 0.5 * np.array(
@@ -65,12 +66,12 @@ class Vessel:
     @classmethod
     def from_spec(cls, model: VesselSpec, water: Water, dt_s: float, waves: bool = False) -> Vessel:
         """Matrices of all parts; waves: whether it feels any. Raises ValueError when the vessel does not float."""
-        hydrodynamics = Hydrodynamics.from_spec(model)
+        draft_m = floating_draft_m(model, water)
+        hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, draft_m)
         buoyancy = Buoyancy.from_spec(model, water)
         propulsion = make_propulsion(model, dt_s)
-        windage = WindDrag.from_spec(model)
-        draft_m = floating_draft_m(model, water)
-        weight = model.mass_kg * GRAVITY_MPS2 * np.eye(3, 6)
+        windage = WindDrag.from_spec(model, model.keel_m - draft_m)
+        weight = model.mass_kg * GRAVITY_MPS2 * hydrodynamics.weight_per_n
         wave_forces = WaveForces.from_parts(hydrodynamics, buoyancy, draft_m - model.keel_m) if waves else FLAT
         per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench, weight]
         per_term += [wave_forces.wrench]

@@ -15,7 +15,7 @@ from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.environment.waves import HullSurface, StillHull
 from sim_core.frames import Array
 from sim_core.vessel.buoyancy import Buoyancy
-from sim_core.vessel.forces import Hydrodynamics
+from sim_core.vessel.hydrodynamics import Hydrodynamics
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ class WaveForces:
     @classmethod
     def from_parts(cls, hydrodynamics: Hydrodynamics, buoyancy: Buoyancy, depth_m: float) -> WaveForces:
         """depth_m: of the body's origin at rest below the still surface."""
-        mass = hydrodynamics.added_mass
+        mass = hydrodynamics.added_mass.T  # rows: the force of one acceleration
         slide = -_lift_at_rest(buoyancy, depth_m) - GRAVITY_MPS2 * mass[:3]
         # Heave damping acts along the vertical, however the body is tilted, and the momentum of the water that heaves
         # with the hull turns with the body alone, not with the water.

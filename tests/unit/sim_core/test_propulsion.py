@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from vessels import FULL
 
-from sim_core.vessel.forces import AIR_DENSITY_KGPM3, WindDrag
 from sim_core.vessel.propulsion import Propulsion
+from sim_core.vessel.windage import AIR_DENSITY_KGPM3, WindDrag
 
 DT_S = 0.0025
 PROPULSION = Propulsion.from_spec(FULL, DT_S)
@@ -57,19 +57,20 @@ def test_thrust_above_the_centre_pitches_the_bow_down() -> None:
 
 
 @pytest.mark.parametrize("velocity", [(3.0, 0.0), (-2.0, 4.0), (0.0, -5.0), (1.0, 1.0)])
-def test_wind_force_has_fossens_coefficients(velocity: tuple[float, float]) -> None:
-    """Eq 10.16-10.18 with the angle of attack gamma = -atan2(v_rw, u_rw)."""
-    drag = WindDrag.from_spec(FULL)
+def test_wind_force_has_fossens_coefficients_and_acts_at_its_height(velocity: tuple[float, float]) -> None:
+    """Eq 10.16-10.18 with the angle of attack gamma = -atan2(v_rw, u_rw); K = -z Y, M = z X."""
+    drag = WindDrag.from_spec(FULL, 0.15)
     u, v = velocity
     force = (np.concatenate(drag.terms(np.array([[u, v, 9.0]])), axis=1) @ drag.wrench)[0]
     gamma = -math.atan2(v, u)
     pressure = 0.5 * AIR_DENSITY_KGPM3 * (u * u + v * v)
+    down_m = 0.15 - 0.5 * 1.3 / 2.3  # of the areas' centre, half their mean height above the water
     expected = [
         -0.7 * math.cos(gamma) * pressure * 0.9,
         0.9 * math.sin(gamma) * pressure * 1.3,
         0,
-        0,
-        0,
+        -down_m * 0.9 * math.sin(gamma) * pressure * 1.3,
+        -down_m * 0.7 * math.cos(gamma) * pressure * 0.9,
         0.1 * math.sin(2.0 * gamma) * pressure * 1.3 * 2.3,
     ]
     np.testing.assert_allclose(force, expected, atol=1e-12)

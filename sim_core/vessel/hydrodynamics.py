@@ -1,0 +1,290 @@
+"""Forces on a vessel in moving water: inertia, added mass, Coriolis terms, damping, cross-flow drag, weight's place.
+
+Fossen's vectorial form (Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., 2021, ch. 6) about the
+body's origin, with nu_r the velocity relative to the water, solved for the inertial acceleration. With M = M_RB + M_A,
+v_r and w the linear and angular parts of nu_r, and a_f the acceleration of the water:
+
+    M x = tau - D(nu_r) nu_r - C(nu_r) nu_r + M [w x v_r; 0] + M_A [a_f; 0]
+
+where x holds the acceleration against NED, expressed in the body, and the angular acceleration. In a steady uniform
+current this is his M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau (eq 6.119), since nu_r' = x - [w x v_r; 0].
+
+A table's M_A need not be symmetric: M has it as it is, C(nu_r) its symmetric part, which alone has a kinetic energy.
+
+What is given per axis (added mass, dampings) acts at the centre of lateral resistance, matrices and derivatives at the
+origin. docs/vessel.md has all terms, and the force at a blunt stern.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from numpy import intp
+from numpy.typing import NDArray
+
+from sim_core.frames import Array
+from sim_core.vessel.derivatives import Derivative, parse_derivative
+from sim_core.vessel.spec import CrossFlowDrag, VesselSpec
+
+# Hoerner, Fluid-Dynamic Drag, 1965: drag of a section in cross-flow over half its width by its draft, in the figures of
+# Fossen's Marine Systems Simulator.
+_DRAG_OF_SECTIONS = (
+    (0.0109, 1.9661), (0.1766, 1.9657), (0.3530, 1.8976), (0.4519, 1.7872), (0.4728, 1.5837), (0.4929, 1.2786),
+    (0.4933, 1.2108), (0.5585, 1.0836), (0.6464, 0.9986), (0.8336, 0.8796), (0.9880, 0.8284), (1.3081, 0.7599),
+    (1.6392, 0.6914), (1.8600, 0.6571), (2.3129, 0.6307), (2.6000, 0.5962), (3.0088, 0.5868), (3.4508, 0.5859),
+    (3.7379, 0.5599), (4.0031, 0.5593),
+)  # fmt: skip
+
+
+def hoerner_coefficient(width_m: float, draft_m: float) -> float:
+    """Two-dimensional cross-flow drag of a section; that of the curve's ends beyond them."""
+    ratio, coefficient = np.array(_DRAG_OF_SECTIONS).T
+    return float(np.interp(0.5 * width_m / draft_m, ratio, coefficient))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hydrodynamics:
+    """Constants of one vessel: its (6, 6) mass matrices and what each of the `terms` contributes to the force.
+
+    A term that the vessel does not have is no part.
+    """
+
+    rigid_mass: Array
+    added_mass: Array
+    inverse_mass: Array  # of row vectors
+    parts: tuple[AxisDrag | CrossFlow | Polynomial, ...]
+    wrench: Array  # (terms, 6)
+    weight_per_n: Array  # (3, 6) force and moment of a weight of 1 N along the body's axes
+
+    @classmethod
+    def from_spec(cls, model: VesselSpec, water_density_kgpm3: float, draft_m: float) -> Hydrodynamics:
+        """Constants from the vessel's data; draft_m: of the keel at rest."""
+        centre = centre_of_lateral_resistance(model, draft_m)
+        named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
+        rigid_mass, added_mass = rigid_body_mass(model), added_mass_matrix(model, named, centre)
+        mass: Array = rigid_mass + added_mass
+        symmetric = 0.5 * (mass + mass.T)
+        products = transport_products(mass) - coriolis_products(symmetric)
+        linear = -linear_damping(model, named, centre)
+
+        parts: list[AxisDrag | CrossFlow | Polynomial] = []
+        shed = has_stern_force(model)
+        if shed or any(astuple(model.damping_quadratic)):
+            stern_products, stern_lift = stern_forces(added_mass, model.length_m)
+            parts.append(AxisDrag.at_centre_of(centre, astuple(model.damping_quadratic), stern_lift if shed else None))
+            if shed:
+                products += moved_products(stern_products, centre)
+        if model.cross_flow_drag is not None:
+            parts.append(CrossFlow.from_spec(model.cross_flow_drag, water_density_kgpm3, centre))
+        further = []
+        for derivative, value in named:
+            plain = [index for index, magnitude in derivative.factors if not magnitude]
+            if len(plain) == len(derivative.factors) == 2:
+                products[6 * plain[0] + plain[1], derivative.component] += value
+            elif derivative.acceleration is None and derivative.linear is None:
+                further.append((derivative, value))
+        if further:
+            parts.append(Polynomial.from_derivatives(further))
+        return cls(
+            rigid_mass=rigid_mass,
+            added_mass=added_mass,
+            inverse_mass=np.linalg.inv(mass.T).astype(np.float64),
+            parts=tuple(parts),
+            wrench=np.concatenate([products, linear.T, *(part.wrench for part in parts)]),
+            weight_per_n=moved_to(np.array(model.centre_of_gravity_frd_m))[:3],
+        )
+
+    def terms(self, nu_r: Array) -> list[Array]:
+        """(N, 36), (N, 6) and those of the parts: what the forces are linear in, for (N, 6) relative velocities."""
+        terms = [(nu_r[:, :, None] * nu_r[:, None, :]).reshape(-1, 36), nu_r]
+        for part in self.parts:
+            terms += part.terms(nu_r)
+        return terms
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisDrag:
+    """What goes with nu |nu| per axis, and with |u| nu where the stern sheds, at the centre of lateral resistance."""
+
+    at_centre: Array  # (6, 6) of row vectors: velocity at the centre
+    shed: bool
+    wrench: Array  # (6 or 12, 6)
+
+    @classmethod
+    def at_centre_of(cls, centre: Array, quadratic: Sequence[float], stern_lift: Array | None) -> AxisDrag:
+        """quadratic: damping per axis; stern_lift: as `stern_forces` gives it, None for none."""
+        wrench = -np.diag(quadratic)
+        if stern_lift is not None:
+            wrench = np.concatenate([wrench, stern_lift])
+        move = moved_to(centre)
+        return cls(move.T, stern_lift is not None, wrench @ move)
+
+    def terms(self, nu_r: Array) -> tuple[Array, ...]:
+        """(N, 6), or two of them."""
+        nu = nu_r @ self.at_centre
+        magnitude = np.abs(nu)
+        return (nu * magnitude, nu * magnitude[:, :1]) if self.shed else (nu * magnitude,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrossFlow:
+    """Drag of S strips in the flow across the hull, v + x r - z p: -1/2 rho C_D T dx |v| v at (x, y, z) of each."""
+
+    across: Array  # (6, S) speed across at each strip
+    wrench: Array  # (S, 6)
+
+    @classmethod
+    def from_spec(cls, spec: CrossFlowDrag, water_density_kgpm3: float, centre: Array) -> CrossFlow:
+        """Strips along the waterline, its middle above the centre of lateral resistance."""
+        coefficient = spec.coefficient
+        if coefficient is None:
+            assert spec.width_m is not None
+            coefficient = hoerner_coefficient(spec.width_m, spec.draft_m)
+        along_m = spec.length_m * ((np.arange(spec.strips) + 0.5) / spec.strips - 0.5)
+        across = np.array([moved_to(centre + np.array([x, 0.0, 0.0]))[1] for x in along_m])
+        strip = 0.5 * water_density_kgpm3 * coefficient * spec.draft_m * spec.length_m / spec.strips
+        return cls(across.T, -strip * across)
+
+    def terms(self, nu_r: Array) -> tuple[Array]:
+        """(N, S)."""
+        speed = nu_r @ self.across
+        return (speed * np.abs(speed),)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polynomial:
+    """Products of up to three velocities or their magnitudes, by name."""
+
+    factors: tuple[NDArray[intp], NDArray[intp], NDArray[intp]]  # each (K,) of the velocities, their magnitudes and 1
+    wrench: Array  # (K, 6)
+
+    @classmethod
+    def from_derivatives(cls, named: list[tuple[Derivative, float]]) -> Polynomial:
+        """One term for each."""
+        wrench = np.zeros((len(named), 6))
+        factors = np.full((3, len(named)), 12)
+        for number, (derivative, value) in enumerate(named):
+            wrench[number, derivative.component] = value
+            for place, (index, magnitude) in enumerate(derivative.factors):
+                factors[place, number] = index + 6 * magnitude
+        return cls((factors[0], factors[1], factors[2]), wrench)
+
+    def terms(self, nu_r: Array) -> tuple[Array]:
+        """(N, K)."""
+        values = np.concatenate((nu_r, np.abs(nu_r), np.ones((len(nu_r), 1))), axis=1)
+        first, second, third = self.factors
+        return (values[:, first] * values[:, second] * values[:, third],)
+
+
+def moved_to(place_frd_m: Array) -> Array:
+    """(6, 6) H with H nu the velocity at a place, and H^T tau what a force and moment there are at the origin.
+
+    Fossen 2021, eq C.5: v + w x r.
+    """
+    x, y, z = place_frd_m
+    move = np.eye(6)
+    move[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return move
+
+
+def centre_of_lateral_resistance(model: VesselSpec, draft_m: float) -> Array:
+    """(3,) where what is given per axis acts."""
+    given = model.centre_of_lateral_resistance_frd_m
+    return np.array(given or (model.midship_frd_x_m, 0.0, model.keel_m - 0.5 * draft_m))
+
+
+def rigid_body_mass(model: VesselSpec) -> Array:
+    """(6, 6) about the origin, the inertia given about the centre of gravity (Fossen 2021, eq 3.51)."""
+    xy, xz, yz = model.inertia_products_kgm2
+    at_gravity = np.diag([model.mass_kg] * 3 + list(model.inertia_kgm2))
+    at_gravity[3:, 3:] -= [[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]]
+    move = moved_to(np.array(model.centre_of_gravity_frd_m))
+    mass: Array = move.T @ at_gravity @ move
+    return mass
+
+
+def added_mass_matrix(model: VesselSpec, named: list[tuple[Derivative, float]], centre: Array) -> Array:
+    """(6, 6) about the origin, from the matrix or per axis, and by name."""
+    move = moved_to(centre)
+    matrix: Array = move.T @ np.diag(astuple(model.added_mass)) @ move
+    if model.added_mass_matrix is not None:
+        matrix = np.array(model.added_mass_matrix)
+    for derivative, value in named:
+        if derivative.acceleration is not None:
+            matrix[derivative.component, derivative.acceleration] -= value
+    return matrix
+
+
+def linear_damping(model: VesselSpec, named: list[tuple[Derivative, float]], centre: Array) -> Array:
+    """(6, 6) D about the origin, positive, from the matrix or per axis, and by name."""
+    move = moved_to(centre)
+    matrix: Array = move.T @ np.diag(astuple(model.damping_linear)) @ move
+    if model.damping_linear_matrix is not None:
+        matrix = np.array(model.damping_linear_matrix)
+    for derivative, value in named:
+        if derivative.linear is not None:
+            matrix[derivative.component, derivative.linear] -= value
+    return matrix
+
+
+def has_stern_force(model: VesselSpec) -> bool:
+    """As its key says; null: unless matrices or derivatives are given, whose tables have it within."""
+    if model.stern_force is not None:
+        return model.stern_force == "on"
+    return model.added_mass_matrix is None and model.damping_linear_matrix is None and not model.derivatives
+
+
+def moved_products(products: Array, place_frd_m: Array) -> Array:
+    """(36, 6) about the origin of a constant on the velocities at a place, giving force and moment there."""
+    move = moved_to(place_frd_m)
+    there = products.reshape(6, 6, 6)
+    here: Array = np.einsum("abk,ai,bj,kc->ijc", there, move, move, move)
+    return here.reshape(36, 6)
+
+
+def _skew() -> Array:
+    """(3, 3, 3) epsilon: (a x b)_i = epsilon_ijk a_j b_k."""
+    epsilon = np.zeros((3, 3, 3))
+    epsilon[(0, 1, 2), (1, 2, 0), (2, 0, 1)] = 1.0
+    epsilon[(0, 2, 1), (2, 1, 0), (1, 0, 2)] = -1.0
+    return epsilon
+
+
+def coriolis_products(mass: Array) -> Array:
+    """(36, 6) constant with C(nu) nu = vec(nu nu^T) @ constant, for a symmetric (6, 6) mass matrix.
+
+    C(nu) nu = [w x (M11 v + M12 w); v x (M11 v + M12 w) + w x (M21 v + M22 w)], Fossen 2021, theorem 3.2.
+    """
+    skew = _skew()
+    constant = np.zeros((6, 6, 6))
+    # Axes: left factor (velocity that turns), right factor (velocity of the momentum), component of the result.
+    constant[3:, :, :3] = np.einsum("ijk,kb->jbi", skew, mass[:3])
+    constant[:3, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[:3])
+    constant[3:, :, 3:] = np.einsum("ijk,kb->jbi", skew, mass[3:])
+    return constant.reshape(36, 6)
+
+
+def transport_products(mass: Array) -> Array:
+    """(36, 6) constant with M [w x v; 0] = vec(nu nu^T) @ constant."""
+    constant = np.zeros((6, 6, 6))
+    constant[3:, :3, :] = np.einsum("ijk,ci->jkc", _skew(), mass[:, :3])
+    return constant.reshape(36, 6)
+
+
+def stern_forces(added_mass: Array, length_m: float) -> tuple[Array, Array]:
+    """(36, 6) and (6, 6) constants of the force at the end that trails, on vec(nu nu^T) and |u| nu.
+
+    Per length the added mass is a = A / L. Its momentum, a (v + x r) across and a (w - x q) down, is shed at
+    x = -sign(u) L / 2 with speed |u|: force -|u| a (v + x r) and the moment x times that; likewise in heave.
+    """
+    half_m = 0.5 * length_m
+    across, down = added_mass[1, 1] / length_m, added_mass[2, 2] / length_m
+    products = np.zeros((6, 6, 6))
+    products[0, 5, 1] = across * half_m
+    products[0, 1, 5] = across * half_m
+    products[0, 4, 2] = -down * half_m
+    products[0, 2, 4] = -down * half_m
+    lift = -np.diag([0.0, across, down, 0.0, down * half_m**2, across * half_m**2])
+    return products.reshape(36, 6), lift
