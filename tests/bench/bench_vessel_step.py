@@ -24,7 +24,7 @@ ASV = VesselSpec(
     inertia_kgm2=(23.0, 35.0, 56.0),
     hull=Hull(length_m=2.3, width_m=1.6, radius_m=0.2, keel_below_cg_m=0.25, strips=6),
     added_mass=AddedMass(5.1, 72.0, 216.0, 78.0, 95.0, 34.0),
-    damping_linear=Damping(15.0, 250.0, 500.0, 50.0, 50.0, 150.0),
+    damping_linear=Damping(15.0, 250.0, 500.0, 230.0, 270.0, 150.0),
     damping_quadratic=Damping(surge=20.0, sway=150.0, yaw=200.0),
     propellers=tuple(Propeller((-0.7, y, -0.55), 250.0, 150.0, 0.25, 0.4) for y in (-0.5, 0.5)),
     wind=Windage(0.9, 1.3, 2.3, 0.7, 0.9, 0.1),

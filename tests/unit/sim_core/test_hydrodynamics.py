@@ -118,7 +118,7 @@ def per_axis() -> tuple[VesselSpec, np.ndarray, np.ndarray]:
     )
     there = np.block([[np.eye(3), -skew(np.array(centre))], [np.zeros((3, 3)), np.eye(3)]])
     added = there.T @ np.diag([5.1, 72.0, 216.0, 78.0, 95.0, 34.0]) @ there
-    damping = there.T @ np.diag([15.0, 250.0, 500.0, 50.0, 50.0, 150.0]) @ there
+    damping = there.T @ np.diag([15.0, 250.0, 500.0, 230.0, 270.0, 150.0]) @ there
     added[1, 5] += 4.0
     added[5, 1] += 7.0
     damping[1, 5] -= 12.0

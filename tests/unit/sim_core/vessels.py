@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 
 from sim_core.vessel.spec import AddedMass, Damping, Hull, Propeller, VesselSpec, Windage
 
-LINEAR = Damping(surge=15.0, sway=250.0, heave=500.0, roll=50.0, pitch=50.0, yaw=150.0)
+LINEAR = Damping(surge=15.0, sway=250.0, heave=500.0, roll=230.0, pitch=270.0, yaw=150.0)
 QUADRATIC = Damping(surge=20.0, sway=150.0, yaw=200.0)
 
 
