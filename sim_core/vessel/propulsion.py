@@ -1,15 +1,25 @@
-"""Air propellers, some of which turn about their masts: thrust ~ n |n|, speed a first-order lag behind the command.
+"""Propellers in air and water, tunnel thrusters, steering gears and rudders.
 
-The lag has its own time constant for speeding up and for slowing down, as PX4's motor model has. Speed is a fraction
-of full speed in [-1, 1]; forward and reverse have their own full thrust. Thrust is static: at the few m/s of a boat the
-inflow of an air propeller changes it little. An angle delta of a steering gear turns the thrust to
-(cos delta, -sin delta): at the stern a positive one brings the bow to starboard. The gear turns at its rate towards the
-command and stops there.
+A command in [-1, 1] sets a speed or an angle. The speed n of a propeller, a fraction of full speed, follows as a
+first-order lag with one time constant for speeding up and one for slowing down, as PX4's motor model has. Gears and
+rudders turn at their rate and stop at their stop. T_0 is the thrust at rest at full speed, ahead or astern; V the speed
+of advance, of the propeller's place along its own line relative to air or water, less the wake.
+
+    at rest        T = T_0 n |n|
+    in air         T (V / 2 + sqrt(V^2 / 4 + T / (2 rho A))) = P(n), momentum theory at the power of rest
+    in water       T = T_0 n |n| (1 - V / (V_0 n)), a linear K_T with no thrust at V_0, or
+                   T = rho D^4 K_T(J) n |n| n_max^2 with J = V / (n n_max D), an open-water table
+    in a tunnel    T = T_0 n |n| exp(-(u / u_0)^2), u the forward speed
+
+An angle delta of a gear turns the thrust to (cos delta, -sin delta), one of a rudder the trailing edge to starboard: at
+the stern a positive one brings the bow to starboard. `make_propulsion` leaves out what a vessel does not have.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy import intp
@@ -17,95 +27,407 @@ from numpy.typing import NDArray
 
 from sim_core.environment.spec import Water
 from sim_core.frames import Array
-from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.rudders import Rudders
+from sim_core.vessel.spec import Propeller, VesselSpec
+from sim_core.vessel.windage import AIR_DENSITY_KGPM3
+
+Propellers = tuple[Propeller, ...]
+FLOW = 9
+"""Columns of `flow`: velocity relative to the water (3), angular velocity (3), velocity relative to the air (3)."""
+_IN_WATER, _IN_AIR = (0, 1, 2, 3, 4, 5), (6, 7, 8, 3, 4, 5)
+
+
+class ThrustLaw(Protocol):
+    """Thrust of P propellers, linear in K terms.
+
+    per_term: (K, P) newtons; per_mps: (P,) what makes the speed of advance the law's own dimensionless one.
+    """
+
+    @property
+    def per_term(self) -> Array: ...
+
+    @property
+    def per_mps(self) -> Array: ...
+
+    def terms(self, speed: Array, advance: Array) -> tuple[Array, ...]:
+        """K of (N, P), for (N, P) speeds n and dimensionless speeds of advance."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticThrust:
+    """The thrust at rest at any speed of advance: n |n|, and n^2, which tells reverse from ahead."""
+
+    per_term: Array
+    per_mps: Array
+
+    @classmethod
+    def from_spec(cls, propellers: Propellers, water: Water) -> StaticThrust:
+        """Constants of the propellers."""
+        return cls(_by_sign(*_thrust_at_rest_n(propellers, water)), np.zeros(len(propellers)))
+
+    def terms(self, speed: Array, advance: Array) -> tuple[Array, Array]:
+        """See ThrustLaw."""
+        return speed * np.abs(speed), speed * speed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DiscThrust:
+    """Actuator disc at the power of rest: t^3 + x t = 1 (Leishman 2006, section 2.4, solved for the thrust).
+
+    t is the thrust over that at rest, x the speed of advance over v_0 |n|, v_0 = sqrt(T_0 / (2 rho A)) the velocity
+    induced at rest. Below x = -0.5 t is held: in air from behind the wake becomes a vortex ring and the theory ends.
+    Rotors measured there (Leishman 2006, eq 2.89) give 0.92 to 1.07 of that t down to x = -1.5.
+
+    What a propeller does at (n, V) is a matter of its advance angle arctan2(V, n) but for n^2: a table over that angle
+    holds all four quadrants.
+    """
+
+    per_term: Array
+    per_mps: Array
+    ratio: Array  # thrust over that at full speed ahead and n^2, at each of ADVANCE_ANGLES
+
+    TAIL: ClassVar[float] = -0.5
+    ADVANCE_ANGLES: ClassVar[Array] = np.linspace(-math.pi, math.pi, 1441)
+
+    @classmethod
+    def from_spec(cls, propellers: Propellers, water: Water) -> DiscThrust:
+        """Constants of the propellers, all with a diameter and of one `reverse_ratio`."""
+        ahead_n, astern_n = _thrust_at_rest_n(propellers, water)
+        diameters_m = np.array([propeller.diameter_m or math.nan for propeller in propellers])
+        speed, advance = np.cos(cls.ADVANCE_ANGLES), np.sin(cls.ADVANCE_ANGLES)
+        reverse = speed < 0.0
+        share = np.where(reverse, astern_n[0] / ahead_n[0], 1.0)
+        # Astern the induced velocity goes with the root of the thrust there; no thrust, no disc.
+        over_induced = advance / np.where(speed == 0.0, 1e-12, speed) / np.sqrt(np.maximum(share, 1e-12))
+        return cls(
+            per_term=ahead_n[None],
+            per_mps=diameters_m * np.sqrt(0.5 * math.pi * AIR_DENSITY_KGPM3 / ahead_n),
+            ratio=np.where(reverse, -share, share) * disc_thrust_ratio(np.maximum(over_induced, cls.TAIL)),
+        )
+
+    @staticmethod
+    def reverse_ratio(propeller: Propeller) -> float:
+        """Thrust astern over thrust ahead, at rest: the form of the table."""
+        return (propeller.max_reverse_thrust_n or 0.0) / (propeller.max_thrust_n or math.inf)
+
+    def terms(self, speed: Array, advance: Array) -> tuple[Array]:
+        """See ThrustLaw."""
+        return (speed * speed * np.interp(np.arctan2(advance, speed), self.ADVANCE_ANGLES, self.ratio),)
+
+
+def disc_thrust_ratio(advance: Array) -> Array:
+    """The positive root t of t^3 + x t = 1 for x >= -1.8, by Cardano's formula; x: speed of advance over v_0."""
+    third = advance / 3.0
+    root = np.cbrt(0.5 + np.sqrt(0.25 + third**3))
+    ratio: Array = np.where(third > 1e3, 1.0 / np.maximum(advance, 1.0), root - third / root)
+    return ratio
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearThrust:
+    """K_T falls linearly with J to zero at a speed of advance V_0 at full speed: n |n|, n^2, |n| V / V_0, n V / V_0.
+
+    The line goes on at either end: beyond V_0 n the propeller brakes, and astern against headway it gives more than at
+    rest.
+    """
+
+    per_term: Array
+    per_mps: Array
+
+    @classmethod
+    def from_spec(cls, propellers: Propellers, water: Water) -> LinearThrust:
+        """Constants of the propellers, all with a speed of no thrust."""
+        static = _by_sign(*_thrust_at_rest_n(propellers, water))
+        per_mps = np.array([1.0 / (propeller.zero_thrust_speed_mps or math.nan) for propeller in propellers])
+        return cls(np.concatenate([static, -static]), per_mps)
+
+    def terms(self, speed: Array, advance: Array) -> tuple[Array, ...]:
+        """See ThrustLaw."""
+        magnitude = np.abs(speed)
+        return speed * magnitude, speed * speed, magnitude * advance, speed * advance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TunnelThrust:
+    """The jet of a tunnel thruster loses its effect on a hull that makes way: exp(-(u / u_0)^2)."""
+
+    per_term: Array
+    per_mps: Array
+
+    @classmethod
+    def from_spec(cls, propellers: Propellers, water: Water) -> TunnelThrust:
+        """Constants of the propellers, all in tunnels."""
+        per_mps = np.array([1.0 / (propeller.tunnel_speed_mps or math.nan) for propeller in propellers])
+        return cls(_by_sign(*_thrust_at_rest_n(propellers, water)), per_mps)
+
+    def terms(self, speed: Array, advance: Array) -> tuple[Array, Array]:
+        """See ThrustLaw."""
+        left = speed * np.exp(-advance * advance)
+        return left * np.abs(speed), left * speed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenWaterThrust:
+    """K_T by a table over J, for one propeller.
+
+    Beyond the table's end its last slope goes on: the propeller brakes. Below J = 0, going astern against headway or
+    ahead against sternway, K_T stays that of J = 0, for the table says nothing of those quadrants. Astern all of it
+    counts by its share.
+    """
+
+    per_term: Array
+    per_mps: Array
+    advance_ratio: Array
+    thrust_coefficient: Array
+    last_slope: float
+    reverse_share: float
+
+    @classmethod
+    def from_spec(cls, propellers: Propellers, water: Water) -> OpenWaterThrust:
+        """Constants of the one propeller."""
+        (curve,) = (propeller.open_water for propeller in propellers)
+        assert curve is not None
+        ratios, coefficients = np.array(curve.advance_ratio), np.array(curve.thrust_coefficient)
+        return cls(
+            per_term=np.full((1, 1), water.density_kgpm3 * curve.diameter_m**4 * curve.max_speed_rps**2),
+            per_mps=np.full(1, 1.0 / (curve.max_speed_rps * curve.diameter_m)),
+            advance_ratio=ratios,
+            thrust_coefficient=coefficients,
+            last_slope=(coefficients[-1] - coefficients[-2]) / (ratios[-1] - ratios[-2]),
+            reverse_share=curve.reverse_share,
+        )
+
+    def terms(self, speed: Array, advance: Array) -> tuple[Array]:
+        """See ThrustLaw."""
+        turning = np.where(np.abs(speed) < 1e-6, 1e-6, speed)
+        ratio = advance / turning
+        coefficient = np.interp(ratio, self.advance_ratio, self.thrust_coefficient)
+        coefficient += self.last_slope * np.maximum(ratio - self.advance_ratio[-1], 0.0)
+        share = np.where(speed < 0.0, self.reverse_share, 1.0)
+        return (share * coefficient * turning * np.abs(turning),)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MixedThrust:
+    """Propellers under several laws: the one term is the thrust itself."""
+
+    laws: tuple[tuple[ThrustLaw, NDArray[intp]], ...]  # each with the columns it is for
+    per_term: Array
+    per_mps: Array
+
+    def terms(self, speed: Array, advance: Array) -> tuple[Array]:
+        """See ThrustLaw."""
+        thrust_n = np.empty_like(speed)
+        for law, columns in self.laws:
+            thrust_n[:, columns] = _thrust_n(law, speed[:, columns], advance[:, columns])
+        return (thrust_n,)
+
+
+_Law = type[StaticThrust] | type[DiscThrust] | type[LinearThrust] | type[TunnelThrust] | type[OpenWaterThrust]
+
+
+def make_thrust_law(propellers: Propellers, water: Water) -> ThrustLaw:
+    """One law where it is the same for all of them, else a mixture."""
+    groups: dict[tuple[_Law, float], list[int]] = {}
+    for index, propeller in enumerate(propellers):
+        kind, of_a_kind = _law(propeller), 0.0
+        if kind is OpenWaterThrust:
+            of_a_kind = index
+        elif kind is DiscThrust:
+            of_a_kind = DiscThrust.reverse_ratio(propeller)
+        groups.setdefault((kind, of_a_kind), []).append(index)
+    laws = [
+        (kind.from_spec(tuple(propellers[i] for i in own), water), np.array(own)) for (kind, _), own in groups.items()
+    ]
+    if len(laws) == 1:
+        return laws[0][0]
+    per_mps = np.zeros(len(propellers))
+    for law, own in laws:
+        per_mps[own] = law.per_mps
+    return MixedThrust(tuple(laws), np.ones((1, len(propellers))), per_mps)
+
+
+def _law(propeller: Propeller) -> _Law:
+    if propeller.open_water is not None:
+        return OpenWaterThrust
+    if propeller.tunnel_speed_mps is not None:
+        return TunnelThrust
+    if propeller.zero_thrust_speed_mps is not None:
+        return LinearThrust
+    return DiscThrust if propeller.medium == "air" and propeller.diameter_m is not None else StaticThrust
+
+
+def _thrust_n(law: ThrustLaw, speed: Array, advance: Array) -> Array:
+    """(N, P): all terms together."""
+    thrust: Array = np.einsum("knp,kp->np", np.array(law.terms(speed, advance)), law.per_term)
+    return thrust
+
+
+def _thrust_at_rest_n(propellers: Propellers, water: Water) -> Array:
+    """(2, P): ahead and astern, positive."""
+    return np.array([propeller.static_thrust_n(water.density_kgpm3) for propeller in propellers]).T
+
+
+def _by_sign(ahead: Array, astern: Array) -> Array:
+    """(2, P) coefficients of n |n| and n^2, for what is `ahead` at n = 1 and minus `astern` at n = -1."""
+    return np.array([0.5 * (ahead + astern), 0.5 * (ahead - astern)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shafts:
+    """Lag of P propellers; a gain is the share of the speed's error that one step takes away."""
+
+    gain_down: Array  # (1, P)
+    gain_extra: Array  # (1, P) what speeding up adds to it
+    full: Array  # (1, P) ones
+    full_astern: Array
+
+    @classmethod
+    def from_spec(cls, propellers: Propellers, dt_s: float) -> Shafts:
+        """Constants for steps of dt_s."""
+        up = 1.0 - np.exp([[-dt_s / propeller.spin_up_s for propeller in propellers]])
+        down = 1.0 - np.exp([[-dt_s / propeller.spin_down_s for propeller in propellers]])
+        return cls(down, up - down, np.ones_like(up), -np.ones_like(up))
+
+    def spin(self, speed: Array, command: Array) -> Array:
+        """(N, P) speeds one step later, for (N, P) commands, which are clamped to [-1, 1]; exact for a held command."""
+        wanted = np.minimum(np.maximum(command, self.full_astern), self.full)
+        faster = np.abs(wanted) > np.abs(speed)
+        gain = self.gain_down + faster * self.gain_extra
+        spun: Array = speed + (wanted - speed) * gain
+        return spun
+
+
+def _along(direction: Array, place_frd_m: tuple[float, float, float]) -> Array:
+    """(6,): force and moment of a newton; dotted with (v, w), the speed of the place along the direction."""
+    return np.concatenate([direction, np.cross(place_frd_m, direction)])
+
+
+def _direction(angle_deg: float) -> Array:
+    """(3,) horizontal, clockwise from ahead; without the 6e-17 that a cosine leaves at right angles."""
+    angle = math.radians(angle_deg)
+    return np.array([math.cos(angle), math.sin(angle), 0.0]).round(15)
+
+
+def _thrust_wrench(propellers: Propellers, turned_deg: float = 0.0) -> Array:
+    """(P, 6) force and moment on the vessel per newton of each, less what the hull loses."""
+    return np.array(
+        [
+            (1.0 - p.thrust_deduction) * _along(_direction(p.angle_deg + turned_deg), p.position_frd_m)
+            for p in propellers
+        ]
+    )
+
+
+def _inflow(propellers: Propellers, per_mps: Array, turned_deg: float = 0.0) -> Array:
+    """(FLOW, P): from `flow` to the law's dimensionless speed of advance."""
+    matrix = np.zeros((FLOW, len(propellers)))
+    for column, propeller in enumerate(propellers):
+        tunnel = propeller.tunnel_speed_mps is not None  # what counts there is the flow along the hull
+        direction = _direction(0.0 if tunnel else propeller.angle_deg + turned_deg)
+        rows = _IN_AIR if propeller.medium == "air" else _IN_WATER
+        matrix[rows, column] = (1.0 - propeller.wake_fraction) * _along(direction, propeller.position_frd_m)
+    return matrix * per_mps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Propulsion:
-    """Constants of P propellers; a gain is the share of the speed's error that one step takes away."""
+    """Constants of P propellers that do not turn."""
 
-    spin_down_gain: Array  # (P,)
-    spin_up_extra: Array  # (P,) what speeding up adds to it
-    wrench: Array  # (2 P, 6) force and moment per n |n|, then per n^2, which tells reverse from forward
+    shafts: Shafts
+    law: ThrustLaw
+    inflow: Array | None  # (FLOW, P); None where the thrust does not ask for it
+    wrench: Array  # (K P, 6) force and moment per term
 
     @classmethod
-    def from_spec(cls, model: VesselSpec, dt_s: float) -> Propulsion:
+    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float) -> Propulsion:
         """Constants from the vessel's propellers for steps of dt_s."""
-        forward, reverse = np.array([p.static_thrust_n(Water().density_kgpm3) for p in model.propellers]).T
-        ahead = np.array([1.0, 0.0, 0.0])
-        per_newton = np.array([[*ahead, *np.cross(p.position_frd_m, ahead)] for p in model.propellers])
-        up_gain = 1.0 - np.exp([-dt_s / propeller.spin_up_s for propeller in model.propellers])
-        down_gain = 1.0 - np.exp([-dt_s / propeller.spin_down_s for propeller in model.propellers])
+        propellers = model.propellers
+        law = make_thrust_law(propellers, water)
         return cls(
-            spin_down_gain=down_gain,
-            spin_up_extra=up_gain - down_gain,
-            wrench=np.concatenate(
-                [0.5 * (forward + reverse)[:, None] * per_newton, 0.5 * (forward - reverse)[:, None] * per_newton]
-            ),
+            shafts=Shafts.from_spec(propellers, dt_s),
+            law=law,
+            inflow=_inflow(propellers, law.per_mps) if law.per_mps.any() else None,
+            wrench=(law.per_term[:, :, None] * _thrust_wrench(propellers)).reshape(-1, 6),
         )
 
-    def spin(self, rotor_speed: Array, command: Array) -> Array:
-        """(N, P) speeds one step later, for (N, P) commands, which are clamped to [-1, 1]; exact for a held command."""
-        wanted = np.minimum(np.maximum(command, -1.0), 1.0)
-        faster = np.abs(wanted) > np.abs(rotor_speed)
-        gain = self.spin_down_gain + faster * self.spin_up_extra
-        speed: Array = rotor_speed + (wanted - rotor_speed) * gain
-        return speed
+    def spin(self, actuators: Array, command: Array) -> Array:
+        """(N, P) speeds one step later."""
+        return self.shafts.spin(actuators, command)
 
-    def terms(self, rotor_speed: Array) -> tuple[Array, Array]:
-        """(N, P), (N, P): n |n| and n^2, what the thrust is linear in."""
-        return rotor_speed * np.abs(rotor_speed), rotor_speed * rotor_speed
+    def terms(self, actuators: Array, nu_r: Array, air_frd_mps: Array) -> tuple[Array, ...]:
+        """What the force is linear in, for (N, P) speeds.
+
+        nu_r: (N, 6) velocities of the body's origin relative to the water, air_frd_mps: (N, 3) relative to the air.
+        """
+        if self.inflow is None:
+            return self.law.terms(actuators, nu_r)
+        return self.law.terms(actuators, np.concatenate((nu_r, air_frd_mps), axis=1) @ self.inflow)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SteeredPropulsion:
-    """Constants of P propellers and S gears. Commands and what follows them: P speeds, then S shares of full angle."""
+    """Constants of P propellers, S gears and R rudders: P speeds, then S + R shares of full angle."""
 
-    propulsion: Propulsion
-    steered: NDArray[intp]  # (S,) which propellers
-    max_angle_rad: Array  # (S,)
-    most_per_step: Array  # (S,) share of the full angle that a gear turns in one step
-    wrench: Array  # (4 P, 6) as of Propulsion for thrust ahead, then the same for thrust to port
+    shafts: Shafts
+    law: ThrustLaw
+    inflow: Array  # (FLOW, P) as they stand
+    inflow_to_port: Array  # (FLOW, P) turned there by a quarter
+    geared: NDArray[intp]  # (S,) which propellers
+    full_angle_rad: Array  # (1, S + R)
+    most_per_step: Array  # (1, S + R) share of the full angle that one turns in a step
+    rudders: Rudders | None
+    wrench: Array  # (2 P + 2 R, 6) per newton as they stand, then turned to port, then of the rudders ahead and right
 
     @classmethod
-    def from_spec(cls, model: VesselSpec, dt_s: float) -> SteeredPropulsion:
-        """Constants from the vessel's propellers for steps of dt_s."""
-        propulsion = Propulsion.from_spec(model, dt_s)
-        gears = [(index, p.steering) for index, p in enumerate(model.propellers) if p.steering is not None]
-        forward, reverse = np.array([p.static_thrust_n(Water().density_kgpm3) for p in model.propellers]).T
-        to_port = np.array([0.0, -1.0, 0.0])
-        per_newton = np.array([[*to_port, *np.cross(p.position_frd_m, to_port)] for p in model.propellers])
-        aside = [0.5 * (forward + reverse)[:, None] * per_newton, 0.5 * (forward - reverse)[:, None] * per_newton]
+    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float) -> SteeredPropulsion:
+        """Constants from the vessel's propellers and rudders for steps of dt_s."""
+        propellers = model.propellers
+        law = make_thrust_law(propellers, water)
+        gears = [(index, gear) for index, one in enumerate(propellers) if (gear := one.steering) is not None]
+        turning = [(gear.max_angle_deg, gear.rate_degps) for _, gear in gears]
+        turning += [(rudder.max_angle_deg, rudder.rate_degps) for rudder in model.rudders]
+        angle_deg, rate_degps = np.array(turning).T
+        rudders = Rudders.from_spec(model, water) if model.rudders else None
+        wrench = [_thrust_wrench(propellers), _thrust_wrench(propellers, -90.0)]
         return cls(
-            propulsion=propulsion,
-            steered=np.array([index for index, _ in gears], dtype=intp),
-            max_angle_rad=np.radians([gear.max_angle_deg for _, gear in gears]),
-            most_per_step=np.array([gear.rate_degps * dt_s / gear.max_angle_deg for _, gear in gears]),
-            wrench=np.concatenate([propulsion.wrench, *aside]),
+            shafts=Shafts.from_spec(propellers, dt_s),
+            law=law,
+            inflow=_inflow(propellers, law.per_mps),
+            inflow_to_port=_inflow(propellers, law.per_mps, -90.0),
+            geared=np.array([index for index, _ in gears], dtype=intp),
+            full_angle_rad=np.radians(angle_deg)[None],
+            most_per_step=(rate_degps * dt_s / angle_deg)[None],
+            rudders=rudders,
+            wrench=np.concatenate(wrench if rudders is None else [*wrench, rudders.wrench]),
         )
 
-    def spin(self, rotor_speed: Array, command: Array) -> Array:
-        """(N, P + S) one step later, for (N, P + S) commands, which are clamped to [-1, 1]."""
-        propellers = self.propulsion.spin_down_gain.size
-        speed = self.propulsion.spin(rotor_speed[:, :propellers], command[:, :propellers])
-        share, wanted = rotor_speed[:, propellers:], np.minimum(np.maximum(command[:, propellers:], -1.0), 1.0)
+    def spin(self, actuators: Array, command: Array) -> Array:
+        """(N, P + S + R) one step later, for as many commands, which are clamped to [-1, 1]."""
+        propellers = self.law.per_mps.size
+        speed = self.shafts.spin(actuators[:, :propellers], command[:, :propellers])
+        share, wanted = actuators[:, propellers:], np.minimum(np.maximum(command[:, propellers:], -1.0), 1.0)
         turn = np.minimum(np.maximum(wanted - share, -self.most_per_step), self.most_per_step)
         return np.concatenate((speed, share + turn), axis=1)
 
-    def terms(self, rotor_speed: Array) -> tuple[Array, ...]:
-        """Four of (N, P): n |n| and n^2 times the cosine of the angle, then times its sine."""
-        propellers = self.propulsion.spin_down_gain.size
-        angle = np.zeros((len(rotor_speed), propellers))
-        angle[:, self.steered] = rotor_speed[:, propellers:] * self.max_angle_rad
-        cosine, sine = np.cos(angle), np.sin(angle)
-        signed, square = self.propulsion.terms(rotor_speed[:, :propellers])
-        return signed * cosine, square * cosine, signed * sine, square * sine
+    def terms(self, actuators: Array, nu_r: Array, air_frd_mps: Array) -> tuple[Array, ...]:
+        """(N, P), (N, P) and of rudders (N, R), (N, R): newtons along the rows of `wrench`."""
+        flow = np.concatenate((nu_r, air_frd_mps), axis=1)
+        propellers, gears = self.law.per_mps.size, self.geared.size
+        speed, angle = actuators[:, :propellers], actuators[:, propellers:] * self.full_angle_rad
+        turned = np.zeros(speed.shape)
+        turned[:, self.geared] = angle[:, :gears]
+        cosine, sine = np.cos(turned), np.sin(turned)
+        advance = cosine * (flow @ self.inflow) + sine * (flow @ self.inflow_to_port)
+        thrust_n = _thrust_n(self.law, speed, advance)
+        forces_n = (thrust_n * cosine, thrust_n * sine)
+        if self.rudders is None:
+            return forces_n
+        return *forces_n, *self.rudders.forces_n(angle[:, gears:], thrust_n, flow)
 
 
-def make_propulsion(model: VesselSpec, dt_s: float) -> Propulsion | SteeredPropulsion:
-    """Whichever the vessel's propellers need."""
-    return (
-        Propulsion.from_spec(model, dt_s)
-        if model.commands == len(model.propellers)
-        else SteeredPropulsion.from_spec(model, dt_s)
-    )
+def make_propulsion(model: VesselSpec, water: Water, dt_s: float) -> Propulsion | SteeredPropulsion:
+    """Whichever the vessel's propellers and rudders need."""
+    kind = Propulsion if model.commands == len(model.propellers) else SteeredPropulsion
+    return kind.from_spec(model, water, dt_s)

@@ -203,8 +203,29 @@ class OpenWater(Specification):
     diameter_m: Positive
     max_speed_rps: Annotated[Positive, "of the shaft at full command"]
     advance_ratio: Annotated[Table, "J, rising from 0"]
-    thrust_coefficient: Annotated[Table, "K_T at each"]
+    thrust_coefficient: Annotated[Table, "K_T at each, falling; beyond the last its slope goes on"]
     reverse_share: Annotated[Share, "of K_T when it turns astern"] = 1.0
+
+    def check(self) -> None:
+        ratios, coefficients = self.advance_ratio, self.thrust_coefficient
+        if len(ratios) != len(coefficients):
+            raise SpecificationError(
+                ("thrust_coefficient",),
+                f"has {len(coefficients)} entries for {len(ratios)} of advance_ratio; give one K_T for each J",
+            )
+        if ratios[0] != 0 or any(after <= before for before, after in pairwise(ratios)):
+            raise SpecificationError(("advance_ratio",), "has to begin at 0 and rise; sort the table by J")
+        if coefficients[0] <= 0:
+            raise SpecificationError(
+                ("thrust_coefficient", 0), f"= {coefficients[0]:g} gives no thrust at rest; use the K_T at J = 0"
+            )
+        for index, (before, after) in enumerate(pairwise(coefficients), start=1):
+            if after >= before:
+                raise SpecificationError(
+                    ("thrust_coefficient", index),
+                    f"= {after:g} does not fall from the {before:g} before it; "
+                    "give the K_T of ahead revolutions, which falls with J",
+                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +244,9 @@ class Propeller(Specification):
     medium: Literal["air", "water"] = "air"
     angle_deg: Annotated[Angle, "where its thrust points: 0 ahead, 90 to starboard as of a bow thruster"] = 0.0
     diameter_m: Annotated[
-        Positive | None, "in air: thrust falls with the apparent wind by momentum theory; null: it does not"
+        Positive | None,
+        "in air: thrust falls with the apparent wind by momentum theory; null: it does not; "
+        "in water: of the race that a rudder stands in",
     ] = None
     zero_thrust_speed_mps: Annotated[
         Positive | None, "in water: speed of advance at which full speed ahead gives no thrust; null: as at rest"
@@ -231,12 +254,39 @@ class Propeller(Specification):
     open_water: OpenWater | None = None
     wake_fraction: Annotated[float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow"] = 0.0
     thrust_deduction: Annotated[float, Bounds(at_least=0, below=1), "share of the thrust lost to the hull"] = 0.0
+    tunnel_speed_mps: Annotated[
+        Positive | None,
+        "in a tunnel through the hull: forward speed at which 1/e of the thrust is left, exp(-(u / this)²); null: none",
+    ] = None
 
     def check(self) -> None:
         if (self.open_water is None) == (self.max_thrust_n is None):
             raise SpecificationError((), "needs max_thrust_n or open_water; give one of the two")
         if (self.max_thrust_n is None) != (self.max_reverse_thrust_n is None):
             raise SpecificationError((), "needs max_thrust_n and max_reverse_thrust_n together; give both")
+        self._check_medium()
+
+    def _check_medium(self) -> None:
+        wet = (self.open_water, self.zero_thrust_speed_mps, self.tunnel_speed_mps, self.wake_fraction or None)
+        names = ("open_water", "zero_thrust_speed_mps", "tunnel_speed_mps", "wake_fraction")
+        given = [name for name, value in zip(names, wet, strict=True) if value is not None]
+        if self.medium == "air" and given:
+            raise SpecificationError(
+                (given[0],), "is of a propeller in water, and this one is in air; use medium: water"
+            )
+        if len(laws := [name for name in given if name != "wake_fraction"]) > 1:
+            raise SpecificationError((laws[1],), f"and {laws[0]} exclude each other; give one of them")
+        if self.tunnel_speed_mps is not None and self.steering is not None:
+            raise SpecificationError(
+                ("steering",), "turns no thruster in a tunnel; leave out steering or tunnel_speed_mps"
+            )
+        if self.open_water is not None and self.diameter_m is not None:
+            raise SpecificationError(("diameter_m",), "is given by open_water.diameter_m; leave it out")
+
+    @property
+    def disc_diameter_m(self) -> float | None:
+        """Of the disc that it sweeps, where it is known."""
+        return self.open_water.diameter_m if self.open_water is not None else self.diameter_m
 
     def static_thrust_n(self, water_density_kgpm3: float) -> tuple[float, float]:
         """Thrust at rest at full speed, ahead and astern, both positive."""
@@ -261,7 +311,10 @@ class Rudder(Specification):
         Annotated[int, Bounds(at_least=0, at_most=15)] | None, "number of the one in whose race it stands, from 0"
     ] = None
     race_share: Annotated[Share, "of its area that stands in the race"] = 1.0
-    wake_fraction: Annotated[float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow"] = 0.0
+    wake_fraction: Annotated[
+        float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow outside the race"
+    ] = 0.0
+    stall_deg: Annotated[float, Bounds(at_least=5, at_most=60), "angle of attack from which the flow leaves it"] = 35.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,6 +402,9 @@ class VesselSpec(Specification):
         self._check_given_once(parsed)
         self._check_signs(parsed)
         self._check_definite(parsed)
+        for number, rudder in enumerate(self.rudders):
+            if rudder.propeller is not None:
+                self._check_race(("rudders", number), rudder, rudder.propeller)
 
     def _check_inertia(self) -> None:
         """The sum of m r r^T over the body, half the trace less the tensor, is positive semi-definite for any body."""
@@ -452,6 +508,30 @@ class VesselSpec(Specification):
                 f"is not {definite}: {what} has to reach {least:g} beside the entries off the diagonal; "
                 "raise it, make those smaller, or look for a sign",
             )
+
+    def _check_race(self, path: tuple[str | int, ...], rudder: Rudder, number: int) -> None:
+        path = (*path, "propeller")
+        if number >= len(self.propellers):
+            last = len(self.propellers) - 1
+            raise SpecificationError(
+                path, f"= {number} is no propeller; use 0{f' to {last}' if last else ''}, or leave it out"
+            )
+        one = self.propellers[number]
+        if one.medium != "water":
+            problem = "is in air; use the number of one in water"
+        elif one.disc_diameter_m is None:
+            problem = f"has no diameter for its race; give propellers.{number}.diameter_m"
+        elif one.steering is not None or one.tunnel_speed_mps is not None or one.angle_deg != 0:
+            problem = "does not push straight ahead, so that its race misses the rudder; leave the key out"
+        elif one.position_frd_m[0] < rudder.position_frd_m[0]:
+            problem = (
+                f"= {number} stands {rudder.position_frd_m[0] - one.position_frd_m[0]:g} m behind the rudder; "
+                "place it ahead of the rudder, or leave the key out"
+            )
+            raise SpecificationError(path, problem)
+        else:
+            return
+        raise SpecificationError(path, f"= {number} {problem}")
 
     @property
     def demi_hulls(self) -> tuple[DemiHull, ...]:

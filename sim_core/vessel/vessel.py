@@ -32,7 +32,8 @@ _HALF_RATES = 0.5 * np.array(
 class VesselState:
     """motion: of N vessels; rotor_speed: what follows the (N, C) commands, in their order.
 
-    That is the fraction of full speed, negative in reverse, of each propeller, then of full angle of each gear.
+    That is the fraction of full speed, negative in reverse, of each propeller, then of full angle of each gear and
+    rudder.
     """
 
     motion: Kinematics
@@ -69,7 +70,7 @@ class Vessel:
         draft_m = floating_draft_m(model, water)
         hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, draft_m)
         buoyancy = Buoyancy.from_spec(model, water)
-        propulsion = make_propulsion(model, dt_s)
+        propulsion = make_propulsion(model, water, dt_s)
         windage = WindDrag.from_spec(model, model.keel_m - draft_m)
         weight = model.mass_kg * GRAVITY_MPS2 * hydrodynamics.weight_per_n
         wave_forces = WaveForces.from_parts(hydrodynamics, buoyancy, draft_m - model.keel_m) if waves else FLAT
@@ -131,7 +132,7 @@ def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: S
     terms = (
         *vessel.hydrodynamics.terms(nu_r),
         *vessel.buoyancy.terms(motion.pos_ned_m, down_frd, -down_frd, surface),
-        *vessel.propulsion.terms(rotor_speed),
+        *vessel.propulsion.terms(rotor_speed, nu_r, frd[:, 1]),
         *vessel.windage.terms(frd[:, 1]),
         down_frd,
         *vessel.wave_forces.terms(ned[:, 0, 2:], down_frd, frd[:, 2], surface),

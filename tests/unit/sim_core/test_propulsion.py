@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 from vessels import FULL
 
+from sim_core.environment.spec import Water
 from sim_core.vessel.propulsion import Propulsion
 from sim_core.vessel.windage import AIR_DENSITY_KGPM3, WindDrag
 
 DT_S = 0.0025
-PROPULSION = Propulsion.from_spec(FULL, DT_S)
+PROPULSION = Propulsion.from_spec(FULL, Water(), DT_S)
 
 
 def thrust_wrench(speed: list[float]) -> np.ndarray:
-    return (np.concatenate(PROPULSION.terms(np.array([speed])), axis=1) @ PROPULSION.wrench)[0]
+    return (
+        np.concatenate(PROPULSION.terms(np.array([speed]), np.zeros((1, 6)), np.zeros((1, 3))), axis=1)
+        @ PROPULSION.wrench
+    )[0]
 
 
 def spun(speed: float, command: float, duration_s: float) -> float:

@@ -10,6 +10,7 @@ import pytest
 from vessels import FULL
 
 from sim_core.environment.environment import Environment
+from sim_core.environment.spec import Water
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import Propeller, SteeringGear
@@ -18,11 +19,12 @@ DT_S = 0.0025
 GEAR = SteeringGear(max_angle_deg=30.0, rate_degps=60.0)
 POD = Propeller((-0.9, 0.0, -0.55), 500.0, 300.0, 0.4, 0.6, GEAR)
 STEERED = replace(FULL, propellers=(POD,))
-PROPULSION = SteeredPropulsion.from_spec(STEERED, DT_S)
+STILL = (np.zeros((1, 6)), np.zeros((1, 3)))
+PROPULSION = SteeredPropulsion.from_spec(STEERED, Water(), DT_S)
 
 
 def wrench(speed: float, share: float) -> np.ndarray:
-    return (np.concatenate(PROPULSION.terms(np.array([[speed, share]])), axis=1) @ PROPULSION.wrench)[0]
+    return (np.concatenate(PROPULSION.terms(np.array([[speed, share]]), *STILL), axis=1) @ PROPULSION.wrench)[0]
 
 
 @pytest.mark.parametrize(("speed", "thrust_n"), [(1.0, 500.0), (0.5, 125.0), (-1.0, -300.0)])
@@ -72,16 +74,16 @@ def test_a_gear_held_amidships_changes_nothing() -> None:
 
 
 def test_only_steered_vessels_pay_for_it() -> None:
-    assert isinstance(make_propulsion(FULL, DT_S), Propulsion)
-    assert isinstance(make_propulsion(STEERED, DT_S), SteeredPropulsion)
+    assert isinstance(make_propulsion(FULL, Water(), DT_S), Propulsion)
+    assert isinstance(make_propulsion(STEERED, Water(), DT_S), SteeredPropulsion)
     mixed = replace(FULL, propellers=(FULL.propellers[0], replace(FULL.propellers[1], steering=GEAR)))
     assert (FULL.commands, STEERED.commands, mixed.commands) == (2, 2, 3)
 
 
 def test_in_a_mixed_pair_only_the_one_with_a_gear_turns() -> None:
     mixed = replace(FULL, propellers=(FULL.propellers[0], replace(FULL.propellers[1], steering=GEAR)))
-    propulsion = SteeredPropulsion.from_spec(mixed, DT_S)
-    force = (np.concatenate(propulsion.terms(np.array([[1.0, 1.0, 1.0]])), axis=1) @ propulsion.wrench)[0]
+    propulsion = SteeredPropulsion.from_spec(mixed, Water(), DT_S)
+    force = (np.concatenate(propulsion.terms(np.array([[1.0, 1.0, 1.0]]), *STILL), axis=1) @ propulsion.wrench)[0]
     assert force[0] == pytest.approx(250.0 + 250.0 * math.cos(math.radians(30.0)))
     assert force[1] == pytest.approx(-125.0)
 

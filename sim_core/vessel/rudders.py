@@ -1,0 +1,133 @@
+"""Rudders behind a propeller or beside it, ahead and astern.
+
+The rudder's plate meets the water at (u, v), the speed of its own place less the wake, and in the race of its propeller
+at u + w besides. With delta the angle, n = u sin delta + v cos delta the speed across the plate, c the one along it and
+U both together, sine s = n / U and cosine k = c / U of the angle of attack:
+
+    C_N = 6.13 Lambda / (Lambda + 2.25) s      normal force, Fujii & Tsuda 1961 (MMG standard method, Yasukawa 2015)
+    C_L = C_N k                                across the flow
+    C_D = C_L^2 / (0.9 pi Lambda)              along it: induced drag, Whicker & Fehlner 1958
+
+From the stalling angle over ten degrees more the flow leaves the plate: then C_N = 1.2 s / |s| (Hoerner 1965, ch. 3,
+plates of such aspect ratios), with C_D = C_N s as no suction at the leading edge is left.
+
+The race is an actuator disc's: far behind it the water is faster by w = sqrt(V^2 + 2 |T| / (rho A)) - V, at a distance
+x behind by half of it times 1 + x / sqrt(x^2 + R^2), and in front, where a propeller going astern draws it from, by
+half of it times 1 - x / sqrt(x^2 + R^2) (vortex cylinder; McCormick 1995, section 6). V is the speed of advance in the
+direction of the thrust; against it there is none to add.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import intp
+from numpy.typing import NDArray
+
+from sim_core.environment.spec import Water
+from sim_core.frames import Array
+from sim_core.vessel.spec import VesselSpec
+
+PLATE_NORMAL_FORCE = 1.2
+STALL_WIDTH_RAD = math.radians(10.0)
+INDUCED_DRAG_EFFICIENCY = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rudders:
+    """Constants of R rudders."""
+
+    inflow: Array  # (9, 2 R) ahead and to the right at each, in the hull's wake, from `flow` of the propulsion
+    pressure: Array  # (R,) half the density times the area
+    slope: Array  # (R,) of C_N
+    induced: Array  # (R,) C_D per C_L^2
+    sine_at_stall: Array  # (R,)
+    per_sine: Array  # (R,) share of the flow that leaves the plate per sine beyond
+    wrench: Array  # (2 R, 6)
+    raced: NDArray[intp]  # (Q,) which of them stand in a race
+    propeller: NDArray[intp]  # (Q,) whose
+    race_share: Array  # (Q,)
+    race_inflow: Array  # (9, Q) speed of advance of that propeller
+    speed2_per_newton: Array  # (Q,) 2 / (rho A)
+    reached_behind: Array  # (Q,) share of w that the race has at the rudder
+    reached_before: Array  # (Q,) share of w that a propeller going astern draws past it
+
+    @classmethod
+    def from_spec(cls, model: VesselSpec, water: Water) -> Rudders:
+        """Constants from the vessel's rudders and the propellers before them."""
+        rudders = model.rudders
+        raced = [(index, rudder) for index, rudder in enumerate(rudders) if rudder.propeller is not None]
+        propellers = [model.propellers[rudder.propeller or 0] for _, rudder in raced]
+        radii_m = np.array([0.5 * (propeller.disc_diameter_m or math.nan) for propeller in propellers])
+        behind_m = np.array(
+            [p.position_frd_m[0] - r.position_frd_m[0] for p, (_, r) in zip(propellers, raced, strict=True)]
+        )
+        along = behind_m / np.hypot(behind_m, radii_m)
+        aspect = np.array([rudder.aspect_ratio for rudder in rudders])
+        stall = np.radians([rudder.stall_deg for rudder in rudders])
+        ahead, right = np.eye(3)[:2]
+        wake = [1.0 - rudder.wake_fraction for rudder in rudders]
+        race_inflow = [(1.0 - one.wake_fraction) * _rows(one.position_frd_m, ahead) for one in propellers]
+        return cls(
+            inflow=np.array(
+                [share * _rows(r.position_frd_m, ahead) for share, r in zip(wake, rudders, strict=True)]
+                + [_rows(r.position_frd_m, right) for r in rudders]
+            ).T,
+            pressure=0.5 * water.density_kgpm3 * np.array([rudder.area_m2 for rudder in rudders]),
+            slope=6.13 * aspect / (aspect + 2.25),
+            induced=1.0 / (INDUCED_DRAG_EFFICIENCY * math.pi * aspect),
+            sine_at_stall=np.sin(stall),
+            per_sine=1.0 / (np.sin(np.minimum(stall + STALL_WIDTH_RAD, 0.5 * math.pi)) - np.sin(stall)),
+            wrench=np.array([_rows(r.position_frd_m, way)[:6] for way in (ahead, right) for r in rudders]),
+            raced=np.array([index for index, _ in raced], dtype=intp),
+            propeller=np.array([rudder.propeller for _, rudder in raced], dtype=intp),
+            race_share=np.array([rudder.race_share for _, rudder in raced]),
+            race_inflow=np.array(race_inflow).reshape(-1, 9).T,
+            speed2_per_newton=2.0 / (water.density_kgpm3 * math.pi * radii_m**2),
+            reached_behind=0.5 * (1.0 + along),
+            reached_before=0.5 * (1.0 - along),
+        )
+
+    def forces_n(self, angle_rad: Array, thrust_n: Array, flow: Array) -> tuple[Array, Array]:
+        """(N, R) ahead and (N, R) to the right, for (N, R) angles, (N, P) thrusts in open water and (N, 9) `flow`."""
+        local = flow @ self.inflow
+        rudders = len(self.pressure)
+        along, across = local[:, :rudders], local[:, rudders:]
+        ahead_n, right_n = self._plate_n(angle_rad, along, across)
+        if not self.raced.size:
+            return ahead_n, right_n
+        in_race = along.copy()
+        in_race[:, self.raced] = flow @ self.race_inflow + self._race_mps(thrust_n[:, self.propeller], flow)
+        share = np.zeros(rudders)
+        share[self.raced] = self.race_share
+        race_ahead_n, race_right_n = self._plate_n(angle_rad, in_race, across)
+        return ahead_n + share * (race_ahead_n - ahead_n), right_n + share * (race_right_n - right_n)
+
+    def _race_mps(self, thrust_n: Array, flow: Array) -> Array:
+        """(N, Q) what the propellers add to the flow at their rudders; negative while they draw it forward."""
+        sign = np.sign(thrust_n)
+        with_thrust = np.maximum(sign * (flow @ self.race_inflow), 0.0)
+        added = np.sqrt(with_thrust**2 + self.speed2_per_newton * np.abs(thrust_n)) - with_thrust
+        race: Array = sign * added * np.where(thrust_n < 0.0, self.reached_before, self.reached_behind)
+        return race
+
+    def _plate_n(self, angle_rad: Array, along: Array, across: Array) -> tuple[Array, Array]:
+        """(N, R), (N, R) force ahead and to the right of all of the area in one flow."""
+        sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
+        speed = np.hypot(along, across)
+        whole = np.maximum(speed, 1e-9)
+        attack_sine = (along * sine + across * cosine) / whole
+        attack_cosine = (along * cosine - across * sine) / whole
+        left = np.clip((np.abs(attack_sine) - self.sine_at_stall) * self.per_sine, 0.0, 1.0)
+        plate = PLATE_NORMAL_FORCE * np.sign(attack_sine)
+        lift = ((1.0 - left) * self.slope * attack_sine + left * plate) * attack_cosine
+        drag = (1.0 - left) * self.induced * lift**2 + left * plate * attack_sine
+        newtons = self.pressure * speed
+        return newtons * (lift * across - drag * along), -newtons * (lift * along + drag * across)
+
+
+def _rows(place_frd_m: tuple[float, float, float], direction: Array) -> Array:
+    """(9,) of `flow`, of which the first six are force and moment per newton."""
+    return np.concatenate([direction, np.cross(place_frd_m, direction), np.zeros(3)])
