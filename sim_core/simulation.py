@@ -13,7 +13,7 @@ from numpy.random import Generator
 
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
-from sim_core.environment.waves import HullWaves, StillHull, WaveField
+from sim_core.environment.waves import HullWaves, StillHull
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
@@ -25,7 +25,8 @@ from sim_core.world.debris import DebrisState, Launch, bodies_at
 from sim_core.world.rays import Bodies
 from sim_core.world.waterway import OPEN_WATER, STILL, Afloat, StepTimes, WaterMotion, Waterway
 
-DRIFT_NS = 20_000_000  # current and gusts change over seconds and are sampled exactly at any step: 50 Hz is plenty
+# Current, gusts and the waves' mean force change over seconds and are sampled exactly at any step: 50 Hz is plenty.
+DRIFT_NS = 20_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +38,7 @@ class Simulation:
     hull_waves: HullWaves | StillHull
     dt_s: float
     dt_ns: int
-    drift_ns: int  # a whole number of steps: how long current and gusts are held
+    drift_ns: int  # a whole number of steps: how long current, gusts and the mean force of the waves are held
     outline: Outline
     waterway: Waterway = OPEN_WATER
 
@@ -49,8 +50,8 @@ class Simulation:
         dt_ns = round(dt_s * 1e9)
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
-        vessel = Vessel.from_spec(model, environment.water, dt_s, waves=isinstance(environment.waves, WaveField))
-        hull_waves = environment.waves.at_hull(vessel.buoyancy.axes_frd_m)
+        vessel = Vessel.from_spec(model, environment.water, dt_s, environment.waves)
+        hull_waves = environment.waves.at_hull(vessel.buoyancy.axes_frd_m, vessel.draft_m)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
         return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway)
 
@@ -60,8 +61,8 @@ class SimulationState:
     """The world at time_ns.
 
     What the last step felt at the vessels' places: current_ned_mps (N, 3) without the waves' orbital motion,
-    wind_ned_mps (N, 3), elevation_m (N,) of the waves, up positive over the still level. afloat: the debris, and what
-    the vessels touched in that step.
+    wind_ned_mps (N, 3), elevation_m (N,) of the waves, up positive over the still level, drift_frd_n (N, 2) their mean
+    force. afloat: the debris, and what the vessels touched in that step.
     """
 
     time_ns: int
@@ -70,6 +71,7 @@ class SimulationState:
     current_ned_mps: Array
     wind_ned_mps: Array
     elevation_m: Array
+    drift_frd_n: Array
     afloat: Afloat = STILL
 
     @property
@@ -87,16 +89,19 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
     """Vessels at rest at (N, 2) places and (N,) headings; environment drawn from its stationary state."""
     vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
     environment = surroundings_model.initial(simulation.environment, len(north_east_m), rng)
-    current, wind, around = _surroundings(simulation, environment, vessel.motion, 0.0)
-    return SimulationState(0, vessel, environment, current, wind, around.surface.elevation_m)
+    current, wind, around = _surroundings(simulation, environment, vessel.motion, 0.0, None)
+    return SimulationState(0, vessel, environment, current, wind, around.surface.elevation_m, around.drift_frd_n)
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
     """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselSpec."""
-    environment = state.environment
+    environment, drift_frd_n = state.environment, None
     if state.time_ns % simulation.drift_ns == 0:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
-    current, wind, around = _surroundings(simulation, environment, state.vessel.motion, state.time_ns * 1e-9)
+    else:
+        drift_frd_n = state.drift_frd_n
+    motion = state.vessel.motion
+    current, wind, around = _surroundings(simulation, environment, motion, state.time_ns * 1e-9, drift_frd_n)
     afloat = state.afloat
     if simulation.waterway is not OPEN_WATER:
         afloat = waterways.step(
@@ -104,12 +109,13 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
             simulation.outline,
             afloat,
             StepTimes(state.time_ns, simulation.dt_ns, simulation.drift_ns),
-            state.vessel.motion,
+            motion,
             _water(simulation, environment, state.time_ns),
         )
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
-    return SimulationState(time_ns, vessel, environment, current, wind, around.surface.elevation_m, afloat)
+    elevation_m = around.surface.elevation_m
+    return SimulationState(time_ns, vessel, environment, current, wind, elevation_m, around.drift_frd_n, afloat)
 
 
 def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:
@@ -139,9 +145,13 @@ def _water(simulation: Simulation, state: EnvironmentState, time_ns: int) -> Wat
 
 
 def _surroundings(
-    simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float
+    simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float, drift_frd_n: Array | None
 ) -> tuple[Array, Array, Surroundings]:
+    """drift_frd_n: (N, 2) mean force of the waves where it is held."""
     current = simulation.environment.current.velocity_ned_mps(state.current, motion.pos_ned_m)
     wind = simulation.environment.wind.velocity_ned_mps(state.wind, time_s)
     surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
-    return current, wind, Surroundings(current + surface.orbital_ned_mps, wind, surface)
+    water = current + surface.orbital_ned_mps
+    if drift_frd_n is None:
+        drift_frd_n = simulation.vessel.wave_forces.drift.force_frd_n(motion, water, surface)
+    return current, wind, Surroundings(water, wind, surface, drift_frd_n)

@@ -37,9 +37,12 @@ class FlatWater:
         """(...,) zero at (..., 2) positions."""
         return np.zeros(np.shape(pos_ne_m)[:-1])
 
-    def at_hull(self, points_frd_m: Array) -> StillHull:
+    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0) -> StillHull:
         """Sampler for a hull of (S, 3) points."""
         return StillHull(len(points_frd_m))
+
+
+FLAT_WATER = FlatWater()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,9 +92,22 @@ class WaveField:
         drift: Array = (GRAVITY_MPS2 * self.amplitude_m / self.omega_radps)[:, None] * self.wave_vector_radpm
         return drift
 
-    def at_hull(self, points_frd_m: Array) -> HullWaves:
-        """Sampler for a hull of (S, 3) points."""
-        return HullWaves.bind(self, points_frd_m)
+    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0) -> HullWaves:
+        """Sampler for a hull of (S, 3) points that goes draft_m deep."""
+        return HullWaves.bind(self, points_frd_m, draft_m)
+
+    def shear_drift_ne_mps(self, draft_m: float) -> Array:
+        """(2,) part of the Stokes drift that comes of the orbital velocity's growth with height, mean over a draft.
+
+        Half of omega k a^2 in deep water, as exp(2 k z) over the draft. The other half comes of the way to and fro
+        along the wave, and so by itself for whatever is carried that way.
+        """
+        wave_number = np.hypot(*self.wave_vector_radpm.T)
+        depth = np.maximum(2.0 * wave_number * draft_m, 1e-9)
+        drift: Array = (
+            0.5 * self.amplitude_m**2 * self.omega_radps * -np.expm1(-depth) / depth
+        ) @ self.wave_vector_radpm
+        return drift
 
 
 def realise_waves(
@@ -201,7 +217,7 @@ class HullSurface:
 
     elevation_m: (N,) at the vessel's origin, and point_elevation_m: (N, S), up positive over the still level.
     The rest are means over the points:
-    orbital_ned_mps: (N, 3) velocity of the water.
+    orbital_ned_mps: (N, 3) velocity of the water, with what it drifts.
     slope_frd: (N, 3) rise per metre forward and right of the plane fitted to the elevations, third 0.
     turn_frd_radps: (N, 3) roll and pitch rate of the plane fitted to the water's vertical velocities, third 0.
     gradient_ned: (N, 3) slope of the surface, its rise per metre to north and east, third 0.
@@ -253,10 +269,11 @@ class HullWaves:
     of_sines: Array32  # (W, 3): vertical velocity, slope to north, slope to east
     over_hull: Array32  # (4 (1 + S), 16)
     over_hull_sines: Array32  # (3 (1 + S), 16)
+    steady: Array32  # (16,) drift of the water
 
     @classmethod
-    def bind(cls, waves: WaveField, points_frd_m: Array) -> HullWaves:
-        """Constants of `sample` for hulls of (S, 3) points.
+    def bind(cls, waves: WaveField, points_frd_m: Array, draft_m: float) -> HullWaves:
+        """Constants of `sample` for hulls of (S, 3) points that go draft_m deep.
 
         Its sixteen columns: orbital velocity (3), slope (3), turn (3), gradient (3), rise, acceleration of the turn
         (2), elevation at the origin.
@@ -290,6 +307,7 @@ class HullWaves:
             ),
             over_hull=over_hull.reshape(-1, 16).astype(float32),
             over_hull_sines=over_hull_sines.reshape(-1, 16).astype(float32),
+            steady=np.concatenate([waves.shear_drift_ne_mps(draft_m), np.zeros(14)]).astype(float32),
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
@@ -306,6 +324,7 @@ class HullWaves:
         sines = wave @ self.of_sines
         summed = cosines.reshape(vessels, -1) @ self.over_hull
         summed += sines.reshape(vessels, -1) @ self.over_hull_sines
+        summed += self.steady
         hull = summed.astype(float64)
         return HullSurface(
             hull[:, 15],

@@ -96,6 +96,11 @@ class Hydrodynamics:
             weight_per_n=moved_to(np.array(model.centre_of_gravity_frd_m))[:3],
         )
 
+    @property
+    def linear_damping(self) -> Array:
+        """(6, 6), positive, of column vectors."""
+        return -self.wrench[36:42].T
+
     def terms(self, nu_r: Array) -> list[Array]:
         """(N, 36), (N, 6) and those of the parts: what the forces are linear in, for (N, 6) relative velocities."""
         terms = [(nu_r[:, :, None] * nu_r[:, None, :]).reshape(-1, 36), nu_r]

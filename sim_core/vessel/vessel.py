@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.environment.waves import HullSurface
+from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, WaveField
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
@@ -42,11 +42,15 @@ class VesselState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What N vessels feel: velocities of water, waves included, and air (N, 3), and the surface under the hulls."""
+    """What N vessels feel: velocities of water, waves included, and air (N, 3), and the surface under the hulls.
+
+    drift_frd_n: (N, 2) mean force of the waves forward and right.
+    """
 
     water_ned_mps: Array
     wind_ned_mps: Array
     surface: HullSurface
+    drift_frd_n: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,15 +69,20 @@ class Vessel:
     level_m: float
 
     @classmethod
-    def from_spec(cls, model: VesselSpec, water: Water, dt_s: float, waves: bool = False) -> Vessel:
-        """Matrices of all parts; waves: whether it feels any. Raises ValueError when the vessel does not float."""
+    def from_spec(
+        cls, model: VesselSpec, water: Water, dt_s: float, waves: WaveField | FlatWater = FLAT_WATER
+    ) -> Vessel:
+        """Matrices of all parts. Raises ValueError when the vessel does not float."""
         draft_m = floating_draft_m(model, water)
         hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, draft_m)
         buoyancy = Buoyancy.from_spec(model, water)
         propulsion = make_propulsion(model, water, dt_s)
         windage = WindDrag.from_spec(model, model.keel_m - draft_m)
         weight = model.mass_kg * GRAVITY_MPS2 * hydrodynamics.weight_per_n
-        wave_forces = WaveForces.from_parts(hydrodynamics, buoyancy, draft_m - model.keel_m) if waves else FLAT
+        wave_forces: WaveForces | NoWaveForces = FLAT
+        if isinstance(waves, WaveField):
+            depth_m = draft_m - model.keel_m
+            wave_forces = WaveForces.from_parts(model, hydrodynamics, buoyancy, waves, water, depth_m)
         per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench, weight]
         per_term += [wave_forces.wrench]
         return cls(
@@ -135,7 +144,7 @@ def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: S
         *vessel.propulsion.terms(rotor_speed, nu_r, frd[:, 1]),
         *vessel.windage.terms(frd[:, 1]),
         down_frd,
-        *vessel.wave_forces.terms(ned[:, 0, 2:], down_frd, frd[:, 2], surface),
+        *vessel.wave_forces.terms(ned[:, 0, 2:], down_frd, frd[:, 2], surface, around.drift_frd_n),
     )
     acceleration: Array = np.concatenate(terms, axis=1) @ vessel.acceleration_per_term
     return acceleration

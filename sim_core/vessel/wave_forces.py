@@ -1,8 +1,9 @@
-"""Forces of the waves on a hull, to first order in their slope.
+"""Forces of the waves on a hull: to first order in their slope, and their mean.
 
 What the hull displaces slides down the slope of the surface with g, and so does the water that moves with it, which
 also rises with the surface and turns with it. The lift of the strips stays vertical. No product of two motions in the
-waves' rhythm is left that would push a free vessel against the waves.
+waves' rhythm is left that would push a free vessel against the waves: what mean force they have, `mean_drift` says.
+docs/seas.md has the equations.
 """
 
 from __future__ import annotations
@@ -11,39 +12,57 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim_core.environment.spec import GRAVITY_MPS2
-from sim_core.environment.waves import HullSurface, StillHull
+from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.environment.waves import HullSurface, StillHull, WaveField
 from sim_core.frames import Array
 from sim_core.vessel.buoyancy import Buoyancy
 from sim_core.vessel.hydrodynamics import Hydrodynamics
+from sim_core.vessel.mean_drift import MeanDrift, NoDrift
+from sim_core.vessel.spec import VesselSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaveForces:
-    """Constants of one vessel."""
+    """Constants of one vessel in one sea."""
 
-    wrench: Array  # (12, 6)
+    wrench: Array  # (14, 6)
+    drift: MeanDrift
 
     @classmethod
-    def from_parts(cls, hydrodynamics: Hydrodynamics, buoyancy: Buoyancy, depth_m: float) -> WaveForces:
+    def from_parts(
+        cls,
+        model: VesselSpec,
+        hydrodynamics: Hydrodynamics,
+        buoyancy: Buoyancy,
+        waves: WaveField,
+        water: Water,
+        depth_m: float,
+    ) -> WaveForces:
         """depth_m: of the body's origin at rest below the still surface."""
         mass = hydrodynamics.added_mass.T  # rows: the force of one acceleration
         slide = -_lift_at_rest(buoyancy, depth_m) - GRAVITY_MPS2 * mass[:3]
         # Heave damping acts along the vertical, however the body is tilted, and the momentum of the water that heaves
         # with the hull turns with the body alone, not with the water.
         upright = np.zeros((4, 6))
-        upright[0, 0] = upright[1, 1] = hydrodynamics.wrench[38, 2]
+        upright[0, 0] = upright[1, 1] = -hydrodynamics.linear_damping[2, 2]
         upright[2, 1], upright[3, 0] = mass[2, 2], -mass[2, 2]
-        return cls(np.concatenate([slide, -mass[:3], mass[3:5], upright]))
+        at_surface = np.array([[1.0, 0.0, 0.0, 0.0, -depth_m, 0.0], [0.0, 1.0, 0.0, depth_m, 0.0, 0.0]])
+        return cls(
+            wrench=np.concatenate([slide, -mass[:3], mass[3:5], upright, at_surface]),
+            drift=MeanDrift.from_parts(model, waves, water, depth_m, hydrodynamics.linear_damping),
+        )
 
-    def terms(self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface) -> tuple[Array, ...]:
-        """(N, 3), (N, 3), (N, 2), (N, 4) what the forces are linear in.
+    def terms(
+        self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface, drift_frd_n: Array
+    ) -> tuple[Array, ...]:
+        """(N, 3), (N, 3), (N, 2), (N, 4), (N, 2) what the forces are linear in.
 
         heave_mps: (N, 1) vertical velocity of the vessel relative to the water, down positive; down_frd: (N, 3) the
-        vertical in the body; gradient_frd: (N, 3) slope of the surface along the body's axes.
+        vertical in the body; gradient_frd: (N, 3) slope of the surface along the body's axes; drift_frd_n: (N, 2) as
+        `drift` has it.
         """
         tilt = np.concatenate((down_frd[:, :2], surface.turn_frd_radps[:, :2]), axis=1)
-        return gradient_frd, surface.rise_mps2 * down_frd, surface.turn_radps2, heave_mps * tilt
+        return gradient_frd, surface.rise_mps2 * down_frd, surface.turn_radps2, heave_mps * tilt, drift_frd_n
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,13 +70,16 @@ class NoWaveForces:
     """In flat water."""
 
     wrench: Array
+    drift: NoDrift
 
-    def terms(self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface) -> tuple[Array, ...]:
+    def terms(
+        self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface, drift_frd_n: Array
+    ) -> tuple[Array, ...]:
         """None."""
         return ()
 
 
-FLAT = NoWaveForces(np.zeros((0, 6)))
+FLAT = NoWaveForces(np.zeros((0, 6)), NoDrift())
 
 
 def _lift_at_rest(buoyancy: Buoyancy, depth_m: float) -> Array:

@@ -165,7 +165,7 @@ class _Base:
         count, motion = len(offsets), self.motions(offsets)
         surface = StillHull(self._points).sample(0.0, motion.pos_ned_m, motion.rot_ned_frd)
         still = np.zeros((count, 3))
-        around = Surroundings(still, still, surface)
+        around = Surroundings(still, still, surface, still[:, :2])
         acceleration = accelerate(self._vessel, motion, np.tile(self._rotor, (count, 1)), around)
         velocity = self._velocity + offsets[:, 3:]
         rate, euler = velocity[:, 3:], matrix_to_euler(motion.rot_ned_frd)

@@ -6,11 +6,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from vessels import BARE, FULL
 
 from sim_core.environment.environment import Environment
-from sim_core.environment.spec import Water, WaveSpec
+from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
 from sim_core.environment.waves import FlatWater, HullSurface, realise_waves
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.buoyancy import strip_axes_frd_m
@@ -23,7 +24,8 @@ TIME_S = 1234.5
 RNG = np.random.default_rng(9)
 POS = RNG.uniform(-2000.0, 2000.0, (40, 3))
 ROT = Rotation.from_euler("ZYX", RNG.uniform(-1.0, 1.0, (40, 3)) * [3.1, 0.3, 0.3]).as_matrix()
-SURFACE = FIELD.at_hull(POINTS).sample(TIME_S, POS, ROT)
+DRAFT_M = 0.1
+SURFACE = FIELD.at_hull(POINTS, DRAFT_M).sample(TIME_S, POS, ROT)
 PLACES = (POS[:, None, :] + POINTS @ ROT.transpose(0, 2, 1))[:, :, :2]
 
 # Single precision: 2^-23 of a phase of up to 10 rad and of the sum, on amplitudes that add to about 3 Hs.
@@ -55,6 +57,7 @@ def test_slope_of_a_long_wave_is_its_gradient_in_the_body() -> None:
 
 def test_velocity_gradient_and_rise_are_means_over_the_hull() -> None:
     orbital = FIELD.orbital_velocity_ned_mps(TIME_S, PLACES).mean(axis=1)
+    orbital[:, :2] += FIELD.shear_drift_ne_mps(DRAFT_M)
     np.testing.assert_allclose(SURFACE.orbital_ned_mps, orbital, atol=10 * TOLERANCE)
     gradient = FIELD.slope(TIME_S, PLACES).mean(axis=1)
     np.testing.assert_allclose(SURFACE.gradient_ned[:, :2], gradient, atol=10 * TOLERANCE)
@@ -78,7 +81,7 @@ def test_the_surface_turns_as_the_plane_through_the_strips() -> None:
 
 
 def test_a_batch_larger_than_a_block_is_sampled_alike() -> None:
-    many = FIELD.at_hull(POINTS).sample(TIME_S, np.tile(POS, (8, 1)), np.tile(ROT, (8, 1, 1)))
+    many = FIELD.at_hull(POINTS, DRAFT_M).sample(TIME_S, np.tile(POS, (8, 1)), np.tile(ROT, (8, 1, 1)))
     for field in fields(HullSurface):
         alone = getattr(SURFACE, field.name)
         np.testing.assert_allclose(getattr(many, field.name)[280:], alone, atol=1e-5 * np.abs(alone).max())
@@ -91,12 +94,23 @@ def test_a_current_carries_the_pattern() -> None:
     np.testing.assert_allclose(
         carried.elevation_m(TIME_S, PLACES + TIME_S * current), FIELD.elevation_m(TIME_S, PLACES), atol=1e-9
     )
-    surface = carried.at_hull(POINTS).sample(TIME_S, POS + TIME_S * np.append(current, 0.0), ROT)
+    surface = carried.at_hull(POINTS, DRAFT_M).sample(TIME_S, POS + TIME_S * np.append(current, 0.0), ROT)
     for field in fields(HullSurface):
         np.testing.assert_allclose(getattr(surface, field.name), getattr(SURFACE, field.name), atol=20 * TOLERANCE)
     np.testing.assert_allclose(
         carried.apparent_omega_radps - FIELD.omega_radps, FIELD.wave_vector_radpm @ current, rtol=1e-12
     )
+
+
+def test_stokes_drift_is_half_the_shear_and_half_the_way_to_and_fro() -> None:
+    """omega k a^2 at the surface of deep water (Stokes 1847): 0.137 m/s for 0.5 m in 4 s, less over a draft."""
+    field = realise_waves(WaveSpec("regular", 0.5, 4.0, 90.0), Water(depth_m=200.0), RNG)
+    omega = 2.0 * np.pi / 4.0
+    stokes = omega * (omega**2 / GRAVITY_MPS2) * 0.25**2
+    np.testing.assert_allclose(field.shear_drift_ne_mps(0.0), [0.0, 0.5 * stokes], atol=1e-9)
+    wave_number = omega**2 / GRAVITY_MPS2
+    over_draft = quad(lambda z: np.exp(2.0 * wave_number * z), -0.8, 0.0)[0] / 0.8
+    np.testing.assert_allclose(field.shear_drift_ne_mps(0.8), [0.0, 0.5 * stokes * over_draft], rtol=1e-6, atol=1e-9)
 
 
 def test_flat_water_is_flat() -> None:

@@ -173,7 +173,7 @@ def test_acceleration_is_fossens_equation_written_out(vessel_of: Callable[..., A
     rotor, zero = rng.uniform(-1.0, 1.0, (n, 2)), np.zeros((n, 3))
     motion = Kinematics(pos, vel, zero, np.zeros((n, 4)), rot, gyro, zero)
     surface = StillHull(12).sample(0.0, pos, rot)
-    around = Surroundings(np.tile(current, (n, 1)), np.tile(wind, (n, 1)), surface)
+    around = Surroundings(np.tile(current, (n, 1)), np.tile(wind, (n, 1)), surface, zero[:, :2])
     at_rest = np.arccos(1.0 - vessel.draft_m / 0.2)
     centroid_below_axis = 2.0 / 3.0 * (0.2 * np.sin(at_rest)) ** 3 / (113.0 / (997.8 * 2 * 2.3))
     areas_down = 0.25 - vessel.draft_m - 0.5 * 1.3 / 2.3
