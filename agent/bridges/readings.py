@@ -63,15 +63,15 @@ class NavigationSolution:
         frame, fix = self._estimator.frame, self._fix
         if frame is None or fix is None:
             return None
-        e = self._estimator.estimate()
-        if not (e.attitude_valid and e.position_valid):
+        e, variances = self._estimator.estimate(), self._estimator.variances()
+        if not (e.attitude_valid and e.position_valid) or variances is None:
             return None
         north, east, down = e.pos_ned_m
         lat_deg, lon_deg = frame.to_geodetic(north, east)
         return Navigation(
             e.stamp_ns, fix.gps_ns, e.quat_ned_frd, (e.roll_rad, e.pitch_rad, math.remainder(e.yaw_rad, 2.0 * math.pi)),
             lat_deg, lon_deg, frame.alt_m - down, e.vel_ned_mps, TILT_ACCURACY_DEG, HEADING_ACCURACY_DEG,
-            fix.horizontal_accuracy_m, fix.vertical_accuracy_m, fix.speed_accuracy_mps,
+            math.sqrt(variances.horizontal_m2), math.sqrt(variances.vertical_m2), math.sqrt(variances.speed_m2ps2),
         )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ class Dilution(NamedTuple):
 class ReceiverFix(NamedTuple):
     """A fix at `stamp_ns`, which is `gps_ns` since the GPS epoch of 1980; `fix_type` 0 none, 2 or 3 dimensions.
 
-    The altitude is above mean sea level; accuracies are one sigma.
+    The altitude is above mean sea level; accuracies are those of a GnssMeasurement.
     """
 
     stamp_ns: int
@@ -64,7 +64,8 @@ class ReceiverFix(NamedTuple):
 class Navigation(NamedTuple):
     """What the unit makes of its own sensors at `stamp_ns`; `fix_gps_ns` is the GPS time of its newest fix.
 
-    The quaternion is (w, x, y, z), body FRD to NED, `euler_rad` (roll, pitch, yaw); accuracies are one sigma.
+    The quaternion is (w, x, y, z), body FRD to NED, `euler_rad` (roll, pitch, yaw); accuracies are one sigma of an
+    axis.
     """
 
     stamp_ns: int

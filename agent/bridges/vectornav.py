@@ -88,7 +88,7 @@ def pack_receiver_frame(fix: ReceiverFix) -> bytes:
     The second antenna of the unit has the same satellites and the same kind of fix.
     """
     d = fix.dilution
-    horizontal_m = fix.horizontal_accuracy_m
+    horizontal_m = fix.horizontal_accuracy_m * math.sqrt(0.5)  # an axis
     values = _RECEIVER.pack(
         fix.stamp_ns, fix.gps_ns, fix.satellites, fix.fix_type,
         fix.lat_deg, fix.lon_deg, fix.alt_m,

@@ -38,6 +38,10 @@ class Parameter(NamedTuple):
         """Whether it cannot be set."""
         return self.low == self.high
 
+    def nearest(self, value: float) -> float:
+        """The value in range that comes nearest."""
+        return min(max(value, self.low), self.high)
+
 
 _ROWS: tuple[Parameter, ...] = (
     Parameter("ACRO_TURN_RATE", 30.0, 1.0, 360.0, "deg/s", "turn rate at full steering stick in ACRO and STEERING"),
@@ -77,14 +81,15 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("COMPASS_OFS_Z", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, down"),
     Parameter("CRUISE_SPEED", 3.0, 0.1, 30.0, "m/s", "speed through still water at CRUISE_THROTTLE"),
     Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of both propellers', at CRUISE_SPEED", INT8),
-    Parameter("EK3_ABIAS_P_NSE", 0.1, 0.00001, 1.0, "m/s^3", "acceleration bias process noise, at 100 Hz"),
-    Parameter("EK3_ACC_P_NSE", 0.35, 0.01, 5.0, "m/s/s", "acceleration process noise, at 100 Hz"),
+    Parameter("EK3_ABIAS_P_NSE", 0.05, 0.00001, 1.0, "m/s^3", "acceleration bias process noise, at 100 Hz"),
+    Parameter("EK3_ACC_P_NSE", 0.2, 0.01, 5.0, "m/s/s", "acceleration process noise, at 100 Hz"),
     Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 50.0, "m", "barometer height noise"),
+    Parameter("EK3_GPSDRIFT_TC", 60.0, 1.0, 3600.0, "s", "correlation time of the GNSS position drift"),
     Parameter("EK3_HGT_I_GATE", 500.0, 100.0, 5000.0, "", "height innovation gate, hundredths of sigma", INT16),
-    Parameter("EK3_POSNE_M_NSE", 0.5, 0.01, 10.0, "m", "least horizontal GNSS position noise"),
+    Parameter("EK3_POSNE_M_NSE", 0.15, 0.01, 10.0, "m", "GNSS noise of an axis from fix to fix; the rest is drift"),
     Parameter("EK3_POS_I_GATE", 500.0, 100.0, 5000.0, "", "position innovation gate, hundredths of sigma", INT16),
-    Parameter("EK3_VELD_M_NSE", 0.3, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),
-    Parameter("EK3_VELNE_M_NSE", 0.1, 0.01, 5.0, "m/s", "least horizontal GNSS velocity noise"),
+    Parameter("EK3_VELD_M_NSE", 0.05, 0.01, 5.0, "m/s", "least vertical GNSS velocity noise"),
+    Parameter("EK3_VELNE_M_NSE", 0.03, 0.01, 5.0, "m/s", "least horizontal GNSS velocity noise"),
     Parameter("EK3_VEL_I_GATE", 500.0, 100.0, 5000.0, "", "velocity innovation gate, hundredths of sigma", INT16),
     Parameter(
         "FENCE_ACTION", 1, 0, 4, "", "at a breach: 0 report, 1 RTL, 2 HOLD, 3 SMART_RTL or RTL, 4 SMART_RTL", INT8

@@ -26,7 +26,11 @@ class ImuMeasurement(NamedTuple):
 
 
 class GnssMeasurement(NamedTuple):
-    """Position and velocity of the antenna; accuracies are one sigma; `fix_type` 3 is a three-dimensional fix."""
+    """Position and velocity of the antenna; `fix_type` 3 is a three-dimensional fix.
+
+    The accuracies are RMS errors as a receiver reports them: of both horizontal axes, of the vertical, of all three
+    axes of the velocity.
+    """
 
     stamp_ns: int
     lat_deg: float

@@ -1291,6 +1291,7 @@ MAVLINK_MSG_ID_BATTERY_STATUS = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
 MAVLINK_MSG_ID_FENCE_STATUS = 162
 MAVLINK_MSG_ID_EKF_STATUS_REPORT = 193
+MAVLINK_MSG_ID_ESTIMATOR_STATUS = 230
 MAVLINK_MSG_ID_GPS_INPUT = 232
 MAVLINK_MSG_ID_HOME_POSITION = 242
 MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
@@ -4168,6 +4169,53 @@ class MAVLink_ekf_status_report_message(MAVLink_message):
 setattr(MAVLink_ekf_status_report_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_estimator_status_message(MAVLink_message):
+    """
+    Health of the estimator, and how well it knows the position.
+    """
+
+    id = MAVLINK_MSG_ID_ESTIMATOR_STATUS
+    msgname = "ESTIMATOR_STATUS"
+    fieldnames = ["time_usec", "flags", "vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio", "hagl_ratio", "tas_ratio", "pos_horiz_accuracy", "pos_vert_accuracy"]
+    ordered_fieldnames = ["time_usec", "vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio", "hagl_ratio", "tas_ratio", "pos_horiz_accuracy", "pos_vert_accuracy", "flags"]
+    fieldtypes = ["uint64_t", "uint16_t", "float", "float", "float", "float", "float", "float", "float", "float"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "pos_horiz_accuracy": "m", "pos_vert_accuracy": "m"}
+    native_format = bytearray(b"<QffffffffH")
+    orders = [0, 9, 1, 2, 3, 4, 5, 6, 7, 8]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 163
+    unpacker = struct.Struct("<QffffffffH")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, flags: int, vel_ratio: float, pos_horiz_ratio: float, pos_vert_ratio: float, mag_ratio: float, hagl_ratio: float, tas_ratio: float, pos_horiz_accuracy: float, pos_vert_accuracy: float):
+        MAVLink_message.__init__(self, MAVLink_estimator_status_message.id, MAVLink_estimator_status_message.msgname)
+        self._fieldnames = MAVLink_estimator_status_message.fieldnames
+        self._instance_field = MAVLink_estimator_status_message.instance_field
+        self._instance_offset = MAVLink_estimator_status_message.instance_offset
+        self.time_usec = time_usec
+        self.flags = flags
+        self.vel_ratio = vel_ratio
+        self.pos_horiz_ratio = pos_horiz_ratio
+        self.pos_vert_ratio = pos_vert_ratio
+        self.mag_ratio = mag_ratio
+        self.hagl_ratio = hagl_ratio
+        self.tas_ratio = tas_ratio
+        self.pos_horiz_accuracy = pos_horiz_accuracy
+        self.pos_vert_accuracy = pos_vert_accuracy
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.vel_ratio, self.pos_horiz_ratio, self.pos_vert_ratio, self.mag_ratio, self.hagl_ratio, self.tas_ratio, self.pos_horiz_accuracy, self.pos_vert_accuracy, self.flags), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_estimator_status_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_gps_input_message(MAVLink_message):
     """
     Position for an autopilot, as a satellite receiver gives it.
@@ -5672,6 +5720,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
     MAVLINK_MSG_ID_FENCE_STATUS: MAVLink_fence_status_message,
     MAVLINK_MSG_ID_EKF_STATUS_REPORT: MAVLink_ekf_status_report_message,
+    MAVLINK_MSG_ID_ESTIMATOR_STATUS: MAVLink_estimator_status_message,
     MAVLINK_MSG_ID_GPS_INPUT: MAVLink_gps_input_message,
     MAVLINK_MSG_ID_HOME_POSITION: MAVLink_home_position_message,
     MAVLINK_MSG_ID_MESSAGE_INTERVAL: MAVLink_message_interval_message,

@@ -189,6 +189,7 @@ class Recorder:
             estimate.vel_ned_mps @ frames.quat_to_matrix(estimate.quat_ned_frd),
             estimate.quat_ned_frd,
             estimate.gyro_frd_radps,
+            estimate.pos_deviation_ned_m,
         )
         self._topics.transform(stamp_ns, self._topics.frame(ESTIMATE_FRAME), position, attitude)
 
@@ -241,16 +242,24 @@ class Recorder:
         vel_frd_mps: Array,
         quat_ned_frd: Array,
         gyro_frd_radps: Array,
+        pos_deviation_ned_m: Array | None = None,
     ) -> tuple[list[float], list[float]]:
         """Write nav_msgs/Odometry; return position (ENU) and attitude (FLU to ENU, w x y z)."""
         position = frames.ned_to_enu(pos_ned_m).tolist()
         w, x, y, z = attitude = frames.quat_ned_frd_to_enu_flu(quat_ned_frd).tolist()
         twist = frames.frd_to_flu(vel_frd_mps).tolist() + frames.frd_to_flu(gyro_frd_radps).tolist()
         child = self._topics.frame(frame)
-        self._topics.write(
-            topic, stamp_ns, MAP_FRAME, child, position, (x, y, z, w), _NO_COVARIANCE, twist, _NO_COVARIANCE
-        )
+        known = _NO_COVARIANCE if pos_deviation_ned_m is None else _position_covariance(pos_deviation_ned_m)
+        self._topics.write(topic, stamp_ns, MAP_FRAME, child, position, (x, y, z, w), known, twist, _NO_COVARIANCE)
         return position, attitude
+
+
+def _position_covariance(deviation_ned_m: Array) -> tuple[float, ...]:
+    """Of a pose in ENU, row by row; of the attitude nothing is known."""
+    north, east, down = deviation_ned_m.tolist()
+    covariance = [0.0] * 36
+    covariance[0], covariance[7], covariance[14] = east * east, north * north, down * down
+    return tuple(covariance)
 
 
 class PerceptionRecorder:

@@ -120,12 +120,16 @@ class ContactMessage:
 
 @dataclass(frozen=True, slots=True)
 class MotionEstimate:
-    """The autopilot's estimate of the vessel's motion, in the same local frame as the truth: (3,), (3,), (4,), (3,)."""
+    """The autopilot's estimate of the vessel's motion, in the same local frame as the truth: (3,), (3,), (4,), (3,).
+
+    pos_deviation_ned_m: (3,) of the position as the autopilot knows it, None where it does not say.
+    """
 
     pos_ned_m: NDArray[np.float64]
     vel_ned_mps: NDArray[np.float64]
     quat_ned_frd: NDArray[np.float64]
     gyro_frd_radps: NDArray[np.float64]
+    pos_deviation_ned_m: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -404,7 +408,8 @@ _TABLE = (
     Topic("/truth/odometry", "nav_msgs/msg/Odometry", "the same",
           "the same motion in ENU with a FLU body (REP 103), for ROS tools and `evo`", OdometryMessage),
     Topic("/estimate/odometry", "nav_msgs/msg/Odometry", "as the autopilot sends it",
-          "the autopilot's estimate, in the same frame as the truth", OdometryMessage),
+          "the autopilot's estimate, in the frame of the truth; covariance of the position where it says one",
+          OdometryMessage),
     Topic("/environment", "xitl_msgs/msg/Environment", "10 Hz",
           "current and wind (NED) at the vessel, surface elevation", EnvironmentMessage),
     Topic("/actuators", "xitl_msgs/msg/Actuators", "`clock.exchange_rate_hz`",

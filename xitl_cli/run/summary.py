@@ -43,7 +43,7 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
     """
     sections: Sections = {
         "mission": None,
-        "estimation": {"position_rms_m": None, "heading_rms_deg": None},
+        "estimation": {"position_rms_m": None, "position_nees": None, "heading_rms_deg": None},
         "links": [],
         "tasks": [],
         "clocks": [],

@@ -349,6 +349,9 @@ class FlightLog:
 
     def _log_health(self, now_us: int, autopilot: Autopilot) -> None:
         self._put(records.health(now_us, autopilot.state.estimate, autopilot.estimator.ratios))
+        variances = autopilot.estimator.variances()
+        if variances is not None:
+            self._put(records.variances(now_us, variances))
 
     def _log_navigation(self, now_us: int, autopilot: Autopilot) -> None:
         output, state = autopilot.navigator.output, autopilot.state

@@ -128,6 +128,13 @@ _ROWS = (
     ),
     ("XKF4", "QBccccI", "TimeUS,C,SV,SP,SH,SM,SS", "s#-----", "F------"),
     ("XKQ", "QBffff", "TimeUS,C,Q1,Q2,Q3,Q4", "s#????", "F-????"),
+    (  # variances by the numbers of EKF3's states: velocity NED is 4 to 6, position NED 7 to 9
+        "XKV1",
+        "QBffffffffffff",
+        "TimeUS,C,V00,V01,V02,V03,V04,V05,V06,V07,V08,V09,V10,V11",
+        "s#------------",
+        "F-------------",
+    ),
     ("ORGN", "QBLLe", "TimeUS,Type,Lat,Lng,Alt", "s#DUm", "F-GGB"),
     ("RCIN", "Q" + "H" * 14, "TimeUS," + _SERVOS, "s" + "Y" * 14, "F" + "-" * 14),
     ("RCOU", "Q" + "H" * 14, "TimeUS," + _SERVOS, "s" + "Y" * 14, "F" + "-" * 14),

@@ -8,7 +8,7 @@ from agent.fcu.control.allocation import pulse_width_us
 from agent.fcu.control.guidance import GuidanceOutput
 from agent.fcu.control.manual_control import Sticks
 from agent.fcu.dataflash.format import FORMATS
-from agent.fcu.estimation.position_filter import InnovationRatios
+from agent.fcu.estimation.position_filter import EstimateVariances, InnovationRatios
 from agent.fcu.geodetic import Home, LocalProjection
 from agent.fcu.mission import MissionItem
 from agent.fcu.vehicle_state import (
@@ -24,6 +24,7 @@ from agent.timing.tasks import TaskMiss, TaskStats, quantile_us
 
 _IMU, _GPS, _GPA, _MAG, _BARO = (FORMATS[name].pack for name in ("IMU", "GPS", "GPA", "MAG", "BARO"))
 _ATT, _POS, _XKF1, _XKF4, _XKQ = (FORMATS[name].pack for name in ("ATT", "POS", "XKF1", "XKF4", "XKQ"))
+_XKV1 = FORMATS["XKV1"].pack
 _RCIN, _RCOU, _NTUN, _ORGN = (FORMATS[name].pack for name in ("RCIN", "RCOU", "NTUN", "ORGN"))
 _STER, _THR, _TASK, _TSKQ, _MISS = (FORMATS[name].pack for name in ("STER", "THR", "TASK", "TSKQ", "MISS"))
 
@@ -130,6 +131,12 @@ def health(now_us: int, estimate: StateEstimate, ratios: InnovationRatios) -> by
     status |= _POSITION if estimate.position_valid else _CONSTANT_POSITION
     roots = (math.sqrt(ratio) for ratio in (ratios.velocity, ratios.position, ratios.height, ratios.heading))
     return _XKQ(now_us, 0, *estimate.quat_ned_frd) + _XKF4(now_us, 0, *roots, status)
+
+
+def variances(now_us: int, of: EstimateVariances) -> bytes:
+    """XKV1; attitude and gyro bias have none."""
+    level, down = (of.speed_m2ps2, of.speed_m2ps2, of.climb_m2ps2), (of.horizontal_m2, of.horizontal_m2, of.vertical_m2)
+    return _XKV1(now_us, 0, *(math.nan,) * 4, *level, *down, math.nan, math.nan)
 
 
 def navigation(now_us: int, output: GuidanceOutput, yaw_rad: float) -> bytes:

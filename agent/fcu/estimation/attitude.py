@@ -170,6 +170,13 @@ class TiltReference(NamedTuple):
             then.sum_east_mps + late_s * then.acc_east_mps2,
         )
 
+    def accelerated(self, last: TiltReference | None) -> tuple[float, float]:
+        """(north, east) acceleration as measured, the mean since `last`; zero when that is too far away."""
+        dt_s = 0.0 if last is None else (self.stamp_ns - last.stamp_ns) * 1e-9
+        if last is None or not _INTERVAL_S[0] < dt_s < _INTERVAL_S[1]:
+            return 0.0, 0.0
+        return (self.sum_north_mps - last.sum_north_mps) / dt_s, (self.sum_east_mps - last.sum_east_mps) / dt_s
+
     def unexplained(self, last: TiltReference) -> tuple[float, float, float] | None:
         """(north, east) acceleration that was summed but did not happen, and its duration; None when too far apart."""
         dt_s = (self.stamp_ns - last.stamp_ns) * 1e-9

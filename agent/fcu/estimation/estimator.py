@@ -31,7 +31,13 @@ from agent.fcu.estimation.inertial import (
     propagate,
     shift_state,
 )
-from agent.fcu.estimation.position_filter import PRESSURE_RANGE_PA, BarometerHeight, InnovationRatios, PositionFilter
+from agent.fcu.estimation.position_filter import (
+    PRESSURE_RANGE_PA,
+    BarometerHeight,
+    EstimateVariances,
+    InnovationRatios,
+    PositionFilter,
+)
 from agent.fcu.geodetic import STANDARD_GRAVITY_MPS2, LocalProjection, normal_gravity_mps2
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle_state import (
@@ -236,7 +242,7 @@ class Estimator:
         if self.frame is None:
             self._origin_fixes.append((sample.lat_deg, sample.lon_deg, sample.alt_m))
             if len(self._origin_fixes) < _ORIGIN_FIXES:
-                self._tilt_from(then, sample.stamp_ns, measured_vel)
+                self._tilt_from(TiltReference.from_fix(then, sample.stamp_ns, measured_vel))
                 return
             first_lon = self._origin_fixes[0][1]
             lat, lon, alt = (sum(column) / _ORIGIN_FIXES for column in zip(*self._origin_fixes))
@@ -257,29 +263,32 @@ class Estimator:
             measured_vel[2] - then.vel_down_mps - late_s * then.acc_down_mps2,
         )
         stamp_ns = sample.stamp_ns
+        accuracy = (sample.horizontal_accuracy_m, sample.vertical_accuracy_m, sample.speed_accuracy_mps)
         if self._fix_used_ns is None or stamp_ns - self._fix_used_ns > _RESET_NS:
-            self._filter.restart()
+            self._filter.restart(accuracy)
             self._apply(StateCorrection(pos_innovation, vel_innovation, _ZERO), stamp_ns)
             self._fix_used_ns = stamp_ns
             self._fix = None
             return
-        accuracy = (sample.horizontal_accuracy_m, sample.vertical_accuracy_m, sample.speed_accuracy_mps)
-        self._apply(self._filter.fuse_gnss(stamp_ns, pos_innovation, vel_innovation, accuracy), stamp_ns)
+        reference = TiltReference.from_fix(then, stamp_ns, measured_vel)
+        acceleration = reference.accelerated(self._fix)
+        correction = self._filter.fuse_gnss(stamp_ns, pos_innovation, vel_innovation, accuracy, acceleration)
+        self._apply(correction, stamp_ns)
         ratios = self._filter.ratios
         if ratios.position <= 1.0 and ratios.velocity <= 1.0:
             self._fix_used_ns = stamp_ns
         if ratios.velocity <= 1.0:
-            self._tilt_from(then, stamp_ns, measured_vel)
+            self._tilt_from(reference)
         else:
             self._fix = None
         if ratios.height <= 1.0:
             self._barometer.calibrate(sample.alt_m, stamp_ns)
 
-    def _tilt_from(self, then: InertialState, stamp_ns: int, vel: Vector3) -> None:
+    def _tilt_from(self, fix: TiltReference) -> None:
         """Hold the velocity change since the last fix against the one the attitude explains."""
-        last, self._fix = self._fix, TiltReference.from_fix(then, stamp_ns, vel)
+        last, self._fix = self._fix, fix
         self._fix_arrived_ns = self.stamp_ns
-        unexplained = None if last is None else self._fix.unexplained(last)
+        unexplained = None if last is None else fix.unexplained(last)
         if unexplained is not None and self._state is not None:
             self._tilt(self._state, *unexplained, 1.0)
 
@@ -364,6 +373,11 @@ class Estimator:
     def ratios(self) -> InnovationRatios:
         """Test ratios of the last innovations."""
         return self._filter.ratios
+
+    def variances(self) -> EstimateVariances | None:
+        """Of `estimate()`, None before the first fix in use. They grow while there are no fixes."""
+        state = self._state
+        return None if state is None or self._fix_used_ns is None else self._filter.variances(state.stamp_ns)
 
     @property
     def gyro_bias_frd_radps(self) -> Vector3:

@@ -1,12 +1,15 @@
-"""Kalman filter of position, velocity and acceleration bias by GNSS and barometer, with innovation gates.
+"""Kalman filter of position, velocity, acceleration bias and GNSS drift by GNSS and barometer, with innovation gates.
 
-One filter an axis: position, velocity and acceleration bias, driven by a measured acceleration. Only the covariance
-lives here; the state itself is integrated at the rate of the IMU by the estimator. North and east have the same noise,
-so one covariance serves both. `p' = v, v' = a - b, b' = 0`, discretised exactly over a step.
+One filter an axis, driven by a measured acceleration: `p' = v, v' = a - b, b' = 0, d' = -d / T`, discretised exactly
+over a step. A receiver's position errors last for minutes, so a fix is `p + d` and white noise: taken for white alone,
+the mean of a hundred fixes would look ten times as good as it is. Only covariance and drift live here; position and
+velocity are integrated at the rate of the IMU by the estimator. North and east have the same noise, so one covariance
+serves both.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from agent.fcu.estimation.inertial import StateCorrection
@@ -15,60 +18,137 @@ from agent.fcu.vehicle_state import BarometerMeasurement, Vector3
 
 _STEP_LIMIT_S = 5.0
 _STEP_HZ = 100.0  # ArduPilot's process noises are per step of its filter
-Gain = tuple[float, float, float]
+_VERTICAL_SHARE = 1.5  # vertical over horizontal GNSS position noise, as ArduPilot's EKF3 has it
+Column = tuple[float, float, float, float]
 PRESSURE_RANGE_PA = (30_000.0, 120_000.0)
 _AVERAGE_NS = 100_000_000
 _OFFSET_S = 60.0
+_START_BIAS_MPS2 = 0.1
+# An acceleration that lasts, in a turn, is measured in a direction that errs by some 0.02 rad for some 4 s: as white
+# noise that is 2 σ² T of its square.
+_MANOEUVRE_S = 2.0 * 0.02**2 * 4.0
+_MANOEUVRE_TAKES_S = 2.0  # longer than a wave
+# Without fixes nothing tells a tilt from an acceleration: a quarter of a degree, and integrated from then on.
+_COASTING_S = 1.5
+_COASTING_MPS2 = 0.04
+_NO_FIX = (2.0, 2.0, 1.0)  # accuracies before there is one
+_NOTHING: Column = (0.0, 0.0, 0.0, 0.0)
+
+
+class Seen(NamedTuple):
+    """What a scalar measurement sees: the variance of what it measures, and its covariance with each state."""
+
+    variance: float
+    column: Column
 
 
 class AxisCovariance(NamedTuple):
-    """Upper triangle of the covariance of (position m, velocity m/s, acceleration bias m/s²)."""
+    """Upper triangle of the covariance of (position m, velocity m/s, acceleration bias m/s², GNSS drift m)."""
 
     pp: float
     pv: float
     pb: float
+    pd: float
     vv: float
     vb: float
+    vd: float
     bb: float
+    bd: float
+    dd: float
+
+    @property
+    def of_fix(self) -> Seen:
+        """What a measurement of position and drift together sees, as GNSS gives them."""
+        column = (self.pp + self.pd, self.pv + self.vd, self.pb + self.bd, self.pd + self.dd)
+        return Seen(column[0] + column[3], column)
+
+    @property
+    def of_velocity(self) -> Seen:
+        """What a measurement of the velocity sees."""
+        return Seen(self.vv, (self.pv, self.vv, self.vb, self.vd))
 
 
-def predict_covariance(c: AxisCovariance, dt_s: float, acceleration_psd: float, bias_psd: float) -> AxisCovariance:
-    """The covariance `dt_s` later, with white noise on acceleration (m²/s³) and on the bias's rate (m²/s⁵)."""
-    pp, pv, pb, vv, vb, bb = c
+class AxisNoise(NamedTuple):
+    """Spectral densities of white noise on acceleration (m²/s³) and on the bias's rate (m²/s⁵); the drift's time."""
+
+    acceleration_psd: float
+    bias_psd: float
+    drift_s: float
+
+    def kept(self, dt_s: float) -> float:
+        """What is left of a drift after `dt_s`."""
+        return math.exp(-dt_s / self.drift_s)
+
+
+def predict_covariance(c: AxisCovariance, dt_s: float, noise: AxisNoise, drift_variance_m2: float) -> AxisCovariance:
+    """The covariance `dt_s` later; the drift is a Gauss-Markov process of that stationary variance."""
+    pp, pv, pb, pd, vv, vb, vd, bb, bd, dd = c
     half = 0.5 * dt_s * dt_s
-    # Rows of F P, with F = [1 dt -dt²/2; 0 1 -dt; 0 0 1].
+    keep = noise.kept(dt_s)
+    # Rows of F P, with F = [1 dt -dt²/2; 0 1 -dt; 0 0 1] beside the drift's `keep`.
     fpp = pp + dt_s * pv - half * pb
     fpv = pv + dt_s * vv - half * vb
     fpb = pb + dt_s * vb - half * bb
     fvv = vv - dt_s * vb
     fvb = vb - dt_s * bb
     return AxisCovariance(
-        pp=fpp + dt_s * fpv - half * fpb + acceleration_psd * dt_s * dt_s * dt_s / 3.0,
-        pv=fpv - dt_s * fpb + acceleration_psd * half,
+        pp=fpp + dt_s * fpv - half * fpb + noise.acceleration_psd * dt_s * dt_s * dt_s / 3.0,
+        pv=fpv - dt_s * fpb + noise.acceleration_psd * half,
         pb=fpb,
-        vv=fvv - dt_s * fvb + acceleration_psd * dt_s,
+        pd=keep * (pd + dt_s * vd - half * bd),
+        vv=fvv - dt_s * fvb + noise.acceleration_psd * dt_s,
         vb=fvb,
-        bb=bb + bias_psd * dt_s,
+        vd=keep * (vd - dt_s * bd),
+        bb=bb + noise.bias_psd * dt_s,
+        bd=keep * bd,
+        dd=keep * keep * dd + (1.0 - keep * keep) * drift_variance_m2,
     )
 
 
-def position_update(c: AxisCovariance, variance_m2: float) -> tuple[AxisCovariance, Gain]:
-    """Covariance and gain of a position measurement."""
-    pp, pv, pb, vv, vb, bb = c
-    k0, k1, k2 = pp / (pp + variance_m2), pv / (pp + variance_m2), pb / (pp + variance_m2)
-    updated = AxisCovariance(pp - k0 * pp, pv - k0 * pv, pb - k0 * pb, vv - k1 * pv, vb - k1 * pb, bb - k2 * pb)
-    return updated, (k0, k1, k2)
+def update_covariance(c: AxisCovariance, seen: Column, innovation_variance: float) -> tuple[AxisCovariance, Column]:
+    """Covariance and gain of a scalar measurement that sees `seen` of the states."""
+    pp, pv, pb, pd, vv, vb, vd, bb, bd, dd = c
+    sp, sv, sb, sd = seen
+    kp, kv, kb, kd = (part / innovation_variance for part in seen)
+    updated = AxisCovariance(
+        pp - kp * sp, pv - kp * sv, pb - kp * sb, pd - kp * sd,
+        vv - kv * sv, vb - kv * sb, vd - kv * sd,
+        bb - kb * sb, bd - kb * sd,
+        dd - kd * sd,
+    )  # fmt: skip
+    return updated, (kp, kv, kb, kd)
 
 
-def velocity_update(c: AxisCovariance, variance_m2ps2: float) -> tuple[AxisCovariance, Gain]:
-    """Covariance and gain of a velocity measurement."""
-    pp, pv, pb, vv, vb, bb = c
-    k0, k1, k2 = pv / (vv + variance_m2ps2), vv / (vv + variance_m2ps2), vb / (vv + variance_m2ps2)
-    updated = AxisCovariance(pp - k0 * pv, pv - k0 * vv, pb - k0 * vb, vv - k1 * vv, vb - k1 * vb, bb - k2 * vb)
-    return updated, (k0, k1, k2)
+class FixVariances(NamedTuple):
+    """Of a fix, an axis: white position noise, slow position drift (m²), velocity noise (m²/s²)."""
+
+    white_m2: float
+    drift_m2: float
+    velocity_m2ps2: float
 
 
-_START = AxisCovariance(pp=4.0, pv=0.0, pb=0.0, vv=1.0, vb=0.0, bb=0.01)
+def _covariance_from_fix(fix: FixVariances) -> AxisCovariance:
+    """Position and velocity have just been set to those of a fix: the position errs by minus the drift."""
+    pp, dd = fix.white_m2 + fix.drift_m2, fix.drift_m2
+    return AxisCovariance(pp, 0.0, 0.0, -dd, fix.velocity_m2ps2, 0.0, 0.0, _START_BIAS_MPS2**2, 0.0, dd)
+
+
+class Fusion(NamedTuple):
+    """ratio: squared innovation over squared gate, above one refused. moves: what to add to the states, each axis."""
+
+    ratio: float
+    covariance: AxisCovariance
+    moves: tuple[Column, ...]
+
+
+def fuse(c: AxisCovariance, seen: Seen, variance: float, innovations: tuple[float, ...], gate2: float) -> Fusion:
+    """A measurement of `seen` in each of the axes that share a covariance, with white noise of `variance`."""
+    innovation_variance = seen.variance + variance
+    ratio = sum(part * part for part in innovations) / (gate2 * innovation_variance)
+    if not ratio <= 1.0:
+        return Fusion(ratio, c, (_NOTHING,) * len(innovations))
+    updated, (kp, kv, kb, kd) = update_covariance(c, seen.column, innovation_variance)
+    return Fusion(ratio, updated, tuple((kp * part, kv * part, kb * part, kd * part) for part in innovations))
 
 
 class InnovationRatios(NamedTuple):
@@ -80,20 +160,37 @@ class InnovationRatios(NamedTuple):
     heading: float = 0.0
 
 
+class EstimateVariances(NamedTuple):
+    """Of the estimate: position and velocity, of each horizontal axis and down (m², m²/s²)."""
+
+    horizontal_m2: float
+    vertical_m2: float
+    speed_m2ps2: float
+    climb_m2ps2: float
+
+
 class PositionFilter:
-    """Two covariances: one for north and east, whose noises are equal, one for down."""
+    """Two covariances: one for north and east, whose noises are equal, one for down.
+
+    What a receiver reports of a fix is two-dimensional for the position and three-dimensional for the velocity, as in a
+    u-blox receiver's hAcc and sAcc: an axis has its share of the variance.
+    """
 
     def __init__(self, parameters: Parameters) -> None:
         self.configure(parameters)
         self.ratios = InnovationRatios()
         self._horizontal_ns: int | None = None
         self._vertical_ns: int | None = None
-        self.restart()
+        self._lasting_n = self._lasting_e = 0.0
+        self.restart(_NO_FIX)
 
     def configure(self, parameters: Parameters) -> None:
         """Take noises and gates over."""
-        self._acceleration_psd = parameters["EK3_ACC_P_NSE"] ** 2 / _STEP_HZ
-        self._bias_psd = parameters["EK3_ABIAS_P_NSE"] ** 2 / _STEP_HZ
+        self._noise = AxisNoise(
+            parameters["EK3_ACC_P_NSE"] ** 2 / _STEP_HZ,
+            parameters["EK3_ABIAS_P_NSE"] ** 2 / _STEP_HZ,
+            parameters["EK3_GPSDRIFT_TC"],
+        )
         self._pos_noise_m = parameters["EK3_POSNE_M_NSE"]
         self._vel_noise_mps = parameters["EK3_VELNE_M_NSE"]
         self._vel_down_noise_mps = parameters["EK3_VELD_M_NSE"]
@@ -102,76 +199,118 @@ class PositionFilter:
         self._vel_gate2 = (parameters["EK3_VEL_I_GATE"] / 100.0) ** 2
         self._height_gate2 = (parameters["EK3_HGT_I_GATE"] / 100.0) ** 2
 
-    def restart(self) -> None:
-        """Forget the covariances: position and velocity have just been set."""
-        self._horizontal = _START
-        self._vertical = _START
+    def restart(self, accuracy: Vector3) -> None:
+        """Position and velocity have just been set to a fix of that accuracy (horizontal, vertical, speed)."""
+        level, down = self._fix_variances(accuracy)
+        self._horizontal, self._vertical = _covariance_from_fix(level), _covariance_from_fix(down)
+        self._drift_ned_m: Vector3 = (0.0, 0.0, 0.0)
 
     def loosen(self, dt_s: float) -> None:
         """Nothing was measured for `dt_s`: velocity may have changed by up to 1 m/s, position by the same all along."""
-        wider = AxisCovariance(pp=4.0 + dt_s * dt_s, pv=0.0, pb=0.0, vv=1.0, vb=0.0, bb=0.01)
-        self._horizontal = self._vertical = wider
-
-    def fuse_gnss(
-        self, stamp_ns: int, pos_innovation_ned_m: Vector3, vel_innovation_ned_mps: Vector3, accuracy: Vector3
-    ) -> StateCorrection:
-        """Innovations are measured minus remembered; `accuracy` is the receiver's own (horizontal, vertical, speed)."""
-        self._predict_horizontal(stamp_ns)
-        self._predict_vertical(stamp_ns)
-        pos_variance = max(self._pos_noise_m, accuracy[0]) ** 2
-        vel_variance = max(self._vel_noise_mps, accuracy[2]) ** 2
-        in_n, in_e, in_d = pos_innovation_ned_m
-        iv_n, iv_e, iv_d = vel_innovation_ned_mps
-        pn = pe = pd = vn = ve = vd = bn = be = bd = 0.0
-
-        position_ratio = (in_n * in_n + in_e * in_e) / (self._pos_gate2 * (self._horizontal.pp + pos_variance))
-        if position_ratio <= 1.0:
-            self._horizontal, (kp, kv, kb) = position_update(self._horizontal, pos_variance)
-            pn, vn, bn = kp * in_n, kv * in_n, kb * in_n
-            pe, ve, be = kp * in_e, kv * in_e, kb * in_e
-        iv_n -= vn
-        iv_e -= ve
-        velocity_ratio = (iv_n * iv_n + iv_e * iv_e) / (self._vel_gate2 * (self._horizontal.vv + vel_variance))
-        if velocity_ratio <= 1.0:
-            self._horizontal, (kp, kv, kb) = velocity_update(self._horizontal, vel_variance)
-            pn, vn, bn = pn + kp * iv_n, vn + kv * iv_n, bn + kb * iv_n
-            pe, ve, be = pe + kp * iv_e, ve + kv * iv_e, be + kb * iv_e
-
-        height_variance = max(1.5 * self._pos_noise_m, accuracy[1]) ** 2
-        down_variance = max(self._vel_down_noise_mps, accuracy[2]) ** 2
-        height_ratio = in_d * in_d / (self._height_gate2 * (self._vertical.pp + height_variance))
-        if height_ratio <= 1.0:
-            self._vertical, (kp, kv, kb) = position_update(self._vertical, height_variance)
-            pd, vd, bd = kp * in_d, kv * in_d, kb * in_d
-        iv_d -= vd
-        if iv_d * iv_d <= self._vel_gate2 * (self._vertical.vv + down_variance):
-            self._vertical, (kp, kv, kb) = velocity_update(self._vertical, down_variance)
-            pd, vd, bd = pd + kp * iv_d, vd + kv * iv_d, bd + kb * iv_d
-
-        self.ratios = self.ratios._replace(position=position_ratio, velocity=velocity_ratio, height=height_ratio)
-        return StateCorrection((pn, pe, pd), (vn, ve, vd), (bn, be, bd))
-
-    def fuse_height(self, stamp_ns: int, innovation_down_m: float) -> StateCorrection:
-        """A barometer's innovation, down."""
-        self._predict_vertical(stamp_ns)
-        ratio = innovation_down_m**2 / (self._height_gate2 * (self._vertical.pp + self._baro_variance_m2))
-        kp = kv = kb = 0.0
-        if ratio <= 1.0:
-            self._vertical, (kp, kv, kb) = position_update(self._vertical, self._baro_variance_m2)
-        return StateCorrection(
-            (0.0, 0.0, kp * innovation_down_m), (0.0, 0.0, kv * innovation_down_m), (0.0, 0.0, kb * innovation_down_m)
+        self._horizontal, self._vertical = (
+            AxisCovariance(c.pp + dt_s * dt_s, 0.0, 0.0, c.pd, c.vv + 1.0, 0.0, 0.0, _START_BIAS_MPS2**2, 0.0, c.dd)
+            for c in (self._horizontal, self._vertical)
         )
 
-    def _predict_horizontal(self, stamp_ns: int) -> None:
-        dt_s = _step_s(self._horizontal_ns, stamp_ns)
-        self._horizontal = predict_covariance(self._horizontal, dt_s, self._acceleration_psd, self._bias_psd)
-        self._horizontal_ns = stamp_ns
+    def variances(self, stamp_ns: int) -> EstimateVariances:
+        """Of the estimate at `stamp_ns`, which is no older than the last measurement that was fused."""
+        level_s, down_s = (
+            0.0 if last_ns is None else max((stamp_ns - last_ns) * 1e-9, 0.0)
+            for last_ns in (self._horizontal_ns, self._vertical_ns)
+        )
+        level = predict_covariance(_coasting(self._horizontal, level_s), level_s, self._noise, 0.0)
+        down = predict_covariance(self._vertical, down_s, self._noise, 0.0)
+        return EstimateVariances(level.pp, down.pp, level.vv, down.vv)
 
-    def _predict_vertical(self, stamp_ns: int) -> None:
+    def fuse_gnss(
+        self,
+        stamp_ns: int,
+        pos_innovation_ned_m: Vector3,
+        vel_innovation_ned_mps: Vector3,
+        accuracy: Vector3,
+        acceleration_ne_mps2: tuple[float, float] = (0.0, 0.0),
+    ) -> StateCorrection:
+        """Innovations are measured minus remembered; `accuracy` is the receiver's own (horizontal, vertical, speed).
+
+        acceleration_ne_mps2: mean since the last fix.
+        """
+        level, down = self._fix_variances(accuracy)
+        self._predict_horizontal(stamp_ns, level.drift_m2, acceleration_ne_mps2)
+        self._predict_vertical(stamp_ns, down.drift_m2)
+        drift_n, drift_e, drift_d = self._drift_ned_m
+        in_n, in_e, in_d = pos_innovation_ned_m
+        iv_n, iv_e, iv_d = vel_innovation_ned_mps
+
+        c = self._horizontal
+        position = fuse(c, c.of_fix, level.white_m2, (in_n - drift_n, in_e - drift_e), self._pos_gate2)
+        (pn, vn, bn, dn), (pe, ve, be, de) = position.moves
+        c = position.covariance
+        velocity = fuse(c, c.of_velocity, level.velocity_m2ps2, (iv_n - vn, iv_e - ve), self._vel_gate2)
+        (pn2, vn2, bn2, dn2), (pe2, ve2, be2, de2) = velocity.moves
+        self._horizontal = velocity.covariance
+
+        c = self._vertical
+        height = fuse(c, c.of_fix, down.white_m2, (in_d - drift_d,), self._height_gate2)
+        ((pd, vd, bd, dd),) = height.moves
+        c = height.covariance
+        climb = fuse(c, c.of_velocity, down.velocity_m2ps2, (iv_d - vd,), self._vel_gate2)
+        ((pd2, vd2, bd2, dd2),) = climb.moves
+        self._vertical = climb.covariance
+
+        self._drift_ned_m = (drift_n + dn + dn2, drift_e + de + de2, drift_d + dd + dd2)
+        self.ratios = self.ratios._replace(position=position.ratio, velocity=velocity.ratio, height=height.ratio)
+        return StateCorrection(
+            (pn + pn2, pe + pe2, pd + pd2), (vn + vn2, ve + ve2, vd + vd2), (bn + bn2, be + be2, bd + bd2)
+        )
+
+    def fuse_height(self, stamp_ns: int, innovation_down_m: float) -> StateCorrection:
+        """A barometer's innovation, down. Its offset follows the GNSS, so that it errs with the same drift."""
+        self._predict_vertical(stamp_ns, self._vertical_drift_m2)
+        drift_n, drift_e, drift_d = self._drift_ned_m
+        c = self._vertical
+        height = fuse(c, c.of_fix, self._baro_variance_m2, (innovation_down_m - drift_d,), self._height_gate2)
+        ((pd, vd, bd, dd),) = height.moves
+        self._vertical = height.covariance
+        self._drift_ned_m = (drift_n, drift_e, drift_d + dd)
+        return StateCorrection((0.0, 0.0, pd), (0.0, 0.0, vd), (0.0, 0.0, bd))
+
+    def _fix_variances(self, accuracy: Vector3) -> tuple[FixVariances, FixVariances]:
+        """Of a horizontal axis, and of the vertical one."""
+        horizontal_m, vertical_m, speed_mps = accuracy
+        white_m2 = self._pos_noise_m**2
+        down_m2 = _VERTICAL_SHARE**2 * white_m2
+        speed_m2ps2 = speed_mps * speed_mps / 3.0
+        self._vertical_drift_m2 = max(vertical_m * vertical_m - down_m2, 0.0)
+        level = FixVariances(
+            white_m2, max(0.5 * horizontal_m * horizontal_m - white_m2, 0.0), max(self._vel_noise_mps**2, speed_m2ps2)
+        )
+        return level, FixVariances(down_m2, self._vertical_drift_m2, max(self._vel_down_noise_mps**2, speed_m2ps2))
+
+    def _predict_horizontal(self, stamp_ns: int, drift_m2: float, acceleration_ne_mps2: tuple[float, float]) -> None:
+        dt_s = _step_s(self._horizontal_ns, stamp_ns)
+        share = min(dt_s / _MANOEUVRE_TAKES_S, 1.0)
+        self._lasting_n += share * (acceleration_ne_mps2[0] - self._lasting_n)
+        self._lasting_e += share * (acceleration_ne_mps2[1] - self._lasting_e)
+        lasting2 = self._lasting_n * self._lasting_n + self._lasting_e * self._lasting_e
+        noise = self._noise._replace(acceleration_psd=self._noise.acceleration_psd + _MANOEUVRE_S * lasting2)
+        self._horizontal = predict_covariance(_coasting(self._horizontal, dt_s), dt_s, noise, drift_m2)
+        self._horizontal_ns = stamp_ns
+        keep = self._noise.kept(dt_s)
+        north_m, east_m, down_m = self._drift_ned_m
+        self._drift_ned_m = (keep * north_m, keep * east_m, down_m)
+
+    def _predict_vertical(self, stamp_ns: int, drift_m2: float) -> None:
         """A fix is older than the barometer samples fused before it: no step back is taken."""
         dt_s = _step_s(self._vertical_ns, stamp_ns)
-        self._vertical = predict_covariance(self._vertical, dt_s, self._acceleration_psd, self._bias_psd)
+        self._vertical = predict_covariance(self._vertical, dt_s, self._noise, drift_m2)
         self._vertical_ns = stamp_ns if self._vertical_ns is None else max(stamp_ns, self._vertical_ns)
+        north_m, east_m, down_m = self._drift_ned_m
+        self._drift_ned_m = (north_m, east_m, self._noise.kept(dt_s) * down_m)
+
+
+def _coasting(c: AxisCovariance, dt_s: float) -> AxisCovariance:
+    """The covariance at the last fix, as it has to be for the `dt_s` after it."""
+    return c._replace(bb=c.bb + _COASTING_MPS2 * _COASTING_MPS2) if dt_s > _COASTING_S else c
 
 
 def _step_s(last_ns: int | None, stamp_ns: int) -> float:

@@ -234,21 +234,38 @@ def rc_channels(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 def ekf_status(hub: MavlinkHub, now_ns: int) -> Any:
     """The innovations over their gates, which is what ArduPilot calls variances here."""
-    estimator, estimate = hub.autopilot.estimator, hub.autopilot.state.estimate
-    ratios = estimator.ratios
+    return mav.MAVLink_ekf_status_report_message(_estimator_flags(hub), *_test_ratios(hub), 0.0, 0.0)
+
+
+def estimator_status(hub: MavlinkHub, now_ns: int) -> Any | None:
+    """The same ratios beside the accuracy, which is that of both horizontal axes, as a receiver's is."""
+    variances = hub.autopilot.estimator.variances()
+    if variances is None:
+        return None
+    return mav.MAVLink_estimator_status_message(
+        max(0, now_ns // 1000),
+        _estimator_flags(hub),
+        *_test_ratios(hub),
+        0.0,
+        0.0,
+        _float32(math.sqrt(2.0 * variances.horizontal_m2)),
+        _float32(math.sqrt(variances.vertical_m2)),
+    )
+
+
+def _estimator_flags(hub: MavlinkHub) -> int:
+    estimate = hub.autopilot.state.estimate
     flags = _EKF_ATTITUDE if estimate.attitude_valid else _EKF_UNINITIALIZED
     if estimate.position_valid:
         flags |= _EKF_VELOCITY_HORIZ | _EKF_VELOCITY_VERT | _EKF_POS_HORIZ_REL | _EKF_POS_HORIZ_ABS
         flags |= _EKF_POS_VERT_ABS | _EKF_PRED_POS_HORIZ_REL | _EKF_PRED_POS_HORIZ_ABS
-    return mav.MAVLink_ekf_status_report_message(
-        flags,
-        _float32(math.sqrt(max(ratios.velocity, 0.0))),
-        _float32(math.sqrt(max(ratios.position, 0.0))),
-        _float32(math.sqrt(max(ratios.height, 0.0))),
-        _float32(math.sqrt(max(ratios.heading, 0.0))),
-        0.0,
-        0.0,
-    )
+    return flags
+
+
+def _test_ratios(hub: MavlinkHub) -> tuple[float, ...]:
+    ratios = hub.autopilot.estimator.ratios
+    squares = (ratios.velocity, ratios.position, ratios.height, ratios.heading)
+    return tuple(_float32(math.sqrt(max(square, 0.0))) for square in squares)
 
 
 def _target(hub: MavlinkHub) -> tuple[int, float, float, float, float, float, float] | None:
@@ -442,6 +459,7 @@ REPORTS: Mapping[int, Report] = {
     mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_output,
     mav.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
     mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: target_local,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: target_global,
     mav.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,

@@ -14,6 +14,7 @@ from agent.wire import dialect as mav
 RATES_HZ: Mapping[int, float] = {
     mav.MAVLINK_MSG_ID_HEARTBEAT: 1.0,
     mav.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 2.0,
     mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: 10.0,
     mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 10.0,
     mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 5.0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -76,6 +77,7 @@ class AgentView:
         self._on_text = on_text
         self._on_estimate = on_estimate
         self._origin: GeodeticPoint | None = None
+        self._deviation_ned_m: Array | None = None
         self._attitude: Any = None
         self._unpaired: Any = None  # a position whose nearest attitude is still to come
         self._handlers: dict[int, Callable[[Any], object]] = {
@@ -88,6 +90,7 @@ class AgentView:
             dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._global_origin,
             dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self._estimator_status,
             dialect.MAVLINK_MSG_ID_XITL_NODE_STATUS: self._node_status,
             dialect.MAVLINK_MSG_ID_XITL_NODE_INFO: self._node_info,
             dialect.MAVLINK_MSG_ID_XITL_TASK_STATS: self.task,
@@ -154,6 +157,11 @@ class AgentView:
         elif self.pair_ms:
             self._unpaired = message
 
+    def _estimator_status(self, message: Any) -> None:
+        """Its horizontal accuracy is that of both axes together."""
+        axis_m = message.pos_horiz_accuracy / math.sqrt(2.0)
+        self._deviation_ned_m = np.array([axis_m, axis_m, message.pos_vert_accuracy])
+
     def _estimated(self, message: Any, attitude: Any) -> None:
         if self._origin is None:
             return
@@ -162,6 +170,7 @@ class AgentView:
             vel_ned_mps=np.array([message.vx, message.vy, message.vz]),
             quat_ned_frd=np.array([attitude.q1, attitude.q2, attitude.q3, attitude.q4]),
             gyro_frd_radps=np.array([attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed]),
+            pos_deviation_ned_m=self._deviation_ned_m,
         )
         self._on_estimate(message.time_boot_ms * 1000, estimate)
 

@@ -27,6 +27,7 @@ _STAMPS: dict[int, tuple[int, int, int]] = {
     dialect.MAVLINK_MSG_ID_XITL_NODE_INFO: (0, 8, _US),
     dialect.MAVLINK_MSG_ID_XITL_BRIDGE_STATUS: (0, 8, _US),
     dialect.MAVLINK_MSG_ID_XITL_TIMESYNC: (16, 8, 1),
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: (0, 8, _US),
     dialect.MAVLINK_MSG_ID_ATTITUDE: (0, 4, _MS),
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: (0, 4, _MS),
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: (0, 4, _MS),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from agent.fcu.parameters import BY_NAME
 from agent.mavlink.commands import StatusTextReceiver
 from agent.mavlink.exchange import Target, complete
 from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
@@ -44,6 +45,10 @@ def embedded_parameters(profile: RunProfile) -> dict[str, float]:
     north, east, _ = magnetic_field_ned_gauss(profile.site)
     values["COMPASS_DEC"] = math.atan2(east, north)
     values.update(_implied_parameters(profile, antenna=True))
+    if profile.sensors is not None:
+        gnss = profile.sensors.gnss
+        values["EK3_POSNE_M_NSE"] = BY_NAME["EK3_POSNE_M_NSE"].nearest(gnss.horizontal_noise_m)
+        values["EK3_GPSDRIFT_TC"] = BY_NAME["EK3_GPSDRIFT_TC"].nearest(gnss.drift_correlation_s)
     return values | dict(profile.autopilot.parameters)
 
 

@@ -243,7 +243,11 @@ class AutopilotNode(ControlNode):
         score = self._check.score
         return {
             **connections_report(self.agents),
-            "estimation": {"position_rms_m": score.position_rms_m, "heading_rms_deg": score.heading_rms_deg},
+            "estimation": {
+                "position_rms_m": score.position_rms_m,
+                "position_nees": score.position_nees,
+                "heading_rms_deg": score.heading_rms_deg,
+            },
             "stale_exchanges": self._use.report.stale,
             "actuators": self._use.report,
             "takeovers": [] if self._redundancy is None else self._redundancy.takeovers,

@@ -39,6 +39,7 @@ class EstimationScore:
 
     def __init__(self) -> None:
         self._position = RootMeanSquare()
+        self._normalised = RootMeanSquare()
         self._heading = RootMeanSquare()
 
     def add(
@@ -47,10 +48,14 @@ class EstimationScore:
         true_quat_ned_frd: NDArray[np.float64],
         pos_ned_m: NDArray[np.float64],
         quat_ned_frd: NDArray[np.float64],
+        pos_deviation_ned_m: NDArray[np.float64] | None = None,
     ) -> None:
         """One estimate beside the truth of the same instant; positions (3,), quaternions (4,)."""
         north, east = (pos_ned_m - true_pos_ned_m)[:2].tolist()
         self._position.add(north * north + east * east)
+        if pos_deviation_ned_m is not None and pos_deviation_ned_m[:2].all():
+            north, east = ((pos_ned_m - true_pos_ned_m) / pos_deviation_ned_m)[:2].tolist()
+            self._normalised.add(north * north + east * east)
         error = math.remainder(_yaw_rad(quat_ned_frd) - _yaw_rad(true_quat_ned_frd), math.tau)
         self._heading.add(math.degrees(error) ** 2)
 
@@ -58,6 +63,14 @@ class EstimationScore:
     def position_rms_m(self) -> float | None:
         """None when there was no estimate."""
         return self._position.value()
+
+    @property
+    def position_nees(self) -> float | None:
+        """Mean of the squared horizontal error over its variance, 2 where the estimator is right about it (Bar-Shalom,
+        Li and Kirubarajan 2001, 5.4); None where it does not say how well it knows the position.
+        """
+        rms = self._normalised.value()
+        return None if rms is None else rms * rms
 
     @property
     def heading_rms_deg(self) -> float | None:
@@ -90,4 +103,10 @@ class EstimateCheck:
         north, east = (estimate.pos_ned_m - truth.pos_ned_m[0])[:2].tolist()
         self.position_error_m = math.hypot(north, east)
         if armed:
-            self.score.add(truth.pos_ned_m[0], truth.quat_ned_frd[0], estimate.pos_ned_m, estimate.quat_ned_frd)
+            self.score.add(
+                truth.pos_ned_m[0],
+                truth.quat_ned_frd[0],
+                estimate.pos_ned_m,
+                estimate.quat_ned_frd,
+                estimate.pos_deviation_ned_m,
+            )

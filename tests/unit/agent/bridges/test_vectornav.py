@@ -87,7 +87,7 @@ def test_a_receiver_frame() -> None:
     assert (stamp_ns, gps_ns, satellites, kind) == (7, 9, 14, 3)
     assert rest[:3] == [-8.8, -63.95, 60.5]
     assert rest[3:6] == [1.0, -2.0, 0.25]
-    assert rest[6:9] == [0.75, 0.75, 1.5]  # north, east, up
+    assert rest[6:9] == pytest.approx([0.75 / 2**0.5, 0.75 / 2**0.5, 1.5])  # north, east, up
     assert rest[9] == pytest.approx(0.05)
     geometric, position, time, vertical, horizontal, north, east = rest[10:17]
     assert (vertical, horizontal) == (1.5, 0.75)
