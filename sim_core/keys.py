@@ -82,6 +82,8 @@ Place: TypeAlias = tuple[float, float]
 Vector: TypeAlias = tuple[float, float, float]
 """Three numbers along the axes the key's name says (ned or frd)."""
 Size: TypeAlias = tuple[Positive, Positive, Positive]
+MESH_FORMATS = ("stl", "dae", "obj", "ply", "gltf", "glb")
+"""Endings of mesh files that can be read."""
 
 
 class SpecificationError(ValueError):

@@ -46,12 +46,12 @@ class Simulation:
     def from_spec(
         cls, model: VesselSpec, environment: Environment, dt_s: float, waterway: Waterway = OPEN_WATER
     ) -> Simulation:
-        """Raises ValueError when dt_s is no whole number of nanoseconds or the vessel does not float."""
+        """Raises ValueError when dt_s is no whole number of nanoseconds or the vessel does not float upright."""
         dt_ns = round(dt_s * 1e9)
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
         vessel = Vessel.from_spec(model, environment.water, dt_s, environment.waves)
-        hull_waves = environment.waves.at_hull(vessel.buoyancy.axes_frd_m, vessel.draft_m)
+        hull_waves = environment.waves.at_hull(vessel.buoyancy.points_frd_m, vessel.rest.draft_m)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
         return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway)
 

@@ -1,24 +1,37 @@
-"""Buoyancy of two round demi-hulls, strip by strip, on the local surface of the water.
+"""Buoyancy of any number of hulls, strip by strip, on the local surface of the water.
 
-Pressure on a circular section points at the section's centre, so each strip's lift acts on the hull's axis whatever
-the roll; what it amounts to depends on the depth of that axis alone. Along the hull it acts at the centre of buoyancy,
-taken at the draft of rest.
+The lift of a strip is the weight of the water that it displaces, upward. The surface is sampled at each strip, and
+across it has the slope of the plane fitted to all strips.
+
+Round hulls: pressure on a circular section points at its centre, so the lift acts on the hull's axis whatever the roll,
+and what it amounts to depends on the depth of that axis alone. Along the hull it acts at the centre of buoyancy, taken
+at the draft of rest.
+
+Other sections: polygons, of which the part under the surface is integrated along their edges. With the depth d of a
+point and its gradient g in the plane of the section, the divergence of g d / |g|^2 is 1 where d > 0, so that the area
+under water, and in the same way its moments, are sums over edges of integrals of d where it is positive; the waterline
+itself adds nothing.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.environment.waves import HullSurface
+from sim_core.environment.waves import FlatWater, HullSurface
 from sim_core.frames import Array
-from sim_core.vessel.spec import Hull, VesselSpec
+from sim_core.keys import SpecificationError
+from sim_core.mesh_file import MeshFileError
+from sim_core.vessel.sections import HullStrips, cut_strips
+from sim_core.vessel.spec import DemiHull, VesselSpec
+
+_TINY = 1e-300
 
 
-def segment_area_m2(submerged_m: Array, radius_m: float) -> Array:
+def segment_area_m2(submerged_m: Array, radius_m: Array | float) -> Array:
     """Area below the surface of a circle whose lowest point is `submerged_m` deep; 0 when dry, pi r^2 when under.
 
     r^2 acos((r - h) / r) - (r - h) sqrt(2 r h - h^2)
@@ -35,83 +48,288 @@ def _unit_segment(cosine: Array) -> Array:
     return area
 
 
-def _centroid_below_axis_m(submerged_m: Array, radius_m: float) -> Array:
-    """Depth of the segment's centroid below the centre of the circle: 2/3 (half width)^3 / area."""
-    half_width = np.sqrt(submerged_m * (2.0 * radius_m - submerged_m))
-    below: Array = (2.0 / 3.0) * half_width**3 / segment_area_m2(submerged_m, radius_m)
-    return below
-
-
-def strip_axes_frd_m(hull: Hull) -> Array:
-    """(2 strips, 3) middle of each strip's axis: port hull from stern to bow, then starboard."""
-    along = hull.length_m * ((np.arange(hull.strips) + 0.5) / hull.strips - 0.5)
-    depth_m = hull.keel_below_cg_m - hull.radius_m
-    sides = [np.column_stack([along, np.full(hull.strips, y), np.full(hull.strips, depth_m)]) for y in (-1.0, 1.0)]
-    axes: Array = np.concatenate(sides) * np.array([1.0, hull.centreline_m, 1.0])
-    return axes
-
-
-def floating_draft_m(model: VesselSpec, water: Water) -> float:
-    """Depth of the keel at rest. Raises ValueError when the hulls cannot carry the vessel."""
-    assert model.hull is not None
-    kg_per_m2 = 2.0 * water.density_kgpm3 * model.hull.length_m
-    carried = model.mass_kg / kg_per_m2
-    low, high = 0.0, 2.0 * model.hull.radius_m
-    if carried >= math.pi * model.hull.radius_m**2:
-        raise ValueError(
-            f"vehicle.mass_kg = {model.mass_kg} sinks its hulls, which displace "
-            f"{kg_per_m2 * math.pi * model.hull.radius_m**2:.1f} kg when submerged"
-        )
-    for _ in range(60):  # bisection to rounding
-        middle = 0.5 * (low + high)
-        if segment_area_m2(np.array([middle]), model.hull.radius_m)[0] < carried:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+def _lift_wrench() -> Array:
+    """(4, 3, 6) of (lift, lift x position) times the direction of the lift."""
+    wrench = np.zeros((4, 3, 6))
+    wrench[0, (0, 1, 2), (0, 1, 2)] = 1.0
+    for i, j, k, sign in ((0, 1, 2, 1), (1, 2, 0, 1), (2, 0, 1, 1), (0, 2, 1, -1), (2, 1, 0, -1), (1, 0, 2, -1)):
+        wrench[1 + i, j, 3 + k] = sign  # position x force
+    return wrench
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Buoyancy:
-    """Constants of one vessel in one water. S strips in all."""
+class RoundHulls:
+    """Constants of round hulls in one water, S strips in all.
 
-    axes_frd_m: Array  # (S, 3)
+    points_frd_m (S, 3): where the surface is sampled, the middle of each strip's axis. volume_m3: of the hulls.
+    """
+
+    points_frd_m: Array
+    volume_m3: float
     level_m: float
     minus_axes_in_radii: Array  # (3, S)
-    per_radius: float
+    per_radius: Array  # (S,)
     lift_n: Array  # (S, 4): lift per unit segment, and its moments about the axes
-    wrench: Array  # (12, 6): (lift, lift x position) times the direction of the lift
+    wrench: Array  # (12, 6)
 
     @classmethod
-    def from_spec(cls, model: VesselSpec, water: Water) -> Buoyancy:
-        """Constants from the vessel's hull and the water."""
-        hull = model.hull
-        assert hull is not None
-        axes = strip_axes_frd_m(hull)
-        strip_n = water.density_kgpm3 * GRAVITY_MPS2 * hull.length_m / hull.strips * hull.radius_m**2
-        draft = np.array([floating_draft_m(model, water)])
-        wrench = np.zeros((4, 3, 6))
-        wrench[0, (0, 1, 2), (0, 1, 2)] = 1.0
-        for i, j, k, sign in ((0, 1, 2, 1), (1, 2, 0, 1), (2, 0, 1, 1), (0, 2, 1, -1), (2, 1, 0, -1), (1, 0, 2, -1)):
-            wrench[1 + i, j, 3 + k] = sign  # position x force
-        wrench[0, 0, 4] = _centroid_below_axis_m(draft, hull.radius_m)[0]
-        return cls(
-            axes_frd_m=axes,
-            level_m=water.level_m,
-            minus_axes_in_radii=-axes.T / hull.radius_m,
-            per_radius=1.0 / hull.radius_m,
-            lift_n=strip_n * np.column_stack([np.ones(len(axes)), axes]),
-            wrench=wrench.reshape(12, 6),
+    def from_spec(cls, model: VesselSpec, water: Water) -> RoundHulls:
+        """Constants from the vessel's hulls and the water."""
+        axes, radii, lengths = (
+            np.concatenate(column) for column in zip(*map(_round_strips, model.demi_hulls), strict=True)
         )
+        newton_per_m3 = water.density_kgpm3 * GRAVITY_MPS2
+        hulls = cls(
+            points_frd_m=axes,
+            volume_m3=math.pi * float(lengths @ radii**2),
+            level_m=water.level_m,
+            minus_axes_in_radii=-axes.T / radii,
+            per_radius=1.0 / radii,
+            lift_n=(newton_per_m3 * lengths * radii**2)[:, None] * np.column_stack([np.ones(len(axes)), axes]),
+            wrench=_lift_wrench().reshape(12, 6),
+        )
+        check_reserve(model, water, hulls.volume_m3)
+        submerged = np.clip(upright_depth_m(model, hulls) + axes[:, 2] + radii, 0.0, 2.0 * radii)
+        # The segment's centroid is 2/3 (half width)^3 / area below the axis; the mean over the displaced volume.
+        half_width = np.sqrt(submerged * (2.0 * radii - submerged))
+        below_m = (2.0 / 3.0) * (lengths @ half_width**3) / (lengths @ segment_area_m2(submerged, radii))
+        wrench = _lift_wrench()
+        wrench[0, 0, 4] = below_m
+        return replace(hulls, wrench=wrench.reshape(12, 6))
 
     def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
         """(N, 12) what the force is linear in, for vessels at (N, 3).
 
         down_frd: (N, 3) the vertical in the body; up_frd: (N, 3) where the lift points.
         """
-        cosine = down_frd @ self.minus_axes_in_radii
-        cosine -= (surface.point_elevation_m + (pos_ned_m[:, 2:] + self.level_m)) * self.per_radius
+        cosine = self._cosine(pos_ned_m, down_frd, surface)
         np.maximum(cosine, -1.0, out=cosine)
         np.minimum(cosine, 1.0, out=cosine)
         lift = _unit_segment(cosine) @ self.lift_n
         return ((lift[:, :, None] * up_frd[:, None, :]).reshape(-1, 12),)
+
+    def immersion(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> tuple[Array, Array]:
+        """(N,), (N,): shares of the strips that are dry, and that are under water with their deck."""
+        cosine = self._cosine(pos_ned_m, down_frd, surface)
+        return (cosine >= 1.0).mean(axis=1), (cosine <= -1.0).mean(axis=1)
+
+    def centre_frd_m(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
+        """(N, 3) centre of buoyancy of vessels that displace any water, on level water."""
+        cosine = np.clip(self._cosine(pos_ned_m, down_frd, surface), -1.0, 1.0)
+        lift_n = _unit_segment(cosine) * self.lift_n[:, 0]
+        below = (2.0 / 3.0) * (1.0 - cosine**2) ** 1.5 / self.per_radius / np.maximum(_unit_segment(cosine), _TINY)
+        across = down_frd * [0.0, 1.0, 1.0]
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        middles = self.points_frd_m + below[:, :, None] * across[:, None, :]
+        centre: Array = np.einsum("ns,nsi->ni", lift_n, middles) / lift_n.sum(axis=1, keepdims=True)
+        return centre
+
+    def _cosine(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
+        """(N, S) height of each strip's axis above the surface in radii."""
+        cosine: Array = down_frd @ self.minus_axes_in_radii
+        cosine -= (surface.point_elevation_m + (pos_ned_m[:, 2:] + self.level_m)) * self.per_radius
+        return cosine
+
+
+def _round_strips(hull: DemiHull) -> tuple[Array, Array, Array]:
+    """(S, 3) middles of the strips' axes from stern to bow, (S,) their radii and (S,) their lengths."""
+    assert hull.section is not None
+    assert hull.section.radius_m is not None
+    along = hull.length_m * ((np.arange(hull.strips) + 0.5) / hull.strips - 0.5)
+    axes = np.column_stack([along, np.zeros(hull.strips), np.full(hull.strips, -hull.section.radius_m)])
+    same = np.ones(hull.strips)
+    return axes + hull.keel_frd_m, hull.section.radius_m * same, hull.length_m / hull.strips * same
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectionHulls:
+    """Constants of hulls of any cross-sections in one water: S strips in all, each a polygon of C corners.
+
+    points_frd_m (2 S, 3): where the surface is sampled, to port and to starboard of each strip's middle by the standard
+    deviation of its breadth. volume_m3: of the hulls.
+    """
+
+    points_frd_m: Array
+    volume_m3: float
+    depth: Array  # (5 + 2 S, S (C + 1)): of the corners, from the vertical, slope across, depth of origin, elevations
+    per_edge: Array  # (3 S C, 10): see `from_spec`
+    strips: int
+    wrench: Array  # (12, 6)
+    level_m: float
+
+    @classmethod
+    def from_spec(cls, model: VesselSpec, water: Water) -> SectionHulls:
+        """Constants from the vessel's hulls and the water."""
+        parts = [_cut(number, hull) for number, hull in enumerate(model.demi_hulls)]
+        most = max(part.corners_m.shape[1] for part in parts)
+        corners = np.concatenate([_padded(part.corners_m, most) for part in parts])
+        along, length_m = (np.concatenate([getattr(part, name) for part in parts]) for name in ("along_m", "length_m"))
+        area = np.concatenate([part.area_m2 for part in parts])
+        strips, y, z = len(along), corners[..., 0], corners[..., 1]
+        middle, aside = _breadth(corners, area)
+        top = z.min(axis=1)
+        points = np.stack([np.column_stack([along, middle + side * aside, top]) for side in (-1.0, 1.0)], axis=1)
+        depth = np.zeros((5 + 2 * strips, strips, most))
+        depth[0], depth[1], depth[2] = along[:, None], y, z
+        depth[3] = y - middle[:, None]
+        depth[4] = 1.0
+        for strip in range(strips):
+            depth[5 + 2 * strip : 7 + 2 * strip, strip] = 0.5
+        # Rows: integrals of d, of d times the share of the edge, and of d^2 / 2, over the part of each edge that is
+        # under water. Columns: area, its moments about x, y, z, and the integral of d over it; first for the edge's
+        # extent across, then down.
+        across, down = np.diff(y, axis=1), np.diff(z, axis=1)
+        same = np.ones_like(across)
+        zero = np.zeros_like(across)
+        rows = [
+            np.stack([same, along[:, None] * same, y[:, :-1], z[:, :-1], zero], axis=-1) / 2.0,
+            np.stack([zero, zero, across, down, zero], axis=-1) / 6.0,
+            np.stack([zero, zero, zero, zero, same], axis=-1) / 6.0,
+        ]
+        weight = (water.density_kgpm3 * GRAVITY_MPS2 * length_m)[:, None, None]
+        rows = [weight * np.concatenate([across[..., None] * row, down[..., None] * row], axis=-1) for row in rows]
+        hulls = cls(
+            points_frd_m=points.reshape(-1, 3),
+            volume_m3=float(length_m @ area),
+            depth=depth.reshape(5 + 2 * strips, -1),
+            per_edge=np.concatenate([row.reshape(-1, 10) for row in rows]),
+            strips=strips,
+            wrench=_lift_wrench().reshape(12, 6),
+            level_m=water.level_m,
+        )
+        check_reserve(model, water, hulls.volume_m3)
+        return hulls
+
+    def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
+        """As of `RoundHulls`."""
+        lift = self._lift_n(pos_ned_m, down_frd, surface)
+        return ((lift[:, :, None] * up_frd[:, None, :]).reshape(-1, 12),)
+
+    def immersion(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> tuple[Array, Array]:
+        """As of `RoundHulls`."""
+        depth = self._depth_m(pos_ned_m, down_frd, surface)
+        return (depth <= 0.0).all(axis=2).mean(axis=1), (depth > 0.0).all(axis=2).mean(axis=1)
+
+    def centre_frd_m(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
+        """As of `RoundHulls`."""
+        lift = self._lift_n(pos_ned_m, down_frd, surface)
+        return lift[:, 1:] / lift[:, :1]
+
+    def _lift_n(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
+        """(N, 4) lift and its moments about x, y and z."""
+        depth = self._depth_m(pos_ned_m, down_frd, surface)
+        under, size = np.maximum(depth, 0.0), np.abs(depth)
+        one, other = under[..., :-1], under[..., 1:]
+        both = one + other
+        wet = both / (size[..., :-1] + size[..., 1:] + _TINY)  # share of the edge under water
+        edges = np.empty((len(depth), 3, *both.shape[1:]))
+        np.multiply(wet, both, out=edges[:, 0])
+        np.multiply(wet, wet * (one - other) + 3.0 * other, out=edges[:, 1])
+        np.multiply(wet, both * both - one * other, out=edges[:, 2])
+        sums = edges.reshape(len(depth), -1) @ self.per_edge
+        across, down = down_frd[:, 1:2] + surface.slope_frd[:, 1:2], down_frd[:, 2:3]
+        gradient = np.concatenate((across, down), axis=1)
+        gradient /= across * across + down * down
+        moments = gradient[:, 1:] * sums[:, :5] - gradient[:, :1] * sums[:, 5:]
+        lift = moments[:, :4]
+        lift[:, 2:] -= gradient * moments[:, 4:]
+        return lift
+
+    def _depth_m(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
+        """(N, S, C + 1) of the corners below the surface."""
+        parts = (down_frd, surface.slope_frd[:, 1:2], pos_ned_m[:, 2:] + self.level_m, surface.point_elevation_m)
+        depth: Array = np.concatenate(parts, axis=1) @ self.depth
+        return depth.reshape(len(depth), self.strips, -1)
+
+
+def _cut(number: int, hull: DemiHull) -> HullStrips:
+    try:
+        return cut_strips(hull)
+    except MeshFileError as error:
+        assert hull.mesh is not None
+        raise SpecificationError(("hulls", number, "mesh", "file"), f"= {hull.mesh.file} {error}") from error
+
+
+def _padded(corners_m: Array, count: int) -> Array:
+    """(S, count, 2) with the last corner of each again."""
+    return np.pad(corners_m, ((0, 0), (0, count - corners_m.shape[1]), (0, 0)), mode="edge")
+
+
+def _breadth(corners_m: Array, area_m2: Array) -> tuple[Array, Array]:
+    """(S,), (S,): mean and standard deviation of y over each polygon's area."""
+    y, z = corners_m[..., 0], corners_m[..., 1]
+    a, b, down = y[:, :-1], y[:, 1:], np.diff(z, axis=1)
+    safe = np.where(area_m2 > 0.0, area_m2, 1.0)
+    first = -(down * (a * a + a * b + b * b)).sum(axis=1) / 6.0
+    second = -(down * (a + b) * (a * a + b * b)).sum(axis=1) / 12.0
+    mean = np.where(area_m2 > 0.0, first / safe, y.mean(axis=1))
+    return mean, np.sqrt(np.maximum(np.where(area_m2 > 0.0, second / safe, 0.0) - mean * mean, 0.0))
+
+
+Buoyancy = RoundHulls | SectionHulls
+
+
+def make_buoyancy(model: VesselSpec, water: Water) -> Buoyancy:
+    """Whichever the vessel's hulls need: one in the middle alone feels the slope across it by its own breadth.
+
+    Raises:
+        SpecificationError: the hulls cannot carry the vessel, or a mesh cannot be had or is not what its keys say.
+    """
+    hulls = model.demi_hulls
+    plain = all(hull.section is not None and hull.section.radius_m is not None and hull.prismatic for hull in hulls)
+    beside = len({hull.keel_frd_m[1] for hull in hulls}) > 1
+    return (RoundHulls if plain and beside else SectionHulls).from_spec(model, water)
+
+
+def check_reserve(model: VesselSpec, water: Water, volume_m3: float) -> None:
+    """Raises SpecificationError for a vessel that is heavier than the water its hulls displace when submerged."""
+    carried_kg = water.density_kgpm3 * volume_m3
+    if model.mass_kg >= carried_kg:
+        count = len(model.demi_hulls)
+        carry = {1: "its hull carries", 2: "the two hulls carry"}.get(count, f"the {count} hulls carry")
+        key = "vehicle.hulls" if model.hull is None else "vehicle.hull"
+        raise SpecificationError(
+            ("mass_kg",), f"= {model.mass_kg:g} sinks: {carry} {carried_kg:.4g} kg; use less mass or a larger {key}"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlatPoses:
+    """N vessels in still water. depth_m (N,): of the body's origin; down_frd (N, 3): the vertical in the body."""
+
+    hulls: Buoyancy
+    depth_m: Array
+    down_frd: Array
+
+    def wrench(self) -> Array:
+        """(N, 6) of the buoyancy in body axes."""
+        (terms,) = self.hulls.terms(self._pos_ned_m, self.down_frd, -self.down_frd, self._surface)
+        wrench: Array = terms @ self.hulls.wrench
+        return wrench
+
+    def centre_frd_m(self) -> Array:
+        """(N, 3) of buoyancy."""
+        return self.hulls.centre_frd_m(self._pos_ned_m, self.down_frd, self._surface)
+
+    @property
+    def _pos_ned_m(self) -> Array:
+        return np.column_stack([np.zeros((len(self.depth_m), 2)), self.depth_m - self.hulls.level_m])
+
+    @property
+    def _surface(self) -> HullSurface:
+        level = np.broadcast_to(np.eye(3), (len(self.depth_m), 3, 3))
+        return FlatWater().at_hull(self.hulls.points_frd_m).sample(0.0, self._pos_ned_m, level)
+
+
+def upright_depth_m(model: VesselSpec, hulls: Buoyancy) -> float:
+    """Depth of the body's origin at which a level vessel displaces its mass."""
+    low = -max(hull.keel_frd_m[2] for hull in model.demi_hulls)
+    high = -min(hull.keel_frd_m[2] - 2.0 * hull.height_m for hull in model.demi_hulls)
+    level = np.array([[0.0, 0.0, 1.0]])
+    for _ in range(60):  # bisection to rounding
+        middle = 0.5 * (low + high)
+        if -FlatPoses(hulls, np.array([middle]), level).wrench()[0, 2] < model.mass_kg * GRAVITY_MPS2:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)

@@ -57,15 +57,17 @@ class Hull(Specification):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HullMesh(Specification):
-    """A closed mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB) as the shape of a hull."""
+    """A closed mesh from a file (STL, DAE, OBJ, PLY, glTF, GLB) as the shape of a hull.
 
-    file: str
-    position_frd_m: Annotated[Vector, "of the mesh's origin, from the body's origin"] = (0.0, 0.0, 0.0)
+    Wherever the mesh has its own origin, the middle of its lowest line comes to the hull's keel.
+    """
+
+    file: Annotated[str, "relative to the profile"]
     axes: Annotated[Literal["flu", "frd"], "of the mesh: x forward, y left, z up; or y right, z down"] = "flu"
     scale: Annotated[Positive, "metres a unit of the mesh"] = 1.0
     width_m: Annotated[Positive, "overall"]
     depth_m: Annotated[Positive, "from its lowest point to the deck"]
-    columns: Annotated[int, Bounds(at_least=2, at_most=100), "across its width, for buoyancy"] = 12
+    corners: Annotated[int, Bounds(at_least=4, at_most=200), "of each cross-section cut from it, for buoyancy"] = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +122,7 @@ class DemiHull(Specification):
         Items(2, 50),
         "a list of [place from -0.5 at the stern to 0.5 at the bow, share of the section's width there]",
     ] = ((-0.5, 1.0), (0.5, 1.0))
-    strips: Annotated[int, Bounds(at_least=2, at_most=1000), "for buoyancy and waves"] = 8
+    strips: Annotated[int, Bounds(at_least=2, at_most=1000), "for buoyancy and waves"] = 12
 
     def check(self) -> None:
         if (self.section is None) == (self.mesh is None):
@@ -130,6 +132,11 @@ class DemiHull(Specification):
             raise SpecificationError(("taper",), "has to rise from -0.5 at the stern to 0.5 at the bow; sort it")
         if any(share < 0 for _, share in self.taper) or not any(share for _, share in self.taper):
             raise SpecificationError(("taper",), "has a share below 0, or none above; give shares of the width")
+
+    @property
+    def prismatic(self) -> bool:
+        """Whether it has its section all along."""
+        return self.section is not None and all(share == 1 for _, share in self.taper)
 
     @property
     def width_m(self) -> float:

@@ -10,7 +10,8 @@ from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, WaveField
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
-from sim_core.vessel.buoyancy import Buoyancy, floating_draft_m
+from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
+from sim_core.vessel.floating import FloatingPose, floating_pose
 from sim_core.vessel.hydrodynamics import Hydrodynamics
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
@@ -65,24 +66,23 @@ class Vessel:
     windage: WindDrag
     wave_forces: WaveForces | NoWaveForces
     acceleration_per_term: Array  # (terms, 6), in the order of `accelerate`
-    draft_m: float
+    rest: FloatingPose
     level_m: float
 
     @classmethod
     def from_spec(
         cls, model: VesselSpec, water: Water, dt_s: float, waves: WaveField | FlatWater = FLAT_WATER
     ) -> Vessel:
-        """Matrices of all parts. Raises ValueError when the vessel does not float."""
-        draft_m = floating_draft_m(model, water)
-        hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, draft_m)
-        buoyancy = Buoyancy.from_spec(model, water)
+        """Matrices of all parts. Raises SpecificationError when the vessel does not float upright."""
+        buoyancy = make_buoyancy(model, water)
+        rest = floating_pose(model, water, buoyancy)
+        hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, rest.draft_m)
         propulsion = make_propulsion(model, water, dt_s)
-        windage = WindDrag.from_spec(model, model.keel_m - draft_m)
+        windage = WindDrag.from_spec(model, -rest.depth_m)
         weight = model.mass_kg * GRAVITY_MPS2 * hydrodynamics.weight_per_n
         wave_forces: WaveForces | NoWaveForces = FLAT
         if isinstance(waves, WaveField):
-            depth_m = draft_m - model.keel_m
-            wave_forces = WaveForces.from_parts(model, hydrodynamics, buoyancy, waves, water, depth_m)
+            wave_forces = WaveForces.from_parts(model, hydrodynamics, buoyancy, waves, water, rest.depth_m)
         per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench, weight]
         per_term += [wave_forces.wrench]
         return cls(
@@ -94,18 +94,19 @@ class Vessel:
             windage=windage,
             wave_forces=wave_forces,
             acceleration_per_term=np.concatenate(per_term) @ hydrodynamics.inverse_mass,
-            draft_m=draft_m,
+            rest=rest,
             level_m=water.level_m,
         )
 
 
 def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
-    """Vessels afloat in still water at (N, 2) places, heading (N,); engines stopped."""
+    """Vessels afloat with their heel and trim in still water at (N, 2) places, heading (N,); engines stopped."""
     vessels = len(north_east_m)
     pos_ned_m = np.empty((vessels, 3))
     pos_ned_m[:, :2] = north_east_m
-    pos_ned_m[:, 2] = vessel.draft_m - vessel.level_m - vessel.model.keel_m
-    euler_rad = np.zeros((vessels, 3))
+    pos_ned_m[:, 2] = vessel.rest.depth_m - vessel.level_m
+    euler_rad = np.empty((vessels, 3))
+    euler_rad[:, :2] = vessel.rest.heel_rad, vessel.rest.trim_rad
     euler_rad[:, 2] = yaw_rad
     quat = euler_to_quat(euler_rad)
     zero = np.zeros((vessels, 3))

@@ -84,7 +84,7 @@ FLAT = NoWaveForces(np.zeros((0, 6)), NoDrift())
 
 def _lift_at_rest(buoyancy: Buoyancy, depth_m: float) -> Array:
     """(3, 6) force and moment of the lift at rest, were it along x, y or z of the body."""
-    surface = StillHull(len(buoyancy.axes_frd_m)).sample(0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
+    surface = StillHull(len(buoyancy.points_frd_m)).sample(0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
     pos_ned_m = np.tile([0.0, 0.0, depth_m - buoyancy.level_m], (3, 1))
     (terms,) = buoyancy.terms(pos_ned_m, np.tile([0.0, 0.0, 1.0], (3, 1)), np.eye(3), surface)
     lift: Array = terms @ buoyancy.wrench

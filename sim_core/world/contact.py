@@ -10,7 +10,7 @@ What is far from every vessel is left out: `find_near` looks now and then, `comp
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -31,42 +31,55 @@ _FRICTION_SHARE = 0.2  # of the sliding speed that friction may take in one step
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """Two demi-hulls for contact: ends_frd_m (4, 3) of their axes, port stern, port bow, starboard stern and bow.
+    """H hulls for contact, each a capsule of half its width whose lowest line is its keel.
 
-    reach_m: no part of them is farther from the origin in plan. spheres_frd_m (S, 3): middles of spheres that fill
-    them, of the same radius.
+    ends_frd_m (2 H, 3): of their axes, stern and bow of each; radius_m (H,). reach_m: no part of them is farther from
+    the origin in plan. spheres_frd_m (S, 3): middles of spheres that fill them; sphere_radius_m (S,).
     """
 
     ends_frd_m: Array
-    radius_m: float
-    keel_frd_m: Array
+    radius_m: Array
     mass_kg: float
     reach_m: float
-    spheres_frd_m: Array = field(default_factory=lambda: np.empty((0, 3)))
+    spheres_frd_m: Array
+    sphere_radius_m: Array
 
     @classmethod
     def from_spec(cls, model: VesselSpec) -> Outline:
-        hull = model.hull
-        assert hull is not None
-        along, axis_m = max(0.5 * hull.length_m - hull.radius_m, 0.0), hull.keel_below_cg_m - hull.radius_m
-        sides = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
-        ends = np.array([(x * along, y * hull.centreline_m, axis_m) for x, y in sides])
-        keel = ends + np.array([0.0, 0.0, hull.radius_m])
-        reach = float(np.hypot(along, hull.centreline_m)) + hull.radius_m
-        return cls(ends, hull.radius_m, keel, model.mass_kg, reach, spheres_along(ends, hull.radius_m))
+        hulls = model.demi_hulls
+        radii = np.array([0.5 * hull.width_m for hull in hulls])
+        half = np.array([max(0.5 * hull.length_m - 0.5 * hull.width_m, 0.0) for hull in hulls])
+        middles = np.array([hull.keel_frd_m for hull in hulls]) - radii[:, None] * [0.0, 0.0, 1.0]
+        ends = middles[:, None] + half[:, None, None] * np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+        spheres = [spheres_along(stern, bow, radius) for (stern, bow), radius in zip(ends, radii, strict=True)]
+        return cls(
+            ends_frd_m=ends.reshape(-1, 3),
+            radius_m=radii,
+            mass_kg=model.mass_kg,
+            reach_m=float(np.max(np.hypot(ends[..., 0], ends[..., 1]) + radii[:, None])),
+            spheres_frd_m=np.concatenate(spheres),
+            sphere_radius_m=np.repeat(radii, [len(each) for each in spheres]),
+        )
+
+    @property
+    def keel_frd_m(self) -> Array:
+        """(2 H, 3) below the ends of the axes."""
+        keel: Array = self.ends_frd_m + np.repeat(self.radius_m, 2)[:, None] * [0.0, 0.0, 1.0]
+        return keel
 
     def capsules(self, motion: Kinematics) -> Capsules:
-        """Two for each of N vessels."""
+        """H for each of N vessels."""
         ends = (motion.rot_ned_frd @ self.ends_frd_m.T)[:, :2].transpose(0, 2, 1) + motion.pos_ned_m[:, None, :2]
         pairs = ends.reshape(-1, 2, 2)
-        return Capsules(pairs[:, 0], pairs[:, 1], np.full(len(pairs), self.radius_m), ("hull",) * len(pairs))
+        radii = np.tile(self.radius_m, len(motion.pos_ned_m))
+        return Capsules(pairs[:, 0], pairs[:, 1], radii, ("hull",) * len(pairs))
 
 
-def spheres_along(ends_frd_m: Array, radius_m: float) -> Array:
-    """(S, 3) middles along the axes of two hulls, stern and bow of each in `ends_frd_m` (4, 3)."""
-    count = max(math.ceil(float(np.linalg.norm(ends_frd_m[1] - ends_frd_m[0])) / (0.75 * radius_m)), 1) + 1
-    share = np.linspace(0.0, 1.0, count)[:, None]
-    return np.concatenate([ends_frd_m[i] + share * (ends_frd_m[i + 1] - ends_frd_m[i]) for i in (0, 2)])
+def spheres_along(stern_frd_m: Array, bow_frd_m: Array, radius_m: float) -> Array:
+    """(S, 3) middles along the axis of a hull."""
+    count = max(math.ceil(float(np.linalg.norm(bow_frd_m - stern_frd_m)) / (0.75 * radius_m)), 1) + 1
+    spheres: Array = stern_frd_m + np.linspace(0.0, 1.0, count)[:, None] * (bow_frd_m - stern_frd_m)
+    return spheres
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,7 +189,7 @@ def find_near(standing: Capsules, bed: Bed | None, outline: Outline, motion: Kin
 
 
 def _keel(outline: Outline, motion: Kinematics) -> tuple[Array, Array]:
-    """(4 N, 2) places of the ends of the keels and (4 N,) how deep they are."""
+    """(2 H N, 2) places of the ends of the keels and (2 H N,) how deep they are."""
     keel = (motion.rot_ned_frd @ outline.keel_frd_m.T).transpose(0, 2, 1) + motion.pos_ned_m[:, None]
     places = keel.reshape(-1, 3)
     return places[:, :2], places[:, 2]
@@ -217,8 +230,8 @@ def _against_standing(
     touch = touches(hulls, standing, hull, other)
     if not len(touch.first):
         return NO_CONTACTS
-    vessel = touch.first // 2
-    place = _at_axis(touch.place_ne_m, motion, outline, vessel)
+    vessel = touch.first // len(outline.radius_m)
+    place = _at_axis(touch.place_ne_m, motion, outline, touch.first)
     velocity = velocity_at(motion, vessel, place)[:, :2]
     mass = np.full(len(vessel), outline.mass_kg)
     force = pressed_n(touch.normal_ne, touch.depth_m, velocity, mass, dt_s)
@@ -233,8 +246,8 @@ def _against_bodies(
     touch = touches(hulls, capsules_of(debris), hull, other)
     if not len(touch.first):
         return NO_CONTACTS, None
-    vessel, body = touch.first // 2, touch.second
-    place = _at_axis(touch.place_ne_m, motion, outline, vessel)
+    vessel, body = touch.first // len(outline.radius_m), touch.second
+    place = _at_axis(touch.place_ne_m, motion, outline, touch.first)
     velocity = velocity_at(motion, vessel, place)[:, :2] - body_velocity(debris, body, touch.place_ne_m)
     body_kg = np.array([debris.bodies[number].mass_kg for number in body.tolist()])
     mass = outline.mass_kg * body_kg / (outline.mass_kg + body_kg)
@@ -251,7 +264,7 @@ def _against_ground(bed: Bed, outline: Outline, motion: Kinematics, dt_s: float)
     if not len(aground):
         return NO_CONTACTS
     normal = bed_normal(bed, places[aground])
-    vessel = aground // 4
+    vessel = aground // len(outline.ends_frd_m)
     place = np.column_stack([places[aground], keel_m[aground]])
     velocity = velocity_at(motion, vessel, place)
     mass = np.full(len(vessel), outline.mass_kg)
@@ -264,9 +277,10 @@ def _pairs(hulls: int, others: Numbers) -> tuple[Numbers, Numbers]:
     return np.repeat(np.arange(hulls), len(others)), np.tile(others, hulls)
 
 
-def _at_axis(place_ne_m: Array, motion: Kinematics, outline: Outline, vessel: Numbers) -> Array:
-    """(K, 3) at the height of the hulls' axes."""
-    return np.column_stack([place_ne_m, motion.pos_ned_m[vessel, 2] + outline.ends_frd_m[0, 2]])
+def _at_axis(place_ne_m: Array, motion: Kinematics, outline: Outline, hull: Numbers) -> Array:
+    """(K, 3) at the height of the axes of hulls, numbered through all vessels."""
+    vessel, own = np.divmod(hull, len(outline.radius_m))
+    return np.column_stack([place_ne_m, motion.pos_ned_m[vessel, 2] + outline.ends_frd_m[2 * own, 2]])
 
 
 def _contacts(

@@ -21,7 +21,8 @@ from numpy import float64, int32
 from numpy.typing import ArrayLike, NDArray
 
 from sim_core.frames import Array, enu_to_ned
-from sim_core.world.spec import MESH_FORMATS, MeshFileSpec
+from sim_core.mesh_file import MeshFileError, read_triangles
+from sim_core.world.spec import MeshFileSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +162,6 @@ UPRIGHT = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
 
 LARGEST_M = 2000.0
 """Of what is not suspected to be in millimetres."""
-LARGEST_BYTES = 512 << 20
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
@@ -174,7 +174,10 @@ def import_mesh(spec: MeshFileSpec) -> tuple[Mesh, str | None]:
         WorldError: no such file, another format, no triangles, or coordinates that are not numbers.
     """
     path = Path(spec.file)
-    vertices, faces = _read(path)
+    try:
+        vertices, faces = read_triangles(path)
+    except MeshFileError as error:
+        raise WorldError(f"{path} {error}") from error
     if not len(faces):
         raise WorldError(f"{path} has no triangles; export it again, as a mesh of triangles")
     if not np.isfinite(vertices).all():
@@ -187,34 +190,6 @@ def import_mesh(spec: MeshFileSpec) -> tuple[Mesh, str | None]:
     turned = enu_to_ned(own) @ heading_matrix(math.radians(spec.heading_deg)).T
     material = next(one for one in MATERIALS if one.name == spec.material)
     return Mesh(turned + np.array(spec.position_ned_m), faces, material), warning
-
-
-def _read(path: Path) -> tuple[Array, NDArray[int32]]:
-    """Vertices (V, 3) and faces (F, 3), of all that the file holds."""
-    kind = path.suffix.lower().lstrip(".")
-    if kind not in MESH_FORMATS:
-        raise WorldError(f"{path} is not of a known format; use one of {', '.join(MESH_FORMATS)}")
-    if not path.is_file():
-        raise WorldError(f"{path} does not exist; give the path of a mesh, relative to the profile")
-    if path.stat().st_size > LARGEST_BYTES:
-        raise WorldError(f"{path} has more than {LARGEST_BYTES >> 20} MiB; reduce the mesh and export it again")
-    try:
-        import trimesh
-    except ImportError:
-        raise WorldError("meshes need trimesh, which is not installed; pip install 'xitl[perception]'") from None
-    try:
-        # Processed, vertices that are not numbers would go, and their triangles with them, unsaid.
-        loaded = trimesh.load_scene(path, process=False).to_mesh()
-        vertices, faces = np.asarray(loaded.vertices, dtype=float64), np.asarray(loaded.faces, dtype=int32)
-    except ImportError as error:  # it tries other readers on a damaged file, too
-        raise WorldError(
-            f"{path} cannot be read as {kind}: it is damaged, or of a kind that needs more ({error}); export it again"
-        ) from error
-    except Exception as error:  # its readers raise whatever a damaged file leads them to
-        raise WorldError(f"{path} cannot be read as {kind} ({error}); export it again") from error
-    if vertices.ndim != 2 or faces.ndim != 2:
-        return np.empty((0, 3)), np.empty((0, 3), dtype=int32)
-    return vertices, faces
 
 
 Meeting: TypeAlias = tuple[Array, Array]

@@ -1,6 +1,6 @@
 """Contact of hulls with triangles: rocks, trees and meshes of files, by the same triangles that are seen.
 
-A demi-hull is a row of spheres along its axis, and each sphere is pressed by the one triangle that it reaches into
+A hull is a row of spheres along its axis, and each sphere is pressed by the one triangle that it reaches into
 deepest, away from where it touches it: which side of a triangle is outside makes no difference. The spring, damper
 and friction are those of `contact`, shared by the spheres of a vessel that touch. The middle of a sphere must not get
 through, so a stop takes up to `STOP_SHARE` of the closing speed in a step, more the deeper it is.
@@ -121,15 +121,15 @@ def find_reachable(triangles: Triangles, outline: Outline, motion: Kinematics) -
     if not len(triangles):
         return OUT_OF_REACH
     centres = _centres(outline, motion)
-    reach_m = outline.radius_m + REACH_M
+    reach_m = outline.sphere_radius_m[:, None] + REACH_M  # (S, 1)
     found = []
-    low, high = centres.min(axis=1) - reach_m, centres.max(axis=1) + reach_m
+    low, high = (centres - reach_m).min(axis=1), (centres + reach_m).max(axis=1)
     for vessel in np.flatnonzero(np.all((high > triangles.least_m) & (low < triangles.most_m), axis=1)).tolist():
         near = triangles.within(low[vessel], high[vessel])
         if not len(near):
             continue
-        own = centres[vessel][:, None]
-        meets = (triangles.low_m[near] < own + reach_m) & (triangles.high_m[near] > own - reach_m)
+        over, under = (centres[vessel] + reach_m)[:, None], (centres[vessel] - reach_m)[:, None]
+        meets = (triangles.low_m[near] < over) & (triangles.high_m[near] > under)
         sphere, which = np.nonzero(np.all(meets, axis=2))
         found.append((vessel * len(outline.spheres_frd_m) + sphere, near[which]))
     if not found:
@@ -142,33 +142,36 @@ def compute_mesh_contacts(
     triangles: Triangles, outline: Outline, motion: Kinematics, reachable: Reachable, dt_s: float
 ) -> Contacts:
     """One for each sphere that touches."""
-    spheres, reach = _centres(outline, motion).reshape(-1, 3), outline.radius_m**2
-    centre = spheres[reachable.sphere]
+    count = len(outline.spheres_frd_m)
+    centre = _centres(outline, motion).reshape(-1, 3)[reachable.sphere]
+    radius_m = outline.sphere_radius_m[reachable.sphere % count]
+    reach = radius_m**2
     # To the bounds of a triangle it is never farther than to the triangle.
     short = np.maximum(reachable.low_m - centre, 0.0) + np.maximum(centre - reachable.high_m, 0.0)
     close = np.flatnonzero(np.vecdot(short, short) < reach)
     if not len(close):
         return NO_CONTACTS
     sphere, triangle, centre = reachable.sphere[close], reachable.triangle[close], centre[close]
+    radius_m = radius_m[close]
     place = nearest_on_triangles(centre, triangles.corners_m[triangle])
     between = centre - place
     square = np.vecdot(between, between)
-    touch = np.flatnonzero(square < reach)
+    touch = np.flatnonzero(square < reach[close])
     if not len(touch):
         return NO_CONTACTS
     touch = touch[np.lexsort((square[touch], sphere[touch]))]
     touch = touch[np.unique(sphere[touch], return_index=True)[1]]  # the deepest of each sphere
-    vessel = sphere[touch] // len(outline.spheres_frd_m)
-    distance, place = np.sqrt(square[touch]), place[touch]
+    vessel = sphere[touch] // count
+    distance, place, radius_m = np.sqrt(square[touch]), place[touch], radius_m[touch]
     inward = motion.pos_ned_m[vessel] - place  # for a middle that lies in the triangle itself
     away = np.where((distance > 1e-9)[:, None], between[touch], inward)
     normal = away / np.maximum(np.sqrt(np.vecdot(away, away)), 1e-12)[:, None]
-    depth = outline.radius_m - distance
+    depth = radius_m - distance
     velocity = velocity_at(motion, vessel, place)
     share_kg = outline.mass_kg / np.bincount(vessel)[vessel]
     force = pressed_n(normal, depth, velocity, share_kg, dt_s)
     closing = -np.vecdot(velocity, normal)
-    stop = np.clip((depth / outline.radius_m - STOP_FROM) / (1.0 - STOP_FROM), 0.0, 1.0) ** 0.5 * STOP_SHARE
+    stop = np.clip((depth / radius_m - STOP_FROM) / (1.0 - STOP_FROM), 0.0, 1.0) ** 0.5 * STOP_SHARE
     lacking = np.maximum(stop * share_kg * closing / dt_s - np.vecdot(force, normal), 0.0)
     force = force + lacking[:, None] * normal
     what = tuple(triangles.names[number] for number in triangles.what[triangle[touch]].tolist())

@@ -23,7 +23,6 @@ from sim_core.keys import (
 MaterialName = Literal[
     "concrete", "steel", "plastic", "wood", "leaves", "hide", "earth", "rock", "wall", "bed"
 ]  # fmt: skip
-MESH_FORMATS = ("stl", "dae", "obj", "ply", "gltf", "glb")
 NEAREST_TREE_M = 4.0
 """From the waterline."""
 

@@ -138,7 +138,7 @@ class _Base:
     def __init__(self, simulation: Simulation, state: VesselState, vessel: int) -> None:
         motion = state.motion
         self._vessel = simulation.vessel
-        self._points = len(np.atleast_2d(simulation.vessel.buoyancy.axes_frd_m))
+        self._points = len(np.atleast_2d(simulation.vessel.buoyancy.points_frd_m))
         self._rotor = state.rotor_speed[vessel]
         self._pos = motion.pos_ned_m[vessel]
         rotation = motion.rot_ned_frd[vessel]

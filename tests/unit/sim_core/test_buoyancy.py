@@ -13,7 +13,8 @@ from vessels import FULL
 from sim_core.environment.environment import Environment
 from sim_core.environment.spec import Water
 from sim_core.simulation import Simulation, initial, step
-from sim_core.vessel.buoyancy import floating_draft_m, segment_area_m2, strip_axes_frd_m
+from sim_core.vessel.buoyancy import make_buoyancy, segment_area_m2
+from sim_core.vessel.floating import floating_pose
 
 RADIUS_M = 0.2
 
@@ -39,17 +40,17 @@ def test_dry_and_drowned() -> None:
 def test_draft_displaces_the_mass() -> None:
     water = Water(density_kgpm3=997.8)
     expected = brentq(lambda h: 997.8 * 2.3 * 2 * integrated_area(h) - 113.0, 0.0, 0.4)
-    assert floating_draft_m(FULL, water) == pytest.approx(expected, abs=1e-9)
-    assert floating_draft_m(FULL, water) == pytest.approx(0.1, abs=0.001)
+    assert floating_pose(FULL, water).draft_m == pytest.approx(expected, abs=1e-9)
+    assert floating_pose(FULL, water).draft_m == pytest.approx(0.1, abs=0.001)
 
 
 def test_too_heavy_a_vessel_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"vehicle.mass_kg = 600.* 576.8 kg when submerged"):
-        floating_draft_m(replace(FULL, mass_kg=600.0), Water())
+    with pytest.raises(ValueError, match=r"mass_kg = 600 sinks: the two hulls carry 576.8 kg"):
+        floating_pose(replace(FULL, mass_kg=600.0), Water())
 
 
 def test_strips_lie_along_both_hulls() -> None:
-    axes = strip_axes_frd_m(FULL.hull)
+    axes = make_buoyancy(FULL, Water()).points_frd_m
     assert axes.shape == (12, 3)
     np.testing.assert_allclose(axes.mean(axis=0), [0.0, 0.0, 0.05], atol=1e-15)
     assert set(np.round(axes[:, 1], 12)) == {-0.6, 0.6}

@@ -14,10 +14,10 @@ from sim_core.environment.environment import Environment
 from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
 from sim_core.environment.waves import FlatWater, HullSurface, realise_waves
 from sim_core.simulation import Simulation, initial, step
-from sim_core.vessel.buoyancy import strip_axes_frd_m
+from sim_core.vessel.buoyancy import make_buoyancy
 from sim_core.vessel.spec import Damping
 
-POINTS = strip_axes_frd_m(FULL.hull)
+POINTS = make_buoyancy(FULL, Water()).points_frd_m
 HS_M = 0.25
 FIELD = realise_waves(WaveSpec("jonswap", HS_M, 2.2, 35.0, spreading=6.0), Water(depth_m=5.0), np.random.default_rng(8))
 TIME_S = 1234.5

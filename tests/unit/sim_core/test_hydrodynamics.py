@@ -14,7 +14,7 @@ from vessels import FULL
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import StillHull
 from sim_core.kinematics import Kinematics
-from sim_core.vessel.buoyancy import strip_axes_frd_m
+from sim_core.vessel.floating import floating_pose
 from sim_core.vessel.hydrodynamics import Hydrodynamics, coriolis_products, stern_forces, transport_products
 from sim_core.vessel.spec import AddedMass, CrossFlowDrag, Damping, Matrix, VesselSpec
 from sim_core.vessel.vessel import Surroundings, Vessel, accelerate
@@ -174,16 +174,17 @@ def test_acceleration_is_fossens_equation_written_out(vessel_of: Callable[..., A
     motion = Kinematics(pos, vel, zero, np.zeros((n, 4)), rot, gyro, zero)
     surface = StillHull(12).sample(0.0, pos, rot)
     around = Surroundings(np.tile(current, (n, 1)), np.tile(wind, (n, 1)), surface, zero[:, :2])
-    at_rest = np.arccos(1.0 - vessel.draft_m / 0.2)
+    upright = floating_pose(replace(model, centre_of_gravity_frd_m=(0.0, 0.0, 0.0)), water)
+    at_rest = np.arccos(1.0 - upright.draft_m / 0.2)
     centroid_below_axis = 2.0 / 3.0 * (0.2 * np.sin(at_rest)) ** 3 / (113.0 / (997.8 * 2 * 2.3))
-    areas_down = 0.25 - vessel.draft_m - 0.5 * 1.3 / 2.3
+    areas_down = -vessel.rest.depth_m - 0.5 * 1.3 / 2.3
     acceleration = accelerate(vessel, motion, rotor, around)
     for i in range(n):
         R = rot[i]
         nu = np.concatenate([R.T @ (vel[i] - current), gyro[i]])
         weight = R.T @ [0.0, 0.0, mass * GRAVITY_MPS2]
         tau = np.concatenate([weight, np.cross(gravity_centre, weight)])
-        for point in strip_axes_frd_m(model.hull):
+        for point in vessel.buoyancy.points_frd_m:
             depth = (pos[i] + R @ point)[2] - 0.01 + 0.2
             h = min(max(depth, 0.0), 0.4)
             area = 0.04 * np.arccos((0.2 - h) / 0.2) - (0.2 - h) * np.sqrt(0.4 * h - h * h)

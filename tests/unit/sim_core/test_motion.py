@@ -243,7 +243,7 @@ FRICTIONLESS = replace(BARE, added_mass=FULL.added_mass, damping_linear=Damping(
 
 def potential_j(motion: Kinematics, simulation: Simulation) -> float:
     """Weight, and buoyancy as the integral of each strip's lift over the depth of its axis."""
-    axes = motion.rot_ned_frd[0] @ simulation.vessel.buoyancy.axes_frd_m.T
+    axes = motion.rot_ned_frd[0] @ simulation.vessel.buoyancy.points_frd_m.T
     energy = -FRICTIONLESS.mass_kg * GRAVITY_MPS2 * motion.pos_ned_m[0, 2]
     for depth in motion.pos_ned_m[0, 2] + axes[2] + 0.2:
         top = np.arccos(1.0 - np.clip(depth / 0.2, 0.0, 2.0))

@@ -114,7 +114,8 @@ FAR_OFF = Kinematics(
 
 
 def carried(waterway: Waterway, current: tuple[float, float], seconds: float) -> Afloat:
-    outline = Outline(np.zeros((4, 3)), 0.2, np.zeros((4, 3)), 100.0, 1.0)
+    hull = np.zeros((2, 3)), np.full(1, 0.2)
+    outline = Outline(*hull, 100.0, 1.0, *hull)
     water = WaterMotion(lambda places: np.array([[*current, 0.0]]), lambda places: np.zeros(len(places)))
     afloat = STILL
     for step in range(round(seconds * 1e9 / DT_NS)):

@@ -1,29 +1,22 @@
-"""A vessel that floats, meshes that exist, an address where launches can be heard."""
+"""A vessel that floats upright, meshes that exist, an address where launches can be heard."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
 from sim_core.environment.spec import Water
-from sim_core.world.spec import MESH_FORMATS
+from sim_core.keys import MESH_FORMATS, SpecificationError
+from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.checks.link import problem_of_url
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """A mass that the hulls cannot carry, files that are not there, an address that is none."""
-    if (vehicle := profile.vehicle) is not None and (hull := vehicle.hull) is not None:
-        water = profile.environment.water if profile.environment else Water()
-        carried_kg = 2 * math.pi * hull.radius_m**2 * hull.length_m * water.density_kgpm3
-        if vehicle.mass_kg >= carried_kg:
-            yield (
-                ("vehicle", "mass_kg"),
-                f"vehicle.mass_kg = {vehicle.mass_kg:g} sinks: the two hulls carry {carried_kg:.4g} kg; "
-                "use less mass or a larger vehicle.hull",
-            )
+    """A vessel that sinks or capsizes, files that are not there, an address that is none."""
+    if profile.vehicle is not None and (unfit := _unfit_to_float(profile.vehicle, profile)) is not None:
+        yield ("vehicle", *unfit.path), f"vehicle.{unfit}"
     if profile.world is None:
         return
     for number, mesh in enumerate(profile.world.meshes):
@@ -38,6 +31,17 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             problem = "is heard by UDP alone; write it like udp://127.0.0.1:14670"
         if problem is not None:
             yield ("world", "debris", "control"), f"world.debris.control = {shown(control)} {problem}"
+
+
+def _unfit_to_float(vehicle: VesselSpec, profile: Profile) -> SpecificationError | None:
+    """Why the vessel does not lie upright in still water."""
+    from sim_core.vessel.floating import floating_pose
+
+    try:
+        floating_pose(vehicle, profile.environment.water if profile.environment else Water())
+    except SpecificationError as error:
+        return error
+    return None
 
 
 def is_file(path: str) -> bool:

@@ -12,7 +12,7 @@ from agent.wire import dialect
 from agent.wire.link import Link
 from agent.wire.signing import Signing
 from sim_core.geodesy import LocalFrame
-from sim_core.vessel.buoyancy import floating_draft_m
+from sim_core.vessel.floating import floating_pose
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import MotionEstimate
@@ -55,7 +55,7 @@ def companion_parameters(profile: RunProfile) -> dict[str, float]:
     values = {
         "HULL_LENGTH": vessel.length_m,
         "HULL_WIDTH": vessel.width_m,
-        "HULL_WATER": vessel.keel_m - floating_draft_m(vessel, water),
+        "HULL_WATER": -floating_pose(vessel, water).depth_m,
         "WP_SPEED": profile.mission.speed_mps,
     }
     if profile.sensors is not None and profile.sensors.lidar is not None:

@@ -1,0 +1,244 @@
+"""Hulls as strips of cross-sections: of a round, box-shaped or tabulated section with its taper, or cut from a mesh.
+
+A cross-section is a polygon in the plane of y and z, walked to starboard along the bottom and back over the deck.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy import int32
+from numpy.typing import NDArray
+
+from sim_core.frames import Array
+from sim_core.mesh_file import MeshFileError, read_triangles
+from sim_core.vessel.spec import DemiHull, HullMesh, Section
+
+ROUND_CORNERS = 32
+"""Of the polygon in place of a round section; it has the circle's area, and is 0.16 % less deep."""
+MESH_SHARE, MESH_LENGTH_SHARE = 0.05, 0.2
+"""By how much a mesh's size may differ from its keys; the waterline may be shorter than the mesh."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HullStrips:
+    """S strips of one hull, from stern to bow.
+
+    along_m (S,): the middle of each one's volume; length_m (S,): the volume over the cross-section's area;
+    corners_m (S, C, 2): y and z of the cross-section, the last corner the first again. In body axes.
+    """
+
+    along_m: Array
+    length_m: Array
+    corners_m: Array
+
+    @property
+    def area_m2(self) -> Array:
+        """(S,)."""
+        y, z = self.corners_m[..., 0], self.corners_m[..., 1]
+        area: Array = 0.5 * (y[:, 1:] * z[:, :-1] - y[:, :-1] * z[:, 1:]).sum(axis=1)
+        return area
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HullShape:
+    """The surface of a hull as triangles in body axes: vertices_m (V, 3), faces (F, 3), counter-clockwise outside."""
+
+    vertices_m: Array
+    faces: NDArray[int32]
+
+
+def cut_strips(hull: DemiHull) -> HullStrips:
+    """The strips of a hull. Raises MeshFileError for a mesh that cannot be had, is not closed or is of another size."""
+    return _tapered_strips(hull, hull.section) if hull.section is not None else _mesh_strips(hull)
+
+
+def hull_shape(hull: DemiHull) -> HullShape:
+    """The surface of a hull, to draw it. Raises as `cut_strips`."""
+    if hull.section is None:
+        return _placed_mesh(hull)
+    corners = section_corners_m(hull.section)
+    count = len(corners)
+    rings = [
+        np.column_stack([np.full(count, place * hull.length_m), corners * [share, 1.0]]) for place, share in hull.taper
+    ]
+    here = np.arange(count)
+    ahead = (here + 1) % count
+    faces = [np.column_stack([np.zeros(count - 2, int), here[1:-1], here[2:]])]
+    for ring in range(len(rings) - 1):
+        low, high = ring * count, (ring + 1) * count
+        faces += [
+            np.column_stack([low + here, high + here, high + ahead]),
+            np.column_stack([low + here, high + ahead, low + ahead]),
+        ]
+    faces.append(faces[0][:, ::-1] + (len(rings) - 1) * count)
+    return HullShape(np.concatenate(rings) + hull.keel_frd_m, np.concatenate(faces).astype(int32))
+
+
+def section_corners_m(section: Section) -> Array:
+    """(C, 2) y and z of a section's corners, its keel at the origin."""
+    if (radius_m := section.radius_m) is not None:
+        turn = 2.0 * math.pi / ROUND_CORNERS
+        angle = turn * (np.arange(ROUND_CORNERS) - 0.5)
+        equal_area_m = radius_m * math.sqrt(turn / math.sin(turn))
+        return np.column_stack([equal_area_m * np.sin(angle), equal_area_m * np.cos(angle) - radius_m])
+    if (table := section.offsets_m) is None:
+        assert section.width_m is not None
+        assert section.depth_m is not None
+        table = ((0.0, 0.5 * section.width_m), (section.depth_m, 0.5 * section.width_m))
+    up_m, half_m = np.array(table).T
+    corners = np.concatenate([np.column_stack([half_m, -up_m]), np.column_stack([-half_m, -up_m])[::-1]])
+    once: Array = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]  # keel or deck may be a line
+    return once
+
+
+def _tapered_strips(hull: DemiHull, section: Section) -> HullStrips:
+    """Volumes and their middles are exact: the areas go with the share of the width."""
+    edges = np.linspace(-0.5, 0.5, hull.strips + 1)
+    places, shares = np.array(hull.taper).T
+    ends = np.union1d(edges, places)
+    middle, step = 0.5 * (ends[1:] + ends[:-1]), np.diff(ends)
+    at_ends, at_middle = np.interp(ends, places, shares), np.interp(middle, places, shares)
+    strip = np.searchsorted(edges, middle) - 1
+    volume = np.bincount(strip, step * at_middle, hull.strips)
+    moment = (at_ends[:-1] * ends[:-1] + 4.0 * at_middle * middle + at_ends[1:] * ends[1:]) * step / 6.0  # Simpson
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    along = np.where(volume > 0, np.bincount(strip, moment, hull.strips) / np.where(volume > 0, volume, 1.0), centre)
+    corners = section_corners_m(section)
+    corners = np.concatenate([corners, corners[:1]])
+    width = (volume * hull.strips)[:, None]
+    x_m, y_m, z_m = hull.keel_frd_m
+    return HullStrips(
+        along_m=x_m + hull.length_m * along,
+        length_m=np.full(hull.strips, hull.length_m / hull.strips),
+        corners_m=np.stack([y_m + width * corners[:, 0], np.tile(z_m + corners[:, 1], (hull.strips, 1))], axis=-1),
+    )
+
+
+def _mesh_strips(hull: DemiHull) -> HullStrips:
+    """Cut at the middles of the strips; their lengths give the mesh's whole volume."""
+    assert hull.mesh is not None
+    shape = _placed_mesh(hull)
+    low_m, high_m = shape.vertices_m[:, 0].min(), shape.vertices_m[:, 0].max()
+    along = low_m + (high_m - low_m) * (np.arange(hull.strips) + 0.5) / hull.strips
+    cuts = [_simplified(_cut(shape, x_m), hull.mesh.corners) for x_m in along.tolist()]
+    most = max(len(cut) for cut in cuts)
+    middle = np.array([hull.keel_frd_m[1:]])
+    cuts = [cut if len(cut) else middle for cut in cuts]  # nothing of it there
+    corners = np.stack([np.concatenate([cut, np.repeat(cut[:1], most + 1 - len(cut), axis=0)]) for cut in cuts])
+    strips = HullStrips(along, np.ones(hull.strips), corners)
+    length_m = _volume_m3(shape.vertices_m[shape.faces]) / strips.area_m2.sum()
+    return HullStrips(along, np.full(hull.strips, length_m), corners)
+
+
+def _placed_mesh(hull: DemiHull) -> HullShape:
+    """The mesh with the middle of its lowest line at the hull's keel."""
+    assert hull.mesh is not None
+    path = Path(hull.mesh.file)
+    stamp = path.stat().st_mtime_ns if path.is_file() else 0
+    vertices, faces = _closed_mesh(hull.mesh, stamp)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size_m = high - low
+    for key, given_m, short, axis in (
+        ("length_m", hull.length_m, MESH_LENGTH_SHARE, 0),
+        ("mesh.width_m", hull.mesh.width_m, MESH_SHARE, 1),
+        ("mesh.depth_m", hull.mesh.depth_m, MESH_SHARE, 2),
+    ):
+        if not (1.0 - short) * size_m[axis] <= given_m <= (1.0 + MESH_SHARE) * size_m[axis]:
+            measured = " x ".join(f"{one:.3g}" for one in size_m)
+            raise MeshFileError(
+                f"is {measured} m long, wide and deep, but {key} = {given_m:g}; mend it, or the mesh's scale or axes"
+            )
+    lowest = np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), high[2]])
+    return HullShape(vertices - lowest + hull.keel_frd_m, faces)
+
+
+@lru_cache(maxsize=16)
+def _closed_mesh(mesh: HullMesh, stamp_ns: int) -> tuple[Array, NDArray[int32]]:
+    """Vertices in FRD about the mesh's origin, and faces that point outward."""
+    vertices, faces = read_triangles(Path(mesh.file))
+    if not len(faces):
+        raise MeshFileError("has no triangles; export it again, as a mesh of triangles")
+    if not np.isfinite(vertices).all():
+        raise MeshFileError("has vertices that are not numbers; repair the mesh and export it again")
+    # A file of triangles that share no vertices, such as STL, repeats them.
+    _, first, number = np.unique(vertices.astype(np.float32), axis=0, return_index=True, return_inverse=True)
+    vertices, faces = vertices[first], number.reshape(-1)[faces].astype(int32)
+    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    used, number = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], number.reshape(-1, 3).astype(int32)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, edge, sharing = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    if odd := int(np.count_nonzero(sharing % 2)):
+        raise MeshFileError(
+            f"is not closed: {odd} of its {len(sharing)} edges belong to one triangle alone; "
+            "close its holes, deck included"
+        )
+    if np.any(np.bincount(edge.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1, -1))):
+        raise MeshFileError("has triangles that face inward beside others that face outward; make its normals agree")
+    own = mesh.scale * vertices * (1.0 if mesh.axes == "frd" else np.array([1.0, -1.0, -1.0]))
+    volume_m3, size_m3 = _volume_m3(own[faces]), float(np.prod(np.ptp(own, axis=0)))
+    if abs(volume_m3) <= 1e-6 * size_m3 or not size_m3:
+        raise MeshFileError("encloses no volume; export it as a closed body with a deck")
+    return own, (faces if volume_m3 > 0 else faces[:, ::-1])
+
+
+def _volume_m3(corners_m: Array) -> float:
+    """Of (F, 3, 3) triangles that enclose it, positive where they are counter-clockwise from outside."""
+    a, b, c = corners_m.transpose(1, 0, 2)
+    return float(np.vecdot(a, np.cross(b, c)).sum() / 6.0)
+
+
+def _cut(shape: HullShape, along_m: float) -> list[Array]:
+    """(C, 2) y and z of each loop in which a plane across the hull meets it."""
+    ahead = shape.vertices_m[:, 0] >= along_m
+    onward: dict[tuple[int, int], list[tuple[int, int]]] = {}  # from each edge that is met over one face to the next
+    for face in shape.faces[np.ptp(ahead[shape.faces].astype(int), axis=1) > 0].tolist():
+        (forward,) = ((one, other) for one, other in pairwise((*face, face[0])) if ahead[other] and not ahead[one])
+        (back,) = ((other, one) for one, other in pairwise((*face, face[0])) if ahead[one] and not ahead[other])
+        onward.setdefault(back, []).append(forward)
+    loops = []
+    while onward:
+        edges = [next(iter(onward))]
+        while (following := onward.get(edges[-1])) is not None:
+            edge = edges[-1]
+            edges.append(following.pop())
+            if not following:
+                del onward[edge]
+        behind, before = shape.vertices_m[np.array(edges[1:]).T]
+        share = (along_m - behind[:, 0]) / (before[:, 0] - behind[:, 0])
+        loops.append((behind + share[:, None] * (before - behind))[:, 1:])
+    return loops
+
+
+def _simplified(loops: list[Array], corners: int) -> Array:
+    """(C, 2) of all loops in one line, without the corners that matter least (Visvalingam and Whyatt 1993).
+
+    The heights of what is left stay, and its widths are stretched to the area of each loop. The lines between loops are
+    walked both ways, so that they cancel.
+    """
+    share = corners / max(sum(len(loop) for loop in loops), corners)
+    kept = [_with_corners(loop, max(round(share * len(loop)), 4)) for loop in loops]
+    parts = [np.concatenate([loop, loop[:1]]) for loop in kept] + [loop[:1] for loop in kept[-2::-1]]
+    return np.concatenate([np.empty((0, 2)), *parts])
+
+
+def _with_corners(loop_m: Array, corners: int) -> Array:
+    left = loop_m
+    while len(left) > corners:
+        before, after = np.roll(left, 1, axis=0) - left, np.roll(left, -1, axis=0) - left
+        left = np.delete(left, np.argmin(np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])), axis=0)
+    wanted, area, middle = _loop_area_m2(loop_m), _loop_area_m2(left), left[:, 0].mean()
+    if area:
+        left = np.column_stack([middle + (left[:, 0] - middle) * (wanted / area), left[:, 1]])
+    return left
+
+
+def _loop_area_m2(loop_m: Array) -> float:
+    y, z = loop_m.T
+    return 0.5 * float(np.sum(np.roll(y, -1) * z - y * np.roll(z, -1)))
