@@ -13,6 +13,8 @@ from typing import NamedTuple
 from agent.mavlink.modes import ROVER_MODES
 
 RC_CHANNELS = 16  # those that have RCn_ parameters
+OUTPUTS = 16  # those that have SERVOn_ parameters
+MOTORS, RUDDERS = 8, 4  # those that have a place: MOTn_, RUDn_
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE; ArduPilot has no others
 _MODES = tuple(ROVER_MODES)
 
@@ -80,7 +82,7 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("COMPASS_OFS_Y", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, right"),
     Parameter("COMPASS_OFS_Z", 0.01, -1500.0, 1500.0, "mGauss", "added to the measured field, down"),
     Parameter("CRUISE_SPEED", 3.0, 0.1, 30.0, "m/s", "speed through still water at CRUISE_THROTTLE"),
-    Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of both propellers', at CRUISE_SPEED", INT8),
+    Parameter("CRUISE_THROTTLE", 45.0, 1.0, 100.0, "%", "thrust, part of full thrust, at CRUISE_SPEED", INT8),
     Parameter("EK3_ABIAS_P_NSE", 0.05, 0.00001, 1.0, "m/s^3", "acceleration bias process noise, at 100 Hz"),
     Parameter("EK3_ACC_P_NSE", 0.2, 0.01, 5.0, "m/s/s", "acceleration process noise, at 100 Hz"),
     Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 50.0, "m", "barometer height noise"),
@@ -124,8 +126,11 @@ _ROWS: tuple[Parameter, ...] = (
     Parameter("LOS_LOOKAHEAD", 6.0, 0.5, 500.0, "m", "look-ahead distance of the line-of-sight guidance"),
     Parameter("MIS_DONE_BEHAVE", 0, 0, 1, "", "after the last waypoint: 0 HOLD, 1 LOITER", INT8),
     Parameter("MOT_SLEWRATE", 500.0, 0.0, 1000.0, "%/s", "largest change of a motor command, 0 for none", INT16),
+    Parameter("MOT_SPD_SCA_BASE", 1.0, 0.0, 10.0, "m/s", "speed above which rudders turn less, 0 for none"),
+    Parameter("MOT_STR_THR_MIX", 1.0, 0.2, 1.0, "", "skid steering: 1 cuts thrust for steering, 0.5 both alike"),
     Parameter("MOT_THST_ASYM", 1.667, 1.0, 10.0, "", "thrust ahead over thrust astern at full command"),
     Parameter("MOT_THST_EXPO", 1.0, -1.0, 1.0, "", "thrust curve: 0 linear, 1 square of the command"),
+    Parameter("MOT_VEC_ANGLEMAX", 0.0, 0.0, 90.0, "deg", "how far steering turns the thrust, 0 for a rudder"),
     Parameter("RCMAP_ROLL", 1, 1, RC_CHANNELS, "", "RC channel of the steering stick", INT8),
     Parameter("RCMAP_THROTTLE", 3, 1, RC_CHANNELS, "", "RC channel of the throttle stick", INT8),
     Parameter("RC_OVERRIDE_TIME", 3.0, -1.0, 120.0, "s", "RC overrides hold for so long, 0 never, -1 until released"),
@@ -153,6 +158,36 @@ def _channel_rows(number: int) -> tuple[Parameter, ...]:
         Parameter(f"{name}_REVERSED", 0, 0, 1, "", "1 turns the direction round", INT8),
         Parameter(f"{name}_TRIM", 1500, 800, 2200, "us", "pulse of the centred stick", INT16),
     )
+
+
+def _output_rows() -> Iterator[Parameter]:
+    """What drives the vessel: functions of the outputs as ArduRover has them, and where motors and rudders are."""
+    usual = {1: 73, 3: 74}
+    for number in range(1, OUTPUTS + 1):
+        yield Parameter(
+            f"SERVO{number}_FUNCTION",
+            usual.get(number, 0),
+            0,
+            74,
+            "",
+            "0 none, 26 steering, 70 throttle, 73 and 74 throttle left and right, 33 to 40 motor 1 to 8",
+            INT16,
+            (0, 26, *range(33, 33 + MOTORS), 70, 73, 74),
+        )
+    for number in range(1, MOTORS + 1):
+        name = f"MOT{number}"
+        yield Parameter(f"{name}_ANGLE", 0.0, -180.0, 180.0, "deg", "where its thrust points: 90 to starboard")
+        yield Parameter(f"{name}_ASYM", 0.0, 0.0, 100.0, "", "its thrust ahead over astern, 0 for MOT_THST_ASYM")
+        yield Parameter(f"{name}_POS_X", 0.0, -500.0, 500.0, "m", "its place forward of the body origin")
+        yield Parameter(f"{name}_POS_Y", 0.0, -500.0, 500.0, "m", "its place right of the body origin")
+        yield Parameter(f"{name}_THRUST", 0.0, 0.0, 1e7, "N", "its full thrust ahead, 0 for no such motor")
+        yield Parameter(f"{name}_VEC_MAX", 0.0, 0.0, 180.0, "deg", "how far its gear turns it, 0 for a fixed one")
+    for number in range(1, RUDDERS + 1):
+        name = f"RUD{number}"
+        yield Parameter(f"{name}_FORCE", 0.0, 0.0, 1e7, "N", "side force of full angle at MOT_SPD_SCA_BASE, 0 for none")
+        yield Parameter(f"{name}_MOT", 0, 0, MOTORS, "", "motor in whose race it stands, 0 for none", INT8)
+        yield Parameter(f"{name}_POS_X", 0.0, -500.0, 500.0, "m", "its place forward of the body origin")
+        yield Parameter(f"{name}_RACE", 0.0, 0.0, 100.0, "m/s", "flow over it at rest with that motor full ahead")
 
 
 def _fixed(name: str, value: float, type: int, meaning: str, unit: str = "") -> Parameter:
@@ -233,6 +268,7 @@ TABLE: tuple[Parameter, ...] = tuple(
         (
             *_ROWS,
             *_station_rows(),
+            *_output_rows(),
             *(row for number in range(1, RC_CHANNELS + 1) for row in _channel_rows(number)),
         )
     )

@@ -79,7 +79,7 @@ class StateEstimate(NamedTuple):
 
 
 class Actuators(NamedTuple):
-    """Motor commands in [-1, 1], full astern to full ahead, in the order (port, starboard)."""
+    """Commands in [-1, 1]: throttles, full astern to full ahead, such as port and starboard, then all that steers."""
 
     command: tuple[float, ...] = (0.0, 0.0)
     armed: bool = False

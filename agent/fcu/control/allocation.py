@@ -1,14 +1,24 @@
-"""Allocation (LA): thrust and steering demands to the commands of two propellers, port and starboard."""
+"""Allocation (LA): demands of thrust, steering and lateral force to the commands of whatever the vessel has.
+
+SERVOn_FUNCTION says what it has, as with ArduRover: throttle left and right (73, 74) are steered by their difference;
+throttle with ground steering (70, 26) is a rudder, or thrust that turns (MOT_VEC_ANGLEMAX); motors 1 to 8 (33 to 40)
+stand where MOTn_ says, with rudders where RUDn_ says, and share by least squares. Commands are all throttles, then all
+steering.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 from agent.fcu.control.controller import Demand, Motors
-from agent.fcu.parameters import Parameters
+from agent.fcu.control.thrusters import ForceAllocation, RudderBlade, Share, Thruster
+from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS, Parameters
 
 NEUTRAL = (0.0, 0.0)
+STEERING, THROTTLE, THROTTLE_LEFT, THROTTLE_RIGHT, FIRST_MOTOR = 26, 70, 73, 74, 33  # SERVOn_FUNCTION
+_MET = 1e-3  # of a full demand: what is met so far is met
 
 
 def pulse_width_us(command: float) -> int:
@@ -29,29 +39,87 @@ class AllocationGains(NamedTuple):
         return cls(astern=1.0 / p["MOT_THST_ASYM"], expo=p["MOT_THST_EXPO"], slew_per_s=p["MOT_SLEWRATE"] / 100.0)
 
 
-class Allocation(NamedTuple):
-    """Commands (port, starboard) in [-1, 1], and whether each demand had to be cut."""
+class GearGains(NamedTuple):
+    """vector_rad: how far full steering turns the thrust; 0 for a rudder, which turns less above base_mps."""
 
-    command: tuple[float, float] = NEUTRAL
+    vector_rad: float
+    base_mps: float
+
+    @classmethod
+    def from_parameters(cls, p: Parameters) -> GearGains:
+        """From the table."""
+        return cls(math.radians(p["MOT_VEC_ANGLEMAX"]), p["MOT_SPD_SCA_BASE"])
+
+
+class Allocation(NamedTuple):
+    """Commands in [-1, 1], and whether each demand had to be cut."""
+
+    command: tuple[float, ...] = NEUTRAL
     thrust_limited: bool = False
     steering_limited: bool = False
 
 
-def allocate(gains: AllocationGains, last: Allocation, thrust: float, steering: float, dt_s: float) -> Allocation:
-    """Share the demands out; steering goes first when both do not fit.
+def allocate(
+    gains: AllocationGains, last: Allocation, thrust: float, steering: float, dt_s: float, steering_first: float = 1.0
+) -> Allocation:
+    """Share the demands out to port and starboard.
 
     `thrust` 1 is both propellers full ahead; `steering` 1 is port ahead and starboard astern by full thrust each, which
-    the weaker thrust astern may cut.
+    the weaker thrust astern may cut. When both do not fit, steering_first 1 gives steering all it asks for, 0.5 cuts
+    both alike, and less cuts steering.
     """
     widest = 0.5 * (1.0 + gains.astern)
     turn = min(max(steering, -widest), widest)
+    if steering_first < 1.0:
+        turn = _mixed(gains, thrust, turn, steering_first)
     surge = min(max(thrust, abs(turn) - gains.astern), 1.0 - abs(turn))
     wanted = (_command(gains, surge + turn), _command(gains, surge - turn))
-    command = wanted
-    if gains.slew_per_s > 0.0:
-        step = gains.slew_per_s * dt_s
-        command = (_stepped(last.command[0], wanted[0], step), _stepped(last.command[1], wanted[1], step))
-    return Allocation(command, surge != thrust, turn != steering)
+    return Allocation(_slewed(gains, last.command, wanted, dt_s), surge != thrust, turn != steering)
+
+
+def _mixed(gains: AllocationGains, thrust: float, turn: float, mix: float) -> float:
+    """Steering that is left when thrust has its share: ArduRover's MOT_STR_THR_MIX."""
+    surge = min(max(thrust, -gains.astern), 1.0)
+    excess = max(surge + abs(turn), (abs(turn) - surge) / gains.astern)
+    if excess <= 1.0:
+        return turn
+    fair = 1.0 / excess
+    if mix >= 0.5:
+        return turn * (fair + (1.0 - fair) * (mix - 0.5) / 0.5)
+    surge *= fair + (1.0 - fair) * (0.5 - mix) / 0.5
+    return math.copysign(min(1.0 - surge, surge + gains.astern), turn)
+
+
+def vectored(gains: AllocationGains, vector_rad: float, thrust: float, steering: float) -> tuple[float, float, float]:
+    """Thrust that turns: part of full thrust, share of the full angle, and what of `steering` is met, for a thrust in
+    [-astern, 1].
+
+    Steering is a part of full thrust, to the side: at most what `thrust` lends it at the full angle, and what is there
+    at all; then it goes first. Without thrust the angle is that of what is asked for, and nothing is met.
+    """
+    if thrust == 0.0:
+        return 0.0, min(max(steering, -1.0), 1.0), 0.0
+    most, ahead = (1.0 if thrust > 0.0 else gains.astern), abs(thrust)
+    least = min(ahead * math.tan(vector_rad), most * math.sin(vector_rad))
+    turn = min(max(steering, -least), least)
+    ahead = min(ahead, math.sqrt(most * most - turn * turn))
+    angle = math.atan2(turn, ahead) / vector_rad
+    return math.copysign(math.hypot(ahead, turn), thrust), math.copysign(1.0, thrust) * angle, turn
+
+
+def rudder_angle(base_mps: float, thrust: float, steering: float, speed_mps: float) -> tuple[float, bool]:
+    """Share of a rudder's full angle, and whether the demand is limited.
+
+    It falls with the speed above the base speed. Up to that speed more angle does not help, which counts as limited.
+    Astern it is turned round: where the vessel makes sternway and does not push ahead.
+    """
+    angle, slow = steering, False
+    if base_mps > 0.0:
+        slow = abs(speed_mps) <= base_mps
+        angle *= 1.0 if slow else base_mps / abs(speed_mps)
+    angle = -angle if speed_mps < 0.0 and thrust <= 0.0 else angle
+    within = min(max(angle, -1.0), 1.0)
+    return within, slow or within != angle
 
 
 def _command(gains: AllocationGains, thrust: float) -> float:
@@ -65,8 +133,162 @@ def _command(gains: AllocationGains, thrust: float) -> float:
     return min(part, 1.0) if thrust >= 0.0 else -min(part, 1.0)
 
 
-def _stepped(last: float, wanted: float, step: float) -> float:
-    return min(max(wanted, last - step), last + step)
+def _slewed(gains: AllocationGains, last: Sequence[float], wanted: Sequence[float], dt_s: float) -> tuple[float, ...]:
+    """Throttles that change no faster than they may."""
+    if gains.slew_per_s <= 0.0:
+        return tuple(wanted)
+    step = gains.slew_per_s * dt_s
+    return tuple(min(max(new, old - step), old + step) for old, new in zip(last, wanted))
+
+
+class Mixer(Protocol):
+    """One way to make commands of demands. outputs: the servo output of each command, 0 for none; `throttles` first.
+
+    pivots: whether the vessel can turn on the spot.
+    """
+
+    outputs: tuple[int, ...]
+    throttles: int
+    pivots: bool
+
+    def mix(self, last: Allocation, demand: Demand, speed_mps: float, by_hand: bool, dt_s: float) -> Allocation:
+        """Commands for `demand`. by_hand: steering is an angle where it is one, as in MANUAL."""
+
+
+class SkidMixer:
+    """Port and starboard, and rudders that turn with them."""
+
+    pivots = True
+    throttles = 2
+
+    def __init__(self, p: Parameters, port: int, starboard: int, steering: Sequence[int]) -> None:
+        self.outputs = (port, starboard, *steering)
+        self._gains, self._gear = AllocationGains.from_parameters(p), GearGains.from_parameters(p)
+        self._steering_first = p["MOT_STR_THR_MIX"]
+        self._rudders = len(steering)
+
+    def mix(self, last: Allocation, demand: Demand, speed_mps: float, by_hand: bool, dt_s: float) -> Allocation:
+        result = allocate(self._gains, last, demand.thrust, demand.steering, dt_s, self._steering_first)
+        if not self._rudders:
+            return result
+        angle, _ = rudder_angle(self._gear.base_mps, demand.thrust, demand.steering, speed_mps)
+        return result._replace(command=(*result.command, *(angle,) * self._rudders))
+
+
+class SteeringMixer:
+    """Throttles that all get the same, and rudders or gears that all get the same."""
+
+    pivots = False
+
+    def __init__(self, p: Parameters, throttles: Sequence[int], steering: Sequence[int]) -> None:
+        self.outputs = (*throttles, *steering)
+        self.throttles = len(throttles)
+        self._gains, self._gear = AllocationGains.from_parameters(p), GearGains.from_parameters(p)
+
+    def mix(self, last: Allocation, demand: Demand, speed_mps: float, by_hand: bool, dt_s: float) -> Allocation:
+        gains, gear, thrust, steering = self._gains, self._gear, demand.thrust, demand.steering
+        part = surge = min(max(thrust, -gains.astern), 1.0)
+        if by_hand:
+            angle = min(max(-steering if thrust < 0.0 else steering, -1.0), 1.0)
+            limited = abs(angle) != abs(steering)
+        elif gear.vector_rad > 0.0:
+            part, angle, met = vectored(gains, gear.vector_rad, surge, steering)
+            limited = met != steering
+            surge = math.copysign(math.sqrt(max(part * part - met * met, 0.0)), part)
+        else:
+            angle, limited = rudder_angle(gear.base_mps, thrust, steering, speed_mps)
+        throttle = _slewed(gains, last.command, (_command(gains, part),) * self.throttles, dt_s)
+        turning = len(self.outputs) - self.throttles
+        return Allocation((*throttle, *(angle,) * turning), abs(surge - thrust) > _MET, limited)
+
+
+class MotorsMixer:
+    """Motors and rudders at their places, each with a command of its own."""
+
+    def __init__(self, p: Parameters, motors: dict[int, int], steering: Sequence[int]) -> None:
+        """motors: the output of each by its number."""
+        self._slew = gains = AllocationGains.from_parameters(p)
+        self._base_mps = p["MOT_SPD_SCA_BASE"]
+        numbers = [number for number in sorted(motors) if p[f"MOT{number}_THRUST"] > 0.0]
+        self.force = ForceAllocation(
+            [_thruster(p, number, gains.astern) for number in numbers],
+            [_rudder(p, n, numbers) for n in range(1, RUDDERS + 1) if p[f"RUD{n}_FORCE"] > 0.0],
+            self._base_mps,
+        )
+        self.throttles = len(numbers)
+        thrusters = self.force.thrusters
+        self._gears = [index for index, thruster in enumerate(thrusters) if thruster.most_rad > 0.0]
+        turning = len(self._gears) + len(self.force.rudders)
+        self.outputs = (*(motors[number] for number in numbers), *[*steering, *[0] * turning][:turning])
+        self.pivots = self.force.pivots
+        self._gains = [gains._replace(astern=thruster.astern) for thruster in thrusters]
+        self._shares = [Share()] * (self.throttles + len(self.force.rudders))
+
+    def mix(self, last: Allocation, demand: Demand, speed_mps: float, by_hand: bool, dt_s: float) -> Allocation:
+        speed_mps = self._base_mps if by_hand else speed_mps
+        shares, met = self.force.solve(demand.thrust, demand.steering, demand.lateral, speed_mps, self._shares)
+        self._shares = shares
+        throttles, angles = [], []
+        for index, (thruster, gains) in enumerate(zip(self.force.thrusters, self._gains)):
+            part, angle = shares[index].along, 0.0
+            if thruster.most_rad:
+                part, angle = _directed(thruster, shares[index])
+                gear = self.throttles + self._gears.index(index)
+                angles.append(angle if abs(part) > _MET else last.command[gear])
+            throttles.append(_command(gains, part))
+        rudders = [share.along for share in shares[self.throttles :]]
+        return Allocation(
+            (*_slewed(self._slew, last.command, throttles, dt_s), *angles, *rudders),
+            abs(met[1] - demand.thrust) > _MET,
+            abs(met[0] - demand.steering) > _MET,
+        )
+
+
+def _directed(thruster: Thruster, share: Share) -> tuple[float, float]:
+    """Thrust and the share of its gear's angle, which turns thrust to port; what it cannot turn to is had astern."""
+    part, to_starboard_rad = math.hypot(share.along, share.across), math.atan2(share.across, share.along)
+    if abs(to_starboard_rad) > thruster.most_rad + 1e-9:
+        part = -min(part, thruster.astern)
+        to_starboard_rad = math.remainder(to_starboard_rad + math.pi, 2.0 * math.pi)
+    return part, min(max(-to_starboard_rad / thruster.most_rad, -1.0), 1.0)
+
+
+def _thruster(p: Parameters, number: int, astern: float) -> Thruster:
+    name = f"MOT{number}_"
+    return Thruster(
+        p[f"{name}POS_X"],
+        p[f"{name}POS_Y"],
+        math.radians(p[f"{name}ANGLE"]),
+        p[f"{name}THRUST"],
+        1.0 / p[f"{name}ASYM"] if p[f"{name}ASYM"] else astern,
+        math.radians(p[f"{name}VEC_MAX"]),
+    )
+
+
+def _rudder(p: Parameters, number: int, motors: list[int]) -> RudderBlade:
+    name = f"RUD{number}_"
+    propeller = int(p[f"{name}MOT"])
+    return RudderBlade(
+        p[f"{name}POS_X"],
+        p[f"{name}FORCE"],
+        motors.index(propeller) if propeller in motors else None,
+        p[f"{name}RACE"],
+    )
+
+
+def make_mixer(p: Parameters) -> Mixer:
+    """As the functions of the outputs say; without any of these, nothing is driven."""
+    function = {output: int(p[f"SERVO{output}_FUNCTION"]) for output in range(1, OUTPUTS + 1)}
+    steering, throttles, left, right = (
+        [output for output, what in function.items() if what == wanted]
+        for wanted in (STEERING, THROTTLE, THROTTLE_LEFT, THROTTLE_RIGHT)
+    )
+    motors = {what - FIRST_MOTOR + 1: output for output, what in function.items() if 0 <= what - FIRST_MOTOR < MOTORS}
+    if motors:
+        return MotorsMixer(p, motors, steering)
+    if left and right:
+        return SkidMixer(p, left[0], right[0], steering)
+    return SteeringMixer(p, throttles, steering)
 
 
 class ThrustAllocator:
@@ -80,20 +302,23 @@ class ThrustAllocator:
 
     def configure(self) -> None:
         """Take changed parameters over."""
-        self._gains = AllocationGains.from_parameters(self._parameters)
+        self.mixer = make_mixer(self._parameters)
+        self.neutral = (0.0,) * len(self.mixer.outputs)
+        if len(self.neutral) != len(getattr(self, "last", Allocation()).command):
+            self.restart()
 
     def restart(self) -> None:
         """The last command was neutral."""
-        self.last = Allocation()
+        self.last = Allocation(self.neutral)
 
-    def pass_through(self, motors: Motors) -> tuple[float, float]:
+    def pass_through(self, motors: Motors) -> tuple[float, ...]:
         """Commands that were made elsewhere."""
         self.efforts += 1
-        self.last = Allocation((motors.port, motors.starboard))
+        self.last = Allocation(tuple(motors))
         return self.last.command
 
-    def allocate(self, demand: Demand, dt_s: float) -> tuple[float, float]:
-        """Commands (port, starboard) in [-1, 1]."""
+    def allocate(self, demand: Demand, dt_s: float, speed_mps: float = 0.0, by_hand: bool = False) -> tuple[float, ...]:
+        """Commands in [-1, 1]. speed_mps: over ground, negative astern. by_hand: see Mixer."""
         self.efforts += 1
-        self.last = allocate(self._gains, self.last, demand.thrust, demand.steering, dt_s)
+        self.last = self.mixer.mix(self.last, demand, speed_mps, by_hand, dt_s)
         return self.last.command

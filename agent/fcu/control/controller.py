@@ -39,17 +39,21 @@ class Order(NamedTuple):
 
 
 class Demand(NamedTuple):
-    """Parts of full thrust and full steering in [-1, 1], steering positive to starboard; allocated by the autopilot."""
+    """Parts of full thrust and full steering in [-1, 1], steering positive to starboard; allocated by the autopilot.
+
+    lateral: part of the full force to starboard, for a vessel that can push sideways; None where it does not matter.
+    """
 
     thrust: float
     steering: float
+    lateral: float | None = None
 
 
-class Motors(NamedTuple):
-    """Motor commands in [-1, 1], full astern to full ahead; they go out as they are."""
+class Motors(tuple[float, ...]):
+    """Commands in [-1, 1] that go out as they are: Motors(port, starboard), or as many as the vessel takes."""
 
-    port: float
-    starboard: float
+    def __new__(cls, *commands: float) -> Motors:
+        return super().__new__(cls, commands)
 
 
 ControllerOutput = Union[Demand, Motors]
@@ -162,27 +166,34 @@ class ControllerGuard:
             self._used = False
             self._call("restart")
 
-    def control(self, order: Order, estimate: StateEstimate, dt_s: float) -> ControllerOutput:
-        """The controller's answer, limited to [-1, 1]; neutral when it has none that can be used."""
+    def control(self, order: Order, estimate: StateEstimate, dt_s: float, commands: int = 2) -> ControllerOutput:
+        """The controller's answer, limited to [-1, 1]; neutral when it has none that can be used.
+
+        commands: how many the vessel takes.
+        """
         if self._controller is None:
             return STILL
         self._used = True
         try:
             answer = self._controller.control(order, estimate, dt_s)
-            first, second = answer
-            finite = math.isfinite(first) and math.isfinite(second)
+            values = tuple(answer) if isinstance(answer, Motors) else Demand(*answer)
+            finite = all(math.isfinite(value) for value in values if value is not None)
         except Exception as error:  # noqa: BLE001  somebody else's code
             self._fail(_sentence(error))
             return STILL
         if not finite:
-            self._fail(f"it answered {first}, {second}")
+            self._fail(f"it answered {', '.join(map(str, values))}")
+            return STILL
+        if isinstance(answer, Motors) and len(answer) != commands:
+            self._fail(f"it answered {len(answer)} commands, and the vessel takes {commands}")
             return STILL
         if self._failing:
             self._failing = False
             self._events.add(NOTICE, "Controller answers again")
         if isinstance(answer, Motors):
-            return Motors(_limited(first), _limited(second))
-        return Demand(_limited(first), _limited(second))
+            return Motors(*map(_limited, answer))
+        thrust, steering, lateral = answer if len(answer) == 3 else (*answer, None)
+        return Demand(_limited(thrust), _limited(steering), None if lateral is None else _limited(lateral))
 
     def _call(self, method: str) -> None:
         if self._controller is None:

@@ -16,14 +16,15 @@ _GRAVITY_MPS2 = 9.80665
 _CRAB_LIMIT = math.tan(math.radians(50.0))  # no more than this from the integral
 _LEAST_SPEED_MPS = 0.3  # slower, and the integral would learn from standing still
 _BRAKING_LAG_S = 0.6  # from the wish to slow down to slowing down: propellers and speed loop
-# Speed against how far the bow is off: the leg's up to 20 degrees, WP_SPEED_MIN from 60 to 90, none from 120.
+# Speed against how far the bow is off: the leg's up to 20 degrees, WP_SPEED_MIN from 60 to 90, none from 120; a vessel
+# that cannot turn on the spot keeps WP_SPEED_MIN on and goes round.
 _FULL_RAD, _SLOW_RAD = math.radians(20.0), math.radians(60.0)
 _TURNING_RAD, _PIVOT_RAD = math.radians(90.0), math.radians(120.0)
 BOW_OR_STERN, BOW, STERN = 0, 1, 2  # LOIT_TYPE
 
 
 class GuidanceGains(NamedTuple):
-    """Parameters of the guidance, in SI units."""
+    """Parameters of the guidance, in SI units. pivots: whether the vessel can turn without way on."""
 
     lookahead_m: float
     kappa_mps: float
@@ -36,9 +37,10 @@ class GuidanceGains(NamedTuple):
     loiter_radius_m: float
     loiter_per_s: float
     loiter_type: int
+    pivots: bool = True
 
     @classmethod
-    def from_parameters(cls, p: Parameters) -> GuidanceGains:
+    def from_parameters(cls, p: Parameters, pivots: bool = True) -> GuidanceGains:
         """From the table."""
         return cls(
             lookahead_m=p["LOS_LOOKAHEAD"],
@@ -52,6 +54,7 @@ class GuidanceGains(NamedTuple):
             loiter_radius_m=p["LOIT_RADIUS"],
             loiter_per_s=p["LOIT_SPEED_GAIN"],
             loiter_type=int(p["LOIT_TYPE"]),
+            pivots=pivots,
         )
 
 
@@ -174,6 +177,8 @@ def _turning_speed_mps(gains: GuidanceGains, off_rad: float, allowed_mps: float)
         return allowed_mps
     if off_rad <= _SLOW_RAD:
         return slow_mps + (allowed_mps - slow_mps) * (_SLOW_RAD - off_rad) / (_SLOW_RAD - _FULL_RAD)
+    if not gains.pivots:
+        return slow_mps
     return slow_mps * min(1.0, max(0.0, (_PIVOT_RAD - off_rad) / (_PIVOT_RAD - _TURNING_RAD)))
 
 
@@ -181,6 +186,7 @@ class StationKeeping:
     """Keeps within LOIT_RADIUS of a place, as ArduRover's boats do: drift near it, beyond that drive back.
 
     ArduRover starts back at the radius and so stays a little outside of it in a current; here it is at half the radius.
+    A vessel that cannot turn on the spot drifts as it lies, and goes round with way on.
     """
 
     def __init__(self, lat_deg: float, lon_deg: float) -> None:
@@ -201,7 +207,7 @@ class StationKeeping:
         north_m, east_m = north_m - pos_ne_m[0], east_m - pos_ne_m[1]
         distance_m = math.hypot(north_m, east_m)
         bearing_rad = math.atan2(east_m, north_m)
-        heading_rad = yaw_rad if self._heading_rad is None else self._heading_rad
+        heading_rad = yaw_rad if self._heading_rad is None or not gains.pivots else self._heading_rad
         speed_mps = 0.0
         adrift_m = distance_m - 0.5 * gains.loiter_radius_m
         if adrift_m > 0.0:
@@ -212,6 +218,9 @@ class StationKeeping:
                 heading_rad, speed_mps = wrap_angle(bearing_rad + math.pi), -speed_mps
             off = min(abs(wrap_angle(heading_rad - yaw_rad)) / (0.5 * math.pi), 1.0)
             speed_mps *= 1.0 - 0.5 * off
+            if not gains.pivots:
+                steerage_mps = off * min(gains.speed_min_mps, most_mps)
+                speed_mps = math.copysign(max(abs(speed_mps), steerage_mps), speed_mps)
         self._heading_rad = heading_rad
         return GuidanceOutput(heading_rad, speed_mps, 0.0, distance_m, bearing_rad, False)
 

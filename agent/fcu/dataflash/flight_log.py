@@ -330,7 +330,7 @@ class FlightLog:
         output = autopilot.navigator.output if autopilot.state.armed else None
         desired_rad = math.nan if output is None else output.heading_rad
         self._put(records.attitude(now_us, autopilot.state.estimate, desired_rad))
-        self._put(records.outputs(now_us, actuators))
+        self._put(records.outputs(now_us, actuators, autopilot.allocator.mixer.outputs))
         self._turns[self._cycles % len(self._turns)](now_us, autopilot)
         self._changes.log_mission_items(now_us)
         if self._cycles % LOOP_HZ == 0:

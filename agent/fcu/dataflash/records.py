@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from agent.fcu.control.allocation import pulse_width_us
 from agent.fcu.control.guidance import GuidanceOutput
@@ -89,10 +90,10 @@ def attitude(now_us: int, estimate: StateEstimate, desired_yaw_rad: float) -> by
     return _ATT(now_us, 0.0, roll_deg, 0.0, pitch_deg, math.degrees(desired_yaw_rad) % 360.0, yaw_deg)
 
 
-def outputs(now_us: int, actuators: Actuators) -> bytes:
-    """RCOU: port on channel 1 and starboard on 3, as ArduRover's skid steering has them; 0 where nothing is."""
-    port, starboard = actuators.command[:2]
-    return _RCOU(now_us, pulse_width_us(port), 0, pulse_width_us(starboard), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+def outputs(now_us: int, actuators: Actuators, channels: Sequence[int]) -> bytes:
+    """RCOU: the first 14 channels, 0 where nothing is."""
+    pulses = dict(zip(channels, map(pulse_width_us, actuators.command)))
+    return _RCOU(now_us, *(pulses.get(channel, 0) for channel in range(1, 15)))
 
 
 def inputs(now_us: int, channels_us: tuple[int, ...]) -> bytes:

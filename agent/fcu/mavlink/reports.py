@@ -16,7 +16,6 @@ from agent.fcu.geodetic import STANDARD_GRAVITY_MPS2
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.vehicle import modes, navigation
 from agent.fcu.vehicle.mission_progress import COMPLETE, UNDER_WAY
-from agent.fcu.vehicle.servos import MOTORS
 from agent.wire import dialect as mav
 
 Report = Callable[[MavlinkHub, int], Any]
@@ -162,8 +161,8 @@ def vfr_hud(hub: MavlinkHub, now_ns: int) -> Any:
     estimate, frame = autopilot.state.estimate, autopilot.estimator.frame
     vn, ve, vd = estimate.vel_ned_mps
     speed_mps = _float32(math.hypot(vn, ve))
-    motors = hub.actuators.command
-    throttle = round(100.0 * min(abs(sum(motors)) / max(len(motors), 1), 1.0))
+    throttles = hub.actuators.command[: autopilot.allocator.mixer.throttles]
+    throttle = round(100.0 * min(abs(sum(throttles)) / max(len(throttles), 1), 1.0))
     alt_m = 0.0 if frame is None else frame.alt_m - estimate.pos_ned_m[2]
     heading_deg = round(math.degrees(estimate.yaw_rad)) % 360
     return mav.MAVLink_vfr_hud_message(speed_mps, speed_mps, heading_deg, throttle, _float32(alt_m), _float32(-vd))
@@ -216,11 +215,12 @@ def scaled_pressure(hub: MavlinkHub, now_ns: int) -> Any | None:
 
 
 def servo_output(hub: MavlinkHub, now_ns: int) -> Any:
-    """The propellers, and what DO_SET_SERVO has set."""
+    """What drives the vessel, and what DO_SET_SERVO has set."""
     command = hub.actuators.command
     pulses = list(hub.autopilot.servos.widths_us)
-    for output, part in zip(MOTORS, command):
-        pulses[output - 1] = pulse_width_us(part)
+    for output, part in zip(hub.autopilot.allocator.mixer.outputs, command):
+        if output:
+            pulses[output - 1] = pulse_width_us(part)
     return mav.MAVLink_servo_output_raw_message((now_ns // 1000) & 0xFFFFFFFF, 0, *pulses)
 
 

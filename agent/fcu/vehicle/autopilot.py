@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from agent.fcu.control.allocation import NEUTRAL, ThrustAllocator
+from agent.fcu.control.allocation import ThrustAllocator
 from agent.fcu.control.controller import STILL, ControllerGuard, Demand, MakeController, Motors, Order
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
 from agent.fcu.control.manual_control import ManualControl
@@ -87,11 +87,14 @@ class Autopilot:
             mode=initial_mode if initial_mode in modes.BY_NUMBER else modes.HOLD, estimate=self.estimator.estimate()
         )
         self.manual = ManualControl(p)
-        self.navigator = Navigator(mission, p, self.events, lambda item: self.commands.perform(item), self._utc_s)
-        self.servos = ServoOutputs()
+        self.allocator = ThrustAllocator(p)
+        mixer = self.allocator.mixer
+        self.navigator = Navigator(
+            mission, p, self.events, lambda item: self.commands.perform(item), self._utc_s, mixer.pivots
+        )
         self.gps_time: GpsTime | None = None
         self.controller = ControllerGuard(self._make_controller, p, self.events)
-        self.allocator = ThrustAllocator(p)
+        self.servos = ServoOutputs(mixer.outputs)
         self.fence.breach = FenceBreach()
         self.failsafes = FailsafeHandler(
             p,
@@ -131,9 +134,10 @@ class Autopilot:
         self._parameters_version = self.parameters.version
         self.estimator.configure()
         self.manual.configure()
-        self.navigator.configure(self.parameters)
-        self.controller.configure()
         self.allocator.configure()
+        self.servos.driven = self.allocator.mixer.outputs
+        self.navigator.configure(self.parameters, self.allocator.mixer.pivots)
+        self.controller.configure()
         self.failsafes.configure()
 
     # -- the loop
@@ -161,11 +165,11 @@ class Autopilot:
             self._repeat_prearm_problems(now_ns)
         if not state.armed or self.failsafes.imu_lost:
             self._restart_control()
-            return Actuators(NEUTRAL, state.armed, self.failsafes.imu_lost)
+            return Actuators(self.allocator.neutral, state.armed, self.failsafes.imu_lost)
         return Actuators(self._steer(now_ns, dt_s), True, False)
 
-    def _steer(self, now_ns: int, dt_s: float) -> tuple[float, float]:
-        """Motor commands (port, starboard) for what the mode asks for."""
+    def _steer(self, now_ns: int, dt_s: float) -> tuple[float, ...]:
+        """Commands for what the mode asks for."""
         self.estimates_used += 1
         state, estimate = self.state, self.state.estimate
         mode = modes.BY_NUMBER[state.mode]
@@ -187,13 +191,13 @@ class Autopilot:
         )
         if asked is None:
             self._end_mission()
-            return NEUTRAL
+            return self.allocator.neutral
         if isinstance(asked, Demand):
             self.controller.restart()
-            return self.allocator.allocate(asked, dt_s)
+            return self.allocator.allocate(asked, dt_s, speed_mps, by_hand=True)
         return self._run_controller(asked, speed_mps, dt_s)
 
-    def _run_controller(self, order: Order, speed_mps: float, dt_s: float) -> tuple[float, float]:
+    def _run_controller(self, order: Order, speed_mps: float, dt_s: float) -> tuple[float, ...]:
         last = self.allocator.last
         self.state.speed_error_mps = order.speed_mps - speed_mps
         output = self.controller.control(
@@ -202,10 +206,11 @@ class Autopilot:
             ),
             self.state.estimate,
             dt_s,
+            len(self.allocator.neutral),
         )
         if isinstance(output, Motors):
             return self.allocator.pass_through(output)
-        return self.allocator.allocate(output, dt_s)
+        return self.allocator.allocate(output, dt_s, speed_mps)
 
     def _save_place(self) -> None:
         state = self.state

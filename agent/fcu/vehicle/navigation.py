@@ -137,7 +137,8 @@ class Navigator:
     output: guidance of the mode in force, None when it has none. asked_mps: speed asked for while the mode lasts.
     astern: legs and circles are sailed stern first. home: where the vessel was armed, or first had a position, unless
     it was set. reached: waypoints nobody has drained yet. simple_heading_rad: what SIMPLE counts headings from.
-    perform: carries out the items of a mission that are not sailed. utc_s: what they may wait for.
+    perform: carries out the items of a mission that are not sailed. utc_s: what they may wait for. pivots: whether the
+    vessel can turn on the spot.
     """
 
     def __init__(
@@ -147,6 +148,7 @@ class Navigator:
         events: EventQueue,
         perform: Perform = passed_over,
         utc_s: UtcClock = no_date,
+        pivots: bool = True,
     ) -> None:
         self.guided = GuidedNavigation()
         self.station: StationKeeping | None = None
@@ -167,11 +169,11 @@ class Navigator:
         self._utc_s = utc_s
         self.cruise_mps = parameters["WP_SPEED"]
         self.load_mission(mission)
-        self.configure(parameters)
+        self.configure(parameters, pivots)
 
-    def configure(self, p: Parameters) -> None:
+    def configure(self, p: Parameters, pivots: bool) -> None:
         """Take changed parameters over."""
-        self.gains = GuidanceGains.from_parameters(p)
+        self.gains = GuidanceGains.from_parameters(p, pivots)
         self.cruise_mps = p["WP_SPEED"]
         self.homeward_mps = p["RTL_SPEED"] or p["WP_SPEED"]
         # Drag, and with it thrust, grows with the square of the speed.

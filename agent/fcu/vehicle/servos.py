@@ -1,17 +1,23 @@
-"""Servo outputs beside those of the propellers: set, or moved to and fro, by DO_SET_SERVO and DO_REPEAT_SERVO."""
+"""Servo outputs beside those that drive the vessel: set, or moved to and fro, by DO_SET_SERVO and DO_REPEAT_SERVO."""
 
 from __future__ import annotations
 
-OUTPUTS = 16
-MOTORS = (1, 3)  # port and starboard, as ArduRover wires a boat with skid steering
+from collections.abc import Sequence
+
+from agent.fcu.parameters import OUTPUTS
+
 _TRIM_US = 1500
 _WIDTHS_US = (500, 2500)
 
 
 class ServoOutputs:
-    """`widths_us` of outputs 1 to 16, 0 where nothing was asked for. One output at a time is moved to and fro."""
+    """`widths_us` of outputs 1 to 16, 0 where nothing was asked for. One output at a time is moved to and fro.
 
-    def __init__(self) -> None:
+    driven: those that drive the vessel, which are not for anything else.
+    """
+
+    def __init__(self, driven: Sequence[int] = ()) -> None:
+        self.driven = driven
         self.widths_us = [0] * OUTPUTS
         self._moving = 0  # output, 0 for none
         self._width_us = 0
@@ -21,7 +27,7 @@ class ServoOutputs:
 
     def set(self, output: int, width_us: int) -> str:
         """Set an output, or why not."""
-        problem = _problem(output, width_us)
+        problem = self._problem(output, width_us)
         if not problem:
             if output == self._moving:
                 self._moves_left = 0
@@ -30,7 +36,7 @@ class ServoOutputs:
 
     def repeat(self, output: int, width_us: int, times: int, period_s: float) -> str:
         """Move an output there and back to 1500 us so many times, or why not."""
-        problem = _problem(output, width_us)
+        problem = self._problem(output, width_us)
         if not problem:
             self._moving, self._width_us, self._moves_left = output, width_us, 2 * max(times, 0)
             self._half_ns = round(0.5e9 * min(period_s, 3600.0)) if period_s > 0.0 else 0
@@ -47,12 +53,11 @@ class ServoOutputs:
         self._moves_left -= 1
         self._moved_ns = now_ns
 
-
-def _problem(output: int, width_us: int) -> str:
-    if not 1 <= output <= OUTPUTS:
-        return f"Servo {output} is not there; use 1 to {OUTPUTS}"
-    if output in MOTORS:
-        return f"ServoRelayEvent: Channel {output} is already in use"
-    low, high = _WIDTHS_US
-    fits = low <= width_us <= high or width_us == 0
-    return "" if fits else f"Servo at {width_us} us; use {low} to {high}, 0 for none"
+    def _problem(self, output: int, width_us: int) -> str:
+        if not 1 <= output <= OUTPUTS:
+            return f"Servo {output} is not there; use 1 to {OUTPUTS}"
+        if output in self.driven:
+            return f"ServoRelayEvent: Channel {output} is already in use"
+        low, high = _WIDTHS_US
+        fits = low <= width_us <= high or width_us == 0
+        return "" if fits else f"Servo at {width_us} us; use {low} to {high}, 0 for none"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from agent.fcu.control.allocation import NEUTRAL, ThrustAllocator
+from agent.fcu.control.allocation import ThrustAllocator
 from agent.fcu.control.controller import ControllerError, MakeController, Motors, Order, load_controller
 from agent.fcu.control.guidance import GuidanceGains
 from agent.fcu.control.heading_speed import HeadingSpeedController, ground_speed_mps
@@ -28,14 +28,14 @@ class IdealControl(ControlNode):
     """Guidance, control and allocation of the embedded autopilot, with the truth for an estimate."""
 
     def __init__(self, profile: RunProfile) -> None:
-        self.command = MotorCommand(NEUTRAL, armed=True)
         parameters = Parameters(embedded_parameters(profile))
+        self._allocator = ThrustAllocator(parameters)
+        self.command = MotorCommand(self._allocator.neutral, armed=True)
         site = profile.site
         places = mission_places(profile, local_frame(site))
         self._mission = MissionProgress(make_mission([waypoint(*place) for place in places]), parameters["WP_SPEED"])
-        self._gains = GuidanceGains.from_parameters(parameters)
+        self._gains = GuidanceGains.from_parameters(parameters, self._allocator.mixer.pivots)
         self._controller = _controller(profile)(parameters)
-        self._allocator = ThrustAllocator(parameters)
         self._frame = LocalProjection(site.latitude_deg, site.longitude_deg, site.altitude_m)
         self._dt_s = 1.0 / profile.clock.exchange_rate_hz
 
@@ -53,13 +53,13 @@ class IdealControl(ControlNode):
             self._gains, self._frame, (north_m, east_m), estimate.yaw_rad, speed_mps, self._dt_s
         )
         if course is None:
-            return NEUTRAL
+            return self._allocator.neutral
         last = self._allocator.last
         order = Order(course.heading_rad, 0.0, course.speed_mps, speed_mps, last.thrust_limited, last.steering_limited)
         answer = self._controller.control(order, estimate, self._dt_s)
         if isinstance(answer, Motors):
             return self._allocator.pass_through(answer)
-        return self._allocator.allocate(answer, self._dt_s)
+        return self._allocator.allocate(answer, self._dt_s, speed_mps)
 
     def _progress(self) -> Progress:
         reached, finished = self._mission.reached, self._mission.state == COMPLETE
