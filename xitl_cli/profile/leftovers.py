@@ -24,7 +24,7 @@ _EARTH_M_PER_DEG = 111_000.0
 _HULL = ("length_m", "width_m", "radius_m")
 _OF_ANY_HULL = ("cruise_speed_mps", "strips", "surge_coefficient", "sway_coefficient", "yaw_coefficient")
 _SITE = ("world", "mission", "environment", "site")
-_GAINS = ("ATC_", "CRUISE_", "LOS_", "MOT_")
+_GAINS = ("ATC_", "CRUISE_", "LOS_", "MOT", "RUD", "SERVO")
 SAME_SHARE, SAME_HULL_SHARE = 0.25, 0.1
 """By how much mass and thrust, and the size of the hull, may differ for gains to be still those of the vessel."""
 

@@ -18,6 +18,7 @@ from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS, Parameters
 
 NEUTRAL = (0.0, 0.0)
 STEERING, THROTTLE, THROTTLE_LEFT, THROTTLE_RIGHT, FIRST_MOTOR = 26, 70, 73, 74, 33  # SERVOn_FUNCTION
+_ROUNDING = 1e-9
 _MET = 1e-3  # of a full demand: what is met so far is met
 
 
@@ -193,7 +194,7 @@ class SteeringMixer:
             limited = abs(angle) != abs(steering)
         elif gear.vector_rad > 0.0:
             part, angle, met = vectored(gains, gear.vector_rad, surge, steering)
-            limited = met != steering
+            limited = abs(met - steering) > _ROUNDING
             surge = math.copysign(math.sqrt(max(part * part - met * met, 0.0)), part)
         else:
             angle, limited = rudder_angle(gear.base_mps, thrust, steering, speed_mps)

@@ -61,11 +61,6 @@ def sentences(profile: str, *overrides: str) -> list[str]:
             "autopilot.firmware_arguments are given to an autopilot at its start",
         ),
         (BOARD, "autopilot.bridge.sensor_link=serial:///dev/ttyACM0?baud=921600", "is that of its MAVLink"),
-        (
-            "sitl-ardupilot-steered",
-            "autopilot={kind: embedded, firmware: external, moored_until_armed: false, bridge: {}}",
-            "steering gear, which the embedded autopilot does not turn",
-        ),
         ("sitl", "autopilot.firmware_build=linux", "autopilot.firmware_build is for another autopilot"),
         ("sitl", "autopilot.firmware_arguments=[-w]", "autopilot.firmware_arguments is for another autopilot"),
         (PX4, "autopilot.bridge.sensor_link=null", "in lockstep PX4 calls at a line of its own"),

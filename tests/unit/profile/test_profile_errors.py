@@ -205,8 +205,14 @@ def test_values(write: Write, text: str, problem: str) -> None:
         (
             "extends: sitl\nvehicle:\n  propellers:\n    - {position_frd_m: [0, 0, 0], max_thrust_n: 9, "
             "max_reverse_thrust_n: 9, spin_up_s: 1, spin_down_s: 1}",
-            "boat.yaml:3: vehicle.propellers has 1, but a mission is steered with 2: port, starboard; "
-            "give two or use driver.kind: script",
+            "boat.yaml:3: vehicle.propellers has 1, but nothing that turns the vessel: give two beside each other, "
+            "a bow thruster, a steering gear or a rudder, or use driver.kind: script",
+        ),
+        (
+            "extends: sitl\nvehicle:\n  propellers:\n    - {position_frd_m: [1, 0, 0], angle_deg: 90, max_thrust_n: 9, "
+            "max_reverse_thrust_n: 9, spin_up_s: 1, spin_down_s: 1}",
+            "boat.yaml:3: vehicle.propellers has none that pushes ahead; "
+            "give one an angle_deg of 0, or a steering gear",
         ),
         (
             "extends: sitl\ndriver: {kind: script, script: [{at_s: 0, motors: [0, 0]}]}",

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
+from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS
+from sim_core.vessel.spec import VesselSpec
 from xitl_cli.profile.checks.world import is_file
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
 from xitl_cli.profile.schema.agents import DriverSpec
 from xitl_cli.profile.schema.profile import ground_stations_of
 
-STEERED_PROPELLERS = 2
 SHORTEST_PULSE_US = 800
+_STICKS = 2  # steering and throttle, or port and starboard
+_LEVER_M, _ALONG = 1e-3, 1e-3  # less of a lever, or of a thrust ahead, is none
 FILE_SUFFIXES = (".bin", ".csv")
 _ORDERS = ("mode", "arm", "rc_us", "goto_ned_m")
 
@@ -32,18 +36,8 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
         if not base and (profile.mission is None or not profile.mission.waypoints_ned_m):
             yield kind, "driver.kind = mission has nothing to drive; add mission.waypoints_ned_m or extend a site"
         other = autopilot is not None and autopilot.kind not in ("none", "embedded")
-        if profile.vehicle is not None and not other and profile.vehicle.commands > len(profile.vehicle.propellers):
-            yield (
-                ("vehicle", "propellers"),
-                "vehicle.propellers has a steering gear, which the embedded autopilot does not turn; "
-                "leave out steering, or use autopilot.kind: ardupilot or driver.kind: script",
-            )
-        elif profile.vehicle is not None and not other and len(profile.vehicle.propellers) != STEERED_PROPELLERS:
-            yield (
-                ("vehicle", "propellers"),
-                f"vehicle.propellers has {len(profile.vehicle.propellers)}, but a mission is steered with "
-                f"{STEERED_PROPELLERS}: port, starboard; give two or use driver.kind: script",
-            )
+        if profile.vehicle is not None and not other:
+            yield from _steered(profile.vehicle)
     embedded = autopilot is not None and autopilot.kind != "none"
     if driver.kind == "ground-station":
         yield from _ground_station(profile, embedded)
@@ -51,6 +45,40 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
         yield from _script(profile, driver, embedded)
     elif driver.kind == "replay":
         yield from _replay(profile, driver, embedded)
+
+
+def _steered(vessel: VesselSpec) -> Iterator[tuple[KeyPath, str]]:
+    """What the embedded autopilot needs to sail a mission: thrust ahead, a moment besides, and outputs for both."""
+    path: KeyPath = ("vehicle", "propellers")
+    if len(vessel.propellers) > MOTORS:
+        yield path, f"vehicle.propellers has {len(vessel.propellers)}; the embedded autopilot drives at most {MOTORS}"
+    if len(vessel.rudders) > RUDDERS:
+        yield (
+            ("vehicle", "rudders"),
+            f"vehicle.rudders has {len(vessel.rudders)}; the embedded autopilot turns at most {RUDDERS}",
+        )
+    if vessel.commands > OUTPUTS:
+        yield path, f"vehicle has {vessel.commands} commands; the embedded autopilot has {OUTPUTS} outputs"
+    turns = any(abs(rudder.position_frd_m[0]) > _LEVER_M for rudder in vessel.rudders)
+    pushes = False
+    fixed: list[tuple[float, float]] = []
+    for propeller in vessel.propellers:
+        (x_m, y_m, _), angle_rad = propeller.position_frd_m, math.radians(propeller.angle_deg)
+        along, across = math.cos(angle_rad), math.sin(angle_rad)
+        if propeller.steering is not None:
+            turns, pushes = turns or math.hypot(x_m, y_m) > _LEVER_M, True
+        else:
+            fixed.append((along, x_m * across - y_m * along))
+            pushes = pushes or abs(along) > _ALONG
+    turns = turns or any(abs(a * n - b * m) > _LEVER_M for a, m in fixed for b, n in fixed)
+    if not pushes:
+        yield path, "vehicle.propellers has none that pushes ahead; give one an angle_deg of 0, or a steering gear"
+    elif not turns:
+        yield (
+            path,
+            f"vehicle.propellers has {len(vessel.propellers)}, but nothing that turns the vessel: give two beside each "
+            "other, a bow thruster, a steering gear or a rudder, or use driver.kind: script",
+        )
 
 
 def _ground_station(profile: Profile, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
@@ -142,13 +170,14 @@ def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
             ("driver", "replay", "end_s"),
             f"driver.replay.end_s = {replay.end_s:g} is not after start_s ({replay.start_s:g}); use a later end",
         )
-    needed = profile.vehicle.commands if profile.vehicle else STEERED_PROPELLERS
+    commands = profile.vehicle.commands if profile.vehicle else _STICKS
     mixed = replay.outputs_are == "steering-throttle"
-    if (embedded or mixed) and needed != STEERED_PROPELLERS:
+    needed = _STICKS if embedded else commands
+    if mixed and not embedded and commands != _STICKS:
         yield (
             ("vehicle", "propellers"),
-            f"vehicle.propellers has {needed}, but steering and throttle drive {STEERED_PROPELLERS}: port, starboard; "
-            "give two, or replay motors with autopilot.kind: none",
+            f"vehicle.propellers has {commands}, but steering and throttle drive {_STICKS}: port, starboard; "
+            "give two, or replay motors",
         )
     elif replay.outputs is not None and len(replay.outputs) != needed:
         what = "steering and throttle" if mixed else f"a vessel with {needed} propellers"

@@ -2,61 +2,117 @@
 
 Feed-forwards are drag over thrust. Feed-back and limits are those of the full-size catamaran (firmware_params), which
 was tuned, carried over as a share of what thrust and moment can accelerate, and by Froude's law: lengths by the
-length of the hull, times by its root.
+length of the hull, times by its root. What drives the vessel is in vessel_outputs.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
+import numpy as np
+
+from agent.fcu.control.allocation import MotorsMixer, make_mixer
+from agent.fcu.control.thrusters import ForceAllocation
+from agent.fcu.parameters import Parameters
 from sim_core.environment.spec import Water
 from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.vessel import Vessel
+from xitl_cli.run.links.vessel_outputs import (
+    RUDDER_BASE_SHARE,
+    is_steered_at_the_stern,
+    output_parameters,
+    rudder_force_n,
+)
 
 TUNED_LENGTH_M = 2.3
 _SPEED_RADPS, _RATE_RADPS = 2.5, 1.67  # of the two loops of the tuned vessel: gain times what full demand accelerates
 _TURN_RADPS, _MOST_RADPS = 0.3, math.radians(30.0)  # at which the yaw drag is taken, and what it turns at most
+_STEP_S = 0.0025
+
+
+class _Steering(NamedTuple):
+    """Moment of full steering, that at which drag and loop are taken, and the most there is at cruise speed."""
+
+    full_nm: float
+    at_cruise_nm: float
+    most_nm: float
 
 
 def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
-    """Parameters by name, for a mission at `speed_mps`."""
-    length, masses = vessel.length_m / TUNED_LENGTH_M, vessel.added_mass
-    quicker = 1.0 / math.sqrt(length)
+    """Parameters by name, for a mission at `speed_mps`. Raises ValueError for a vessel that does not float."""
+    quicker = math.sqrt(TUNED_LENGTH_M / vessel.length_m)
+    outputs = output_parameters(vessel, speed_mps)
+    mixer = make_mixer(Parameters(outputs))
+    body = Vessel.from_spec(vessel, Water(), _STEP_S)
+    inertia = body.hydrodynamics.rigid_mass + body.hydrodynamics.added_mass
     thrusts_n = [propeller.static_thrust_n(Water().density_kgpm3) for propeller in vessel.propellers]
-    ahead_n, astern_n = sum(ahead for ahead, _ in thrusts_n), sum(astern for _, astern in thrusts_n)
-    drag_n = vessel.damping_linear.surge * speed_mps + vessel.damping_quadratic.surge * speed_mps**2
-    ahead_mps2 = ahead_n / (vessel.mass_kg + masses.surge_kg)
+    along = [1.0 if p.steering else math.cos(math.radians(p.angle_deg)) for p in vessel.propellers]
+    ahead_n = sum(max(share * ahead, -share * astern) for share, (ahead, astern) in zip(along, thrusts_n, strict=True))
+    astern_n = sum(max(share * astern, -share * ahead) for share, (ahead, astern) in zip(along, thrusts_n, strict=True))
+    drag_n = _drag(body, 0, speed_mps)
+    ahead_mps2 = ahead_n / inertia[0, 0]
     speed_p = _limited(_SPEED_RADPS * quicker / ahead_mps2, 0.05, 2.0)
-    gains = {
+    hardest_mps2 = 0.7 if mixer.pivots else 0.5  # thrust that brakes steers the wrong way or not at all
+    gains = outputs | {
         "CRUISE_SPEED": _limited(speed_mps, 0.1, 30.0),
         "CRUISE_THROTTLE": float(round(_limited(100.0 * drag_n / ahead_n, 1.0, 100.0))),
         "ATC_SPEED_P": speed_p,
         "ATC_SPEED_I": 0.4 * speed_p * quicker,
-        "ATC_ACCEL_MAX": _limited(0.3 * ahead_mps2, 0.05, 0.7),
-        "ATC_DECEL_MAX": _limited(0.3 * ahead_mps2, 0.05, 0.7),
-        "LOS_LOOKAHEAD": _limited(6.0 * length, 3.0, 500.0),  # a satellite receiver does not scale
+        "ATC_ACCEL_MAX": _limited(0.3 * ahead_mps2, 0.05, hardest_mps2),
+        "ATC_DECEL_MAX": _limited(0.3 * ahead_mps2, 0.05, hardest_mps2),
+        "LOS_LOOKAHEAD": _limited(6.0 / quicker**2, 3.0, 500.0),  # a satellite receiver does not scale
         "LOS_KAPPA": 0.8 / quicker,
-        "WP_SPEED_MIN": _limited(speed_mps / 3.0, 0.1, 100.0),
+        "WP_SPEED_MIN": _limited(speed_mps / (3.0 if mixer.pivots else 2.0), 0.1, 100.0),
         "MOT_THST_EXPO": 1.0,
         "MOT_THST_ASYM": _limited(ahead_n / astern_n, 1.0, 10.0) if astern_n else 10.0,
         "MOT_SLEWRATE": float(round(_limited(500.0 * quicker, 50.0, 1000.0))),
     }
-    levers_m = [abs(propeller.position_frd_m[1]) for propeller in vessel.propellers]
-    moment_nm = sum(ahead * lever_m for (ahead, _), lever_m in zip(thrusts_n, levers_m, strict=True))
-    if moment_nm <= 0.0:
+    if vessel.rudders and not mixer.pivots:
+        gains["LOIT_TYPE"] = 1.0  # a rudder steers where the water comes from ahead
+    steering = _steering(vessel, mixer.force if isinstance(mixer, MotorsMixer) else None, ahead_n, drag_n, speed_mps)
+    if steering.full_nm <= 0.0:
         return gains
     turn_radps = _TURN_RADPS * quicker
-    drag_nms = vessel.damping_linear.yaw + vessel.damping_quadratic.yaw * turn_radps
-    spin_radps2 = moment_nm / (vessel.inertia_kgm2[2] + masses.yaw_kgm2)
-    most_radps = min(_MOST_RADPS * quicker, 0.7 * moment_nm / drag_nms if drag_nms else math.inf)
+    drag_nms = _drag(body, 5, turn_radps, 0.0 if mixer.pivots else speed_mps) / turn_radps
+    spin_radps2 = steering.at_cruise_nm / inertia[5, 5]
+    most_radps = min(_MOST_RADPS * quicker, 0.7 * steering.most_nm / drag_nms if drag_nms > 0.0 else math.inf)
     rate_p = _limited(_RATE_RADPS * quicker / spin_radps2, 0.02, 5.0)
     return gains | {
         "ATC_STR_ANG_P": _limited(1.5 * quicker, 0.3, 2.0),
-        "ATC_STR_RAT_FF": _limited(drag_nms / moment_nm, 0.0, 10.0),
+        "ATC_STR_RAT_FF": _limited(drag_nms / steering.at_cruise_nm, 0.0, 10.0),
         "ATC_STR_RAT_P": rate_p,
         "ATC_STR_RAT_I": _limited(rate_p * quicker, 0.0, 10.0),
         "ATC_STR_RAT_MAX": _limited(math.degrees(most_radps), 3.0, 90.0),
-        "ATC_STR_ACC_MAX": _limited(math.degrees(0.5 * spin_radps2), 3.0, 300.0),
+        "ATC_STR_ACC_MAX": _limited(math.degrees(0.5 * steering.most_nm / inertia[5, 5]), 3.0, 300.0),
     }
+
+
+def _steering(
+    vessel: VesselSpec, force: ForceAllocation | None, ahead_n: float, drag_n: float, speed_mps: float
+) -> _Steering:
+    if force is not None:
+        return _Steering(force.full_moment_nm, force.full_moment_nm, force.full_moment_nm)
+    if not is_steered_at_the_stern(vessel):
+        levers_m = [abs(propeller.position_frd_m[1]) for propeller in vessel.propellers]
+        full_nm = ahead_n * sum(levers_m) / len(levers_m)
+        return _Steering(full_nm, full_nm, full_nm)
+    if (gear := vessel.propellers[0].steering) is not None:
+        lever_m = abs(vessel.propellers[0].position_frd_m[0])
+        lent_nm = min(drag_n * math.tan(math.radians(min(gear.max_angle_deg, 89.0))), ahead_n) * lever_m
+        return _Steering(ahead_n * lever_m, ahead_n * lever_m, lent_nm)
+    moment_nm = sum(rudder_force_n(rudder, speed_mps) * -rudder.position_frd_m[0] for rudder in vessel.rudders)
+    # Full steering is full rudder at the base speed; above it the angle falls as the speed grows, the force as it does.
+    return _Steering(moment_nm * RUDDER_BASE_SHARE**2, moment_nm * RUDDER_BASE_SHARE, moment_nm)
+
+
+def _drag(body: Vessel, axis: int, rate: float, speed_mps: float = 0.0) -> float:
+    """What holds a motion along or about one axis back, N or N m, with way on or without."""
+    velocity = np.zeros((1, 6))
+    velocity[0, 0] = speed_mps
+    velocity[0, axis] = rate
+    terms = np.concatenate(body.hydrodynamics.terms(velocity), axis=1)
+    return float(-(terms @ body.hydrodynamics.wrench)[0, axis])
 
 
 def _limited(value: float, least: float, most: float) -> float:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.control.allocation import Allocation, AllocationGains, allocate
+from agent.fcu.control.allocation import Allocation, AllocationGains, ThrustAllocator, allocate
+from agent.fcu.control.controller import Demand
+from agent.fcu.parameters import Parameters
 
 demand = st.floats(-1.0, 1.0)
 gains = st.builds(AllocationGains, astern=st.floats(0.1, 1.0), expo=st.floats(-0.9, 1.0), slew_per_s=st.just(0.0))
@@ -47,3 +51,58 @@ def test_slew_limits_every_step(a: float, b: float, c: float, d: float) -> None:
     second = allocate(g, first, c, d, 0.02)
     assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip((0.0, 0.0), first.command, strict=True))
     assert all(abs(y - x) <= 0.04 + 1e-12 for x, y in zip(first.command, second.command, strict=True))
+
+
+VECTORED = {"SERVO1_FUNCTION": 26.0, "SERVO3_FUNCTION": 70.0, "MOT_VEC_ANGLEMAX": 45.0, "MOT_SLEWRATE": 0.0}
+
+
+def allocator(**values: float) -> ThrustAllocator:
+    return ThrustAllocator(Parameters({"MOT_THST_ASYM": 2.0, **values}))
+
+
+@given(demand, demand)
+def test_thrust_that_turns_gives_both_as_far_as_its_angle_and_its_size_let_it(surge: float, turn: float) -> None:
+    """Throttle along a direction: its parts ahead and aside are what was asked for, and steering goes first."""
+    made = allocator(**VECTORED)
+    throttle, gear = made.allocate(Demand(surge, turn), 0.02)
+    last, angle_rad = made.last, gear * math.radians(45.0)
+    size = thrust(AllocationGains(0.5, 1.0, 0.0), throttle)
+    ahead, aside = size * math.cos(angle_rad), size * math.sin(angle_rad)
+    most = 1.0 if surge > 0.0 else 0.5
+    lent = min(abs(surge), most * math.sqrt(0.5))  # at 45 degrees as much aside as ahead
+    assert aside == pytest.approx(min(max(turn, -lent), lent), abs=1e-6)
+    assert last.steering_limited == (abs(turn) > lent + 1e-9)
+    if not last.thrust_limited:
+        assert ahead == pytest.approx(surge, abs=2e-3)
+    else:
+        assert abs(size) == pytest.approx(most, abs=1e-6)
+
+
+def test_a_rudder_turns_less_with_speed_the_other_way_astern_and_helps_nothing_at_rest() -> None:
+    """ArduRover's MOT_SPD_SCA_BASE."""
+    made = allocator(SERVO1_FUNCTION=26, SERVO3_FUNCTION=70, SERVO5_FUNCTION=26, MOT_SPD_SCA_BASE=1.5, MOT_SLEWRATE=0.0)
+    assert made.mixer.outputs == (3, 1, 5)
+    assert not made.mixer.pivots
+    assert made.allocate(Demand(0.25, 0.4), 0.02, 3.0) == pytest.approx((0.5, 0.2, 0.2))
+    assert not made.last.steering_limited
+    assert made.allocate(Demand(0.25, 0.4), 0.02, 1.0) == pytest.approx((0.5, 0.4, 0.4))
+    assert made.last.steering_limited
+    assert made.allocate(Demand(0.0, 0.4), 0.02, -1.0)[1:] == pytest.approx((-0.4, -0.4))
+    assert made.allocate(Demand(0.25, 1.0), 0.02, 6.0, by_hand=True)[1:] == (1.0, 1.0)
+    assert made.allocate(Demand(-0.25, 1.0), 0.02, 1.0, by_hand=True)[1:] == (-1.0, -1.0)
+
+
+@pytest.mark.parametrize(("mix", "steering"), [(1.0, 0.7), (0.75, 0.6), (0.5, 0.5), (0.25, 0.4)])
+def test_the_mix_of_steering_and_throttle_is_that_of_ardurover(mix: float, steering: float) -> None:
+    """0.7 of both is 1.4 of an output: at 0.5 both fall to 0.5, above it thrust falls more, below it steering."""
+    made = allocator(MOT_STR_THR_MIX=mix, MOT_THST_ASYM=1.0, MOT_THST_EXPO=0.0, MOT_SLEWRATE=0.0)
+    port, starboard = made.allocate(Demand(0.7, 0.7), 0.02)
+    assert 0.5 * (port - starboard) == pytest.approx(steering)
+    assert max(port, starboard) == pytest.approx(1.0)
+    assert made.last.steering_limited == (mix < 1.0)
+    assert made.allocate(Demand(0.3, 0.3), 0.02) == pytest.approx((0.6, 0.0))
+
+
+def test_without_any_output_nothing_is_driven() -> None:
+    made = allocator(SERVO1_FUNCTION=0, SERVO3_FUNCTION=0)
+    assert made.allocate(Demand(0.5, 0.5), 0.02, 1.0) == ()
