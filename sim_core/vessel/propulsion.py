@@ -126,10 +126,9 @@ def disc_thrust_ratio(advance: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearThrust:
-    """K_T falls linearly with J to zero at a speed of advance V_0 at full speed: n |n|, n^2, |n| V / V_0, n V / V_0.
+    """K_T falls linearly with J to zero at a speed of advance V_0 at full speed, and on: beyond V_0 n it brakes.
 
-    The line goes on at either end: beyond V_0 n the propeller brakes, and astern against headway it gives more than at
-    rest.
+    Against headway or sternway K_T stays that at J = 0: see OpenWaterThrust.
     """
 
     per_term: Array
@@ -145,7 +144,8 @@ class LinearThrust:
     def terms(self, speed: Array, advance: Array) -> tuple[Array, ...]:
         """See ThrustLaw."""
         magnitude = np.abs(speed)
-        return speed * magnitude, speed * speed, magnitude * advance, speed * advance
+        onward = np.maximum(np.sign(speed) * advance, 0.0)
+        return speed * magnitude, speed * speed, speed * onward, magnitude * onward
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,9 +171,10 @@ class TunnelThrust:
 class OpenWaterThrust:
     """K_T by a table over J, for one propeller.
 
-    Beyond the table's end its last slope goes on: the propeller brakes. Below J = 0, going astern against headway or
-    ahead against sternway, K_T stays that of J = 0, for the table says nothing of those quadrants. Astern all of it
-    counts by its share.
+    Beyond the table's end its last slope goes on: the propeller brakes. Astern all of it counts by its share. Below
+    J = 0, astern against headway as in a crash stop or ahead against sternway, K_T stays that at J = 0, for the table
+    says nothing of those quadrants. For a B4-70 screw of pitch ratio 1, measured in all four (Roddy, Hess & Faller
+    2006), that is within 20 % down to J = -0.6; beyond, it brakes harder.
     """
 
     per_term: Array

@@ -321,7 +321,9 @@ class Rudder(Specification):
     wake_fraction: Annotated[
         float, Bounds(at_least=0, below=1), "of the hull's speed, missing from the inflow outside the race"
     ] = 0.0
-    stall_deg: Annotated[float, Bounds(at_least=5, at_most=60), "angle of attack from which the flow leaves it"] = 35.0
+    stall_deg: Annotated[
+        float, Bounds(at_least=5, at_most=60), "angle of attack from which it stalls; less in a free stream"
+    ] = 35.0
 
 
 @dataclass(frozen=True, slots=True)
