@@ -61,8 +61,8 @@ class SimulationState:
     """The world at time_ns.
 
     What the last step felt at the vessels' places: current_ned_mps (N, 3) without the waves' orbital motion,
-    wind_ned_mps (N, 3), elevation_m (N,) of the waves, up positive over the still level, drift_frd_n (N, 2) their mean
-    force. afloat: the debris, and what the vessels touched in that step.
+    wind_ned_mps (N, 3), drift_frd_n (N, 2) the mean force of the waves. afloat: the debris, and what the vessels
+    touched in that step.
     """
 
     time_ns: int
@@ -70,7 +70,6 @@ class SimulationState:
     environment: EnvironmentState
     current_ned_mps: Array
     wind_ned_mps: Array
-    elevation_m: Array
     drift_frd_n: Array
     afloat: Afloat = STILL
 
@@ -90,7 +89,7 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
     vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
     environment = surroundings_model.initial(simulation.environment, len(north_east_m), rng)
     current, wind, around = _surroundings(simulation, environment, vessel.motion, 0.0, None)
-    return SimulationState(0, vessel, environment, current, wind, around.surface.elevation_m, around.drift_frd_n)
+    return SimulationState(0, vessel, environment, current, wind, around.drift_frd_n)
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
@@ -114,13 +113,18 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
         )
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
-    elevation_m = around.surface.elevation_m
-    return SimulationState(time_ns, vessel, environment, current, wind, elevation_m, around.drift_frd_n, afloat)
+    return SimulationState(time_ns, vessel, environment, current, wind, around.drift_frd_n, afloat)
 
 
 def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:
     """True motion of the vessels, for sensors and recorder."""
     return state.vessel.motion
+
+
+def elevation_m(simulation: Simulation, state: SimulationState) -> Array:
+    """(N,) of the waves at the vessels, up positive over the still level."""
+    places = state.vessel.motion.pos_ned_m[:, :2]
+    return simulation.environment.waves.elevation_m(state.time_ns * 1e-9, places)
 
 
 def drifting_bodies(simulation: Simulation, state: SimulationState) -> Bodies:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy import float32, float64
@@ -215,29 +215,41 @@ def spreading_quantiles(spreading: float, count: int) -> Array:
 class HullSurface:
     """The surface at N hulls of S points; velocities are those of the water without its current.
 
-    elevation_m: (N,) at the vessel's origin, and point_elevation_m: (N, S), up positive over the still level.
-    The rest are means over the points:
-    orbital_ned_mps: (N, 3) velocity of the water, with what it drifts.
-    slope_frd: (N, 3) rise per metre forward and right of the plane fitted to the elevations, third 0.
-    turn_frd_radps: (N, 3) roll and pitch rate of the plane fitted to the water's vertical velocities, third 0.
-    gradient_ned: (N, 3) slope of the surface, its rise per metre to north and east, third 0.
-    rise_mps2: (N, 1) vertical acceleration of the surface, up positive.
-    turn_radps2: (N, 2) acceleration of the fitted plane in roll and pitch.
+    point_elevation_m: (N, S) up positive over the still level. over_hull: (N, 15) means over the points, as below.
     """
 
-    elevation_m: Array
     point_elevation_m: Array
-    orbital_ned_mps: Array
-    slope_frd: Array
-    turn_frd_radps: Array
-    gradient_ned: Array
-    rise_mps2: Array
-    turn_radps2: Array
+    over_hull: Array
 
-    @classmethod
-    def joined(cls, parts: list[HullSurface]) -> HullSurface:
-        """Of all vessels of the parts, in their order."""
-        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
+    @property
+    def orbital_ned_mps(self) -> Array:
+        """(N, 3) velocity of the water, with what it drifts."""
+        return self.over_hull[:, :3]
+
+    @property
+    def gradient_ned(self) -> Array:
+        """(N, 3) rise of the surface per metre to north and east, third 0."""
+        return self.over_hull[:, 3:6]
+
+    @property
+    def turn_frd_radps(self) -> Array:
+        """(N, 3) roll and pitch rate of the plane fitted to the water's vertical velocities, third 0."""
+        return self.over_hull[:, 6:9]
+
+    @property
+    def turn_radps2(self) -> Array:
+        """(N, 2) acceleration of that plane in roll and pitch."""
+        return self.over_hull[:, 9:11]
+
+    @property
+    def rise_mps2(self) -> Array:
+        """(N, 1) vertical acceleration of the surface, up positive."""
+        return self.over_hull[:, 11:12]
+
+    @property
+    def slope_frd(self) -> Array:
+        """(N, 3) rise per metre forward and right of the plane fitted to the elevations, third 0."""
+        return self.over_hull[:, 12:15]
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,10 +260,7 @@ class StillHull:
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
         """All zero."""
-        vessels = len(pos_ned_m)
-        zero = np.zeros((vessels, 3))
-        flat = np.zeros((vessels, self.points))
-        return HullSurface(np.zeros(vessels), flat, zero, zero, zero, zero, zero[:, :1], zero[:, :2])
+        return HullSurface(np.zeros((len(pos_ned_m), self.points)), np.zeros((len(pos_ned_m), 15)))
 
 
 _BLOCK = 128  # vessels sampled at once: what they need stays in the processor's cache
@@ -264,78 +273,67 @@ class HullWaves:
     turns_per_m: Array  # (2, W)
     turns_per_s: Array  # (W,)
     turns: Array  # (W,)
-    lever: Array32  # (6, (1 + S) W), the origin first
+    lever: Array32  # (6, S W)
     of_cosines: Array32  # (W, 4): elevation, vertical acceleration, orbital north, orbital east
     of_sines: Array32  # (W, 3): vertical velocity, slope to north, slope to east
-    over_hull: Array32  # (4 (1 + S), 16)
-    over_hull_sines: Array32  # (3 (1 + S), 16)
-    steady: Array32  # (16,) drift of the water
+    over_cosines: Array32  # (4 S, 15)
+    over_sines: Array32  # (3 S, 15)
+    steady: Array32  # (15,) drift of the water
 
     @classmethod
     def bind(cls, waves: WaveField, points_frd_m: Array, draft_m: float) -> HullWaves:
-        """Constants of `sample` for hulls of (S, 3) points that go draft_m deep.
-
-        Its sixteen columns: orbital velocity (3), slope (3), turn (3), gradient (3), rise, acceleration of the turn
-        (2), elevation at the origin.
-        """
+        """Constants of `sample` for hulls of (S, 3) points that go draft_m deep."""
         points = len(points_frd_m)
         amplitude_m, omega = waves.amplitude_m, waves.omega_radps
-        origin_too = np.concatenate([np.zeros((1, 3)), points_frd_m])
-        lever = np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, origin_too).reshape(6, -1)
         # Least-squares plane through the points: rows 1 and 2 of the pseudo-inverse are its slopes forward and right.
         # It pitches as it rises forward and rolls as it falls to the right.
         plane = np.linalg.pinv(np.column_stack([np.ones(points), points_frd_m[:, :2]]))
         roll_pitch = np.stack([-plane[2], plane[1]], axis=1)
-        over_hull = np.zeros((1 + points, 4, 16))
-        over_hull[1:, 2, 0] = over_hull[1:, 3, 1] = over_hull[1:, 1, 12] = 1.0 / points
-        over_hull[1:, 0, 3:5] = plane[1:].T
-        over_hull[1:, 1, 13:15] = roll_pitch
-        over_hull[0, 0, 15] = 1.0
-        over_hull_sines = np.zeros((1 + points, 3, 16))
-        over_hull_sines[1:, 0, 2] = -1.0 / points
-        over_hull_sines[1:, 0, 6:8] = roll_pitch
-        over_hull_sines[1:, 1, 9] = over_hull_sines[1:, 2, 10] = 1.0 / points
+        mean = 1.0 / points
+        over_cosines, over_sines = np.zeros((points, 4, 15)), np.zeros((points, 3, 15))
+        over_cosines[:, 2, 0] = over_cosines[:, 3, 1] = over_cosines[:, 1, 11] = mean
+        over_cosines[:, 1, 9:11] = roll_pitch
+        over_cosines[:, 0, 12:14] = plane[1:].T
+        over_sines[:, 0, 2] = -mean
+        over_sines[:, 1, 3] = over_sines[:, 2, 4] = mean
+        over_sines[:, 0, 6:8] = roll_pitch
         turn = 2.0 * math.pi
         return cls(
             turns_per_m=waves.wave_vector_radpm.T / turn,
             turns_per_s=waves.apparent_omega_radps / turn,
             turns=waves.phase_rad / turn,
-            lever=lever.astype(float32),
+            lever=np.einsum("wi,sj->ijsw", waves.wave_vector_radpm, points_frd_m).reshape(6, -1).astype(float32),
             of_cosines=np.column_stack([amplitude_m, -amplitude_m * omega**2, waves.drift_mps]).astype(float32),
             of_sines=np.column_stack([amplitude_m * omega, -amplitude_m[:, None] * waves.wave_vector_radpm]).astype(
                 float32
             ),
-            over_hull=over_hull.reshape(-1, 16).astype(float32),
-            over_hull_sines=over_hull_sines.reshape(-1, 16).astype(float32),
-            steady=np.concatenate([waves.shear_drift_ne_mps(draft_m), np.zeros(14)]).astype(float32),
+            over_cosines=over_cosines.reshape(-1, 15).astype(float32),
+            over_sines=over_sines.reshape(-1, 15).astype(float32),
+            steady=np.concatenate([waves.shear_drift_ne_mps(draft_m), np.zeros(13)]).astype(float32),
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
         """The surface at time_s under N vessels at (N, 3) positions with (N, 3, 3) attitudes."""
+        vessels = len(pos_ned_m)
+        if vessels <= _BLOCK:
+            return HullSurface(*self._sample(time_s, pos_ned_m, rot_ned_frd))
+        blocks = [slice(first, first + _BLOCK) for first in range(0, vessels, _BLOCK)]
+        parts = [self._sample(time_s, pos_ned_m[block], rot_ned_frd[block]) for block in blocks]
+        points, over_hull = zip(*parts, strict=True)
+        return HullSurface(np.concatenate(points), np.concatenate(over_hull))
+
+    def _sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> tuple[Array, Array]:
         vessels, components = len(pos_ned_m), len(self.turns)
-        if vessels > _BLOCK:
-            blocks = [slice(first, first + _BLOCK) for first in range(0, vessels, _BLOCK)]
-            return HullSurface.joined([self.sample(time_s, pos_ned_m[one], rot_ned_frd[one]) for one in blocks])
         lever = rot_ned_frd.reshape(vessels, 9)[:, :6].astype(float32) @ self.lever
         wave = lever.reshape(vessels, -1, components)
         wave += self._phase_at_origin(time_s, pos_ned_m)[:, None, :]
         cosines = np.cos(wave) @ self.of_cosines
         np.sin(wave, out=wave)
         sines = wave @ self.of_sines
-        summed = cosines.reshape(vessels, -1) @ self.over_hull
-        summed += sines.reshape(vessels, -1) @ self.over_hull_sines
-        summed += self.steady
-        hull = summed.astype(float64)
-        return HullSurface(
-            hull[:, 15],
-            cosines[:, 1:, 0].astype(float64),
-            hull[:, :3],
-            hull[:, 3:6],
-            hull[:, 6:9],
-            hull[:, 9:12],
-            hull[:, 12:13],
-            hull[:, 13:15],
-        )
+        over_hull = cosines.reshape(vessels, -1) @ self.over_cosines
+        over_hull += sines.reshape(vessels, -1) @ self.over_sines
+        over_hull += self.steady
+        return cosines[:, :, 0].astype(float64), over_hull.astype(float64)
 
     def _phase_at_origin(self, time_s: float, pos_ned_m: Array) -> Array32:
         """(N, W) theta in (-pi, pi]."""

@@ -131,7 +131,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         bridge,
         companion,
         links,
-        TruthRecorder(profile, control),
+        TruthRecorder(profile, control, setup.plant.simulation),
         mission,
         None if river is None else river.launching,
         display.showing,

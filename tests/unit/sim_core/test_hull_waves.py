@@ -34,7 +34,6 @@ TOLERANCE = 3e-6 * HS_M
 
 def test_elevation_at_the_strips_is_the_sum_of_cosines() -> None:
     np.testing.assert_allclose(SURFACE.point_elevation_m, FIELD.elevation_m(TIME_S, PLACES), atol=TOLERANCE)
-    np.testing.assert_allclose(SURFACE.elevation_m, FIELD.elevation_m(TIME_S, POS[:, :2]), atol=TOLERANCE)
 
 
 def test_slope_is_the_plane_through_the_strips() -> None:
@@ -83,8 +82,7 @@ def test_the_surface_turns_as_the_plane_through_the_strips() -> None:
 def test_a_batch_larger_than_a_block_is_sampled_alike() -> None:
     many = FIELD.at_hull(POINTS, DRAFT_M).sample(TIME_S, np.tile(POS, (8, 1)), np.tile(ROT, (8, 1, 1)))
     for field in fields(HullSurface):
-        alone = getattr(SURFACE, field.name)
-        np.testing.assert_allclose(getattr(many, field.name)[280:], alone, atol=1e-5 * np.abs(alone).max())
+        np.testing.assert_allclose(getattr(many, field.name)[280:], getattr(SURFACE, field.name), atol=20 * TOLERANCE)
 
 
 def test_a_current_carries_the_pattern() -> None:
@@ -116,8 +114,8 @@ def test_stokes_drift_is_half_the_shear_and_half_the_way_to_and_fro() -> None:
 def test_flat_water_is_flat() -> None:
     surface = FlatWater().at_hull(POINTS).sample(TIME_S, POS, ROT)
     assert surface.point_elevation_m.shape == (40, 12)
-    for part in (surface.elevation_m, surface.point_elevation_m, surface.orbital_ned_mps, surface.slope_frd):
-        assert not part.any()
+    assert not surface.point_elevation_m.any()
+    assert not surface.over_hull.any()
     assert not FlatWater().elevation_m(1.0, PLACES).any()
 
 

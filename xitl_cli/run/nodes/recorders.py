@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from sim_core.simulation import Simulation, elevation_m
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.topics import ActuatorAge
@@ -19,7 +20,8 @@ LINKS_RATE_HZ = 1.0
 class TruthRecorder(RunNode):
     """Records motor commands, the vessel's true state, what surrounds it, and how the physics kept its time."""
 
-    def __init__(self, profile: RunProfile, control: ControlNode) -> None:
+    def __init__(self, profile: RunProfile, control: ControlNode, simulation: Simulation) -> None:
+        self._simulation = simulation
         rate_hz = profile.clock.physics_rate_hz
         self._realtime = profile.clock.mode == "realtime"
         self._rate_hz = rate_hz
@@ -42,7 +44,8 @@ class TruthRecorder(RunNode):
         if number % self._every_truth == 0:
             recorder.truth(now_ns, motion, state.vessel.rotor_speed)
         if number % self._every_environment == 0:
-            recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], float(state.elevation_m[0]))
+            surface_m = float(elevation_m(self._simulation, state)[0])
+            recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], surface_m)
             lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)
             recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
             point = self._pace.clock(number, now_ns)

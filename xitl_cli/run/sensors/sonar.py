@@ -22,7 +22,7 @@ from sim_core.sensors.sonar import (
     turning_s,
 )
 from sim_core.sensors.spec import SonarSpec
-from sim_core.simulation import Simulation, SimulationState, drifting_bodies
+from sim_core.simulation import Simulation, SimulationState, drifting_bodies, elevation_m
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
@@ -140,7 +140,7 @@ def make_sonar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: 
     caster = scenery.caster()
 
     def below_of(state: SimulationState) -> Below:
-        surface_down_m = -water.level_m - float(state.elevation_m[0])
+        surface_down_m = -water.level_m - float(elevation_m(simulation, state)[0])
         return Below(caster, surface_down_m, drifting_bodies(simulation, state))
 
     port = None if settings.serve is None else Ping360Port(settings.serve)
