@@ -57,10 +57,14 @@ def _show(report: dict[str, Any], files: list[Path]) -> None:
         ("odometry", "path_m", "m"),
         ("odometry", "ate_rms_m", "m"),
         ("odometry", "ate_max_m", "m"),
+        ("odometry", "anchored_rms_m", "m"),
+        ("odometry", "anchored_max_m", "m"),
         ("odometry", "rpe_m", "m"),
         ("mapping", "points", ""),
         ("mapping", "boom_points", ""),
         ("mapping", "boom_rms_m", "m"),
+        ("mapping", "boom_uncut_points", ""),
+        ("mapping", "boom_uncut_rms_m", "m"),
         ("mapping", "coverage", ""),
     ):
         cells = [_cell(report[when][group][name], unit) if report[when] else "–" for when in ("offline", "online")]

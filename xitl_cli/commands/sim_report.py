@@ -385,13 +385,16 @@ def _odometry(odometry: dict[str, Any]) -> str:
     rate_hz, rpe_m = odometry["rate_hz"], odometry["rpe_m"]
     rate = "" if rate_hz is None else f"{rate_hz:.1f} Hz, "
     each_second = "" if rpe_m is None else f", RPE {rpe_m:.2f} m in a second"
-    return f"{rate}ATE {ate_m:.2f} m{share}{each_second}"
+    anchored = f", {odometry['anchored_rms_m']:.2f} m from a common start"
+    return f"{rate}ATE {ate_m:.2f} m{share}{anchored}{each_second}"
 
 
 def _map(mapping: dict[str, Any]) -> str:
     text = f"{mapping['points']} points by lidar, {mapping['sonar_points']} by sonar"
     if mapping["boom_rms_m"] is not None:
-        text += f"; {mapping['boom_rms_m']:.2f} m RMS off the log boom"
+        text += f"; {mapping['boom_rms_m']:.2f} m RMS off the log boom within a metre of it"
+    if mapping["boom_uncut_rms_m"] is not None:
+        text += f", {mapping['boom_uncut_rms_m']:.2f} m all that is of it"
     if mapping["coverage"] is not None:
         text += f", {100.0 * mapping['coverage']:.0f} % of it seen"
     return text

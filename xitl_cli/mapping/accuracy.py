@@ -1,6 +1,7 @@
 """How good an odometry and a map are, held against the truth: what the summary of a run and `xitl map` say of them.
 
-Errors of trajectories are those of Sturm et al. (IROS 2012) after Umeyama's rigid alignment, as evo counts them.
+Errors of trajectories are those of Sturm et al. (IROS 2012), as evo counts them: after Umeyama's rigid alignment, which
+spreads a drift over the way, and with the first poses laid on each other, as one sees it who starts at the truth.
 """
 
 from __future__ import annotations
@@ -17,12 +18,13 @@ from xitl_cli.logs.compare.trajectories import (
     Similarity,
     Trajectory,
     absolute_errors_m,
+    align_trajectory,
     error_statistics,
     frame_pairs,
     relative_errors,
     umeyama,
 )
-from xitl_cli.mapping.clouds import at
+from xitl_cli.mapping.clouds import SeenPoints, at
 
 Array = NDArray[np.float64]
 
@@ -46,14 +48,18 @@ class Accuracy:
 
 
 def perception_sections(
-    truth: Trajectory | None, odometry: Trajectory | None, points_odom_m: NDArray[np.float32], boom: LogBoom | None
+    truth: Trajectory | None, odometry: Trajectory | None, seen: SeenPoints, boom: LogBoom | None
 ) -> Accuracy:
-    """What a run's odometry (FRD where it began) and map (n, 3) in its frame are worth; None is what cannot be told."""
+    """What a run's odometry (FRD where it began) and map in its frame are worth; None is what cannot be told."""
     count = 0 if odometry is None else len(odometry.stamp_ns)
     errors: dict[str, Any] = {
-        "poses": count, "rate_hz": None, "path_m": None, "ate_rms_m": None, "ate_max_m": None, "rpe_m": None,
+        "poses": count, "rate_hz": None, "path_m": None, "ate_rms_m": None, "ate_max_m": None,
+        "anchored_rms_m": None, "anchored_max_m": None, "rpe_m": None,
     }  # fmt: skip
-    mapping: dict[str, Any] = {"points": len(points_odom_m), "boom_points": None, "boom_rms_m": None, "coverage": None}
+    mapping: dict[str, Any] = {
+        "points": len(seen.seen_ns), "boom_points": None, "boom_rms_m": None,
+        "boom_uncut_points": None, "boom_uncut_rms_m": None, "coverage": None,
+    }  # fmt: skip
     moving = None
     if truth is not None and len(truth.stamp_ns) >= 3 and odometry is not None and count >= 3:
         reference, other = matched(truth, odometry)
@@ -61,9 +67,13 @@ def perception_sections(
         moving = umeyama(other.pos_m, reference.pos_m)
         if moving is not None:
             errors |= _errors(reference, moving.apply(other))
+        if len(reference.stamp_ns):
+            errors |= _anchored_errors(reference, other)
         laying = laid(reference, other)
         if boom is not None and laying is not None:
-            mapping |= boom_section(points_odom_m @ laying.rotation.T + laying.translation, reference.pos_m, boom)
+            points_ned_m = seen.points_odom_m @ laying.rotation.T + laying.translation
+            mapping |= boom_section(points_ned_m, reference.pos_m, boom)
+            mapping |= uncut_boom_section(points_ned_m, truly_placed(reference, other, seen), boom)
     return Accuracy(errors, mapping, moving)
 
 
@@ -88,12 +98,42 @@ def _corners(trajectory: Trajectory) -> Array:
     return np.concatenate([trajectory.pos_m, *(trajectory.pos_m + LEVER_M * axes[:, :, axis] for axis in range(3))])
 
 
-def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict[str, Any]:
-    """How far points (n, 3) near a boom are from its surface, and how much of it, passed on a track (m, 3), has any."""
+def truly_placed(reference: Trajectory, other: Trajectory, seen: SeenPoints) -> Array:
+    """(n, 3) where points would be in NED, had they been placed by the true pose of when they were seen."""
+    stamps = reference.stamp_ns
+    after = np.clip(np.searchsorted(stamps, seen.seen_ns), 1, len(stamps) - 1)
+    nearest = after - (seen.seen_ns - stamps[after - 1] < stamps[after] - seen.seen_ns)
+    turning = quat_to_matrix(reference.quat_wxyz) @ np.swapaxes(quat_to_matrix(other.quat_wxyz), 1, 2)
+    moved = reference.pos_m - np.einsum("nij,nj->ni", turning, other.pos_m)
+    placed: Array = np.einsum("nij,nj->ni", turning[nearest], seen.points_odom_m.astype(float)) + moved[nearest]
+    return placed
+
+
+def uncut_boom_section(points_ned_m: Array, true_ned_m: Array, boom: LogBoom) -> dict[str, Any]:
+    """How far the map (n, 3) of what is the boom is from its surface, however far that is.
+
+    What is the boom is told by where points truly are (n, 3): a map that drifted by metres does not lose them.
+    """
+    around = _around(true_ned_m, boom)
+    near = np.abs(boom.distance_m(true_ned_m[around])) <= NEAR_M if len(around) else np.empty(0, dtype=bool)
+    found = error_statistics(np.abs(boom.distance_m(points_ned_m[around[near]])) if near.any() else np.empty(0))
+    return {
+        "boom_uncut_points": int(np.count_nonzero(near)),
+        "boom_uncut_rms_m": None if found is None else round(found.rms, 4),
+    }
+
+
+def _around(points_ned_m: Array, boom: LogBoom) -> NDArray[np.intp]:
+    """Which points are in the box of a boom, 10 m wider."""
     piles = np.array([[*pile.place_ne_m, 0.0] for pile in boom.piles]).reshape(-1, 3)
     bounds = np.concatenate([boom.ends_ned_m.reshape(-1, 3), piles])
     inside = (points_ned_m > bounds.min(axis=0) - 10.0) & (points_ned_m < bounds.max(axis=0) + 10.0)
-    around = points_ned_m[inside.all(axis=1)]
+    return np.flatnonzero(inside.all(axis=1))
+
+
+def boom_section(points_ned_m: Array, track_ned_m: Array, boom: LogBoom) -> dict[str, Any]:
+    """How far points (n, 3) near a boom are from its surface, and how much of it, passed on a track (m, 3), has any."""
+    around = points_ned_m[_around(points_ned_m, boom)]
     off_m = boom.distance_m(around) if len(around) else np.empty(0)
     near = np.abs(off_m) <= NEAR_M
     found = error_statistics(np.abs(off_m[near]))
@@ -131,6 +171,14 @@ def _errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
         "ate_max_m": None if absolute is None else round(absolute.most, 4),
         "rpe_m": None if relative is None else round(relative.rms, 4),
     }
+
+
+def _anchored_errors(reference: Trajectory, other: Trajectory) -> dict[str, Any]:
+    """With the first poses laid on each other."""
+    moved, _ = align_trajectory(reference, other, "origin")
+    absolute = error_statistics(absolute_errors_m(reference, moved))
+    assert absolute is not None
+    return {"anchored_rms_m": round(absolute.rms, 4), "anchored_max_m": round(absolute.most, 4)}
 
 
 def _rate_hz(odometry: Trajectory) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,14 @@ _FRD = np.array([1.0, -1.0, -1.0], dtype=np.float32)
 _QUAT_FRD = np.array([1.0, 1.0, -1.0, -1.0])
 
 Points = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class SeenPoints:
+    """Points (n, 3) of a map in the odometry's frame, and about when each was seen (n,)."""
+
+    points_odom_m: NDArray[np.float32]
+    seen_ns: NDArray[np.int64]
 
 
 def clouds(log: Log) -> Iterator[PointCloud]:
@@ -76,14 +85,22 @@ def read_autopilot_messages(log: Log) -> Iterator[tuple[int, Message]]:
                 yield stamp_ns, message
 
 
-def map_points(log: Log) -> dict[MapSource, Points]:
-    """What the companion said of its map during the run, (n, 3) FRD of its odometry's frame, by source."""
+def map_points(log: Log) -> dict[MapSource, SeenPoints]:
+    """What the companion said of its map during the run, FRD of its odometry's frame, by source."""
     parts: dict[MapSource, list[Points]] = {source: [] for source in MAP_SOURCES}
+    stamps: dict[MapSource, list[NDArray[np.int64]]] = {source: [] for source in MAP_SOURCES}
     if MAP in log.tables:
-        for _, packed in _packed(log, MAP, MAP_POINT):
+        for stamp_ns, packed in _packed(log, MAP, MAP_POINT):
             for number, source in enumerate(MAP_SOURCES):
                 parts[source].append(_frd(packed[packed["source"] == number]))
-    return {source: np.concatenate([np.empty((0, 3), np.float32), *part]) for source, part in parts.items()}
+                stamps[source].append(np.full(len(parts[source][-1]), stamp_ns))
+    return {
+        source: SeenPoints(
+            np.concatenate([np.empty((0, 3), np.float32), *parts[source]]),
+            np.concatenate([np.empty(0, np.int64), *stamps[source]]),
+        )
+        for source in MAP_SOURCES
+    }
 
 
 def online(log: Log) -> Trajectory | None:

@@ -31,7 +31,7 @@ from xitl_cli.logs.compare.trajectories import Trajectory, tum_text
 from xitl_cli.logs.export.files import make_directory, part_of
 from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
-from xitl_cli.mapping.clouds import clouds, map_points, online, pings, read_autopilot_messages, truth
+from xitl_cli.mapping.clouds import SeenPoints, clouds, map_points, online, pings, read_autopilot_messages, truth
 from xitl_cli.profile.files.yaml_file import parse_yaml
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import RunProfile
@@ -118,13 +118,14 @@ def _pcd_header(packed: NDArray[Any]) -> str:
 class Rebuilt:
     """The odometry (FRD where it began), the map (n, 3) in its frame, and what could not be used.
 
-    source (n,): 0 lidar, 1 sonar.
+    source (n,): 0 lidar, 1 sonar. seen_ns (m,): stamps of the clouds of the points by lidar.
     """
 
     trajectory: Trajectory
     points_odom_m: NDArray[np.float32]
     intensity: NDArray[np.uint8]
     source: NDArray[np.uint8]
+    seen_ns: NDArray[np.int64]
     clouds: int
     pings: int
     poses_refused: int
@@ -145,6 +146,7 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
         raise UserError(f"{log.path}: {error}") from error
     cloud_map = CloudMap(settings["MAP_CELL"], settings["MAP_RANGE"])
     wire, placed, count = CloudReassembler(), list[RegisteredCloud](), 0
+    seen = list[NDArray[np.int64]]()
     echoes = pings(log)
     heard = 0
     for cloud in clouds(log):
@@ -154,7 +156,8 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
             found = odometry.register(sent.stamp_ns, sent.points_m, sent.offset_s)
             if found is not None:
                 placed.append(found)
-                cloud_map.add(found.pose_odom, found.points_frd_m, sent.intensity[found.kept], LIDAR)
+                added = cloud_map.add(found.pose_odom, found.points_frd_m, sent.intensity[found.kept], LIDAR)
+                seen.append(np.full(len(added.intensity), sent.stamp_ns))
         while heard < len(echoes) and echoes[heard].stamp_ns <= cloud.end_ns:
             _hear(cloud_map, odometry, echoes[heard])
             heard += 1
@@ -164,6 +167,7 @@ def rebuild(log: Log, profile: RunProfile | None) -> Rebuilt:
         np.concatenate([part.points_odom_m for part in parts]),
         np.concatenate([part.intensity for part in parts]),
         np.repeat(np.array([LIDAR, SONAR], dtype=np.uint8), [len(part.intensity) for part in parts]),
+        np.concatenate([np.empty(0, np.int64), *seen]),
         count,
         heard,
         odometry.poses_refused,
@@ -259,7 +263,8 @@ def measure(log: Log) -> Measured:
     boom = None if profile is None else Scenery(profile).boom
     rebuilt = rebuild(log, profile)
     true, said = truth(log), online(log)
-    offline = perception_sections(true, rebuilt.trajectory, rebuilt.points_odom_m[rebuilt.source == LIDAR], boom)
+    by_lidar = SeenPoints(rebuilt.points_odom_m[rebuilt.source == LIDAR], rebuilt.seen_ns)
+    offline = perception_sections(true, rebuilt.trajectory, by_lidar, boom)
     report: dict[str, Any] = {
         "recording": str(log.path),
         "clouds": rebuilt.clouds,
@@ -274,7 +279,7 @@ def measure(log: Log) -> Measured:
         points = map_points(log)
         then = perception_sections(true, said, points["lidar"], boom)
         report["online"] = {"odometry": then.odometry, "mapping": then.mapping}
-        whole = np.concatenate(list(points.values()))
+        whole = np.concatenate([part.points_odom_m for part in points.values()])
         report["difference"] = {**apart(rebuilt.trajectory, said), **_maps_apart(rebuilt.points_odom_m, whole)}
     return Measured(report, rebuilt, true, said)
 

@@ -13,8 +13,14 @@ from sim_core.frames import euler_to_quat
 from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory, umeyama
 from xitl_cli.mapping.accuracy import apart, boom_section, matched, perception_sections
-from xitl_cli.mapping.clouds import at
+from xitl_cli.mapping.clouds import SeenPoints, at
 from xitl_cli.mapping.rebuild import write_tum
+
+NOTHING = SeenPoints(np.empty((0, 3), np.float32), np.empty(0, np.int64))
+
+
+def seen_at(points, stamp_ns) -> SeenPoints:
+    return SeenPoints(points.astype(np.float32), np.broadcast_to(stamp_ns, len(points)).astype(np.int64))
 
 
 def wandering(count: int = 400, off_m: float = 0.0, turned: bool = False) -> Trajectory:
@@ -30,21 +36,33 @@ def wandering(count: int = 400, off_m: float = 0.0, turned: bool = False) -> Tra
     return Trajectory((t * 1e9).astype(np.int64) + 50_000_000, place, euler_to_quat(euler))
 
 
+def read_both(folder: Path):
+    """Truth and odometry as evo reads them."""
+    return sync.associate_trajectories(
+        file_interface.read_tum_trajectory_file(folder / "truth.tum"),
+        file_interface.read_tum_trajectory_file(folder / "odometry.tum"),
+    )
+
+
 def test_errors_are_those_of_evo(tmp_path: Path) -> None:
     truth, odometry = wandering(turned=True), wandering(off_m=0.1)
-    found = perception_sections(truth, odometry, np.empty((0, 3), np.float32), None).odometry
+    found = perception_sections(truth, odometry, NOTHING, None).odometry
     reference, other = matched(truth, odometry)
     for name, trajectory in (("truth", reference), ("odometry", other)):
         write_tum(tmp_path / f"{name}.tum", trajectory)
-    reference, other = sync.associate_trajectories(
-        file_interface.read_tum_trajectory_file(tmp_path / "truth.tum"),
-        file_interface.read_tum_trajectory_file(tmp_path / "odometry.tum"),
-    )
+    reference, other = read_both(tmp_path)
     other.align(reference)
     ape = metrics.APE(metrics.PoseRelation.translation_part)
     ape.process_data((reference, other))
     assert found["ate_rms_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse), abs=5e-5)
     assert found["ate_max_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.max), abs=5e-5)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    reference, other = read_both(tmp_path)
+    other.align_origin(reference)
+    ape.process_data((reference, other))
+    assert found["anchored_rms_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse), abs=5e-5)
+    assert found["anchored_max_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.max), abs=5e-5)
+    assert found["anchored_rms_m"] > found["ate_rms_m"]
     rpe = metrics.RPE(metrics.PoseRelation.translation_part, delta=10, delta_unit=metrics.Unit.frames)
     rpe.process_data((reference, other))
     assert found["rpe_m"] == pytest.approx(rpe.get_statistic(metrics.StatisticsType.rmse), abs=5e-5)
@@ -90,7 +108,7 @@ def test_coverage_counts_what_was_passed_and_seen() -> None:
 
 
 def test_nothing_known_is_nothing_told() -> None:
-    found = perception_sections(None, None, np.empty((0, 3), np.float32), None)
+    found = perception_sections(None, None, NOTHING, None)
     assert (found.odometry["poses"], found.odometry["ate_rms_m"], found.mapping["points"]) == (0, None, 0)
     assert found.moving is None
 
@@ -114,5 +132,27 @@ def test_a_map_along_a_straight_way_is_laid_by_its_poses_as_frames() -> None:
     points = np.column_stack([north, 0.5 * np.cos(turn), 0.5 * np.sin(turn)])
     points = points[np.abs(north % 6.0 - 3.0) < 2.5]
     truth, odometry = Trajectory(stamps, track, still), Trajectory(stamps, noisy, still)
-    found = perception_sections(truth, odometry, points.astype(np.float32), line())
+    found = perception_sections(truth, odometry, seen_at(points, stamps[0]), line())
     assert found.mapping["boom_rms_m"] == pytest.approx(0.0, abs=2e-3)
+
+
+def test_a_map_that_drifts_by_metres_keeps_its_boom_without_the_cut() -> None:
+    """The odometry goes off to one side and the other by 3 m; what is a metre off the boom is cut, and told beside."""
+    rng = np.random.default_rng(5)
+    count = 300
+    stamps = np.arange(count, dtype=np.int64) * 100_000_000
+    track = np.column_stack([np.linspace(-20, 80, count), np.full(count, -9.0), np.zeros(count)])
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    off = np.column_stack([np.zeros(count), 3.0 * np.sin(np.arange(count) * 3.0 * np.pi / count), np.zeros(count)])
+    when = rng.integers(0, count, 6000)
+    turn = rng.uniform(1.2 * np.pi, 1.8 * np.pi, len(when))
+    on_boom = np.column_stack([track[when, 0], 0.5 * np.cos(turn), 0.5 * np.sin(turn)])
+    kept = (on_boom[:, 0] > 0.5) & (on_boom[:, 0] < 59.5) & (np.abs(on_boom[:, 0] % 6.0 - 3.0) < 2.5)
+    elsewhere = on_boom[kept][:50] + np.array([0.0, 30.0, 0.0])
+    mapped = np.concatenate([on_boom[kept] + off[when[kept]], elsewhere])
+    seen = seen_at(mapped, stamps[np.concatenate([when[kept], np.zeros(50, dtype=int)])])
+    found = perception_sections(Trajectory(stamps, track, still), Trajectory(stamps, track + off, still), seen, line())
+    assert found.mapping["boom_uncut_points"] == np.count_nonzero(kept)
+    assert found.mapping["boom_points"] < np.count_nonzero(kept)
+    assert found.mapping["boom_uncut_rms_m"] > 1.2 * found.mapping["boom_rms_m"]
+    assert found.odometry["anchored_max_m"] == pytest.approx(np.abs(off).max(), abs=1e-3)

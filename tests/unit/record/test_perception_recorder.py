@@ -61,8 +61,9 @@ def test_clouds_are_forward_left_up_with_their_fields(tmp_path: Path) -> None:
         assert (cloud.stamp_ns, cloud.points_m.tolist()) == (5_000_000_000, POINTS.tolist())
         assert (cloud.offset_s.tolist(), cloud.intensity.tolist()) == (offset.tolist(), INTENSITY.tolist())
         told = recorded.map_points(log)
-        assert told["sonar"].tolist() == POINTS.tolist()
-        assert told["lidar"].tolist() == POINTS[:1].tolist()
+        assert told["sonar"].points_odom_m.tolist() == POINTS.tolist()
+        assert told["lidar"].points_odom_m.tolist() == POINTS[:1].tolist()
+        assert told["lidar"].seen_ns.tolist() == [8]
         assert len(log.tables["/sonar/points"]) == 1
 
 

@@ -21,6 +21,7 @@ from sim_core.geodesy import LocalFrame
 from sim_core.world.structures import LogBoom
 from xitl_cli.logs.compare.trajectories import Trajectory
 from xitl_cli.mapping.accuracy import perception_sections
+from xitl_cli.mapping.clouds import SeenPoints
 from xitl_cli.mapping.rebuild import points_of, write_map, write_tum
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
@@ -81,6 +82,7 @@ class FindingsNode(RunNode):
         self.score = score
         self.clouds = CloudReassembler()
         self.maps = {source: (bytearray(), bytearray()) for source in _SOURCES.values()}
+        self._seen: dict[MapSource, list[tuple[int, int]]] = {source: [] for source in _SOURCES.values()}
         self._frame = frame
         self._boom = boom
         self._every_truth = max(round(physics_rate_hz / TRUTH_RATE_HZ), 1)
@@ -148,7 +150,9 @@ class FindingsNode(RunNode):
 
     def report(self) -> dict[str, Any]:
         points, _ = self.map_points("lidar")
-        accuracy = perception_sections(self.truth(), self.odometry(), points.astype(np.float32), self._boom)
+        stamps, counts = np.array(self._seen["lidar"], dtype=np.int64).reshape(-1, 2).T
+        seen = SeenPoints(points.astype(np.float32), np.repeat(stamps, counts))
+        accuracy = perception_sections(self.truth(), self.odometry(), seen, self._boom)
         return {
             "odometry": accuracy.odometry,
             "mapping": {**accuracy.mapping, "sonar_points": len(self.map_points("sonar")[0])},
@@ -214,6 +218,7 @@ class FindingsNode(RunNode):
                 points, intensity = self.maps[source]
                 points += cloud.points_m.tobytes()
                 intensity += cloud.intensity.tobytes()
+                self._seen[source].append((cloud.stamp_ns, len(cloud.points_m)))
                 self._recorder.perception.map_points(self._step_ns(), cloud.points_m, cloud.intensity, source)
 
     def _on_obstacle(self, message: Any) -> None:
