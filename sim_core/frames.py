@@ -101,7 +101,7 @@ def quat_to_matrix(quat: Array) -> Array:
     """(..., 4) unit quaternion -> (..., 3, 3) rotation matrix, `v_ned = matrix @ v_frd`."""
     q = quat.reshape(-1, 4)
     products = (q[:, :, None] * q[:, None, :]).reshape(-1, 16)
-    matrix: Array = (products @ _ROTATION).reshape((*quat.shape[:-1], 3, 3))
+    matrix: Array = products.dot(_ROTATION).reshape((*quat.shape[:-1], 3, 3))
     return matrix
 
 

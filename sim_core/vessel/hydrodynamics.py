@@ -128,7 +128,7 @@ class AxisDrag:
 
     def terms(self, nu_r: Array) -> tuple[Array, ...]:
         """(N, 6), or two of them."""
-        nu = nu_r @ self.at_centre
+        nu = nu_r.dot(self.at_centre)
         magnitude = np.abs(nu)
         return (nu * magnitude, nu * magnitude[:, :1]) if self.shed else (nu * magnitude,)
 
@@ -154,7 +154,7 @@ class CrossFlow:
 
     def terms(self, nu_r: Array) -> tuple[Array]:
         """(N, S)."""
-        speed = nu_r @ self.across
+        speed = nu_r.dot(self.across)
         return (speed * np.abs(speed),)
 
 

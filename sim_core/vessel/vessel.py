@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
-from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, WaveField
+from sim_core.environment.waves import FLAT_WATER, FlatWater, HullSurface, StillHull, WaveField
 from sim_core.frames import Array, euler_to_quat, quat_to_matrix
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.buoyancy import Buoyancy, make_buoyancy
@@ -15,6 +15,7 @@ from sim_core.vessel.floating import FloatingPose, floating_pose
 from sim_core.vessel.hydrodynamics import Hydrodynamics
 from sim_core.vessel.propulsion import Propulsion, SteeredPropulsion, make_propulsion
 from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.step_length import check_step_length
 from sim_core.vessel.wave_forces import FLAT, NoWaveForces, WaveForces
 from sim_core.vessel.windage import WindDrag
 
@@ -34,11 +35,13 @@ class VesselState:
     """motion: of N vessels; rotor_speed: what follows the (N, C) commands, in their order.
 
     That is the fraction of full speed, negative in reverse, of each propeller, then of full angle of each gear and
-    rudder.
+    rudder. half_change: (N, 6) of the velocities, linear NED, then angular in body axes: half of what water, air and
+    propellers changed in the step before; None before the first step.
     """
 
     motion: Kinematics
     rotor_speed: Array
+    half_change: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +76,10 @@ class Vessel:
     def from_spec(
         cls, model: VesselSpec, water: Water, dt_s: float, waves: WaveField | FlatWater = FLAT_WATER
     ) -> Vessel:
-        """Matrices of all parts. Raises SpecificationError when the vessel does not float upright."""
+        """Matrices of all parts.
+
+        Raises SpecificationError when the vessel does not float upright, ValueError when dt_s is too long to follow it.
+        """
         buoyancy = make_buoyancy(model, water)
         rest = floating_pose(model, water, buoyancy)
         hydrodynamics = Hydrodynamics.from_spec(model, water.density_kgpm3, rest.draft_m)
@@ -85,7 +91,7 @@ class Vessel:
             wave_forces = WaveForces.from_parts(model, hydrodynamics, buoyancy, waves, water, rest.depth_m)
         per_term = [hydrodynamics.wrench, buoyancy.wrench, propulsion.wrench, windage.wrench, weight]
         per_term += [wave_forces.wrench]
-        return cls(
+        vessel = cls(
             model=model,
             dt_s=dt_s,
             hydrodynamics=hydrodynamics,
@@ -97,6 +103,8 @@ class Vessel:
             rest=rest,
             level_m=water.level_m,
         )
+        check_step_length(lambda states: _acceleration_off_rest(vessel, states), dt_s)
+        return vessel
 
 
 def at_rest(vessel: Vessel, north_east_m: Array, yaw_rad: Array) -> VesselState:
@@ -118,11 +126,14 @@ def step(
     vessel: Vessel, state: VesselState, command: Array, around: Surroundings, wrench_frd: Array | None = None
 ) -> VesselState:
     """One step under (N, C) commands in [-1, 1]; wrench_frd: (N, 6) force and moment from outside, in body axes."""
-    rotor_speed = vessel.propulsion.spin(state.rotor_speed, command)
-    acceleration_frd = accelerate(vessel, state.motion, rotor_speed, around)
+    motion, dt_s = state.motion, vessel.dt_s
+    half_change = _change(motion, accelerate(vessel, motion, state.rotor_speed, around), 0.5 * dt_s)
+    change = 3.0 * half_change
+    change -= half_change if state.half_change is None else state.half_change
     if wrench_frd is not None:
-        acceleration_frd += wrench_frd @ vessel.hydrodynamics.inverse_mass
-    return VesselState(advance(state.motion, acceleration_frd, vessel.dt_s), rotor_speed)
+        change += _change(motion, wrench_frd @ vessel.hydrodynamics.inverse_mass, dt_s)
+    rotor_speed = vessel.propulsion.spin(state.rotor_speed, command)
+    return VesselState(advance(motion, change, half_change, dt_s), rotor_speed, half_change)
 
 
 def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: Surroundings) -> Array:
@@ -147,22 +158,49 @@ def accelerate(vessel: Vessel, motion: Kinematics, rotor_speed: Array, around: S
         down_frd,
         *vessel.wave_forces.terms(ned[:, 0, 2:], down_frd, frd[:, 2], surface, around.drift_frd_n),
     )
-    acceleration: Array = np.concatenate(terms, axis=1) @ vessel.acceleration_per_term
+    acceleration: Array = np.concatenate(terms, axis=1).dot(vessel.acceleration_per_term)
     return acceleration
 
 
-def advance(motion: Kinematics, acceleration_frd: Array, dt_s: float) -> Kinematics:
-    """Semi-implicit Euler: velocities first, then pose with the new velocities.
+def _acceleration_off_rest(vessel: Vessel, states: Array) -> Array:
+    """(K, 6) in body axes in still water and air, for (K, 9) of depth, roll, pitch and velocities off rest."""
+    count = len(states)
+    rest = at_rest(vessel, np.zeros((count, 2)), np.zeros(count)).motion
+    tilt = np.zeros((count, 3))
+    tilt[:, :2] = states[:, 1:3]
+    rot = rest.rot_ned_frd @ quat_to_matrix(euler_to_quat(tilt))
+    pos_ned_m = rest.pos_ned_m + states[:, :1] * np.array([0.0, 0.0, 1.0])
+    zero = np.zeros((count, 3))
+    velocity = np.matvec(rot, states[:, 3:6])
+    motion = Kinematics(pos_ned_m, velocity, zero, rest.quat_ned_frd, rot, states[:, 6:], zero)
+    surface = StillHull(len(vessel.buoyancy.points_frd_m)).sample(0.0, pos_ned_m, rot)
+    around = Surroundings(zero, zero, surface, np.zeros((count, 2)))
+    return accelerate(vessel, motion, np.zeros((count, vessel.model.commands)), around)
 
-    acceleration_frd: (N, 6) as `accelerate` gives it. The result's accelerations are those of this step: its velocity
-    is the old one plus dt_s times them.
+
+def advance(motion: Kinematics, change: Array, half_change: Array, dt_s: float) -> Kinematics:
+    """One step on with velocities changed by (N, 6), linear NED, then angular in body axes.
+
+    Leap-frog, of order 2: the pose goes with the velocities half a step on, from which those at the step's end are
+    another half_change away, as far as water, air and propellers change them. For smooth forces `change` is Adams and
+    Bashforth's 3/2 and -1/2 of two steps. What contacts change is in `change` alone: it moves the pose at once, as a
+    stiff spring wants it.
+
+    The result's accelerations are those of this step: its velocity is the old one plus dt_s times them.
     """
-    acc_ned_mps2 = np.vecdot(motion.rot_ned_frd, acceleration_frd[:, None, :3])
-    angular_acc = acceleration_frd[:, 3:]
-    vel_ned_mps = motion.vel_ned_mps + dt_s * acc_ned_mps2
-    gyro = motion.gyro_frd_radps + dt_s * angular_acc
-    pos_ned_m = motion.pos_ned_m + dt_s * vel_ned_mps
+    vel_ned_mps = motion.vel_ned_mps + change[:, :3]
+    gyro = motion.gyro_frd_radps + change[:, 3:]
+    pos_ned_m = motion.pos_ned_m + dt_s * (vel_ned_mps - half_change[:, :3])
+    turn = (gyro - half_change[:, 3:]) * dt_s
     old = motion.quat_ned_frd
-    quat = old + ((old[:, :, None] * gyro[:, None, :]).reshape(-1, 12) @ _HALF_RATES) * dt_s
+    quat = old + (old[:, :, None] * turn[:, None, :]).reshape(-1, 12).dot(_HALF_RATES)
     quat /= np.sqrt(np.vecdot(quat, quat))[:, None]
-    return Kinematics(pos_ned_m, vel_ned_mps, acc_ned_mps2, quat, quat_to_matrix(quat), gyro, angular_acc)
+    mean = change * (1.0 / dt_s)
+    return Kinematics(pos_ned_m, vel_ned_mps, mean[:, :3], quat, quat_to_matrix(quat), gyro, mean[:, 3:])
+
+
+def _change(motion: Kinematics, acceleration_frd: Array, time_s: float) -> Array:
+    """(N, 6) of the velocities under (N, 6) accelerations in body axes, which it overwrites."""
+    acceleration_frd[:, :3] = np.matvec(motion.rot_ned_frd, acceleration_frd[:, :3])
+    acceleration_frd *= time_s
+    return acceleration_frd

@@ -1,0 +1,65 @@
+"""Whether the steps of a simulation are short enough for a vessel.
+
+The vessel's small motions about rest, x' = A x, are stepped as `vessel.advance` does it; that has to grow no faster
+than the motions themselves do. One that only decays at a rate may have rate x step up to 1 (Adams and Bashforth's
+second order), one that only swings at omega may have omega x step up to 2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from sim_core.frames import Array
+
+_POSE, _RATES = 3, 6
+_ROUNDING = 1e-6
+_OFFSETS = np.array([1e-4] * _POSE + [1e-3] * _RATES)  # m, rad, m/s, rad/s: small beside a draft, large beside rounding
+
+
+def check_step_length(acceleration: Callable[[Array], Array], dt_s: float) -> None:
+    """Raises ValueError when steps of dt_s do not follow the vessel: see `small_motions`."""
+    matrix = small_motions(acceleration)
+    if is_followed(matrix, dt_s):
+        return
+    rates, shapes = np.linalg.eig(matrix)
+    fastest = int(np.argmax(np.abs(rates)))
+    share = np.abs(shapes[:, fastest] * np.linalg.pinv(shapes)[fastest])[_POSE:]
+    axis = ("surge", "sway", "heave", "roll", "pitch", "yaw")[int(np.argmax(share))]
+    needed = next(factor for factor in (2**n for n in range(1, 64)) if is_followed(matrix, dt_s / factor))
+    raise ValueError(
+        f"the vessel changes its {axis} at {abs(rates[fastest]):.0f} /s: steps of {1e3 * dt_s:g} ms do not follow it;"
+        f" set clock.physics_rate_hz to {needed / dt_s:.0f}, or look for a damping too large or a mass too small"
+    )
+
+
+def small_motions(acceleration: Callable[[Array], Array]) -> Array:
+    """(9, 9) A of depth, roll and pitch, then the six velocities.
+
+    acceleration: (K, 6) for (K, 9) states a little off rest.
+    """
+    about = np.concatenate([np.diag(_OFFSETS), -np.diag(_OFFSETS)])
+    given = acceleration(about)
+    matrix = np.zeros((9, 9))
+    matrix[(0, 1, 2), (5, 6, 7)] = 1.0
+    matrix[_POSE:] = (given[:9] - given[9:]).T / (2.0 * _OFFSETS)
+    return matrix
+
+
+def is_followed(matrix: Array, dt_s: float) -> bool:
+    """Whether steps of dt_s stay as bounded as the motions of `small_motions` themselves."""
+    pose, moved = slice(0, _POSE), slice(_POSE, _POSE + _RATES)
+    before = slice(_POSE + _RATES, _POSE + 2 * _RATES)
+    acceleration = np.zeros((_RATES, _POSE + 2 * _RATES))  # of pose, velocities half a step back, acceleration before
+    acceleration[:, pose], acceleration[:, moved] = matrix[_POSE:, :_POSE], matrix[_POSE:, _POSE:]
+    acceleration[:, before] = 0.5 * dt_s * matrix[_POSE:, _POSE:]
+    step = np.zeros((_POSE + 2 * _RATES, _POSE + 2 * _RATES))
+    step[before] = acceleration
+    step[moved] = dt_s * acceleration
+    step[moved, moved] += np.eye(_RATES)
+    step[pose] = dt_s * matrix[:_POSE, _POSE:] @ step[moved]
+    step[pose, pose] += np.eye(_POSE)
+    grows = max(float(np.linalg.eigvals(matrix).real.max()), 0.0)
+    return float(np.abs(np.linalg.eigvals(step)).max()) <= math.exp(grows * dt_s) * (1.0 + _ROUNDING)
