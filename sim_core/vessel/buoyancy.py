@@ -29,6 +29,7 @@ from sim_core.vessel.sections import HullStrips, cut_strips
 from sim_core.vessel.spec import DemiHull, VesselSpec
 
 _TINY = 1e-300
+_DEPTHS = 40  # looked at at once
 
 
 def segment_area_m2(submerged_m: Array, radius_m: Array | float) -> Array:
@@ -325,11 +326,10 @@ def upright_depth_m(model: VesselSpec, hulls: Buoyancy) -> float:
     """Depth of the body's origin at which a level vessel displaces its mass."""
     low = -max(hull.keel_frd_m[2] for hull in model.demi_hulls)
     high = -min(hull.keel_frd_m[2] - 2.0 * hull.height_m for hull in model.demi_hulls)
-    level = np.array([[0.0, 0.0, 1.0]])
-    for _ in range(60):  # bisection to rounding
-        middle = 0.5 * (low + high)
-        if -FlatPoses(hulls, np.array([middle]), level).wrench()[0, 2] < model.mass_kg * GRAVITY_MPS2:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+    level = np.tile([0.0, 0.0, 1.0], (_DEPTHS, 1))
+    for _ in range(10):  # down to rounding
+        depth_m = np.linspace(low, high, _DEPTHS)
+        light = -FlatPoses(hulls, depth_m, level).wrench()[:, 2] < model.mass_kg * GRAVITY_MPS2
+        place = int(np.clip(np.count_nonzero(light), 1, _DEPTHS - 1))
+        low, high = depth_m[place - 1], depth_m[place]
+    return float(0.5 * (low + high))

@@ -403,7 +403,9 @@ class VesselSpec(Specification):
         if (self.hull is None) == (not self.hulls):
             raise SpecificationError(
                 ("hull",),
-                "and `hulls` exclude each other; give one of them" if self.hull else "is missing; give it or `hulls`",
+                "and `hulls` exclude each other; keep one, `hull: null` drops an inherited one"
+                if self.hull
+                else "is missing; give it or `hulls`",
             )
 
         self._check_inertia()

@@ -71,11 +71,13 @@ def _changed_vessel(entry: Entry) -> tuple[Entry, Entry] | None:
         return None
     changed = {
         path: (leaf, before)
-        for path in (*(("hull", key) for key in _HULL), ("name",), ("mass_kg",))
-        if (leaf := _at(vehicle, path)) is not None and (before := _replaced(leaf)) is not None
+        for path in (("hull",), *(("hull", key) for key in _HULL), ("hulls",), ("name",), ("mass_kg",))
+        if (leaf := _at(vehicle, path)) is not None
+        and not isinstance(leaf.value, dict)
+        and (before := _replaced(leaf)) is not None
     }
     for path, pair in changed.items():
-        if path[0] == "hull":
+        if path[0] in ("hull", "hulls"):
             return pair
     # Another name and another mass are another boat; one of both is a version of the same.
     return changed[("mass_kg",)] if ("name",) in changed and ("mass_kg",) in changed else None

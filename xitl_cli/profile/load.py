@@ -103,10 +103,11 @@ def _with_absolute_paths(entry: Entry) -> Entry:
     firmware = entry.nearest(("autopilot", "firmware"))
     if firmware[1] == 2 and firmware[0].value not in _NO_FILE:
         entry = _rewritten(entry, ("autopilot", "firmware"), ("",))
-    meshes = entry.nearest(("world", "meshes"))
-    if meshes[1] == 2 and isinstance(meshes[0].value, tuple):
-        for number in range(len(meshes[0].value)):
-            entry = _rewritten(entry, ("world", "meshes", number, "file"), ("",))
+    for list_path, file_path in ((("world", "meshes"), ("file",)), (("vehicle", "hulls"), ("mesh", "file"))):
+        meshes = entry.nearest(list_path)
+        if meshes[1] == 2 and isinstance(meshes[0].value, tuple):
+            for number in range(len(meshes[0].value)):
+                entry = _rewritten(entry, (*list_path, number, *file_path), ("",))
     files = entry.nearest(("autopilot", "parameter_files"))
     if files[1] == 2 and isinstance(files[0].value, tuple):
         for number in range(len(files[0].value)):

@@ -54,6 +54,13 @@ def test_the_dam_the_windage_and_the_gains_stay_behind(write: Write) -> None:
     assert "base-sitl" in text
 
 
+def test_hulls_in_place_of_the_hull_are_another_vessel(write: Write) -> None:
+    monohull = "{length_m: 2.3, keel_frd_m: [0, 0, 0.25], section: {width_m: 0.8, depth_m: 0.5}}"
+    text = told(write, f"extends: sitl\nvehicle:\n  hull: null\n  hulls: [{monohull}]\n")
+    assert "boat.yaml:3: the vessel is another one than that of " in text
+    assert "vehicle.wind" in text
+
+
 @pytest.mark.parametrize(
     ("text", "leftover", "gone"),
     [

@@ -12,7 +12,8 @@ import numpy as np
 from foxglove import messages
 
 from sim_core import frames
-from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.sections import hull_shape
+from sim_core.vessel.spec import DemiHull, Propeller, Rudder, VesselSpec
 from sim_core.world.debris import Body, BodyKind
 from sim_core.world.geometry import MATERIALS, Mesh
 from sim_core.world.river import RiverBed
@@ -94,38 +95,95 @@ def _mission(profile: RunProfile) -> messages.SceneEntity:
 
 
 def _vessel(vehicle: VesselSpec) -> messages.SceneEntity:
-    hull = vehicle.hull
-    assert hull is not None
-    side = hull.width_m / 2 - hull.radius_m
-    keel = hull.radius_m - hull.keel_below_cg_m
-    along = _quaternion(pitch_rad=math.pi / 2)
-    hulls = [
-        messages.CylinderPrimitive(
-            pose=_pose((0.0, y, keel), along),
-            size=messages.Vector3(x=2 * hull.radius_m, y=2 * hull.radius_m, z=hull.length_m),
+    cylinders, cubes, triangles = [], [], []
+    for hull in vehicle.demi_hulls:
+        drawn = _hull(hull)
+        if isinstance(drawn, messages.CylinderPrimitive):
+            cylinders.append(drawn)
+        elif isinstance(drawn, messages.CubePrimitive):
+            cubes.append(drawn)
+        else:
+            triangles.append(drawn)
+    cylinders += [_propeller(propeller, vehicle.length_m) for propeller in vehicle.propellers]
+    cubes += [_rudder(rudder) for rudder in vehicle.rudders]
+    if len(vehicle.demi_hulls) > 1:
+        cubes.append(_deck(vehicle))
+    return messages.SceneEntity(
+        frame_id=VESSEL_FRAME, id="vessel", frame_locked=True, cylinders=cylinders, cubes=cubes, triangles=triangles
+    )
+
+
+_ALONG_PITCH_RAD = math.pi / 2
+"""Lays a cylinder, which is drawn upright, along the vessel."""
+
+
+def _hull(hull: DemiHull) -> messages.CylinderPrimitive | messages.CubePrimitive | messages.TriangleListPrimitive:
+    """Round and box-shaped ones as such, others by their triangles; too large a mesh as the box that it fills."""
+    forward, right, down = hull.keel_frd_m
+    middle = (forward, -right, 0.5 * hull.height_m - down)
+    if hull.prismatic and hull.section is not None and hull.section.radius_m is not None:
+        return messages.CylinderPrimitive(
+            pose=_pose(middle, _quaternion(pitch_rad=_ALONG_PITCH_RAD)),
+            size=messages.Vector3(x=hull.width_m, y=hull.width_m, z=hull.length_m),
             bottom_scale=1.0,
             top_scale=1.0,
             color=_WHITE,
         )
-        for y in (side, -side)
-    ]
-    propellers = [
-        messages.CylinderPrimitive(
-            pose=_pose((forward, -right, -down), along),
-            size=messages.Vector3(x=0.25 * hull.length_m, y=0.25 * hull.length_m, z=0.03 * hull.length_m),
-            bottom_scale=1.0,
-            top_scale=1.0,
-            color=_DARK,
-        )
-        for forward, right, down in (propeller.position_frd_m for propeller in vehicle.propellers)
-    ]
-    deck = messages.CubePrimitive(
-        pose=_pose((0.0, 0.0, keel + hull.radius_m)),
-        size=messages.Vector3(x=0.6 * hull.length_m, y=hull.width_m - 2 * hull.radius_m, z=0.3 * hull.radius_m),
+    box_shaped = hull.prismatic and hull.section is not None and hull.section.width_m is not None
+    shape = hull_shape(hull)
+    if box_shaped or len(shape.faces) > MOST_DRAWN:
+        size = messages.Vector3(x=hull.length_m, y=hull.width_m, z=hull.height_m)
+        return messages.CubePrimitive(pose=_pose(middle), size=size, color=_WHITE)
+    points = frames.frd_to_flu(shape.vertices_m).tolist()
+    return messages.TriangleListPrimitive(
+        pose=_ORIGIN,
+        points=[messages.Point3(x=x, y=y, z=z) for x, y, z in points],
+        color=_WHITE,
+        indices=shape.faces.ravel().tolist(),
+    )
+
+
+def _propeller(propeller: Propeller, length_m: float) -> messages.CylinderPrimitive:
+    """A disc across its thrust; where no diameter is given, of a size that can be seen."""
+    forward, right, down = propeller.position_frd_m
+    curve = propeller.open_water
+    guess_m = (0.25 if propeller.medium == "air" else 0.08) * length_m
+    diameter_m = curve.diameter_m if curve is not None else propeller.diameter_m or guess_m
+    return messages.CylinderPrimitive(
+        pose=_pose(
+            (forward, -right, -down),
+            _quaternion(pitch_rad=_ALONG_PITCH_RAD, yaw_rad=-math.radians(propeller.angle_deg)),
+        ),
+        size=messages.Vector3(x=diameter_m, y=diameter_m, z=0.12 * diameter_m),
+        bottom_scale=1.0,
+        top_scale=1.0,
         color=_DARK,
     )
-    return messages.SceneEntity(
-        frame_id=VESSEL_FRAME, id="vessel", frame_locked=True, cylinders=hulls + propellers, cubes=[deck]
+
+
+def _rudder(rudder: Rudder) -> messages.CubePrimitive:
+    forward, right, down = rudder.position_frd_m
+    chord_m = math.sqrt(rudder.area_m2 / rudder.aspect_ratio)
+    return messages.CubePrimitive(
+        pose=_pose((forward, -right, -down)),
+        size=messages.Vector3(x=chord_m, y=0.12 * chord_m, z=rudder.aspect_ratio * chord_m),
+        color=_DARK,
+    )
+
+
+def _deck(vehicle: VesselSpec) -> messages.CubePrimitive:
+    """Between the axes of the outermost hulls, on the lowest of all."""
+    hulls = vehicle.demi_hulls
+    sides = [-hull.keel_frd_m[1] for hull in hulls]
+    top = min(hull.height_m - hull.keel_frd_m[2] for hull in hulls)
+    return messages.CubePrimitive(
+        pose=_pose((vehicle.midship_frd_x_m, 0.5 * (max(sides) + min(sides)), top)),
+        size=messages.Vector3(
+            x=0.6 * min(hull.length_m for hull in hulls),
+            y=max(sides) - min(sides),
+            z=0.15 * min(hull.height_m for hull in hulls),
+        ),
+        color=_DARK,
     )
 
 
