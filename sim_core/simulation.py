@@ -51,7 +51,8 @@ class Simulation:
         if dt_ns <= 0 or abs(dt_s * 1e9 - dt_ns) > 1e-3:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
         vessel = Vessel.from_spec(model, environment.water, dt_s, environment.waves)
-        hull_waves = environment.waves.at_hull(vessel.buoyancy.points_frd_m, vessel.rest.draft_m)
+        hulls = vessel.buoyancy
+        hull_waves = environment.waves.at_hull(hulls.points_frd_m, vessel.rest.draft_m, hulls.point_share)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
         return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway)
 

@@ -37,7 +37,7 @@ class FlatWater:
         """(...,) zero at (..., 2) positions."""
         return np.zeros(np.shape(pos_ne_m)[:-1])
 
-    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0) -> StillHull:
+    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0, share: Array | None = None) -> StillHull:
         """Sampler for a hull of (S, 3) points."""
         return StillHull(len(points_frd_m))
 
@@ -92,9 +92,9 @@ class WaveField:
         drift: Array = (GRAVITY_MPS2 * self.amplitude_m / self.omega_radps)[:, None] * self.wave_vector_radpm
         return drift
 
-    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0) -> HullWaves:
-        """Sampler for a hull of (S, 3) points that goes draft_m deep."""
-        return HullWaves.bind(self, points_frd_m, draft_m)
+    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0, share: Array | None = None) -> HullWaves:
+        """Sampler for a hull of (S, 3) points that goes draft_m deep; share: (S,) of each in means, None for equal."""
+        return HullWaves.bind(self, points_frd_m, draft_m, share)
 
     def shear_drift_ne_mps(self, draft_m: float) -> Array:
         """(2,) part of the Stokes drift that comes of the orbital velocity's growth with height, mean over a draft.
@@ -281,15 +281,16 @@ class HullWaves:
     steady: Array32  # (15,) drift of the water
 
     @classmethod
-    def bind(cls, waves: WaveField, points_frd_m: Array, draft_m: float) -> HullWaves:
-        """Constants of `sample` for hulls of (S, 3) points that go draft_m deep."""
+    def bind(cls, waves: WaveField, points_frd_m: Array, draft_m: float, share: Array | None = None) -> HullWaves:
+        """Constants of `sample`; see `WaveField.at_hull`."""
         points = len(points_frd_m)
+        mean = np.full(points, 1.0 / points) if share is None else share
         amplitude_m, omega = waves.amplitude_m, waves.omega_radps
         # Least-squares plane through the points: rows 1 and 2 of the pseudo-inverse are its slopes forward and right.
         # It pitches as it rises forward and rolls as it falls to the right.
-        plane = np.linalg.pinv(np.column_stack([np.ones(points), points_frd_m[:, :2]]))
+        weight = np.sqrt(mean)
+        plane = np.linalg.pinv(weight[:, None] * np.column_stack([np.ones(points), points_frd_m[:, :2]])) * weight
         roll_pitch = np.stack([-plane[2], plane[1]], axis=1)
-        mean = 1.0 / points
         over_cosines, over_sines = np.zeros((points, 4, 15)), np.zeros((points, 3, 15))
         over_cosines[:, 2, 0] = over_cosines[:, 3, 1] = over_cosines[:, 1, 11] = mean
         over_cosines[:, 1, 9:11] = roll_pitch

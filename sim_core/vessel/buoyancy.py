@@ -62,10 +62,12 @@ def _lift_wrench() -> Array:
 class RoundHulls:
     """Constants of round hulls in one water, S strips in all.
 
-    points_frd_m (S, 3): where the surface is sampled, the middle of each strip's axis. volume_m3: of the hulls.
+    points_frd_m (S, 3): where the surface is sampled, the middle of each strip's axis; point_share (S,): what the strip
+    displaces of all at rest, level. volume_m3: of the hulls.
     """
 
     points_frd_m: Array
+    point_share: Array
     volume_m3: float
     level_m: float
     minus_axes_in_radii: Array  # (3, S)
@@ -82,6 +84,7 @@ class RoundHulls:
         newton_per_m3 = water.density_kgpm3 * GRAVITY_MPS2
         hulls = cls(
             points_frd_m=axes,
+            point_share=lengths,
             volume_m3=math.pi * float(lengths @ radii**2),
             level_m=water.level_m,
             minus_axes_in_radii=-axes.T / radii,
@@ -93,10 +96,10 @@ class RoundHulls:
         submerged = np.clip(upright_depth_m(model, hulls) + axes[:, 2] + radii, 0.0, 2.0 * radii)
         # The segment's centroid is 2/3 (half width)^3 / area below the axis; the mean over the displaced volume.
         half_width = np.sqrt(submerged * (2.0 * radii - submerged))
-        below_m = (2.0 / 3.0) * (lengths @ half_width**3) / (lengths @ segment_area_m2(submerged, radii))
+        displaced_m3 = lengths * segment_area_m2(submerged, radii)
         wrench = _lift_wrench()
-        wrench[0, 0, 4] = below_m
-        return replace(hulls, wrench=wrench.reshape(12, 6))
+        wrench[0, 0, 4] = (2.0 / 3.0) * (lengths @ half_width**3) / displaced_m3.sum()
+        return replace(hulls, wrench=wrench.reshape(12, 6), point_share=displaced_m3 / displaced_m3.sum())
 
     def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
         """(N, 12) what the force is linear in, for vessels at (N, 3).
@@ -147,10 +150,12 @@ class SectionHulls:
     """Constants of hulls of any cross-sections in one water: S strips in all, each a polygon of C corners.
 
     points_frd_m (2 S, 3): where the surface is sampled, to port and to starboard of each strip's middle by the standard
-    deviation of its breadth. volume_m3: of the hulls.
+    deviation of its breadth; point_share (2 S,): half of what the strip displaces of all at rest, level. volume_m3: of
+    the hulls.
     """
 
     points_frd_m: Array
+    point_share: Array
     volume_m3: float
     depth: Array  # (5 + 2 S, S (C + 1)): of the corners, from the vertical, slope across, depth of origin, elevations
     per_edge: Array  # (3 S C, 10): see `from_spec`
@@ -191,6 +196,7 @@ class SectionHulls:
         rows = [weight * np.concatenate([across[..., None] * row, down[..., None] * row], axis=-1) for row in rows]
         hulls = cls(
             points_frd_m=points.reshape(-1, 3),
+            point_share=np.repeat(length_m, 2),
             volume_m3=float(length_m @ area),
             depth=depth.reshape(5 + 2 * strips, -1),
             per_edge=np.concatenate([row.reshape(-1, 10) for row in rows]),
@@ -199,7 +205,9 @@ class SectionHulls:
             level_m=water.level_m,
         )
         check_reserve(model, water, hulls.volume_m3)
-        return hulls
+        wet, one, other = _wet_share(z + upright_depth_m(model, hulls))
+        displaced_m3 = length_m * (across * wet * (one + other)).sum(axis=1)
+        return replace(hulls, point_share=np.repeat(0.5 * displaced_m3 / displaced_m3.sum(), 2))
 
     def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
         """As of `RoundHulls`."""
@@ -219,10 +227,8 @@ class SectionHulls:
     def _lift_n(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
         """(N, 4) lift and its moments about x, y and z."""
         depth = self._depth_m(pos_ned_m, down_frd, surface)
-        under, size = np.maximum(depth, 0.0), np.abs(depth)
-        one, other = under[..., :-1], under[..., 1:]
+        wet, one, other = _wet_share(depth)
         both = one + other
-        wet = both / (size[..., :-1] + size[..., 1:] + _TINY)  # share of the edge under water
         edges = np.empty((len(depth), 3, *both.shape[1:]))
         np.multiply(wet, both, out=edges[:, 0])
         np.multiply(wet, wet * (one - other) + 3.0 * other, out=edges[:, 1])
@@ -241,6 +247,13 @@ class SectionHulls:
         parts = (down_frd, surface.slope_frd[:, 1:2], pos_ned_m[:, 2:] + self.level_m, surface.point_elevation_m)
         depth: Array = np.concatenate(parts, axis=1) @ self.depth
         return depth.reshape(len(depth), self.strips, -1)
+
+
+def _wet_share(depth_m: Array) -> tuple[Array, Array, Array]:
+    """Of edges from corner to corner (..., C + 1): share under water, and the depths of both ends, 0 above it."""
+    under, size = np.maximum(depth_m, 0.0), np.abs(depth_m)
+    one, other = under[..., :-1], under[..., 1:]
+    return (one + other) / (size[..., :-1] + size[..., 1:] + _TINY), one, other
 
 
 def _cut(number: int, hull: DemiHull) -> HullStrips:

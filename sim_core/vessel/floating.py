@@ -13,7 +13,7 @@ from sim_core.keys import SpecificationError
 from sim_core.vessel.buoyancy import Buoyancy, FlatPoses, make_buoyancy, upright_depth_m
 from sim_core.vessel.spec import VesselSpec
 
-MOST_INCLINED_DEG = 10.0
+MOST_INCLINED_DEG = 5.0
 """Of heel or trim at rest; a vessel that lies with more has its weight in the wrong place."""
 _LONGEST_STEP_RAD = 0.1
 _DIFFERENCE = 1e-5  # m and rad

@@ -109,11 +109,14 @@ class Section(Specification):
         return self.depth_m or max((height_m for height_m, _ in self.offsets_m or ()), default=0.0)
 
 
+_UNTAPERED = ((-0.5, 1.0), (0.5, 1.0))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemiHull(Specification):
     """One hull of any number: a section drawn along its length, or a mesh. Give `section` or `mesh`."""
 
-    length_m: Annotated[Positive, "of the waterline"]
+    length_m: Annotated[Positive, "from end to end of its sections; of a mesh, of the waterline"]
     keel_frd_m: Annotated[Vector, "halfway along its lowest line, from the body's origin"]
     section: Section | None = None
     mesh: HullMesh | None = None
@@ -121,7 +124,7 @@ class DemiHull(Specification):
         tuple[Place, ...],
         Items(2, 50),
         "a list of [place from -0.5 at the stern to 0.5 at the bow, share of the section's width there]",
-    ] = ((-0.5, 1.0), (0.5, 1.0))
+    ] = _UNTAPERED
     strips: Annotated[int, Bounds(at_least=2, at_most=1000), "for buoyancy and waves"] = 12
 
     def check(self) -> None:
@@ -132,6 +135,8 @@ class DemiHull(Specification):
             raise SpecificationError(("taper",), "has to rise from -0.5 at the stern to 0.5 at the bow; sort it")
         if any(share < 0 for _, share in self.taper) or not any(share for _, share in self.taper):
             raise SpecificationError(("taper",), "has a share below 0, or none above; give shares of the width")
+        if self.mesh is not None and self.taper != _UNTAPERED:
+            raise SpecificationError(("taper",), "is of a section; a mesh has its own ends, leave the taper away")
 
     @property
     def prismatic(self) -> bool:

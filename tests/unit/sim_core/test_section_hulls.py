@@ -370,6 +370,21 @@ def test_shares_of_dry_and_drowned_strips() -> None:
         assert 0.0 < dry[1] < 0.5 or 0.0 < drowned[1] < 0.5
 
 
+def test_means_over_the_hulls_go_by_what_each_displaces() -> None:
+    """A slope of the surface pushes each hull by what it displaces, so the floats do not count like the middle hull."""
+    floats = [hull(Section(width_m=0.2, depth_m=0.3), 2.0, keel_frd_m=(0.0, y, 0.2), strips=12) for y in (-1.0, 1.0)]
+    for middle in (hull(strips=12), hull(Section(radius_m=0.4), strips=12)):
+        share = make_buoyancy(vessel(middle, *floats, mass_kg=600.0), WATER).point_share
+        assert share.sum() == pytest.approx(1.0)
+        assert share[:24].sum() == pytest.approx(1.0 - 2 * share[24:48].sum())
+        assert 0.0 < share[24:48].sum() < 0.1
+    field = realise_waves(WaveSpec("regular", 0.02, 1.5, 20.0), DEEP, np.random.default_rng(0))
+    points, share = np.array([[0.0, -1.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([0.1, 0.8, 0.1])
+    surface = field.at_hull(points, 0.0, share).sample(0.7, np.zeros((1, 3)), np.eye(3)[None])
+    gradient = share @ field.slope(0.7, points[:, :2])
+    assert surface.gradient_ned[0, :2] == pytest.approx(gradient, abs=1e-8)
+
+
 def test_a_trimaran_rides_waves() -> None:
     side = Section(offsets_m=((0.0, 0.0), (0.3, 0.1)))
     floats = [hull(side, 2.0, y_m=y, strips=6, keel_frd_m=(-0.5, y, 0.25)) for y in (-1.2, 1.2)]
