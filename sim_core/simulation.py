@@ -62,8 +62,8 @@ class SimulationState:
     """The world at time_ns.
 
     What the last step felt at the vessels' places: current_ned_mps (N, 3) without the waves' orbital motion,
-    wind_ned_mps (N, 3), drift_frd_n (N, 2) the mean force of the waves. afloat: the debris, and what the vessels
-    touched in that step.
+    wind_ned_mps (N, 3) at the height of their areas, drift_frd_n (N, 2) the mean force of the waves. afloat: the
+    debris, and what the vessels touched in that step.
     """
 
     time_ns: int
@@ -89,19 +89,21 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
     """Vessels at rest at (N, 2) places and (N,) headings; environment drawn from its stationary state."""
     vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
     environment = surroundings_model.initial(simulation.environment, len(north_east_m), rng)
-    current, wind, around = _surroundings(simulation, environment, vessel.motion, 0.0, None)
-    return SimulationState(0, vessel, environment, current, wind, around.drift_frd_n)
+    held = _held(simulation, environment, vessel.motion, 0.0)
+    drift_frd_n = _around(simulation, held, vessel.motion, 0.0, None).drift_frd_n
+    return SimulationState(0, vessel, environment, *held, drift_frd_n)
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
     """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselSpec."""
-    environment, drift_frd_n = state.environment, None
+    environment, motion, time_s = state.environment, state.vessel.motion, state.time_ns * 1e-9
     if state.time_ns % simulation.drift_ns == 0:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
+        held = _held(simulation, environment, motion, time_s)
+        around = _around(simulation, held, motion, time_s, None)
     else:
-        drift_frd_n = state.drift_frd_n
-    motion = state.vessel.motion
-    current, wind, around = _surroundings(simulation, environment, motion, state.time_ns * 1e-9, drift_frd_n)
+        held = state.current_ned_mps, state.wind_ned_mps
+        around = _around(simulation, held, motion, time_s, state.drift_frd_n)
     afloat = state.afloat
     if simulation.waterway is not OPEN_WATER:
         afloat = waterways.step(
@@ -114,7 +116,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
         )
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
-    return SimulationState(time_ns, vessel, environment, current, wind, around.drift_frd_n, afloat)
+    return SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, afloat)
 
 
 def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:
@@ -149,14 +151,20 @@ def _water(simulation: Simulation, state: EnvironmentState, time_ns: int) -> Wat
     )
 
 
-def _surroundings(
-    simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float, drift_frd_n: Array | None
-) -> tuple[Array, Array, Surroundings]:
-    """drift_frd_n: (N, 2) mean force of the waves where it is held."""
-    current = simulation.environment.current.velocity_ned_mps(state.current, motion.pos_ned_m)
-    wind = simulation.environment.wind.velocity_ned_mps(state.wind, time_s)
+def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float) -> tuple[Array, Array]:
+    """(N, 3), (N, 3) velocities of the current and of the air at the vessels' areas: what is held for a while."""
+    environment = simulation.environment
+    current = environment.current.velocity_ned_mps(state.current, motion.pos_ned_m)
+    return current, environment.wind.velocity_ned_mps(state.wind, time_s, simulation.vessel.model.wind.centre_height_m)
+
+
+def _around(
+    simulation: Simulation, held: tuple[Array, Array], motion: Kinematics, time_s: float, drift_frd_n: Array | None
+) -> Surroundings:
+    """drift_frd_n: (N, 2) mean force of the waves, where that is held too."""
+    current, wind = held
     surface = simulation.hull_waves.sample(time_s, motion.pos_ned_m, motion.rot_ned_frd)
     water = current + surface.orbital_ned_mps
     if drift_frd_n is None:
         drift_frd_n = simulation.vessel.wave_forces.drift.force_frd_n(motion, water, surface)
-    return current, wind, Surroundings(water, wind, surface, drift_frd_n)
+    return Surroundings(water, wind, surface, drift_frd_n)

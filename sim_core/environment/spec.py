@@ -90,7 +90,11 @@ class DiscreteGust(Specification):
 
 @dataclass(frozen=True, slots=True)
 class WindSpec(Specification):
-    """A mean wind that veers slowly, with random and discrete gusts along it."""
+    """A mean wind that veers slowly, with random and discrete gusts along it; all of it grows with height.
+
+    With h the height above the water and r the reference height: power is `(h / r)^exponent`, logarithmic is
+    `ln(h / roughness) / ln(r / roughness)`. A vessel feels the wind at the height of its areas, `wind.height_m`.
+    """
 
     mean_mps: Annotated[float, Bounds(at_least=0, at_most=100), "at the reference height"] = 0.0
     direction_deg: Annotated[Direction, "where the wind comes from"] = 0.0
@@ -98,7 +102,12 @@ class WindSpec(Specification):
     direction_correlation_s: Annotated[Positive, "time constant of that"] = 60.0
     gust: GustSpec = GustSpec()
     discrete_gusts: tuple[DiscreteGust, ...] = ()
-    reference_height_m: Annotated[Positive, "of the gust spectra"] = 10.0
+    reference_height_m: Annotated[Positive, "above the water, of the speeds here and of the gust spectra"] = 10.0
+    profile: Annotated[Literal["power", "logarithmic", "uniform"], "over the height"] = "power"
+    exponent: Annotated[float, Bounds(above=0, at_most=1), "of power: 1/7, or 0.11 over the open sea"] = 1.0 / 7.0
+    roughness_m: Annotated[
+        float, Bounds(above=0, at_most=0.03), "of logarithmic: 0.0001 of calm to 0.01 of rough open water"
+    ] = 0.0002
 
     def check(self) -> None:
         if self.gust.spectrum not in ("none", "ornstein-uhlenbeck") and self.mean_mps == 0:

@@ -2,6 +2,9 @@
 
     air = make_wind(spec)
 
+The wind grows with height by a power law (1/7, as measured over flat country and water; Hsu, Meindl and Gilhousen 1994
+have 0.11 over the open sea) or by the logarithmic law of a neutral boundary layer (DNV-RP-C205, 2.3.2).
+
 A gust is a deviation of the speed from its mean. Gust spectra are one-sided densities S(f) in (m/s)^2/Hz of the
 frequency f in Hz.
 """
@@ -23,6 +26,7 @@ from sim_core.noise import GaussMarkov
 
 LOWEST_HZ = 1.0 / 1200.0  # slower than 20 minutes is weather, not gust
 HIGHEST_HZ = 2.0  # faster than this a vessel's windage averages it out
+LOWEST_M = 0.05  # no profile reaches down among the waves: below it is as windy as there
 
 
 class Gust(Protocol):
@@ -173,8 +177,12 @@ class Air(Protocol):
         """State one step later."""
         ...
 
-    def velocity_ned_mps(self, state: WindState, time_s: float) -> Array:
-        """(N, 3) velocity of the air."""
+    def velocity_ned_mps(self, state: WindState, time_s: float, height_m: float | None = None) -> Array:
+        """(N, 3) velocity of the air at a height above the water, None for the reference height."""
+        ...
+
+    def share(self, height_m: Array | float) -> Array:
+        """Speed at heights above the water over that at the reference height."""
         ...
 
 
@@ -188,8 +196,11 @@ class StillAir:
     def step(self, state: WindState, dt_s: float, rng: Generator) -> WindState:
         return state
 
-    def velocity_ned_mps(self, state: WindState, time_s: float) -> Array:
+    def velocity_ned_mps(self, state: WindState, time_s: float, height_m: float | None = None) -> Array:
         return np.zeros((len(state.veer_rad), 3))
+
+    def share(self, height_m: Array | float) -> Array:
+        return np.ones_like(height_m, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,14 +225,23 @@ class Wind:
     def step(self, state: WindState, dt_s: float, rng: Generator) -> WindState:
         return WindState(self._gust.step(state.gust, dt_s, rng), self._veer.step(state.veer_rad, dt_s, rng))
 
-    def velocity_ned_mps(self, state: WindState, time_s: float) -> Array:
+    def share(self, height_m: Array | float) -> Array:
+        spec = self.spec
+        height, reference = np.maximum(height_m, LOWEST_M), max(spec.reference_height_m, LOWEST_M)
+        if spec.profile == "uniform":
+            return np.ones_like(height)
+        if spec.profile == "power":
+            return np.asarray((height / reference) ** spec.exponent)
+        return np.asarray(np.log(height / spec.roughness_m) / math.log(reference / spec.roughness_m))
+
+    def velocity_ned_mps(self, state: WindState, time_s: float, height_m: float | None = None) -> Array:
         steady_mps = self.spec.mean_mps + sum(discrete_gust_mps(gust, time_s) for gust in self.spec.discrete_gusts)
         speed_mps = np.maximum(steady_mps + self._gust.speed_mps(state.gust, time_s), 0.0)
         course_rad = self._course_rad + state.veer_rad
         velocity_mps = np.zeros((len(speed_mps), 3))
         np.multiply(speed_mps, np.cos(course_rad), out=velocity_mps[:, 0])
         np.multiply(speed_mps, np.sin(course_rad), out=velocity_mps[:, 1])
-        return velocity_mps
+        return velocity_mps if height_m is None else velocity_mps * self.share(height_m)
 
 
 def make_gust(spec: WindSpec) -> Gust:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,9 +36,15 @@ class WindVaneState:
 
 @dataclass(frozen=True, slots=True)
 class WindVane:
-    """What of the wind lies in the deck's plane, behind the lag of vane and cups: see WindVaneSpec."""
+    """What of the wind lies in the deck's plane, behind the lag of vane and cups: see WindVaneSpec.
+
+    share_at: speed of the wind at (N,) heights above the still water over that of the air it is given; level_m: of
+    that water.
+    """
 
     spec: WindVaneSpec
+    share_at: Callable[[Array], Array] = np.ones_like
+    level_m: float = 0.0
     _cross: Array = field(init=False, repr=False, compare=False)
     _gain: float = field(init=False, repr=False, compare=False)
     _speed: Digitiser = field(init=False, repr=False, compare=False)
@@ -59,7 +66,8 @@ class WindVane:
         self, state: WindVaneState, truth: Kinematics, air_ned_mps: Array, rng: Generator
     ) -> tuple[WindVaneState, WindSample]:
         """One sample in air that moves with air_ned_mps (N, 3)."""
-        relative_ned = air_ned_mps - truth.vel_ned_mps
+        height_m = -self.level_m - truth.pos_ned_m[:, 2] - truth.rot_ned_frd[:, 2] @ self.spec.position_frd_m
+        relative_ned = air_ned_mps * self.share_at(height_m)[:, None] - truth.vel_ned_mps
         past_frd = (relative_ned[:, None] @ truth.rot_ned_frd)[:, 0] - truth.gyro_frd_radps @ self._cross
         felt = past_frd[:, :2]
         if state.felt_frd_mps is not None:

@@ -90,7 +90,7 @@ def test_three_metres_per_second_against_current_and_wind_leave_a_margin() -> No
     environment = Environment(
         water=Water(density_kgpm3=DENSITY),
         current=UniformCurrent(CurrentSpec(0.7, 180.0)),
-        wind=Wind(WindSpec(8.0, 0.0)),
+        wind=Wind(WindSpec(8.0, 0.0, profile="uniform")),
     )
     simulation = Simulation.from_spec(FULL, environment, 0.01)
     motion = run(simulation, at_start(simulation), 30.0, np.full((1, 2), 0.9))[-1]
@@ -296,7 +296,7 @@ def test_the_vessel_keeps_its_course_and_trim_at_full_speed() -> None:
 
 def test_a_beam_wind_heels_by_the_couple_of_wind_and_drag() -> None:
     """Adrift with the wind from port: its force at half the height of the areas, the hulls' drag at half the draft."""
-    environment = Environment(water=CALM.water, wind=Wind(WindSpec(14.0, 270.0)))
+    environment = Environment(water=CALM.water, wind=Wind(WindSpec(14.0, 270.0, profile="uniform")))
     simulation = Simulation.from_spec(replace(FULL, wind=replace(FULL.wind, yaw_coefficient=0.0)), environment, 0.005)
     motion = run(simulation, at_start(simulation), 20.0)[-1]
     roll, _, _ = quat_to_euler(motion.quat_ned_frd)[0]
@@ -322,7 +322,7 @@ def test_in_a_turn_to_starboard_the_vessel_heels_to_port() -> None:
 def test_wind_and_vessel_turned_together_feel_the_same() -> None:
     accelerations = []
     for yaw_deg in (0.0, 137.0):
-        environment = Environment(wind=Wind(WindSpec(9.0, 40.0 + yaw_deg)))
+        environment = Environment(wind=Wind(WindSpec(9.0, 40.0 + yaw_deg, profile="uniform")))
         simulation = Simulation.from_spec(FULL, environment, 0.0025)
         motion = run(simulation, at_start(simulation, euler_rad=(0, 0, np.radians(yaw_deg))), 0.0025)[1]
         surge_sway_heave = motion.acc_ned_mps2 @ motion.rot_ned_frd[0]
@@ -363,7 +363,10 @@ def test_a_froude_scaled_vessel_moves_alike() -> None:
     for scale in (1.0, 0.25):
         water = Water(depth_m=3.0 * scale, level_m=0.0)
         waves = realise_waves(WaveSpec("regular", 0.2 * scale, 2.5 * scale**0.5, 50.0), water, np.random.default_rng(0))
-        wind, current = Wind(WindSpec(6.0 * scale**0.5, 20.0)), UniformCurrent(CurrentSpec(0.6 * scale**0.5, 80.0))
+        wind, current = (
+            Wind(WindSpec(6.0 * scale**0.5, 20.0, profile="uniform")),
+            UniformCurrent(CurrentSpec(0.6 * scale**0.5, 80.0)),
+        )
         environment = Environment(water, current, waves, wind)
         simulation = Simulation.from_spec(froude_scaled(FULL, scale), environment, 0.004 * scale**0.5)
         # The waves' mean force is held for a time that is no property of the vessel: for as many steps at both scales.

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.signal import welch
+from vessels import FULL
 
 from sim_core.environment.current import StillWater, UniformCurrent, make_current
+from sim_core.environment.environment import Environment
 from sim_core.environment.spec import CurrentSpec, DiscreteGust, WindSpec
 from sim_core.environment.wind import (
     HIGHEST_HZ,
@@ -25,6 +28,7 @@ from sim_core.environment.wind import (
     npd_density,
 )
 from sim_core.noise import GaussMarkov
+from sim_core.simulation import Simulation, initial
 
 
 @pytest.mark.parametrize("dt_s", [0.0025, 0.5])
@@ -114,6 +118,35 @@ def test_wind_comes_from_its_direction() -> None:
     state = wind.initial(3, np.random.default_rng(0))
     np.testing.assert_allclose(wind.velocity_ned_mps(state, -1.0), np.tile([0.0, 5.0, 0.0], (3, 1)), atol=1e-12)
     np.testing.assert_allclose(wind.velocity_ned_mps(state, 10.0), np.tile([0.0, 7.0, 0.0], (3, 1)), atol=1e-12)
+
+
+def test_the_wind_grows_with_height() -> None:
+    """(h / r)^p and ln(h / z0) / ln(r / z0); DNV-RP-C205 has the second as 1 + ln(h / r) / ln(r / z0)."""
+    heights = np.array([0.3, 2.0, 10.0, 20.0])
+    for spec, expected in (
+        (WindSpec(8.0), (heights / 10.0) ** (1.0 / 7.0)),
+        (WindSpec(8.0, exponent=0.11, reference_height_m=2.0), (heights / 2.0) ** 0.11),
+        (WindSpec(8.0, profile="logarithmic"), 1.0 + np.log(heights / 10.0) / np.log(10.0 / 0.0002)),
+        (WindSpec(8.0, profile="uniform"), np.ones(4)),
+    ):
+        wind = Wind(spec)
+        np.testing.assert_allclose(wind.share(heights), expected, rtol=1e-12)
+        state = wind.initial(2, np.random.default_rng(0))
+        low = wind.velocity_ned_mps(state, 0.0, 0.3)
+        np.testing.assert_allclose(low, expected[0] * wind.velocity_ned_mps(state, 0.0), rtol=1e-12)
+    assert Wind(WindSpec(8.0)).share(0.0) == Wind(WindSpec(8.0)).share(0.05)  # among the waves
+
+
+def test_a_vessel_feels_the_wind_at_the_height_of_its_areas() -> None:
+    """By the reference height alone, and by the height of the areas alone."""
+    areas_m = 0.5 * FULL.wind.lateral_area_m2 / FULL.wind.length_m
+    for reference_m, height_m in ((10.0, None), (2.0, None), (10.0, 1.5)):
+        environment = Environment(wind=Wind(WindSpec(8.0, 180.0, reference_height_m=reference_m)))
+        model = replace(FULL, wind=replace(FULL.wind, height_m=height_m))
+        simulation = Simulation.from_spec(model, environment, 0.0025)
+        state = initial(simulation, np.zeros((1, 2)), np.zeros(1), np.random.default_rng(0))
+        expected = 8.0 * ((height_m or areas_m) / reference_m) ** (1.0 / 7.0)
+        np.testing.assert_allclose(state.wind_ned_mps, [[expected, 0.0, 0.0]], atol=1e-12)
 
 
 def test_wind_veers_about_its_mean() -> None:

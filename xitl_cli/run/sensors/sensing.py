@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from numpy.random import default_rng
 
+from sim_core.environment.wind import make_wind
 from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame, normal_gravity_mps2
 from sim_core.kinematics import Kinematics
@@ -128,6 +129,10 @@ def _further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> I
     if profile.autopilot.bridge.world is not None and profile.autopilot.kind in BRIDGED:
         vane = None
         if sensors.wind_vane is not None:
-            vane = VaneChannel(WindVane(sensors.wind_vane), default_rng(seeds.sequence("wind vane")), physics_hz)
+            wind, areas_m = make_wind(profile.environment.wind), profile.vehicle.wind.centre_height_m
+            mast = WindVane(
+                sensors.wind_vane, lambda height_m: wind.share(height_m) / wind.share(areas_m), water.level_m
+            )
+            vane = VaneChannel(mast, default_rng(seeds.sequence("wind vane")), physics_hz)
             yield vane
         yield TruthChannel(round(physics_hz / profile.clock.exchange_rate_hz), vane)

@@ -137,6 +137,21 @@ def test_the_scan_shows_the_log_boom_where_it_is() -> None:
     assert set(scan.distances[40:68]) == {6001}
 
 
+def test_the_vane_stands_in_the_wind_of_its_own_height() -> None:
+    """A mast 2 m above the origin, which floats 0.13 m above the water, sees more than the hull's areas at 0.28 m."""
+    vane = "sensors.wind_vane={rate_hz: 10, position_frd_m: [0, 0, -2]}"
+    wind = "environment.wind={mean_mps: 4, profile: logarithmic, roughness_m: 0.001}"
+    air = np.array([[0.0, -4.0, 0.0]])
+    told = [
+        message
+        for message in sensed(ready(vane, wind, profile="sitl-ardupilot"), at(5, 6, 0), 0.5, air)
+        if message.get_msgId() == TRUTH_ID
+    ]
+    areas_m = 0.5 * 1.3 / 2.3
+    mast_m = 2.0 + 0.14 + 0.01
+    assert told[-1].wind_speed == pytest.approx(4.0 * math.log(mast_m / 0.001) / math.log(areas_m / 0.001), rel=1e-5)
+
+
 def test_the_dam_stands_across_its_heading() -> None:
     """60 m long toward east and 4 m wide, centred 100 m to the north: its near side is 98 m ahead."""
     dam = "{centre_ned_m: [100.0, 0.0, 0.0], size_m: [60.0, 4.0, 10.0], heading_deg: 90}"
@@ -159,7 +174,8 @@ def test_odometry_starts_at_zero_in_local_axes() -> None:
 
 
 def test_the_truth_goes_with_every_exchange_where_a_world_is_served() -> None:
-    profile = ready("sensors.wind_vane={rate_hz: 10, latency_s: 0.1}", profile="sitl-ardupilot")
+    vane = "sensors.wind_vane={rate_hz: 10, latency_s: 0.1}"
+    profile = ready(vane, "environment.wind={mean_mps: 4, profile: uniform}", profile="sitl-ardupilot")
     air = np.array([[0.0, -4.0, 0.0]])
     told = [m for m in sensed(profile, at(5, 6, 0, (3.0, 0.0, 0.0)), 0.5, air) if m.get_msgId() == TRUTH_ID]
     every_us = round(1e6 / profile.clock.exchange_rate_hz)
