@@ -132,6 +132,11 @@ def settle(simulation: Simulation, state: VesselState) -> VesselState:
     return replace(state, motion=base.motions(offset[None]))
 
 
+def moved(simulation: Simulation, state: VesselState, offsets: Array) -> Kinematics:
+    """The first vessel of a state, off it by (N, 9) in depth, roll, pitch and the six velocities."""
+    return _Base(simulation, state, 0).motions(offsets)
+
+
 class _Base:
     """One motion, and what happens a little off it."""
 

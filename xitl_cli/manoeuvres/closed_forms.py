@@ -1,0 +1,245 @@
+"""What theory says of a vessel's data, by formulas of its own: nothing here runs the simulation.
+
+Afloat: Archimedes and the second moments of the waterline. Small motions: mass, damping and that stiffness as an
+eigenvalue problem. Straight way: the balance of thrust and drag, and the equation of surge alone. Long-crested waves:
+strip theory of relative motion with the wave's pressure of the surface (long waves beside the draft).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.frames import Array
+from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
+
+AIR_KGPM3 = 1.2
+_PLACES = 400
+_HEIGHTS = 400
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waterline:
+    """Afloat without heel: depth of the body's origin, trim (bow up), keel's greatest depth amidships.
+
+    stiffness: (3, 3) heave, roll, pitch about the origin, N, N m and m, rad.
+    """
+
+    depth_m: float
+    trim_rad: float
+    draft_m: float
+    stiffness: Array
+    gm_transverse_m: float
+    gm_longitudinal_m: float
+
+
+def waterline(model: VesselSpec, water: Water) -> Waterline | None:
+    """None for hulls from a mesh. Raises ValueError where Newton's method finds no rest."""
+    if any(hull.mesh is not None for hull in model.demi_hulls):
+        return None
+    hulls = [_Lines(hull) for hull in model.demi_hulls]
+    wanted = model.mass_kg / water.density_kgpm3
+    centre = np.array(model.centre_of_gravity_frd_m)
+
+    def balance(depth_m: float, trim_rad: float) -> Array:
+        """Volume left over, and its moment along the vessel about the centre of gravity, level axes."""
+        parts = sum(hull.immersed(depth_m, trim_rad)[:4] for hull in hulls)
+        volume, along, _, down = parts
+        cosine, sine = math.cos(trim_rad), math.sin(trim_rad)
+        lever = cosine * (along - centre[0] * volume) + sine * (down - centre[2] * volume)
+        return np.array([volume - wanted, lever])
+
+    at = np.array([0.3 * model.demi_hulls[0].height_m - model.keel_m, 0.0])
+    step = 1e-5
+    for _ in range(60):
+        here = balance(*at)
+        if abs(here[0]) < 1e-9 * wanted and abs(here[1]) < 1e-9 * wanted * model.length_m:
+            break
+        slope = np.column_stack([(balance(*(at + d)) - balance(*(at - d))) / (2 * step) for d in step * np.eye(2)])
+        change = np.linalg.lstsq(slope, -here, rcond=None)[0]
+        at = at + change * min(1.0, 0.05 / max(float(np.abs(change).max()), 1e-12))
+    else:
+        raise ValueError("finds no rest")
+    depth_m, trim_rad = float(at[0]), float(at[1])
+    volume, _, _, down, area, along_1, aside_1, along_2, aside_2, both = sum(
+        hull.immersed(depth_m, trim_rad) for hull in hulls
+    )
+    weight = water.density_kgpm3 * GRAVITY_MPS2
+    # About the origin; what the depths of buoyancy and weight add, to both angles alike.
+    pendulum = weight * (centre[2] * volume - down)
+    stiffness = weight * np.array([[area, aside_1, -along_1], [aside_1, aside_2, -both], [-along_1, -both, along_2]])
+    stiffness[1, 1] += pendulum
+    stiffness[2, 2] += pendulum
+    compliance = np.linalg.inv(stiffness)
+    drafts = [depth_m + hull.keel_frd_m[2] - hull.keel_frd_m[0] * math.sin(trim_rad) for hull in model.demi_hulls]
+    gm = [1.0 / (weight * volume * compliance[axis, axis]) for axis in (1, 2)]
+    return Waterline(depth_m, trim_rad, max(drafts), stiffness, float(gm[0]), float(gm[1]))
+
+
+class _Lines:
+    """Half widths of a hull over its length and height."""
+
+    def __init__(self, hull: DemiHull) -> None:
+        places = (np.arange(_PLACES) + 0.5) / _PLACES - 0.5
+        self.along = hull.keel_frd_m[0] + hull.length_m * places
+        self.step = hull.length_m / _PLACES
+        self.aside, self.keel = hull.keel_frd_m[1], hull.keel_frd_m[2]
+        share = np.interp(places, *np.array(hull.taper).T)
+        self.heights = np.linspace(0.0, hull.height_m, _HEIGHTS + 1)
+        section = hull.section
+        assert section is not None
+        if (radius := section.radius_m) is not None:
+            # On equal angles, where the half width is smooth up to the keel.
+            self.heights = radius * (1.0 - np.cos(np.linspace(0.0, math.pi, _HEIGHTS + 1)))
+            half = np.sqrt(np.maximum(2.0 * radius * self.heights - self.heights**2, 0.0))
+        elif section.offsets_m is not None:
+            half = np.interp(self.heights, *np.array(section.offsets_m).T)
+        else:
+            half = np.full(_HEIGHTS + 1, 0.5 * section.greatest_width_m)
+        self.half = half
+        self.share = share
+        steps = np.diff(self.heights)
+        middle = 0.5 * (half[1:] + half[:-1])
+        self.areas = np.concatenate([[0.0], np.cumsum(2.0 * middle * steps)])
+        rises = 0.5 * (self.heights[1:] + self.heights[:-1])
+        self.moments = np.concatenate([[0.0], np.cumsum(2.0 * middle * rises * steps)])
+
+    def immersed(self, depth_m: float, trim_rad: float) -> Array:
+        """Volume and its moments along, across and down; area of the waterline, its first moments along and across,
+        its second moments along and across, and the mixed one."""
+        depths = depth_m + self.keel - self.along * math.sin(trim_rad)
+        wet = np.clip(depths, 0.0, self.heights[-1])
+        area = self.share * np.interp(wet, self.heights, self.areas)
+        rise = self.share * np.interp(wet, self.heights, self.moments)
+        width = 2.0 * self.share * np.interp(wet, self.heights, self.half)
+        width = np.where((depths > 0) & (depths < self.heights[-1]), width, 0.0)
+        volume, down = area.sum() * self.step, (self.keel * area - rise).sum() * self.step
+        first = (width * self.along).sum() * self.step
+        plane = width.sum() * self.step
+        return np.array(
+            [
+                volume,
+                (area * self.along).sum() * self.step,
+                volume * self.aside,
+                down,
+                plane,
+                first,
+                plane * self.aside,
+                (width * self.along**2).sum() * self.step,
+                plane * self.aside**2 + (width**3).sum() * self.step / 12.0,
+                first * self.aside,
+            ]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearSeakeeping:
+    """Mass, damping and stiffness (6, 6) of small motions about rest; added mass and damping also meet the waves."""
+
+    mass: Array
+    added_mass: Array
+    damping: Array
+    stiffness: Array
+
+    def swing(self, axis: int) -> tuple[float, float]:
+        """Natural period and damping ratio of the mode in which this axis (2 heave, 3 roll, 4 pitch) has most part."""
+        squares, shapes = np.linalg.eig(np.linalg.solve(self.mass, self.stiffness))
+        left = np.linalg.inv(shapes)
+        share = np.abs(left[:, axis] * shapes[axis])
+        mode = int(np.argmax(np.where(squares.real > 1e-9, share, 0.0)))
+        omega = math.sqrt(squares[mode].real)
+        damped = (left[mode] @ np.linalg.solve(self.mass, self.damping) @ shapes[:, mode]).real
+        return 2.0 * math.pi / omega, float(damped) / (2.0 * omega)
+
+
+def surge_drag_n(model: VesselSpec, speed_mps: float) -> float:
+    """Of the water and the still air, straight ahead and level."""
+    named = model.derivatives
+    linear = model.damping_linear.surge - named.get("X_u", 0.0)
+    if model.damping_linear_matrix is not None:
+        linear += model.damping_linear_matrix[0][0]
+    quadratic = model.damping_quadratic.surge - named.get("X_uu", 0.0)
+    quadratic += 0.5 * AIR_KGPM3 * model.wind.surge_coefficient * model.wind.frontal_area_m2
+    return linear * speed_mps + quadratic * abs(speed_mps) * speed_mps - named.get("X_uuu", 0.0) * speed_mps**3
+
+
+def surge_mass_kg(model: VesselSpec) -> float:
+    """With the water's."""
+    added = model.added_mass.surge_kg - model.derivatives.get("X_udot", 0.0)
+    return model.mass_kg + added + (model.added_mass_matrix[0][0] if model.added_mass_matrix is not None else 0.0)
+
+
+def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: float) -> float:
+    """Ahead, of one that points along the vessel, at a fraction of full speed; the formulas of the propellers' page."""
+    ahead, astern = propeller.static_thrust_n(water.density_kgpm3)
+    direction = math.cos(math.radians(propeller.angle_deg))
+    advance = direction * speed_mps * (1.0 - propeller.wake_fraction)
+    rest = (ahead if turning >= 0 else astern) * turning * abs(turning)
+    thrust = rest
+    if (curve := propeller.open_water) is not None:
+        shaft = turning * curve.max_speed_rps
+        ratio = advance / (shaft * curve.diameter_m) if shaft else 0.0
+        share = float(np.interp(ratio, curve.advance_ratio, curve.thrust_coefficient)) / curve.thrust_coefficient[0]
+        thrust = rest * share
+    elif propeller.medium == "water" and propeller.zero_thrust_speed_mps is not None and turning:
+        thrust = rest * (1.0 - advance / (propeller.zero_thrust_speed_mps * turning))
+    elif propeller.medium == "air" and propeller.diameter_m is not None and rest > 0:
+        disc = 2.0 * AIR_KGPM3 * math.pi * propeller.diameter_m**2 / 4.0
+        power = rest**1.5 / math.sqrt(disc)
+        low, high = 0.0, 3.0 * rest
+        for _ in range(60):  # thrust times the speed through the disc is the power of rest
+            middle = 0.5 * (low + high)
+            through = 0.5 * advance + math.sqrt(0.25 * advance**2 + middle / disc)
+            low, high = (middle, high) if middle * through < power else (low, middle)
+        thrust = 0.5 * (low + high)
+    return direction * thrust * (1.0 - propeller.thrust_deduction)
+
+
+def steady_speed_mps(model: VesselSpec, water: Water, turning: Array) -> float:
+    """Where thrust and drag meet, for (P,) speeds of the propellers as fractions of full."""
+    low, high = 0.0, 100.0
+    if _thrust_n(model, water, turning, 0.0) < 0:
+        low, high = -100.0, 0.0
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        over = _thrust_n(model, water, turning, middle) - surge_drag_n(model, middle)
+        low, high = (middle, high) if over > 0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _thrust_n(model: VesselSpec, water: Water, turning: Array, speed_mps: float) -> float:
+    pairs = zip(model.propellers, turning, strict=True)
+    return sum(thrust_n(propeller, water, float(fraction), speed_mps) for propeller, fraction in pairs)
+
+
+def surge_run(
+    model: VesselSpec, water: Water, turning: Array, wanted: Array, speed_mps: float, until: Callable[[float], bool]
+) -> tuple[float, float]:
+    """Time and way of surge alone from a speed, its (P,) propellers going from `turning` to `wanted`, until a speed.
+
+    Runge and Kutta's classical step of 10 ms; at most ten minutes.
+    """
+    mass = surge_mass_kg(model)
+    up = np.array([propeller.spin_up_s for propeller in model.propellers])
+    down = np.array([propeller.spin_down_s for propeller in model.propellers])
+
+    def rates(state: Array) -> Array:
+        speed, shafts = float(state[0]), state[2:]
+        lag = np.where(np.abs(wanted) > np.abs(shafts), up, down)
+        force = _thrust_n(model, water, shafts, speed) - surge_drag_n(model, speed)
+        return np.concatenate([[force / mass, speed], (wanted - shafts) / lag])
+
+    state, dt = np.concatenate([[speed_mps, 0.0], turning]), 0.01
+    for sample in range(60_000):
+        if until(float(state[0])):
+            return sample * dt, float(state[1])
+        one = rates(state)
+        two = rates(state + 0.5 * dt * one)
+        three = rates(state + 0.5 * dt * two)
+        four = rates(state + dt * three)
+        state = state + dt / 6.0 * (one + 2.0 * two + 2.0 * three + four)
+    return math.nan, math.nan

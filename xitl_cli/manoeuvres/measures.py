@@ -1,0 +1,195 @@
+"""What a manoeuvre measures, from the track alone: arrays (K,) over time, angles in rad that go on beyond a turn.
+
+Turning circle, zig-zag, spiral and stopping as ITTC 7.5-02-06-03 and IMO MSC.137(76) define them; decays by the
+logarithmic decrement; responses to waves by least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_core.frames import Array
+
+_STEADY_SHARE = 0.25
+"""Of the end of a turn, that is called steady."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurningCircle:
+    """From the steering order on; advance along the approach, transfer to the side of the turn. None: not reached."""
+
+    advance_m: float | None
+    transfer_m: float | None
+    tactical_diameter_m: float | None
+    steady_diameter_m: float
+    rate_radps: float
+    speed_mps: float
+    drift_rad: float
+    """Positive for the bow inward."""
+
+
+def turning_circle(time_s: Array, north_m: Array, east_m: Array, yaw_rad: Array, velocity: Array) -> TurningCircle:
+    """velocity: (K, 2) ahead and to starboard. The order is given at the first instant, on a straight approach."""
+    turned = yaw_rad - yaw_rad[0]
+    side = math.copysign(1.0, turned[-1])
+    ahead = (north_m - north_m[0]) * math.cos(yaw_rad[0]) + (east_m - east_m[0]) * math.sin(yaw_rad[0])
+    aside = side * ((east_m - east_m[0]) * math.cos(yaw_rad[0]) - (north_m - north_m[0]) * math.sin(yaw_rad[0]))
+    quarter, half = (_first_at(side * turned, angle) for angle in (0.5 * math.pi, math.pi))
+    last = time_s >= time_s[-1] - _STEADY_SHARE * (time_s[-1] - time_s[0])
+    first, end = np.flatnonzero(last)[[0, -1]]
+    rate = float((yaw_rad[end] - yaw_rad[first]) / (time_s[end] - time_s[first]))
+    speed = float(np.hypot(velocity[last, 0], velocity[last, 1]).mean())
+    return TurningCircle(
+        advance_m=_at(ahead, quarter),
+        transfer_m=_at(aside, quarter),
+        tactical_diameter_m=_at(aside, half),
+        steady_diameter_m=2.0 * speed / abs(rate) if rate else math.inf,
+        rate_radps=rate,
+        speed_mps=speed,
+        drift_rad=-side * float(np.arctan2(velocity[last, 1], velocity[last, 0]).mean()),
+    )
+
+
+def _first_at(rising: Array, level: float) -> float | None:
+    """Fractional index where `rising` first reaches a level."""
+    above = np.flatnonzero(rising >= level)
+    if not above.size:
+        return None
+    index = int(above[0])
+    if index == 0:
+        return 0.0
+    before, after = rising[index - 1], rising[index]
+    return index - 1 + float((level - before) / (after - before))
+
+
+def _at(values: Array, index: float | None) -> float | None:
+    return None if index is None else float(np.interp(index, np.arange(len(values)), values))
+
+
+@dataclass(frozen=True, slots=True)
+class ZigZag:
+    """initial_turn_s, initial_turn_m: from the first order to the first reversal. overshoot_rad: each beyond the
+    heading at which the steering was reversed. period_s: between the second and the fourth reversal; None without."""
+
+    initial_turn_s: float
+    initial_turn_m: float
+    overshoot_rad: tuple[float, ...]
+    period_s: float | None
+
+
+def zig_zag(time_s: Array, yaw_rad: Array, speed_mps: Array, steering: Array) -> ZigZag:
+    """steering: (K,) as ordered, its sign alone counts. Raises ValueError where it was never reversed."""
+    reversals = np.flatnonzero(np.diff(np.sign(steering)) != 0) + 1
+    if not reversals.size:
+        raise ValueError("the heading of the first reversal was not reached")
+    heading = yaw_rad - yaw_rad[0]
+    overshoots = []
+    for start, end in zip(reversals, [*reversals[1:], len(time_s)], strict=True):
+        side = math.copysign(1.0, heading[start])
+        beyond = side * (heading[start:end] - heading[start])
+        if int(np.argmax(beyond)) < len(beyond) - 1:  # it has come back
+            overshoots.append(float(beyond.max()))
+    first = reversals[0]
+    return ZigZag(
+        initial_turn_s=float(time_s[first] - time_s[0]),
+        initial_turn_m=float(np.trapezoid(speed_mps[: first + 1], time_s[: first + 1])),
+        overshoot_rad=tuple(overshoots),
+        period_s=float(time_s[reversals[3]] - time_s[reversals[1]]) if len(reversals) > 3 else None,
+    )
+
+
+def spiral(time_s: Array, rate_radps: Array, steering: Array) -> list[tuple[float, float]]:
+    """Steering and the mean rate of turn in the last quarter of the time for which it was held, in the order held."""
+    changes = np.flatnonzero(np.diff(steering) != 0) + 1
+    held = []
+    for start, end in zip([0, *changes], [*changes, len(time_s)], strict=True):
+        last = slice(end - max((end - start) // 4, 1), end)
+        held.append((float(steering[start]), float(rate_radps[last].mean())))
+    return held
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Until the way ahead is lost: along the track, ahead of where the order was given, and to the side."""
+
+    time_s: float
+    track_reach_m: float
+    head_reach_m: float
+    side_reach_m: float
+
+
+def stopping(
+    time_s: Array, north_m: Array, east_m: Array, yaw_rad: Array, ahead_mps: Array, left: float = 0.0
+) -> Stop | None:
+    """None where more than the share `left` of the way was kept. The order is given at the first instant."""
+    index = _first_at(-ahead_mps, -left * float(ahead_mps[0]) - 1e-12)
+    if index is None:
+        return None
+    north, east = north_m - north_m[0], east_m - east_m[0]
+    track = np.concatenate([[0.0], np.hypot(np.diff(north), np.diff(east)).cumsum()])
+    cosine, sine = math.cos(yaw_rad[0]), math.sin(yaw_rad[0])
+    reach = [_at(values, index) for values in (time_s - time_s[0], track, north * cosine + east * sine)]
+    side = _at(east * cosine - north * sine, index)
+    return Stop(*(float(value or 0.0) for value in (*reach, side)))
+
+
+def time_to_share(time_s: Array, speed_mps: Array, final_mps: float, share: float = 0.95) -> float | None:
+    """Until a share of the final speed is reached; None where it is not."""
+    index = _first_at(speed_mps, share * final_mps)
+    return _at(time_s - time_s[0], index)
+
+
+@dataclass(frozen=True, slots=True)
+class Decay:
+    """period_s: natural, without damping. damping_ratio: share of the critical one."""
+
+    period_s: float
+    damping_ratio: float
+
+
+def decay(time_s: Array, deflection: Array, least: float = 0.01) -> Decay | None:
+    """Of a free decay of a deflection from rest, by the logarithmic decrement of its half swings.
+
+    least: share of the first deflection below which they are left out. None where there are fewer than two.
+    """
+    turning = np.flatnonzero(np.diff(np.sign(np.diff(deflection))) != 0) + 1
+    peaks = [(float(time_s[0]), abs(float(deflection[0])))]
+    for index in turning:
+        at_s, size = _vertex(time_s, deflection, int(index))
+        if size < least * peaks[0][1]:
+            break
+        peaks.append((at_s, size))
+    if len(peaks) < 3:
+        return None
+    at_s, size = np.array(peaks[1:]).T  # the release is no free swing: what follows the motion lags there
+    half_s, _ = np.polyfit(np.arange(len(at_s)), at_s, 1)
+    slope, _ = np.polyfit(np.arange(len(size)), np.log(size), 1)
+    ratio = -slope / math.hypot(slope, math.pi)
+    return Decay(2.0 * half_s * math.sqrt(1.0 - ratio**2), float(ratio))
+
+
+def _vertex(time_s: Array, values: Array, index: int) -> tuple[float, float]:
+    """Instant and size of the extreme at a sample, by the parabola through it and its neighbours."""
+    before, here, after = values[index - 1 : index + 2]
+    bend = before - 2.0 * here + after
+    off = 0.5 * (before - after) / bend if bend else 0.0
+    step = float(time_s[index + 1] - time_s[index])
+    return float(time_s[index]) + off * step, abs(float(here - 0.25 * (before - after) * off))
+
+
+def response(phase_rad: Array, values: Array) -> Array:
+    """(W,) complex amplitudes c of waves with phases (K, W) in a series (K,): mean + Re(sum of c exp(i phase))."""
+    columns = np.hstack([np.cos(phase_rad), -np.sin(phase_rad), np.ones((len(phase_rad), 1))])
+    found = np.linalg.lstsq(columns, values, rcond=None)[0]
+    waves = phase_rad.shape[1]
+    complex_amplitude: Array = found[:waves] + 1j * found[waves : 2 * waves]
+    return complex_amplitude
+
+
+def radius_of_share(north_m: Array, east_m: Array, place: Sequence[float], share: float = 0.95) -> float:
+    """Of the circle about a place that a vessel was inside for a share of the time."""
+    return float(np.quantile(np.hypot(north_m - place[0], east_m - place[1]), share))

@@ -1,0 +1,69 @@
+"""Published figures of the shipped vessels, as data: each with its source and how near the vessel has to come.
+
+Runs are of the published equations, with the same thrust as the commands here make: tests/oracles/ integrates them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+SAME_MODEL = 0.03
+"""Of surge, sway and rate of turn where the reference is the same vessel's published model."""
+SAME_HEADING_DEG = 3.0
+DATA_SHEET = 0.10
+"""A data sheet's speed has one digit or two, of a boat whose load and batteries it does not tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedRun:
+    """From rest under held commands: surge, sway and rate of turn when steady, and the heading after 10 s.
+
+    commands: fractions of full speed of the propellers, and of the full angle of the rudders. seconds: until steady.
+    """
+
+    name: str
+    commands: tuple[float, ...]
+    surge_mps: float
+    sway_mps: float
+    rate_degps: float
+    heading_10_s_deg: float
+    source: str
+    seconds: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedFigure:
+    """A figure of a manoeuvre, by the key that it has there; tolerance: as a share of it."""
+
+    key: str
+    value: float
+    tolerance: float
+    source: str
+
+
+_OTTER_AHEAD = math.sqrt(0.5 * 24.4 * 9.81 / (0.5 * 0.02216))
+_OTTER_ASTERN = math.sqrt(0.5 * 13.6 * 9.81 / (0.5 * 0.01289))
+"""Fastest shafts of otter.py, rad/s."""
+_OTTER = "Fossen's Otter (PythonVehicleSimulator), its equations run"
+_WAMV = "VRX 2.4's WAM-V plugins, their equations run"
+_CYBERSHIP = "Skjetne, Smogeli & Fossen 2004, their equations run"
+
+
+def _otter(port_radps: float, starboard_radps: float) -> tuple[float, float]:
+    both = (shaft / (_OTTER_AHEAD if shaft >= 0 else _OTTER_ASTERN) for shaft in (port_radps, starboard_radps))
+    port, starboard = both
+    return port, starboard
+
+
+def _wamv(port_n: float, starboard_n: float) -> tuple[float, float]:
+    port, starboard = (math.copysign(math.sqrt(abs(newton) / 2353.53), newton) for newton in (port_n, starboard_n))
+    return port, starboard
+
+
+RUNS: dict[str, tuple[PublishedRun, ...]] = {}
+FIGURES: dict[str, tuple[PublishedFigure, ...]] = {
+    "otter": (PublishedFigure("top_speed_mps", 6 * 0.5144, DATA_SHEET, "Maritime Robotics' data sheet: 6 knots"),),
+    "heron": (PublishedFigure("top_speed_mps", 1.7, DATA_SHEET, "Clearpath's data sheet: 1.7 m/s"),),
+    "blueboat": (PublishedFigure("top_speed_mps", 3.0, DATA_SHEET, "Blue Robotics' data sheet: 3 m/s"),),
+}
