@@ -15,6 +15,8 @@ import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.frames import Array
+from sim_core.vessel.derivatives import parse_derivative
+from sim_core.vessel.hydrodynamics import has_stern_force, hoerner_coefficient
 from sim_core.vessel.spec import DemiHull, Propeller, VesselSpec
 
 AIR_KGPM3 = 1.2
@@ -243,3 +245,140 @@ def surge_run(
         four = rates(state + dt * three)
         state = state + dt / 6.0 * (one + 2.0 * two + 2.0 * three + four)
     return math.nan, math.nan
+
+
+def wave_theory(
+    model: VesselSpec, water: Water, afloat: Waterline, small: LinearSeakeeping, heading: str, number: Array, omega: Array
+) -> dict[int, Array]:
+    """Complex amplitudes of heave up (2), roll (3) and pitch (4) a unit amplitude of the waves, each (W,).
+
+    heading: head seas come over the bow, beam seas over the port side. Relative motion, strip by strip: the stiffness
+    of each strip acts on its depth below the local surface, its lift along the surface's normal, and added mass and
+    damping on the velocity against the water's, whose mean and turn are those of the elevations of all strips.
+    """
+    strips = _strips(model, afloat)
+    along, aside, width, area, drop, own = (np.concatenate(parts) for parts in zip(*strips, strict=True))
+    weight = water.density_kgpm3 * GRAVITY_MPS2
+    found: dict[int, list[complex]] = {2: [], 3: [], 4: []}
+    for k, w in zip(number, omega, strict=True):
+        # The waves go aft, or to starboard; time goes as exp(-i w t).
+        wave_x, wave_y = (-k, 0.0) if heading == "head" else (0.0, k)
+        local = np.exp(1j * (wave_x * along + wave_y * aside))
+        slope_x, slope_y = 1j * wave_x * local, 1j * wave_y * local
+        force = np.zeros(6, dtype=complex)
+        up = weight * width * local
+        sideways, ahead = -weight * area * slope_y, -weight * area * slope_x
+        force[:3] = ahead.sum(), sideways.sum(), -up.sum()
+        force[3] = (-aside * up - drop * sideways).sum() - (weight * own * slope_y).sum()
+        force[4] = (along * up + drop * ahead).sum()
+        force[5] = (along * sideways - aside * ahead).sum()
+        surface = np.zeros(6, dtype=complex)  # motion that goes with the water: displacement of the mean, angles
+        weights = np.full(len(along), 1.0 / len(along))
+        mean = (weights * local).sum()
+        depth = math.tanh(k * water.depth_m)
+        for axis, part in ((0, wave_x), (1, wave_y)):
+            surface[axis] = 1j * part / k / depth * mean
+        surface[2] = -mean
+        centred = along - along.mean(), aside - aside.mean()
+        for axis, arm, sign in ((4, centred[0], 1.0), (3, centred[1], -1.0)):
+            spread = float((arm**2).sum())
+            surface[axis] = sign * (arm * local).sum() / spread if spread > 1e-9 else 0.0
+        force = force + (-(w**2) * small.added_mass - 1j * w * small.damping) @ surface
+        matrix = -(w**2) * small.mass - 1j * w * small.damping + small.stiffness
+        motion = np.linalg.solve(matrix, force)
+        for axis, sign in ((2, -1.0), (3, 1.0), (4, 1.0)):
+            found[axis].append(complex(sign * motion[axis]))
+    return {axis: np.array(values) for axis, values in found.items()}
+
+
+def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:
+    """Of each hull's strips: places along and aside, areas of waterline and section, depth of the lift, width^3 / 12.
+
+    All but places and depth are times the strip's length.
+    """
+    strips = []
+    for hull in model.demi_hulls:
+        lines = _Lines(hull)
+        depths = afloat.depth_m + lines.keel - lines.along * math.sin(afloat.trim_rad)
+        wet = np.clip(depths, 0.0, lines.heights[-1])
+        width = 2.0 * lines.share * np.interp(wet, lines.heights, lines.half)
+        area = np.interp(wet, lines.heights, lines.areas)
+        centroid = np.interp(wet, lines.heights, lines.moments) / np.maximum(area, 1e-12)
+        strips.append(
+            (
+                lines.along,
+                np.full(_PLACES, lines.aside),
+                width * lines.step,
+                lines.share * area * lines.step,
+                lines.keel - centroid,
+                width**3 / 12.0 * lines.step,
+            )
+        )
+    return strips
+
+
+def steady_turn(
+    model: VesselSpec, water: Water, small: LinearSeakeeping, turning: Array, guess: tuple[float, float, float]
+) -> tuple[float, float, float] | None:
+    """Surge, sway and rate of turn under (P,) held propellers, by the equations of surge, sway and yaw alone.
+
+    M nu' + C(nu) nu + D(nu) nu = tau in the horizontal plane (Fossen 2021, section 6.5), set to rest by Newton's method
+    from a guess. None for a vessel with rudders or steered propellers, and where the method finds nothing.
+    """
+    if model.rudders or any(propeller.steering is not None for propeller in model.propellers):
+        return None
+    plane = np.ix_((0, 1, 5), (0, 1, 5))
+    mass, damping = 0.5 * (small.mass + small.mass.T)[plane], small.damping[plane]
+    middle = model.midship_frd_x_m
+    quadratic = model.damping_quadratic
+    shed = small.added_mass[1, 1] / model.length_m if has_stern_force(model) else 0.0
+    named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
+    products = [(one, value) for one, value in named if one.acceleration is None and len(one.factors) > 1]
+    cross, wind = model.cross_flow_drag, model.wind
+
+    def force(x: Array) -> Array:
+        u, v, r = x
+        total: Array = -damping @ x
+        across = mass[1, 1] * v + mass[1, 2] * r
+        total += [across * r, -mass[0, 0] * u * r, mass[0, 0] * u * v - across * u]
+        beside = v + middle * r
+        sideways = -quadratic.sway * abs(beside) * beside
+        total += [-quadratic.surge * abs(u) * u, sideways, middle * sideways - quadratic.yaw * abs(r) * r]
+        stern = middle - math.copysign(0.5 * model.length_m, u)
+        side = -abs(u) * shed * (v + stern * r)
+        total += [0.0, side, stern * side]
+        nu = (u, v, 0.0, 0.0, 0.0, r)
+        for one, value in products:
+            if one.component in (0, 1, 5):
+                factors = (abs(nu[index]) if bar else nu[index] for index, bar in one.factors)
+                total[{0: 0, 1: 1, 5: 2}[one.component]] += value * math.prod(factors)
+        if cross is not None:
+            coefficient = cross.coefficient or hoerner_coefficient(cross.width_m or 1.0, cross.draft_m)
+            step = cross.length_m / cross.strips
+            places = middle + step * (np.arange(cross.strips) - 0.5 * (cross.strips - 1))
+            flow = v + places * r
+            drag = -0.5 * water.density_kgpm3 * coefficient * cross.draft_m * step * np.abs(flow) * flow
+            total += [0.0, drag.sum(), places @ drag]
+        speed = 0.5 * AIR_KGPM3 * math.hypot(u, v)
+        total[0] -= speed * wind.surge_coefficient * wind.frontal_area_m2 * u
+        total[1] -= speed * wind.sway_coefficient * wind.lateral_area_m2 * v
+        total[2] -= AIR_KGPM3 * wind.yaw_coefficient * wind.lateral_area_m2 * wind.length_m * u * v
+        for propeller, fraction in zip(model.propellers, turning, strict=True):
+            place_x, place_y, _ = propeller.position_frd_m
+            angle = math.radians(propeller.angle_deg)
+            push = thrust_n(propeller, water, float(fraction), u - place_y * r)
+            if abs(math.cos(angle)) < 0.5:
+                continue
+            ahead, aside = push, push * math.tan(angle)
+            total += [ahead, aside, place_x * aside - place_y * ahead]
+        return total
+
+    at = np.array(guess)
+    for _ in range(50):
+        here = force(at)
+        slope = np.column_stack([(force(at + d) - force(at - d)) / 2e-6 for d in 1e-6 * np.eye(3)])
+        step = np.linalg.lstsq(slope, -here, rcond=None)[0]
+        at = at + step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
+        if np.abs(step).max() < 1e-10:
+            return float(at[0]), float(at[1]), float(at[2])
+    return None

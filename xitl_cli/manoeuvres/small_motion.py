@@ -103,7 +103,8 @@ def small_motion(simulation: Simulation, state: VesselState, vessel: int = 0) ->
     offsets = np.concatenate([np.diag(STEPS), -np.diag(STEPS)])
     rates = base.rates(offsets)
     matrix = (rates[:9] - rates[9:]).T / (2.0 * STEPS)
-    mass: Array = np.asarray(np.linalg.inv(simulation.vessel.hydrodynamics.inverse_mass), dtype=np.float64)
+    hydrodynamics = simulation.vessel.hydrodynamics
+    mass: Array = hydrodynamics.rigid_mass + hydrodynamics.added_mass
     return SmallMotion(matrix, mass)
 
 
