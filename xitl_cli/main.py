@@ -75,7 +75,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     import typer
     import typer.core
 
-    from xitl_cli.commands import doctor, init, sim, wdri
+    from xitl_cli.commands import doctor, init, sim, validate, wdri
     from xitl_cli.commands.map import map_command
     from xitl_cli.commands.options import usual_spelling
 
@@ -104,6 +104,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     app.command("doctor")(doctor.doctor)
     app.command("wdri")(wdri.wdri)
     app.command("map")(map_command)
+    app.command("validate")(validate.validate)
     for name, (text, fill) in _GROUPS.items():
         group = typer.Typer(help=text, no_args_is_help=name != "agent", rich_markup_mode=markup, cls=WrappedGroup)
         if arguments is None or name in arguments:

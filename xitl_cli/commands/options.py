@@ -37,6 +37,14 @@ def complete_profile(incomplete: str) -> list[str]:
     return names + [f"{incomplete[: len(incomplete) - len(start)]}{name}" for name in sorted(found)]
 
 
+def complete_vehicle(incomplete: str) -> list[str]:
+    """Names of shipped vehicles, then as `complete_profile`."""
+    from xitl_cli.profile.files.catalogue import shipped_profiles
+
+    vehicles = [name.removeprefix("vehicles/") for name in shipped_profiles() if name.startswith("vehicles/")]
+    return [name for name in vehicles if name.startswith(incomplete)] or complete_profile(incomplete)
+
+
 def complete_set(context: typer.Context, incomplete: str) -> list[str]:
     """Keys of the profile that is named already (`sitl` before one is), each with its value."""
     given = context.params

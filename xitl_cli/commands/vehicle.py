@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.options import Json, Set, complete_profile
+from xitl_cli.commands.options import Json, Set, complete_vehicle
 from xitl_cli.errors import UserError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ def check(
             metavar="VEHICLE",
             help="A vehicle's file or name (`xitl profiles list`), or a profile with one: the waves and the mission "
             "in it are looked at too.",
-            autocompletion=complete_profile,
+            autocompletion=complete_vehicle,
         ),
     ],
     overrides: Set = None,

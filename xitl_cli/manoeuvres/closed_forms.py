@@ -49,8 +49,7 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
 
     def balance(depth_m: float, trim_rad: float) -> Array:
         """Volume left over, and its moment along the vessel about the centre of gravity, level axes."""
-        parts = sum(hull.immersed(depth_m, trim_rad)[:4] for hull in hulls)
-        volume, along, _, down = parts
+        volume, along, _, down, *_ = np.sum([hull.immersed(depth_m, trim_rad) for hull in hulls], axis=0)
         cosine, sine = math.cos(trim_rad), math.sin(trim_rad)
         lever = cosine * (along - centre[0] * volume) + sine * (down - centre[2] * volume)
         return np.array([volume - wanted, lever])
@@ -67,9 +66,8 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
     else:
         raise ValueError("finds no rest")
     depth_m, trim_rad = float(at[0]), float(at[1])
-    volume, _, _, down, area, along_1, aside_1, along_2, aside_2, both = sum(
-        hull.immersed(depth_m, trim_rad) for hull in hulls
-    )
+    immersed = np.sum([hull.immersed(depth_m, trim_rad) for hull in hulls], axis=0)
+    volume, _, _, down, area, along_1, aside_1, along_2, aside_2, both = immersed
     weight = water.density_kgpm3 * GRAVITY_MPS2
     # About the origin; what the depths of buoyancy and weight add, to both angles alike.
     pendulum = weight * (centre[2] * volume - down)
@@ -248,7 +246,13 @@ def surge_run(
 
 
 def wave_theory(
-    model: VesselSpec, water: Water, afloat: Waterline, small: LinearSeakeeping, heading: str, number: Array, omega: Array
+    model: VesselSpec,
+    water: Water,
+    afloat: Waterline,
+    small: LinearSeakeeping,
+    heading: str,
+    number: Array,
+    omega: Array,
 ) -> dict[int, Array]:
     """Complex amplitudes of heave up (2), roll (3) and pitch (4) a unit amplitude of the waves, each (W,).
 
@@ -296,7 +300,7 @@ def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:
 
     All but places and depth are times the strip's length.
     """
-    strips = []
+    strips: list[tuple[Array, ...]] = []
     for hull in model.demi_hulls:
         lines = _Lines(hull)
         depths = afloat.depth_m + lines.keel - lines.along * math.sin(afloat.trim_rad)

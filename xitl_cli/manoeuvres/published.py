@@ -47,7 +47,6 @@ _OTTER_ASTERN = math.sqrt(0.5 * 13.6 * 9.81 / (0.5 * 0.01289))
 """Fastest shafts of otter.py, rad/s."""
 _OTTER = "Fossen's Otter (PythonVehicleSimulator), its equations run"
 _WAMV = "VRX 2.4's WAM-V plugins, their equations run"
-_CYBERSHIP = "Skjetne, Smogeli & Fossen 2004, their equations run"
 
 
 def _otter(port_radps: float, starboard_radps: float) -> tuple[float, float]:
@@ -61,7 +60,19 @@ def _wamv(port_n: float, starboard_n: float) -> tuple[float, float]:
     return port, starboard
 
 
-RUNS: dict[str, tuple[PublishedRun, ...]] = {}
+RUNS: dict[str, tuple[PublishedRun, ...]] = {
+    "otter": (
+        PublishedRun("100 and 100 rad/s", _otter(100, 100), 2.98196, 0.0, 0.0, 0.0, _OTTER),
+        PublishedRun("100 and 80 rad/s", _otter(100, 80), 2.31881, -0.24735, 15.5569, 132.76, _OTTER),
+        PublishedRun("100 and -60 rad/s", _otter(100, -60), 1.14213, -0.14133, 17.7521, 169.77, _OTTER),
+        PublishedRun("50 and -50 rad/s", _otter(50, -50), 0.23123, -0.01675, 8.5986, 82.368, _OTTER),
+    ),
+    "wamv16": (
+        PublishedRun("500 and 500 N", _wamv(500, 500), 2.27007, 0.0, 0.0, 0.0, _WAMV),
+        PublishedRun("500 and 300 N", _wamv(500, 300), 1.9484, -0.61538, 13.8542, 126.179, _WAMV),
+        PublishedRun("800 and 0 N", _wamv(800, 0), 1.70105, -1.1361, 38.7398, 367.376, _WAMV),
+    ),
+}
 FIGURES: dict[str, tuple[PublishedFigure, ...]] = {
     "otter": (PublishedFigure("top_speed_mps", 6 * 0.5144, DATA_SHEET, "Maritime Robotics' data sheet: 6 knots"),),
     "heron": (PublishedFigure("top_speed_mps", 1.7, DATA_SHEET, "Clearpath's data sheet: 1.7 m/s"),),

@@ -77,12 +77,7 @@ class SeaTrials:
         to_speed_s = measures.time_to_share(track.time_s, ahead[:, 0], top)
         facts = (
             Fact("top_speed_mps", "top speed", top, "m/s"),
-            Fact(
-                "time_to_95_percent_s",
-                "time to 95 % of it",
-                measures.time_to_share(track.time_s, ahead[:, 0], top),
-                "s",
-            ),
+            Fact("time_to_95_percent_s", "time to 95 % of it", to_speed_s, "s"),
             Fact("approach_speed_mps", "speed at 85 % of the power", approach, "m/s"),
         )
         plot = Plot(
@@ -128,9 +123,9 @@ class SeaTrials:
                 ("transfer_m", "transfer", found.transfer_m, "m"),
                 ("tactical_diameter_m", "tactical diameter", found.tactical_diameter_m, "m"),
                 ("steady_diameter_m", "steady diameter", found.steady_diameter_m, "m"),
-                ("rate_degps", "steady rate of turn", math.degrees(found.rate_radps), "deg/s"),
-                ("speed_mps", "speed in the steady turn", found.speed_mps, "m/s"),
-                ("drift_deg", "drift angle, bow inward", math.degrees(found.drift_rad), "deg"),
+                ("rate_degps", "rate of turn", math.degrees(found.rate_radps), "deg/s"),
+                ("speed_mps", "speed in the turn", found.speed_mps, "m/s"),
+                ("drift_deg", "drift angle", math.degrees(found.drift_rad), "deg"),
             ):
                 facts.append(Fact(f"turn_{side}_{key}", f"{label}, to {side}", value, unit))
             traces.append(Trace(f"to {side}", east, north))
@@ -154,10 +149,10 @@ class SeaTrials:
                 value = overshoots[number] if number < len(overshoots) else None
                 label = f"{word} overshoot, {angle}/{angle}"
                 facts.append(Fact(f"{name}_overshoot_{number + 1}_deg", label, value, "deg"))
-            initial = f"time to turn {angle} degrees at first"
+            initial = f"time to first {angle} degrees"
             facts.append(Fact(f"{name}_initial_turn_s", initial, found.initial_turn_s, "s"))
             if angle == 10:
-                way = "way until turned 10 degrees at 10 of steering"
+                way = "way to 10 degrees of turn at 10"
                 facts.append(Fact("initial_turning_m", way, found.initial_turn_m, "m"))
             facts.append(Fact(f"{name}_period_s", f"period, {angle}/{angle}", found.period_s, "s"))
             heading = Trace("heading", time_s, np.degrees(yaw - yaw[0]))
@@ -177,10 +172,10 @@ class SeaTrials:
             for name, curve in (("from starboard", down), ("from port", up))
         )
         facts = (
-            Fact("spiral_loop_degps", "widest gap between the two ways through it", loop, "deg/s"),
-            Fact("spiral_at_zero_degps", "rate of turn at 0, coming from starboard", at_zero, "deg/s"),
+            Fact("spiral_loop_degps", "widest gap of the two ways through it", loop, "deg/s"),
+            Fact("spiral_at_zero_degps", "rate of turn at 0, from starboard", at_zero, "deg/s"),
             *(
-                Fact(f"spiral_at_{angle:.0f}_degps", f"rate of turn at {angle:g} of steering", math.degrees(rate), "deg/s")
+                Fact(f"spiral_at_{angle:.0f}_degps", f"rate of turn at {angle:g} degrees", math.degrees(rate), "deg/s")
                 for angle, rate in down.tolist()
                 if angle > 0
             ),
@@ -200,15 +195,18 @@ class SeaTrials:
             self.simulation, state, lambda _t, _m: orders, _LONGEST_S, every_s=_EVERY_S, until=over, look_s=1.0
         )
         facts, traces = [], []
-        orders_given = ((0.0, "crash_stop", "full astern"), (0.1, "coasting", "propellers stopped"))
-        for vessel, (left, key, what) in enumerate(orders_given):
+        orders_given = (
+            (0.0, "crash_stop", "full astern", "full astern to a stop"),
+            (0.1, "coasting", "propellers stopped", "coasting to a tenth of speed"),
+        )
+        for vessel, (left, key, what, short) in enumerate(orders_given):
             north, east = track.pos_ned_m[:, vessel, :2].T
             ahead = track.velocity_frd[:, vessel, 0]
             found = measures.stopping(track.time_s, north, east, track.euler_rad[:, vessel, 2], ahead, left)
-            until = "until it stands" if not left else "until a tenth of the way is left"
+            way_m, time_s = (None, None) if found is None else (found.track_reach_m, found.time_s)
             facts += [
-                Fact(f"{key}_track_reach_m", f"track reach, {what} {until}", found and found.track_reach_m, "m"),
-                Fact(f"{key}_time_s", f"time, {what} {until}", found and found.time_s, "s"),
+                Fact(f"{key}_track_reach_m", f"way, {short}", way_m, "m"),
+                Fact(f"{key}_time_s", f"time, {short}", time_s, "s"),
             ]
             traces.append(Trace(what, track.time_s, ahead))
         plot = Plot("stopping", "Speed from the order on", "m/s", tuple(traces), "xy", "s")
@@ -230,9 +228,10 @@ class SeaTrials:
             series = track.pos_ned_m[:, vessel, 2] if axis == 2 else track.euler_rad[:, vessel, axis - 3]
             series = series - (rest.pos_ned_m[0, 2] if axis == 2 else rest.euler_rad[0, axis - 3])
             found = measures.decay(track.time_s, series)
+            period_s, ratio = (None, None) if found is None else (found.period_s, found.damping_ratio)
             facts += [
-                Fact(f"{name}_period_s", f"{name}, natural period", found and found.period_s, "s"),
-                Fact(f"{name}_damping_ratio", f"{name}, damping ratio", found and found.damping_ratio, ""),
+                Fact(f"{name}_period_s", f"{name}, natural period", period_s, "s"),
+                Fact(f"{name}_damping_ratio", f"{name}, damping ratio", ratio, ""),
             ]
             shown = series if axis == 2 else np.degrees(series)
             title = f"Decay in {name}, released at {size:g} {unit}"
@@ -246,7 +245,7 @@ class SeaTrials:
         facts, plots = [], []
         for name, (heading, motion, amplitudes) in responses.curves.items():
             for ratio, amplitude in zip(responses.wavelengths, np.abs(amplitudes), strict=True):
-                label = f"{motion} in {heading} seas, wavelength {ratio:g} lengths"
+                label = f"{motion}, {heading} seas of {ratio:g} lengths"
                 facts.append(Fact(f"{name}_{ratio:g}", label, float(amplitude), ""))
             title = f"{motion.capitalize()} in {heading} seas, over " + ("amplitude" if motion == "heave" else "slope")
             traces = (Trace("measured", np.array(responses.wavelengths), np.abs(amplitudes), "points"),)
@@ -267,11 +266,16 @@ class WaveResponses:
     curves: dict[str, tuple[str, str, Array]]
 
 
+def wave_numbers(model: VesselSpec, water: Water) -> tuple[tuple[float, ...], Array, Array]:
+    """Wavelengths over the vessel's length, wave numbers (W,) and frequencies (W,) of the sea that it is tried in."""
+    number = 2.0 * math.pi / (np.array(WAVELENGTHS) * model.length_m)
+    omega: Array = np.sqrt(GRAVITY_MPS2 * number * np.tanh(number * water.depth_m))
+    return WAVELENGTHS, number, omega
+
+
 def wave_responses(model: VesselSpec, water: Water, step_s: float) -> WaveResponses:
     """Free and at rest but for the waves, which go to the south; one vessel heads north, one east."""
-    lengths = np.array(WAVELENGTHS) * model.length_m
-    number = 2.0 * math.pi / lengths
-    omega = np.sqrt(GRAVITY_MPS2 * number * np.tanh(number * water.depth_m))
+    _, number, omega = wave_numbers(model, water)
     sea = WaveSpec(spectrum="regular", significant_height_m=1.0, peak_period_s=1.0, direction_deg=180.0)
     field = realise_waves(sea, water, np.random.default_rng(1))
     assert isinstance(field, WaveField)

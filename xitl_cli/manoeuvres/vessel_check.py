@@ -69,7 +69,7 @@ def check_vessel(model: VesselSpec, demands: Demands | None = None) -> VesselChe
     rest = AtRest(model, demands.environment.water if demands.environment else Water())
     runs = _Runs(rest)
     figures = (
-        ("Afloat at rest", tuple(_afloat(rest))),
+        ("Afloat at rest", tuple(afloat_facts(rest))),
         ("Small motions about rest", tuple(_small(rest))),
         ("Under way", tuple(_under_way(rest, runs))),
         ("Turning at full throttle", tuple(_turning(runs))),
@@ -145,7 +145,8 @@ def _stopped(track: Track) -> bool:
     return bool(along[-1, 0] <= 0.0 and along[-1, 1] <= 0.1 * along[0, 1])
 
 
-def _afloat(rest: AtRest) -> Iterator[Fact]:
+def afloat_facts(rest: AtRest) -> Iterator[Fact]:
+    """Draft, freeboard, trim, heel and metacentric heights."""
     model, motion = rest.model, rest.state.motion
     rotation, depth_m = motion.rot_ned_frd[0], float(motion.pos_ned_m[0, 2]) + rest.water.level_m
     keels = np.array([hull.keel_frd_m for hull in model.demi_hulls])
@@ -158,8 +159,8 @@ def _afloat(rest: AtRest) -> Iterator[Fact]:
     yield Fact("freeboard_m", "freeboard amidships", _rounded((decks - drafts).min()), "m")
     yield Fact("trim_deg", "trim, bow up positive", _rounded(pitch), "deg")
     yield Fact("heel_deg", "heel, to starboard positive", _rounded(roll), "deg")
-    yield Fact("gm_transverse_m", "metacentric height GM, transverse", _rounded(transverse), "m")
-    yield Fact("gm_longitudinal_m", "metacentric height GM, longitudinal", _rounded(longitudinal), "m")
+    yield Fact("gm_transverse_m", "metacentric height, transverse", _rounded(transverse), "m")
+    yield Fact("gm_longitudinal_m", "metacentric height, longitudinal", _rounded(longitudinal), "m")
 
 
 def _roll_pitch_deg(rotation: Array) -> tuple[float, float]:
@@ -286,7 +287,7 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
             "little wind or turning heels it far",
             f"lower the centre of gravity, or check the width and places of {hulls}",
         )
-    values = {fact.key: fact.value for fact in _afloat(rest)}
+    values = {fact.key: fact.value for fact in afloat_facts(rest)}
     freeboard, height = _number(values, "freeboard_m"), min(hull.height_m for hull in model.demi_hulls)
     if freeboard < 0.15 * height:
         where = "under water" if freeboard < 0 else f"{100 * freeboard:.1f} cm above the water"

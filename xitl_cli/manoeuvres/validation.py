@@ -1,0 +1,282 @@
+"""A vessel's manoeuvres beside their references: published figures and closed forms, each with the error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import ge
+
+import numpy as np
+
+from sim_core.environment.spec import Water
+from sim_core.vessel.spec import VesselSpec
+from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
+from xitl_cli.manoeuvres import closed_forms
+from xitl_cli.manoeuvres.closed_forms import LinearSeakeeping
+from xitl_cli.manoeuvres.helm import FULL_STEERING_DEG
+from xitl_cli.manoeuvres.published import FIGURES, RUNS, SAME_HEADING_DEG, SAME_MODEL
+from xitl_cli.manoeuvres.trials import APPROACH_THROTTLE, SPIRAL_DEG, SeaTrials, wave_numbers
+from xitl_cli.manoeuvres.vessel_check import afloat_facts
+
+ARCHIMEDES = "closed form: Archimedes and the second moments of the waterline"
+EIGENVALUES = "closed form: mass, damping and the waterline's stiffness as an eigenvalue problem"
+SURGE_ALONE = "closed form: the equation of surge alone, level"
+HORIZONTAL = "closed form: steady equations of surge, sway and yaw alone"
+STRIPS = "closed form: linear strip theory of relative motion"
+LONG_WAVES = "limit: a vessel follows waves that are long beside it (Newman 1977, ch. 6)"
+MIRRORED = "the same to the other side"
+
+OF_WATERLINE, OF_LENGTH = 0.01, 0.05
+"""Draft and transverse GM to the fineness of the strips; lengthwise n strips leave out 1 / n2 of the second moment."""
+OF_PERIOD, OF_RATIO = 0.02, 0.10
+"""A release in one motion stirs the others, and damping that grows with speed has no part in the linear problem."""
+OF_SURGE = 0.05
+"""The vessel trims, which the equation of surge alone does not know."""
+OF_TURN = 0.03
+OF_MIRROR = 0.005
+OF_RESPONSE = 0.05
+"""Of amplitude or slope; strips of a fifth of the length blur waves that are little longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class FigureReference:
+    """What a figure should be, how far it may be off, in its own unit, and who says so."""
+
+    value: float
+    allowed: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class ValidatedFigure:
+    """One of a manoeuvre beside its reference, where there is one. value: None where it was not reached."""
+
+    manoeuvre: str
+    key: str
+    label: str
+    unit: str
+    value: float | None
+    reference: FigureReference | None
+
+    @property
+    def error(self) -> float | None:
+        """Less the reference."""
+        return None if self.value is None or self.reference is None else self.value - self.reference.value
+
+    @property
+    def agrees(self) -> bool | None:
+        """None where nothing is published."""
+        if self.reference is None:
+            return None
+        return self.error is not None and abs(self.error) <= self.reference.allowed
+
+    @property
+    def error_text(self) -> str:
+        """As a share where that says something."""
+        if (error := self.error) is None or self.reference is None:
+            return ""
+        if self.unit in ("", "deg") or abs(self.reference.value) < 1e-6:
+            return f"{error:+.3f}" if not self.unit else f"{error:+.2f} {self.unit}"
+        return f"{100 * error / abs(self.reference.value):+.1f} %"
+
+
+@dataclass(frozen=True, slots=True)
+class VesselValidation:
+    """sections: with their plots, by key; figures in their order."""
+
+    vehicle: str
+    steered_by: str
+    sections: tuple[Section, ...]
+    figures: tuple[ValidatedFigure, ...]
+
+    @property
+    def differing(self) -> tuple[ValidatedFigure, ...]:
+        """Those that have a reference and are off it by more than is allowed."""
+        return tuple(figure for figure in self.figures if figure.agrees is False)
+
+
+def validate_vessel(
+    model: VesselSpec, name: str, water: Water | None = None, told: Callable[[str], None] = lambda _: None
+) -> VesselValidation:
+    """name: under which figures are published. told: is called with each manoeuvre.
+
+    Raises ValueError for a vessel that does not float upright.
+    """
+    water = water or Water()
+    told("afloat")
+    trials = SeaTrials(model, water)
+    sections = [Section("afloat", "Afloat at rest", tuple(afloat_facts(trials.rest)))]
+    if RUNS.get(name):
+        told("published runs")
+        sections.append(_published_runs(trials, name))
+    for section in trials.sections():
+        told(section.title.lower())
+        sections.append(section)
+    values = {
+        fact.key: float(fact.value)
+        for section in sections
+        for fact in section.facts
+        if isinstance(fact.value, int | float) and not isinstance(fact.value, bool)
+    }
+    theory = _Theory(trials, values)
+    sections = [theory.drawn(section) for section in sections]
+    published = {figure.key: figure for figure in FIGURES.get(name, ())}
+    figures: list[ValidatedFigure] = []
+    for section in sections:
+        for fact in section.facts:
+            references: list[FigureReference | None] = [*theory.references(fact.key), *_of_runs(name, fact.key)]
+            if (one := published.get(fact.key)) is not None:
+                references.append(FigureReference(one.value, one.tolerance * one.value, one.source))
+            value = values.get(fact.key)
+            figures += [
+                ValidatedFigure(section.title, fact.key, fact.label, fact.unit, value, reference)
+                for reference in references or [None]
+            ]
+    return VesselValidation(name, trials.helm.by, tuple(sections), tuple(figures))
+
+
+def _published_runs(trials: SeaTrials, name: str) -> Section:
+    runs = RUNS[name]
+    track = trials.runs([run.commands for run in runs], max(run.seconds for run in runs))
+    facts, traces = [], []
+    for vessel, run in enumerate(runs):
+        u, v, *_, r = track.velocity_frd[-1, vessel]
+        turned = track.euler_rad[:, vessel, 2] - track.euler_rad[0, vessel, 2]
+        heading = float(np.degrees(np.interp(10.0, track.time_s, turned)))
+        facts += [
+            Fact(f"run_{vessel}_surge_mps", f"surge, {run.name}", float(u), "m/s"),
+            Fact(f"run_{vessel}_sway_mps", f"sway, {run.name}", float(v), "m/s"),
+            Fact(f"run_{vessel}_rate_degps", f"rate of turn, {run.name}", math.degrees(r), "deg/s"),
+            Fact(f"run_{vessel}_heading_deg", f"heading after 10 s, {run.name}", heading, "deg"),
+        ]
+        traces.append(Trace(run.name, track.pos_ned_m[:, vessel, 1], track.pos_ned_m[:, vessel, 0]))
+    plot = Plot("runs", "Ways from rest, port and starboard propeller", "north (m)", tuple(traces), "map", "east (m)")
+    return Section("runs", "Published runs", tuple(facts), plots=(plot,))
+
+
+def _of_runs(name: str, key: str) -> Iterator[FigureReference]:
+    for number, run in enumerate(RUNS.get(name, ())):
+        for what, value, allowed in (
+            ("surge_mps", run.surge_mps, SAME_MODEL * abs(run.surge_mps)),
+            ("sway_mps", run.sway_mps, max(SAME_MODEL * abs(run.sway_mps), 1e-3)),
+            ("rate_degps", run.rate_degps, max(SAME_MODEL * abs(run.rate_degps), 0.05)),
+            ("heading_deg", run.heading_10_s_deg, SAME_HEADING_DEG),
+        ):
+            if key == f"run_{number}_{what}":
+                yield FigureReference(value, allowed, run.source)
+
+
+class _Theory:
+    """Closed forms of a vessel's figures. values: those measured, from which equations are solved on."""
+
+    def __init__(self, trials: SeaTrials, values: dict[str, float]) -> None:
+        self._found: dict[str, list[FigureReference]] = {}
+        self._curves: dict[str, Trace] = {}
+        self._trials, self._values = trials, values
+        model, water, rest = trials.model, trials.water, trials.rest
+        hydrodynamics = trials.simulation.vessel.hydrodynamics
+        stiffness = np.zeros((6, 6))
+        self._small = LinearSeakeeping(rest.about.mass, hydrodynamics.added_mass, rest.about.damping, stiffness)
+        if (afloat := closed_forms.waterline(model, water)) is not None:
+            stiffness[2:5, 2:5] = afloat.stiffness
+            self._add("draft_m", afloat.draft_m, OF_WATERLINE * afloat.draft_m, ARCHIMEDES)
+            self._add("trim_deg", math.degrees(afloat.trim_rad), 0.1, ARCHIMEDES)
+            self._add("gm_transverse_m", afloat.gm_transverse_m, OF_WATERLINE * afloat.gm_transverse_m, ARCHIMEDES)
+            self._add("gm_longitudinal_m", afloat.gm_longitudinal_m, OF_LENGTH * afloat.gm_longitudinal_m, ARCHIMEDES)
+            for axis, name in ((2, "heave"), (3, "roll"), (4, "pitch")):
+                period_s, ratio = self._small.swing(axis)
+                self._add(f"{name}_period_s", period_s, OF_PERIOD * period_s, EIGENVALUES)
+                self._add(f"{name}_damping_ratio", ratio, OF_RATIO * ratio, EIGENVALUES)
+            self._waves(afloat)
+        self._straight()
+        self._turns()
+
+    def references(self, key: str) -> list[FigureReference]:
+        """Of a figure; none where theory has nothing to say."""
+        return self._found.get(key, [])
+
+    def drawn(self, section: Section) -> Section:
+        """With what theory has to be drawn beside what was measured."""
+        plots = tuple(
+            replace(plot, traces=(*plot.traces, self._curves[plot.key])) if plot.key in self._curves else plot
+            for plot in section.plots
+        )
+        return replace(section, plots=plots)
+
+    def _add(self, key: str, value: float, allowed: float, source: str) -> None:
+        if math.isfinite(value):
+            self._found.setdefault(key, []).append(FigureReference(value, allowed, source))
+
+    def _straight(self) -> None:
+        trials, surge = self._trials, closed_forms.surge_run
+        model, water = trials.model, trials.water
+        propellers = len(model.propellers)
+
+        def fractions(throttle: float) -> np.ndarray:
+            return trials.helm.command(throttle)[:propellers]
+
+        still, full, approach, astern = (fractions(throttle) for throttle in (0.0, 1.0, APPROACH_THROTTLE, -1.0))
+        top = closed_forms.steady_speed_mps(model, water, full)
+        at_first = closed_forms.steady_speed_mps(model, water, approach)
+        self._add("top_speed_mps", top, OF_SURGE * top, SURGE_ALONE)
+        self._add("approach_speed_mps", at_first, OF_SURGE * at_first, SURGE_ALONE)
+        to_speed_s, _ = surge(model, water, still, full, 0.0, lambda speed: speed >= 0.95 * top)
+        self._add("time_to_95_percent_s", to_speed_s, OF_SURGE * to_speed_s, SURGE_ALONE)
+        for key, wanted, left in (("crash_stop", astern, 0.0), ("coasting", still, 0.1)):
+            least = left * at_first
+            time_s, way_m = surge(model, water, approach, wanted, at_first, partial(ge, least))
+            self._add(f"{key}_time_s", time_s, OF_SURGE * time_s, SURGE_ALONE)
+            self._add(f"{key}_track_reach_m", way_m, OF_SURGE * way_m, SURGE_ALONE)
+
+    def _turns(self) -> None:
+        values, trials = self._values, self._trials
+        if trials.helm.by != "difference of thrust":
+            return
+        speed = values.get("turn_starboard_speed_mps", 1.0)
+        rate = math.radians(values.get("turn_starboard_rate_degps", 10.0))
+        propellers = len(trials.model.propellers)
+        angles = {f"spiral_at_{angle:.0f}_degps": angle for angle in SPIRAL_DEG if angle > 0}
+        for key, angle in {"turn_starboard_rate_degps": FULL_STEERING_DEG, **angles}.items():
+            command = trials.helm.command(APPROACH_THROTTLE, angle)[:propellers]
+            guess = (speed, -0.1 * speed, rate * angle / FULL_STEERING_DEG)
+            found = closed_forms.steady_turn(trials.model, trials.water, self._small, command, guess)
+            if found is None:
+                continue
+            degps = math.degrees(found[2])
+            self._add(key, degps, OF_TURN * abs(degps), HORIZONTAL)
+            if angle == FULL_STEERING_DEG:
+                along = math.hypot(found[0], found[1])
+                drift = -math.degrees(math.atan2(found[1], found[0]))
+                self._add("turn_starboard_speed_mps", along, OF_TURN * along, HORIZONTAL)
+                self._add("turn_starboard_drift_deg", drift, 0.5, HORIZONTAL)
+                diameter = 2.0 * along / abs(found[2])
+                self._add("turn_starboard_steady_diameter_m", diameter, OF_TURN * diameter, HORIZONTAL)
+        if self._mirrored():
+            for key, value in values.items():
+                if key.startswith("turn_port_"):
+                    other = values.get(key.replace("port", "starboard"))
+                    if other is not None:
+                        other = math.copysign(other, value)
+                        self._add(key, other, OF_MIRROR * abs(other), MIRRORED)
+
+    def _mirrored(self) -> bool:
+        """Whether port and starboard are alike."""
+        model = self._trials.model
+        propellers = {(p.position_frd_m[0], round(abs(p.position_frd_m[1]), 6)) for p in model.propellers}
+        paired = len(propellers) * 2 == len(model.propellers)
+        return paired and not model.centre_of_gravity_frd_m[1] and abs(self._values.get("heel_deg", 1.0)) < 0.01
+
+    def _waves(self, afloat: closed_forms.Waterline) -> None:
+        trials = self._trials
+        wavelengths, number, omega = wave_numbers(trials.model, trials.water)
+        for heading, motions in (("head", (("heave", 2), ("pitch", 4))), ("beam", (("heave", 2), ("roll", 3)))):
+            theory = closed_forms.wave_theory(trials.model, trials.water, afloat, self._small, heading, number, omega)
+            for motion, axis in motions:
+                sizes = np.abs(theory[axis]) / (1.0 if axis == 2 else number)
+                key = f"{motion}_{heading}"
+                self._curves[key] = Trace("strip theory", np.array(wavelengths), sizes)
+                for ratio, size in zip(wavelengths, sizes, strict=True):
+                    self._add(f"{key}_{ratio:g}", float(size), OF_RESPONSE, STRIPS)
+                self._add(f"{key}_{max(wavelengths):g}", 1.0, OF_RESPONSE, LONG_WAVES)
