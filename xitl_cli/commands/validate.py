@@ -118,6 +118,7 @@ def _figure(figure: ValidatedFigure) -> dict[str, Any]:
         "error": figure.error,
         "agrees": figure.agrees,
         "source": None if reference is None else reference.source,
+        "disputed": (reference.disputed or None) if reference is not None else None,
     }
 
 
@@ -166,11 +167,16 @@ def _show_figures(console: Console, validation: VesselValidation, sources: Seque
             else:
                 number = sources.index(reference.source) + 1
                 line += f" {value_text(rounded(reference.value)):>10} {figure.error_text:>11} [{number}]"
-                line += "" if figure.agrees else " differs"
+                line += " disputed" if reference.disputed else "" if figure.agrees else " differs"
             style = "red" if figure.agrees is False else "dim" if reference is None else ""
             console.print(Text(line, style=style), soft_wrap=True)
         for lack in section.lacks:
             say(console, f"  {lack}", "yellow")
+    for figure in validation.figures:
+        if figure.reference is not None and figure.reference.disputed:
+            say(
+                console, f"{figure.label}: {figure.reference.source} is disputed: {figure.reference.disputed}", "yellow"
+            )
 
 
 @contextmanager

@@ -37,6 +37,8 @@ class Waterline:
     stiffness: Array
     gm_transverse_m: float
     gm_longitudinal_m: float
+    bm_transverse_m: float
+    """What the waterline has of the transverse one, above the centre of buoyancy."""
 
 
 def waterline(model: VesselSpec, water: Water) -> Waterline | None:
@@ -77,7 +79,7 @@ def waterline(model: VesselSpec, water: Water) -> Waterline | None:
     compliance = np.linalg.inv(stiffness)
     drafts = [depth_m + hull.keel_frd_m[2] - hull.keel_frd_m[0] * math.sin(trim_rad) for hull in model.demi_hulls]
     gm = [1.0 / (weight * volume * compliance[axis, axis]) for axis in (1, 2)]
-    return Waterline(depth_m, trim_rad, max(drafts), stiffness, float(gm[0]), float(gm[1]))
+    return Waterline(depth_m, trim_rad, max(drafts), stiffness, float(gm[0]), float(gm[1]), float(aside_2 / volume))
 
 
 class _Lines:
@@ -145,15 +147,22 @@ class LinearSeakeeping:
     damping: Array
     stiffness: Array
 
-    def swing(self, axis: int) -> tuple[float, float]:
-        """Natural period and damping ratio of the mode in which this axis (2 heave, 3 roll, 4 pitch) has most part."""
-        squares, shapes = np.linalg.eig(np.linalg.solve(self.mass, self.stiffness))
-        left = np.linalg.inv(shapes)
-        share = np.abs(left[:, axis] * shapes[axis])
-        mode = int(np.argmax(np.where(squares.real > 1e-9, share, 0.0)))
-        omega = math.sqrt(squares[mode].real)
-        damped = (left[mode] @ np.linalg.solve(self.mass, self.damping) @ shapes[:, mode]).real
-        return 2.0 * math.pi / omega, float(damped) / (2.0 * omega)
+    def released(self, axis: int, time_s: Array) -> Array:
+        """(K,) deflection in an axis (2 heave, 3 roll, 4 pitch) after a release from 1 there and 0 in all others.
+
+        Of M x'' + D x' + K x = 0 by its eigenvalues.
+        """
+        drift = np.zeros((12, 12))
+        drift[:6, 6:] = np.eye(6)
+        drift[6:, :6] = -np.linalg.solve(self.mass, self.stiffness)
+        drift[6:, 6:] = -np.linalg.solve(self.mass, self.damping)
+        kept = np.array([2, 3, 4, *range(6, 12)])  # ways that nothing restores have no part in the rest
+        roots, shapes = np.linalg.eig(drift[np.ix_(kept, kept)])
+        start = np.zeros(9)
+        start[axis - 2] = 1.0
+        parts = shapes[axis - 2] * np.linalg.solve(shapes, start.astype(complex))
+        deflection: Array = (np.exp(np.outer(time_s, roots)) @ parts).real
+        return deflection
 
 
 def surge_drag_n(model: VesselSpec, speed_mps: float) -> float:
@@ -261,32 +270,34 @@ def wave_theory(
     damping on the velocity against the water's, whose mean and turn are those of the elevations of all strips.
     """
     strips = _strips(model, afloat)
-    along, aside, width, area, drop, own = (np.concatenate(parts) for parts in zip(*strips, strict=True))
+    along, aside, breadth, step, area, drop = (np.concatenate(parts) for parts in zip(*strips, strict=True))
     weight = water.density_kgpm3 * GRAVITY_MPS2
     found: dict[int, list[complex]] = {2: [], 3: [], 4: []}
     for k, w in zip(number, omega, strict=True):
         # The waves go aft, or to starboard; time goes as exp(-i w t).
         wave_x, wave_y = (-k, 0.0) if heading == "head" else (0.0, k)
         local = np.exp(1j * (wave_x * along + wave_y * aside))
-        slope_x, slope_y = 1j * wave_x * local, 1j * wave_y * local
+        # Over a strip's own breadth: the mean of the wave, and its first moment a unit length.
+        half = 0.5 * abs(wave_y) * breadth
+        mean = local * np.sinc(half / math.pi)
+        lean = np.zeros_like(local)
+        if wave_y:
+            lean = local * 2j * (np.sin(half) - half * np.cos(half)) / wave_y**2
         force = np.zeros(6, dtype=complex)
-        up = weight * width * local
-        sideways, ahead = -weight * area * slope_y, -weight * area * slope_x
+        up = weight * breadth * step * mean
+        ahead, sideways = -1j * weight * area * wave_x * mean, -1j * weight * area * wave_y * mean
         force[:3] = ahead.sum(), sideways.sum(), -up.sum()
-        force[3] = (-aside * up - drop * sideways).sum() - (weight * own * slope_y).sum()
+        force[3] = (-aside * up - drop * sideways - weight * step * lean).sum()
         force[4] = (along * up + drop * ahead).sum()
         force[5] = (along * sideways - aside * ahead).sum()
         surface = np.zeros(6, dtype=complex)  # motion that goes with the water: displacement of the mean, angles
-        weights = np.full(len(along), 1.0 / len(along))
-        mean = (weights * local).sum()
+        surface[2] = -mean.mean()
         depth = math.tanh(k * water.depth_m)
         for axis, part in ((0, wave_x), (1, wave_y)):
-            surface[axis] = 1j * part / k / depth * mean
-        surface[2] = -mean
-        centred = along - along.mean(), aside - aside.mean()
-        for axis, arm, sign in ((4, centred[0], 1.0), (3, centred[1], -1.0)):
-            spread = float((arm**2).sum())
-            surface[axis] = sign * (arm * local).sum() / spread if spread > 1e-9 else 0.0
+            surface[axis] = 1j * part / k / depth * mean.mean()
+        across, lever = aside - aside.mean(), along - along.mean()
+        surface[4] = (lever * mean).sum() / (lever**2).sum()
+        surface[3] = -(across * mean + lean / breadth).sum() / (across**2 + breadth**2 / 12.0).sum()
         force = force + (-(w**2) * small.added_mass - 1j * w * small.damping) @ surface
         matrix = -(w**2) * small.mass - 1j * w * small.damping + small.stiffness
         motion = np.linalg.solve(matrix, force)
@@ -296,10 +307,7 @@ def wave_theory(
 
 
 def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:
-    """Of each hull's strips: places along and aside, areas of waterline and section, depth of the lift, width^3 / 12.
-
-    All but places and depth are times the strip's length.
-    """
+    """Of each hull's strips: places along and aside, breadth, length, volume, and depth at which the lift acts."""
     strips: list[tuple[Array, ...]] = []
     for hull in model.demi_hulls:
         lines = _Lines(hull)
@@ -312,10 +320,10 @@ def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:
             (
                 lines.along,
                 np.full(_PLACES, lines.aside),
-                width * lines.step,
+                np.maximum(width, 1e-6),
+                np.full(_PLACES, lines.step),
                 lines.share * area * lines.step,
                 lines.keel - centroid,
-                width**3 / 12.0 * lines.step,
             )
         )
     return strips

@@ -19,7 +19,7 @@ DATA_SHEET = 0.10
 class PublishedRun:
     """From rest under held commands: surge, sway and rate of turn when steady, and the heading after 10 s.
 
-    commands: fractions of full speed of the propellers, and of the full angle of the rudders. seconds: until steady.
+    commands: fractions of full speed of the propellers, and of the full angle of the rudders.
     """
 
     name: str
@@ -29,22 +29,26 @@ class PublishedRun:
     rate_degps: float
     heading_10_s_deg: float
     source: str
-    seconds: float = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedFigure:
-    """A figure of a manoeuvre, by the key that it has there; tolerance: as a share of it."""
+    """A figure of a manoeuvre, by the key that it has there; tolerance: as a share of it.
+
+    disputed: why it is not what the vessel is made after, where its sources contradict each other.
+    """
 
     key: str
     value: float
     tolerance: float
     source: str
+    disputed: str = ""
 
 
 _OTTER_AHEAD = math.sqrt(0.5 * 24.4 * 9.81 / (0.5 * 0.02216))
 _OTTER_ASTERN = math.sqrt(0.5 * 13.6 * 9.81 / (0.5 * 0.01289))
 """Fastest shafts of otter.py, rad/s."""
+_HERON = "Clearpath's own simulation, which the vessel is made after, has thrust and drag for 2.7 m/s"
 _OTTER = "Fossen's Otter (PythonVehicleSimulator), its equations run"
 _WAMV = "VRX 2.4's WAM-V plugins, their equations run"
 
@@ -60,6 +64,10 @@ def _wamv(port_n: float, starboard_n: float) -> tuple[float, float]:
     return port, starboard
 
 
+RUNS_S = 20.0
+"""Many of their time constants, and too short for an unstable course to be left on the straight."""
+RUNS_WATER_KGPM3 = {"otter": 1025.0, "wamv16": 997.7735}
+"""Of the published models; neither has air that drags."""
 RUNS: dict[str, tuple[PublishedRun, ...]] = {
     "otter": (
         PublishedRun("100 and 100 rad/s", _otter(100, 100), 2.98196, 0.0, 0.0, 0.0, _OTTER),
@@ -75,6 +83,6 @@ RUNS: dict[str, tuple[PublishedRun, ...]] = {
 }
 FIGURES: dict[str, tuple[PublishedFigure, ...]] = {
     "otter": (PublishedFigure("top_speed_mps", 6 * 0.5144, DATA_SHEET, "Maritime Robotics' data sheet: 6 knots"),),
-    "heron": (PublishedFigure("top_speed_mps", 1.7, DATA_SHEET, "Clearpath's data sheet: 1.7 m/s"),),
+    "heron": (PublishedFigure("top_speed_mps", 1.7, DATA_SHEET, "Clearpath's data sheet: 1.7 m/s", _HERON),),
     "blueboat": (PublishedFigure("top_speed_mps", 3.0, DATA_SHEET, "Blue Robotics' data sheet: 3 m/s"),),
 }

@@ -31,13 +31,14 @@ APPROACH_THROTTLE = 0.85 ** (1 / 3)
 SPIRAL_DEG = (20.0, 10.0, 5.0, 0.0, -5.0, -10.0, -20.0)
 WAVELENGTHS = (1.2, 1.6, 2.2, 3.0, 4.5, 7.0, 12.0, 20.0)
 """Over the vessel's length, all in one sea: their responses are told apart by their frequencies."""
-WAVE_STEEPNESS = 0.008
-"""Amplitude times wave number, of each."""
+WAVE_STEEPNESS = 0.002
+"""Amplitude times wave number, of each: small, so that damping that grows with speed has no part."""
 _EVERY_S = 0.02
 _LONGEST_S = 400.0
 _LENGTHS_A_HOLD = 15.0
-_SWINGS = 8.0
-_RELEASE = {2: ("heave", 0.1, "of the draft"), 3: ("roll", 3.0, "deg"), 4: ("pitch", 2.0, "deg")}
+SWINGS = 8.0
+RELEASES = {2: ("heave", 0.05, "of the draft"), 3: ("roll", 1.0, "deg"), 4: ("pitch", 1.0, "deg")}
+"""By axis: small, so that it is the damping at rest that is measured."""
 
 
 class SeaTrials:
@@ -214,17 +215,17 @@ class SeaTrials:
 
     def _decays(self) -> Section:
         draft_m = float(self.rest.state.motion.pos_ned_m[0, 2]) + self.water.level_m + self.model.keel_m
-        offsets = np.zeros((len(_RELEASE), 9))
-        for vessel, (axis, (_, size, _)) in enumerate(_RELEASE.items()):
+        offsets = np.zeros((len(RELEASES), 9))
+        for vessel, (axis, (_, size, _)) in enumerate(RELEASES.items()):
             offsets[vessel, axis - 2] = draft_m * size if axis == 2 else math.radians(size)
-        commands = np.zeros((len(_RELEASE), self.model.commands))
+        commands = np.zeros((len(RELEASES), self.model.commands))
         vessels = replace(spread(self.rest.state, [0, 0, 0]), motion=moved(self.simulation, self.rest.state, offsets))
-        longest = _SWINGS * max(mode.period_s for mode in self.rest.modes.values())
-        state = start(self.simulation, len(_RELEASE), vessels)
+        longest = SWINGS * max(mode.period_s for mode in self.rest.modes.values())
+        state = start(self.simulation, len(RELEASES), vessels)
         _, track = sail(self.simulation, state, lambda _t, _m: commands, longest, every_s=self.step_s)
         rest = Instant.from_motion(self.rest.state.motion)
         facts, plots = [], []
-        for vessel, (axis, (name, size, unit)) in enumerate(_RELEASE.items()):
+        for vessel, (axis, (name, size, unit)) in enumerate(RELEASES.items()):
             series = track.pos_ned_m[:, vessel, 2] if axis == 2 else track.euler_rad[:, vessel, axis - 3]
             series = series - (rest.pos_ned_m[0, 2] if axis == 2 else rest.euler_rad[0, axis - 3])
             found = measures.decay(track.time_s, series)

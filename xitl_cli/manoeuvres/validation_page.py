@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from xitl_cli.logs.clocks.time_line import TimeLine
 from xitl_cli.logs.model.sections import Finding, Grid, Section
 from xitl_cli.logs.report.page import FileCard, Page, PagePart
-from xitl_cli.manoeuvres.validation import ValidatedFigure, VesselValidation
+from xitl_cli.manoeuvres.validation import FigureReference, ValidatedFigure, VesselValidation
 
 NO_REFERENCE = "no published reference"
 COLUMNS = ("figure", "unit", "ours", "reference", "error", "agrees", "source")
@@ -28,7 +28,7 @@ def validation_page(validations: Sequence[VesselValidation]) -> Page:
 def counts(validation: VesselValidation) -> tuple[int, int, int]:
     """Figures that agree, that differ, and that have no reference."""
     verdicts = [figure.agrees for figure in validation.figures]
-    return verdicts.count(True), verdicts.count(False), verdicts.count(None)
+    return verdicts.count(True), verdicts.count(False), sum(figure.reference is None for figure in validation.figures)
 
 
 def _facts(validation: VesselValidation) -> tuple[tuple[str, str], ...]:
@@ -60,8 +60,12 @@ def _row(figure: ValidatedFigure) -> tuple[str | float | None, ...]:
         None if reference is None else rounded(reference.value),
         figure.error_text,
         "" if figure.agrees is None else "yes" if figure.agrees else "no",
-        NO_REFERENCE if reference is None else reference.source,
+        NO_REFERENCE if reference is None else _source(reference),
     )
+
+
+def _source(reference: FigureReference) -> str:
+    return reference.source + (f"; disputed: {reference.disputed}" if reference.disputed else "")
 
 
 def rounded(value: float | None) -> float | None:

@@ -63,28 +63,20 @@ def test_metacentric_height_is_bm_and_kb_less_kg(model: VesselSpec, rest: AtRest
 
 
 def test_heave_and_roll_swing_as_stiffness_over_mass(model: VesselSpec, rest: AtRest) -> None:
-    hull = model.hull
+    hull, added = model.hull, model.added_mass
     assert hull is not None
-    weight = model.mass_kg * GRAVITY_MPS2
     draft = float(rest.state.motion.pos_ned_m[0, 2]) + WATER.level_m + hull.keel_below_cg_m
     plane = 2 * 2 * segment(hull.radius_m, draft)[1] * hull.length_m
-    for name, stiffness, mass, damping in (
-        (
-            "heave",
-            WATER.density_kgpm3 * GRAVITY_MPS2 * plane,
-            model.mass_kg + model.added_mass.heave_kg,
-            model.damping_linear.heave,
-        ),
-        (
-            "roll",
-            weight * rest.metacentric_m[0],
-            model.inertia_kgm2[0] + model.added_mass.roll_kgm2,
-            model.damping_linear.roll,
-        ),
-    ):
-        mode = rest.modes[name]
-        assert mode.period_s == pytest.approx(2 * math.pi * math.sqrt(mass / stiffness), rel=1e-4)
-        assert mode.damping_ratio == pytest.approx(damping / (2 * math.sqrt(stiffness * mass)), rel=2e-3)
+    heave, roll = rest.modes["heave"], rest.modes["roll"]
+    stiffness, mass = WATER.density_kgpm3 * GRAVITY_MPS2 * plane, model.mass_kg + added.heave_kg
+    assert heave.period_s == pytest.approx(2 * math.pi * math.sqrt(mass / stiffness), rel=1e-4)
+    drag = model.damping_linear.heave
+    assert heave.damping_ratio == pytest.approx(drag / (2 * math.sqrt(stiffness * mass)), rel=2e-3)
+    # It rolls about an axis between its weight and the water beside it, which is carried at half the draft.
+    stiffness = model.mass_kg * GRAVITY_MPS2 * rest.metacentric_m[0]
+    carried = added.sway_kg * model.mass_kg / (added.sway_kg + model.mass_kg)
+    inertia = model.inertia_kgm2[0] + added.roll_kgm2 + carried * (hull.keel_below_cg_m - 0.5 * draft) ** 2
+    assert roll.period_s == pytest.approx(2 * math.pi * math.sqrt(inertia / stiffness), rel=1e-4)
 
 
 def test_top_speed_is_where_thrust_and_drag_meet(model: VesselSpec, checked: VesselCheck) -> None:

@@ -1,0 +1,50 @@
+"""`xitl validate`: the whole of it for the full-size catamaran, and what tells a vessel that does not do as published."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from conftest import Xitl
+
+
+@pytest.mark.slow
+def test_the_catamaran_agrees_with_every_reference(xitl: Xitl, tmp_path: Path) -> None:
+    told = xitl("validate", "asv-full", "--report", "--json")
+    assert told.returncode == 0, told.stdout + told.stderr
+    (vehicle,) = json.loads(told.stdout)["vehicles"]
+    figures = {figure["key"]: figure for figure in vehicle["figures"]}
+    assert {figure["manoeuvre"] for figure in vehicle["figures"]} >= {
+        "Acceleration",
+        "Turning circle at full steering",
+        "Zig-zag",
+        "Spiral",
+        "Crash stop and coasting",
+        "Free decays",
+        "Response to waves",
+    }
+    assert sum(figure["agrees"] is True for figure in figures.values()) > 40
+    assert not any(figure["agrees"] is False for figure in figures.values())
+    assert figures["zig_zag_20_overshoot_1_deg"]["value"] > figures["zig_zag_10_overshoot_1_deg"]["value"] > 0
+    assert figures["turn_starboard_tactical_diameter_m"]["value"] > figures["turn_starboard_transfer_m"]["value"] > 0
+    page = (tmp_path / "validation.html").read_text(encoding="utf-8")
+    assert "Turning circles" in page
+    assert "no published reference" in page
+
+
+@pytest.mark.slow
+def test_a_vessel_that_is_not_the_published_one(xitl: Xitl, tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(
+        "extends: vehicles/wamv16\nvehicle: {name: wamv16, centre_of_gravity_frd_m: [0.8, 0.0, -0.044341]}\n"
+    )
+    told = xitl("validate", "mine.yaml")
+    assert told.returncode == 1, told.stdout + told.stderr
+    (line,) = [line for line in told.stdout.splitlines() if "rate of turn, 500 and 300 N" in line]
+    assert line.endswith("differs")
+
+
+def test_what_cannot_be_validated(xitl: Xitl) -> None:
+    told = xitl("validate", "calm")
+    assert told.returncode == 2
+    assert "calm: has no vehicle" in told.stderr
