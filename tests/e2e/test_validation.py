@@ -1,4 +1,4 @@
-"""`xitl validate`: the whole of it for the full-size catamaran, and what tells a vessel that does not do as published."""
+"""`xitl validate`: all of it for the full-size catamaran, and what tells a vessel that does not do as published."""
 
 from __future__ import annotations
 
