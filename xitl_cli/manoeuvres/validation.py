@@ -127,7 +127,7 @@ def validate_vessel(
         told(section.title.lower())
         sections.append(section)
     values = {
-        fact.key: float(fact.value)
+        fact.key: float(fact.value)  # numpy's own numbers are no numbers for JSON
         for section in sections
         for fact in section.facts
         if isinstance(fact.value, int | float) and not isinstance(fact.value, bool)
@@ -226,7 +226,7 @@ class _Theory:
 
     def _add(self, key: str, value: float, allowed: float, source: str) -> None:
         if math.isfinite(value):
-            self._found.setdefault(key, []).append(FigureReference(value, allowed, source))
+            self._found.setdefault(key, []).append(FigureReference(float(value), float(allowed), source))
 
     def _straight(self) -> None:
         trials, surge = self._trials, closed_forms.surge_run
