@@ -76,7 +76,7 @@ class Rudders:
                 + [_rows(r.position_frd_m, right) for r in rudders]
             ).T,
             pressure=0.5 * water.density_kgpm3 * np.array([rudder.area_m2 for rudder in rudders]),
-            slope=6.13 * aspect / (aspect + 2.25),
+            slope=np.array([rudder.normal_force_slope for rudder in rudders]),
             induced=1.0 / (INDUCED_DRAG_EFFICIENCY * math.pi * aspect),
             sine_at_stall=np.sin(stall),
             per_sine=1.0 / (np.sin(np.minimum(stall + STALL_WIDTH_RAD, 0.5 * math.pi)) - np.sin(stall)),

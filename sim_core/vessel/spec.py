@@ -316,7 +316,7 @@ class Rudder(Specification):
 
     position_frd_m: Annotated[Vector, "of its stock at half its height, from the body's origin"]
     area_m2: Positive
-    aspect_ratio: Annotated[Positive, "height over chord; sets the slope of its lift by Fujii's formula"]
+    aspect_ratio: Annotated[Positive, "height over chord, which sets the slope of its normal force"]
     max_angle_deg: Annotated[float, Bounds(above=0, at_most=90)] = 35.0
     rate_degps: Positive = 30.0
     propeller: Annotated[
@@ -329,6 +329,11 @@ class Rudder(Specification):
     stall_deg: Annotated[
         float, Bounds(at_least=5, at_most=60), "angle of attack from which it stalls; less in a free stream"
     ] = 35.0
+
+    @property
+    def normal_force_slope(self) -> float:
+        """C_N over the sine of the angle of attack (Fujii & Tsuda 1961; MMG standard method, Yasukawa 2015)."""
+        return 6.13 * self.aspect_ratio / (self.aspect_ratio + 2.25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -591,5 +596,27 @@ class VesselSpec(Specification):
     @property
     def commands(self) -> int:
         """How many: a throttle for each propeller, a steering for each gear, and one for each rudder."""
-        gears = sum(propeller.steering is not None for propeller in self.propellers)
-        return len(self.propellers) + gears + len(self.rudders)
+        return len(self.command_names)
+
+    @property
+    def command_names(self) -> tuple[str, ...]:
+        """Of each in its order: `propeller 0`, `steering 0` for the gear of propeller 0, `rudder 0`."""
+        return (
+            *(f"propeller {number}" for number in range(len(self.propellers))),
+            *(f"steering {number}" for number, one in enumerate(self.propellers) if one.steering is not None),
+            *(f"rudder {number}" for number in range(len(self.rudders))),
+        )
+
+    @property
+    def moves_by_sticks(self) -> bool:
+        """Whether steering and throttle say all: of two propellers without more, or one with its gear or rudders."""
+        propellers, steering = len(self.propellers), self.commands - len(self.propellers)
+        return (propellers, steering) == (2, 0) or (propellers == 1 and steering > 0)
+
+    @property
+    def command_kinds(self) -> str:
+        """What there is to command, as errors say it: `2 propellers, 1 steering, 2 rudders`."""
+        gears = self.commands - len(self.propellers) - len(self.rudders)
+        counts = (("propeller", len(self.propellers)), ("steering", gears), ("rudder", len(self.rudders)))
+        plural = {"propeller": "s", "steering": "", "rudder": "s"}
+        return ", ".join(f"{count} {kind}{plural[kind] if count > 1 else ''}" for kind, count in counts if count)

@@ -97,7 +97,9 @@ def _state(recorder: Recorder, stamp_ns: int, noise: np.ndarray) -> None:
         angular_acc_frd_radps2=zero,
     )
     recorder.truth(stamp_ns, motion, np.zeros((1, 2)))
-    recorder.actuators(stamp_ns, MotorCommand((float(noise[20]), float(noise[21])), armed=True))
+    recorder.actuators(
+        stamp_ns, MotorCommand((float(noise[20]), float(noise[21])), armed=True), "propeller 0, propeller 1"
+    )
     recorder.frame_received(stamp_ns, b"\xfd" + noise[:8].tobytes())
     recorder.environment(stamp_ns, noise[3:6], noise[6:9], 0.0)
     recorder.estimate(stamp_ns, MotionEstimate(noise[3:6], noise[6:9], quat[0], noise[12:15]))

@@ -193,9 +193,11 @@ class Recorder:
         )
         self._topics.transform(stamp_ns, self._topics.frame(ESTIMATE_FRAME), position, attitude)
 
-    def actuators(self, stamp_ns: int, command: MotorCommand) -> None:
-        """The motor commands in force."""
-        self._topics.write("/actuators", stamp_ns, command.motors, command.armed, command.failsafe, command.age_s)
+    def actuators(self, stamp_ns: int, command: MotorCommand, names: str) -> None:
+        """The motor commands in force, and what each is for."""
+        self._topics.write(
+            "/actuators", stamp_ns, command.motors, command.armed, command.failsafe, command.age_s, names
+        )
 
     def frame_sent(self, stamp_ns: int, frame: bytes, link: str = "agent") -> None:
         """A raw MAVLink frame from host to agent."""

@@ -61,7 +61,9 @@ class VesselStateMessage:
     acceleration_ned_mps2: Float64x3
     quaternion_ned_frd: Annotated[Float64x4, "w x y z"]
     angular_velocity_frd_radps: Float64x3
-    rotor: Annotated[Float64Sequence, "speed of each, share of full in [-1, 1]"]
+    rotor: Annotated[
+        Float64Sequence, "speed of each propeller, then angle of each gear and rudder, share of full in [-1, 1]"
+    ]
 
 
 class OdometryMessage:
@@ -134,7 +136,7 @@ class MotionEstimate:
 
 @dataclass(frozen=True, slots=True)
 class MotorCommand:
-    """Commands in force, one a motor in [-1, 1], and how old they are; None where that cannot be told."""
+    """Commands in force in [-1, 1], in the order of the vessel's, and how old they are; None: that cannot be told."""
 
     motors: tuple[float, ...]
     armed: bool = False
@@ -143,10 +145,11 @@ class MotorCommand:
 
 
 class ActuatorsMessage:
-    command: Annotated[Float64Sequence, "of each motor, share of full in [-1, 1]"]
+    command: Annotated[Float64Sequence, "of each propeller, then each gear, then each rudder, share of full in [-1, 1]"]
     armed: Bool
     failsafe: Bool
     age_s: Float64
+    names: Annotated[String, "of the commands: `propeller 0, steering 0, rudder 0`"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sim_core.vessel.spec import VesselSpec
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.agents import ReplaySpec, ScriptStep
 from xitl_cli.replay.pulse_log import NO_PULSE_US, PulseLog, read_pulse_log
@@ -19,7 +20,7 @@ Motors = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class MotorSchedule:
-    """Commands in [-1, 1], one a motor, from `at_ns` (rising, from the start of the schedule) until the next.
+    """Commands in [-1, 1], in the vessel's order, from `at_ns` (rising, from the start of the schedule) until the next.
 
     end_ns: when it has run out; None for a script without an end, which holds its last step.
     """
@@ -46,17 +47,18 @@ def schedule_from_script(steps: Sequence[ScriptStep]) -> MotorSchedule:
     return MotorSchedule(tuple(at_ns for at_ns, _ in moving), tuple(motors for _, motors in moving), end_ns)
 
 
-def schedule_from_file(file: str, replay: ReplaySpec, propellers: int) -> MotorSchedule:
-    """The recording as commands of the motors. Raises UserError with what is wrong in the file."""
-    return schedule_from_pulses(read_pulse_log(Path(file)), replay, propellers)
+def schedule_from_file(file: str, replay: ReplaySpec, vessel: VesselSpec | None = None) -> MotorSchedule:
+    """The recording as commands, as `schedule_from_pulses`. Raises UserError with what is wrong in the file."""
+    return schedule_from_pulses(read_pulse_log(Path(file)), replay, vessel)
 
 
-def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, propellers: int) -> MotorSchedule:
-    """Recorded pulse widths as commands of the motors, from `start_s` (or the first armed output) on.
+def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None = None) -> MotorSchedule:
+    """Recorded pulse widths as commands of the vessel, from `start_s` (or the first armed output) on.
 
-    Steering and throttle are mixed as a skid-steered ArduRover does: port is throttle plus steering.
+    vessel: None for two motors, from which an autopilot gets its sticks. Steering and throttle drive one propeller and
+    all that steers; of two propellers they are mixed as a skid-steered ArduRover does: port is throttle plus steering.
     """
-    outputs, mixed = _outputs(log, replay, propellers)
+    outputs, mixed = _outputs(log, replay, vessel)
     missing = [channel for channel in outputs if channel not in log.pulses_us]
     if missing:
         raise UserError(
@@ -78,22 +80,32 @@ def schedule_from_pulses(log: PulseLog, replay: ReplaySpec, propellers: int) -> 
     commands = [tuple(_command(pulse, replay) for pulse in row) for row in rows[first:last]]
     return MotorSchedule(
         at_ns=tuple(max(round((at_s - start_s) * 1e9), 0) for at_s in log.at_s[first:last]),
-        motors=tuple(_mix(*command) if mixed else command for command in commands),
+        motors=tuple(_by_sticks(vessel, *command) if mixed else command for command in commands),
         end_ns=round((end_s - start_s) * 1e9),
     )
 
 
-def _outputs(log: PulseLog, replay: ReplaySpec, propellers: int) -> tuple[tuple[int, ...], bool]:
+def _by_sticks(vessel: VesselSpec | None, steering: float, throttle: float) -> Motors:
+    if vessel is not None and (steered := vessel.commands - len(vessel.propellers)):
+        return (throttle, *[steering] * steered)
+    return _mix(steering, throttle)
+
+
+def _outputs(log: PulseLog, replay: ReplaySpec, vessel: VesselSpec | None) -> tuple[tuple[int, ...], bool]:
     """Channels to read, and whether they are steering and throttle."""
     mixed = replay.outputs_are == "steering-throttle"
     if replay.outputs is not None:
         return replay.outputs, mixed
     channel_of = {function: channel for channel, function in sorted(log.functions.items(), reverse=True)}
-    kinds = {"motors": (THROTTLE_LEFT, THROTTLE_RIGHT), "steering-throttle": (GROUND_STEERING, THROTTLE)}
+    pair = vessel is None or vessel.commands == len(vessel.propellers) == len(USUAL_OUTPUTS)
+    kinds = {"motors": (THROTTLE_LEFT, THROTTLE_RIGHT)} if pair else {}
+    if vessel is None or vessel.moves_by_sticks:
+        kinds["steering-throttle"] = (GROUND_STEERING, THROTTLE)
     for kind, functions in kinds.items():
-        if replay.outputs_are in (None, kind) and propellers == 2 and all(f in channel_of for f in functions):
+        if replay.outputs_are in (None, kind) and all(f in channel_of for f in functions):
             return tuple(channel_of[function] for function in functions), kind == "steering-throttle"
-    return (USUAL_OUTPUTS if propellers == 2 else tuple(range(1, propellers + 1))), mixed
+    usual = USUAL_OUTPUTS if mixed or pair or vessel is None else tuple(range(1, vessel.commands + 1))
+    return usual, mixed
 
 
 def _first_armed_s(log: PulseLog, rows: Sequence[tuple[float, ...]], trim_us: float) -> float:

@@ -103,7 +103,7 @@ class Loop:
             receive(seconds)
 
     def _commanded(self) -> Array:
-        """Motor commands (N, propellers) in force, by vessel."""
+        """Motor commands (N, C) in force, by vessel."""
         commands = [control.command for control in self._controls]
         if commands != self._commands:
             self._commands = commands

@@ -38,7 +38,7 @@ def sentences(profile: str, *overrides: str) -> list[str]:
         ),
         (LOCKSTEP, "autopilot.bridge.sensor_link=tcp://127.0.0.1:0", "leads nowhere with sensors = null"),
         (LOCKSTEP, "autopilot.bridge.sensors=px4", "does not go with autopilot.kind = ardupilot"),
-        (LOCKSTEP, "autopilot.bridge.outputs=[1, 2, 3]", "does not fit a vessel with 2 commands"),
+        (LOCKSTEP, "autopilot.bridge.outputs=[1, 2, 3]", "does not fit a vessel with 2 propellers; give 2"),
         (LOCKSTEP, "autopilot.bridge.outputs=[3, 3]", "has a channel twice"),
         (LOCKSTEP, "autopilot.controller=a.b:C", "autopilot.controller: ardupilot steers by itself"),
         (LOCKSTEP, "autopilot.parameter_files=[rover-jason]", "did you mean 'rover-json'?"),

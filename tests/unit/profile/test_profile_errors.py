@@ -274,6 +274,25 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "boat.yaml:2: driver.replay.outputs = a list of 1 does not fit a vessel with 2 propellers; give 2",
         ),
         (
+            "extends: mitl-replay\nvehicle:\n"
+            "  rudders: [{position_frd_m: [-1.1, 0, 0.2], area_m2: 0.02, aspect_ratio: 2}]\n"
+            "driver: {replay: {outputs_are: steering-throttle}}",
+            "boat.yaml:4: driver.replay.outputs_are = steering-throttle drives two propellers or one with a gear or "
+            "rudders, and the vessel has 2 propellers, 1 rudder; use motors",
+        ),
+        (
+            "extends: [mitl, vehicles/asv-steered]\nvehicle:\n"
+            "  rudders: [{position_frd_m: [-1.1, 0, 0.2], area_m2: 0.02, aspect_ratio: 2}]\n"
+            "driver: {kind: script, script: [{at_s: 0, motors: [0.5, 0.1]}]}",
+            "boat.yaml:4: driver.script.0.motors = a list of 2 does not fit a vessel with 1 propeller, 1 steering, "
+            "1 rudder; give 3",
+        ),
+        (
+            "extends: mitl\nvehicle:\n"
+            "  rudders: [{position_frd_m: [-1.1, 0, 0.2], area_m2: 0.02, aspect_ratio: 2, propeller: 3}]",
+            "boat.yaml:3: vehicle.rudders.0.propeller = 3 is no propeller; use 0 to 1, or leave it out",
+        ),
+        (
             "extends: mitl-replay\ndriver: {replay: {rc_channels: [2, 2]}}",
             "boat.yaml:2: driver.replay.rc_channels gives steering and throttle the one channel 2; use two",
         ),

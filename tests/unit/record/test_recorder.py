@@ -55,7 +55,9 @@ def everything(recorder: Recorder, stamp_ns: int = 2_500_000_000) -> None:
     recorder.estimate(
         stamp_ns, MotionEstimate(np.array([3.1, 4.0, -0.5]), np.zeros(3), motion().quat_ned_frd[0], np.zeros(3))
     )
-    recorder.actuators(stamp_ns, MotorCommand((0.3, -0.6), armed=True, failsafe=False, age_s=0.02))
+    recorder.actuators(
+        stamp_ns, MotorCommand((0.3, -0.6), armed=True, failsafe=False, age_s=0.02), "propeller 0, rudder 0"
+    )
     recorder.frame_sent(stamp_ns, b"\xfd123")
     recorder.frame_received(stamp_ns, b"\xfd45")
     recorder.write(stamp_ns, TaskTiming("LC", "control", 50.0, 100, 2, 0.001, 0.0002, 0.0009))
@@ -100,6 +102,7 @@ def test_every_topic_reads_back_with_its_values(tmp_path: Path) -> None:
     assert list(topics["/environment"][0][1].wind_ned_mps) == [-3.0, 1.0, 0.0]
     actuators = topics["/actuators"][0][1]
     assert (list(actuators.command), actuators.armed, actuators.age_s) == ([0.3, -0.6], 1, 0.02)
+    assert actuators.names == "propeller 0, rudder 0"
     assert bytes(topics["/link/agent/tx"][0][1].frame) == b"\xfd123"
     assert bytes(topics["/link/agent/rx"][0][1].frame) == b"\xfd45"
     task = topics["/tasks"][0][1]
@@ -111,7 +114,7 @@ def test_every_topic_reads_back_with_its_values(tmp_path: Path) -> None:
 
 def test_an_age_that_cannot_be_told_is_not_zero(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "run.mcap", "lz4")
-    recorder.actuators(5, MotorCommand((0.0, 0.0), age_s=None))
+    recorder.actuators(5, MotorCommand((0.0, 0.0), age_s=None), "propeller 0, propeller 1")
     recorder.close()
     assert np.isnan(read_all(tmp_path / "run.mcap")["/actuators"][0][1].age_s)
 

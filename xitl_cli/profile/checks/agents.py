@@ -379,15 +379,13 @@ def _schemes(autopilot: AutopilotSpec, key: str) -> tuple[str, ...]:
 def _outputs(profile: Profile, bridge: BridgeSpec) -> Iterator[tuple[KeyPath, str]]:
     if profile.vehicle is None:
         return
-    propellers = profile.vehicle.propellers
     needed = profile.vehicle.commands
-    steered = needed - len(propellers)
     path: KeyPath = ("autopilot", "bridge", "outputs")
     if len(bridge.outputs) != needed:
         yield (
             path,
-            f"autopilot.bridge.outputs = {shown(bridge.outputs)} does not fit a vessel with {needed} commands "
-            f"({len(propellers)} throttles, {steered} steering); give one channel for each",
+            f"autopilot.bridge.outputs = {shown(bridge.outputs)} does not fit a vessel with "
+            f"{profile.vehicle.command_kinds}; give {needed} channels, one for each",
         )
     if len(set(bridge.outputs)) != len(bridge.outputs):
         yield path, f"autopilot.bridge.outputs = {shown(bridge.outputs)} has a channel twice; give each command its own"

@@ -142,14 +142,11 @@ def _script(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
 
 
 def _motors(profile: Profile, path: KeyPath, key: str, motors: tuple[float, ...]) -> Iterator[tuple[KeyPath, str]]:
-    commands = profile.vehicle.commands if profile.vehicle else len(motors)
-    if len(motors) != commands:
-        what = f"{len(profile.vehicle.propellers)} propellers" if profile.vehicle else ""
-        if profile.vehicle and (steered := commands - len(profile.vehicle.propellers)):
-            what += f" and {steered} steering"
+    vessel = profile.vehicle
+    if vessel is not None and len(motors) != vessel.commands:
         yield (
             (*path, "motors"),
-            f"{key}.motors = {shown(motors)} does not fit a vessel with {what}; give {commands}",
+            f"{key}.motors = {shown(motors)} does not fit a vessel with {vessel.command_kinds}; give {vessel.commands}",
         )
 
 
@@ -170,17 +167,17 @@ def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
             ("driver", "replay", "end_s"),
             f"driver.replay.end_s = {replay.end_s:g} is not after start_s ({replay.start_s:g}); use a later end",
         )
-    commands = profile.vehicle.commands if profile.vehicle else _STICKS
-    mixed = replay.outputs_are == "steering-throttle"
-    needed = _STICKS if embedded else commands
-    if mixed and not embedded and commands != _STICKS:
+    vessel, mixed = profile.vehicle, replay.outputs_are == "steering-throttle"
+    needed = _STICKS if embedded or mixed or vessel is None else vessel.commands
+    if mixed and not embedded and vessel is not None and not vessel.moves_by_sticks:
         yield (
-            ("vehicle", "propellers"),
-            f"vehicle.propellers has {commands}, but steering and throttle drive {_STICKS}: port, starboard; "
-            "give two, or replay motors",
+            ("driver", "replay", "outputs_are"),
+            "driver.replay.outputs_are = steering-throttle drives two propellers or one with a gear or rudders, "
+            f"and the vessel has {vessel.command_kinds}; use motors",
         )
     elif replay.outputs is not None and len(replay.outputs) != needed:
-        what = "steering and throttle" if mixed else f"a vessel with {needed} propellers"
+        what = f"a vessel with {vessel.command_kinds}" if vessel and needed == vessel.commands else ""
+        what = "steering and throttle" if embedded or mixed else what
         yield (
             ("driver", "replay", "outputs"),
             f"driver.replay.outputs = {shown(replay.outputs)} does not fit {what}; give {needed}",

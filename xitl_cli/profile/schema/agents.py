@@ -56,7 +56,7 @@ class ScriptStep(Specification):
     at_s: Annotated[NonNegative, "in simulation time; steps come in order"]
     motors: Annotated[
         Annotated[tuple[Annotated[float, Bounds(at_least=-1, at_most=1)], ...], Items(1)] | None,
-        "without an autopilot: commands, one per propeller, then per steering; in force until the next",
+        "without an autopilot: commands, one for each propeller, then gear, then rudder; in force until the next",
     ] = None
     arm: bool | None = None
     mode: Annotated[
@@ -80,8 +80,8 @@ class ReplaySpec(Specification):
 
     outputs: Annotated[
         Channels | None,
-        "recorded channels, in the order of the propellers, or steering and throttle; null: as a DataFlash log says of "
-        "itself (SERVOn_FUNCTION), else 1 and 3 as motors",
+        "recorded channels, in the order of propellers, gears and rudders, or steering and throttle; null: as a "
+        "DataFlash log says of itself (SERVOn_FUNCTION), else 1 and 3 of two, of others as many as there are from 1",
     ] = None
     outputs_are: Annotated[Literal["motors", "steering-throttle"] | None, "null: as the log says"] = None
     trim_us: Annotated[NeutralPulse, "neutral"] = 1500.0
@@ -132,7 +132,7 @@ class BridgeSpec(Specification):
         "how ours get in; null leaves them to its own simulation of the true motion",
     ] = None
     sensor_link: Annotated[str | None, "a line of their own"] = None
-    outputs: Annotated[Channels, "its channels in the order of the propellers, then of what steers"] = (1, 3)
+    outputs: Annotated[Channels, "its channels in the order of propellers, gears and rudders"] = (1, 3)
     trim_us: Annotated[NeutralPulse, "neutral"] = 1500.0
     span_us: Annotated[PulseSpan, "from neutral to full"] = 400.0
 

@@ -65,8 +65,8 @@ def is_steered_at_the_stern(vessel: VesselSpec) -> bool:
 def rudder_force_n(rudder: Rudder, speed_mps: float) -> float:
     """Across the hull at full angle, at this speed of the hull: Fujii's slope of the normal force."""
     flow_mps, angle_rad = speed_mps * (1.0 - rudder.wake_fraction), math.radians(rudder.max_angle_deg)
-    slope = 6.13 * rudder.aspect_ratio / (rudder.aspect_ratio + 2.25)
-    normal_n = 0.5 * Water().density_kgpm3 * rudder.area_m2 * slope * flow_mps**2 * math.sin(angle_rad)
+    pressure_n = 0.5 * Water().density_kgpm3 * rudder.area_m2 * flow_mps**2
+    normal_n = pressure_n * rudder.normal_force_slope * math.sin(angle_rad)
     return normal_n * math.cos(angle_rad)
 
 
@@ -111,8 +111,8 @@ def _race_mps(vessel: VesselSpec, rudder: Rudder) -> float:
     """Over the rudder at rest at full thrust: twice the induced velocity, on the share of it that stands there."""
     assert rudder.propeller is not None
     propeller = vessel.propellers[rudder.propeller]
-    diameter_m = propeller.diameter_m or (propeller.open_water and propeller.open_water.diameter_m)
-    if not diameter_m:
+    diameter_m = propeller.disc_diameter_m
+    if diameter_m is None:
         return 0.0
     disc_m2 = 0.25 * math.pi * diameter_m**2
     ahead_n, _ = _thrust_n(propeller)

@@ -107,8 +107,8 @@ def _truth(sim_ns: int, motion: Kinematics) -> StateEstimate:
 class ScheduledControl(ControlNode):
     """Plays a script or a recording; knows no waypoints. Played to its end it has completed what it was for."""
 
-    def __init__(self, schedule: MotorSchedule, mode: str, propellers: int) -> None:
-        self.command = MotorCommand(schedule.motors_at(0) or (0.0,) * propellers, armed=True)
+    def __init__(self, schedule: MotorSchedule, mode: str, commands: int) -> None:
+        self.command = MotorCommand(schedule.motors_at(0) or (0.0,) * commands, armed=True)
         self._schedule = schedule
         self._mode = mode
         self.progress = self._progress(0)
@@ -132,10 +132,10 @@ class ScheduledControl(ControlNode):
 
 def direct_control(profile: RunProfile) -> ControlNode:
     """What moves the vessel of a profile without an autopilot. Raises UserError for a file that cannot be replayed."""
-    driver, propellers = profile.driver, profile.vehicle.commands
+    driver, vessel = profile.driver, profile.vehicle
     if driver.kind == "script":
-        return ScheduledControl(schedule_from_script(driver.script), "SCRIPT", propellers)
+        return ScheduledControl(schedule_from_script(driver.script), "SCRIPT", vessel.commands)
     if driver.kind == "replay":
         assert driver.file is not None
-        return ScheduledControl(schedule_from_file(driver.file, driver.replay, propellers), "REPLAY", propellers)
+        return ScheduledControl(schedule_from_file(driver.file, driver.replay, vessel), "REPLAY", vessel.commands)
     return IdealControl(profile)

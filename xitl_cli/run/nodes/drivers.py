@@ -66,7 +66,7 @@ def make_driver(
         return ScriptDriver(commands, frame, driver.script, waypoints)
     if driver.kind == "replay":
         assert driver.file is not None
-        schedule = schedule_from_file(driver.file, driver.replay, STICKS)
+        schedule = schedule_from_file(driver.file, driver.replay)
         return ReplayDriver(commands, schedule, driver.replay.rc_channels, profile.autopilot.arm_timeout_s)
     return NoDriver(commands, waypoints)
 
@@ -146,7 +146,6 @@ class MissionDriver(VehicleDriver):
 
 
 RC_TRIM_US, RC_SPAN_US = 1500, 400
-STICKS = 2  # a recording drives steering and throttle, by its port and starboard
 
 
 class ReplayDriver(VehicleDriver):

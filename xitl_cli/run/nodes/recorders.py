@@ -27,6 +27,7 @@ class TruthRecorder(RunNode):
         self._rate_hz = rate_hz
         self._now_ns = 0
         self._control = control
+        self._names = ", ".join(profile.vehicle.command_names)
         self._frame = local_frame(profile.site)
         self._every_truth = round(rate_hz / profile.recording.truth_rate_hz)
         self._every_environment = round(rate_hz / ENVIRONMENT_RATE_HZ)
@@ -36,7 +37,7 @@ class TruthRecorder(RunNode):
         self._recorder, self._pace = context.recorder, context.pace
 
     def exchange(self, step: RunStep) -> None:
-        self._recorder.actuators(step.now_ns, self._control.command)
+        self._recorder.actuators(step.now_ns, self._control.command, self._names)
 
     def record(self, step: RunStep) -> None:
         number, now_ns, state, motion, _ = step

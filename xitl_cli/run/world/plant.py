@@ -31,7 +31,7 @@ class Plant:
         return self.held_steps * self.simulation.dt_s
 
     def advance(self, motors: Array) -> SimulationState:
-        """One physics step with motor commands (N, propellers) from -1 to 1."""
+        """One physics step with motor commands (N, C) from -1 to 1."""
         before = self.state.vessel
         self.state = step(self.simulation, self.state, motors, self._rng)
         if self.held:
