@@ -47,6 +47,12 @@ LINEAR = np.array([100.0, 100.0, 500.0, 300.0, 900.0, 800.0])
 QUADRATIC = np.array([150.0, 100.0, 0.0, 600.0, 900.0, 800.0])
 
 
+def rigid_mass() -> Array:
+    """(6, 6) about the base."""
+    shift = moved_by(CG_M)
+    return shift.T @ np.block([[MASS_KG * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), INERTIA_KGM2]]) @ shift
+
+
 def segment_m2(depth_m: Array) -> Array:
     """Of the hull's circle below the water."""
     h = np.clip(depth_m, 0.0, HULL_RADIUS_M)
@@ -63,9 +69,7 @@ class WamV:
 
     def run(self, seconds: float, dt_s: float = 0.01) -> Array:
         """(steps + 1, 12): velocities of the base in body axes (6), its position and zyx angles (6)."""
-        shift = moved_by(CG_M)
-        at_cg = np.block([[MASS_KG * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), INERTIA_KGM2]])
-        rigid = shift.T @ at_cg @ shift
+        rigid = rigid_mass()
         inverse = np.linalg.inv(rigid + ADDED)
         start = np.zeros(12)
         start[8:11] = self._afloat()
