@@ -153,6 +153,21 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "other two; lower it to 30 or less",
         ),
         (
+            "extends: sitl\nvehicle:\n  derivatives: {Y_r: 20, Y_v: -20}",
+            "boat.yaml:3: vehicle.derivatives.Y_v and damping_linear.sway both give it; leave one of them away, "
+            "or set damping_linear.sway to 0",
+        ),
+        (
+            "extends: sitl\nvehicle:\n  derivatives: {Y_rdot: -60, N_vdot: -60}",
+            "boat.yaml:3: vehicle.derivatives is not positive definite: -N_rdot = 34 has to reach 50 beside the "
+            "entries off the diagonal; raise it, make those smaller, or look for a sign",
+        ),
+        (
+            "extends: sitl\nclock: {physics_rate_hz: 800}\nvehicle: {damping_linear: {heave: 1000000}}",
+            "boat.yaml:2: clock.physics_rate_hz = 800: the vessel changes its heave at 3039 /s: steps of 1.25 ms do "
+            "not follow it; set clock.physics_rate_hz to 3200, or look for a damping too large or a mass too small",
+        ),
+        (
             "extends: sitl\nautopilot:\n  runs: process\ntechnique: hitl",
             "boat.yaml:2: autopilot.link is missing with autopilot.runs = process; "
             "add one such as udp://127.0.0.1:14660",

@@ -1,4 +1,4 @@
-"""A vessel that floats upright, meshes that exist, an address where launches can be heard."""
+"""A vessel that floats upright and is followed by the steps, meshes that exist, an address where launches are heard."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from xitl_cli.profile.checks.link import problem_of_url
 from xitl_cli.profile.files.entry import KeyPath, shown
 from xitl_cli.profile.schema import Profile
 
+SHORT_STEP_S = 1e-6  # follows any vessel
+
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """A vessel that sinks or capsizes, files that are not there, an address that is none."""
-    if profile.vehicle is not None and (unfit := _unfit_to_float(profile.vehicle, profile)) is not None:
-        yield ("vehicle", *unfit.path), f"vehicle.{unfit}"
+    """A vessel that sinks, capsizes or is too stiff, files that are not there, an address that is none."""
+    if profile.vehicle is not None:
+        yield from _unfit(profile.vehicle, profile)
     if profile.world is None:
         return
     for number, mesh in enumerate(profile.world.meshes):
@@ -33,15 +35,18 @@ def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
             yield ("world", "debris", "control"), f"world.debris.control = {shown(control)} {problem}"
 
 
-def _unfit_to_float(vehicle: VesselSpec, profile: Profile) -> SpecificationError | None:
-    """Why the vessel does not lie upright in still water."""
-    from sim_core.vessel.floating import floating_pose
+def _unfit(vehicle: VesselSpec, profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Why the vessel does not lie upright in still water, or moves faster than the steps follow."""
+    from sim_core.vessel.vessel import Vessel
 
+    water = profile.environment.water if profile.environment else Water()
+    rate_hz = profile.clock.physics_rate_hz if profile.clock else None
     try:
-        floating_pose(vehicle, profile.environment.water if profile.environment else Water())
+        Vessel.from_spec(vehicle, water, 1.0 / rate_hz if rate_hz else SHORT_STEP_S)
     except SpecificationError as error:
-        return error
-    return None
+        yield ("vehicle", *error.path), f"vehicle.{error}"
+    except ValueError as error:
+        yield ("clock", "physics_rate_hz"), f"clock.physics_rate_hz = {rate_hz:g}: {error}"
 
 
 def is_file(path: str) -> bool:
