@@ -59,6 +59,7 @@ def _show(report: dict[str, Any], files: list[Path]) -> None:
         ("odometry", "ate_max_m", "m"),
         ("odometry", "anchored_rms_m", "m"),
         ("odometry", "anchored_max_m", "m"),
+        ("odometry", "anchored_level_rms_m", "m"),
         ("odometry", "rpe_m", "m"),
         ("mapping", "points", ""),
         ("mapping", "boom_points", ""),

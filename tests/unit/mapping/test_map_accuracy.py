@@ -156,3 +156,4 @@ def test_a_map_that_drifts_by_metres_keeps_its_boom_without_the_cut() -> None:
     assert found.mapping["boom_points"] < np.count_nonzero(kept)
     assert found.mapping["boom_uncut_rms_m"] > 1.2 * found.mapping["boom_rms_m"]
     assert found.odometry["anchored_max_m"] == pytest.approx(np.abs(off).max(), abs=1e-3)
+    assert found.odometry["anchored_level_rms_m"] == found.odometry["anchored_rms_m"]  # it goes off sideways
