@@ -301,9 +301,9 @@ def check_reserve(model: VesselSpec, water: Water, volume_m3: float) -> None:
     if model.mass_kg >= carried_kg:
         count = len(model.demi_hulls)
         carry = {1: "its hull carries", 2: "the two hulls carry"}.get(count, f"the {count} hulls carry")
-        key = "vehicle.hulls" if model.hull is None else "vehicle.hull"
+        larger = "a larger vehicle.hull" if model.hulls_key == "hull" else "larger vehicle.hulls"
         raise SpecificationError(
-            ("mass_kg",), f"= {model.mass_kg:g} sinks: {carry} {carried_kg:.4g} kg; use less mass or a larger {key}"
+            ("mass_kg",), f"= {model.mass_kg:g} sinks: {carry} {carried_kg:.4g} kg; use less mass or {larger}"
         )
 
 

@@ -151,6 +151,6 @@ def _askew(model: VesselSpec, hulls: Buoyancy, level: Array, pose: Array | None)
 
 def _weight_key(model: VesselSpec) -> tuple[tuple[str, ...], str]:
     """The key that says where the weight lies, and its value."""
-    if model.hull is not None and not any(model.centre_of_gravity_frd_m):
-        return ("hull", "keel_below_cg_m"), f"{model.hull.keel_below_cg_m:g}"
+    if model.hulls_key == "hull" and not any(model.centre_of_gravity_frd_m):
+        return ("hull", "keel_below_cg_m"), f"{model.keel_m:g}"
     return ("centre_of_gravity_frd_m",), f"[{', '.join(f'{one:g}' for one in model.centre_of_gravity_frd_m)}]"

@@ -410,13 +410,12 @@ class VesselSpec(Specification):
                 f"= [{ixx:g}, {iyy:g}, {izz:g}] belongs to no body: one moment exceeds the sum of the other two; "
                 f"lower it to {total - largest:g} or less",
             )
-        if (self.hull is None) == (not self.hulls):
+        if self.hull is not None and self.hulls:
             raise SpecificationError(
-                ("hull",),
-                "and `hulls` exclude each other; keep one, `hull: null` drops an inherited one"
-                if self.hull
-                else "is missing; give it or `hulls`",
+                ("hulls",), "and `hull` exclude each other; keep one, `hull: null` drops an inherited one"
             )
+        if self.hull is None and not self.hulls:
+            raise SpecificationError(("hull",), "is missing; give it or `hulls`")
 
         self._check_inertia()
         parsed = self._parsed_derivatives()
@@ -569,6 +568,11 @@ class VesselSpec(Specification):
             )
             for side in (-1.0, 1.0)
         )
+
+    @property
+    def hulls_key(self) -> str:
+        """The key that gives the hulls."""
+        return "hulls" if self.hull is None else "hull"
 
     @property
     def length_m(self) -> float:

@@ -277,7 +277,7 @@ SMALL_GM_OF_WIDTH = 0.03
 
 def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
     model = rest.model
-    hulls = "vehicle.hull" if model.hull is not None else "vehicle.hulls"
+    hulls = f"vehicle.{model.hulls_key}"
     transverse, _ = rest.metacentric_m
     if transverse < SMALL_GM_OF_WIDTH * model.width_m:
         yield _wrong(

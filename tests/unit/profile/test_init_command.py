@@ -33,6 +33,28 @@ def test_what_it_writes_runs_and_has_nothing_of_another_boat(name: str) -> None:
         assert max(map(len, text.splitlines())) <= 160
 
 
+def test_the_hulls_that_it_shows_in_comments_float() -> None:
+    """With the comment signs taken away, and the short form with them; all but the mesh, which is not there."""
+    init(Path("my-boat"))
+    lines = Path("my-boat/vessel.yaml").read_text().splitlines()
+    first = next(number for number, line in enumerate(lines) if line.endswith("# hulls:"))
+    shown = [
+        line.replace("  # ", "  ", 1)
+        for line in lines[first:]
+        if line.startswith("  #   ") or line.endswith("# hulls:")
+    ]
+    text = [line for line in lines if not line.strip().startswith(("#", "hull:"))]
+    at = next(number for number, line in enumerate(text) if line.startswith("  added_mass"))
+    hulls = [line for line in shown if "mesh" not in line]
+    Path("my-boat/vessel.yaml").write_text("\n".join([*text[:at], *hulls, *text[at:]]))
+    vehicle = load_with_origins("my-boat").profile.vehicle
+    assert vehicle is not None
+    assert len(vehicle.demi_hulls) == 3
+    Path("my-boat/vessel.yaml").write_text("\n".join([*text[:at], *shown, *text[at:]]))
+    with pytest.raises(UserError, match=r"vehicle\.hulls\.3\.mesh\.file = .*hull\.stl does not exist"):
+        load_with_origins("my-boat")
+
+
 def test_it_says_what_to_edit_and_in_which_order(capsys: pytest.CaptureFixture[str]) -> None:
     init(Path("my-boat"))
     said = capsys.readouterr().out

@@ -144,6 +144,33 @@ def test_values(write: Write, text: str, problem: str) -> None:
             "use less mass or a larger vehicle.hull",
         ),
         (
+            "extends: sitl\nvehicle:\n  mass_kg: 900\n  hull: null\n"
+            "  hulls: [{length_m: 2, keel_frd_m: [0, 0, 0.2], section: {width_m: 1, depth_m: 0.4}}]",
+            "boat.yaml:3: vehicle.mass_kg = 900 sinks: its hull carries 798.2 kg; "
+            "use less mass or larger vehicle.hulls",
+        ),
+        (
+            "extends: sitl\nvehicle:\n  hull: {keel_below_cg_m: 6}",
+            "boat.yaml:3: vehicle.hull.keel_below_cg_m = 6 capsizes at rest: GM_T = -0.732 m, as the weight is 6 m "
+            "above the keel and the metacentre 5.27 m; lower the weight by more than 0.732 m, or use wider hulls",
+        ),
+        (
+            "extends: sitl\nvehicle:\n  centre_of_gravity_frd_m: [0, -0.5, 0]",
+            "boat.yaml:3: vehicle.centre_of_gravity_frd_m = [0, -0.5, 0] lies with -6.1 deg of heel and 0.0 deg of "
+            "trim at rest: the weight is 0.5 m to port of the buoyancy of the level vessel; bring the two together",
+        ),
+        (
+            "extends: sitl\nvehicle:\n  hull: null\n"
+            "  hulls: [{length_m: 2, keel_frd_m: [0, 0, 0], mesh: {file: gone.stl, width_m: 1, depth_m: 1}}]",
+            "boat.yaml:4: vehicle.hulls.0.mesh.file = {tmp}/gone.stl does not exist; "
+            "give the path of a mesh, relative to the profile",
+        ),
+        (
+            "extends: sitl\nvehicle:\n"
+            "  hulls: [{length_m: 2, keel_frd_m: [0, 0, 0.2], section: {width_m: 1, depth_m: 0.4}}]",
+            "boat.yaml:3: vehicle.hulls and `hull` exclude each other; keep one, `hull: null` drops an inherited one",
+        ),
+        (
             "extends: sitl\nvehicle: {hull: {width_m: 0.7}}",
             "boat.yaml:2: vehicle.hull.width_m = 0.7 is too narrow for two hulls of radius 0.2 m; use at least 0.8",
         ),
