@@ -88,7 +88,7 @@ def _newton(model: VesselSpec, hulls: Buoyancy, start: Array) -> Array | None:
         if np.abs(pose[1:]).max() > math.pi / 3:
             return None
         if np.abs(change).max() < _SAME:
-            return pose
+            return np.where(np.abs(pose) < _SAME, 0.0, pose)
     return None
 
 
