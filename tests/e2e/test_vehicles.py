@@ -1,0 +1,28 @@
+"""Every shipped vessel under way in the third of the three environments, by the autopilot's own allocation and gains.
+
+The whole missions in all environments are `python examples/vessels_and_weather.py`; docs/vehicles.md has their figures.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conftest import Xitl, summary
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("vessel", "seconds"), [("otter", 60), ("wamv16", 50), ("heron", 75), ("blueboat", 75), ("cybership2", 90)]
+)
+def test_it_makes_way_in_current_waves_and_gusts(xitl: Xitl, tmp_path: Path, vessel: str, seconds: int) -> None:
+    """The first leg: 22 m against a cross current that carries it 0.5 m/s while the autopilot aligns."""
+    (tmp_path / "boat.yaml").write_text(f"extends: [sitl, vehicles/{vessel}, environments/current-waves-gusts]\n")
+    done = xitl("sim", "--profile", "boat.yaml", "--duration", str(seconds), "--out", "run")
+    assert done.returncode == 0, done.stdout + done.stderr
+    told = summary(tmp_path / "run")
+    assert told["warnings"] == []
+    assert told["mission"]["waypoints_reached"] >= 1
+    assert told["mission"]["cross_track_max_m"] < 8.0
+    assert told["estimation"]["heading_rms_deg"] < 5.0
