@@ -6,6 +6,7 @@ its centre of gravity may lie elsewhere.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, fields
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -23,7 +24,7 @@ from sim_core.keys import (
     Vector,
 )
 from sim_core.vessel.definiteness import lacking_diagonal
-from sim_core.vessel.derivatives import COMPONENTS, Derivative, parse_derivative
+from sim_core.vessel.derivatives import COMPONENTS, VELOCITIES, Derivative, parse_derivative
 
 Row = tuple[float, float, float, float, float, float]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
@@ -358,6 +359,21 @@ class Windage(Specification):
         return 0.5 * self.lateral_area_m2 / self.length_m if self.length_m else 0.0
 
 
+def _refuse_indefinite(
+    key: str, matrix: Sequence[Sequence[float]], definite: str, diagonal: Sequence[str] | None = None
+) -> None:
+    """Raises SpecificationError for a matrix whose symmetric part has a negative eigenvalue; diagonal: its names."""
+    if (lacking := lacking_diagonal(matrix)) is None:
+        return
+    row, least = lacking
+    entry = diagonal[row] if diagonal else f"row {row + 1}, column {row + 1}"
+    raise SpecificationError(
+        (key,),
+        f"is not {definite}: {entry} = {matrix[row][row]:g} has to reach {least:g} beside the entries off the diagonal;"
+        " raise it, make those smaller, or look for a sign",
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VesselSpec(Specification):
     """The vessel: mass, hulls, hydrodynamics, propellers, rudders and windage.
@@ -505,29 +521,17 @@ class VesselSpec(Specification):
 
         Published tables have pairs of linear derivatives, fitted at speed, that are indefinite at rest.
         """
-        masses: list[list[float]] = [list(row) for row in self.added_mass_matrix or ()]
-        key, named = "added_mass_matrix", [name for name, one in parsed.items() if one.acceleration is not None]
-        if not masses:
-            key = "derivatives"
-            masses = [[mass if i == j else 0.0 for j in range(6)] for i, mass in enumerate(astuple(self.added_mass))]
-            for name in named:
-                component, acceleration, _ = parsed[name]
-                assert acceleration is not None
-                masses[component][acceleration] -= self.derivatives[name]
-        for name, matrix in ((key, masses), ("damping_linear_matrix", self.damping_linear_matrix)):
-            if matrix is None or (lacking := lacking_diagonal(matrix)) is None:
-                continue
-            row, least = lacking
-            what, definite = f"row {row + 1}, column {row + 1} = {matrix[row][row]:g}", "positive definite"
-            if name == "derivatives":
-                what = f"-{COMPONENTS[row]}_{'uvwpqr'[row]}dot = {matrix[row][row]:g}"
-            if name == "damping_linear_matrix":
-                definite = "positive semi-definite"
-            raise SpecificationError(
-                (name,),
-                f"is not {definite}: {what} has to reach {least:g} beside the entries off the diagonal; "
-                "raise it, make those smaller, or look for a sign",
-            )
+        if self.damping_linear_matrix is not None:
+            _refuse_indefinite("damping_linear_matrix", self.damping_linear_matrix, "positive semi-definite")
+        if self.added_mass_matrix is not None:
+            _refuse_indefinite("added_mass_matrix", self.added_mass_matrix, "positive definite")
+            return
+        masses = [[mass if i == j else 0.0 for j in range(6)] for i, mass in enumerate(astuple(self.added_mass))]
+        for name, derivative in parsed.items():
+            if derivative.acceleration is not None:
+                masses[derivative.component][derivative.acceleration] -= self.derivatives[name]
+        names = [f"-{component}_{velocity}dot" for component, velocity in zip(COMPONENTS, VELOCITIES, strict=True)]
+        _refuse_indefinite("derivatives", masses, "positive definite", names)
 
     def _check_race(self, path: tuple[str | int, ...], rudder: Rudder, number: int) -> None:
         path = (*path, "propeller")
