@@ -7,6 +7,7 @@ linear algebra library wait for each other far longer than these small products 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from sim_core.environment.spec import CurrentSpec, DiscreteGust, GustSpec, Water
 from sim_core.environment.waves import realise_waves
 from sim_core.environment.wind import Wind
 from sim_core.simulation import Simulation, initial, step
-from sim_core.vessel.spec import AddedMass, Damping, Hull, Propeller, VesselSpec, Windage
+from sim_core.vessel.spec import AddedMass, Damping, DemiHull, Hull, Propeller, Section, VesselSpec, Windage
 
 ASV = VesselSpec(
     name="asv-full",
@@ -31,7 +32,21 @@ ASV = VesselSpec(
 )
 
 
-def median_step_us(vessels: int, steps: int) -> float:
+MONOHULL = replace(
+    ASV,
+    hull=None,
+    hulls=(
+        DemiHull(
+            length_m=2.3,
+            keel_frd_m=(0.0, 0.0, 0.25),
+            section=Section(offsets_m=((0.0, 0.0), (0.15, 0.5), (0.45, 0.6))),
+            taper=((-0.5, 0.9), (0.1, 1.0), (0.5, 0.1)),
+        ),
+    ),
+)
+
+
+def median_step_us(vessels: int, steps: int, model: VesselSpec = ASV) -> float:
     rng = np.random.default_rng(1)
     water = Water(level_m=-0.01)
     environment = Environment(
@@ -42,7 +57,7 @@ def median_step_us(vessels: int, steps: int) -> float:
             WindSpec(5.0, 270.0, 10.0, 120.0, GustSpec("ornstein-uhlenbeck", 1.5, 8.0), (DiscreteGust(5, 2, 3, 2, 4),))
         ),
     )
-    simulation = Simulation.from_spec(ASV, environment, dt_s=0.0025)
+    simulation = Simulation.from_spec(model, environment, dt_s=0.0025)
     state = initial(simulation, np.zeros((vessels, 2)), np.linspace(0.0, 6.0, vessels), rng)
     command = np.tile([0.6, 0.5], (vessels, 1))
     took_s = []
@@ -56,7 +71,8 @@ def median_step_us(vessels: int, steps: int) -> float:
 def main() -> None:
     one_us = median_step_us(1, 20_000)
     many_us = median_step_us(1024, 2_000)
-    print(f"N = 1     {one_us:8.1f} us a step")
+    monohull_us = median_step_us(1, 10_000, MONOHULL)
+    print(f"N = 1     {one_us:8.1f} us a step; {monohull_us:.1f} us of a monohull with chines, of 12 strips")
     print(
         f"N = 1024  {many_us:8.1f} us a step, {many_us / 1024:.3f} us a vessel, {one_us * 1024 / many_us:.0f}x cheaper"
     )

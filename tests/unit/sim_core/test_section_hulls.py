@@ -18,6 +18,7 @@ from sim_core.keys import SpecificationError
 from sim_core.simulation import Simulation, initial, step
 from sim_core.vessel.buoyancy import FlatPoses, RoundHulls, SectionHulls, make_buoyancy
 from sim_core.vessel.floating import FloatingPose, floating_pose
+from sim_core.vessel.sections import cut_strips, hull_shape
 from sim_core.vessel.spec import AddedMass, Damping, DemiHull, HullMesh, Section, VesselSpec, Windage
 from sim_core.vessel.vessel import Surroundings, accelerate
 
@@ -40,6 +41,21 @@ def hull(section: Section | None = BOX, length_m: float = 4.0, y_m: float = 0.0,
 def poses(model: VesselSpec, depth_m: Array, roll_rad: Array, pitch_rad: Array) -> FlatPoses:
     rotation = quat_to_matrix(euler_to_quat(np.column_stack([roll_rad, pitch_rad, 0.0 * roll_rad])))
     return FlatPoses(make_buoyancy(model, WATER), depth_m, rotation[:, 2])
+
+
+@pytest.mark.parametrize("section", [BOX, V, CHINE, Section(radius_m=0.3)], ids=["box", "V", "chine", "round"])
+def test_the_triangles_that_are_drawn_enclose_the_hull(section: Section) -> None:
+    """A trapezoid ahead of a prism: all sides face outward, and the volume is that of the strips."""
+    drawn = hull(section, taper=((-0.5, 1.0), (0.1, 1.0), (0.5, 0.2)))
+    shape = hull_shape(drawn)
+    solid = trimesh.Trimesh(shape.vertices_m, shape.faces, process=False)
+    assert solid.is_watertight
+    strips = cut_strips(drawn)
+    assert solid.volume == pytest.approx(strips.length_m @ strips.area_m2, rel=1e-9)
+    low, high = solid.bounds
+    assert (low[0], high[0]) == pytest.approx((-2.0, 2.0))
+    assert high[1] - low[1] == pytest.approx(drawn.width_m, rel=0.01)
+    assert (low[2], high[2]) == pytest.approx((0.3 - drawn.height_m, 0.3), abs=1e-3)
 
 
 def some_poses(model: VesselSpec, count: int = 60) -> FlatPoses:
