@@ -1,8 +1,9 @@
 """Gains of the embedded autopilot that follow from the vessel, for one that nobody has tuned yet.
 
-Feed-forwards are drag over thrust. Feed-back and limits are those of the full-size catamaran (firmware_params), which
-was tuned, carried over as a share of what thrust and moment can accelerate, and by Froude's law: lengths by the
-length of the hull, times by its root. What drives the vessel is in vessel_outputs.
+Feed-forwards are drag over thrust, that of the throttle with the thrust there is at cruise speed. Feed-back and limits
+are those of the full-size catamaran (firmware_params), which was tuned, carried over as a share of what thrust and
+moment can accelerate, and by Froude's law: lengths by the length of the hull, times by its root. What drives the vessel
+is in vessel_outputs.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from xitl_cli.run.links.vessel_outputs import (
 TUNED_LENGTH_M = 2.3
 _SPEED_RADPS, _RATE_RADPS = 2.5, 1.67  # of the two loops of the tuned vessel: gain times what full demand accelerates
 _TURN_RADPS, _MOST_RADPS = 0.3, math.radians(30.0)  # at which the yaw drag is taken, and what it turns at most
-_STEP_S = 0.0025
+_STEP_S = 1e-6  # its forces alone are asked for, whatever the steps of the run
 
 
 class _Steering(NamedTuple):
@@ -56,7 +57,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
     hardest_mps2 = 0.7 if mixer.pivots else 0.5  # thrust that brakes steers the wrong way or not at all
     gains = outputs | {
         "CRUISE_SPEED": _limited(speed_mps, 0.1, 30.0),
-        "CRUISE_THROTTLE": float(round(_limited(100.0 * drag_n / ahead_n, 1.0, 100.0))),
+        "CRUISE_THROTTLE": float(round(_limited(100.0 * _demand(body, drag_n, speed_mps), 1.0, 100.0))),
         "ATC_SPEED_P": speed_p,
         "ATC_SPEED_I": 0.4 * speed_p * quicker,
         "ATC_ACCEL_MAX": _limited(0.3 * ahead_mps2, 0.05, hardest_mps2),
@@ -113,6 +114,19 @@ def _drag(body: Vessel, axis: int, rate: float, speed_mps: float = 0.0) -> float
     velocity[0, axis] = rate
     terms = np.concatenate(body.hydrodynamics.terms(velocity), axis=1)
     return float(-(terms @ body.hydrodynamics.wrench)[0, axis])
+
+
+def _demand(body: Vessel, drag_n: float, speed_mps: float) -> float:
+    """Share of full thrust at rest that has to be asked for so that at this speed there is as much as the drag."""
+    demands = np.linspace(0.0, 1.0, 1001)
+    ahead = np.cos(np.radians([propeller.angle_deg for propeller in body.model.propellers])).round(3)
+    actuators = np.zeros((len(demands), body.model.commands))
+    actuators[:, : len(ahead)] = np.sqrt(demands)[:, None] * np.sign(ahead)
+    velocity = np.zeros((len(demands), 6))
+    velocity[:, 0] = speed_mps
+    terms = np.concatenate(body.propulsion.terms(actuators, velocity, velocity[:, :3]), axis=1)
+    enough = (terms @ body.propulsion.wrench)[:, 0] >= drag_n
+    return float(demands[enough.argmax()]) if enough.any() else 1.0
 
 
 def _limited(value: float, least: float, most: float) -> float:
