@@ -13,7 +13,7 @@ from numpy.random import Generator
 
 from sim_core.environment import environment as surroundings_model
 from sim_core.environment.environment import Environment, EnvironmentState
-from sim_core.environment.waves import HullWaves, StillHull
+from sim_core.environment.waves import HullSurface, HullWaves, StillHull
 from sim_core.frames import Array
 from sim_core.kinematics import Kinematics
 from sim_core.vessel import vessel as vessel_motion
@@ -62,8 +62,8 @@ class SimulationState:
     """The world at time_ns.
 
     What the last step felt at the vessels' places: current_ned_mps (N, 3) without the waves' orbital motion,
-    wind_ned_mps (N, 3) at the height of their areas, drift_frd_n (N, 2) the mean force of the waves. afloat: the
-    debris, and what the vessels touched in that step.
+    wind_ned_mps (N, 3) at the height of their areas, drift_frd_n (N, 2) the mean force of the waves, the surface
+    of the water. afloat: the debris, and what the vessels touched in that step.
     """
 
     time_ns: int
@@ -72,6 +72,7 @@ class SimulationState:
     current_ned_mps: Array
     wind_ned_mps: Array
     drift_frd_n: Array
+    surface: HullSurface
     afloat: Afloat = STILL
 
     @property
@@ -90,8 +91,8 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
     vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
     environment = surroundings_model.initial(simulation.environment, len(north_east_m), rng)
     held = _held(simulation, environment, vessel.motion, 0.0)
-    drift_frd_n = _around(simulation, held, vessel.motion, 0.0, None).drift_frd_n
-    return SimulationState(0, vessel, environment, *held, drift_frd_n)
+    around = _around(simulation, held, vessel.motion, 0.0, None)
+    return SimulationState(0, vessel, environment, *held, around.drift_frd_n, around.surface)
 
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
@@ -116,7 +117,7 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
         )
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
-    return SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, afloat)
+    return SimulationState(time_ns, vessel, environment, *held, around.drift_frd_n, around.surface, afloat)
 
 
 def kinematics(simulation: Simulation, state: SimulationState) -> Kinematics:

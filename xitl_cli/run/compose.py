@@ -24,6 +24,7 @@ from xitl_cli.run.nodes.drivers import VehicleDriver, make_driver
 from xitl_cli.run.nodes.fault_injection import FaultInjection
 from xitl_cli.run.nodes.findings import findings_from_profile
 from xitl_cli.run.nodes.mission_score import MissionNode
+from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
 from xitl_cli.run.nodes.recorders import LinkRecorder, TruthRecorder
 from xitl_cli.run.nodes.river import river_from_profile
@@ -131,7 +132,8 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         bridge,
         companion,
         links,
-        TruthRecorder(profile, control, setup.plant.simulation),
+        TruthRecorder(profile, control, plant.simulation),
+        ModelRange(plant.simulation),
         mission,
         None if river is None else river.launching,
         display.showing,

@@ -53,6 +53,7 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
         "autopilot": None,
         "takeovers": [],
         "faults": [],
+        "model_range": None,
         "collisions": None,
         "debris": None,
         "perception": None,

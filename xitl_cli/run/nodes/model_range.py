@@ -1,0 +1,120 @@
+"""Where a run left what the models of vessel and waves hold for: how far, and for how much of its time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim_core.environment.spec import GRAVITY_MPS2
+from sim_core.simulation import Simulation, SimulationState
+from xitl_cli.record.recorder import Recorder
+from xitl_cli.run.core.node import RunContext, RunNode, RunStep
+
+RATE_HZ = 20.0
+SOURCE = "physics"
+WARNING = 4  # MAV_SEVERITY
+
+
+@dataclass(frozen=True, slots=True)
+class RangeLimit:
+    """A figure that has to stay at or below `most`; docs/seas.md argues for each.
+
+    text: the sentence of the summary, from the largest and the share of the time above.
+    """
+
+    key: str
+    most: float
+    figure: Callable[[Simulation, SimulationState], float]
+    text: str
+
+
+def froude_number(simulation: Simulation, state: SimulationState) -> float:
+    """Speed through the water over the root of g times the length."""
+    through = state.vessel.motion.vel_ned_mps[0] - state.current_ned_mps[0]
+    return math.hypot(*through[:2]) / math.sqrt(GRAVITY_MPS2 * simulation.vessel.model.length_m)
+
+
+def deck_under_water(simulation: Simulation, state: SimulationState) -> float:
+    """Share of the hulls' strips that are under water with their deck."""
+    motion = state.vessel.motion
+    _, under = simulation.vessel.buoyancy.immersion(motion.pos_ned_m, motion.rot_ned_frd[:, 2], state.surface)
+    return float(under[0])
+
+
+def surface_slope(simulation: Simulation, state: SimulationState) -> float:
+    """Of the water at the hulls: k a of a regular wave."""
+    return math.hypot(*state.surface.gradient_ned[0, :2])
+
+
+def motion_per_step(simulation: Simulation, state: SimulationState) -> float:
+    """Turn in rad, or change of speed in m/s, within one step, whichever is more; a blow is not asked."""
+    if len(state.contacts):
+        return 0.0
+    motion = state.vessel.motion
+    most = max(np.abs(motion.gyro_frd_radps[0]).max(), np.abs(motion.acc_ned_mps2[0]).max())
+    return float(most) * simulation.dt_s
+
+
+LIMITS = (
+    RangeLimit(
+        "froude_number", 1.0, froude_number,
+        "Froude number up to {most:.2f}, above 1 for {share:.1%} of the time: hulls plane there, these have no lift",
+    ),
+    RangeLimit(
+        "deck_under_water", 0.0, deck_under_water,
+        "up to {most:.0%} of the hulls under water with their deck, some of it for {share:.1%} of the time: what runs "
+        "over a deck is not modelled",
+    ),
+    RangeLimit(
+        "surface_slope", 0.2, surface_slope,
+        "water at the hull sloping up to {most:.2f}, above 0.2 for {share:.1%} of the time: waves are linear",
+    ),
+    RangeLimit(
+        "motion_per_step", 0.05, motion_per_step,
+        "turns of up to {most:.2f} rad or m/s within a physics step, above 0.05 for {share:.1%} of the time: raise "
+        "clock.physics_rate_hz",
+    ),
+)  # fmt: skip
+
+
+class ModelRange(RunNode):
+    """Looks RATE_HZ times a second at a vessel that is not held; says once, as it happens, what leaves its range."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._every = max(round(1.0 / (RATE_HZ * simulation.dt_s)), 1)
+        self._looks = 0
+        self._most = [0.0] * len(LIMITS)
+        self._outside = [0] * len(LIMITS)
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder: Recorder = context.recorder
+
+    def record(self, step: RunStep) -> None:
+        if step.number % self._every or step.held:
+            return
+        self._looks += 1
+        for number, limit in enumerate(LIMITS):
+            figure = limit.figure(self._simulation, step.state)
+            self._most[number] = max(self._most[number], figure)
+            if figure > limit.most:
+                if not self._outside[number]:
+                    text = f"{limit.key} = {figure:.2f} leaves the models' range: at most {limit.most:g}"
+                    self._recorder.log(step.now_ns, WARNING, SOURCE, text)
+                self._outside[number] += 1
+
+    def report(self) -> dict[str, Any]:
+        """model_range: by figure its limit, the largest seen and the share of the time above; warnings: what was."""
+        shares = [outside / self._looks if self._looks else 0.0 for outside in self._outside]
+        seen = list(zip(LIMITS, self._most, shares, strict=True))
+        return {
+            "model_range": {
+                limit.key: {"limit": limit.most, "max": most if self._looks else None, "share": share}
+                for limit, most, share in seen
+            },
+            "warnings": [limit.text.format(most=most, share=share) for limit, most, share in seen if share],
+        }
