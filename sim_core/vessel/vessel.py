@@ -171,7 +171,7 @@ def _acceleration_off_rest(vessel: Vessel, states: Array) -> Array:
     rot = rest.rot_ned_frd @ quat_to_matrix(euler_to_quat(tilt))
     pos_ned_m = rest.pos_ned_m + states[:, :1] * np.array([0.0, 0.0, 1.0])
     zero = np.zeros((count, 3))
-    velocity = np.matvec(rot, states[:, 3:6])
+    velocity = np.vecdot(rot, states[:, None, 3:6])
     motion = Kinematics(pos_ned_m, velocity, zero, rest.quat_ned_frd, rot, states[:, 6:], zero)
     surface = StillHull(len(vessel.buoyancy.points_frd_m)).sample(0.0, pos_ned_m, rot)
     around = Surroundings(zero, zero, surface, np.zeros((count, 2)))
@@ -201,6 +201,6 @@ def advance(motion: Kinematics, change: Array, half_change: Array, dt_s: float) 
 
 def _change(motion: Kinematics, acceleration_frd: Array, time_s: float) -> Array:
     """(N, 6) of the velocities under (N, 6) accelerations in body axes, which it overwrites."""
-    acceleration_frd[:, :3] = np.matvec(motion.rot_ned_frd, acceleration_frd[:, :3])
+    acceleration_frd[:, :3] = np.vecdot(motion.rot_ned_frd, acceleration_frd[:, None, :3])
     acceleration_frd *= time_s
     return acceleration_frd

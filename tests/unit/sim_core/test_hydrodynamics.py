@@ -15,7 +15,14 @@ from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.environment.waves import StillHull
 from sim_core.kinematics import Kinematics
 from sim_core.vessel.floating import floating_pose
-from sim_core.vessel.hydrodynamics import Hydrodynamics, coriolis_products, stern_forces, transport_products
+from sim_core.vessel.hydrodynamics import (
+    CrossFlow,
+    Hydrodynamics,
+    coriolis_products,
+    hoerner_coefficient,
+    stern_forces,
+    transport_products,
+)
 from sim_core.vessel.spec import AddedMass, CrossFlowDrag, Damping, Matrix, VesselSpec
 from sim_core.vessel.vessel import Surroundings, Vessel, accelerate
 
@@ -210,6 +217,26 @@ def test_acceleration_is_fossens_equation_written_out(vessel_of: Callable[..., A
         nu_dot = np.linalg.solve(rigid + added, tau - coriolis @ nu)
         expected = nu_dot + np.concatenate([np.cross(nu[3:], nu[:3]), np.zeros(3)])
         np.testing.assert_allclose(acceleration[i], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_cross_flow_drag_of_pure_sway_and_pure_yaw() -> None:
+    """Y = -1/2 rho C_D T L |v| v, and N = -rho C_D T L^4 / 64 |r| r, the integral of |x|^3 over the length."""
+    flow = CrossFlow.from_spec(
+        CrossFlowDrag(length_m=2.0, draft_m=0.2, coefficient=1.1, strips=200), 1000.0, np.array([0.0, 0.0, 0.1])
+    )
+    for nu, component, expected in (
+        ([0.0, -0.7, 0.0, 0.0, 0.0, 0.0], 1, 0.5 * 1000.0 * 1.1 * 0.2 * 2.0 * 0.49),
+        ([0.0, -0.7, 0.0, 0.0, 0.0, 0.0], 3, -0.1 * 0.5 * 1000.0 * 1.1 * 0.2 * 2.0 * 0.49),
+        ([0.0, 0.0, 0.0, 0.0, 0.0, 0.9], 5, -1000.0 * 1.1 * 0.2 * 2.0**4 / 64.0 * 0.81),
+    ):
+        force = np.concatenate(flow.terms(np.array([nu])), axis=1) @ flow.wrench
+        assert force[0, component] == pytest.approx(expected, rel=1e-4)  # strips miss 1 / (2 n^2) of the cube
+
+
+def test_hoerners_curve_falls_from_a_plate_to_a_raft() -> None:
+    assert hoerner_coefficient(0.01, 1.0) == pytest.approx(1.97, abs=0.01)
+    assert hoerner_coefficient(2.0, 1.0) == pytest.approx(0.82, abs=0.01)
+    assert hoerner_coefficient(20.0, 1.0) == pytest.approx(0.56, abs=0.01)
 
 
 def test_a_vessel_described_about_another_origin_moves_the_same() -> None:

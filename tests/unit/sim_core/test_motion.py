@@ -185,6 +185,15 @@ def linearised(model: VesselSpec) -> np.ndarray:
     return np.block([[np.zeros((3, 3)), of_pose], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
 
 
+def measured_ratio(signal: np.ndarray) -> float:
+    """Damping ratio by the logarithmic decrement of the first three half swings, crest to trough."""
+    rate = np.diff(signal)
+    turns = np.flatnonzero(rate[:-1] * rate[1:] < 0.0) + 1
+    first, second, third, fourth = signal[turns[:4]]
+    decrement = 0.5 * np.log((first - second) / (third - fourth))
+    return float(decrement / np.hypot(np.pi, decrement))
+
+
 def shipped(name: str) -> VesselSpec:
     vessel = load_with_origins(name).profile.vehicle
     assert vessel is not None
@@ -221,6 +230,7 @@ def test_free_decays_in_heave_roll_and_pitch_have_the_damping_ratios_of_such_hul
         mode = roots[swinging[np.argmax(np.abs(shapes[axis, swinging]))]]
         ratio, period = -mode.real / abs(mode), 2.0 * np.pi / abs(mode)
         assert period_s(moved, dt_s) * np.sqrt(1.0 - ratio**2) == pytest.approx(period, rel=0.02)
+        assert measured_ratio(moved) == pytest.approx(ratio, rel=0.03)
         assert ratio == pytest.approx((0.110, 0.155, 0.145)[axis], abs=0.005)
         assert period == pytest.approx((0.913, 0.855, 0.878)[axis] * scale**0.5, rel=0.01)
 
