@@ -259,6 +259,8 @@ def _wet_share(depth_m: Array) -> tuple[Array, Array, Array]:
 def _cut(number: int, hull: DemiHull) -> HullStrips:
     try:
         return cut_strips(hull)
+    except SpecificationError as error:
+        raise SpecificationError(("hulls", number, *error.path), error.text) from None
     except MeshFileError as error:
         assert hull.mesh is not None
         raise SpecificationError(("hulls", number, "mesh", "file"), f"= {hull.mesh.file} {error}") from error

@@ -16,11 +16,13 @@ from numpy import int32
 from numpy.typing import NDArray
 
 from sim_core.frames import Array
+from sim_core.keys import SpecificationError
 from sim_core.mesh_file import MeshFileError, read_triangles
 from sim_core.vessel.spec import DemiHull, HullMesh, Section
 
 ROUND_CORNERS = 32
 """Of the polygon in place of a round section; it has the circle's area, and is 0.16 % less deep."""
+_WITHIN = 1e-6  # of its length: so far inside its ends a mesh is cut there
 MESH_SHARE, MESH_LENGTH_SHARE = 0.05, 0.2
 """By how much a mesh's size may differ from its keys; the waterline may be shorter than the mesh."""
 
@@ -54,7 +56,12 @@ class HullShape:
 
 
 def cut_strips(hull: DemiHull) -> HullStrips:
-    """The strips of a hull. Raises MeshFileError for a mesh that cannot be had, is not closed or is of another size."""
+    """The strips of a hull.
+
+    Raises:
+        MeshFileError: the mesh cannot be had, is not closed or encloses nothing.
+        SpecificationError: it is of another size than the hull's keys say.
+    """
     return _tapered_strips(hull, hull.section) if hull.section is not None else _mesh_strips(hull)
 
 
@@ -121,19 +128,29 @@ def _tapered_strips(hull: DemiHull, section: Section) -> HullStrips:
 
 
 def _mesh_strips(hull: DemiHull) -> HullStrips:
-    """Cut at the middles of the strips; their lengths give the mesh's whole volume."""
+    """Cut at the middles of the strips; volumes and their middles by Simpson's rule, together the mesh's volume."""
     assert hull.mesh is not None
     shape = _placed_mesh(hull)
     low_m, high_m = shape.vertices_m[:, 0].min(), shape.vertices_m[:, 0].max()
-    along = low_m + (high_m - low_m) * (np.arange(hull.strips) + 0.5) / hull.strips
-    cuts = [_simplified(_cut(shape, x_m), hull.mesh.corners) for x_m in along.tolist()]
+    places = np.linspace(low_m, high_m, 2 * hull.strips + 1)
+    places[0], places[-1] = places[0] + _WITHIN * (high_m - low_m), places[-1] - _WITHIN * (high_m - low_m)
+    loops = [_cut(shape, x_m) for x_m in places.tolist()]
+    area = np.array([sum(map(_loop_area_m2, each)) for each in loops])
+    cuts = [_simplified(each, hull.mesh.corners) for each in loops[1::2]]
     most = max(len(cut) for cut in cuts)
     middle = np.array([hull.keel_frd_m[1:]])
     cuts = [cut if len(cut) else middle for cut in cuts]  # nothing of it there
-    corners = np.stack([np.concatenate([cut, np.repeat(cut[:1], most + 1 - len(cut), axis=0)]) for cut in cuts])
-    strips = HullStrips(along, np.ones(hull.strips), corners)
-    length_m = _volume_m3(shape.vertices_m[shape.faces]) / strips.area_m2.sum()
-    return HullStrips(along, np.full(hull.strips, length_m), corners)
+    step = (high_m - low_m) / hull.strips / 6.0
+    volume = step * (area[:-1:2] + 4.0 * area[1::2] + area[2::2])
+    moment = step * (area * places)[:-1:2] + step * (4.0 * (area * places)[1::2] + (area * places)[2::2])
+    cut_there = (area[1::2] > 0.0) & (volume > 0.0)
+    length_m = np.where(cut_there, volume / np.where(cut_there, area[1::2], 1.0), 0.0)
+    length_m *= _volume_m3(shape.vertices_m[shape.faces]) / (length_m @ area[1::2])
+    return HullStrips(
+        along_m=np.where(cut_there, moment / np.where(cut_there, volume, 1.0), places[1::2]),
+        length_m=length_m,
+        corners_m=np.stack([np.concatenate([cut, np.repeat(cut[:1], most + 1 - len(cut), axis=0)]) for cut in cuts]),
+    )
 
 
 def _placed_mesh(hull: DemiHull) -> HullShape:
@@ -145,14 +162,16 @@ def _placed_mesh(hull: DemiHull) -> HullShape:
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     size_m = high - low
     for key, given_m, short, axis in (
-        ("length_m", hull.length_m, MESH_LENGTH_SHARE, 0),
-        ("mesh.width_m", hull.mesh.width_m, MESH_SHARE, 1),
-        ("mesh.depth_m", hull.mesh.depth_m, MESH_SHARE, 2),
+        (("length_m",), hull.length_m, MESH_LENGTH_SHARE, 0),
+        (("mesh", "width_m"), hull.mesh.width_m, MESH_SHARE, 1),
+        (("mesh", "depth_m"), hull.mesh.depth_m, MESH_SHARE, 2),
     ):
         if not (1.0 - short) * size_m[axis] <= given_m <= (1.0 + MESH_SHARE) * size_m[axis]:
             measured = " x ".join(f"{one:.3g}" for one in size_m)
-            raise MeshFileError(
-                f"is {measured} m long, wide and deep, but {key} = {given_m:g}; mend it, or the mesh's scale or axes"
+            raise SpecificationError(
+                key,
+                f"= {given_m:g} does not fit {path}, which is {measured} m long, wide and deep; "
+                f"use {size_m[axis]:.3g}, or mend the mesh's scale or axes",
             )
     lowest = np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), high[2]])
     return HullShape(vertices - lowest + hull.keel_frd_m, faces)
@@ -201,7 +220,7 @@ def _cut(shape: HullShape, along_m: float) -> list[Array]:
     for face in shape.faces[np.ptp(ahead[shape.faces].astype(int), axis=1) > 0].tolist():
         (forward,) = ((one, other) for one, other in pairwise((*face, face[0])) if ahead[other] and not ahead[one])
         (back,) = ((other, one) for one, other in pairwise((*face, face[0])) if ahead[one] and not ahead[other])
-        onward.setdefault(back, []).append(forward)
+        onward.setdefault(forward, []).append(back)
     loops = []
     while onward:
         edges = [next(iter(onward))]
@@ -240,5 +259,6 @@ def _with_corners(loop_m: Array, corners: int) -> Array:
 
 
 def _loop_area_m2(loop_m: Array) -> float:
+    """As of `HullStrips`; below 0 for a hole."""
     y, z = loop_m.T
     return 0.5 * float(np.sum(np.roll(y, -1) * z - y * np.roll(z, -1)))

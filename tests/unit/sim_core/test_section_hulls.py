@@ -211,8 +211,11 @@ def written(shape: trimesh.Trimesh, path: Path) -> str:
     return str(path)
 
 
-def mesh_hull(file: str, width_m: float, depth_m: float, length_m: float = 4.0, **keys: object) -> DemiHull:
-    return hull(None, length_m, mesh=HullMesh(file=file, width_m=width_m, depth_m=depth_m, **keys))
+def mesh_hull(
+    file: str, width_m: float, depth_m: float, length_m: float = 4.0, strips: int = 20, scale: float = 1.0
+) -> DemiHull:
+    mesh = HullMesh(file=file, width_m=width_m, depth_m=depth_m, scale=scale)
+    return hull(None, length_m, mesh=mesh, strips=strips)
 
 
 @pytest.mark.parametrize("name", ["box.stl", "box.obj", "box.ply", "box.glb"])
@@ -275,21 +278,52 @@ def flat_plate() -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize(
-    ("shape", "width_m", "problem"),
+    ("shape", "problem"),
     [
-        (open_box(), 1.0, "is not closed: 3 of its 18 edges belong to one triangle alone; close its holes"),
-        (one_face_turned(), 1.0, "has triangles that face inward beside others that face outward"),
-        (flat_plate(), 1.0, "encloses no volume"),
-        (trimesh.creation.box((4.0, 1.0, 0.6)), 2.0, "is 4 x 1 x 0.6 m long, wide and deep, but mesh.width_m = 2"),
+        (open_box(), "is not closed: 3 of its 18 edges belong to one triangle alone; close its holes"),
+        (one_face_turned(), "has triangles that face inward beside others that face outward"),
+        (flat_plate(), "encloses no volume"),
     ],
 )
-def test_a_mesh_that_is_no_hull_is_refused(
-    shape: trimesh.Trimesh, width_m: float, problem: str, tmp_path: Path
-) -> None:
+def test_a_mesh_that_is_no_hull_is_refused(shape: trimesh.Trimesh, problem: str, tmp_path: Path) -> None:
     file = written(shape, tmp_path / "hull.obj")
     with pytest.raises(SpecificationError, match=r"hulls\.0\.mesh\.file = .*hull\.obj " + problem) as error:
-        make_buoyancy(vessel(mesh_hull(file, width_m, 0.6), mass_kg=100.0), WATER)
+        make_buoyancy(vessel(mesh_hull(file, 1.0, 0.6), mass_kg=100.0), WATER)
     assert error.value.path == ("hulls", 0, "mesh", "file")
+
+
+@pytest.mark.parametrize(
+    ("keys", "path", "problem"),
+    [
+        (
+            (2.0, 0.6),
+            ("mesh", "width_m"),
+            "width_m = 2 does not fit .*, which is 4 x 1 x 0.6 m long, wide and deep; use 1",
+        ),
+        ((1.0, 0.5), ("mesh", "depth_m"), "depth_m = 0.5 does not fit .*; use 0.6, or mend"),
+        ((1.0, 0.6, 5.0), ("length_m",), "length_m = 5 does not fit .*; use 4, or mend the mesh's scale or axes"),
+    ],
+)
+def test_a_mesh_of_another_size_than_its_keys_is_refused(
+    keys: tuple[float, ...], path: tuple[str, ...], problem: str, tmp_path: Path
+) -> None:
+    file = written(trimesh.creation.box((4.0, 1.0, 0.6)), tmp_path / "hull.stl")
+    with pytest.raises(SpecificationError, match=problem) as error:
+        make_buoyancy(vessel(mesh_hull(file, *keys), mass_kg=100.0), WATER)
+    assert error.value.path == ("hulls", 0, *path)
+
+
+def test_a_mesh_with_a_pointed_bow_has_its_volume_where_it_is(tmp_path: Path) -> None:
+    """A wedge in plan: two thirds of the way to the stern, whatever the number of strips."""
+    corners = np.array(
+        [(x, side * (0.5 if x < 0 else 0.0), z) for x in (-2.0, 2.0) for side in (-1, 1) for z in (0.0, 0.6)]
+    )
+    solid = trimesh.Trimesh(corners).convex_hull
+    file = written(solid, tmp_path / "wedge.stl")
+    buoyancy = make_buoyancy(vessel(mesh_hull(file, 1.0, 0.6, strips=3), mass_kg=100.0), WATER)
+    assert buoyancy.volume_m3 == pytest.approx(1.2)
+    under = FlatPoses(buoyancy, np.array([5.0]), np.array([[0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(under.centre_frd_m()[0], [-2.0 / 3.0, 0.0, 0.0], atol=1e-5)
 
 
 @pytest.mark.parametrize(
