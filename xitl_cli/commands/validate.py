@@ -76,6 +76,7 @@ def validate(
                     vehicle,
                     vehicle.name,
                     profile.environment.water if profile.environment else None,
+                    profile.autopilot,
                     lambda text, which=which: told(f"{which}: {text}"),  # type: ignore[misc]
                 )
             except ValueError as error:

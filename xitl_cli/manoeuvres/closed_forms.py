@@ -183,10 +183,9 @@ def surge_mass_kg(model: VesselSpec) -> float:
 
 
 def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: float) -> float:
-    """Ahead, of one that points along the vessel, at a fraction of full speed; the formulas of the propellers' page."""
+    """Along its own line, at a fraction of full speed and a speed along that line: the formulas of docs/vessel.md."""
     ahead, astern = propeller.static_thrust_n(water.density_kgpm3)
-    direction = math.cos(math.radians(propeller.angle_deg))
-    advance = direction * speed_mps * (1.0 - propeller.wake_fraction)
+    advance = speed_mps * (1.0 - propeller.wake_fraction)
     rest = (ahead if turning >= 0 else astern) * turning * abs(turning)
     thrust = rest
     if (curve := propeller.open_water) is not None:
@@ -195,7 +194,8 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
         share = float(np.interp(ratio, curve.advance_ratio, curve.thrust_coefficient)) / curve.thrust_coefficient[0]
         thrust = rest * share
     elif propeller.medium == "water" and propeller.zero_thrust_speed_mps is not None and turning:
-        thrust = rest * (1.0 - advance / (propeller.zero_thrust_speed_mps * turning))
+        onward = max(math.copysign(1.0, turning) * advance, 0.0)  # against the way its K_T is that at rest
+        thrust = rest * (1.0 - onward / (propeller.zero_thrust_speed_mps * abs(turning)))
     elif propeller.medium == "air" and propeller.diameter_m is not None and rest > 0:
         disc = 2.0 * AIR_KGPM3 * math.pi * propeller.diameter_m**2 / 4.0
         power = rest**1.5 / math.sqrt(disc)
@@ -205,7 +205,7 @@ def thrust_n(propeller: Propeller, water: Water, turning: float, speed_mps: floa
             through = 0.5 * advance + math.sqrt(0.25 * advance**2 + middle / disc)
             low, high = (middle, high) if middle * through < power else (low, middle)
         thrust = 0.5 * (low + high)
-    return direction * thrust * (1.0 - propeller.thrust_deduction)
+    return thrust * (1.0 - propeller.thrust_deduction)
 
 
 def steady_speed_mps(model: VesselSpec, water: Water, turning: Array) -> float:
@@ -221,8 +221,11 @@ def steady_speed_mps(model: VesselSpec, water: Water, turning: Array) -> float:
 
 
 def _thrust_n(model: VesselSpec, water: Water, turning: Array, speed_mps: float) -> float:
-    pairs = zip(model.propellers, turning, strict=True)
-    return sum(thrust_n(propeller, water, float(fraction), speed_mps) for propeller, fraction in pairs)
+    total = 0.0
+    for propeller, fraction in zip(model.propellers, turning, strict=True):
+        if abs(ahead := math.cos(math.radians(propeller.angle_deg))) > 0.5:
+            total += ahead * thrust_n(propeller, water, float(fraction), ahead * speed_mps)
+    return total
 
 
 def surge_run(
@@ -267,11 +270,11 @@ def wave_theory(
 
     heading: head seas come over the bow, beam seas over the port side. Relative motion, strip by strip: the stiffness
     of each strip acts on its depth below the local surface, its lift along the surface's normal, and added mass and
-    damping on the velocity against the water's, whose mean and turn are those of the elevations of all strips.
+    damping on the velocity against the water's, whose mean and turn are those over all strips by what each displaces.
     """
     strips = _strips(model, afloat)
     along, aside, breadth, step, area, drop = (np.concatenate(parts) for parts in zip(*strips, strict=True))
-    weight = water.density_kgpm3 * GRAVITY_MPS2
+    weight, share = water.density_kgpm3 * GRAVITY_MPS2, area / area.sum()
     found: dict[int, list[complex]] = {2: [], 3: [], 4: []}
     for k, w in zip(number, omega, strict=True):
         # The waves go aft, or to starboard; time goes as exp(-i w t).
@@ -291,13 +294,15 @@ def wave_theory(
         force[4] = (along * up + drop * ahead).sum()
         force[5] = (along * sideways - aside * ahead).sum()
         surface = np.zeros(6, dtype=complex)  # motion that goes with the water: displacement of the mean, angles
-        surface[2] = -mean.mean()
+        whole = (share * mean).sum()
+        surface[2] = -whole
         depth = math.tanh(k * water.depth_m)
         for axis, part in ((0, wave_x), (1, wave_y)):
-            surface[axis] = 1j * part / k / depth * mean.mean()
-        across, lever = aside - aside.mean(), along - along.mean()
-        surface[4] = (lever * mean).sum() / (lever**2).sum()
-        surface[3] = -(across * mean + lean / breadth).sum() / (across**2 + breadth**2 / 12.0).sum()
+            surface[axis] = 1j * part / k / depth * whole
+        across, lever = aside - (share * aside).sum(), along - (share * along).sum()
+        surface[4] = (share * lever * mean).sum() / (share * lever**2).sum()
+        turning = share * (across * mean + lean / breadth)
+        surface[3] = -turning.sum() / (share * (across**2 + breadth**2 / 12.0)).sum()
         force = force + (-(w**2) * small.added_mass - 1j * w * small.damping) @ surface
         matrix = -(w**2) * small.mass - 1j * w * small.damping + small.stiffness
         motion = np.linalg.solve(matrix, force)
@@ -329,68 +334,152 @@ def _strips(model: VesselSpec, afloat: Waterline) -> list[tuple[Array, ...]]:
     return strips
 
 
-def steady_turn(
-    model: VesselSpec, water: Water, small: LinearSeakeeping, turning: Array, guess: tuple[float, float, float]
-) -> tuple[float, float, float] | None:
-    """Surge, sway and rate of turn under (P,) held propellers, by the equations of surge, sway and yaw alone.
+@dataclass(frozen=True, slots=True, eq=False)
+class HorizontalRun:
+    """Surge, sway and yaw alone over K instants: positions from the start, velocities (K, 3) and what was ordered."""
 
-    M nu' + C(nu) nu + D(nu) nu = tau in the horizontal plane (Fossen 2021, section 6.5), set to rest by Newton's method
-    from a guess. None for a vessel with rudders or steered propellers, and where the method finds nothing.
+    time_s: Array
+    north_m: Array
+    east_m: Array
+    yaw_rad: Array
+    velocity: Array
+    steering_deg: Array
+
+
+class HorizontalMotion:
+    """M nu' + C(nu) nu + D(nu) nu = tau in surge, sway and yaw (Fossen 2021, section 6.5), of a vessel without rudders.
+
+    Mass and linear damping are given; what goes with squares and products is written out here.
     """
-    if model.rudders or any(propeller.steering is not None for propeller in model.propellers):
-        return None
-    plane = np.ix_((0, 1, 5), (0, 1, 5))
-    mass, damping = 0.5 * (small.mass + small.mass.T)[plane], small.damping[plane]
-    middle = model.midship_frd_x_m
-    quadratic = model.damping_quadratic
-    shed = small.added_mass[1, 1] / model.length_m if has_stern_force(model) else 0.0
-    named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
-    products = [(one, value) for one, value in named if one.acceleration is None and len(one.factors) > 1]
-    cross, wind = model.cross_flow_drag, model.wind
 
-    def force(x: Array) -> Array:
-        u, v, r = x
-        total: Array = -damping @ x
+    def __init__(self, model: VesselSpec, water: Water, small: LinearSeakeeping) -> None:
+        self._model, self._water = model, water
+        plane = np.ix_((0, 1, 5), (0, 1, 5))
+        self._mass, self._damping = 0.5 * (small.mass + small.mass.T)[plane], small.damping[plane]
+        self._inverse = np.linalg.inv(small.mass[plane])
+        self._shed = small.added_mass[1, 1] / model.length_m if has_stern_force(model) else 0.0
+        named = [(parse_derivative(name), value) for name, value in model.derivatives.items()]
+        self._products = [
+            (one, value)
+            for one, value in named
+            if one.acceleration is None and len(one.factors) > 1 and one.component in (0, 1, 5)
+        ]
+        given = model.centre_of_lateral_resistance_frd_m
+        self._middle_m = model.midship_frd_x_m if given is None else given[0]
+        self._gears = [number for number, one in enumerate(model.propellers) if one.steering is not None]
+
+    def force(self, velocity: Array, fractions: Array, gears_rad: Array) -> Array:
+        """(3,) X, Y, N for (3,) u, v, r, (P,) speeds of propellers and (G,) angles of their gears."""
+        u, v, r = velocity.tolist()
+        model, mass, middle = self._model, self._mass, self._middle_m
         across = mass[1, 1] * v + mass[1, 2] * r
-        total += [across * r, -mass[0, 0] * u * r, mass[0, 0] * u * v - across * u]
+        x, y, n = (-self._damping @ velocity).tolist()
+        x += across * r
+        y -= mass[0, 0] * u * r
+        n += mass[0, 0] * u * v - across * u
+        quadratic = model.damping_quadratic
         beside = v + middle * r
-        sideways = -quadratic.sway * abs(beside) * beside
-        total += [-quadratic.surge * abs(u) * u, sideways, middle * sideways - quadratic.yaw * abs(r) * r]
         stern = middle - math.copysign(0.5 * model.length_m, u)
-        side = -abs(u) * shed * (v + stern * r)
-        total += [0.0, side, stern * side]
+        sideways, shed = -quadratic.sway * abs(beside) * beside, -abs(u) * self._shed * (v + stern * r)
+        x -= quadratic.surge * abs(u) * u
+        y += sideways + shed
+        n += middle * sideways + stern * shed - quadratic.yaw * abs(r) * r
         nu = (u, v, 0.0, 0.0, 0.0, r)
-        for one, value in products:
-            if one.component in (0, 1, 5):
-                factors = (abs(nu[index]) if bar else nu[index] for index, bar in one.factors)
-                total[{0: 0, 1: 1, 5: 2}[one.component]] += value * math.prod(factors)
-        if cross is not None:
+        more = [0.0] * 6
+        for one, value in self._products:
+            more[one.component] += value * math.prod(abs(nu[index]) if bar else nu[index] for index, bar in one.factors)
+        if (cross := model.cross_flow_drag) is not None:
             coefficient = cross.coefficient or hoerner_coefficient(cross.width_m or 1.0, cross.draft_m)
             step = cross.length_m / cross.strips
             places = middle + step * (np.arange(cross.strips) - 0.5 * (cross.strips - 1))
             flow = v + places * r
-            drag = -0.5 * water.density_kgpm3 * coefficient * cross.draft_m * step * np.abs(flow) * flow
-            total += [0.0, drag.sum(), places @ drag]
-        speed = 0.5 * AIR_KGPM3 * math.hypot(u, v)
-        total[0] -= speed * wind.surge_coefficient * wind.frontal_area_m2 * u
-        total[1] -= speed * wind.sway_coefficient * wind.lateral_area_m2 * v
-        total[2] -= AIR_KGPM3 * wind.yaw_coefficient * wind.lateral_area_m2 * wind.length_m * u * v
-        for propeller, fraction in zip(model.propellers, turning, strict=True):
-            place_x, place_y, _ = propeller.position_frd_m
-            angle = math.radians(propeller.angle_deg)
-            push = thrust_n(propeller, water, float(fraction), u - place_y * r)
-            if abs(math.cos(angle)) < 0.5:
+            drag = -0.5 * self._water.density_kgpm3 * coefficient * cross.draft_m * step * np.abs(flow) * flow
+            more[1] += float(drag.sum())
+            more[5] += float(places @ drag)
+        wind, air = model.wind, 0.5 * AIR_KGPM3 * math.hypot(u, v)
+        x -= air * wind.surge_coefficient * wind.frontal_area_m2 * u
+        y -= air * wind.sway_coefficient * wind.lateral_area_m2 * v
+        n -= AIR_KGPM3 * wind.yaw_coefficient * wind.lateral_area_m2 * wind.length_m * u * v
+        turned = dict(zip(self._gears, gears_rad.tolist(), strict=True))
+        for number, (propeller, fraction) in enumerate(zip(model.propellers, fractions.tolist(), strict=True)):
+            if not fraction:
                 continue
-            ahead, aside = push, push * math.tan(angle)
-            total += [ahead, aside, place_x * aside - place_y * ahead]
-        return total
+            place_x, place_y, _ = propeller.position_frd_m
+            angle = math.radians(propeller.angle_deg) - turned.get(number, 0.0)
+            cosine, sine = math.cos(angle), math.sin(angle)
+            advance = cosine * (u - place_y * r) + sine * (v + place_x * r)
+            push = thrust_n(propeller, self._water, fraction, advance)
+            x += cosine * push
+            y += sine * push
+            n += (place_x * sine - place_y * cosine) * push
+        return np.array([x + more[0], y + more[1], n + more[5]])
 
-    at = np.array(guess)
-    for _ in range(50):
-        here = force(at)
-        slope = np.column_stack([(force(at + d) - force(at - d)) / 2e-6 for d in 1e-6 * np.eye(3)])
-        step = np.linalg.lstsq(slope, -here, rcond=None)[0]
-        at = at + step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
-        if np.abs(step).max() < 1e-10:
-            return float(at[0]), float(at[1]), float(at[2])
-    return None
+    def wanted(self, command: Array) -> tuple[Array, Array]:
+        """(P,) speeds of the propellers and (G,) angles of their gears of a command."""
+        propellers = len(self._model.propellers)
+        most = np.radians([one.steering.max_angle_deg for one in self._model.propellers if one.steering is not None])
+        return command[:propellers], command[propellers:] * most
+
+    def steady(self, command: Array, guess: tuple[float, float, float]) -> tuple[float, float, float] | None:
+        """Surge, sway and rate of turn under a held command, by Newton's method; None where it finds nothing."""
+        fractions, gears = self.wanted(command)
+        at = np.array(guess)
+        for _ in range(50):
+            here = self.force(at, fractions, gears)
+            steps = 1e-6 * np.eye(3)
+            slope = [
+                (self.force(at + d, fractions, gears) - self.force(at - d, fractions, gears)) / 2e-6 for d in steps
+            ]
+            step = np.linalg.lstsq(np.column_stack(slope), -here, rcond=None)[0]
+            at = at + step * min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-12))
+            if np.abs(step).max() < 1e-10:
+                return float(at[0]), float(at[1]), float(at[2])
+        return None
+
+    def run(
+        self,
+        before: Array,
+        speed_mps: float,
+        order: Callable[[float, float], float],
+        command: Callable[[float], Array],
+        over: Callable[[], bool],
+        longest_s: float,
+        dt_s: float = 0.05,
+    ) -> HorizontalRun:
+        """From a straight approach under the command `before`, by Runge and Kutta's classical step.
+
+        order: steering in degrees for the time and the degrees turned; command: of the steering; over: ends the run.
+        """
+        fractions, gears = self.wanted(before)
+        up = np.array([propeller.spin_up_s for propeller in self._model.propellers])
+        down = np.array([propeller.spin_down_s for propeller in self._model.propellers])
+        most = [one.steering.rate_degps for one in self._model.propellers if one.steering is not None]
+        most_rad = np.radians(most) * dt_s
+        state = np.array([speed_mps, 0.0, 0.0, 0.0, 0.0, 0.0])
+        kept, ordered = [state], []
+        for sample in range(round(longest_s / dt_s)):
+            angle = order(sample * dt_s, math.degrees(float(state[5] + 0.5 * dt_s * state[2])))
+            ordered.append(angle)
+            if over():
+                break
+            wanted, turned = self.wanted(command(angle))
+            lag = np.where(np.abs(wanted) > np.abs(fractions), up, down)
+            later = wanted + (fractions - wanted) * np.exp(-dt_s / lag)
+            gears_later = gears + np.clip(turned - gears, -most_rad, most_rad)
+            middle, gears_middle = 0.5 * (fractions + later), 0.5 * (gears + gears_later)
+            one = self._rates(state, fractions, gears)
+            two = self._rates(state + 0.5 * dt_s * one, middle, gears_middle)
+            three = self._rates(state + 0.5 * dt_s * two, middle, gears_middle)
+            four = self._rates(state + dt_s * three, later, gears_later)
+            state = state + dt_s / 6.0 * (one + 2.0 * two + 2.0 * three + four)
+            fractions, gears = later, gears_later
+            kept.append(state)
+        states, steering = np.array(kept[: len(ordered)]), np.array(ordered)
+        time_s: Array = dt_s * np.arange(len(steering), dtype=np.float64)
+        return HorizontalRun(time_s, states[:, 3], states[:, 4], states[:, 5], states[:, :3], steering)
+
+    def _rates(self, state: Array, fractions: Array, gears: Array) -> Array:
+        u, v, r, _, _, yaw = state.tolist()
+        cosine, sine = math.cos(yaw), math.sin(yaw)
+        faster = self._inverse @ self.force(state[:3], fractions, gears)
+        return np.array([*faster, u * cosine - v * sine, u * sine + v * cosine, r])

@@ -17,7 +17,7 @@ DATA_SHEET = 0.10
 
 @dataclass(frozen=True, slots=True)
 class PublishedRun:
-    """From rest under held commands: surge, sway and rate of turn when steady, and the heading after 10 s.
+    """From rest under held commands: surge, sway and rate of turn after `RUNS_S`, and the heading after 10 s.
 
     commands: fractions of full speed of the propellers, and of the full angle of the rudders.
     """
@@ -50,6 +50,7 @@ _OTTER_ASTERN = math.sqrt(0.5 * 13.6 * 9.81 / (0.5 * 0.01289))
 """Fastest shafts of otter.py, rad/s."""
 _HERON = "Clearpath's own simulation, which the vessel is made after, has thrust and drag for 2.7 m/s"
 _OTTER = "Fossen's Otter (PythonVehicleSimulator), its equations run"
+_CYBERSHIP = "Skjetne, Smogeli & Fossen 2004 (CyberShip II), their equations run"
 _WAMV = "VRX 2.4's WAM-V plugins, their equations run"
 
 
@@ -64,22 +65,23 @@ def _wamv(port_n: float, starboard_n: float) -> tuple[float, float]:
     return port, starboard
 
 
-RUNS_S = 20.0
-"""Many of their time constants, and too short for an unstable course to be left on the straight."""
-RUNS_WATER_KGPM3 = {"otter": 1025.0, "wamv16": 997.7735}
+RUNS_S = 15.0
+"""After which they are compared: steady, and too short for an unstable course to be left for want of symmetry."""
+RUNS_WATER_KGPM3 = {"otter": 1025.0, "wamv16": 997.7735, "cybership2": 1000.0}
 """Of the published models; neither has air that drags."""
 RUNS: dict[str, tuple[PublishedRun, ...]] = {
     "otter": (
-        PublishedRun("100 and 100 rad/s", _otter(100, 100), 2.98196, 0.0, 0.0, 0.0, _OTTER),
-        PublishedRun("100 and 80 rad/s", _otter(100, 80), 2.31881, -0.24735, 15.5569, 132.76, _OTTER),
-        PublishedRun("100 and -60 rad/s", _otter(100, -60), 1.14213, -0.14133, 17.7521, 169.77, _OTTER),
-        PublishedRun("50 and -50 rad/s", _otter(50, -50), 0.23123, -0.01675, 8.5986, 82.368, _OTTER),
+        PublishedRun("100 and 100 rad/s", _otter(100, 100), 2.85734, 0.0, 0.0, 0.0, _OTTER),
+        PublishedRun("100 and 80 rad/s", _otter(100, 80), 2.23782, -0.21635, 14.6144, 125.815, _OTTER),
+        PublishedRun("100 and -60 rad/s", _otter(100, -60), 1.06615, -0.12281, 17.5072, 167.894, _OTTER),
+        PublishedRun("50 and -50 rad/s", _otter(50, -50), 0.14997, -0.01, 8.5979, 82.381, _OTTER),
     ),
     "wamv16": (
         PublishedRun("500 and 500 N", _wamv(500, 500), 2.27007, 0.0, 0.0, 0.0, _WAMV),
-        PublishedRun("500 and 300 N", _wamv(500, 300), 1.9484, -0.61538, 13.8542, 126.179, _WAMV),
+        PublishedRun("500 and 300 N", _wamv(500, 300), 1.9484, -0.61538, 13.8541, 126.179, _WAMV),
         PublishedRun("800 and 0 N", _wamv(800, 0), 1.70105, -1.1361, 38.7398, 367.376, _WAMV),
     ),
+    "cybership2": (PublishedRun("25 and 25 turns/s", (0.75, 0.75, 0.0, 0.0, 0.0), 0.8082, 0.0, 0.0, 0.0, _CYBERSHIP),),
 }
 FIGURES: dict[str, tuple[PublishedFigure, ...]] = {
     "otter": (PublishedFigure("top_speed_mps", 6 * 0.5144, DATA_SHEET, "Maritime Robotics' data sheet: 6 knots"),),

@@ -34,7 +34,7 @@ WAVELENGTHS = (1.2, 1.6, 2.2, 3.0, 4.5, 7.0, 12.0, 20.0)
 WAVE_STEEPNESS = 0.002
 """Amplitude times wave number, of each: small, so that damping that grows with speed has no part."""
 _EVERY_S = 0.02
-_LONGEST_S = 400.0
+LONGEST_S = 400.0
 _LENGTHS_A_HOLD = 15.0
 SWINGS = 8.0
 RELEASES = {2: ("heave", 0.05, "of the draft"), 3: ("roll", 1.0, "deg"), 4: ("pitch", 1.0, "deg")}
@@ -71,7 +71,7 @@ class SeaTrials:
         commands = np.array([self.helm.command(1.0), self.helm.command(APPROACH_THROTTLE)])
         at_rest = start(self.simulation, 2, spread(self.rest.state, [0, 0]))
         state, track = sail(
-            self.simulation, at_rest, lambda _t, _m: commands, _LONGEST_S, every_s=_EVERY_S, until=steady
+            self.simulation, at_rest, lambda _t, _m: commands, LONGEST_S, every_s=_EVERY_S, until=steady
         )
         ahead = track.velocity_frd[:, :, 0]
         top, approach = (float(speed) for speed in ahead[-1])
@@ -94,17 +94,17 @@ class SeaTrials:
     def _steered(self, before: SimulationState) -> Iterator[Section]:
         speed = float(Instant.from_motion(before.vessel.motion).velocity_frd[1, 0])
         hold_s = _LENGTHS_A_HOLD * self.model.length_m / max(speed, 0.05)
-        orders: list[_Order] = [
-            _Turn(FULL_STEERING_DEG),
-            _Turn(-FULL_STEERING_DEG),
-            _ZigZag(10.0),
-            _ZigZag(20.0),
-            _Spiral(SPIRAL_DEG, hold_s),
-            _Spiral(tuple(reversed(SPIRAL_DEG)), hold_s),
+        orders: list[SteeringOrder] = [
+            TurnOrder(FULL_STEERING_DEG),
+            TurnOrder(-FULL_STEERING_DEG),
+            ZigZagOrder(10.0),
+            ZigZagOrder(20.0),
+            SpiralOrder(SPIRAL_DEG, hold_s),
+            SpiralOrder(tuple(reversed(SPIRAL_DEG)), hold_s),
         ]
         pilot = _Pilot(orders, self.helm.command)
         state = start(self.simulation, len(orders), spread(before.vessel, [1] * len(orders)))
-        longest = max(_LONGEST_S, len(SPIRAL_DEG) * hold_s + 1.0)
+        longest = max(LONGEST_S, len(SPIRAL_DEG) * hold_s + 1.0)
         _, track = sail(self.simulation, state, pilot, longest, every_s=_EVERY_S, until=lambda _track: pilot.done)
         steering = np.array(pilot.steering_deg)
         yield self._turning(track, pilot)
@@ -119,16 +119,10 @@ class SeaTrials:
             found = measures.turning_circle(
                 track.time_s[:end], north, east, track.euler_rad[:end, vessel, 2], track.velocity_frd[:end, vessel, :2]
             )
-            for key, label, value, unit in (
-                ("advance_m", "advance", found.advance_m, "m"),
-                ("transfer_m", "transfer", found.transfer_m, "m"),
-                ("tactical_diameter_m", "tactical diameter", found.tactical_diameter_m, "m"),
-                ("steady_diameter_m", "steady diameter", found.steady_diameter_m, "m"),
-                ("rate_degps", "rate of turn", math.degrees(found.rate_radps), "deg/s"),
-                ("speed_mps", "speed in the turn", found.speed_mps, "m/s"),
-                ("drift_deg", "drift angle", math.degrees(found.drift_rad), "deg"),
-            ):
-                facts.append(Fact(f"turn_{side}_{key}", f"{label}, to {side}", value, unit))
+            facts += [
+                Fact(f"turn_{side}_{key}", f"{label}, to {side}", value, unit)
+                for key, label, value, unit in turning_figures(found)
+            ]
             traces.append(Trace(f"to {side}", east, north))
         plot = Plot("turning", "Turning circles", "north (m)", tuple(traces), "map", "east (m)")
         return Section("turning", "Turning circle at full steering", tuple(facts), plots=(plot,))
@@ -145,17 +139,7 @@ class SeaTrials:
             except ValueError as error:
                 lacks.append(f"zig-zag {angle}/{angle}: {error}")
                 continue
-            overshoots = [math.degrees(value) for value in found.overshoot_rad[:2]]
-            for number, word in enumerate(("first", "second")):
-                value = overshoots[number] if number < len(overshoots) else None
-                label = f"{word} overshoot, {angle}/{angle}"
-                facts.append(Fact(f"{name}_overshoot_{number + 1}_deg", label, value, "deg"))
-            initial = f"time to first {angle} degrees"
-            facts.append(Fact(f"{name}_initial_turn_s", initial, found.initial_turn_s, "s"))
-            if angle == 10:
-                way = "way to 10 degrees of turn at 10"
-                facts.append(Fact("initial_turning_m", way, found.initial_turn_m, "m"))
-            facts.append(Fact(f"{name}_period_s", f"period, {angle}/{angle}", found.period_s, "s"))
+            facts += [Fact(*figure) for figure in zig_zag_figures(found, angle)]
             heading = Trace("heading", time_s, np.degrees(yaw - yaw[0]))
             ordered = Trace("steering", time_s, steering[:end, vessel], "steps")
             plots.append(Plot(name, f"Zig-zag {angle}/{angle}", "deg", (heading, ordered), "xy", "s"))
@@ -193,7 +177,7 @@ class SeaTrials:
             return bool(ahead[0] <= 0 and ahead[1] <= 0.1 * track.velocity_frd[0, 1, 0])
 
         _, track = sail(
-            self.simulation, state, lambda _t, _m: orders, _LONGEST_S, every_s=_EVERY_S, until=over, look_s=1.0
+            self.simulation, state, lambda _t, _m: orders, LONGEST_S, every_s=_EVERY_S, until=over, look_s=1.0
         )
         facts, traces = [], []
         orders_given = (
@@ -309,7 +293,39 @@ def wave_responses(model: VesselSpec, water: Water, step_s: float) -> WaveRespon
     return WaveResponses(WAVELENGTHS, omega, number, curves)
 
 
-class _Order:
+Figure = tuple[str, str, float | None, str]
+"""Key, label, value and unit."""
+
+
+def turning_figures(found: measures.TurningCircle) -> tuple[Figure, ...]:
+    """Of a turn to one side; the rate of turn with its sign."""
+    return (
+        ("advance_m", "advance", found.advance_m, "m"),
+        ("transfer_m", "transfer", found.transfer_m, "m"),
+        ("tactical_diameter_m", "tactical diameter", found.tactical_diameter_m, "m"),
+        ("steady_diameter_m", "steady diameter", found.steady_diameter_m, "m"),
+        ("rate_degps", "rate of turn", math.degrees(found.rate_radps), "deg/s"),
+        ("speed_mps", "speed in the turn", found.speed_mps, "m/s"),
+        ("drift_deg", "drift angle", math.degrees(found.drift_rad), "deg"),
+    )
+
+
+def zig_zag_figures(found: measures.ZigZag, angle_deg: float) -> tuple[Figure, ...]:
+    """Of a zig-zag with as much steering as heading."""
+    name, kind = f"zig_zag_{angle_deg:.0f}", f"{angle_deg:.0f}/{angle_deg:.0f}"
+    first, second = ([math.degrees(value) for value in found.overshoot_rad] + [None, None])[:2]
+    figures: tuple[Figure, ...] = (
+        (f"{name}_overshoot_1_deg", f"first overshoot, {kind}", first, "deg"),
+        (f"{name}_overshoot_2_deg", f"second overshoot, {kind}", second, "deg"),
+        (f"{name}_initial_turn_s", f"time to first {angle_deg:.0f} degrees", found.initial_turn_s, "s"),
+        (f"{name}_period_s", f"period, {kind}", found.period_s, "s"),
+    )
+    if angle_deg == 10:  # initial turning ability of IMO MSC.137(76)
+        figures += (("initial_turning_m", "way to 10 degrees of turn at 10", found.initial_turn_m, "m"),)
+    return figures
+
+
+class SteeringOrder:
     """What is ordered of one vessel: `steering_deg` of the time and how far it has turned; `done` when it is over."""
 
     done = False
@@ -318,7 +334,7 @@ class _Order:
         raise NotImplementedError
 
 
-class _Turn(_Order):
+class TurnOrder(SteeringOrder):
     """Twice round."""
 
     def __init__(self, angle_deg: float) -> None:
@@ -329,7 +345,7 @@ class _Turn(_Order):
         return self._angle
 
 
-class _ZigZag(_Order):
+class ZigZagOrder(SteeringOrder):
     """Reversed whenever the heading has gone as far as the steering; six times."""
 
     def __init__(self, angle_deg: float) -> None:
@@ -343,7 +359,7 @@ class _ZigZag(_Order):
         return self._side * self._angle
 
 
-class _Spiral(_Order):
+class SpiralOrder(SteeringOrder):
     """Each angle for as long."""
 
     def __init__(self, angles_deg: tuple[float, ...], hold_s: float) -> None:
@@ -358,7 +374,7 @@ class _Spiral(_Order):
 class _Pilot:
     """Orders to several vessels; `finished`: the number of samples after which each was over."""
 
-    def __init__(self, orders: Sequence[_Order], command: Callable[[float, float], Array]) -> None:
+    def __init__(self, orders: Sequence[SteeringOrder], command: Callable[[float, float], Array]) -> None:
         self._orders, self._command = orders, command
         self._yaw_rad: Array | None = None
         self._turned_rad = np.zeros(len(orders))

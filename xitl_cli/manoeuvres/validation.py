@@ -11,30 +11,40 @@ from operator import ge
 import numpy as np
 
 from sim_core.environment.spec import GRAVITY_MPS2, Water
+from sim_core.frames import Array
 from sim_core.vessel.spec import VesselSpec, Windage
 from xitl_cli.logs.model.sections import Fact, Plot, Section, Trace
 from xitl_cli.manoeuvres import closed_forms
-from xitl_cli.manoeuvres.closed_forms import LinearSeakeeping
+from xitl_cli.manoeuvres.closed_forms import HorizontalMotion, HorizontalRun, LinearSeakeeping
 from xitl_cli.manoeuvres.helm import FULL_STEERING_DEG
-from xitl_cli.manoeuvres.measures import decay
+from xitl_cli.manoeuvres.measures import decay, turning_circle, zig_zag
 from xitl_cli.manoeuvres.published import FIGURES, RUNS, RUNS_S, RUNS_WATER_KGPM3, SAME_HEADING_DEG, SAME_MODEL
+from xitl_cli.manoeuvres.station import ESTIMATE_M, loiter_radius_m, station_keeping
 from xitl_cli.manoeuvres.trials import (
     APPROACH_THROTTLE,
+    LONGEST_S,
     RELEASES,
     SPIRAL_DEG,
     SWINGS,
     SeaTrials,
+    SteeringOrder,
+    TurnOrder,
+    ZigZagOrder,
+    turning_figures,
     wave_numbers,
+    zig_zag_figures,
 )
 from xitl_cli.manoeuvres.vessel_check import afloat_facts
+from xitl_cli.profile.schema.agents import AutopilotSpec
 
 ARCHIMEDES = "closed form: Archimedes and the second moments of the waterline"
 LINEAR = "closed form: linear equations of motion with the waterline's stiffness"
 SURGE_ALONE = "closed form: the equation of surge alone, level"
-HORIZONTAL = "closed form: steady equations of surge, sway and yaw alone"
+HORIZONTAL = "equations of surge, sway and yaw alone, integrated on their own"
 STRIPS = "closed form: linear strip theory of relative motion"
 LONG_WAVES = "limit: a vessel follows waves that are long beside it (Newman 1977, ch. 6)"
 MIRRORED = "the same to the other side"
+LOITER = "LOIT_RADIUS of the embedded autopilot, which it keeps to by its own estimate"
 
 OF_WATERLINE, OF_BM, OF_LENGTH = 0.01, 0.02, 0.05
 """To the fineness of the strips, which blunt a hull's ends; n of them leave out 1 / n2 of the longitudinal moment."""
@@ -42,7 +52,9 @@ OF_PERIOD, OF_RATIO = 0.02, 0.10
 """Lift is not quite linear in depth, and some damping grows with speed: neither is in the linear problem."""
 OF_SURGE = 0.05
 """The vessel trims, which the equation of surge alone does not know."""
-OF_TURN = 0.03
+OF_TURN, OF_DRIFT_DEG = 0.03, 0.5
+OF_ZIG_ZAG, OF_OVERSHOOT_DEG = 0.05, 0.5
+"""Reversals are noticed at samples, within which a boat turns by half a degree."""
 OF_MIRROR = 0.005
 OF_RESPONSE = 0.05
 """Of amplitude or slope, and of the response where it is more: strips of a fifth of the length blur short waves.
@@ -59,6 +71,8 @@ class FigureReference:
     allowed: float
     source: str
     disputed: str = ""
+    at_most: bool = False
+    """Whether it may be less by any amount."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +96,18 @@ class ValidatedFigure:
         """None where nothing is published, or what is published is disputed."""
         if self.reference is None or self.reference.disputed:
             return None
-        return self.error is not None and abs(self.error) <= self.reference.allowed
+        error = self.error
+        if error is None:
+            return False
+        return (error if self.reference.at_most else abs(error)) <= self.reference.allowed
 
     @property
     def error_text(self) -> str:
         """As a share where that says something."""
         if (error := self.error) is None or self.reference is None:
             return ""
+        if self.reference.at_most and error <= 0:
+            return "within"
         if self.unit in ("", "deg") or abs(self.reference.value) < 1e-6:
             return f"{error:+.3f}" if not self.unit else f"{error:+.2f} {self.unit}"
         return f"{100 * error / abs(self.reference.value):+.1f} %"
@@ -110,9 +129,13 @@ class VesselValidation:
 
 
 def validate_vessel(
-    model: VesselSpec, name: str, water: Water | None = None, told: Callable[[str], None] = lambda _: None
+    model: VesselSpec,
+    name: str,
+    water: Water | None = None,
+    autopilot: AutopilotSpec | None = None,
+    told: Callable[[str], None] = lambda _: None,
 ) -> VesselValidation:
-    """name: under which figures are published. told: is called with each manoeuvre.
+    """name: under which figures are published. autopilot: for station keeping. told: is called with each manoeuvre.
 
     Raises ValueError for a vessel that does not float upright.
     """
@@ -126,6 +149,9 @@ def validate_vessel(
     for section in trials.sections():
         told(section.title.lower())
         sections.append(section)
+    told("station keeping")
+    top_mps = next(float(fact.value or 0.0) for one in sections for fact in one.facts if fact.key == "top_speed_mps")
+    sections.append(station_keeping(model, autopilot, water, top_mps, trials.rest.forward_n))
     values = {
         fact.key: float(fact.value)  # numpy's own numbers are no numbers for JSON
         for section in sections
@@ -133,6 +159,8 @@ def validate_vessel(
         if isinstance(fact.value, int | float) and not isinstance(fact.value, bool)
     }
     theory = _Theory(trials, values)
+    turning_m = 0.0 if trials.helm.by == "difference of thrust" else model.length_m  # others need room to turn round
+    theory.limit("station_radius_m", loiter_radius_m(autopilot), ESTIMATE_M + turning_m, LOITER)
     sections = [theory.drawn(section) for section in sections]
     published = {figure.key: figure for figure in FIGURES.get(name, ())}
     figures: list[ValidatedFigure] = []
@@ -216,6 +244,10 @@ class _Theory:
         """Of a figure; none where theory has nothing to say."""
         return self._found.get(key, [])
 
+    def limit(self, key: str, value: float, allowed: float, source: str) -> None:
+        """What a figure may not be above."""
+        self._found.setdefault(key, []).append(FigureReference(value, allowed, source, at_most=True))
+
     def drawn(self, section: Section) -> Section:
         """With what theory has to be drawn beside what was measured."""
         plots = tuple(
@@ -233,7 +265,7 @@ class _Theory:
         model, water = trials.model, trials.water
         propellers = len(model.propellers)
 
-        def fractions(throttle: float) -> np.ndarray:
+        def fractions(throttle: float) -> Array:
             return trials.helm.command(throttle)[:propellers]
 
         still, full, approach, astern = (fractions(throttle) for throttle in (0.0, 1.0, APPROACH_THROTTLE, -1.0))
@@ -250,41 +282,56 @@ class _Theory:
             self._add(f"{key}_track_reach_m", way_m, OF_SURGE * way_m, SURGE_ALONE)
 
     def _turns(self) -> None:
-        values, trials = self._values, self._trials
-        if trials.helm.by != "difference of thrust":
+        trials, values = self._trials, self._values
+        if trials.helm.by not in ("difference of thrust", "gear"):
             return
-        speed = values.get("turn_starboard_speed_mps", 1.0)
-        rate = math.radians(values.get("turn_starboard_rate_degps", 10.0))
-        propellers = len(trials.model.propellers)
-        angles = {f"spiral_at_{angle:.0f}_degps": angle for angle in SPIRAL_DEG if angle > 0}
-        for key, angle in {"turn_starboard_rate_degps": FULL_STEERING_DEG, **angles}.items():
-            command = trials.helm.command(APPROACH_THROTTLE, angle)[:propellers]
-            guess = (speed, -0.1 * speed, rate * angle / FULL_STEERING_DEG)
-            found = closed_forms.steady_turn(trials.model, trials.water, self._small, command, guess)
-            if found is None:
+        motion = HorizontalMotion(trials.model, trials.water, self._small)
+        straight = trials.helm.command(APPROACH_THROTTLE)
+        speed = closed_forms.steady_speed_mps(trials.model, trials.water, motion.wanted(straight)[0])
+        for angle in (angle for angle in SPIRAL_DEG if angle > 0):
+            key = f"spiral_at_{angle:.0f}_degps"
+            guess = (speed, -0.1 * speed, math.radians(values.get(key, 10.0)))  # which of several turns it is
+            if (found := motion.steady(trials.helm.command(APPROACH_THROTTLE, angle), guess)) is not None:
+                degps = math.degrees(found[2])
+                self._add(key, degps, OF_TURN * abs(degps), HORIZONTAL)
+
+        def sailed(order: SteeringOrder, step_s: float) -> HorizontalRun:
+            def command(angle: float) -> Array:
+                return trials.helm.command(APPROACH_THROTTLE, angle)
+
+            return motion.run(straight, speed, order.steering, command, lambda: order.done, LONGEST_S, step_s)
+
+        turn = sailed(TurnOrder(FULL_STEERING_DEG), 0.05)
+        circle = turning_circle(turn.time_s, turn.north_m, turn.east_m, turn.yaw_rad, turn.velocity[:, :2])
+        for name, _, value, unit in turning_figures(circle):
+            if value is not None:
+                allowed = OF_DRIFT_DEG if unit == "deg" else OF_TURN * abs(value)
+                self._add(f"turn_starboard_{name}", value, allowed, HORIZONTAL)
+        self._curves["turning"] = Trace("theory, to starboard", turn.east_m, turn.north_m)
+        for angle in (10.0, 20.0):
+            zig = sailed(ZigZagOrder(angle), 0.02)
+            along = np.hypot(zig.velocity[:, 0], zig.velocity[:, 1])
+            try:
+                measured = zig_zag(zig.time_s, zig.yaw_rad, along, zig.steering_deg)
+            except ValueError:
                 continue
-            degps = math.degrees(found[2])
-            self._add(key, degps, OF_TURN * abs(degps), HORIZONTAL)
-            if angle == FULL_STEERING_DEG:
-                along = math.hypot(found[0], found[1])
-                drift = -math.degrees(math.atan2(found[1], found[0]))
-                self._add("turn_starboard_speed_mps", along, OF_TURN * along, HORIZONTAL)
-                self._add("turn_starboard_drift_deg", drift, 0.5, HORIZONTAL)
-                diameter = 2.0 * along / abs(found[2])
-                self._add("turn_starboard_steady_diameter_m", diameter, OF_TURN * diameter, HORIZONTAL)
+            for name, _, value, unit in zig_zag_figures(measured, angle):
+                if value is not None:
+                    allowed = OF_OVERSHOOT_DEG + OF_TURN * abs(value) if unit == "deg" else OF_ZIG_ZAG * abs(value)
+                    self._add(name, value, allowed, HORIZONTAL)
+            heading = np.degrees(zig.yaw_rad)
+            self._curves[f"zig_zag_{angle:.0f}"] = Trace("theory", zig.time_s, heading)
         if self._mirrored():
             for key, value in values.items():
-                if key.startswith("turn_port_"):
-                    other = values.get(key.replace("port", "starboard"))
-                    if other is not None:
-                        other = math.copysign(other, value)
-                        self._add(key, other, OF_MIRROR * abs(other), MIRRORED)
+                if key.startswith("turn_port_") and (other := values.get(key.replace("port", "starboard"))) is not None:
+                    other = math.copysign(other, value)
+                    self._add(key, other, OF_MIRROR * abs(other), MIRRORED)
 
     def _mirrored(self) -> bool:
         """Whether port and starboard are alike."""
         model = self._trials.model
-        propellers = {(p.position_frd_m[0], round(abs(p.position_frd_m[1]), 6)) for p in model.propellers}
-        paired = len(propellers) * 2 == len(model.propellers)
+        places = [propeller.position_frd_m[:2] for propeller in model.propellers if propeller.position_frd_m[1]]
+        paired = all((x, -y) in places for x, y in places)
         return paired and not model.centre_of_gravity_frd_m[1] and abs(self._values.get("heel_deg", 1.0)) < 0.01
 
     def _waves(self, afloat: closed_forms.Waterline) -> None:

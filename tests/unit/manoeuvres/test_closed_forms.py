@@ -11,9 +11,9 @@ import pytest
 from sim_core.environment.spec import GRAVITY_MPS2, Water
 from sim_core.vessel.spec import AddedMass, Damping, DemiHull, Propeller, Section, VesselSpec
 from xitl_cli.manoeuvres.closed_forms import (
+    HorizontalMotion,
     LinearSeakeeping,
     steady_speed_mps,
-    steady_turn,
     surge_run,
     thrust_n,
     waterline,
@@ -140,10 +140,19 @@ def test_a_linear_boat_turns_as_nomoto_has_it() -> None:
     model = barge(added_mass=AddedMass(10.0, 10.0, 300.0, 2.0, 60.0, 60.0))
     added = np.diag([10.0, 10.0, 300.0, 2.0, 60.0, 60.0])
     small = replace(linear(model), mass=linear(model).mass - linear(model).added_mass + added, added_mass=added)
-    found = steady_turn(model, WATER, small, np.array([1.0, 0.9]), (2.0, 0.0, 0.01))
+    motion = HorizontalMotion(model, WATER, small)
+    found = motion.steady(np.array([1.0, 0.9]), (2.0, 0.0, 0.01))
     assert found is not None
     moment = 0.2 * 30 * (1 - 0.81)
     u, v, r = found
     assert 60 * r == pytest.approx(moment)
     assert 80 * v == pytest.approx(-(model.mass_kg + 10) * u * r)
     assert 20 * u == pytest.approx(30 * 1.81 + (model.mass_kg + 10) * v * r)
+    run = motion.run(
+        np.ones(2), 3.0, lambda time_s, turned_deg: 5.0, lambda angle: np.array([1.0, 0.9]), lambda: False, 60.0
+    )
+    assert run.velocity[-1] == pytest.approx(found, rel=1e-3)
+    assert run.yaw_rad[-1] - run.yaw_rad[-21] == pytest.approx(r, rel=1e-4)  # a second
+    radius = math.hypot(u, v) / r
+    across = math.hypot(run.north_m[-1] - run.north_m[-21], run.east_m[-1] - run.east_m[-21])
+    assert across == pytest.approx(2 * radius * math.sin(r / 2), rel=1e-4)

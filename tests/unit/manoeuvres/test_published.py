@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.oracles import otter, wamv
+from tests.oracles.cybership2 import CyberShip2
 from tests.oracles.otter import Otter
 from tests.oracles.wamv import WamV
 from xitl_cli.manoeuvres.published import RUNS, PublishedRun
@@ -33,3 +34,10 @@ def test_the_wam_v(number: int) -> None:
     run = RUNS["wamv16"][number]
     thrusts = [math.copysign(command**2 * wamv.MOST_N, command) for command in run.commands]
     assert_same(run, WamV((thrusts[0], thrusts[1])).run(15.0, 0.1), 0.1, 5, 11)
+
+
+@pytest.mark.parametrize("number", range(len(RUNS["cybership2"])))
+def test_the_cybership_ii(number: int) -> None:
+    run = RUNS["cybership2"][number]
+    shafts = (run.commands[0] * 2000 / 60, run.commands[1] * 2000 / 60)
+    assert_same(run, CyberShip2(shafts).run(15.0, dt_s=0.1), 0.1, 2, 5)

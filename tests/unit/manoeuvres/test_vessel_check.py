@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.optimize import brentq
 
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water, WaveSpec
 from sim_core.vessel.spec import AddedMass, VesselSpec
@@ -83,8 +84,19 @@ def test_top_speed_is_where_thrust_and_drag_meet(model: VesselSpec, checked: Ves
     wind = model.wind
     linear = model.damping_linear.surge
     quadratic = model.damping_quadratic.surge + 0.5 * 1.2 * wind.surge_coefficient * wind.frontal_area_m2
-    thrust = sum(propeller.max_thrust_n or 0.0 for propeller in model.propellers)
-    level = (-linear + math.sqrt(linear**2 + 4 * quadratic * thrust)) / (2 * quadratic)
+
+    def left(speed: float) -> float:
+        """Thrust less drag; the thrust by momentum theory, t^3 + x t = 1 with x the speed over that induced at rest."""
+        total = -linear * speed - quadratic * speed**2
+        for propeller in model.propellers:
+            assert propeller.max_thrust_n is not None
+            assert propeller.diameter_m is not None
+            disc = math.pi * propeller.diameter_m**2 / 4
+            over = speed / math.sqrt(propeller.max_thrust_n / (2 * 1.2 * disc))
+            total += propeller.max_thrust_n * brentq(lambda t, x=over: t**3 + x * t - 1, 0.0, 1.0)
+        return total
+
+    level = brentq(left, 0.1, 10.0)
     top = checked.values["top_speed_mps"]
     assert isinstance(top, float)
     # The bow goes down under propellers above the deck, which costs a little speed; there is nothing to gain.
