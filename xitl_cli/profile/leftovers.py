@@ -34,6 +34,7 @@ def leftovers(profile: Profile, entry: Entry) -> Iterator[str]:
     gains = list(_gains_of_vessel(profile))
     yield from _of_vessel(entry, gains_are_named=bool(gains))
     yield from gains
+    yield from _without_files(profile, entry)
     yield from _of_site(entry)
 
 
@@ -108,6 +109,21 @@ def _gains_of_vessel(profile: Profile) -> Iterator[str]:
                 f"autopilot.parameter_files.{number} = {file} has the gains of {name}, and {profile.vehicle.name} has "
                 f"{difference}; {fix}"
             )
+
+
+def _without_files(profile: Profile, entry: Entry) -> Iterator[str]:
+    """Another autopilot whose parameter files a vessel for the embedded one has taken away."""
+    group = entry.child("autopilot")
+    leaf = None if group is None else group.child("parameter_files")
+    if leaf is None or leaf.value or profile.autopilot is None or profile.autopilot.kind != "ardupilot":
+        return
+    before = _replaced(leaf)
+    if before is not None and isinstance(before.value, tuple) and before.value:
+        names = ", ".join(str(file.value) for file in before.value)
+        yield (
+            f"{leaf.origin}: autopilot.parameter_files = [] leaves ArduPilot without {names}; "
+            "name its files of connection, propulsion and vessel: see docs/ardupilot.md"
+        )
 
 
 def _vessel(entry: Entry) -> VesselSpec | None:

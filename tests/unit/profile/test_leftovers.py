@@ -117,6 +117,12 @@ def test_gains_of_the_embedded_autopilot_mean_nothing_to_another(write: Write) -
     assert "is for the embedded autopilot" in told(write, "extends: [sitl-ardupilot, vehicles/asv-third]")
 
 
+def test_a_vessel_for_the_embedded_autopilot_takes_the_files_of_another(write: Write) -> None:
+    text = told(write, "extends: [sitl-ardupilot, vehicles/otter]")
+    assert "leaves ArduPilot without rover-json, rover-differential, rover-asv-full" in text
+    assert told(write, "extends: [sitl, vehicles/otter]") == ""
+
+
 OWN_KEYS = {
     "sites": {"site", "world", "mission"},
     "vehicles": {"vehicle", "autopilot.parameter_files"},
