@@ -14,10 +14,10 @@ from agent.roles.role import Role, Traffic
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor
 from agent.wire import dialect as mav
+from agent.wire.actuators import actuators_message
 from agent.wire.codec import Message
 
 CHANNELS_OF_A_MESSAGE = 16
-MOTORS_ON_WIRE = 8
 
 
 @dataclass(frozen=True)
@@ -55,19 +55,6 @@ def updated_pulses_us(message: Message, before: Sequence[int]) -> tuple[int, ...
     if start > CHANNELS_OF_A_MESSAGE:
         return tuple(before)
     return (*before[:start], *(0,) * (start - len(before)), *new)
-
-
-def actuators_message(
-    commands: Sequence[float], armed: bool, imu_stamp_us: int, imu_received_us: int, now_ns: int, count: int
-) -> Message:
-    """XITL_ACTUATORS of these commands; `count` is the tick that it answers, or counts up."""
-    flags = mav.XITL_ACTUATOR_FLAGS_ARMED if armed else 0
-    motors = list(commands[:MOTORS_ON_WIRE])
-    padded = motors + [0.0] * (MOTORS_ON_WIRE - len(motors))
-    message: Message = mav.MAVLink_xitl_actuators_message(
-        now_ns // 1000, imu_stamp_us, imu_received_us, count, padded, len(motors), flags
-    )
-    return message
 
 
 HEARD, TAKEN, SCRIPT = 1, 2, 4

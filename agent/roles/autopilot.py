@@ -16,13 +16,12 @@ from agent.roles.storage import Storage
 from agent.timing.clock import Clock, MonotonicClock
 from agent.timing.tasks import Executor, TaskMiss, TaskStats
 from agent.wire import dialect
+from agent.wire.actuators import actuators_message
 from agent.wire.codec import Message
 
 if TYPE_CHECKING:
     from agent.fcu.dataflash.flight_log import FlightLog
     from agent.fcu.dataflash.stored_logs import StoredLogs
-
-MOTORS_ON_WIRE = 8
 
 
 class AutopilotRole(Role):
@@ -139,15 +138,9 @@ class AutopilotRole(Role):
             self._ground.telemetry(now_ns)
 
     def _actuators_message(self, now_ns: int) -> Message:
-        actuators = self._actuators
-        flags = dialect.XITL_ACTUATOR_FLAGS_ARMED if actuators.armed else 0
-        flags |= dialect.XITL_ACTUATOR_FLAGS_FAILSAFE if actuators.failsafe else 0
-        count = len(actuators.command)
-        command = list(actuators.command) + [0.0] * (MOTORS_ON_WIRE - count)
-        message: Message = dialect.MAVLink_xitl_actuators_message(
-            now_ns // 1000, self._imu_stamp_us, self._imu_received_us, self._count, command, count, flags
-        )
-        return message
+        command, armed, failsafe = self._actuators
+        stamp_us, received_us = self._imu_stamp_us, self._imu_received_us
+        return actuators_message(command, armed, stamp_us, received_us, now_ns, self._count, failsafe)
 
     # -- records
 

@@ -4971,22 +4971,22 @@ class MAVLink_xitl_actuators_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_XITL_ACTUATORS
     msgname = "XITL_ACTUATORS"
-    fieldnames = ["time_usec", "imu_time_usec", "imu_receive_usec", "tick", "command", "count", "flags"]
-    ordered_fieldnames = ["time_usec", "imu_time_usec", "imu_receive_usec", "tick", "command", "count", "flags"]
-    fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t", "float", "uint8_t", "uint8_t"]
+    fieldnames = ["time_usec", "imu_time_usec", "imu_receive_usec", "tick", "command", "count", "flags", "more"]
+    ordered_fieldnames = ["time_usec", "imu_time_usec", "imu_receive_usec", "tick", "command", "count", "flags", "more"]
+    fieldtypes = ["uint64_t", "uint64_t", "uint64_t", "uint32_t", "float", "uint8_t", "uint8_t", "float"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"flags": "XITL_ACTUATOR_FLAGS"}
     fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "imu_time_usec": "us", "imu_receive_usec": "us"}
-    native_format = bytearray(b"<QQQIfBB")
-    orders = [0, 1, 2, 3, 4, 5, 6]
-    lengths = [1, 1, 1, 1, 8, 1, 1]
-    array_lengths = [0, 0, 0, 0, 8, 0, 0]
+    native_format = bytearray(b"<QQQIfBBf")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 1, 1, 1, 8, 1, 1, 8]
+    array_lengths = [0, 0, 0, 0, 8, 0, 0, 8]
     crc_extra = 120
-    unpacker = struct.Struct("<QQQI8fBB")
+    unpacker = struct.Struct("<QQQI8fBB8f")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_usec: int, imu_time_usec: int, imu_receive_usec: int, tick: int, command: Sequence[float], count: int, flags: int):
+    def __init__(self, time_usec: int, imu_time_usec: int, imu_receive_usec: int, tick: int, command: Sequence[float], count: int, flags: int, more: Sequence[float] = (0, 0, 0, 0, 0, 0, 0, 0)):
         MAVLink_message.__init__(self, MAVLink_xitl_actuators_message.id, MAVLink_xitl_actuators_message.msgname)
         self._fieldnames = MAVLink_xitl_actuators_message.fieldnames
         self._instance_field = MAVLink_xitl_actuators_message.instance_field
@@ -4998,9 +4998,10 @@ class MAVLink_xitl_actuators_message(MAVLink_message):
         self.command = command
         self.count = count
         self.flags = flags
+        self.more = more
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.imu_time_usec, self.imu_receive_usec, self.tick, self.command[0], self.command[1], self.command[2], self.command[3], self.command[4], self.command[5], self.command[6], self.command[7], self.count, self.flags), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.imu_time_usec, self.imu_receive_usec, self.tick, self.command[0], self.command[1], self.command[2], self.command[3], self.command[4], self.command[5], self.command[6], self.command[7], self.count, self.flags, self.more[0], self.more[1], self.more[2], self.more[3], self.more[4], self.more[5], self.more[6], self.more[7]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -6150,4 +6151,4 @@ class MAVLink(object):
 
 
 
-MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230, 54000: 43}  # of messages with extensions
+MAVLINK1_PAYLOAD_BYTES = {24: 30, 27: 26, 29: 14, 36: 21, 37: 6, 38: 6, 39: 37, 40: 4, 42: 2, 43: 2, 44: 4, 45: 2, 47: 3, 48: 13, 49: 12, 51: 4, 69: 11, 70: 18, 73: 37, 77: 3, 107: 64, 113: 36, 132: 14, 147: 36, 148: 60, 162: 8, 193: 22, 232: 63, 242: 52, 253: 51, 330: 158, 331: 230, 54000: 43, 54006: 62}  # of messages with extensions

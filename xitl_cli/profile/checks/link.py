@@ -262,8 +262,10 @@ def load_of(sensors: SensorsSpec, signed: bool = False, imu_rate_hz: float | Non
     from agent.fcu.mavlink.telemetry import RATES_HZ
     from agent.fcu.vehicle.autopilot import LOOP_HZ
     from agent.wire import dialect
+    from agent.wire.actuators import EXTENSION_BYTES
 
     sizes = {kind.msgname: kind.unpacker.size for kind in dialect.mavlink_map.values()}
+    sizes["XITL_ACTUATORS"] -= EXTENSION_BYTES  # zeros at the end are not sent: up to eight commands need none of it
     extra = OVERHEAD_BYTES + (SIGNATURE_BYTES if signed else 0)
 
     def flow(what: str, message: str, rate_hz: float) -> Flow:

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from agent.wire import dialect
+from agent.wire.actuators import commands_of
 from sim_core.geodesy import LocalFrame
+from xitl_cli.errors import UserError
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotionEstimate, MotorCommand
 from xitl_cli.run.core.node import RunContext
@@ -177,10 +179,18 @@ class AgentInbox:
     # One message each
 
     def _on_actuators(self, message: Any) -> None:
-        flags = message.flags
+        flags, motors, taken = message.flags, commands_of(message), len(self.command.motors)
+        armed = bool(flags & dialect.XITL_ACTUATOR_FLAGS_ARMED)
+        if len(motors) != taken:
+            if armed:
+                raise UserError(
+                    f"{self._speaker}: it drives {len(motors)} outputs, and the vessel takes {taken} commands; "
+                    "give it the parameters of this vessel (SERVOn_FUNCTION), or a bridge its outputs"
+                )
+            motors = (0.0,) * taken
         self.command = MotorCommand(
-            motors=tuple(message.command[: len(self.command.motors)]),
-            armed=bool(flags & dialect.XITL_ACTUATOR_FLAGS_ARMED),
+            motors=motors,
+            armed=armed,
             failsafe=bool(flags & dialect.XITL_ACTUATOR_FLAGS_FAILSAFE),
         )
         self.command_ns = time.monotonic_ns()

@@ -69,7 +69,10 @@ def test_what_another_sender_claims_to_be_the_agents_is_refused_and_counted(
     reached: Reached, system: int, component: int
 ) -> None:
     other: Any = Link(reached.agent.transport, system, component)
-    fields = dict.fromkeys(dialect.MAVLink_xitl_actuators_message.fieldnames, 0) | {"command": [1.0] * 8}
+    fields = dict.fromkeys(dialect.MAVLink_xitl_actuators_message.fieldnames, 0) | {
+        "command": [1.0] * 8,
+        "more": [0.0] * 8,
+    }
     other.send(dialect.MAVLink_xitl_actuators_message(**fields), dialect.MAVLink_xitl_timesync_message(1, 2, 3, 4))
     assert reached.connection.receive() == []
     assert not reached.connection.inbox.fresh
