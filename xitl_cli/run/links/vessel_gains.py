@@ -102,7 +102,7 @@ def _steering(
         lever_m = abs(vessel.propellers[0].position_frd_m[0])
         lent_nm = min(drag_n * math.tan(math.radians(min(gear.max_angle_deg, 89.0))), ahead_n) * lever_m
         return _Steering(ahead_n * lever_m, ahead_n * lever_m, lent_nm)
-    moment_nm = sum(rudder_force_n(rudder, speed_mps) * -rudder.position_frd_m[0] for rudder in vessel.rudders)
+    moment_nm = sum(rudder_force_n(vessel, rudder, speed_mps) * -rudder.position_frd_m[0] for rudder in vessel.rudders)
     # Full steering is full rudder at the base speed; above it the angle falls as the speed grows, the force as it does.
     return _Steering(moment_nm * RUDDER_BASE_SHARE**2, moment_nm * RUDDER_BASE_SHARE, moment_nm)
 

@@ -7,9 +7,14 @@ has them; anything else is motors and rudders at their places (agent/fcu/control
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+
+import numpy as np
 
 from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS
 from sim_core.environment.spec import Water
+from sim_core.vessel.propulsion import FLOW
+from sim_core.vessel.rudders import Rudders
 from sim_core.vessel.spec import Propeller, Rudder, VesselSpec
 
 _FUNCTION = "SERVO{}_FUNCTION"
@@ -62,12 +67,12 @@ def is_steered_at_the_stern(vessel: VesselSpec) -> bool:
     return bool(vessel.rudders) and all(rudder.position_frd_m[0] < 0.0 for rudder in vessel.rudders)
 
 
-def rudder_force_n(rudder: Rudder, speed_mps: float) -> float:
-    """Across the hull at full angle, at this speed of the hull: Fujii's slope of the normal force."""
-    flow_mps, angle_rad = speed_mps * (1.0 - rudder.wake_fraction), math.radians(rudder.max_angle_deg)
-    pressure_n = 0.5 * Water().density_kgpm3 * rudder.area_m2 * flow_mps**2
-    normal_n = pressure_n * rudder.normal_force_slope * math.sin(angle_rad)
-    return normal_n * math.cos(angle_rad)
+def rudder_force_n(vessel: VesselSpec, rudder: Rudder, speed_mps: float) -> float:
+    """Across the hull at full angle, at this speed of the hull and beside any race."""
+    alone = Rudders.from_spec(replace(vessel, rudders=(replace(rudder, propeller=None),)), Water())
+    flow = np.array([[speed_mps, *[0.0] * (FLOW - 1)]])
+    _, right_n = alone.forces_n(np.radians([[rudder.max_angle_deg]]), np.zeros((1, len(vessel.propellers))), flow)
+    return -float(right_n[0, 0])
 
 
 def _thrust_n(propeller: Propeller) -> tuple[float, float]:
@@ -100,7 +105,7 @@ def _motors(vessel: VesselSpec, base_mps: float) -> dict[str, float]:
     for number, rudder in enumerate(vessel.rudders[:RUDDERS], 1):
         values |= {
             f"RUD{number}_POS_X": rudder.position_frd_m[0],
-            f"RUD{number}_FORCE": rudder_force_n(rudder, base_mps),
+            f"RUD{number}_FORCE": rudder_force_n(vessel, rudder, base_mps),
         }
         if rudder.propeller is not None and (race_mps := _race_mps(vessel, rudder)):
             values |= {f"RUD{number}_MOT": float(rudder.propeller + 1), f"RUD{number}_RACE": race_mps}
@@ -108,12 +113,8 @@ def _motors(vessel: VesselSpec, base_mps: float) -> dict[str, float]:
 
 
 def _race_mps(vessel: VesselSpec, rudder: Rudder) -> float:
-    """Over the rudder at rest at full thrust: twice the induced velocity, on the share of it that stands there."""
+    """Over the rudder at rest with its propeller full ahead, on the share of it that stands in the race."""
     assert rudder.propeller is not None
-    propeller = vessel.propellers[rudder.propeller]
-    diameter_m = propeller.disc_diameter_m
-    if diameter_m is None:
-        return 0.0
-    disc_m2 = 0.25 * math.pi * diameter_m**2
-    ahead_n, _ = _thrust_n(propeller)
-    return math.sqrt(2.0 * ahead_n / (Water().density_kgpm3 * disc_m2) * rudder.race_share)
+    blade = Rudders.from_spec(replace(vessel, rudders=(rudder,)), Water())
+    ahead_n, _ = _thrust_n(vessel.propellers[rudder.propeller])
+    return float(math.sqrt(blade.speed2_per_newton[0] * ahead_n * rudder.race_share) * blade.reached_behind[0])
