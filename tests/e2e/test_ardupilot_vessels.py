@@ -57,6 +57,8 @@ def run(xitl: Xitl, folder: Path, extends: str, more: str = "") -> dict[str, Any
         ("sitl-ardupilot, environments/current-waves", "", ROUGH_RMS_M),
         ("sitl-ardupilot-steered, environments/calm", "", CALM_RMS_M),
         ("sitl-ardupilot-steered", "", ROUGH_RMS_M),
+        ("sitl-ardupilot-otter", "", ROUGH_RMS_M),
+        ("sitl-ardupilot-rudder", "", ROUGH_RMS_M),
         ("sitl-ardupilot, vehicles/asv-third", THIRD, ROUGH_RMS_M),
     ],
     ids=["calm", "current and waves", "steered, calm", "steered", "third"],

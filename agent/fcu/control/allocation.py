@@ -19,6 +19,8 @@ from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS, Parameters
 NEUTRAL = (0.0, 0.0)
 STEERING, THROTTLE, THROTTLE_LEFT, THROTTLE_RIGHT, FIRST_MOTOR = 26, 70, 73, 74, 33  # SERVOn_FUNCTION
 _ROUNDING = 1e-9
+_WORTH_THRUST, _HARD = 0.05, 0.25  # of full steering
+_WAY_ON_MPS = 0.1
 _MET = 1e-3  # of a full demand: what is met so far is met
 
 
@@ -91,21 +93,31 @@ def _mixed(gains: AllocationGains, thrust: float, turn: float, mix: float) -> fl
     return math.copysign(min(1.0 - surge, surge + gains.astern), turn)
 
 
-def vectored(gains: AllocationGains, vector_rad: float, thrust: float, steering: float) -> tuple[float, float, float]:
+def vectored(
+    gains: AllocationGains, vector_rad: float, thrust: float, steering: float, speed_mps: float = 0.0
+) -> tuple[float, float, float]:
     """Thrust that turns: part of full thrust, share of the full angle, and what of `steering` is met, for a thrust in
     [-astern, 1].
 
-    Steering is a part of full thrust, to the side: at most what `thrust` lends it at the full angle, and what is there
-    at all; then it goes first. Without thrust the angle is that of what is asked for, and nothing is met.
+    Steering is a part of full thrust, to the side, and goes first: where `thrust` lends less than is asked for at the
+    full angle it is raised, ahead, which ArduRover leaves to the pilot. Steering of a twentieth is not worth it, and
+    with way on ahead it is not turned round for a brake that lets the vessel fall off.
     """
-    if thrust == 0.0:
-        return 0.0, min(max(steering, -1.0), 1.0), 0.0
-    most, ahead = (1.0 if thrust > 0.0 else gains.astern), abs(thrust)
-    least = min(ahead * math.tan(vector_rad), most * math.sin(vector_rad))
+    slope, widest, size = math.tan(vector_rad), math.sin(vector_rad), abs(steering)
+    sign, most, ahead = (1.0, 1.0, thrust) if thrust >= 0.0 else (-1.0, gains.astern, -thrust)
+    falls_short = size > _WORTH_THRUST and size > min(ahead * slope, most * widest)
+    if falls_short or (thrust < 0.0 and turns_hard(steering, speed_mps)):
+        sign, most, ahead = 1.0, 1.0, max(thrust, min(size, widest) / slope)
+    least = min(ahead * slope, most * widest)
     turn = min(max(steering, -least), least)
     ahead = min(ahead, math.sqrt(most * most - turn * turn))
     angle = math.atan2(turn, ahead) / vector_rad
-    return math.copysign(math.hypot(ahead, turn), thrust), math.copysign(1.0, thrust) * angle, turn
+    return sign * math.hypot(ahead, turn), sign * angle, turn
+
+
+def turns_hard(steering: float, speed_mps: float) -> bool:
+    """Whether thrust astern would take away what turns the vessel."""
+    return abs(steering) > _HARD and speed_mps > _WAY_ON_MPS
 
 
 def rudder_angle(base_mps: float, thrust: float, steering: float, speed_mps: float) -> tuple[float, bool]:
@@ -193,10 +205,12 @@ class SteeringMixer:
             angle = min(max(-steering if thrust < 0.0 else steering, -1.0), 1.0)
             limited = abs(angle) != abs(steering)
         elif gear.vector_rad > 0.0:
-            part, angle, met = vectored(gains, gear.vector_rad, surge, steering)
+            part, angle, met = vectored(gains, gear.vector_rad, surge, steering, speed_mps)
             limited = abs(met - steering) > _ROUNDING
             surge = math.copysign(math.sqrt(max(part * part - met * met, 0.0)), part)
         else:
+            if turns_hard(steering, speed_mps):
+                part = surge = max(surge, 0.0)
             angle, limited = rudder_angle(gear.base_mps, thrust, steering, speed_mps)
         throttle = _slewed(gains, last.command, (_command(gains, part),) * self.throttles, dt_s)
         turning = len(self.outputs) - self.throttles

@@ -10,14 +10,18 @@ import pytest
 from agent.fcu.parameters import parm_lines
 from xitl_cli.profile import load_profile
 from xitl_cli.run.links.setup import parameter_file_values
+from xitl_cli.run.links.vessel_gains import vessel_gains
 from xitl_cli.shipped import firmware_params_dir
 
 FILES = sorted(firmware_params_dir().glob("rover-*.parm"))
 MOST_IN_A_LINE = 98  # ArduPilot reads 99 characters of a line; what is left over counts as the next line
 MOST_IN_A_NAME = 16
 WAYS_IN = ("rover-json", "rover-vectornav", "rover-microstrain7", "rover-hil")
-FRAMES = ("rover-differential", "rover-steered")
-VESSELS = ("rover-asv-full", "rover-asv-third", "rover-asv-steered")
+FRAMES = ("rover-differential", "rover-steered", "rover-rudder")
+VESSELS = tuple(
+    f"rover-{name}"
+    for name in ("asv-full", "asv-third", "asv-steered", "otter", "wamv16", "heron", "blueboat", "cybership2")
+)
 
 
 def names(file: Path) -> list[str]:
@@ -46,16 +50,26 @@ def test_frame_and_vessel_do_not_contradict_each_other(frame: str, vessel: str) 
 def test_vessels_set_the_same_things() -> None:
     """A vessel file laid over another leaves nothing of it."""
     root = firmware_params_dir()
-    sets = [set(names(root / f"{vessel}.parm")) for vessel in VESSELS]
-    assert sets[0] == sets[1] == sets[2]
+    sets = {frozenset(names(root / f"{vessel}.parm")) for vessel in VESSELS}
+    assert len(sets) == 1
 
 
-@pytest.mark.parametrize(("profile", "motors"), [("sitl-ardupilot", (73, 74)), ("sitl-ardupilot-steered", (70, 26))])
+@pytest.mark.parametrize(
+    ("profile", "motors"),
+    [
+        ("sitl-ardupilot", (73, 74)),
+        ("sitl-ardupilot-otter", (73, 74)),
+        ("sitl-ardupilot-steered", (70, 26)),
+        ("sitl-ardupilot-rudder", (70, 70, 0, 26, 26)),
+    ],
+)
 def test_outputs_of_a_profile_are_those_of_its_frame(profile: str, motors: tuple[int, ...]) -> None:
     autopilot = load_profile(profile).runnable().autopilot
     values, bridge = parameter_file_values(autopilot.parameter_files), autopilot.bridge
     for channel, function in zip(bridge.outputs, motors, strict=True):
         assert values[f"SERVO{channel}_FUNCTION"] == function
+        if not function:  # it drives nothing
+            continue
         assert values[f"SERVO{channel}_TRIM"] == bridge.trim_us
         assert values[f"SERVO{channel}_MAX"] - bridge.trim_us == bridge.span_us
         assert bridge.trim_us - values[f"SERVO{channel}_MIN"] == bridge.span_us
@@ -66,6 +80,20 @@ def test_the_gear_of_the_steered_vessel_turns_as_far_as_its_frame_says() -> None
     gear = ready.vehicle.propellers[0].steering
     assert gear is not None
     assert parameter_file_values(ready.autopilot.parameter_files)["MOT_VEC_ANGLEMAX"] == gear.max_angle_deg
+
+
+@pytest.mark.parametrize("vessel", ["otter", "wamv16", "heron", "blueboat", "cybership2"])
+def test_the_file_of_a_published_vessel_is_made_of_its_data(vessel: str) -> None:
+    """What both autopilots mean alike is as it follows from the vessel; heading gains of a rudder boat are its own."""
+    spec = load_profile(vessel).vehicle
+    assert spec is not None
+    assert spec.cruise_speed_mps is not None
+    gains, values = vessel_gains(spec, spec.cruise_speed_mps), parameter_file_values([f"rover-{vessel}"])
+    alike = ["CRUISE_SPEED", "CRUISE_THROTTLE", "ATC_SPEED_P", "ATC_SPEED_I", "MOT_THST_ASYM", "MOT_SLEWRATE"]
+    if not spec.rudders:
+        alike += ["ATC_STR_ANG_P", "ATC_STR_RAT_FF", "ATC_STR_RAT_P", "ATC_STR_RAT_MAX", "ATC_STR_ACC_MAX"]
+    assert {name: values[name] for name in alike} == {name: pytest.approx(gains[name], rel=0.1) for name in alike}
+    assert values["WP_SPEED"] == spec.cruise_speed_mps
 
 
 @pytest.mark.parametrize("way", WAYS_IN)

@@ -52,7 +52,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
     ahead_n = sum(max(share * ahead, -share * astern) for share, (ahead, astern) in zip(along, thrusts_n, strict=True))
     astern_n = sum(max(share * astern, -share * ahead) for share, (ahead, astern) in zip(along, thrusts_n, strict=True))
     drag_n = _drag(body, 0, speed_mps)
-    ahead_mps2 = ahead_n / inertia[0, 0]
+    ahead_mps2 = ahead_n / float(inertia[0, 0])
     speed_p = _limited(_SPEED_RADPS * quicker / ahead_mps2, 0.05, 2.0)
     hardest_mps2 = 0.7 if mixer.pivots else 0.5  # thrust that brakes steers the wrong way or not at all
     gains = outputs | {
@@ -64,7 +64,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
         "ATC_DECEL_MAX": _limited(0.3 * ahead_mps2, 0.05, hardest_mps2),
         "LOS_LOOKAHEAD": _limited(6.0 / quicker**2, 3.0, 500.0),  # a satellite receiver does not scale
         "LOS_KAPPA": 0.8 / quicker,
-        "WP_SPEED_MIN": _limited(speed_mps / (3.0 if mixer.pivots else 2.0), 0.1, 100.0),
+        "WP_SPEED_MIN": _limited(speed_mps / 3.0 if mixer.pivots else 0.75 * speed_mps, 0.1, 100.0),
         "MOT_THST_EXPO": 1.0,
         "MOT_THST_ASYM": _limited(ahead_n / astern_n, 1.0, 10.0) if astern_n else 10.0,
         "MOT_SLEWRATE": float(round(_limited(500.0 * quicker, 50.0, 1000.0))),
@@ -76,7 +76,8 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
         return gains
     turn_radps = _TURN_RADPS * quicker
     drag_nms = _drag(body, 5, turn_radps, 0.0 if mixer.pivots else speed_mps) / turn_radps
-    spin_radps2 = steering.at_cruise_nm / inertia[5, 5]
+    about_z_kgm2 = float(inertia[5, 5])
+    spin_radps2 = steering.at_cruise_nm / about_z_kgm2
     most_radps = min(_MOST_RADPS * quicker, 0.7 * steering.most_nm / drag_nms if drag_nms > 0.0 else math.inf)
     rate_p = _limited(_RATE_RADPS * quicker / spin_radps2, 0.02, 5.0)
     return gains | {
@@ -85,7 +86,7 @@ def vessel_gains(vessel: VesselSpec, speed_mps: float) -> dict[str, float]:
         "ATC_STR_RAT_P": rate_p,
         "ATC_STR_RAT_I": _limited(rate_p * quicker, 0.0, 10.0),
         "ATC_STR_RAT_MAX": _limited(math.degrees(most_radps), 3.0, 90.0),
-        "ATC_STR_ACC_MAX": _limited(math.degrees(0.5 * steering.most_nm / inertia[5, 5]), 3.0, 300.0),
+        "ATC_STR_ACC_MAX": _limited(math.degrees(0.5 * steering.most_nm / about_z_kgm2), 3.0, 300.0),
     }
 
 

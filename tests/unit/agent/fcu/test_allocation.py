@@ -61,21 +61,23 @@ def allocator(**values: float) -> ThrustAllocator:
 
 
 @given(demand, demand)
-def test_thrust_that_turns_gives_both_as_far_as_its_angle_and_its_size_let_it(surge: float, turn: float) -> None:
-    """Throttle along a direction: its parts ahead and aside are what was asked for, and steering goes first."""
+def test_thrust_that_turns_gives_steering_first_and_thrust_as_far_as_they_fit(surge: float, turn: float) -> None:
+    """Throttle along a direction: its parts ahead and aside are what was asked for; thrust is raised for steering."""
     made = allocator(**VECTORED)
     throttle, gear = made.allocate(Demand(surge, turn), 0.02)
     last, angle_rad = made.last, gear * math.radians(45.0)
     size = thrust(AllocationGains(0.5, 1.0, 0.0), throttle)
     ahead, aside = size * math.cos(angle_rad), size * math.sin(angle_rad)
-    most = 1.0 if surge > 0.0 else 0.5
-    lent = min(abs(surge), most * math.sqrt(0.5))  # at 45 degrees as much aside as ahead
-    assert aside == pytest.approx(min(max(turn, -lent), lent), abs=1e-6)
-    assert last.steering_limited == (abs(turn) > lent + 1e-9)
-    if not last.thrust_limited:
-        assert ahead == pytest.approx(surge, abs=2e-3)
-    else:
-        assert abs(size) == pytest.approx(most, abs=1e-6)
+    assert -0.5 - 1e-9 <= size <= 1.0 + 1e-9
+    lent = min(abs(surge), (1.0 if surge >= 0.0 else 0.5) * math.sqrt(0.5))  # at 45 degrees as much aside as ahead
+    widest = math.sqrt(0.5) if abs(turn) > 0.05 else lent
+    assert aside == pytest.approx(min(max(turn, -widest), widest), abs=1e-6)
+    assert last.steering_limited == (abs(turn) > widest + 1e-9)
+    if abs(turn) <= lent - 1e-9 and math.hypot(surge, turn) <= (1.0 if surge >= 0.0 else 0.5):
+        assert ahead == pytest.approx(surge, abs=1e-6)
+        assert not last.thrust_limited
+    if ahead != pytest.approx(max(surge, -0.5), abs=2e-3):
+        assert last.thrust_limited
 
 
 def test_a_rudder_turns_less_with_speed_the_other_way_astern_and_helps_nothing_at_rest() -> None:
@@ -101,6 +103,19 @@ def test_the_mix_of_steering_and_throttle_is_that_of_ardurover(mix: float, steer
     assert max(port, starboard) == pytest.approx(1.0)
     assert made.last.steering_limited == (mix < 1.0)
     assert made.allocate(Demand(0.3, 0.3), 0.02) == pytest.approx((0.6, 0.0))
+
+
+def test_with_way_on_a_brake_does_not_take_the_steering_away() -> None:
+    made = allocator(**VECTORED)
+    made.allocate(Demand(-0.4, 0.3), 0.02, 2.0)
+    assert made.last.command == pytest.approx((math.sqrt(0.3 * math.sqrt(2.0)), 1.0))
+    assert made.last.thrust_limited
+    throttle, gear = made.allocate(Demand(-0.4, 0.3), 0.02, -1.0)  # astern by intention
+    assert throttle < 0.0
+    assert gear < 0.0
+    rudder = allocator(SERVO1_FUNCTION=26, SERVO3_FUNCTION=70, MOT_SLEWRATE=0.0)
+    assert rudder.allocate(Demand(-0.4, 0.5), 0.02, 2.0)[0] == 0.0
+    assert rudder.allocate(Demand(-0.4, 0.1), 0.02, 2.0)[0] < 0.0
 
 
 def test_without_any_output_nothing_is_driven() -> None:
