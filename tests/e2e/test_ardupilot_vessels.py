@@ -21,6 +21,16 @@ mission: {speed_mps: 1.7, acceptance_radius_m: 1.5}
 autopilot: {parameter_files: [rover-json, rover-differential, rover-asv-third]}
 clock: {duration_s: 600.0}
 """
+OTTER = "autopilot: {parameter_files: [rover-json, rover-differential, rover-otter]}"
+RUDDERS = """
+autopilot:
+  parameter_files: [rover-json, rover-rudder, rover-cybership2]
+  parameters: {MOT_SPD_SCA_BASE: 0.3}
+  bridge: {outputs: [3, 5, 9, 1, 7]}
+mission:
+  acceptance_radius_m: 2.0
+  waypoints_ned_m: [[12.0, 0.0], [40.0, 20.0], [44.0, 14.0], [16.0, -6.0]]
+"""
 SENSORS = """
 sensors:
   rangefinders: [{rate_hz: 20, position_frd_m: [0.0, 0.0, 0.2], beam_deg: 40.0}]
@@ -57,8 +67,8 @@ def run(xitl: Xitl, folder: Path, extends: str, more: str = "") -> dict[str, Any
         ("sitl-ardupilot, environments/current-waves", "", ROUGH_RMS_M),
         ("sitl-ardupilot-steered, environments/calm", "", CALM_RMS_M),
         ("sitl-ardupilot-steered", "", ROUGH_RMS_M),
-        ("sitl-ardupilot-otter", "", ROUGH_RMS_M),
-        ("sitl-ardupilot-rudder", "", ROUGH_RMS_M),
+        ("sitl-ardupilot, vehicles/otter", OTTER, ROUGH_RMS_M),
+        ("sitl-ardupilot, vehicles/cybership2, environments/calm", RUDDERS, ROUGH_RMS_M),
         ("sitl-ardupilot, vehicles/asv-third", THIRD, ROUGH_RMS_M),
     ],
     ids=["calm", "current and waves", "steered, calm", "steered", "third"],
