@@ -71,7 +71,7 @@ def run(xitl: Xitl, folder: Path, extends: str, more: str = "") -> dict[str, Any
         ("sitl-ardupilot, vehicles/cybership2, environments/calm", RUDDERS, ROUGH_RMS_M),
         ("sitl-ardupilot, vehicles/asv-third", THIRD, ROUGH_RMS_M),
     ],
-    ids=["calm", "current and waves", "steered, calm", "steered", "third"],
+    ids=["calm", "current and waves", "steered, calm", "steered", "otter", "rudders", "third"],
 )
 def test_it_keeps_to_its_path(xitl: Xitl, tmp_path: Path, extends: str, more: str, rms_m: float) -> None:
     mission = run(xitl, tmp_path, extends, more)["mission"]
