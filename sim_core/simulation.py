@@ -36,6 +36,7 @@ class Simulation:
     vessel: Vessel
     environment: Environment
     hull_waves: HullWaves | StillHull
+    wave_drift_ne_mps: Array  # (2,) of the water, over the vessel's draft
     dt_s: float
     dt_ns: int
     drift_ns: int  # a whole number of steps: how long current, gusts and the mean force of the waves are held
@@ -52,18 +53,21 @@ class Simulation:
             raise ValueError(f"dt_s = {dt_s} must be a positive whole number of nanoseconds, or the clock would drift")
         vessel = Vessel.from_spec(model, environment.water, dt_s, environment.waves)
         hulls = vessel.buoyancy
-        hull_waves = environment.waves.at_hull(hulls.points_frd_m, vessel.rest.draft_m, hulls.point_share)
+        hull_waves = environment.waves.at_hull(hulls.points_frd_m, hulls.point_share)
         drift_ns = max(DRIFT_NS // dt_ns, 1) * dt_ns
-        return cls(vessel, environment, hull_waves, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway)
+        wave_drift = environment.waves.shear_drift_ne_mps(vessel.rest.draft_m)
+        return cls(
+            vessel, environment, hull_waves, wave_drift, dt_s, dt_ns, drift_ns, Outline.from_spec(model), waterway
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulationState:
     """The world at time_ns.
 
-    What the last step felt at the vessels' places: current_ned_mps (N, 3) without the waves' orbital motion,
-    wind_ned_mps (N, 3) at the height of their areas, drift_frd_n (N, 2) the mean force of the waves, the surface
-    of the water. afloat: the debris, and what the vessels touched in that step.
+    What the last step felt at the vessels' places: current_ned_mps (N, 3), with the waves' drift and without their
+    orbital motion, wind_ned_mps (N, 3) at the height of their areas, drift_frd_n (N, 2) the mean force of the waves,
+    the surface of the water. afloat: the debris, and what the vessels touched in that step.
     """
 
     time_ns: int
@@ -156,6 +160,7 @@ def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, t
     """(N, 3), (N, 3) velocities of the current and of the air at the vessels' areas: what is held for a while."""
     environment = simulation.environment
     current = environment.current.velocity_ned_mps(state.current, motion.pos_ned_m)
+    current[:, :2] += simulation.wave_drift_ne_mps
     return current, environment.wind.velocity_ned_mps(state.wind, time_s, simulation.vessel.model.wind.centre_height_m)
 
 

@@ -37,7 +37,11 @@ class FlatWater:
         """(...,) zero at (..., 2) positions."""
         return np.zeros(np.shape(pos_ne_m)[:-1])
 
-    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0, share: Array | None = None) -> StillHull:
+    def shear_drift_ne_mps(self, draft_m: float) -> Array:
+        """(2,) zero."""
+        return np.zeros(2)
+
+    def at_hull(self, points_frd_m: Array, share: Array | None = None) -> StillHull:
         """Sampler for a hull of (S, 3) points."""
         return StillHull(len(points_frd_m))
 
@@ -92,9 +96,9 @@ class WaveField:
         drift: Array = (GRAVITY_MPS2 * self.amplitude_m / self.omega_radps)[:, None] * self.wave_vector_radpm
         return drift
 
-    def at_hull(self, points_frd_m: Array, draft_m: float = 0.0, share: Array | None = None) -> HullWaves:
-        """Sampler for a hull of (S, 3) points that goes draft_m deep; share: (S,) of each in means, None for equal."""
-        return HullWaves.bind(self, points_frd_m, draft_m, share)
+    def at_hull(self, points_frd_m: Array, share: Array | None = None) -> HullWaves:
+        """Sampler for a hull of (S, 3) points; share: (S,) of each in means, None for equal."""
+        return HullWaves.bind(self, points_frd_m, share)
 
     def shear_drift_ne_mps(self, draft_m: float) -> Array:
         """(2,) part of the Stokes drift that comes of the orbital velocity's growth with height, mean over a draft.
@@ -223,7 +227,7 @@ class HullSurface:
 
     @property
     def orbital_ned_mps(self) -> Array:
-        """(N, 3) velocity of the water, with what it drifts."""
+        """(N, 3) velocity of the water."""
         return self.over_hull[:, :3]
 
     @property
@@ -278,10 +282,9 @@ class HullWaves:
     of_sines: Array32  # (W, 3): vertical velocity, slope to north, slope to east
     over_cosines: Array32  # (4 S, 15)
     over_sines: Array32  # (3 S, 15)
-    steady: Array32  # (15,) drift of the water
 
     @classmethod
-    def bind(cls, waves: WaveField, points_frd_m: Array, draft_m: float, share: Array | None = None) -> HullWaves:
+    def bind(cls, waves: WaveField, points_frd_m: Array, share: Array | None = None) -> HullWaves:
         """Constants of `sample`; see `WaveField.at_hull`."""
         points = len(points_frd_m)
         mean = np.full(points, 1.0 / points) if share is None else share
@@ -310,7 +313,6 @@ class HullWaves:
             ),
             over_cosines=over_cosines.reshape(-1, 15).astype(float32),
             over_sines=over_sines.reshape(-1, 15).astype(float32),
-            steady=np.concatenate([waves.shear_drift_ne_mps(draft_m), np.zeros(13)]).astype(float32),
         )
 
     def sample(self, time_s: float, pos_ned_m: Array, rot_ned_frd: Array) -> HullSurface:
@@ -333,7 +335,6 @@ class HullWaves:
         sines = wave @ self.of_sines
         over_hull = cosines.reshape(vessels, -1) @ self.over_cosines
         over_hull += sines.reshape(vessels, -1) @ self.over_sines
-        over_hull += self.steady
         return cosines[:, :, 0].astype(float64), over_hull.astype(float64)
 
     def _phase_at_origin(self, time_s: float, pos_ned_m: Array) -> Array32:

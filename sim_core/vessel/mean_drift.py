@@ -84,8 +84,9 @@ class MeanDrift:
     def force_frd_n(self, motion: Kinematics, water_ned_mps: Array, surface: HullSurface) -> Array:
         """(N, 2) forward and right on N vessels in water that moves at (N, 3)."""
         relative_ned_mps = motion.vel_ned_mps - water_ned_mps
-        turn = motion.gyro_frd_radps - surface.turn_frd_radps
-        speed = np.concatenate((relative_ned_mps[:, 2:], turn[:, :2]), axis=1)
+        speed = np.empty_like(relative_ned_mps)
+        speed[:, 0] = relative_ned_mps[:, 2]
+        np.subtract(motion.gyro_frd_radps[:, :2], surface.turn_frd_radps[:, :2], out=speed[:, 1:])
         square = speed * speed
         power_w = square @ self.linear + (square * np.abs(speed)) @ self.quadratic
         points = surface.point_elevation_m

@@ -55,14 +55,20 @@ class WaveForces:
     def terms(
         self, heave_mps: Array, down_frd: Array, gradient_frd: Array, surface: HullSurface, drift_frd_n: Array
     ) -> tuple[Array, ...]:
-        """(N, 3), (N, 3), (N, 2), (N, 4), (N, 2) what the forces are linear in.
+        """(N, 3), (N, 3), (N, 2), (N, 2), (N, 2), (N, 2) what the forces are linear in.
 
         heave_mps: (N, 1) vertical velocity of the vessel relative to the water, down positive; down_frd: (N, 3) the
         vertical in the body; gradient_frd: (N, 3) slope of the surface along the body's axes; drift_frd_n: (N, 2) as
         `drift` has it.
         """
-        tilt = np.concatenate((down_frd[:, :2], surface.turn_frd_radps[:, :2]), axis=1)
-        return gradient_frd, surface.rise_mps2 * down_frd, surface.turn_radps2, heave_mps * tilt, drift_frd_n
+        return (
+            gradient_frd,
+            surface.rise_mps2 * down_frd,
+            surface.turn_radps2,
+            heave_mps * down_frd[:, :2],
+            heave_mps * surface.turn_frd_radps[:, :2],
+            drift_frd_n,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

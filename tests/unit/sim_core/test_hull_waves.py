@@ -24,8 +24,7 @@ TIME_S = 1234.5
 RNG = np.random.default_rng(9)
 POS = RNG.uniform(-2000.0, 2000.0, (40, 3))
 ROT = Rotation.from_euler("ZYX", RNG.uniform(-1.0, 1.0, (40, 3)) * [3.1, 0.3, 0.3]).as_matrix()
-DRAFT_M = 0.1
-SURFACE = FIELD.at_hull(POINTS, DRAFT_M).sample(TIME_S, POS, ROT)
+SURFACE = FIELD.at_hull(POINTS).sample(TIME_S, POS, ROT)
 PLACES = (POS[:, None, :] + POINTS @ ROT.transpose(0, 2, 1))[:, :, :2]
 
 # Single precision: 2^-23 of a phase of up to 10 rad and of the sum, on amplitudes that add to about 3 Hs.
@@ -56,7 +55,6 @@ def test_slope_of_a_long_wave_is_its_gradient_in_the_body() -> None:
 
 def test_velocity_gradient_and_rise_are_means_over_the_hull() -> None:
     orbital = FIELD.orbital_velocity_ned_mps(TIME_S, PLACES).mean(axis=1)
-    orbital[:, :2] += FIELD.shear_drift_ne_mps(DRAFT_M)
     np.testing.assert_allclose(SURFACE.orbital_ned_mps, orbital, atol=10 * TOLERANCE)
     gradient = FIELD.slope(TIME_S, PLACES).mean(axis=1)
     np.testing.assert_allclose(SURFACE.gradient_ned[:, :2], gradient, atol=10 * TOLERANCE)
@@ -80,7 +78,7 @@ def test_the_surface_turns_as_the_plane_through_the_strips() -> None:
 
 
 def test_a_batch_larger_than_a_block_is_sampled_alike() -> None:
-    many = FIELD.at_hull(POINTS, DRAFT_M).sample(TIME_S, np.tile(POS, (8, 1)), np.tile(ROT, (8, 1, 1)))
+    many = FIELD.at_hull(POINTS).sample(TIME_S, np.tile(POS, (8, 1)), np.tile(ROT, (8, 1, 1)))
     for field in fields(HullSurface):
         np.testing.assert_allclose(getattr(many, field.name)[280:], getattr(SURFACE, field.name), atol=20 * TOLERANCE)
 
@@ -92,7 +90,7 @@ def test_a_current_carries_the_pattern() -> None:
     np.testing.assert_allclose(
         carried.elevation_m(TIME_S, PLACES + TIME_S * current), FIELD.elevation_m(TIME_S, PLACES), atol=1e-9
     )
-    surface = carried.at_hull(POINTS, DRAFT_M).sample(TIME_S, POS + TIME_S * np.append(current, 0.0), ROT)
+    surface = carried.at_hull(POINTS).sample(TIME_S, POS + TIME_S * np.append(current, 0.0), ROT)
     for field in fields(HullSurface):
         np.testing.assert_allclose(getattr(surface, field.name), getattr(SURFACE, field.name), atol=20 * TOLERANCE)
     np.testing.assert_allclose(

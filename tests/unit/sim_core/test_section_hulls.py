@@ -430,7 +430,7 @@ def test_means_over_the_hulls_go_by_what_each_displaces() -> None:
         assert 0.0 < share[24:48].sum() < 0.1
     field = realise_waves(WaveSpec("regular", 0.02, 1.5, 20.0), DEEP, np.random.default_rng(0))
     points, share = np.array([[0.0, -1.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([0.1, 0.8, 0.1])
-    surface = field.at_hull(points, 0.0, share).sample(0.7, np.zeros((1, 3)), np.eye(3)[None])
+    surface = field.at_hull(points, share).sample(0.7, np.zeros((1, 3)), np.eye(3)[None])
     gradient = share @ field.slope(0.7, points[:, :2])
     assert surface.gradient_ned[0, :2] == pytest.approx(gradient, abs=1e-8)
 
