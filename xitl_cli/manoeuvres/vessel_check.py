@@ -323,6 +323,14 @@ def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
                 f"the propeller {number} is {-deep_m:.2f} m above the water at rest",
                 "give its third coordinate a value further down (larger), or `medium: air`",
             )
+    for number, rudder in enumerate(model.rudders):
+        if (deep_m := float(np.dot(rudder.position_frd_m, rotation[2])) + depth_m) < 0:
+            yield _wrong(
+                "rudder.dry",
+                f"vehicle.rudders.{number}.position_frd_m",
+                f"the rudder {number} is {-deep_m:.2f} m above the water at rest",
+                "give its third coordinate a value further down (larger)",
+            )
 
 
 GYRATION_OF_SIZE = {"x": (0.20, 0.55), "y": (0.15, 0.40), "z": (0.15, 0.45)}

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from sim_core.environment.spec import GRAVITY_MPS2, EnvironmentSpec, Water, WaveSpec
-from sim_core.vessel.spec import AddedMass, VesselSpec
+from sim_core.vessel.spec import AddedMass, Rudder, VesselSpec
 from xitl_cli.manoeuvres.vessel_check import AtRest, Demands, VesselCheck, check_vessel, rest_findings
 from xitl_cli.profile import load_profile
 
@@ -147,6 +147,9 @@ def test_what_looks_wrong(model: VesselSpec) -> None:
     assert "propeller.drowned" in rules(replace(sound, propellers=drowned))
     dry = tuple(replace(p, medium="water") for p in sound.propellers)
     assert "propeller.dry" in rules(replace(sound, propellers=dry))
+    rudder = Rudder(position_frd_m=(-0.3, 0.0, -0.1), area_m2=0.002, aspect_ratio=1.5)
+    assert "rudder.dry" in rules(replace(sound, rudders=(rudder,)))
+    assert "rudder.dry" not in rules(replace(sound, rudders=(replace(rudder, position_frd_m=(-0.3, 0.0, 0.08)),)))
     assert "windage.none" in rules(replace(sound, wind=replace(sound.wind, lateral_area_m2=0.0)))
     assert "deck.low" in rules(replace(sound, mass_kg=20.5))
     assert "steps.long" in rules(sound, Demands(physics_rate_hz=10.0))
