@@ -149,17 +149,16 @@ def _round_strips(hull: DemiHull) -> tuple[Array, Array, Array]:
 class SectionHulls:
     """Constants of hulls of any cross-sections in one water: S strips in all, each a polygon of C corners.
 
-    points_frd_m (2 S, 3): where the surface is sampled, to port and to starboard of each strip's middle by the standard
-    deviation of its breadth; point_share (2 S,): half of what the strip displaces of all at rest, level. volume_m3: of
-    the hulls.
+    points_frd_m (2 S, 3): where the surface is sampled, on the waterline of the level vessel at rest, to port and to
+    starboard of each strip's middle by the standard deviation of its breadth; point_share (2 S,): half of what the
+    strip displaces there of all. volume_m3: of the hulls.
     """
 
     points_frd_m: Array
     point_share: Array
     volume_m3: float
-    depth: Array  # (5 + 2 S, S (C + 1)): of the corners, from the vertical, slope across, depth of origin, elevations
+    depth: Array  # (4, S (C + 1)): of the corners under the origin's level, from the vertical and the slope across
     per_edge: Array  # (3 S C, 10): see `from_spec`
-    strips: int
     wrench: Array  # (12, 6)
     level_m: float
 
@@ -171,16 +170,12 @@ class SectionHulls:
         corners = np.concatenate([_padded(part.corners_m, most) for part in parts])
         along, length_m = (np.concatenate([getattr(part, name) for part in parts]) for name in ("along_m", "length_m"))
         area = np.concatenate([part.area_m2 for part in parts])
-        strips, y, z = len(along), corners[..., 0], corners[..., 1]
+        y, z = corners[..., 0], corners[..., 1]
         middle, aside = _breadth(corners, area)
-        top = z.min(axis=1)
-        points = np.stack([np.column_stack([along, middle + side * aside, top]) for side in (-1.0, 1.0)], axis=1)
-        depth = np.zeros((5 + 2 * strips, strips, most))
-        depth[0], depth[1], depth[2] = along[:, None], y, z
-        depth[3] = y - middle[:, None]
-        depth[4] = 1.0
-        for strip in range(strips):
-            depth[5 + 2 * strip : 7 + 2 * strip, strip] = 0.5
+        points = np.stack(
+            [np.column_stack([along, middle + side * aside, 0.0 * along]) for side in (-1.0, 1.0)], axis=1
+        )
+        depth = np.stack([np.broadcast_to(along[:, None], y.shape), y, z, y - middle[:, None]])
         # Rows: integrals of d, of d times the share of the edge, and of d^2 / 2, over the part of each edge that is
         # under water. Columns: area, its moments about x, y, z, and the integral of d over it; first for the edge's
         # extent across, then down.
@@ -198,16 +193,20 @@ class SectionHulls:
             points_frd_m=points.reshape(-1, 3),
             point_share=np.repeat(length_m, 2),
             volume_m3=float(length_m @ area),
-            depth=depth.reshape(5 + 2 * strips, -1),
+            depth=depth.reshape(4, -1),
             per_edge=np.concatenate([row.reshape(-1, 10) for row in rows]),
-            strips=strips,
             wrench=_lift_wrench().reshape(12, 6),
             level_m=water.level_m,
         )
         check_reserve(model, water, hulls.volume_m3)
-        wet, one, other = _wet_share(z + upright_depth_m(model, hulls))
+        depth_m = upright_depth_m(model, hulls)
+        wet, one, other = _wet_share(z + depth_m)
         displaced_m3 = length_m * (across * wet * (one + other)).sum(axis=1)
-        return replace(hulls, point_share=np.repeat(0.5 * displaced_m3 / displaced_m3.sum(), 2))
+        return replace(
+            hulls,
+            points_frd_m=hulls.points_frd_m - [0.0, 0.0, depth_m],
+            point_share=np.repeat(0.5 * displaced_m3 / displaced_m3.sum(), 2),
+        )
 
     def terms(self, pos_ned_m: Array, down_frd: Array, up_frd: Array, surface: HullSurface) -> tuple[Array]:
         """As of `RoundHulls`."""
@@ -236,7 +235,7 @@ class SectionHulls:
         sums = edges.reshape(len(depth), -1) @ self.per_edge
         across, down = down_frd[:, 1:2] + surface.slope_frd[:, 1:2], down_frd[:, 2:3]
         gradient = np.concatenate((across, down), axis=1)
-        gradient /= across * across + down * down
+        gradient /= across * across + down * down + _TINY
         moments = gradient[:, 1:] * sums[:, :5] - gradient[:, :1] * sums[:, 5:]
         lift = moments[:, :4]
         lift[:, 2:] -= gradient * moments[:, 4:]
@@ -244,9 +243,11 @@ class SectionHulls:
 
     def _depth_m(self, pos_ned_m: Array, down_frd: Array, surface: HullSurface) -> Array:
         """(N, S, C + 1) of the corners below the surface."""
-        parts = (down_frd, surface.slope_frd[:, 1:2], pos_ned_m[:, 2:] + self.level_m, surface.point_elevation_m)
-        depth: Array = np.concatenate(parts, axis=1) @ self.depth
-        return depth.reshape(len(depth), self.strips, -1)
+        depth = np.concatenate((down_frd, surface.slope_frd[:, 1:2]), axis=1) @ self.depth
+        above = surface.point_elevation_m
+        at_strip = 0.5 * (above[:, ::2] + above[:, 1::2]) + (pos_ned_m[:, 2:] + self.level_m)
+        corners: Array = depth.reshape(*at_strip.shape, -1) + at_strip[:, :, None]
+        return corners
 
 
 def _wet_share(depth_m: Array) -> tuple[Array, Array, Array]:

@@ -393,7 +393,7 @@ class VesselSpec(Specification):
     )
     centre_of_gravity_frd_m: Annotated[Vector, "from the body's origin"] = (0.0, 0.0, 0.0)
     hull: Annotated[Hull | None, "a catamaran with two round hulls; null: see `hulls`"] = None
-    hulls: Annotated[tuple[DemiHull, ...], Items(0, 8), "any others, in place of `hull`"] = ()
+    hulls: Annotated[tuple[DemiHull, ...], Items(0, 100), "any others, in place of `hull`"] = ()
     added_mass: AddedMass = AddedMass()
     added_mass_matrix: Annotated[Matrix | None, "in place of `added_mass`: six rows of six, positive definite"] = None
     damping_linear: Damping = Damping()
