@@ -64,3 +64,24 @@ def test_without_parameters_what_it_holds_while_disarmed_is_rest() -> None:
     pulses[100:400] = 1900
     (finding,) = saturated(pulses, ROVER)
     assert finding.severity == Severity.NOTICE, "what it drives is not known"
+
+
+def test_motors_of_a_rover_turn_both_ways() -> None:
+    """As of a boat whose motors stand at their places: neutral is no end."""
+    motor = {"SERVO1_FUNCTION": 33.0, "SERVO1_MIN": 1000.0, "SERVO1_MAX": 2000.0, "SERVO1_TRIM": 1500.0}
+    assert not saturated(np.full(600, 1500), ROVER, **motor)
+    assert saturated(np.full(600, 1000), ROVER, **motor)
+
+
+def test_a_gear_of_a_recording_is_no_motor() -> None:
+    """Throttle at a half and the gear to one side is no pair of uneven propellers."""
+    command = np.tile([0.5, -0.5], (600, 1))
+
+    def uneven(names: str) -> bool:
+        table = MadeTable("/actuators", STAMPS, {"command": command, "armed": np.ones(600), "names": [names] * 600})
+        section = radio.analyse(MadeLog(table))
+        assert section is not None
+        return any(each.key == "radio.uneven" for each in section.findings)
+
+    assert uneven("propeller 0, propeller 1")
+    assert not uneven("propeller 0, steering 0")

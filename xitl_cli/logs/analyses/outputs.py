@@ -25,6 +25,8 @@ from xitl_cli.logs.tables.vehicles import VehicleKind
 _SHORTEST_US, _LONGEST_US = 500.0, 2500.0  # of a pulse; what is beyond is none
 _USUAL_US = (1100.0, 1900.0)
 _AT_END = 0.05  # of the range
+_GROUND_STEERING = 26
+_MOTORS_BOTH_WAYS = ("rover", "sub")
 _FEWEST_MOTORS = 4  # what a copter flies with, on its first outputs
 
 
@@ -46,7 +48,7 @@ class OutputChannel:
     @property
     def drives(self) -> bool:
         """Whether it is a motor."""
-        return self.function in MOTORS or self.function in THROTTLES or self.series.unit == ""
+        return self.function in MOTORS or self.function in THROTTLES or (self.series.unit == "" and not self.function)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +85,10 @@ def output_channel(
     if each.unit != "us":
         if not each.values.any():
             return None
-        return OutputChannel(channel, f"motor {channel}", None, each, each.values, on, known=True)
+        what = _recorded_name(log, channel)
+        turns = what.startswith(("steering", "rudder"))
+        name, driven = (what, _GROUND_STEERING) if turns else (f"motor {channel}", None)
+        return OutputChannel(channel, name, driven, each, each.values, on, known=True)
     function = _function(channel, parameters, kind)
     if function is not None and (function in FIXED_OUTPUTS or function <= 0):
         return None
@@ -93,6 +98,15 @@ def output_channel(
     ends = _output_range(channel, function, pulse, on, parameters, kind)
     name = f"output {channel}" if function is None else f"output {channel} ({servo_function_name(function)})"
     return OutputChannel(channel, name, function, each, ends.command(pulse), on, ends.known)
+
+
+def _recorded_name(log: Log, channel: int) -> str:
+    """What a command of a recording of ours is for; empty where it does not say."""
+    table = log.tables.get("/actuators")
+    if table is None or "names" not in table.columns or not len(table.stamp_ns):
+        return ""
+    names = str(table.values("names")[0]).split(", ")
+    return names[channel - 1] if channel <= len(names) else ""
 
 
 def _function(channel: int, parameters: Mapping[str, float], kind: VehicleKind) -> int | None:
@@ -111,7 +125,8 @@ def _output_range(
 ) -> OutputRange:
     prefix = next((name for name in (f"SERVO{channel}_", f"RC{channel}_") if f"{name}MAX" in parameters), None)
     low, high = (parameters.get(f"{prefix}{end}", us) for end, us in zip(("MIN", "MAX"), _USUAL_US, strict=True))
-    if function in MOTORS:
+    idles = function in MOTORS and kind not in _MOTORS_BOTH_WAYS
+    if idles:
         low, high = _motor_ends(low, high, parameters)
     known = prefix is not None and low < high
     if not known:
@@ -119,15 +134,15 @@ def _output_range(
         low, high = (1000.0, 2000.0) if wider else _USUAL_US
     turned = parameters.get(f"{prefix}REVERSED", 0.0) > 0.0 or parameters.get(f"{prefix}REV", 1.0) < 0.0
     trim = parameters.get(f"{prefix}TRIM")
-    if function in MOTORS or (kind == "plane" and function in THROTTLES and parameters.get("THR_MIN", 0.0) >= 0.0):
-        trim = high if turned and function not in MOTORS else low  # TRIM has no part in these
+    if idles or (kind == "plane" and function in THROTTLES and parameters.get("THR_MIN", 0.0) >= 0.0):
+        trim = high if turned and not idles else low  # TRIM has no part in these
     if trim is None or not low <= trim <= high:
         at_rest = pulse_us[~on & np.isfinite(pulse_us)]
         trim = float(np.median(at_rest)) if len(at_rest) else 0.5 * (low + high)
         trim = min(max(trim, low), high)
     span = high - low
     trim = low if trim - low < _AT_END * span else high if high - trim < _AT_END * span else trim
-    return OutputRange(low, high, trim, turned and function not in MOTORS, known)
+    return OutputRange(low, high, trim, turned and not idles, known)
 
 
 THROTTLES = (THROTTLE, PORT_THROTTLE, STARBOARD_THROTTLE)

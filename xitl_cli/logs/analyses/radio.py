@@ -279,7 +279,7 @@ def _uneven(found: list[OutputChannel]) -> Iterator[Finding]:
     pairs = {output.function: output for output in found}
     port, starboard = pairs.get(PORT_THROTTLE), pairs.get(STARBOARD_THROTTLE)
     if port is None or starboard is None:
-        motors = [output for output in found if output.series.unit == ""]
+        motors = [output for output in found if output.series.unit == "" and output.drives]
         if len(motors) != 2:
             return
         port, starboard = motors
