@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from xitl_cli.manoeuvres.validation import ValidatedFigure, VesselValidation
+    from xitl_cli.profile import Profile
 
 PAGE = "validation.html"
 
@@ -49,7 +51,6 @@ def validate(
     Exit code: 0 all with a reference agree; 1 some differ; 2 something to put right.
     """
     from xitl_cli.logs.report import html
-    from xitl_cli.manoeuvres.validation import validate_vessel
     from xitl_cli.manoeuvres.validation_page import validation_page
     from xitl_cli.profile import load_profile
     from xitl_cli.profile.files.catalogue import shipped_profiles
@@ -65,23 +66,8 @@ def validate(
     for name, profile in loaded:
         if profile.vehicle is None:
             raise UserError(f"{name}: has no vehicle; name a file with a group `vehicle`")
-    validations = []
     with _progress() as told:
-        for number, (_, profile) in enumerate(loaded, 1):
-            vehicle = profile.vehicle
-            assert vehicle is not None
-            which = f"{vehicle.name} ({number} of {len(loaded)})"
-            try:
-                found = validate_vessel(
-                    vehicle,
-                    vehicle.name,
-                    profile.environment.water if profile.environment else None,
-                    profile.autopilot,
-                    lambda text, which=which: told(f"{which}: {text}"),  # type: ignore[misc]
-                )
-            except ValueError as error:
-                raise UserError(f"{vehicle.name}: {error}") from None
-            validations.append(found)
+        validations = _validated([profile for _, profile in loaded], told)
         if page is not None:
             told("page")
             html.write_page(validation_page(validations), page)
@@ -96,6 +82,34 @@ def validate(
     if page is not None and open_it:
         open_in_browser(page)
     raise typer.Exit(1 if any(one.differing for one in validations) else 0)
+
+
+def _validated(profiles: Sequence[Profile], told: Callable[[str], None]) -> list[VesselValidation]:
+    """Several at once, as many as the machine has processors. Raises UserError for a vessel that does not float."""
+    if len(profiles) == 1 or (processors := os.cpu_count() or 1) == 1:
+        return [_one(profile, told) for profile in profiles]
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from multiprocessing import get_context
+
+    with ProcessPoolExecutor(min(processors, len(profiles)), get_context("spawn")) as pool:
+        begun = [pool.submit(_one, profile) for profile in profiles]
+        for number, _ in enumerate(as_completed(begun), 1):
+            told(f"{number} of {len(profiles)} vessels done")
+        return [one.result() for one in begun]
+
+
+def _one(profile: Profile, told: Callable[[str], None] = lambda _: None) -> VesselValidation:
+    from xitl_cli.manoeuvres.validation import validate_vessel
+
+    vehicle = profile.vehicle
+    assert vehicle is not None
+    water = profile.environment.water if profile.environment else None
+    try:
+        return validate_vessel(
+            vehicle, vehicle.name, water, profile.autopilot, lambda text: told(f"{vehicle.name}: {text}")
+        )
+    except ValueError as error:
+        raise UserError(f"{vehicle.name}: {error}") from None
 
 
 def _document(validation: VesselValidation) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from xitl_cli.profile.schema.profile import ClockSpec, RecordingSpec
 from xitl_cli.run.session import run
 from xitl_cli.run.view import NoView
 
-ARMED_S, SETTLED_S, ENDS_S = 5.0, 25.0, 75.0
+ARMED_S, SETTLED_S, ENDS_S = 5.0, 30.0, 80.0
 CURRENT_OF_SPEED, WIND_OF_THRUST, MOST_WIND_MPS = 0.1, 0.1, 8.0
 """A tenth of the top speed, and a wind that pushes its side with a tenth of the thrust, but no more than a breeze."""
 ESTIMATE_M = 0.5
