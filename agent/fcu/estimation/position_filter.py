@@ -151,6 +151,18 @@ def fuse(c: AxisCovariance, seen: Seen, variance: float, innovations: tuple[floa
     return Fusion(ratio, updated, tuple((kp * part, kv * part, kb * part, kd * part) for part in innovations))
 
 
+def fuse_position(c: AxisCovariance, fix: FixVariances, innovations: tuple[float, ...], gate2: float) -> Fusion:
+    """The position of a fix. What lies outside the gate may be a jump of the drift, as when a satellite sets or a
+    reflection begins: then the drift is one that nothing is known of yet, and takes the jump. Farther off is no fix.
+    """
+    found = fuse(c, c.of_fix, fix.white_m2, innovations, gate2)
+    if found.ratio <= 1.0:
+        return found
+    jumped = c._replace(dd=c.dd + fix.drift_m2)
+    found = fuse(jumped, jumped.of_fix, fix.white_m2, innovations, gate2)
+    return found if found.ratio <= 1.0 else found._replace(covariance=c)
+
+
 class InnovationRatios(NamedTuple):
     """Squared innovations over squared gates; above one the measurement was refused."""
 
@@ -242,7 +254,7 @@ class PositionFilter:
         iv_n, iv_e, iv_d = vel_innovation_ned_mps
 
         c = self._horizontal
-        position = fuse(c, c.of_fix, level.white_m2, (in_n - drift_n, in_e - drift_e), self._pos_gate2)
+        position = fuse_position(c, level, (in_n - drift_n, in_e - drift_e), self._pos_gate2)
         (pn, vn, bn, dn), (pe, ve, be, de) = position.moves
         c = position.covariance
         velocity = fuse(c, c.of_velocity, level.velocity_m2ps2, (iv_n - vn, iv_e - ve), self._vel_gate2)
@@ -250,7 +262,7 @@ class PositionFilter:
         self._horizontal = velocity.covariance
 
         c = self._vertical
-        height = fuse(c, c.of_fix, down.white_m2, (in_d - drift_d,), self._height_gate2)
+        height = fuse_position(c, down, (in_d - drift_d,), self._height_gate2)
         ((pd, vd, bd, dd),) = height.moves
         c = height.covariance
         climb = fuse(c, c.of_velocity, down.velocity_m2ps2, (iv_d - vd,), self._vel_gate2)

@@ -133,11 +133,40 @@ def test_horizontal_accuracy_is_of_two_axes_and_speed_accuracy_of_three() -> Non
     assert each.variances(0).speed_m2ps2 == pytest.approx(0.03)
 
 
-def test_without_fixes_the_position_is_known_worse_and_worse() -> None:
+def settled() -> PositionFilter:
     each = PositionFilter(Parameters())
     each.restart(ACCURACY)
     for k in range(50):
         each.fuse_gnss(k * SECOND // 5, ZERO, ZERO, ACCURACY)
+    return each
+
+
+@pytest.mark.parametrize(("jump_m", "moved_m"), [(0.3, 0.1), (2.0, 0.3)])
+def test_a_jump_of_the_receiver_is_drift(jump_m: float, moved_m: float) -> None:
+    """Two metres are ten times what one fix is off from the next, and within what the receiver says of itself."""
+    each = settled()
+    step = each.fuse_gnss(10 * SECOND, (jump_m, 0.0, 0.0), ZERO, ACCURACY)
+    assert each.ratios.position <= 1.0
+    assert 0.0 < step.pos_ned_m[0] < moved_m
+    step = each.fuse_gnss(10 * SECOND + SECOND // 5, (jump_m - step.pos_ned_m[0], 0.0, 0.0), ZERO, ACCURACY)
+    assert each.ratios.position < 0.2  # it is known now
+    assert abs(step.pos_ned_m[0]) < moved_m
+
+
+def test_a_jump_beyond_what_the_receiver_says_is_refused() -> None:
+    each = settled()
+    before = each.variances(10 * SECOND)
+    step = each.fuse_gnss(10 * SECOND, (0.0, 5.0, 0.0), ZERO, ACCURACY)
+    assert each.ratios.position > 1.0
+    assert step.pos_ned_m[1] == 0.0
+    assert each.variances(10 * SECOND).horizontal_m2 == pytest.approx(before.horizontal_m2, rel=0.01)
+    for k in range(20):
+        each.fuse_gnss(10 * SECOND + k * SECOND // 5, (0.0, 5.0, 0.0), ZERO, ACCURACY)
+    assert each.ratios.position > 1.0  # nor does it come in by being told often
+
+
+def test_without_fixes_the_position_is_known_worse_and_worse() -> None:
+    each = settled()
     deviations = [math.sqrt(each.variances((10 + later) * SECOND).horizontal_m2) for later in (0, 5, 10, 20)]
     assert deviations == sorted(deviations)
     assert 0.6 < deviations[1] < 1.2  # 0.04 m/s² for 5 s: 0.5 m
