@@ -27,6 +27,10 @@ class GpsTime(NamedTuple):
         """Nanoseconds since the GPS epoch."""
         return self.zero_ns + stamp_ns
 
+    def week_and_ms(self, stamp_ns: int) -> tuple[int, int]:
+        """GPS week, and milliseconds into it."""
+        return divmod(self.gps_ns(stamp_ns) // 1_000_000, WEEK_S * 1000)
+
     def unix_us(self, stamp_ns: int) -> int:
         """UTC in microseconds since 1970."""
         return unix_us(self.gps_ns(stamp_ns))

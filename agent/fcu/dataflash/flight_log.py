@@ -17,6 +17,7 @@ from agent.fcu.dataflash import records
 from agent.fcu.dataflash.format import FORMATS, FORMATS_IN_LOCKSTEP, header
 from agent.fcu.dataflash.writer import LogWriter, Opener
 from agent.fcu.geodetic import Home, LocalProjection
+from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import MissionItem, MissionSequence
 from agent.fcu.parameters import TABLE, Parameters
 from agent.fcu.vehicle import modes
@@ -304,10 +305,10 @@ class FlightLog:
         if self._writer is not None:
             self._put(records.imu(self._now_ns() // 1000, sample))
 
-    def log_gnss(self, sample: GnssMeasurement) -> None:
+    def log_gnss(self, sample: GnssMeasurement, gps_time: GpsTime | None) -> None:
         if self._writer is not None:
             now_us = self._now_ns() // 1000
-            self._put(records.gnss(now_us, sample, now_us if self._gnss_us is None else self._gnss_us))
+            self._put(records.gnss(now_us, sample, now_us if self._gnss_us is None else self._gnss_us, gps_time))
             self._gnss_us = now_us
 
     def log_magnetometer(self, sample: MagnetometerMeasurement) -> None:

@@ -107,7 +107,7 @@ _ROWS = (
         "s#EEEoooOs",
         "F-000000-F",
     ),
-    (  # GMS and GWk are 0 until GPS time is known, which here it never is
+    (  # GMS and GWk are 0 until GPS time is known
         "GPS",
         "QBBIHBLLefffBQ",
         "TimeUS,I,Status,GMS,GWk,NSats,Lat,Lng,Alt,Spd,GCrs,VZ,U,SampleUS",

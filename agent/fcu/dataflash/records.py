@@ -11,6 +11,7 @@ from agent.fcu.control.manual_control import Sticks
 from agent.fcu.dataflash.format import FORMATS
 from agent.fcu.estimation.position_filter import EstimateVariances, InnovationRatios
 from agent.fcu.geodetic import Home, LocalProjection
+from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import MissionItem
 from agent.fcu.vehicle_state import (
     Actuators,
@@ -40,15 +41,16 @@ def imu(now_us: int, sample: ImuMeasurement) -> bytes:
     return _IMU(now_us, 0, gx, gy, gz, ax, ay, az, temperature_degc, stamp_ns // 1000)
 
 
-def gnss(now_us: int, sample: GnssMeasurement, last_us: int) -> bytes:
-    """GPS and GPA; `last_us` is when the fix before came."""
+def gnss(now_us: int, sample: GnssMeasurement, last_us: int, gps_time: GpsTime | None) -> bytes:
+    """GPS and GPA; `last_us` is when the fix before came. Week and time are 0 without a date, as in ArduPilot."""
     vn, ve, vd = sample.vel_ned_mps
+    week, of_week_ms = (0, 0) if gps_time is None else gps_time.week_and_ms(sample.stamp_ns)
     fix = _GPS(
         now_us,
         0,
         sample.fix_type,
-        0,
-        0,
+        of_week_ms,
+        week,
         sample.satellites,
         sample.lat_deg,
         sample.lon_deg,

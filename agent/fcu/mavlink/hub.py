@@ -33,7 +33,7 @@ class SampleLog(Protocol):
 
     def log_imu(self, sample: ImuMeasurement) -> None: ...
 
-    def log_gnss(self, sample: GnssMeasurement) -> None: ...
+    def log_gnss(self, sample: GnssMeasurement, gps_time: GpsTime | None) -> None: ...
 
     def log_magnetometer(self, sample: MagnetometerMeasurement) -> None: ...
 
@@ -130,7 +130,7 @@ class MavlinkHub:
                     else GpsTime.from_unix_time(self.unix_s(), self.autopilot.estimator.stamp_ns)
                 )
             if self.log is not None:
-                self.log.log_gnss(sample)
+                self.log.log_gnss(sample, self.autopilot.gps_time)
         return accepted
 
     def on_magnetometer(self, sample: MagnetometerMeasurement) -> bool:

@@ -1,7 +1,7 @@
 """Readings of two clocks at the same events, and where each kind of log holds some.
 
-DataFlash   GPS time and the autopilot's clock (GPA.SMS: when the message came); UTC of PM.R; of ours the sensors' clock
-            (SampleUS), which is simulation time
+DataFlash   of ours the sensors' clock (SampleUS), which is simulation time; GPS time and the autopilot's clock
+            (GPA.SMS: when the message came); UTC of PM.R
 MCAP        /clocks of ours: simulation time and the host's clock (PS1), the host's and each node's; telemetry's
             time_boot_ms; stamps in the headers of ROS messages
 tlog        time_boot_ms of each autopilot, its SYSTEM_TIME and TIMESYNC, against when the ground station had them
@@ -133,6 +133,9 @@ def clock_readings(log: Log) -> list[ClockReadings]:
 
 
 def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
+    sampled = _sampled(log)
+    if sampled is not None:  # ours: to the microsecond, where GPS time is in milliseconds
+        yield sampled
     gps = log.tables.get("GPS")
     if gps is not None:
         arrival = log.tables.get("GPA")
@@ -148,14 +151,17 @@ def _from_dataflash(log: Log) -> Iterator[ClockReadings]:
         stamps = performance.stamp_ns
         clocks = "rtc", AUTOPILOT, UTC
         yield ClockReadings(*clocks, stamps, stamps, utc_ns, "PM", "TimeUS, R", resolution_s=1e-6)[known]
+
+
+def _sampled(log: Log) -> ClockReadings | None:
     for name in SAMPLED:
         sensor = log.tables.get(name)
         if sensor is not None and "SampleUS" in sensor.columns:
             sampled_ns, stamps = whole_numbers(sensor, "SampleUS") * 1000, sensor.stamp_ns
             clocks = f"samples.{name}", "the sensors' clock", AUTOPILOT
             fields = "SampleUS, TimeUS"
-            yield ClockReadings(*clocks, stamps, sampled_ns, stamps, name, fields, late=True, resolution_s=1e-6)
-            return
+            return ClockReadings(*clocks, stamps, sampled_ns, stamps, name, fields, late=True, resolution_s=1e-6)
+    return None
 
 
 def _gps_time(number: int, table: Table, arrival: Table | None) -> ClockReadings | None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from agent.fcu.gps_time import WEEK_S, GpsTime
+from agent.fcu.gps_time import GpsTime
 from agent.wire import dialect
 from sim_core.sensors.barometer import BarometerSample
 from sim_core.sensors.gnss import GnssSample
@@ -67,7 +67,6 @@ ORIENTATIONS = {
 }
 """MAV_SENSOR_ORIENTATION of the six directions of the body; others go as custom with a quaternion."""
 
-_WEEK_MS = WEEK_S * 1000
 _NO_DILUTION = 6  # ignore_flags: horizontal and vertical dilution
 
 
@@ -109,7 +108,7 @@ def gps_input(gps_id: int) -> Callable[[int, GnssSample], Message]:
     clock = GpsTime.fixed()
 
     def encode(stamp_us: int, sample: GnssSample) -> Message:
-        week, of_week_ms = divmod(clock.gps_ns(stamp_us * 1000) // 1_000_000, _WEEK_MS)
+        week, of_week_ms = clock.week_and_ms(stamp_us * 1000)
         north_mps, east_mps, down_mps = sample.vel_ned_mps[0].tolist()
         return dialect.MAVLink_gps_input_message(
             stamp_us,

@@ -7,6 +7,7 @@ import struct
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -32,15 +33,17 @@ from pymavlink import mavutil
 from agent.fcu.dataflash import writer as writer_module
 from agent.fcu.dataflash.flight_log import FlightLog
 from agent.fcu.dataflash.format import FORMATS, header
-from agent.fcu.dataflash.records import health
+from agent.fcu.dataflash.records import gnss, health
 from agent.fcu.dataflash.writer import fixed_log_opener, numbered_log_opener
 from agent.fcu.estimation.position_filter import InnovationRatios
+from agent.fcu.gps_time import GpsTime
 from agent.fcu.mission import change_speed, make_mission, waypoint
 from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
     Actuators,
+    GnssMeasurement,
     ImuMeasurement,
 )
 from agent.timing.tasks import TaskMiss, TaskStats
@@ -64,7 +67,8 @@ class Logged(Autopilot):
 
     def _logged(self, name: str, fuse: Callable[[Any], bool]) -> Callable[[Any], bool]:
         def log_and_fuse(sample: Any) -> bool:
-            getattr(self.log, f"log_{name}")(sample)
+            date = (self.gps_time,) if name == "gnss" else ()
+            getattr(self.log, f"log_{name}")(sample, *date)
             self.samples[name].append(sample)
             return fuse(sample)
 
@@ -215,6 +219,21 @@ def test_every_sample_is_there(flown: tuple[Flight, dict[str, list[Any]]]) -> No
         assert (row.OfsX, row.OfsY) == (OFFSET_MGAUSS, 0)
     for row, baro in zip(rows["BARO"], samples["barometer"], strict=True):
         assert (row.Press, row.Temp) == (pytest.approx(baro.pressure_pa, rel=1e-7), 20.0)
+
+
+@pytest.mark.parametrize("dated", [True, False])
+def test_a_fix_has_gps_week_and_time_once_there_is_a_date(tmp_path: Path, dated: bool) -> None:
+    """The two are 0 before; GPS time is without leap seconds, of which there were 18 since 1980 by 2027."""
+    noon = datetime(2027, 3, 4, 12, 0, 0, 250_500, tzinfo=UTC)
+    stamp_ns = 7_500_000_000
+    date = GpsTime.from_unix_time(noon.timestamp(), stamp_ns) if dated else None
+    sample = GnssMeasurement(stamp_ns, LAT_DEG, LON_DEG, ALT_M, (1.0, 0.0, 0.0))
+    path = tmp_path / "one.bin"
+    path.write_bytes(header(FORMATS, 0) + gnss(8_000_000, sample, 7_800_000, date))
+    (row,) = rows_of(path)["GPS"]
+    since = noon - datetime(1980, 1, 6, tzinfo=UTC) + timedelta(seconds=18)
+    told = (since.days // 7, since % timedelta(days=7) // timedelta(milliseconds=1))
+    assert (row.GWk, row.GMS) == (told if dated else (0, 0))
 
 
 def test_what_changed_is_told_once_and_in_time(flown: tuple[Flight, dict[str, list[Any]]]) -> None:
