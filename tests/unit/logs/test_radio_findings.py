@@ -8,6 +8,7 @@ from made_log import MadeLog, MadeTable
 
 from xitl_cli.logs.analyses.radio import analyse
 from xitl_cli.logs.model.sections import Section, Severity
+from xitl_cli.logs.signals import output_names
 from xitl_cli.logs.tables.commands import servo_function_name
 
 S = 1_000_000_000
@@ -149,3 +150,11 @@ def test_motors_of_a_recording():
     assert section is not None
     assert found(section) == {"radio.saturated": Severity.WARNING, "radio.uneven": Severity.NOTICE}
     assert analyse(MadeLog(kind="mcap")) is None
+
+
+def test_commands_of_a_recording_have_their_names():
+    names = np.array(["propeller 0, rudder 0"] * ROWS)
+    table = MadeTable("/actuators", STAMPS, {"command": np.zeros((ROWS, 2)), "names": names})
+    assert output_names(MadeLog(table, kind="mcap")) == {1: "propeller 0", 2: "rudder 0"}
+    older = MadeTable("/actuators", STAMPS, {"command": np.zeros((ROWS, 2))})
+    assert output_names(MadeLog(older, kind="mcap")) == output_names(MadeLog()) == {}

@@ -105,8 +105,10 @@ def _outputs(sources: Sequence[ReportLog]) -> list[Plot]:
     """One plot a unit: pulse widths, and commands from -1 to 1."""
     by_unit: dict[str, list[Trace]] = {}
     for source in sources:
+        names = signals.output_names(source.log)
         for channel, found in signals.outputs(source.log).items():
-            by_unit.setdefault(found.unit, []).append(_trace(source, f"channel {channel}", found, "steps"))
+            name = f"channel {channel}" if found.unit else names.get(channel, f"channel {channel}")
+            by_unit.setdefault(found.unit, []).append(_trace(source, name, found, "steps"))
     return [
         Plot(
             "overview.outputs" + ("" if unit else ".command"),

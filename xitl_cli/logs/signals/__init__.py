@@ -17,7 +17,7 @@ from xitl_cli.logs.signals.motion import (
     yaw_rate,
 )
 from xitl_cli.logs.signals.series import Series, SignalSource
-from xitl_cli.logs.signals.states import LogText, StateSpan, armed, modes, outputs, rc_inputs, texts
+from xitl_cli.logs.signals.states import LogText, StateSpan, armed, modes, output_names, outputs, rc_inputs, texts
 
 __all__ = [
     "LocalPosition",
@@ -28,6 +28,7 @@ __all__ = [
     "armed",
     "ground_speed",
     "modes",
+    "output_names",
     "outputs",
     "pitch",
     "position_geodetic",

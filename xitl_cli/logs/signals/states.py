@@ -342,6 +342,14 @@ def outputs(log: Log) -> dict[int, Series]:
     return pulses(log)
 
 
+def output_names(log: Log) -> dict[int, str]:
+    """What each of the outputs is for, where a recording of ours says so: `propeller 0`, `rudder 1`."""
+    commands = log.tables.get("/actuators")
+    if commands is None or "names" not in commands.columns or not len(commands.stamp_ns):
+        return {}
+    return dict(enumerate(str(commands.values("names")[-1]).split(", "), start=1))
+
+
 def pulses(log: Log) -> dict[int, Series]:
     """Outputs by channel from 1, pulse widths (us) alone."""
     return _pulses(log, ("RCOU", "RCO2", "RCO3"), "SERVO_OUTPUT_RAW")
