@@ -8,7 +8,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.signal import welch
 
-from sim_core.environment.spec import GRAVITY_MPS2, Water, WaveSpec
+from sim_core.environment.environment import Environment
+from sim_core.environment.spec import GRAVITY_MPS2, CurrentSpec, EnvironmentSpec, Water, WaveSpec
 from sim_core.environment.waves import (
     WaveField,
     jonswap,
@@ -128,6 +129,26 @@ def test_regular_wave_travels_toward_its_direction() -> None:
     celerity = np.pi / np.hypot(*field.wave_vector_radpm[0])
     here = field.elevation_m(1.0, np.array([0.0, 0.0]))
     assert field.elevation_m(3.5, np.array([9.0, 2.5 * celerity])) == pytest.approx(here)
+
+
+@pytest.mark.parametrize(("current_deg", "along"), [(90.0, 1.0), (270.0, -1.0), (0.0, 0.0)])
+def test_a_fixed_place_meets_waves_doppler_shifted_by_the_current(current_deg: float, along: float) -> None:
+    """sigma + k U, by counting crests; the water itself goes on moving by sigma, and the dispersion holds for it."""
+    spec = EnvironmentSpec(
+        water=Water(depth_m=200.0),
+        current=CurrentSpec(0.8, current_deg, deviation_mps=0.1),
+        waves=WaveSpec("regular", 0.1, 2.0, 90.0),
+    )
+    environment = Environment.from_spec(spec, np.random.default_rng(3))
+    time_s = np.arange(0.0, 120.0, 0.02)
+    height = np.array([-environment.surface_ned_z_m(s, np.zeros(2)) for s in time_s]) + 0.01
+    up = np.flatnonzero((height[:-1] < 0.0) & (height[1:] >= 0.0))
+    met_radps = 2.0 * np.pi * (len(up) - 1) / (time_s[up[-1]] - time_s[up[0]])
+    sigma = 2.0 * np.pi / 2.0
+    assert met_radps == pytest.approx(sigma + along * 0.8 * sigma**2 / GRAVITY_MPS2, rel=1e-3)
+    places = np.stack([np.zeros(400), np.linspace(0.0, 6.3, 400)], axis=1)
+    rise_mps = environment.waves.orbital_velocity_ned_mps(5.0, places)[:, 2]
+    assert np.abs(rise_mps).max() == pytest.approx(0.05 * sigma, rel=1e-3)
 
 
 def test_spreading() -> None:
