@@ -71,6 +71,12 @@ class HullMesh(Specification):
     corners: Annotated[int, Bounds(at_least=4, at_most=200), "of each cross-section cut from it, for buoyancy"] = 32
 
 
+def _check_rising(path: tuple[str, ...], values: list[float], which: str) -> None:
+    for before, after in pairwise(values):
+        if after <= before:
+            raise SpecificationError(path, f"goes from {before:g} to {after:g}; sort it {which}")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section(Specification):
     """Cross-section of a hull: round, a box, or by its offsets, such as a V. Give one of the three."""
@@ -89,11 +95,15 @@ class Section(Specification):
             raise SpecificationError((), "needs one form; give radius_m, or width_m and depth_m, or offsets_m")
         if box and (self.width_m is None or self.depth_m is None):
             raise SpecificationError((), "is a box without its size; give width_m and depth_m")
-        heights_m = [height_m for height_m, _ in self.offsets_m or ()]
-        if any(above <= below for below, above in pairwise(heights_m)) or any(h != 0 for h in heights_m[:1]):
-            raise SpecificationError(("offsets_m",), "has to begin at height 0 and rise from keel to deck; sort it")
-        if any(half_m < 0 for _, half_m in self.offsets_m or ()) or not self.greatest_width_m:
-            raise SpecificationError(("offsets_m",), "has a half width below 0, or none above; give half widths in m")
+        if (table := self.offsets_m) is None:
+            return
+        heights_m, halves_m = [height_m for height_m, _ in table], [half_m for _, half_m in table]
+        if heights_m[0] != 0:
+            raise SpecificationError(("offsets_m",), f"begins {heights_m[0]:g} m above the keel; begin at height 0")
+        _check_rising(("offsets_m",), heights_m, "from the keel to the deck")
+        if min(halves_m) < 0 or not any(halves_m):
+            wrong = "no half width above 0" if not any(halves_m) else f"a half width of {min(halves_m):g} m"
+            raise SpecificationError(("offsets_m",), f"has {wrong}; give the distance from the middle to the side")
 
     @property
     def greatest_width_m(self) -> float:
@@ -131,11 +141,16 @@ class DemiHull(Specification):
     def check(self) -> None:
         if (self.section is None) == (self.mesh is None):
             raise SpecificationError((), "needs a section or a mesh; give one of the two")
-        places = [place for place, _ in self.taper]
-        if places[0] != -0.5 or places[-1] != 0.5 or any(ahead <= behind for behind, ahead in pairwise(places)):
-            raise SpecificationError(("taper",), "has to rise from -0.5 at the stern to 0.5 at the bow; sort it")
-        if any(share < 0 for _, share in self.taper) or not any(share for _, share in self.taper):
-            raise SpecificationError(("taper",), "has a share below 0, or none above; give shares of the width")
+        places, shares = [place for place, _ in self.taper], [share for _, share in self.taper]
+        if (places[0], places[-1]) != (-0.5, 0.5):
+            raise SpecificationError(
+                ("taper",),
+                f"reaches from {places[0]:g} to {places[-1]:g} of the length; begin at -0.5, the stern, and end at 0.5",
+            )
+        _check_rising(("taper",), places, "from stern to bow")
+        if min(shares) < 0 or not any(shares):
+            wrong = "no share above 0" if not any(shares) else f"a share of {min(shares):g}"
+            raise SpecificationError(("taper",), f"has {wrong}; give shares of the section's width")
         if self.mesh is not None and self.taper != _UNTAPERED:
             raise SpecificationError(("taper",), "is of a section; a mesh has its own ends, leave the taper away")
 

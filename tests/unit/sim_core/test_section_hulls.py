@@ -458,3 +458,31 @@ def test_the_pose_of_the_shipped_catamaran() -> None:
     assert pose.draft_m == pytest.approx(0.1, abs=0.001)
     # BM = 2 x 2.3 m x 0.3466 m x (0.6 m)^2 / 0.1132 m^3 and the hulls' own.
     assert pose.gm_transverse_m == pytest.approx(5.02, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("keys", "problem"),
+    [
+        ({"section": {}}, "needs one form; give radius_m, or width_m and depth_m, or offsets_m"),
+        ({"section": {"radius_m": 0.2, "width_m": 0.3}}, "needs one form"),
+        ({"section": {"width_m": 0.3}}, "is a box without its size; give width_m and depth_m"),
+        ({"section": {"offsets_m": ((0.1, 0.0), (0.3, 0.2))}}, "offsets_m begins 0.1 m above the keel"),
+        ({"section": {"offsets_m": ((0.0, 0.0), (0.3, 0.2), (0.2, 0.2))}}, "offsets_m goes from 0.3 to 0.2; sort it"),
+        ({"section": {"offsets_m": ((0.0, 0.0), (0.3, -0.2))}}, "offsets_m has a half width of -0.2 m"),
+        ({"section": {"offsets_m": ((0.0, 0.0), (0.3, 0.0))}}, "offsets_m has no half width above 0"),
+        ({"taper": ((-0.5, 1.0), (0.4, 1.0))}, "taper reaches from -0.5 to 0.4 of the length"),
+        (
+            {"taper": ((-0.5, 1.0), (0.2, 1.0), (0.2, 0.5), (0.5, 0.0))},
+            "taper goes from 0.2 to 0.2; sort it from stern",
+        ),
+        ({"taper": ((-0.5, -1.0), (0.5, 1.0))}, "taper has a share of -1"),
+        ({"section": None}, "needs a section or a mesh; give one of the two"),
+        (
+            {"section": None, "mesh": HullMesh(file="x.stl", width_m=1, depth_m=1), "taper": ((-0.5, 1), (0.5, 0))},
+            "taper is of a section; a mesh has its own ends",
+        ),
+    ],
+)
+def test_a_hull_that_cannot_be_drawn_is_refused(keys: dict, problem: str) -> None:
+    with pytest.raises(SpecificationError, match=problem):
+        hull(**{name: Section(**value) if isinstance(value, dict) else value for name, value in keys.items()})
