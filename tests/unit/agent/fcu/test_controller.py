@@ -124,6 +124,17 @@ def test_answers_are_limited_and_motors_go_out_as_they_are() -> None:
     assert ship.command == (1.0, 1.0)
 
 
+def test_as_many_commands_as_the_vessel_takes_and_no_others() -> None:
+    ship = SteeredBoat(make_controller=scripted(Motors(0.25, 0.5, 0.1))).set_out(modes.LOITER)
+    ship.sail(0.1)
+    assert ship.command == (0.0, 0.0)
+    said = "Controller failed, outputs neutral: it answered 3 commands, and the vessel takes 2"
+    assert said in ship.said
+    ship = SteeredBoat(make_controller=scripted(Demand(0.25, 0.0, 0.5)), MOT_SLEWRATE=0.0).set_out(modes.LOITER)
+    ship.sail(0.1)
+    assert ship.command == (0.5, 0.5)
+
+
 def test_what_is_asked_of_it() -> None:
     ship = SteeredBoat(make_controller=scripted(Demand(2.0, 2.0)), ACRO_TURN_RATE=30.0, RC1_DZ=0.0).set_out(modes.ACRO)
     ship.hold_sticks(0.3, 1000, 0)

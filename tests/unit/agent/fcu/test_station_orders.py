@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any
 
 import pytest
 from boat import LAT_DEG, LON_DEG, degrees
 from steered_boat import SteeredBoat
 
+from agent.fcu.control.controller import Demand
+from agent.fcu.dataflash import records
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mission import MissionItem, make_mission, waypoint
+from agent.fcu.parameters import Parameters
 from agent.fcu.vehicle import modes
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle.navigation import COURSE, TURN
+from agent.fcu.vehicle_state import Actuators
 from agent.wire import dialect as mav
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = range(5)
@@ -215,6 +220,21 @@ def test_a_servo_that_was_set_is_in_the_outputs(station: MavlinkChannel) -> None
     outputs = station.streams.message(mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 0)
     assert outputs is not None
     assert (outputs.servo7_raw, outputs.servo1_raw) == (1250, 1500)
+
+
+def test_outputs_are_those_that_have_a_function() -> None:
+    """A boat with throttle and steering: what drives it is seen in telemetry and log, and is for nothing else."""
+    autopilot = Autopilot(Parameters({"SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 0, "SERVO5_FUNCTION": 70}))
+    channel = MavlinkChannel(autopilot)
+    autopilot.allocator.allocate(Demand(0.25, -0.5), 1.0, by_hand=True)
+    actuators = channel.hub.actuators = Actuators(autopilot.allocator.last.command, True)
+    seen = channel.streams.message(mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 0)
+    assert seen is not None
+    assert (seen.servo1_raw, seen.servo3_raw, seen.servo5_raw) == (1300, 0, 1700)
+    logged = records.outputs(0, actuators, autopilot.allocator.mixer.outputs)
+    assert struct.unpack("<14H", logged[-28:])[:5] == (1300, 0, 0, 0, 1700)
+    assert autopilot.servos.set(5, 1200) == "ServoRelayEvent: Channel 5 is already in use"
+    assert autopilot.servos.set(3, 1200) == ""
 
 
 def test_a_tag_is_gone_on_from(station: MavlinkChannel) -> None:
