@@ -60,6 +60,13 @@ class Files(Protocol):
         """A file by its path. Raises OSError."""
 
 
+def _error_data(error: OSError) -> bytes:
+    """What a refusal carries for what the disk said."""
+    if isinstance(error, (FileNotFoundError, NotADirectoryError, IsADirectoryError)):
+        return bytes((ftp.FILE_NOT_FOUND,))
+    return bytes((ftp.FAIL_ERRNO, (error.errno or errno.EIO) & 0xFF))
+
+
 class _RefusedError(Exception):
     def __init__(self, *data: int) -> None:
         super().__init__(data)
@@ -160,10 +167,7 @@ class FtpServer:
         except _RefusedError as refusal:
             answer = _reply(packet, refusal.data, operation=ftp.NAK, offset=packet.offset)
         except OSError as error:
-            data = bytes((ftp.FAIL_ERRNO, (error.errno or errno.EIO) & 0xFF))
-            if isinstance(error, (FileNotFoundError, NotADirectoryError, IsADirectoryError)):
-                data = bytes((ftp.FILE_NOT_FOUND,))
-            answer = _reply(packet, data, operation=ftp.NAK, offset=packet.offset)
+            answer = _reply(packet, _error_data(error), operation=ftp.NAK, offset=packet.offset)
         if answer is None:
             self._waiting.append((client, request, attempt))
             return []
@@ -274,8 +278,8 @@ class FtpServer:
             data = session.file.read(offset, chunk)
         except OSError as error:
             session.burst = None
-            refusal = bytes((ftp.FAIL_ERRNO, (error.errno or errno.EIO) & 0xFF))
-            return FtpPacket(sequence, session.number, ftp.NAK, 2, ftp.BURST, offset, refusal)
+            refusal = _error_data(error)
+            return FtpPacket(sequence, session.number, ftp.NAK, len(refusal), ftp.BURST, offset, refusal)
         if data is None:
             return None
         session.used_ns = now_ns

@@ -36,7 +36,8 @@ class StationCounters(NamedTuple):
 
     turned_away: none any more, who calls too many waits. dropped: stations that took nothing for ten seconds, or made
     room for another. unsent: frames that a station did not take. skipped: cycles in which one was too slow to be sent
-    anything. refused: frames without a good signature, and datagrams longer than any of a station. unpackable: messages
+    anything. refused: frames without a good signature, and datagrams longer than any of a station, and
+    requests for files and logs beyond those that wait. unpackable: messages
     with a field that does not fit the wire.
     """
 
@@ -77,7 +78,7 @@ class GroundStations:
         try:
             for url in urls:
                 self._open(url)
-        except Exception:
+        except Exception:  # whatever is wrong with one, those that are open already are not left so
             self.close()
             raise
 
@@ -233,6 +234,7 @@ class GroundStation:
         self.unpackable = 0
         self.heard_ns = 0
         self._channel: MavlinkChannel | None = None
+        self._unanswered = 0  # by channels before
         self._stuck_ns: int | None = None
         self._said_signature = False
 
@@ -245,11 +247,14 @@ class GroundStation:
     def refused(self) -> int:
         """See StationCounters."""
         transport = self.transport
-        return self.link.refused_signature + (transport.too_long if isinstance(transport, UdpTransport) else 0)
+        too_long = transport.too_long if isinstance(transport, UdpTransport) else 0
+        unanswered = self._unanswered + (0 if self._channel is None else self._channel.unanswered)
+        return self.link.refused_signature + too_long + unanswered
 
     def attach(self, hub: MavlinkHub) -> None:
         """Serve this vehicle from now on, at the rates the station has asked for."""
         old = self._channel
+        self._unanswered += 0 if old is None else old.unanswered
         self._channel = MavlinkChannel(hub.autopilot, self.link.system_id, self.link.component_id, hub=hub, ground=True)
         if old is not None:
             self._channel.streams.resume(old.streams.periods_ns)
@@ -304,6 +309,7 @@ class GroundStation:
     def close(self) -> None:
         """End the connection."""
         if self._channel is not None:
+            self._unanswered += self._channel.unanswered
             self._channel.close()
             self._channel = None
         self.transport.close()

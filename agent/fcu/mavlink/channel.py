@@ -174,6 +174,11 @@ class MavlinkChannel:
         message = self.streams.message(mav.MAVLINK_MSG_ID_MISSION_CURRENT, now_ns)
         return [] if message is None else [message]
 
+    @property
+    def unanswered(self) -> int:
+        """Requests for files and logs that came on top of as many as wait."""
+        return self._ftp.dropped + self._logs.dropped
+
     # -- samples
 
     def _on_imu(self, m: Any) -> bool:

@@ -14,6 +14,7 @@ from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import INFO
+from agent.mavlink.logs import MOST_PARTS
 from agent.roles import ground_stations as client_module
 from agent.roles.ground_stations import MOST_CLIENTS, GroundStations
 from agent.wire import dialect as mav
@@ -256,6 +257,18 @@ def test_a_flood_is_taken_in_small_bites(world: World) -> None:
     before = client.link.counters.received
     world.run()
     assert 0 < client.link.counters.received - before < 100
+
+
+def test_requests_beyond_those_that_wait_are_counted_by_whom_and_after_they_left(world: World) -> None:
+    """Parts of a log that a station asks for faster than they can go out."""
+    world.call()
+    client = world.stations._clients[0]
+    assert client._channel is not None
+    for number in range(MOST_PARTS + 3):
+        client._channel.handle(mav.MAVLink_log_request_data_message(1, 1, 1, 90 * number, 90), 0)
+    assert world.stations.counters.refused == 3
+    world.stations._let_go(client)
+    assert world.stations.counters.refused == 3
 
 
 def test_an_unsigned_station_is_said_once_and_not_served() -> None:
