@@ -48,3 +48,18 @@ def test_what_cannot_be_validated(xitl: Xitl) -> None:
     told = xitl("validate", "calm")
     assert told.returncode == 2
     assert "calm: has no vehicle" in told.stderr
+
+
+@pytest.mark.slow
+def test_published_vessels_do_as_published(xitl: Xitl) -> None:
+    """Within 3 % in surge, sway and rate of turn, 3 degrees of heading: what the runs allow."""
+    told = xitl("validate", "otter", "wamv16", "--json", timeout_s=240.0)
+    assert told.returncode == 0, told.stdout + told.stderr
+    vehicles = json.loads(told.stdout)["vehicles"]
+    assert [vehicle["vehicle"] for vehicle in vehicles] == ["otter", "wamv16"]
+    for vehicle in vehicles:
+        runs = [figure for figure in vehicle["figures"] if figure["manoeuvre"] == "Published runs"]
+        assert len(runs) >= 12
+        for figure in runs:
+            most = 3.0 if figure["unit"] == "deg" else max(0.03 * abs(figure["reference"]), 0.05)
+            assert abs(figure["value"] - figure["reference"]) <= most, figure

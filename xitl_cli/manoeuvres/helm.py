@@ -68,6 +68,10 @@ class Helm:
         angles = np.clip(self.sign * steering_deg / self.most_deg, -1.0, 1.0) if len(self.most_deg) else self.most_deg
         return np.concatenate([propellers, angles])
 
+    def straight(self, throttle: float, yaw_rad: float, rate_radps: float) -> Array:
+        """(C,) that keeps the course north under way ahead: what leaves it for rounding is brought back."""
+        return self.command(throttle, -math.degrees(yaw_rad + rate_radps))
+
     def spot_turn(self, forward_n: Array, reverse_n: Array) -> Array:
         """(C,) that turns the bow to starboard where it stands: one side ahead, the other astern, as hard.
 

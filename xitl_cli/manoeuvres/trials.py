@@ -68,11 +68,14 @@ class SeaTrials:
         yield self._waves()
 
     def _approach(self) -> tuple[SimulationState, Section]:
-        commands = np.array([self.helm.command(1.0), self.helm.command(APPROACH_THROTTLE)])
+        throttles = (1.0, APPROACH_THROTTLE)
+
+        def straight(_time_s: float, now: Instant) -> Array:
+            yaw, rate = now.euler_rad[:, 2], now.velocity_frd[:, 5]
+            return np.array([self.helm.straight(throttles[one], yaw[one], rate[one]) for one in (0, 1)])
+
         at_rest = start(self.simulation, 2, spread(self.rest.state, [0, 0]))
-        state, track = sail(
-            self.simulation, at_rest, lambda _t, _m: commands, LONGEST_S, every_s=_EVERY_S, until=steady
-        )
+        state, track = sail(self.simulation, at_rest, straight, LONGEST_S, every_s=_EVERY_S, until=steady)
         ahead = track.velocity_frd[:, :, 0]
         top, approach = (float(speed) for speed in ahead[-1])
         to_speed_s = measures.time_to_share(track.time_s, ahead[:, 0], top)

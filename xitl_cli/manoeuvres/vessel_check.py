@@ -19,7 +19,7 @@ from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Severity, Value
 from xitl_cli.manoeuvres.helm import FULL_STEERING_DEG, Helm
 from xitl_cli.manoeuvres.small_motion import Mode, Plane, SmallMotion, settle, small_motion
-from xitl_cli.manoeuvres.track import Track, sail, spread, start, steady, still_water
+from xitl_cli.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
 
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
 _STEP_S = (0.01, 0.005, 0.0025, 0.001, 0.0005)
@@ -120,9 +120,17 @@ class _Runs:
         helm, simulation = afloat.helm, Simulation.from_spec(afloat.model, afloat.environment, afloat.step_s)
         spot = helm.spot_turn(*afloat.full_n)
         self.turns_on_the_spot = bool(np.any(spot))
-        commands = np.array([*(helm.command(throttle) for throttle in (*THROTTLES, -1.0)), spot])
-        at_rest = start(simulation, len(commands), spread(afloat.state, [0] * len(commands)))
-        reached, self.ahead = sail(simulation, at_rest, lambda _t, _m: commands, _LONGEST_S, until=steady)
+        others = [helm.command(-1.0), spot]
+
+        def ahead(_time_s: float, now: Instant) -> Array:
+            """The several throttles ahead on a straight course, then the others."""
+            yaw, rate = now.euler_rad[:, 2], now.velocity_frd[:, 5]
+            rows = [helm.straight(throttle, yaw[row], rate[row]) for row, throttle in enumerate(THROTTLES)]
+            return np.array([*rows, *others])
+
+        vessels = len(THROTTLES) + len(others)
+        at_rest = start(simulation, vessels, spread(afloat.state, [0] * vessels))
+        reached, self.ahead = sail(simulation, at_rest, ahead, _LONGEST_S, until=steady)
         self.at_speed = [small_motion(simulation, reached.vessel, vessel) for vessel in range(len(THROTTLES))]
 
         full_ahead = start(simulation, 2, spread(reached.vessel, [_FULL, _FULL]))
@@ -194,7 +202,8 @@ def _under_way(rest: AtRest, runs: _Runs) -> Iterator[Fact]:
     for throttle, speed in zip(THROTTLES[:full], speeds, strict=False):
         name = f"{round(100 * throttle)}"
         yield Fact(f"speed_at_{name}_percent_mps", f"speed at {name} % throttle", _rounded(speed), "m/s")
-    yield Fact("astern_speed_mps", "top speed astern", _rounded(-speeds[full + 1]), "m/s")
+    astern = -float(track.velocity_frd[:, full + 1, 0].min())  # before an unstable course is lost
+    yield Fact("astern_speed_mps", "top speed astern", _rounded(astern), "m/s")
     reached = np.flatnonzero(track.velocity_frd[:, full, 0] >= 0.95 * top)
     time_s = float(track.time_s[reached[0]]) if top > 0 and reached.size else None
     yield Fact("time_to_95_percent_s", "time to 95 % of top speed", _rounded(time_s), "s")

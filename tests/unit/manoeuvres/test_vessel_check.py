@@ -173,3 +173,9 @@ def test_the_helm_steers_to_starboard(model: VesselSpec, rest: AtRest) -> None:
     spot = helm.spot_turn(*rest.full_n)
     assert 250 / 150 * 1.0 * spot[0] ** 2 == pytest.approx(spot[1] ** 2, rel=2e-3)
     assert spot[0] > 0 > spot[1] == -1.0
+
+
+def test_a_helmsman_brings_the_bow_back(rest: AtRest) -> None:
+    """An unstable course would be left for rounding before the speed is steady: the bow is off to starboard here."""
+    port, starboard = rest.helm.straight(0.8, math.radians(5), 0.0)
+    assert 0 < port < starboard == pytest.approx(0.8)  # the starboard one turns the bow to port
