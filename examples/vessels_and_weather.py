@@ -3,7 +3,7 @@
     python examples/vessels_and_weather.py
     python examples/vessels_and_weather.py cybership2 blueboat
 
-A minute of each processor for a vessel; the table is that of docs/vehicles.md.
+Some ten minutes in all; the figures are those of docs/vehicles.md.
 """
 
 from __future__ import annotations

@@ -24,5 +24,5 @@ def test_it_makes_way_in_current_waves_and_gusts(xitl: Xitl, tmp_path: Path, ves
     told = summary(tmp_path / "run")
     assert told["warnings"] == []
     assert told["mission"]["waypoints_reached"] >= 1
-    assert told["mission"]["cross_track_max_m"] < 8.0
+    assert told["mission"]["closest_m"][0] < 3.0 + 1.5  # reached by the estimate; the truth is off by its error
     assert told["estimation"]["heading_rms_deg"] < 5.0
