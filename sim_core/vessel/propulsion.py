@@ -261,7 +261,10 @@ def _law(propeller: Propeller) -> _Law:
 
 def _thrust_n(law: ThrustLaw, speed: Array, advance: Array) -> Array:
     """(N, P): all terms together."""
-    thrust: Array = np.einsum("knp,kp->np", np.array(law.terms(speed, advance)), law.per_term)
+    first, *others = law.terms(speed, advance)
+    thrust: Array = first * law.per_term[0]
+    for term, newtons in zip(others, law.per_term[1:], strict=True):
+        thrust += term * newtons
     return thrust
 
 

@@ -48,7 +48,7 @@ class Rudders:
     wrench: Array  # (2 R, 6)
     raced: NDArray[intp]  # (Q,) which of them stand in a race
     propeller: NDArray[intp]  # (Q,) whose
-    race_share: Array  # (Q,)
+    shares: Array  # (2, R) of the area, beside the race and in it
     race_inflow: Array  # (9, Q) speed of advance of that propeller
     speed2_per_newton: Array  # (Q,) 2 / (rho A)
     reached_behind: Array  # (Q,) share of w that the race has at the rudder
@@ -65,6 +65,7 @@ class Rudders:
             [p.position_frd_m[0] - r.position_frd_m[0] for p, (_, r) in zip(propellers, raced, strict=True)]
         )
         along = behind_m / np.hypot(behind_m, radii_m)
+        in_race = [0.0 if rudder.propeller is None else rudder.race_share for rudder in rudders]
         aspect = np.array([rudder.aspect_ratio for rudder in rudders])
         stall = np.radians([rudder.stall_deg for rudder in rudders])
         ahead, right = np.eye(3)[:2]
@@ -83,7 +84,7 @@ class Rudders:
             wrench=np.array([_rows(r.position_frd_m, way)[:6] for way in (ahead, right) for r in rudders]),
             raced=np.array([index for index, _ in raced], dtype=intp),
             propeller=np.array([rudder.propeller for _, rudder in raced], dtype=intp),
-            race_share=np.array([rudder.race_share for _, rudder in raced]),
+            shares=np.array([[1.0 - share for share in in_race], in_race]),
             race_inflow=np.array(race_inflow).reshape(-1, 9).T,
             speed2_per_newton=2.0 / (water.density_kgpm3 * math.pi * radii_m**2),
             reached_behind=0.5 * (1.0 + along),
@@ -95,35 +96,33 @@ class Rudders:
         local = flow @ self.inflow
         rudders = len(self.pressure)
         along, across = local[:, :rudders], local[:, rudders:]
-        ahead_n, right_n = self._plate_n(angle_rad, along, across)
         if not self.raced.size:
-            return ahead_n, right_n
-        in_race = along.copy()
-        in_race[:, self.raced] = flow @ self.race_inflow + self._race_mps(thrust_n[:, self.propeller], flow)
-        share = np.zeros(rudders)
-        share[self.raced] = self.race_share
-        race_ahead_n, race_right_n = self._plate_n(angle_rad, in_race, across)
-        return ahead_n + share * (race_ahead_n - ahead_n), right_n + share * (race_right_n - right_n)
+            return self._plate_n(angle_rad, along, across)
+        both = np.empty((len(flow), 2, rudders))  # beside the race and in it
+        both[:] = along[:, None]
+        both[:, 1, self.raced] = self._in_race_mps(thrust_n[:, self.propeller], flow @ self.race_inflow)
+        ahead_n, right_n = self._plate_n(angle_rad[:, None], both, across[:, None])
+        return (self.shares * ahead_n).sum(axis=1), (self.shares * right_n).sum(axis=1)
 
-    def _race_mps(self, thrust_n: Array, flow: Array) -> Array:
-        """(N, Q) what the propellers add to the flow at their rudders; negative while they draw it forward."""
+    def _in_race_mps(self, thrust_n: Array, advance_mps: Array) -> Array:
+        """(N, Q) speed along the rudders, for speeds of advance of their propellers, which draw it forward astern."""
         sign = np.sign(thrust_n)
-        with_thrust = np.maximum(sign * (flow @ self.race_inflow), 0.0)
-        added = np.sqrt(with_thrust**2 + self.speed2_per_newton * np.abs(thrust_n)) - with_thrust
-        race: Array = sign * added * np.where(thrust_n < 0.0, self.reached_before, self.reached_behind)
+        with_thrust = np.maximum(sign * advance_mps, 0.0)
+        added = np.sqrt(with_thrust * with_thrust + self.speed2_per_newton * np.abs(thrust_n)) - with_thrust
+        race: Array = advance_mps + sign * added * np.where(thrust_n < 0.0, self.reached_before, self.reached_behind)
         return race
 
     def _plate_n(self, angle_rad: Array, along: Array, across: Array) -> tuple[Array, Array]:
-        """(N, R), (N, R) force ahead and to the right of all of the area in one flow."""
+        """Force ahead and to the right of all of the area in one flow; (N, R), or (N, 2, R) for two flows."""
         sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
         speed = np.hypot(along, across)
         whole = np.maximum(speed, 1e-9)
         attack_sine = (along * sine + across * cosine) / whole
         attack_cosine = (along * cosine - across * sine) / whole
-        left = np.clip((np.abs(attack_sine) - self.sine_at_stall) * self.per_sine, 0.0, 1.0)
+        left = np.minimum(np.maximum((np.abs(attack_sine) - self.sine_at_stall) * self.per_sine, 0.0), 1.0)
         plate = PLATE_NORMAL_FORCE * np.sign(attack_sine)
         lift = ((1.0 - left) * self.slope * attack_sine + left * plate) * attack_cosine
-        drag = (1.0 - left) * self.induced * lift**2 + left * plate * attack_sine
+        drag = (1.0 - left) * self.induced * lift * lift + left * plate * attack_sine
         newtons = self.pressure * speed
         return newtons * (lift * across - drag * along), -newtons * (lift * along + drag * across)
 
