@@ -267,7 +267,7 @@ class StillHull:
         return HullSurface(np.zeros((len(pos_ned_m), self.points)), np.zeros((len(pos_ned_m), 15)))
 
 
-_BLOCK = 256  # vessels sampled at once: what they need stays in the processor's cache
+_BLOCK = 128  # vessels sampled at once: what they need stays in the processor's cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
