@@ -23,7 +23,7 @@ Column = tuple[float, float, float, float]
 PRESSURE_RANGE_PA = (30_000.0, 120_000.0)
 _AVERAGE_NS = 100_000_000
 _OFFSET_S = 60.0
-_START_BIAS_MPS2 = 0.1
+_START_BIAS_MPS2 = 0.3  # levelled to a couple of degrees
 # An acceleration that lasts, in a turn, is measured in a direction that errs by some 0.02 rad for some 4 s: as white
 # noise that is 2 σ² T of its square.
 _MANOEUVRE_S = 2.0 * 0.02**2 * 4.0
@@ -259,7 +259,11 @@ class PositionFilter:
         c = position.covariance
         velocity = fuse(c, c.of_velocity, level.velocity_m2ps2, (iv_n - vn, iv_e - ve), self._vel_gate2)
         (pn2, vn2, bn2, dn2), (pe2, ve2, be2, de2) = velocity.moves
-        self._horizontal = velocity.covariance
+        if velocity.ratio <= 1.0:
+            c = velocity.covariance
+        else:  # the attitude may be as far off as at the start
+            c = c._replace(bb=max(c.bb, _START_BIAS_MPS2 * _START_BIAS_MPS2))
+        self._horizontal = c
 
         c = self._vertical
         height = fuse_position(c, down, (in_d - drift_d,), self._height_gate2)

@@ -171,3 +171,20 @@ def test_without_fixes_the_position_is_known_worse_and_worse() -> None:
     assert deviations == sorted(deviations)
     assert 0.6 < deviations[1] < 1.2  # 0.04 m/s² for 5 s: 0.5 m
     assert 5.0 < deviations[3] < 12.0  # and for 20 s: 8 m
+
+
+def test_a_tilt_that_comes_up_is_learnt_although_it_makes_velocities_refused() -> None:
+    """Three degrees at once, as after a levelling in waves: without the growth nothing is taken for 5 s, then reset."""
+    found = settled()
+    tilt_mps2, bias_mps2, off_mps, off_m, refused = 0.5, 0.0, 0.0, 0.0, []
+    for step in range(1, 101):
+        off_m += 0.2 * off_mps
+        off_mps += 0.2 * (tilt_mps2 - bias_mps2)
+        moved = found.fuse_gnss(9 * SECOND + step * SECOND // 5, (-off_m, 0.0, 0.0), (-off_mps, 0.0, 0.0), ACCURACY)
+        off_m, off_mps = off_m + moved.pos_ned_m[0], off_mps + moved.vel_ned_mps[0]
+        bias_mps2 += moved.bias_ned_mps2[0]
+        refused.append(found.ratios.velocity > 1.0)
+    assert any(refused)
+    assert "1111" not in "".join(str(int(one)) for one in refused)
+    assert abs(off_mps) < 0.05
+    assert bias_mps2 == pytest.approx(tilt_mps2, abs=0.05)
