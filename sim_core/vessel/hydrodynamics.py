@@ -17,7 +17,7 @@ origin. docs/vessel.md has all terms, and the force at a blunt stern.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from sim_core.frames import Array
 from sim_core.vessel.derivatives import Derivative, parse_derivative
-from sim_core.vessel.spec import CrossFlowDrag, VesselSpec
+from sim_core.vessel.spec import CrossFlowDrag, Matrix, VesselSpec
 
 # Hoerner, Fluid-Dynamic Drag, 1965: drag of a section in cross-flow over half its width by its draft, in the figures of
 # Fossen's Marine Systems Simulator.
@@ -212,26 +212,30 @@ def rigid_body_mass(model: VesselSpec) -> Array:
 
 def added_mass_matrix(model: VesselSpec, named: list[tuple[Derivative, float]], centre: Array) -> Array:
     """(6, 6) about the origin, from the matrix or per axis, and by name."""
-    move = moved_to(centre)
-    matrix: Array = move.T @ np.diag(astuple(model.added_mass)) @ move
-    if model.added_mass_matrix is not None:
-        matrix = np.array(model.added_mass_matrix)
-    for derivative, value in named:
-        if derivative.acceleration is not None:
-            matrix[derivative.component, derivative.acceleration] -= value
-    return matrix
+    of_axes = (derivative.acceleration for derivative, _ in named)
+    return _about_origin(astuple(model.added_mass), model.added_mass_matrix, named, of_axes, centre)
 
 
 def linear_damping(model: VesselSpec, named: list[tuple[Derivative, float]], centre: Array) -> Array:
     """(6, 6) D about the origin, positive, from the matrix or per axis, and by name."""
+    of_axes = (derivative.linear for derivative, _ in named)
+    return _about_origin(astuple(model.damping_linear), model.damping_linear_matrix, named, of_axes, centre)
+
+
+def _about_origin(
+    per_axis: Sequence[float],
+    matrix: Matrix | None,
+    named: list[tuple[Derivative, float]],
+    of_axes: Iterable[int | None],
+    centre: Array,
+) -> Array:
+    """(6, 6): what is given per axis at the centre, or the matrix, less the derivatives that go with one axis."""
     move = moved_to(centre)
-    matrix: Array = move.T @ np.diag(astuple(model.damping_linear)) @ move
-    if model.damping_linear_matrix is not None:
-        matrix = np.array(model.damping_linear_matrix)
-    for derivative, value in named:
-        if derivative.linear is not None:
-            matrix[derivative.component, derivative.linear] -= value
-    return matrix
+    found: Array = move.T @ np.diag(per_axis) @ move if matrix is None else np.array(matrix)
+    for (derivative, value), axis in zip(named, of_axes, strict=True):
+        if axis is not None:
+            found[derivative.component, axis] -= value
+    return found
 
 
 def has_stern_force(model: VesselSpec) -> bool:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -45,6 +44,7 @@ def analyze(
     Exit code: 0 analysed, whatever was found; 1 an analysis failed; 2 a file could not be read (the others are
     analysed).
     """
+    from xitl_cli.commands.terminal import progress
     from xitl_cli.logs.report import html
     from xitl_cli.logs.report.build import build_report as build
     from xitl_cli.logs.report.build import sections_named
@@ -54,7 +54,7 @@ def analyze(
     page = report or (_beside(files[0], "report") if open_it else None)
     if page is not None:
         html.refuse_other(page)
-    with _progress() as told:
+    with progress("opening") as told:
         found = build(files, wanted, told)
         if page is not None and found.files:
             told("page")
@@ -140,18 +140,3 @@ def _show(found: Report, page: Path | None, verbose: bool) -> None:
 def _beside(log: Path, what: str) -> Path:
     """A page in the current directory: logs often lie where nothing can be written."""
     return Path(f"{log.stem}.{what}.html")
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """Shows the current step on a terminal."""
-    from xitl_cli.commands.terminal import terminal
-
-    console = terminal(stderr=True)
-    if not console.is_terminal:
-        yield lambda _: None
-        return
-    from rich.text import Text
-
-    with console.status("opening") as status:
-        yield lambda text: status.update(Text(printable(text)))

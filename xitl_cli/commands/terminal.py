@@ -6,7 +6,8 @@ Colours appear at a terminal only, and not where NO_COLOR is set.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from xitl_cli.logs.model.text import printable
@@ -27,6 +28,19 @@ def terminal(stderr: bool = False, soft_wrap: bool = False) -> Console:
     from rich.console import Console
 
     return Console(stderr=stderr, highlight=False, markup=False, emoji=False, soft_wrap=soft_wrap)
+
+
+@contextmanager
+def progress(first: str) -> Iterator[Callable[[str], None]]:
+    """Shows what is being done while there is a terminal to show it on."""
+    console = terminal(stderr=True)
+    if not console.is_terminal:
+        yield lambda _: None
+        return
+    from rich.text import Text
+
+    with console.status(first) as status:
+        yield lambda text: status.update(Text(printable(text)))
 
 
 def say(console: Console, text: str, style: str = "") -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -50,6 +49,7 @@ def validate(
 
     Exit code: 0 all with a reference agree; 1 some differ; 2 something to put right.
     """
+    from xitl_cli.commands.terminal import progress
     from xitl_cli.logs.report import html
     from xitl_cli.manoeuvres.validation_page import validation_page
     from xitl_cli.profile import load_profile
@@ -66,7 +66,7 @@ def validate(
     for name, profile in loaded:
         if profile.vehicle is None:
             raise UserError(f"{name}: has no vehicle; name a file with a group `vehicle`")
-    with _progress() as told:
+    with progress("loading") as told:
         validations = _validated([profile for _, profile in loaded], told)
         if page is not None:
             told("page")
@@ -192,18 +192,3 @@ def _show_figures(console: Console, validation: VesselValidation, sources: Seque
             say(
                 console, f"{figure.label}: {figure.reference.source} is disputed: {figure.reference.disputed}", "yellow"
             )
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """Shows the vessel and its manoeuvre on a terminal."""
-    from xitl_cli.commands.terminal import terminal
-
-    console = terminal(stderr=True)
-    if not console.is_terminal:
-        yield lambda _: None
-        return
-    from rich.text import Text
-
-    with console.status("loading") as status:
-        yield lambda text: status.update(Text(text))

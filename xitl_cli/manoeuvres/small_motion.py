@@ -6,12 +6,11 @@ forces a vessel has are in it. State: depth z, roll, pitch, then the six velocit
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from sim_core.environment.spec import GRAVITY_MPS2
 from sim_core.environment.waves import StillHull
 from sim_core.frames import Array, euler_to_quat, matrix_to_euler, quat_to_matrix
 from sim_core.kinematics import Kinematics
@@ -21,7 +20,6 @@ from sim_core.vessel.vessel import Surroundings, VesselState, accelerate
 Plane = Literal["across", "upright"]
 STEPS = np.array([1e-4] * 3 + [1e-3] * 6)
 """m, rad, m/s, rad/s: small beside any draft, large beside rounding."""
-_MOST_NEWTON_STEPS = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +49,6 @@ class SmallMotion:
         """(6, 6) force against velocity."""
         drag: Array = -self.mass @ self.matrix[3:, 3:]
         return drag
-
-    def metacentric_heights_m(self, mass_kg: float) -> tuple[float, float]:
-        """Transverse and longitudinal: the moment per angle that a free vessel needs, over its weight."""
-        compliance = np.linalg.pinv(self.stiffness)
-        weight_n = mass_kg * GRAVITY_MPS2
-        roll, pitch = (1.0 / (weight_n * compliance[axis, axis]) for axis in (1, 2))
-        return float(roll), float(pitch)
 
     def modes(self) -> tuple[Mode, ...]:
         """Heave, roll and pitch: the undamped modes, each with the damping that acts in its own shape.
@@ -106,31 +97,6 @@ def small_motion(simulation: Simulation, state: VesselState, vessel: int = 0) ->
     hydrodynamics = simulation.vessel.hydrodynamics
     mass: Array = hydrodynamics.rigid_mass + hydrodynamics.added_mass
     return SmallMotion(matrix, mass)
-
-
-def settle(simulation: Simulation, state: VesselState) -> VesselState:
-    """The first vessel of a state that is nearly at rest, at the depth and attitude where no force is left.
-
-    Raises ValueError where there is none near.
-    """
-    offset = np.zeros(9)
-    still = replace(
-        state.motion,
-        vel_ned_mps=np.zeros_like(state.motion.vel_ned_mps),
-        gyro_frd_radps=np.zeros_like(state.motion.gyro_frd_radps),
-    )
-    base = _Base(simulation, replace(state, motion=still), 0)
-    for _ in range(_MOST_NEWTON_STEPS):
-        about = np.concatenate([offset + np.diag(STEPS)[:3], offset - np.diag(STEPS)[:3], offset[None]])
-        force = base.rates(about)[:, 5:8]
-        if np.abs(force[6]).max() < 1e-9:
-            break
-        slope = (force[:3] - force[3:6]).T / (2.0 * STEPS[:3])
-        step = np.linalg.lstsq(slope, -force[6], rcond=None)[0]
-        offset[:3] += step * min(1.0, 0.05 / max(np.abs(step).max(), 1e-12))
-    else:
-        raise ValueError("finds no rest: its weight and its buoyancy do not balance at any small trim and heel")
-    return replace(state, motion=base.motions(offset[None]))
 
 
 def moved(simulation: Simulation, state: VesselState, offsets: Array) -> Kinematics:

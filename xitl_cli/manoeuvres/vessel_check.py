@@ -18,7 +18,7 @@ from sim_core.simulation import Simulation
 from sim_core.vessel.spec import VesselSpec
 from xitl_cli.logs.model.sections import Fact, Severity, Value
 from xitl_cli.manoeuvres.helm import FULL_STEERING_DEG, Helm
-from xitl_cli.manoeuvres.small_motion import Mode, Plane, SmallMotion, settle, small_motion
+from xitl_cli.manoeuvres.small_motion import Mode, Plane, SmallMotion, small_motion
 from xitl_cli.manoeuvres.track import Instant, Track, sail, spread, start, steady, still_water
 
 THROTTLES = (0.25, 0.5, 0.75, 1.0)
@@ -88,10 +88,10 @@ class AtRest:
         self.model, self.water = model, water
         self.environment = still_water(Environment(water=water))
         finest = Simulation.from_spec(model, self.environment, _STEP_S[-1])
-        self.state = settle(finest, start(finest, 1).vessel)
+        self.state = start(finest, 1).vessel
         self.about: SmallMotion = small_motion(finest, self.state)
         self.modes = {mode.name: mode for mode in self.about.modes()}
-        self.metacentric_m = self.about.metacentric_heights_m(model.mass_kg)
+        self.floating = finest.vessel.rest
         self.added_mass = np.diag(finest.vessel.hydrodynamics.added_mass)
         self.helm = Helm.from_spec(model)
         thrusts = [propeller.static_thrust_n(water.density_kgpm3) for propeller in model.propellers]
@@ -161,14 +161,13 @@ def afloat_facts(rest: AtRest) -> Iterator[Fact]:
     drafts = keels @ rotation[2] + depth_m
     decks = np.array([hull.height_m for hull in model.demi_hulls]) * rotation[2, 2]
     roll, pitch = _roll_pitch_deg(rotation)
-    transverse, longitudinal = rest.metacentric_m
     yield Fact("displacement_kg", "displacement", model.mass_kg, "kg")
     yield Fact("draft_m", "draft amidships", _rounded(drafts.max()), "m")
     yield Fact("freeboard_m", "freeboard amidships", _rounded((decks - drafts).min()), "m")
     yield Fact("trim_deg", "trim, bow up positive", _rounded(pitch), "deg")
     yield Fact("heel_deg", "heel, to starboard positive", _rounded(roll), "deg")
-    yield Fact("gm_transverse_m", "metacentric height, transverse", _rounded(transverse), "m")
-    yield Fact("gm_longitudinal_m", "metacentric height, longitudinal", _rounded(longitudinal), "m")
+    yield Fact("gm_transverse_m", "metacentric height, transverse", _rounded(rest.floating.gm_transverse_m), "m")
+    yield Fact("gm_longitudinal_m", "metacentric height, longitudinal", _rounded(rest.floating.gm_longitudinal_m), "m")
 
 
 def _roll_pitch_deg(rotation: Array) -> tuple[float, float]:
@@ -287,7 +286,7 @@ SMALL_GM_OF_WIDTH = 0.03
 def _afloat_findings(rest: AtRest) -> Iterator[VesselFinding]:
     model = rest.model
     hulls = f"vehicle.{model.hulls_key}"
-    transverse, _ = rest.metacentric_m
+    transverse = rest.floating.gm_transverse_m
     if transverse < SMALL_GM_OF_WIDTH * model.width_m:
         yield _wrong(
             "stability.small",

@@ -56,7 +56,7 @@ def test_metacentric_height_is_bm_and_kb_less_kg(model: VesselSpec, rest: AtRest
     assert volume * WATER.density_kgpm3 == pytest.approx(model.mass_kg, rel=1e-6)
     aside = hull.centreline_m
     bm = 2 * hull.length_m * (2 * half * aside**2 + (2 * half) ** 3 / 12) / volume
-    transverse, longitudinal = rest.metacentric_m
+    transverse, longitudinal = rest.floating.gm_transverse_m, rest.floating.gm_longitudinal_m
     assert transverse == pytest.approx(bm + centroid - hull.keel_below_cg_m, rel=1e-4)
     # Six strips have 35/36 of the second moment of a whole waterline.
     bm_long = 2 * 2 * half * hull.length_m**3 / 12 * (1 - 1 / hull.strips**2) / volume
@@ -74,7 +74,7 @@ def test_heave_and_roll_swing_as_stiffness_over_mass(model: VesselSpec, rest: At
     drag = model.damping_linear.heave
     assert heave.damping_ratio == pytest.approx(drag / (2 * math.sqrt(stiffness * mass)), rel=2e-3)
     # It rolls about an axis between its weight and the water beside it, which is carried at half the draft.
-    stiffness = model.mass_kg * GRAVITY_MPS2 * rest.metacentric_m[0]
+    stiffness = model.mass_kg * GRAVITY_MPS2 * rest.floating.gm_transverse_m
     carried = added.sway_kg * model.mass_kg / (added.sway_kg + model.mass_kg)
     inertia = model.inertia_kgm2[0] + added.roll_kgm2 + carried * (hull.keel_below_cg_m - 0.5 * draft) ** 2
     assert roll.period_s == pytest.approx(2 * math.pi * math.sqrt(inertia / stiffness), rel=1e-4)
