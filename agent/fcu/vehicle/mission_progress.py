@@ -3,7 +3,7 @@
     steer(now)
       jumps are followed, what is passed is kept     _advance_to
       the next that was passed is done               _do_passed: CONDITIONS wait, _OWN, then `perform`
-      the stage under way steers                     STAGES by their command
+      the stage under way steers                     STAGE_BEGINNINGS by its command
 
 As in ArduPilot, what stands before a stage is done while it is under way, one item a cycle, a condition holds up what
 comes after it, and what was held up when the stage ends is left out.
@@ -46,11 +46,11 @@ from agent.fcu.mission import (
     PASSAGES,
     RETURN_HOME,
     SET_YAW_SPEED,
+    STAGES,
     WAYPOINT,
     MissionItem,
     MissionSequence,
 )
-from agent.fcu.mission import STAGES as STAGE_COMMANDS
 from agent.fcu.vehicle_state import INFO, NOTICE, WARNING
 
 NOT_STARTED, UNDER_WAY, COMPLETE = range(3)
@@ -339,7 +339,7 @@ class MissionProgress:
         now = StageInput(gains, frame, pos_ne_m, yaw_rad, speed_mps, wanted_mps, dt_s)
         if self._stage is None:
             self._say(INFO, f"Mission: {self.current} {item.name}")
-            self._stage = STAGES[item.command](self, item, now)
+            self._stage = STAGE_BEGINNINGS[item.command](self, item, now)
         stage = self._stage
         self.output = output = stage.steer(now)
         if stage.done:
@@ -383,7 +383,7 @@ class MissionProgress:
             if not 0 < seq < len(items):
                 break
             item = items[seq]
-            if item.command in STAGE_COMMANDS:
+            if item.command in STAGES:
                 return _NextItem(seq, tuple(passed), jumps, tuple(said))
             if item.command not in (JUMP, DO_JUMP_TAG):
                 passed.append(seq)
@@ -533,7 +533,7 @@ def until_time_of_day_s(clock: tuple[float, ...], utc_s: float | None) -> float:
     return (at_s - utc_s) % period_s
 
 
-STAGES: Mapping[int, Callable[[MissionProgress, MissionItem, StageInput], Stage]] = {
+STAGE_BEGINNINGS: Mapping[int, Callable[[MissionProgress, MissionItem, StageInput], Stage]] = {
     WAYPOINT: MissionProgress._begin_place,
     LOITER_UNLIMITED: MissionProgress._begin_place,
     LOITER_TIME: MissionProgress._begin_place,

@@ -35,8 +35,7 @@ from agent.fcu.mission import (
     waypoint,
 )
 from agent.fcu.parameters import Parameters
-from agent.fcu.vehicle.mission_progress import CONDITIONS, MissionProgress, until_time_of_day_s
-from agent.fcu.vehicle.mission_progress import STAGES as BEGINNINGS
+from agent.fcu.vehicle.mission_progress import CONDITIONS, STAGE_BEGINNINGS, MissionProgress, until_time_of_day_s
 
 FRAME = LocalProjection(-8.8, -63.95, 50.0)
 GAINS = GuidanceGains.from_parameters(Parameters())
@@ -81,7 +80,7 @@ class Vessel:
 
 
 def test_every_stage_has_a_beginning() -> None:
-    assert set(BEGINNINGS) == set(STAGES)
+    assert set(STAGE_BEGINNINGS) == set(STAGES)
     assert not set(CONDITIONS) & set(STAGES)
 
 
