@@ -38,9 +38,10 @@ def test_the_hulls_that_it_shows_in_comments_float() -> None:
     init(Path("my-boat"))
     lines = Path("my-boat/vessel.yaml").read_text().splitlines()
     first = next(number for number, line in enumerate(lines) if line.endswith("# hulls:"))
+    last = next(number for number, line in enumerate(lines) if line.startswith("  added_mass"))
     shown = [
         line.replace("  # ", "  ", 1)
-        for line in lines[first:]
+        for line in lines[first:last]
         if line.startswith("  #   ") or line.endswith("# hulls:")
     ]
     text = [line for line in lines if not line.strip().startswith(("#", "hull:"))]
