@@ -6,6 +6,7 @@ from time import monotonic, sleep
 from typing import Any
 
 import pytest
+from bridged_vehicle import until
 from pymavlink.dialects.v20 import common as mavlink
 
 from agent.bridges import px4
@@ -193,6 +194,7 @@ def test_nobody_calls(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
 
     with calling(Px4Double(), bridge.port) as double:
         assert bridge.again()
+        until(lambda: double.sensors)
         assert double.sensors[0].time_usec == FIRST_US + IMU_NS // 1000  # nothing was lost meanwhile
     assert bridge.said[1:] == [f"PX4 has called at tcp://127.0.0.1:{bridge.port}"]
 
