@@ -14,7 +14,7 @@ from agent.bridges import px4
 
 TESTS = Path(__file__).parents[1]
 DATA = TESTS / "data" / "px4"
-CAPTURED = {"cross_track_rms_m": 0.35, "closest_m": 3.0}
+CAPTURED = {"cross_track_rms_m": 0.33, "closest_m": 3.0}
 DEATH = 900  # of 100 samples a second: under way
 pytestmark = pytest.mark.slow
 
