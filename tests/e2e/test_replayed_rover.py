@@ -12,7 +12,7 @@ from conftest import command, environment, summary
 TESTS = Path(__file__).parents[1]
 DOUBLE = TESTS / "doubles" / "replayed_rover.py"
 CAPTURE = TESTS / "data" / "captures" / "sitl-ardupilot.xz"
-CAPTURED_CROSS_TRACK_RMS_M = 0.44
+CAPTURED_CROSS_TRACK_RMS_M = 0.42
 DEATH = 60_000  # of 1200 frames a second: under way
 pytestmark = pytest.mark.realtime
 
