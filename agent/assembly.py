@@ -37,7 +37,6 @@ INJECTORS = {
 
 _WORLD = "agent.bridges.json_world:JsonWorld"
 
-SYSTEM_ID = 1
 AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID = 1, 191  # MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_ONBOARD_COMPUTER
 
 REFUSALS = (OptionsError, ParameterError, TransportError, StorageError, SigningKeyError, ControllerError)
@@ -56,7 +55,7 @@ def assemble(
     opened.callback(faults.close)
     key = _signing(options.link_key, "--link-key")
     component_id = COMPANION_COMPONENT_ID if options.role == COMPANION else AUTOPILOT_COMPONENT_ID
-    link = Link(faults.wrap(transport), SYSTEM_ID, component_id, signing=key)
+    link = Link(faults.wrap(transport), options.system_id, component_id, signing=key)
     role = _role(options, link.send, opened)
     machine = read_machine()
     machine = machine._replace(kind=options.kind or machine.kind, name=options.machine or machine.name)
@@ -94,7 +93,8 @@ def _bridge(options: Options, send: Callable[..., bool], opened: ExitStack) -> R
     injectors: list[Injector] = []
     wanted = [(_WORLD, options.world)] if options.world else []
     wanted += [(INJECTORS[options.sensors], options.sensor_link)] if options.sensors else []
-    vehicle = VehicleLink(options.autopilot, outputs_wanted=not options.world and options.sensors != "px4")
+    outputs_wanted = not options.world and options.sensors != "px4"
+    vehicle = VehicleLink(options.autopilot, outputs_wanted, options.system_id)
     opened.callback(vehicle.close)
     for entry, url in wanted:
         module, _, name = entry.partition(":")
@@ -118,7 +118,7 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
     from agent.roles.ground_stations import GroundStations
     from agent.roles.storage import Storage
 
-    parameters = Parameters()
+    parameters = Parameters(system_id=options.system_id)
     if options.parameters is not None:
         parameters.load(_text(options.parameters), str(options.parameters))
     make_controller = load_controller(options.controller) if options.controller else None
@@ -129,12 +129,12 @@ def _autopilot(options: Options, send: Callable[[Message], bool], opened: ExitSt
         opened.callback(storage.close)
     ground = None
     if options.ground:
-        ground = GroundStations(options.ground, SYSTEM_ID, AUTOPILOT_COMPONENT_ID, signing)
+        ground = GroundStations(options.ground, options.system_id, AUTOPILOT_COMPONENT_ID, signing)
         opened.callback(ground.close)
 
     def channel() -> MavlinkChannel:
-        own = Parameters({name: parameters[name] for name in parameters})
-        return MavlinkChannel(Autopilot(own, make_controller), SYSTEM_ID, AUTOPILOT_COMPONENT_ID)
+        own = Parameters({name: parameters[name] for name in parameters}, options.system_id)
+        return MavlinkChannel(Autopilot(own, make_controller), options.system_id, AUTOPILOT_COMPONENT_ID)
 
     stored = StoredLogs(options.log_dir, options.log_file)
     return AutopilotRole(channel, send, ground, storage, _log_of(options, opened), stored)

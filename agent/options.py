@@ -21,6 +21,8 @@ _BESIDE = {
     "xitl-agent.pyz": "To check whether this machine is fit for it: xitl-agent.pyz doctor.",
 }
 
+HIGHEST_SYSTEM_ID = 250  # ground stations and tools have those above
+
 WAITS_AT = "waits at"
 """Of the first line that an agent says; its address ends the line."""
 
@@ -33,11 +35,12 @@ class OptionsError(ValueError):
 class Options:
     """Files are read when the agent is assembled.
 
-    link: where to wait for the host. ground: addresses of ground stations. log_dir: a new DataFlash log of each run in
-    this folder; log_file: each run into this file. signing_key: of ground stations; link_key: of the host. realtime:
-    priority of SCHED_FIFO, 0 without. cpus: processors to keep to, empty for any. kind: `real`, `virtual`, or empty to
-    find out. machine: name of the machine, empty to find out. silence_s: a host silent for so long is gone, 0 never.
-    attached: it ends with the program that started it.
+    link: where to wait for the host. system_id: MAVLink's number of the vessel, whatever the role. ground: addresses of
+    ground stations. log_dir: a new DataFlash log of each run in this folder; log_file: each run into this file.
+    signing_key: of ground stations; link_key: of the host. realtime: priority of SCHED_FIFO, 0 without. cpus:
+    processors to keep to, empty for any. kind: `real`, `virtual`, or empty to find out. machine: name of the machine,
+    empty to find out. silence_s: a host silent for so long is gone, 0 never. attached: it ends with the program that
+    started it.
 
     Of a bridge to another autopilot: `autopilot` is the URL of its MAVLink; `world` where its simulator interface (the
     JSON backend) is served, which sets its time; `sensors` how sensors get in, at `sensor_link` where that is a link of
@@ -47,6 +50,7 @@ class Options:
 
     link: str = DEFAULT_LINK
     role: str = FCU
+    system_id: int = 1
     ground: tuple[str, ...] = ()
     controller: str = ""
     parameters: Path | None = None
@@ -167,6 +171,12 @@ class _Parser(argparse.ArgumentParser):
         raise OptionsError(f"{message}; see {self.prog} --help")
 
 
+def _system_id(text: str) -> int:
+    if not (text.isdigit() and 1 <= int(text) <= HIGHEST_SYSTEM_ID):
+        raise argparse.ArgumentTypeError(f"{text} is no system of a vessel; use 1 to {HIGHEST_SYSTEM_ID}")
+    return int(text)
+
+
 def _priority(text: str) -> int:
     if not (text.isdigit() and 1 <= int(text) <= 99):
         raise argparse.ArgumentTypeError(f"{text} is no priority of SCHED_FIFO; use 1 to 99")
@@ -218,6 +228,12 @@ def _parser(program: str) -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--link", metavar="URL", help=f"where to wait for the host (default: {DEFAULT_LINK})")
     add("--role", choices=(FCU, COMPANION, BRIDGE), help=f"what this node is there for (default: {FCU})")
+    add(
+        "--system-id",
+        type=_system_id,
+        metavar="N",
+        help=f"MAVLink system of the vessel, 1 to {HIGHEST_SYSTEM_ID} (default: {Options.system_id})",
+    )
     add(
         "--gcs",
         dest="ground",

@@ -77,10 +77,12 @@ class VehicleLink:
     """The line to the autopilot, open until `close`.
 
     `send` is for injectors and host; what the autopilot sends goes to every tap, and from `receive` to the caller.
+    vessel: the MAVLink system that it should be, None for any: another one is heard all the same, and told.
     Raises TransportError at construction.
     """
 
-    def __init__(self, url: str, outputs_wanted: bool = True) -> None:
+    def __init__(self, url: str, outputs_wanted: bool = True, vessel: int | None = None) -> None:
+        self._vessel = vessel
         self._transport = open_transport(url, listen=False)
         self._tcp = self._transport if isinstance(self._transport, TcpTransport) else None
         self._link = Link(self._transport, GROUND_SYSTEM_ID, GROUND_COMPONENT_ID, foreign=True)
@@ -199,6 +201,12 @@ class VehicleLink:
             return
         if not self.heard:
             self.system_id, self.component_id = message.get_srcSystem(), message.get_srcComponent()
+            if self._vessel not in (None, self.system_id):
+                self._say(
+                    _WARNING,
+                    f"the autopilot is MAVLink system {self.system_id} and this vessel {self._vessel}; give one of "
+                    "them the other's: MAV_SYSID or SYSID_THISMAV (PX4: MAV_SYS_ID) there, autopilot.system_id here",
+                )
         elif message.get_srcSystem() != self.system_id or message.get_srcComponent() != self.component_id:
             return
         if not self.heard and message.autopilot == mav.MAV_AUTOPILOT_PX4:

@@ -17,6 +17,7 @@ OUTPUTS = 16  # those that have SERVOn_ parameters
 MOTORS, RUDDERS = 8, 4  # those that have a place: MOTn_, RUDn_
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9  # MAV_PARAM_TYPE; ArduPilot has no others
 _MODES = tuple(ROVER_MODES)
+SYSTEM_ID = "SYSID_THISMAV"
 
 
 class Parameter(NamedTuple):
@@ -260,7 +261,7 @@ def _station_rows() -> Iterator[Parameter]:
         yield Parameter(f"MODE{number}", 0, 0, 15, "", "kept; the mode switch is not read", INT8, _MODES)
     yield Parameter("RCMAP_PITCH", 2, 1, RC_CHANNELS, "", "kept; a boat has no such stick", INT8)
     yield Parameter("RCMAP_YAW", 4, 1, RC_CHANNELS, "", "kept; RCMAP_ROLL steers", INT8)
-    yield _fixed("SYSID_THISMAV", 1, INT16, "the system that this autopilot is")
+    yield Parameter(SYSTEM_ID, 1, 1, 250, "", "the system that this autopilot is, since its start", INT16)
 
 
 TABLE: tuple[Parameter, ...] = tuple(
@@ -282,11 +283,14 @@ class ParameterError(ValueError):
 
 
 class Parameters:
-    """Values of all parameters. `version` counts changes, so that who caches values knows when to look again."""
+    """Values of all parameters. `version` counts changes, so that who caches values knows when to look again.
 
-    def __init__(self, values: Mapping[str, float] | None = None) -> None:
+    system_id: that of the autopilot for as long as it runs: all that talk to it know it by this.
+    """
+
+    def __init__(self, values: Mapping[str, float] | None = None, system_id: int = 1) -> None:
         self.version = 0
-        self._values = {row.name: float(row.default) for row in TABLE}
+        self._values = {row.name: float(row.default) for row in TABLE} | {SYSTEM_ID: float(system_id)}
         for name, value in (values or {}).items():
             self.set(name, value)
 
@@ -303,19 +307,27 @@ class Parameters:
         """Set one parameter and return the stored value; raises ParameterError and changes nothing when refused."""
         stored = checked(name, value)
         if stored != self._values[name]:
+            self._check_settable(name, stored)
             self._values[name] = stored
             self.version += 1
         return stored
 
+    def _check_settable(self, name: str, value: float) -> None:
+        if name == SYSTEM_ID and value != self._values[SYSTEM_ID]:
+            raise ParameterError(
+                f"{SYSTEM_ID} = {value:g} is refused: it is {self._values[SYSTEM_ID]:g} since the start; use the "
+                "agent's --system-id, or the profile's autopilot.system_id"
+            )
+
     def load(self, text: str, source: str = "parameters") -> None:
         """Set what a .parm text says; all of it or, when one line is refused, nothing. `source` names the file."""
-        values: list[tuple[str, float]] = []
-        for line, name, value in parm_lines(text, source):
+        values = checked_parm(text, source)
+        for line, name, value in values:
             try:
-                values.append((name, checked(name, value)))
+                self._check_settable(name, value)
             except ParameterError as error:
                 raise ParameterError(f"{source}:{line}: {error}") from None
-        for name, value in values:
+        for _, name, value in values:
             self.set(name, value)
 
     def as_parm(self) -> str:
@@ -347,6 +359,17 @@ def within(row: Parameter, value: float) -> float:
         known = ", ".join(map(str, (choice for choice in row.choices if row.low <= choice <= row.high)))
         raise ParameterError(f"{row.name} = {value:g} stands for nothing; use one of {known}")
     return float(min(max(value, row.low), row.high))
+
+
+def checked_parm(text: str, source: str) -> list[tuple[int, str, float]]:
+    """As `parm_lines`, each value as the embedded autopilot would store it; the first that it refuses is raised."""
+    found = []
+    for line, name, value in parm_lines(text, source):
+        try:
+            found.append((line, name, checked(name, value)))
+        except ParameterError as error:
+            raise ParameterError(f"{source}:{line}: {error}") from None
+    return found
 
 
 def load_parm(text: str, source: str = "parameters") -> dict[str, float]:

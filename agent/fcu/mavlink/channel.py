@@ -10,7 +10,7 @@ from agent.fcu.mavlink.files import ServedFiles
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.plans import FencePlan, MissionPlan
 from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, TelemetryStreams
-from agent.fcu.parameters import TABLE
+from agent.fcu.parameters import SYSTEM_ID, TABLE
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
 from agent.mavlink.commands import CommandServer, StatusTextSender
@@ -23,7 +23,7 @@ from agent.wire import dialect as mav
 
 _TYPES = {row.name: row.type for row in TABLE}
 BULK_UNDER_WAY = 5  # messages of lists and files a cycle
-_FIXED = frozenset(row.name for row in TABLE if row.fixed)
+_FIXED = frozenset(row.name for row in TABLE if row.fixed) | {SYSTEM_ID}
 
 
 class MavlinkChannel:

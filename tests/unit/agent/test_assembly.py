@@ -56,6 +56,34 @@ def test_an_autopilot_or_a_companion(opened: ExitStack) -> None:
         assert status.protocol == 2
 
 
+@pytest.mark.parametrize(("role", "component"), [("fcu", 1), ("companion", 191)])
+def test_the_system_of_the_vessel(opened: ExitStack, role: str, component: int) -> None:
+    """All that it sends is of this system, it takes what is for it or for all, and nothing that is for another."""
+    pair = Pair(Options(role=role, system_id=7), opened)
+    info, status = pair.send(run(HELLO))
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in (info, status)} == {(7, component)}
+    if role == "fcu":
+        pair.send(run(START))
+        for target, answers in ((1, 0), (7, 1), (0, 1)):
+            (*values, _) = pair.send(
+                mav.MAVLink_param_request_read_message(target, 1, b"SYSID_THISMAV", -1),
+                mav.MAVLink_xitl_tick_message(20_000 * (target + 1), target + 1),
+            )
+            heard = [m for m in values if m.get_msgId() == mav.MAVLINK_MSG_ID_PARAM_VALUE]
+            assert [(m.param_value, m.get_srcSystem()) for m in heard] == [(7.0, 7)] * answers
+
+
+def test_a_ground_station_cannot_change_the_system(opened: ExitStack) -> None:
+    pair = Pair(Options(system_id=7), opened)
+    pair.send(run(START))
+    told = pair.send(mav.MAVLink_param_set_message(7, 1, b"SYSID_THISMAV", 9.0, mav.MAV_PARAM_TYPE_INT16))
+    (value,) = [m for m in told if m.get_msgId() == mav.MAVLINK_MSG_ID_PARAM_VALUE]
+    (error,) = [m for m in told if m.get_msgId() == mav.MAVLINK_MSG_ID_PARAM_ERROR]
+    assert (value.param_value, error.error) == (7.0, mav.MAV_PARAM_ERROR_READ_ONLY)
+    text = "".join(m.text for m in told if m.get_msgId() == mav.MAVLINK_MSG_ID_STATUSTEXT)
+    assert "SYSID_THISMAV = 9 is refused: it is 7 since the start; use the agent's --system-id" in text
+
+
 def test_what_it_runs_on_may_be_said(opened: ExitStack) -> None:
     info, _ = Pair(Options(kind="real", machine="Raft"), opened).send(run(HELLO))
     assert (info.kind, info.machine) == (mav.XITL_NODE_KIND_REAL, "Raft")

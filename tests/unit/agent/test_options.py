@@ -13,6 +13,7 @@ EVERYTHING = """
 [agent]
 link = serial:///dev/ttyS4?baud=921600
 role = fcu
+system-id = 7
 gcs = udp://10.0.0.1:14550
       tcp://127.0.0.1:5760
 parameters = boat.parm
@@ -39,9 +40,15 @@ def test_the_link_is_this_machine_alone_unless_said() -> None:
 
 
 def test_a_command_line() -> None:
-    words = "--link udp://usb0:14660 --role companion --realtime --cpu 3,1 --kind virtual --silence 0"
+    words = "--link udp://usb0:14660 --system-id 250 --role companion --realtime --cpu 3,1 --kind virtual --silence 0"
     assert parse(words.split(), "agent") == Options(
-        link="udp://usb0:14660", role="companion", realtime=50, cpus=(1, 3), kind="virtual", silence_s=0.0
+        link="udp://usb0:14660",
+        system_id=250,
+        role="companion",
+        realtime=50,
+        cpus=(1, 3),
+        kind="virtual",
+        silence_s=0.0,
     )
     assert parse(["--realtime", "99"], "agent").realtime == 99
     assert (parse(["--attached"], "agent").attached, parse([], "agent").attached) == (True, False)
@@ -51,6 +58,7 @@ def test_a_file_says_the_same(tmp_path: Path) -> None:
     (tmp_path / "agent.ini").write_text(EVERYTHING)
     assert parse(["--config", str(tmp_path / "agent.ini")], "agent") == Options(
         link="serial:///dev/ttyS4?baud=921600",
+        system_id=7,
         ground=("udp://10.0.0.1:14550", "tcp://127.0.0.1:5760"),
         parameters=tmp_path / "boat.parm",
         storage=Path("/var/lib/xitl/kept.json"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
-from agent.fcu.parameters import ParameterError, Parameters, load_parm
+from agent.fcu.parameters import ParameterError, checked, checked_parm, load_parm
 from agent.files import read_text
 from xitl_cli.errors import UserError
 from xitl_cli.profile.files.station_file import SUFFIX, is_station_file, load_station_file
@@ -44,7 +44,7 @@ def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
         if is_station_file(text):
             return _known(load_station_file(text, str(path)), path) if embedded else load_station_file(text, str(path))
         if embedded:
-            Parameters().load(text, str(path))
+            checked_parm(text, str(path))
         return load_parm(text, str(path))
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); check the path") from error
@@ -58,10 +58,9 @@ def read_parameter_file(name: str, embedded: bool = False) -> dict[str, float]:
 
 def _known(values: dict[str, float], path: Path) -> dict[str, float]:
     """The values, if the embedded autopilot takes them. Raises ParameterError."""
-    table = Parameters()
     for name, value in values.items():
         try:
-            table.set(name, value)
+            checked(name, value)
         except ParameterError as error:
             raise ParameterError(f"{path}: {error}") from None
     return values

@@ -147,6 +147,11 @@ class AutopilotSpec(Specification):
     kind: Literal["none", "embedded", "ardupilot", "px4"] = "none"
     runs: Annotated[Runs, "where the agent does"] = "in-process"
     link: Annotated[str | None, "the agent's URL"] = None
+    system_id: Annotated[
+        int,
+        Bounds(at_least=1, at_most=250),
+        "of MAVLink; of several vessels each has its own, the lowest that is free unless given",
+    ] = 1
     ground_stations: Annotated[
         tuple[str, ...] | None,
         "`udp://host:port` is sent to, `tcp://host:port` is listened at, or at the next free port; null: UDP 14550 and "

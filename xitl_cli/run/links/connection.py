@@ -9,6 +9,7 @@ from random import randrange
 from typing import Any
 
 from agent.assembly import AUTOPILOT_COMPONENT_ID, COMPANION_COMPONENT_ID
+from agent.mavlink.exchange import Target
 from agent.node import PROTOCOL
 from agent.options import BRIDGE, COMPANION, FCU
 from agent.timing.clock import wait_readable
@@ -24,7 +25,7 @@ from xitl_cli.run.core.node import RunContext
 from xitl_cli.run.core.reports import LinkReport, NodeReport
 from xitl_cli.run.links.inbox import OWN_IDS, AgentInbox
 from xitl_cli.run.links.link_accounts import link_state, node_report
-from xitl_cli.run.links.peer import AGENT_SYSTEM_ID, HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
+from xitl_cli.run.links.peer import HOST_COMPONENT_ID, HOST_SYSTEM_ID, Peer
 from xitl_cli.run.links.setup import set_parameters, upload_mission
 
 
@@ -32,14 +33,15 @@ from xitl_cli.run.links.setup import set_parameters, upload_mission
 class AgentTerms:
     """key: the profile's group. who: in sentences. node: what it has to announce, with --role `role`.
 
-    says: what is missed when it is silent, and what it does (`speaks`) when it is back. silent_s: what is too long.
+    target: its MAVLink system and component. says: what is missed when it is silent, and what it does (`speaks`) when
+    it is back. silent_s: what is too long.
     """
 
     key: str
     who: str
     node: str
     role: str
-    component_id: int
+    target: Target
     connect_timeout_s: float
     silent_s: float
     link_key_file: str | None = None
@@ -55,7 +57,7 @@ def autopilot_terms(profile: RunProfile, name: str) -> AgentTerms:
         who="the agent" if name == "agent" else f"the {name} agent",
         node="LC",
         role=FCU if autopilot.kind == "embedded" else BRIDGE,
-        component_id=AUTOPILOT_COMPONENT_ID,
+        target=(autopilot.system_id, AUTOPILOT_COMPONENT_ID),
         connect_timeout_s=autopilot.connect_timeout_s,
         silent_s=autopilot.silent_s,
         link_key_file=autopilot.link_key_file,
@@ -71,7 +73,7 @@ def companion_terms(profile: RunProfile) -> AgentTerms:
         who="the companion",
         node="HC",
         role=COMPANION,
-        component_id=COMPANION_COMPONENT_ID,
+        target=(profile.autopilot.system_id, COMPANION_COMPONENT_ID),
         connect_timeout_s=companion.connect_timeout_s,
         silent_s=companion.silent_s,
         link_key_file=companion.link_key_file,
@@ -268,6 +270,12 @@ class AgentConnection:
                 f"{transport.peer}: the agent there is no {self._terms.key}, it runs {info.nodes}; "
                 f"start it with --role {self._terms.role}, or use another {self._terms.key}.link"
             )
+        system_id, wanted = self.inbox.view.status.get_srcSystem(), self.target[0]
+        if system_id != wanted:
+            raise UserError(
+                f"{transport.peer}: {self._who} there is MAVLink system {system_id}, autopilot.system_id is {wanted}; "
+                f"start it with --system-id {wanted}, or use another {self._terms.key}.link"
+            )
         self._reached = True
 
     def begin(
@@ -281,10 +289,9 @@ class AgentConnection:
         self.inbox.begin(context)
         self.link.tap = self.inbox.tap
         self._start()
-        target = (AGENT_SYSTEM_ID, self._terms.component_id)
-        set_parameters(target, parameters, self.link.send, self.receive, self._terms.key)
+        set_parameters(self.target, parameters, self.link.send, self.receive, self._terms.key)
         if mission:
-            upload_mission(target, mission, self.link.send, self.receive)
+            upload_mission(self.target, mission, self.link.send, self.receive)
         if not self._lockstep:
             for _ in range(SYNC_BURST):
                 self.request_time()
@@ -319,6 +326,11 @@ class AgentConnection:
         return error(self.peer.transport.peer, self._who, self._sim_s())
 
     # In the run
+
+    @property
+    def target(self) -> Target:
+        """Its MAVLink system and component."""
+        return self._terms.target
 
     @property
     def peer(self) -> Peer:
@@ -377,7 +389,7 @@ class AgentConnection:
 
     def _agents_own(self, messages: list[Any]) -> list[Any]:
         """Without what claims to be between the two ends and has another sender: on a bus anybody may send."""
-        own = (AGENT_SYSTEM_ID, self._terms.component_id)
+        own = self.target
         heard = [
             message
             for message in messages

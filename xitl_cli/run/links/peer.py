@@ -29,9 +29,10 @@ from xitl_cli.run.links.loopback import open_loopback
 class AgentOptions:
     """The agent's own options, see `xitl agent --help`. `log_dir` is where its DataFlash log goes, None for no log.
 
-    `bridge`: it is one to another autopilot. `companion`: it is a companion computer.
+    `system_id`: that of the vessel. `bridge`: it is one to another autopilot. `companion`: it is a companion computer.
     """
 
+    system_id: int = Options.system_id
     ground_stations: tuple[str, ...] = ()
     controller: str | None = None
     signing_key_file: str | None = None
@@ -49,6 +50,7 @@ class AgentOptions:
         """The same as a command line."""
         given = [("--gcs", url) for url in self.ground_stations]
         others = {
+            "--system-id": None if self.system_id == Options.system_id else self.system_id,
             "--controller": self.controller,
             "--signing-key": self.signing_key_file,
             "--link-key": self.link_key_file,
@@ -79,8 +81,9 @@ def options_from_profile(
     """What the profile asks for. `run_directory` is where a log belongs, None keeps none."""
     autopilot = profile.autopilot
     if bridge is not None:
-        return AgentOptions(link_key_file=autopilot.link_key_file, bridge=bridge)
+        return AgentOptions(autopilot.system_id, link_key_file=autopilot.link_key_file, bridge=bridge)
     return AgentOptions(
+        system_id=autopilot.system_id,
         ground_stations=ground_stations,
         controller=autopilot.controller,
         signing_key_file=autopilot.signing_key_file,
@@ -91,8 +94,6 @@ def options_from_profile(
 
 HOST_SYSTEM_ID = 255
 HOST_COMPONENT_ID = 190
-AGENT_SYSTEM_ID = 1
-AGENT_COMPONENT_ID = 1
 _STOP_S = 2.0
 LINES_KEPT = 20
 
@@ -146,6 +147,7 @@ def own_options(options: AgentOptions) -> Options:
         bridge = options.bridge
         return Options(
             role=BRIDGE,
+            system_id=options.system_id,
             link_key=None if options.link_key_file is None else Path(options.link_key_file),
             kind=VIRTUAL,
             autopilot=bridge.mavlink,
@@ -158,6 +160,7 @@ def own_options(options: AgentOptions) -> Options:
         )
     return Options(
         role=COMPANION if options.companion else FCU,
+        system_id=options.system_id,
         ground=options.ground_stations,
         controller=options.controller or "",
         signing_key=None if options.signing_key_file is None else Path(options.signing_key_file),

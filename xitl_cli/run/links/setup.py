@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agent.fcu.parameters import BY_NAME
+from agent.fcu.parameters import BY_NAME, SYSTEM_ID
 from agent.mavlink.commands import StatusTextReceiver
 from agent.mavlink.exchange import Target, complete
 from agent.mavlink.missions import MissionUpload, result_name, waypoint_items
@@ -41,6 +41,8 @@ def embedded_parameters(profile: RunProfile) -> dict[str, float]:
     Gains that a file gives are not those that the vessel implies.
     """
     values = parameter_file_values(profile.autopilot.parameter_files, embedded=True)
+    if values.get(SYSTEM_ID) != profile.autopilot.system_id:  # a file of one vessel may serve others
+        values.pop(SYSTEM_ID, None)
     values = values | vessel_gains(profile.vehicle, profile.mission.speed_mps) | values
     north, east, _ = magnetic_field_ned_gauss(profile.site)
     values["COMPASS_DEC"] = math.atan2(east, north)

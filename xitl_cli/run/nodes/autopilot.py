@@ -25,12 +25,7 @@ from xitl_cli.run.links.connection import (
     connections_report,
 )
 from xitl_cli.run.links.inbox import AgentInbox, MessageRoute
-from xitl_cli.run.links.peer import (
-    AGENT_COMPONENT_ID,
-    AGENT_SYSTEM_ID,
-    AgentOptions,
-    open_peer,
-)
+from xitl_cli.run.links.peer import AgentOptions, open_peer
 from xitl_cli.run.links.setup import embedded_parameters, mission_places
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 from xitl_cli.run.nodes.drivers import VehicleDriver
@@ -70,7 +65,7 @@ class AutopilotNode(ControlNode):
     ) -> None:
         self.heard = MessageRoute()
         self._profile = profile
-        self._options = options or AgentOptions()
+        self._options = options or AgentOptions(profile.autopilot.system_id)
         self._supervision = supervision or Supervision(lambda: profile.autopilot.silent_s)
         self._interrupted = interrupted
         self._lockstep = profile.clock.mode == "lockstep"
@@ -83,7 +78,7 @@ class AutopilotNode(ControlNode):
         if standby is not None:
             self.view = AgentView(self._frame, lambda severity, text: None, lambda agent_us, estimate: None)
             self._redundancy = Redundancy(self.agents, self.view, standby)
-        commands = AutopilotCommands(self.view, self.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        commands = AutopilotCommands(self.view, self.send, *first.target)
         self.driver = make_driver(commands, first)
         self._check = EstimateCheck(profile.clock.physics_rate_hz)
         self._sync_every = max(round(profile.clock.exchange_rate_hz / SYNC_RATE_HZ), 1)

@@ -28,7 +28,6 @@ from xitl_cli.record.topics import BridgeCounts, MotorCommand, TaskTiming
 from xitl_cli.run.core.node import RunContext, RunNode, RunStep
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import AgentConnection
-from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.links.setup import live_parameters, mission_places
 from xitl_cli.run.nodes.autopilot_commands import Send
 from xitl_cli.run.nodes.bridge_clock import SIMULATED_UNEVEN_NS, AutopilotClock
@@ -224,7 +223,7 @@ class BridgeNode(RunNode):
 
     def preparation(self, driver: VehicleDriver, agent: AgentConnection, send: Send, frame: LocalFrame) -> Preparation:
         """What goes before the driver. agent: the one that is the bridge; `send` sends to it."""
-        profile, autopilot, target = self._profile, self._profile.autopilot, (AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        profile, autopilot, target = self._profile, self._profile.autopilot, agent.target
         places = mission_places(profile, frame) if profile.mission.waypoints_ned_m else []
         self._agent, self._view = agent, agent.inbox.view
         simulated = self._launch is not None and autopilot.firmware_build == "sitl"

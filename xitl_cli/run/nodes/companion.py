@@ -212,7 +212,7 @@ class CompanionNode(RunNode):
 
     def prepare(self) -> None:
         companion = self._companion
-        options = AgentOptions(companion=True, link_key_file=companion.link_key_file)
+        options = AgentOptions(self._profile.autopilot.system_id, companion=True, link_key_file=companion.link_key_file)
         self.agent.reach(open_peer(companion.runs, companion.link, options))
 
     def begin(self, context: RunContext) -> None:

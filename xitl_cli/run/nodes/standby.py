@@ -14,7 +14,6 @@ from xitl_cli.record.topics import TakeoverEvent
 from xitl_cli.run.core.reports import TakeoverReport
 from xitl_cli.run.links.agent_view import AgentView
 from xitl_cli.run.links.connection import WARNING, AgentConnection
-from xitl_cli.run.links.peer import AGENT_COMPONENT_ID, AGENT_SYSTEM_ID
 from xitl_cli.run.nodes.autopilot_commands import AutopilotCommands
 
 
@@ -104,7 +103,7 @@ class StandbyFollower:
 
     def __init__(self, agent: AgentConnection) -> None:
         self._view = agent.inbox.view
-        self._commands = AutopilotCommands(self._view, agent.send, AGENT_SYSTEM_ID, AGENT_COMPONENT_ID)
+        self._commands = AutopilotCommands(self._view, agent.send, *agent.target)
         self._wanted: tuple[bool, str] | None = None
         self._astray_ns: int | None = None
 

@@ -27,8 +27,8 @@ def double() -> Iterator[VehicleDouble]:
 class Bench:
     """A link to the double, and what it said and handed on."""
 
-    def __init__(self, url: str) -> None:
-        self.link = VehicleLink(url)
+    def __init__(self, url: str, vessel: int | None = None) -> None:
+        self.link = VehicleLink(url, vessel=vessel)
         self.said: list[tuple[int, str]] = []
         self.tapped: list[Any] = []
         self.passed: list[Any] = []
@@ -74,6 +74,19 @@ def test_its_ids_are_those_of_its_heartbeat(double: VehicleDouble, bench: Bench)
     assert (command.target_system, command.target_component) == (7, 3)
     assert (mode.target_system, sticks.target) == (7, 7)
     assert (command.get_srcSystem(), command.get_srcComponent()) == (255, 190)
+
+
+@pytest.mark.parametrize(("vessel", "said"), [(None, 0), (7, 0), (3, 1)])
+def test_one_of_another_number_is_heard_and_told_of_once(double: VehicleDouble, vessel: int | None, said: int) -> None:
+    bench = Bench(double.url, vessel)
+    double.link.receive(0.01)
+    for _ in range(2):
+        double.beat()
+        bench.serve(0)
+    bench.link.close()
+    assert bench.link.system_id == 7
+    assert [severity for severity, _ in bench.said] == [4] * said
+    assert all("is MAVLink system 7 and this vessel 3; give one of them the other's" in text for _, text in bench.said)
 
 
 def test_others_on_the_same_line_are_not_heard(double: VehicleDouble, bench: Bench) -> None:

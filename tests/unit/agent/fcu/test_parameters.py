@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.fcu.parameters import TABLE, ParameterError, Parameters, load_parm
+from agent.fcu.parameters import SYSTEM_ID, TABLE, ParameterError, Parameters, load_parm
 
 FIRMWARE_PARAMS = Path(__file__).parents[4] / "firmware_params"
 
@@ -44,10 +44,20 @@ def test_nonsense_is_refused_and_nothing_changes(name: str, value: float, words:
 
 @pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
 def test_limits_survive_a_32_bit_float(row) -> None:
-    parameters = Parameters()
     for limit in (row.low, row.high):
+        parameters = Parameters(system_id=int(limit)) if row.name == SYSTEM_ID else Parameters()
         on_wire = struct.unpack("<f", struct.pack("<f", limit))[0]
         assert row.low <= parameters.set(row.name, on_wire) <= row.high
+
+
+def test_the_system_is_what_it_was_started_as_whatever_is_set() -> None:
+    parameters = Parameters(system_id=7)
+    assert (parameters["SYSID_THISMAV"], parameters.set("SYSID_THISMAV", 7.0)) == (7.0, 7.0)
+    with pytest.raises(ParameterError, match="SYSID_THISMAV = 8 is refused: it is 7 since the start; use the agent's"):
+        parameters.set("SYSID_THISMAV", 8.0)
+    with pytest.raises(ParameterError, match=r"boat.parm:2: SYSID_THISMAV = 8 is refused"):
+        parameters.load("WP_SPEED 1\nSYSID_THISMAV 8\n", "boat.parm")
+    assert (parameters["SYSID_THISMAV"], parameters["WP_SPEED"], parameters.version) == (7.0, 3.0, 0)
 
 
 def test_version_counts_changes_only() -> None:

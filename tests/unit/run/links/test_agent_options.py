@@ -11,6 +11,7 @@ from xitl_cli.profile import load_profile
 from xitl_cli.profile.schema.profile import ground_stations_of
 from xitl_cli.run.core import directory
 from xitl_cli.run.links.peer import AgentOptions, options_from_profile, own_options
+from xitl_cli.run.links.setup import embedded_parameters
 
 USUAL = ("udp://127.0.0.1:14550", "tcp://127.0.0.1:5760")
 
@@ -61,6 +62,23 @@ def test_a_bridge_is_told_the_same_on_a_command_line_and_in_this_process() -> No
     for name in ("role", "autopilot", "world", "sensors", "sensor_link", "outputs", "trim_us", "span_us"):
         assert getattr(told, name) == getattr(own, name), name
     assert (own.role, own.outputs, own.sensors, own.span_us) == ("bridge", (3, 1), "vectornav", 380.5)
+
+
+def test_the_system_of_the_vessel_on_a_command_line_and_in_this_process(tmp_path: Path) -> None:
+    for name in ("sitl", "sitl-ardupilot-ahrs"):
+        profile = load_profile(name, ["autopilot.system_id=7"]).runnable()
+        bridge = profile.autopilot.bridge if profile.autopilot.kind == "ardupilot" else None
+        options = options_from_profile(profile, tmp_path, bridge=bridge)
+        assert (parse(options.arguments(), "xitl agent").system_id, own_options(options).system_id) == (7, 7)
+
+
+@pytest.mark.parametrize(("system_id", "kept"), [(1, {}), (7, {"SYSID_THISMAV": 7.0})])
+def test_a_file_of_one_vessel_serves_another(tmp_path: Path, system_id: int, kept: dict[str, float]) -> None:
+    file = tmp_path / "boat.parm"
+    file.write_text("SYSID_THISMAV 7\nWP_SPEED 2.5\n")
+    given = [f"autopilot.parameter_files=[{file}]", f"autopilot.system_id={system_id}"]
+    values = embedded_parameters(load_profile("sitl", given).runnable())
+    assert {name: value for name, value in values.items() if name == "SYSID_THISMAV"} == kept
 
 
 def test_nothing_given_is_nothing_said(tmp_path: Path) -> None:

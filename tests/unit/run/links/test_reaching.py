@@ -41,6 +41,15 @@ def test_a_companion_is_to_be_started_as_one() -> None:
     assert "`xitl agent --role companion --link udp://127.0.0.1:14661`" in said
 
 
+def test_an_agent_of_another_vessel_is_told_in_one_sentence() -> None:
+    profile = load_profile("sitl", ["autopilot.system_id=7"]).runnable()
+    inbox = AgentInbox("agent", LocalFrame(-8.8, -63.95, 70.0), 2, True, lambda stamp_ns, estimate: None)
+    peer = InProcessAgent(AgentOptions(3))
+    with pytest.raises(UserError, match=r"the agent there is MAVLink system 3, autopilot.system_id is 7; start it"):
+        AgentConnection("agent", profile, inbox).reach(peer)
+    peer.close()
+
+
 class Foreign(InProcessAgent):
     """An agent whose every frame has another checksum, as that of a message with other fields has."""
 

@@ -54,7 +54,7 @@ class Case:
         self.view = AgentView(frame, lambda *_: None, lambda *_: None)
         self.bridge = BridgeNode(profile, None)
         driver = NoDriver(AutopilotCommands(self.view, self.sent.append, 1, 1), 0)
-        agent: Any = SimpleNamespace(inbox=SimpleNamespace(view=self.view, command=STILL))
+        agent: Any = SimpleNamespace(target=(1, 1), inbox=SimpleNamespace(view=self.view, command=STILL))
         self.bridge.preparation(driver, agent, self.sent.append, frame)
         self._packer = Packer(1, 1)
 

@@ -27,11 +27,12 @@ class Standby:
     def __init__(self) -> None:
         self.view = view()
         self.sent: list[Any] = []
-        agent: Any = SimpleNamespace(inbox=SimpleNamespace(view=self.view), send=self.sent.append)
+        agent: Any = SimpleNamespace(target=(3, 1), inbox=SimpleNamespace(view=self.view), send=self.sent.append)
         self.follower = StandbyFollower(agent)
 
     def told(self, sim_s: float, active: AgentView) -> list[tuple[Any, ...]]:
         self.follower.update(round(sim_s * S), active)
+        assert all((message.target_system, message.target_component) == (3, 1) for message in self.sent)
         sent = [
             (message.command, *([message.param1, message.param2] if message.command == SET_MODE else [message.param1]))
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG
