@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -33,6 +34,7 @@ RECORDS = list(read_capture(DATA / "mission.xz"))
 TICK_US = 10_000
 FRAMES = 700  # it arms after 400
 ARMED = 128
+PATIENCE_S = 60.0  # for what is sure to come
 
 
 class Host:
@@ -59,12 +61,13 @@ class Host:
     def port(self) -> int:
         return int(self.node.role.addresses[-1].rpartition(":")[2])
 
-    def exchange(self) -> Any:
+    def exchange(self, patience_s: float = PATIENCE_S) -> Any:
         """A sample and a tick, asked for again until it is answered."""
         self.tick += 1
         now_us = self.tick * TICK_US
         self.link.send(mav.MAVLink_xitl_imu_message(now_us, (0.0, 0.0, -0.25), (0.0, 0.0, -9.8), 20.0))
-        for _ in range(20):
+        until_s = time.monotonic() + patience_s
+        while time.monotonic() < until_s:
             self.link.send(mav.MAVLink_xitl_tick_message(now_us, self.tick))
             self.node.poll()
             for message in self.link.receive():
@@ -73,10 +76,21 @@ class Host:
         return None
 
 
+class Stamps(list[int]):
+    """Of the samples that the double has got and answered."""
+
+    def wait_for(self, count: int) -> None:
+        """The real one is not overtaken before its outputs set the pace: it has the time of its own for that."""
+        until_s = time.monotonic() + PATIENCE_S
+        while len(self) < count:
+            assert time.monotonic() < until_s, f"{len(self)} samples of {count} were taken"
+            time.sleep(0.0)
+
+
 @contextmanager
-def replaying(port: int) -> Iterator[list[int]]:
+def replaying(port: int) -> Iterator[Stamps]:
     """What the real one sent to its simulator, at the sample after which it came; the stamps of what it got."""
-    stamps: list[int] = []
+    stamps = Stamps()
     sock = socket.create_connection(("127.0.0.1", port), 5.0)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     outputs = deque(record for record in RECORDS if record.kind == OUTPUTS)
@@ -92,9 +106,9 @@ def replaying(port: int) -> Iterator[list[int]]:
             for message in parser.parse_buffer(data) or ():
                 if message.get_type() == "HIL_SENSOR":
                     frame += 1
-                    stamps.append(message.time_usec)
                     while outputs and outputs[0].frame <= frame:
                         sock.sendall(outputs.popleft().data)
+                    stamps.append(message.time_usec)
 
     thread = threading.Thread(target=serve)
     thread.start()
@@ -119,7 +133,7 @@ def captured(kind: int, name: str) -> Iterator[tuple[int, Any]]:
 
 @pytest.fixture
 def host(monkeypatch: pytest.MonkeyPatch) -> Iterator[Host]:
-    monkeypatch.setattr(px4, "PATIENCE_S", 5.0)
+    monkeypatch.setattr(px4, "PATIENCE_S", PATIENCE_S)
     monkeypatch.setattr(px4, "PACE", 100.0)  # what sends again needs no time
     with ExitStack() as opened, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
@@ -136,6 +150,7 @@ def test_the_motors_of_a_tick_are_what_px4_put_out_for_its_sample(host: Host) ->
     with replaying(host.port) as stamps:
         for tick in range(1, FRAMES):
             answer = host.exchange()
+            stamps.wait_for(tick)
             assert answer is not None
             if tick < first:
                 assert tuple(answer.command[:2]) == (0.0, 0.0)
@@ -186,15 +201,18 @@ def test_every_position_of_px4_makes_an_estimate() -> None:
 
 def test_a_run_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the samples before PX4 arms to those after it."""
-    monkeypatch.setattr(px4, "PATIENCE_S", 5.0)
+    monkeypatch.setattr(px4, "PATIENCE_S", PATIENCE_S)
     monkeypatch.setattr(px4, "PACE", 100.0)
     told = []
     for _ in range(2):
         with ExitStack() as opened, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
             taken.bind(("127.0.0.1", 0))
             again = Host(opened, taken.getsockname()[1])
-            with replaying(again.port):
-                answers = [again.exchange() for _ in range(500)]
+            answers = []
+            with replaying(again.port) as stamps:
+                for tick in range(1, 501):
+                    answers.append(again.exchange())
+                    stamps.wait_for(tick)
             told.append([tuple(answer.command) for answer in answers])
     assert told[0][450:] == told[1][450:]
     assert any(any(command) for command in told[0])
@@ -202,4 +220,4 @@ def test_a_run_repeats(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_tick_is_answered_without_px4(host: Host, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("agent.bridges.px4.BLOCK_S", 0.005)
-    assert host.exchange() is None
+    assert host.exchange(patience_s=0.1) is None

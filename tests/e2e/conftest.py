@@ -7,7 +7,8 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,28 @@ def xitl(tmp_path: Path) -> Xitl:
         )
 
     return run
+
+
+PATIENCE_S = 120.0  # for what is sure to come, on whatever machine
+
+
+@contextmanager
+def running(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """`xitl sim ARGUMENTS --out run` from its first line of progress on; killed in the end if it is still there."""
+    with subprocess.Popen(
+        command("sim", *arguments, "--out", "run"),
+        cwd=folder,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert any(line.startswith("t ") for line in process.stdout), "it is never under way"
+            yield process
+        finally:
+            process.kill()
 
 
 @pytest.fixture

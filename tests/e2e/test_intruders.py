@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
-import subprocess
 import time
 from pathlib import Path
 
 import pytest
-from conftest import command, environment, payloads, summary
+from conftest import PATIENCE_S, payloads, running, summary
 
 from agent.wire import dialect
 from agent.wire.codec import Packer
@@ -27,29 +27,23 @@ SPOOFED = (
 @pytest.mark.realtime
 def test_a_run_is_not_taken_over_by_datagrams(tmp_path: Path, free_port: int) -> None:
     link = f"autopilot.link=udp://127.0.0.1:{free_port}"
-    process = subprocess.Popen(
-        command("sim", "--profile", "hitl-loopback", "--set", link, "--duration", "3", "--out", "run"),
-        cwd=tmp_path,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    assert any(line.startswith("t ") for line in process.stdout), "it is never under way"
     packer = Packer(255, 190)
     frames = [packer.pack(message) for message in SPOOFED]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as intruder:
+    with (
+        running(tmp_path, "--profile", "hitl-loopback", "--set", link, "--duration", "600") as process,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as intruder,
+    ):
         for number in range(400):
             noise = os.urandom(number % 1400 + 1)
             for data in (frames[number % len(frames)], noise, b"\xfd" * 1400, frames[0][:7], b"".join(frames)):
                 intruder.sendto(data, ("127.0.0.1", free_port))
             intruder.sendto(b"\xfd" * 60_000, ("127.0.0.1", free_port))
             time.sleep(0.001)
-    _, errors = process.communicate(timeout=30)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=PATIENCE_S)
     assert errors == "", errors
     told = summary(tmp_path / "run")
-    assert (told["ended"], told["error"]) == ("duration reached", None)
+    assert (told["ended"], told["error"]) == ("interrupted", None)
     sensors, actuators = told["links"]
     assert sensors["refused"] == sensors["dropped"] > 1000
     assert (sensors["lost"], actuators["lost"], actuators["refused"]) == (0, 0, 0)

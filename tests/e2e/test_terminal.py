@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from conftest import command, environment, summary
+from conftest import PATIENCE_S, command, environment, summary
 
 pytestmark = pytest.mark.realtime
 
@@ -21,9 +21,9 @@ def test_a_terminal_that_hangs_up_ends_the_run_with_its_summary(tmp_path: Path) 
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(tmp_path)
-        os.execvpe(sys.executable, command("sim", *words, "--duration", "60", "--out", "run"), environment())
+        os.execvpe(sys.executable, command("sim", *words, "--duration", "600", "--out", "run"), environment())
     try:
-        until_s = time.monotonic() + 30.0
+        until_s = time.monotonic() + PATIENCE_S
         text = b""
         while b"cross-track" not in text and time.monotonic() < until_s:  # the panel: it is under way
             text += os.read(terminal, 4096)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from node_host import LogDouble
 from agent.fcu.mavlink.channel import MavlinkChannel
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.node import AgentNode
+from agent.roles import ground_stations
 from agent.roles.autopilot import AutopilotRole
 from agent.roles.ground_stations import MOST_CLIENTS, GroundStations
 from agent.roles.storage import Storage
@@ -26,6 +27,7 @@ from agent.wire.memory import memory_pair
 from agent.wire.transport import open_transport
 
 TICK_US = 20_000
+PATIENCE_S = 60.0  # for what is sure to come
 
 
 class Bench:
@@ -63,11 +65,30 @@ class Bench:
                 return heard
 
     def until(self, wanted: Callable[[Any], bool]) -> Any:
-        for _ in range(500):
-            for message in self.poll(0.01):
+        return self.heard_until(wanted)[-1]
+
+    def heard_until(self, wanted: Callable[[Any], bool]) -> list[Any]:
+        """What the ground station hears up to the first that is wanted, which is the last."""
+        heard: list[Any] = []
+        until_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until_s:
+            for message in self.poll():
+                heard.append(message)
                 if wanted(message):
-                    return message
+                    return heard
         raise AssertionError("it did not come")
+
+    def answered(self) -> list[Any]:
+        """What the ground station hears before the answer to a question of its own."""
+        assert self.station is not None
+        self.station.send(mav.MAVLink_param_request_read_message(1, 1, b"WP_SPEED", -1))
+        return self.heard_until(of("PARAM_VALUE"))
+
+    def poll_until(self, reached: Callable[[], bool]) -> None:
+        until_s = time.monotonic() + PATIENCE_S
+        while not reached():
+            assert time.monotonic() < until_s, "it was not reached"
+            self.poll()
 
     def run(self, command: int, mode: int = mav.XITL_CLOCK_MODE_LOCKSTEP) -> None:
         self.host.send(mav.MAVLink_xitl_run_message(0, b"bench", command, mode, 1))
@@ -97,9 +118,8 @@ class Bench:
 
 @pytest.fixture
 def bench() -> Iterator[Bench]:
-    made = Bench(with_ground=True)
-    yield made
-    made.close()
+    with closing(Bench(with_ground=True)) as made:
+        yield made
 
 
 def of(name: str) -> Callable[[Any], bool]:
@@ -115,16 +135,20 @@ def test_between_runs_it_beats_and_serves(bench: Bench) -> None:
     assert bench.host.receive() == []
 
 
-def test_in_lockstep_the_ticks_set_the_pace_and_the_heart_beats_on(bench: Bench) -> None:
+def test_in_lockstep_the_ticks_set_the_pace_and_the_heart_beats_on(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench.until(of("HEARTBEAT"))
+    monkeypatch.setattr(ground_stations, "SILENCE_NS", 1 << 62)  # however long the ticks below take
     bench.run(mav.XITL_RUN_COMMAND_START)
-    bench.poll(0.05)
+    bench.answered()
     bench.step(100)
-    heard = bench.poll(0.2)
+    heard = bench.answered()
     assert 2 <= sum(message.get_type() == "HEARTBEAT" for message in heard) <= 4
     times_ms = [message.time_boot_ms for message in heard if message.get_type() == "ATTITUDE"]
     assert times_ms
     assert max(times_ms) <= 100 * 20
+    monkeypatch.undo()
     assert bench.until(of("HEARTBEAT"))  # no tick comes any more
     bench.run(mav.XITL_RUN_COMMAND_STOP)
     assert bench.until(of("SYS_STATUS"))
@@ -169,16 +193,14 @@ def test_a_reboot_starts_over_and_keeps_what_was_set(bench: Bench) -> None:
 
 def test_what_is_kept_is_there_in_the_next_run(tmp_path: Path) -> None:
     path = tmp_path / "kept.json"
-    bench = Bench(with_ground=True, storage=path)
-    bench.until(of("HEARTBEAT"))
-    assert bench.station is not None
-    assert bench.storage is not None
-    bench.station.send(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 1.0, 9))
-    bench.until(of("PARAM_VALUE"))
-    bench.run(mav.XITL_RUN_COMMAND_START)
-    bench.station.send(mav.MAVLink_param_request_read_message(1, 1, b"WP_SPEED", -1))
-    assert bench.until(of("PARAM_VALUE")).param_value == 1.0
-    bench.close()
+    with closing(Bench(with_ground=True, storage=path)) as bench:
+        bench.until(of("HEARTBEAT"))
+        assert bench.station is not None
+        assert bench.storage is not None
+        bench.station.send(mav.MAVLink_param_set_message(1, 1, b"WP_SPEED", 1.0, 9))
+        bench.until(of("PARAM_VALUE"))
+        bench.run(mav.XITL_RUN_COMMAND_START)
+        assert bench.answered()[-1].param_value == 1.0
     assert '"WP_SPEED": 1.0' in path.read_text()
 
 
@@ -203,15 +225,15 @@ def test_the_host_hears_the_same_with_and_without_ground_stations() -> None:
     """But for the statistics of the one task more."""
     heard = []
     for with_ground in (False, True):
-        bench = Bench(with_ground)
-        bench.poll(0.05)
-        bench.run(mav.XITL_RUN_COMMAND_START)
-        bench.step(200)
-        bench.run(mav.XITL_RUN_COMMAND_STOP)
-        bench.host.receive()
+        with closing(Bench(with_ground)) as bench:
+            if with_ground:
+                bench.until(of("HEARTBEAT"))
+            bench.run(mav.XITL_RUN_COMMAND_START)
+            bench.step(200)
+            bench.run(mav.XITL_RUN_COMMAND_STOP)
+            bench.host.receive()
         kept = [frame for frame in bench.frames if int.from_bytes(frame[7:10], "little") < 54000 or frame[7] == 0xF6]
         heard.append([frame[:4] + frame[5:-2] for frame in kept if b"XITL" not in frame])
-        bench.close()
     assert len(heard[0]) > 200
     assert heard[0] == heard[1]
 
@@ -243,10 +265,15 @@ def teardown_module() -> None:
         one.close()
 
 
-def test_what_stations_miss_reaches_the_host_counted_from_the_start_of_the_run() -> None:
-    bench = Bench(with_ground=True)
-    assert bench.ground is not None
-    url = bench.ground.addresses[0]
+def test_what_stations_miss_reaches_the_host_counted_from_the_start_of_the_run(bench: Bench) -> None:
+    """Idle stations that make room for others; none of them calls again."""
+    ground = bench.ground
+    assert ground is not None
+    assert bench.station is not None
+    bench.poll_until(lambda: ground.counters.connected == 1)
+    bench.station.transport.close()
+    bench.station = None
+    bench.poll_until(lambda: ground.counters.connected == 0)
 
     def missed(command: int) -> int:
         bench.run(command)
@@ -254,13 +281,22 @@ def test_what_stations_miss_reaches_the_host_counted_from_the_start_of_the_run()
         assert status.events_lost == 0
         return int(status.stations_missed)
 
+    made_room = 0
     with ExitStack() as opened:
-        for turned_away in (2, 3):  # the first time the bench's own station is there already
+
+        def call() -> None:
+            """One more, and wait until it is in: the system holds a few only."""
+            counts = ground.counters
+            opened.enter_context(open_transport(ground.addresses[0], listen=False))
+            bench.poll_until(lambda: sum(ground.counters[:3]) > sum(counts[:3]))
+
+        for _ in range(MOST_CLIENTS):
+            call()
+        for number in (2, 3):
             bench.run(mav.XITL_RUN_COMMAND_START)
             bench.host.receive()
-            count = MOST_CLIENTS + 1 if turned_away == 2 else turned_away
-            for _ in range(count):
-                opened.enter_context(open_transport(url, listen=False))
-            bench.poll(0.2)
-            assert missed(mav.XITL_RUN_COMMAND_HELLO) == turned_away
-    bench.close()
+            for _ in range(number):
+                call()
+            made_room += number
+            assert ground.counters.dropped == made_room
+            assert missed(mav.XITL_RUN_COMMAND_HELLO) == number
