@@ -93,7 +93,11 @@ class SimulationState:
 def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Generator) -> SimulationState:
     """Vessels at rest at (N, 2) places and (N,) headings; environment drawn from its stationary state."""
     vessel = vessel_motion.at_rest(simulation.vessel, north_east_m, yaw_rad)
-    environment = surroundings_model.initial(simulation.environment, len(north_east_m), rng)
+    return at_start(simulation, vessel, surroundings_model.initial(simulation.environment, len(north_east_m), rng))
+
+
+def at_start(simulation: Simulation, vessel: VesselState, environment: EnvironmentState) -> SimulationState:
+    """Time 0."""
     held = _held(simulation, environment, vessel.motion, 0.0)
     around = _around(simulation, held, vessel.motion, 0.0, None)
     return SimulationState(0, vessel, environment, *held, around.drift_frd_n, around.surface)
@@ -101,14 +105,10 @@ def initial(simulation: Simulation, north_east_m: Array, yaw_rad: Array, rng: Ge
 
 def step(simulation: Simulation, state: SimulationState, command: Array, rng: Generator) -> SimulationState:
     """One dt_s later, under (N, C) commands in [-1, 1], (1, C) for the same on all vessels: see VesselSpec."""
-    environment, motion, time_s = state.environment, state.vessel.motion, state.time_ns * 1e-9
+    environment = state.environment
     if state.time_ns % simulation.drift_ns == 0:
         environment = surroundings_model.step(simulation.environment, environment, simulation.drift_ns * 1e-9, rng)
-        held = _held(simulation, environment, motion, time_s)
-        around = _around(simulation, held, motion, time_s, None)
-    else:
-        held = state.current_ned_mps, state.wind_ned_mps
-        around = _around(simulation, held, motion, time_s, state.drift_frd_n)
+    held, around = feel(simulation, state, environment)
     afloat = state.afloat
     if simulation.waterway is not OPEN_WATER:
         afloat = waterways.step(
@@ -116,8 +116,8 @@ def step(simulation: Simulation, state: SimulationState, command: Array, rng: Ge
             simulation.outline,
             afloat,
             StepTimes(state.time_ns, simulation.dt_ns, simulation.drift_ns),
-            motion,
-            _water(simulation, environment, state.time_ns),
+            state.vessel.motion,
+            water_motion(simulation, environment, state.time_ns),
         )
     vessel = vessel_motion.step(simulation.vessel, state.vessel, command, around, afloat.wrench_frd)
     time_ns = state.time_ns + simulation.dt_ns
@@ -142,18 +142,32 @@ def drifting_bodies(simulation: Simulation, state: SimulationState) -> Bodies:
 
 def launch(simulation: Simulation, state: SimulationState, body: Launch) -> SimulationState:
     """With one body more in the water, whatever its `at_ns`. Raises ValueError for an impossible length."""
-    water = _water(simulation, state.environment, state.time_ns)
+    water = water_motion(simulation, state.environment, state.time_ns)
     debris = waterways.launch_body(state.afloat.debris, body, water)
     return replace(state, afloat=replace(state.afloat, debris=debris))
 
 
-def _water(simulation: Simulation, state: EnvironmentState, time_ns: int) -> WaterMotion:
+def water_motion(simulation: Simulation, state: EnvironmentState, time_ns: int) -> WaterMotion:
     """What carries bodies: all of them the current of the first vessel, which varies in time alone between vessels."""
     environment, varies = simulation.environment, state.current[:1]
     return WaterMotion(
         lambda places: environment.current.velocity_ned_mps(varies, places),
         lambda places: environment.surface_ned_z_m(time_ns * 1e-9, places),
     )
+
+
+def feel(
+    simulation: Simulation, state: SimulationState, environment: EnvironmentState
+) -> tuple[tuple[Array, Array], Surroundings]:
+    """Current and air, which are held for a while, and what the vessels feel in this step of an environment that has
+    gone on already.
+    """
+    motion, time_s = state.vessel.motion, state.time_ns * 1e-9
+    if state.time_ns % simulation.drift_ns == 0:
+        held = _held(simulation, environment, motion, time_s)
+        return held, _around(simulation, held, motion, time_s, None)
+    held = state.current_ned_mps, state.wind_ned_mps
+    return held, _around(simulation, held, motion, time_s, state.drift_frd_n)
 
 
 def _held(simulation: Simulation, state: EnvironmentState, motion: Kinematics, time_s: float) -> tuple[Array, Array]:

@@ -26,6 +26,9 @@ DAMPING_RATIO = 0.25
 FRICTION = 0.3
 SLIDING_MPS = 0.05  # below this the friction falls off, so that what lies still stays
 SPRING_TURN = 0.15
+SWING_RADPS = (
+    20.0  # what is free to move and heavy is met by a spring that swings so fast: else 3 t at 5 m/s go through
+)
 _FRICTION_SHARE = 0.2  # of the sliding speed that friction may take in one step
 
 
@@ -100,17 +103,35 @@ class Contacts:
     def __len__(self) -> int:
         return len(self.what)
 
+    def rows(self, chosen: Numbers, vessel: Numbers) -> Contacts:
+        """Those with the numbers chosen (R,), of vessels that are numbered `vessel` (R,) now."""
+        return Contacts(
+            vessel,
+            tuple(self.what[number] for number in chosen.tolist()),
+            self.place_ned_m[chosen],
+            self.force_ned_n[chosen],
+            self.closing_mps[chosen],
+            self.impulse_ns[chosen],
+        )
+
 
 NO_CONTACTS = Contacts(np.empty(0, np.intp), (), np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0))
 
 
-def pressed_n(normal: Array, depth_m: Array, velocity_mps: Array, mass_kg: Array, dt_s: float) -> Array:
+def pressed_n(
+    normal: Array,
+    depth_m: Array,
+    velocity_mps: Array,
+    mass_kg: Array,
+    dt_s: float,
+    stiffness_npm: Array | float = STIFFNESS_NPM,
+) -> Array:
     """(K, D) force on the first of two bodies, in 2 or 3 dimensions.
 
     normal (K, D): unit, away from the second; velocity_mps (K, D): of the first against the second at the place;
     mass_kg (K,): of both together, m1 m2 / (m1 + m2).
     """
-    stiffness = np.minimum(STIFFNESS_NPM, mass_kg * (SPRING_TURN / dt_s) ** 2)
+    stiffness = np.minimum(stiffness_npm, mass_kg * (SPRING_TURN / dt_s) ** 2)
     leaving = np.vecdot(velocity_mps, normal)
     damping = 2.0 * DAMPING_RATIO * np.sqrt(stiffness * mass_kg)
     press = np.maximum(stiffness * depth_m - damping * leaving, 0.0)

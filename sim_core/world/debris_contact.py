@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_core.frames import Array
-from sim_core.world.contact import FRICTION, STIFFNESS_NPM, bed_normal
+from sim_core.world.contact import FRICTION, STIFFNESS_NPM, SWING_RADPS, bed_normal
 from sim_core.world.debris import DebrisState, Push, capsules_of, pushed_at
 from sim_core.world.plan import Capsules, Numbers, touches
 from sim_core.world.river import Bed
 
 RELEASE_S = 0.2  # in which what is pressed in comes out again, c / k: nothing bounces off a boom
-SWING_RADPS = 20.0  # the spring is as stiff for great trunks that they swing so fast: else 3 t at 5 m/s go through
 _SWEEPS = 4  # two ends of a body come to 1 % of each other in three
 
 

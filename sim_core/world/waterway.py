@@ -7,7 +7,7 @@ Debris moves in long steps, and with the vessels' while one of them is near: wha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,32 +91,91 @@ def step(
     waterway: Waterway, outline: Outline, afloat: Afloat, times: StepTimes, motion: Kinematics, water: WaterMotion
 ) -> Afloat:
     """One step later, with the vessels where they are at its start."""
-    time_ns, dt_ns, long_ns = times.time_ns, times.dt_ns, times.long_ns
-    debris, near, reachable = afloat.debris, afloat.near, afloat.reachable
-    long_step = time_ns % long_ns == 0
+    long_step, debris = _begun(waterway, afloat.debris, times, water)
+    near, reachable = afloat.near, afloat.reachable
     if long_step:
-        debris = _launch_due(waterway, debris, time_ns, water)
-        near, reachable = NOTHING_NEAR, OUT_OF_REACH
-        if waterway.contact:
-            near = find_near(waterway.standing, waterway.bed, outline, motion, debris)
-            reachable = find_reachable(waterway.triangles, outline, motion)
+        near, reachable = look_around(waterway, outline, motion, debris)
+    contacts, wrench, push = touch_around(waterway, outline, motion, debris, near, reachable, times.dt_ns * 1e-9)
+    debris = _drifted(waterway, debris, times, water, bool(len(near.bodies)), push)
+    return Afloat(debris, near, contacts, wrench, reachable)
+
+
+def step_together(
+    waterway: Waterway,
+    outlines: Sequence[Outline],
+    afloat: Sequence[Afloat],
+    times: StepTimes,
+    motions: Sequence[Kinematics],
+    water: WaterMotion,
+) -> list[Afloat]:
+    """The same of vessels of several outlines in one water, with one debris."""
+    long_step, debris = _begun(waterway, afloat[0].debris, times, water)
+    parts, pushes, short = [], [], False
+    for outline, one, motion in zip(outlines, afloat, motions, strict=True):
+        near, reachable = one.near, one.reachable
+        if long_step:
+            near, reachable = look_around(waterway, outline, motion, debris)
+        contacts, wrench, push = touch_around(waterway, outline, motion, debris, near, reachable, times.dt_ns * 1e-9)
+        parts.append((near, contacts, wrench, reachable))
+        short = short or len(near.bodies) > 0
+        if push is not None:
+            pushes.append(push)
+    push = None
+    for each in pushes:
+        push = together(each, push)
+    debris = _drifted(waterway, debris, times, water, short, push)
+    return [Afloat(debris, *part) for part in parts]
+
+
+def _begun(waterway: Waterway, debris: DebrisState, times: StepTimes, water: WaterMotion) -> tuple[bool, DebrisState]:
+    """Whether a long step begins, and what drifts then."""
+    if times.time_ns % times.long_ns:
+        return False, debris
+    return True, _launch_due(waterway, debris, times.time_ns, water)
+
+
+def look_around(
+    waterway: Waterway, outline: Outline, motion: Kinematics, debris: DebrisState
+) -> tuple[Near, Reachable]:
+    """What the vessels may touch before the next long step."""
+    if not waterway.contact:
+        return NOTHING_NEAR, OUT_OF_REACH
+    near = find_near(waterway.standing, waterway.bed, outline, motion, debris)
+    return near, find_reachable(waterway.triangles, outline, motion)
+
+
+def touch_around(
+    waterway: Waterway,
+    outline: Outline,
+    motion: Kinematics,
+    debris: DebrisState,
+    near: Near,
+    reachable: Reachable,
+    dt_s: float,
+) -> tuple[Contacts, Array | None, Push | None]:
+    """Contacts of the vessels, their wrench on them (N, 6), and what presses on the debris."""
     contacts, wrench, push = NO_CONTACTS, None, None
     if not near.nothing:
-        contacts, wrench, push = compute_contacts(
-            waterway.standing, waterway.bed, outline, motion, debris, near, dt_ns * 1e-9
-        )
+        contacts, wrench, push = compute_contacts(waterway.standing, waterway.bed, outline, motion, debris, near, dt_s)
     if len(reachable):
-        struck = compute_mesh_contacts(waterway.triangles, outline, motion, reachable, dt_ns * 1e-9)
+        struck = compute_mesh_contacts(waterway.triangles, outline, motion, reachable, dt_s)
         if len(struck):
             contacts = joined_contacts([contacts, struck] if len(contacts) else [struck])
             wrench = wrench_frd(motion, contacts.vessel, contacts.place_ned_m, contacts.force_ned_n)
+    return contacts, wrench, push
+
+
+def _drifted(
+    waterway: Waterway, debris: DebrisState, times: StepTimes, water: WaterMotion, short: bool, push: Push | None
+) -> DebrisState:
+    """Debris at the step's end; short: in steps of the vessels, one of which is near."""
     if not debris.bodies:
-        return Afloat(debris, near, contacts, wrench, reachable)
-    if len(near.bodies):
-        debris = _carried(waterway, debris, dt_ns, water, push)
-    elif long_step:
-        debris = _carried(waterway, debris, long_ns, water, None)
-    return Afloat(debris, near, contacts, wrench, reachable)
+        return debris
+    if short:
+        return _carried(waterway, debris, times.dt_ns, water, push)
+    if times.time_ns % times.long_ns == 0:
+        return _carried(waterway, debris, times.long_ns, water, None)
+    return debris
 
 
 def launch_body(debris: DebrisState, launch: Launch, water: WaterMotion) -> DebrisState:

@@ -132,8 +132,8 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         bridge,
         companion,
         links,
-        TruthRecorder(profile, control, plant.simulation),
-        ModelRange(plant.simulation),
+        TruthRecorder(profile, control, plant.vessels[0].simulation),
+        ModelRange(plant.vessels[0].simulation),
         mission,
         None if river is None else river.launching,
         display.showing,
@@ -166,9 +166,9 @@ def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionN
     profile, sensors = setup.profile, setup.profile.sensors
     instruments: dict[str, PerceptionInstrument] = {}
     if sensors is not None and sensors.lidar is not None:
-        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, setup.plant.simulation)
+        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, setup.plant.vessels[0].simulation)
     if sensors is not None and sensors.sonar is not None:
-        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, setup.plant.simulation)
+        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, setup.plant.vessels[0].simulation)
     if not instruments:
         return None
     send = (lambda messages: None) if companion is None else companion.send

@@ -6,9 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
-from sim_core.frames import Array
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.record.topics import MotorCommand, PaceReport
@@ -50,20 +47,22 @@ class Loop:
         self._last_step = round(keys.duration_s * keys.physics_rate_hz)
         self._slips = 0
         self._commands: list[MotorCommand] = []
-        self._motors: Array = np.empty((0, 0))
+        self._motors: list[tuple[float, ...]] = []
 
     def run(self) -> Ending:
         """Raises UserError when a node is lost or the recording cannot be written; the plant keeps its last state."""
         sense, exchange, record = (self._calls(method) for method in ("sense", "exchange", "record"))
         plant, clock = self._plant, self._clock
+        vessel = plant.vessels[0]
         self._look_at_progress()
         number = 0
         while number < self._last_step:
             number += 1
             self._wait_until(plant.state.time_ns + plant.simulation.dt_ns)
-            state = plant.advance(self._commanded())
+            plant.advance(self._commanded())
+            state = vessel.state
             clock.step_ns = state.time_ns
-            step = RunStep(number, state.time_ns, state, plant.motion(), plant.held)
+            step = RunStep(number, state.time_ns, state, vessel.motion(), vessel.held)
             for call in sense:
                 call(step)
             exchanges = number % self._every_exchange == 0
@@ -102,17 +101,18 @@ class Loop:
         for receive in self._calls("receive"):
             receive(seconds)
 
-    def _commanded(self) -> Array:
-        """Motor commands (N, C) in force, by vessel."""
+    def _commanded(self) -> list[tuple[float, ...]]:
+        """Motor commands (C,) in force, by vessel."""
         commands = [control.command for control in self._controls]
         if commands != self._commands:
             self._commands = commands
-            self._motors = np.array([command.motors for command in commands])
+            self._motors = [command.motors for command in commands]
         return self._motors
 
     def _look_at_progress(self) -> None:
         progress = [control.progress for control in self._controls]
-        self._plant.held = any(one.waits_for for one in progress)
+        for vessel, one in zip(self._plant.vessels, progress, strict=True):
+            vessel.held = bool(one.waits_for)
         self.completed = all(one.completed for one in progress)
 
 

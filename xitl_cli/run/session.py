@@ -14,8 +14,6 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from numpy.random import default_rng
-
 from agent import __version__
 from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION
@@ -33,10 +31,9 @@ from xitl_cli.run.links.stations import StationAddresses
 from xitl_cli.run.loop import Loop
 from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
 from xitl_cli.run.view import View
-from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
 from xitl_cli.run.world.scenery import Scenery
-from xitl_cli.run.world.world import build_simulation
+from xitl_cli.run.world.world import build_plant
 
 if TYPE_CHECKING:
     from xitl_cli.logs.model.log import Log
@@ -104,7 +101,7 @@ def run(
     scenery = Scenery(ready)
     for text in warnings:
         scenery.warn(text)
-    plant = Plant(*build_simulation(ready, seeds, scenery), default_rng(seeds.sequence("environment")))
+    plant = build_plant([ready], seeds, scenery)
     interruption = Interruption()
     with ExitStack() as opened:
         stations = StationAddresses(ready)
@@ -186,7 +183,7 @@ def _go(
         duration_s=plant.state.time_ns * 1e-9,
         wall_s=wall_s,
         completed=loop.completed,
-        held_s=plant.held_s,
+        held_s=plant.vessels[0].held_s,
     )
 
 

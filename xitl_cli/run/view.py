@@ -254,7 +254,7 @@ class DisplayNode(RunNode):
             self._view = None
 
     def _status(self, step: RunStep) -> RunStatus:
-        control, score, state = self._control, self._score, self._plant.state
+        control, score, state = self._control, self._score, self._plant.vessels[0].state
         progress, motion = control.progress, step.motion
         north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
         rotation = motion.rot_ned_frd[0]

@@ -133,7 +133,9 @@ class RiverNode(RunNode):
         if not self.encounters.afloat(one.north_m, one.east_m):
             return False
         apart = np.hypot(motion.pos_ned_m[:, 0] - one.north_m, motion.pos_ned_m[:, 1] - one.east_m)
-        return bool(np.all(apart > self._plant.simulation.outline.reach_m + body.half_axis_m + body.radius_m))
+        return bool(
+            np.all(apart > self._plant.vessels[0].simulation.outline.reach_m + body.half_axis_m + body.radius_m)
+        )
 
     def _tell(self, recorder: Recorder, state: SimulationState) -> None:
         debris = state.debris

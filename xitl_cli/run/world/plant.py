@@ -2,47 +2,100 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 from numpy.random import Generator
 
-from sim_core.frames import Array
+from sim_core import fleet as fleets
+from sim_core import simulation as simulations
+from sim_core.fleet import Fleet, FleetState
 from sim_core.kinematics import Kinematics
-from sim_core.simulation import Simulation, SimulationState, kinematics, launch, step
+from sim_core.simulation import Simulation, SimulationState, kinematics
 from sim_core.world.debris import Launch
 
 
 class Plant:
-    """state: the latest one. held: the vessel's state is frozen while the world around it goes on.
+    """One vessel or a fleet in its water.
 
-    held_steps: steps for which it was.
+    simulation, state: of the world, the latest one. vessels: in the run's order.
     """
 
-    def __init__(self, simulation: Simulation, state: SimulationState, rng: Generator) -> None:
+    def __init__(self, simulation: Simulation | Fleet, state: SimulationState | FleetState, rng: Generator) -> None:
         self.simulation = simulation
         self.state = state
+        many = isinstance(simulation, Fleet)
+        count = len(simulation.names) if isinstance(simulation, Fleet) else 1
+        self.vessels = tuple(PlantView(self, number) for number in range(count))
+        self._rng = rng
+        self._step: Callable[..., Any] = fleets.step if many else simulations.step
+        self._launch: Callable[..., Any] = fleets.launch if many else simulations.launch
+        self._commands: Sequence[Any] | None = None
+        self._motors: Any = None
+
+    def advance(self, commands: Sequence[Any]) -> SimulationState | FleetState:
+        """One physics step with motor commands (C,) from -1 to 1 by vessel; a list that stays is the same object."""
+        simulation, before = self.simulation, self.state
+        if commands is not self._commands:
+            self._commands = commands
+            self._motors = simulation.by_model(commands) if isinstance(simulation, Fleet) else np.array(commands)
+        self.state = self._step(simulation, before, self._motors, self._rng)
+        held = [vessel for vessel in self.vessels if vessel.held]
+        if held:
+            self._hold(held, before)
+        return self.state
+
+    def _hold(self, vessels: Sequence[PlantView], before: SimulationState | FleetState) -> None:
+        for vessel in vessels:
+            vessel.held_steps += 1
+        if isinstance(self.state, SimulationState):
+            assert isinstance(before, SimulationState)
+            self.state = replace(self.state, vessel=before.vessel)
+        else:
+            assert isinstance(self.simulation, Fleet)
+            assert isinstance(before, FleetState)
+            self.state = fleets.held(self.simulation, self.state, before, [vessel.number for vessel in vessels])
+
+    def launch(self, body: Launch) -> None:
+        """One body more adrift. Raises ValueError for an impossible length."""
+        self.state = self._launch(self.simulation, self.state, body)
+
+
+class PlantView:
+    """The world as one vessel of a plant meets it; arrays have one row.
+
+    number: of the vessel. simulation: what does not change. held: its state is frozen while the world around it goes
+    on; held_steps: steps for which it was.
+    """
+
+    def __init__(self, plant: Plant, number: int) -> None:
+        simulation = plant.simulation
+        self.number = number
+        self.simulation = simulation.of(number) if isinstance(simulation, Fleet) else simulation
         self.held = False
         self.held_steps = 0
-        self._rng = rng
+        self._plant = plant
 
     @property
     def held_s(self) -> float:
         """The same in seconds."""
         return self.held_steps * self.simulation.dt_s
 
-    def advance(self, motors: Array) -> SimulationState:
-        """One physics step with motor commands (N, C) from -1 to 1."""
-        before = self.state.vessel
-        self.state = step(self.simulation, self.state, motors, self._rng)
-        if self.held:
-            self.held_steps += 1
-            self.state = replace(self.state, vessel=before)
-        return self.state
+    @property
+    def state(self) -> SimulationState:
+        """The latest one, with what this vessel touched."""
+        simulation, state = self._plant.simulation, self._plant.state
+        if isinstance(state, SimulationState):
+            return state
+        assert isinstance(simulation, Fleet)
+        return fleets.state_of(simulation, state, self.number)
 
     def motion(self) -> Kinematics:
-        """Of the state."""
-        return kinematics(self.simulation, self.state)
-
-    def launch(self, body: Launch) -> None:
-        """One body more adrift. Raises ValueError for an impossible length."""
-        self.state = launch(self.simulation, self.state, body)
+        """Of the latest state."""
+        simulation, state = self._plant.simulation, self._plant.state
+        if isinstance(state, SimulationState):
+            return kinematics(self.simulation, state)
+        assert isinstance(simulation, Fleet)
+        return fleets.kinematics_of(simulation, state, self.number)

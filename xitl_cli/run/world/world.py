@@ -6,11 +6,15 @@ A dam is felt as the box around it, boom and buildings as they stand in plan, al
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.random import default_rng
 
+from sim_core import fleet as fleets
 from sim_core.environment.environment import Environment
+from sim_core.fleet import Fleet, FleetState
+from sim_core.frames import Array
 from sim_core.geodesy import LocalFrame
 from sim_core.sensors.magnetometer import local_field_ned_gauss
 from sim_core.simulation import Simulation, SimulationState, initial
@@ -23,27 +27,64 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.world import LaunchSpec, SiteSpec
 from xitl_cli.run.core.seeds import Seeds
+from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scenery import Scenery
+
+
+def build_plant(profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery) -> Plant:
+    """The world at time 0 with a vessel of each profile, at rest at its mission's start; that of the first profile.
+
+    seeds: of the water, without a vessel's name.
+
+    Raises UserError when a model refuses a value that the profile's own checks let through.
+    """
+    drawn = default_rng(seeds.sequence("environment"))
+    if len(profiles) == 1:
+        return Plant(*build_simulation(profiles[0], seeds, scenery), drawn)
+    return Plant(*build_fleet(profiles, seeds, scenery), drawn)
 
 
 def build_simulation(
     profile: RunProfile, seeds: Seeds, scenery: Scenery | None = None
 ) -> tuple[Simulation, SimulationState]:
-    """The world at time 0, the vessel at rest at the mission's start.
-
-    Raises UserError when a model refuses a value that the profile's own checks let through.
-    """
+    """The world at time 0 with one vessel. Raises UserError as `build_plant`."""
     try:
-        environment = Environment.from_spec(profile.environment, default_rng(seeds.sequence("waves")))
-        waterway = build_waterway(profile, scenery or Scenery(profile)) if has_waterway(profile) else OPEN_WATER
-        dt_s = 1.0 / profile.clock.physics_rate_hz
-        simulation = Simulation.from_spec(profile.vehicle, environment, dt_s, waterway)
+        water = _water(profile, seeds, scenery)
+        simulation = Simulation.from_spec(profile.vehicle, *water)
     except ValueError as error:
         raise UserError(f"{profile.name}: {error}") from error
-    start = profile.mission.start
-    place = np.array([[start.north_m, start.east_m]])
-    heading = np.array([math.radians(start.heading_deg)])
-    return simulation, initial(simulation, place, heading, default_rng(seeds.sequence("environment at the start")))
+    return simulation, initial(simulation, *_starts([profile]), default_rng(seeds.sequence(_AT_START)))
+
+
+def build_fleet(
+    profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery | None = None
+) -> tuple[Fleet, FleetState]:
+    """The same with several. Raises UserError as `build_plant`."""
+    lead = profiles[0]
+    models, names = [each.vehicle for each in profiles], [getattr(each, "vessel", "") for each in profiles]
+    try:
+        water = _water(lead, seeds, scenery)
+        fleet = Fleet.from_spec(models, *water, names)
+    except ValueError as error:
+        raise UserError(f"{lead.name}: {error}") from error
+    return fleet, fleets.initial(fleet, *_starts(profiles), default_rng(seeds.sequence(_AT_START)))
+
+
+_AT_START = "environment at the start"
+
+
+def _water(profile: RunProfile, seeds: Seeds, scenery: Scenery | None) -> tuple[Environment, float, Waterway]:
+    """Environment, length of a step, and what there is to run into."""
+    environment = Environment.from_spec(profile.environment, default_rng(seeds.sequence("waves")))
+    waterway = build_waterway(profile, scenery or Scenery(profile)) if has_waterway(profile) else OPEN_WATER
+    return environment, 1.0 / profile.clock.physics_rate_hz, waterway
+
+
+def _starts(profiles: Sequence[RunProfile]) -> tuple[Array, Array]:
+    """(N, 2) places and (N,) headings."""
+    starts = [profile.mission.start for profile in profiles]
+    places = np.array([[start.north_m, start.east_m] for start in starts])
+    return places, np.array([math.radians(start.heading_deg) for start in starts])
 
 
 def has_waterway(profile: RunProfile) -> bool:

@@ -69,6 +69,6 @@ def test_it_does_not_move_turn_or_accelerate_in_waves_wind_and_current() -> None
     mean = np.mean(watcher.accelerations, axis=0)
     assert mean == pytest.approx([0.0, 0.0, -gravity], abs=0.2)  # the bias of the profile's unit
     # The duration counts from the start, the time for which it was held too.
-    assert plant.held_steps == pytest.approx(HELD_S * profile.clock.physics_rate_hz, abs=2)
+    assert plant.vessels[0].held_steps == pytest.approx(HELD_S * profile.clock.physics_rate_hz, abs=2)
     assert plant.state.time_ns * 1e-9 == pytest.approx(HELD_S + FREE_S, abs=0.02)
     assert np.linalg.norm(kinematics(simulation, plant.state).vel_ned_mps) > 0.01

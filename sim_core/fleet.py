@@ -1,0 +1,320 @@
+"""Vessels of any models in one water: one sea, one wind and one current for all, and hulls that run into each other.
+
+fleet = Fleet.from_spec(models, environment, dt_s, waterway, names=("leader", "follower"))
+state = initial(fleet, north_east_m, yaw_rad, rng)
+state = step(fleet, state, fleet.by_model(commands), rng)
+alone = state_of(fleet, state, 1)  # of simulation fleet.of(1)
+
+Vessels of equal models are the rows of one `Simulation`, and are stepped together. What fluctuates is drawn once for
+all; waves, and a current across a channel, go by the place of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.random import Generator
+
+from sim_core import simulation as simulations
+from sim_core.environment import environment as surroundings_model
+from sim_core.environment.environment import Environment, EnvironmentState
+from sim_core.environment.waves import HullSurface
+from sim_core.frames import Array
+from sim_core.kinematics import Kinematics
+from sim_core.simulation import Simulation, SimulationState
+from sim_core.vessel import vessel as vessel_motion
+from sim_core.vessel.spec import VesselSpec
+from sim_core.vessel.vessel import VesselState
+from sim_core.world import waterway as waterways
+from sim_core.world.contact import NO_CONTACTS, Contacts, joined_contacts, wrench_frd
+from sim_core.world.debris import DebrisState, Launch
+from sim_core.world.hull_contact import (
+    NOBODY_CLOSE,
+    CloseHulls,
+    Hulls,
+    compute_hull_contacts,
+    find_close_hulls,
+)
+from sim_core.world.plan import Capsules, Numbers
+from sim_core.world.waterway import OPEN_WATER, Afloat, StepTimes, Waterway
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fleet:
+    """Everything that does not change during a run; made by `from_spec`.
+
+    batches: one simulation a model, all of one environment and waterway. members: of each batch, the numbers of its
+    vessels in the order of its rows. rows: of each vessel, its batch and its row there. names: of the vessels.
+    hulls: of all vessels, batch by batch.
+    """
+
+    batches: tuple[Simulation, ...]
+    members: tuple[Numbers, ...]
+    rows: tuple[tuple[int, int], ...]
+    names: tuple[str, ...]
+    hulls: Hulls
+
+    @classmethod
+    def from_spec(
+        cls,
+        models: Sequence[VesselSpec],
+        environment: Environment,
+        dt_s: float,
+        waterway: Waterway = OPEN_WATER,
+        names: Sequence[str] = (),
+    ) -> Fleet:
+        """One model a vessel; their numbers stand for names that are not given.
+
+        Raises ValueError for no vessels, for names that are not one a vessel and all different, and as
+        `Simulation.from_spec`.
+        """
+        names = tuple(names) or tuple(str(number) for number in range(len(models)))
+        if not models:
+            raise ValueError("a fleet has no vessels; give at least one model")
+        if len(set(names)) != len(models) or len(names) != len(models):
+            raise ValueError(f"{len(models)} vessels are called {', '.join(names)}; give each a name of its own")
+        if waterway is OPEN_WATER:  # there are others to run into
+            waterway = Waterway(Capsules.joined(()))
+        kinds: list[VesselSpec] = []
+        batch = []
+        for model in models:
+            if model not in kinds:
+                kinds.append(model)
+            batch.append(kinds.index(model))
+        members = tuple(np.flatnonzero(np.array(batch) == number) for number in range(len(kinds)))
+        row = {
+            vessel: (number, place) for number, each in enumerate(members) for place, vessel in enumerate(each.tolist())
+        }
+        batches = tuple(Simulation.from_spec(kind, environment, dt_s, waterway) for kind in kinds)
+        sequence = np.concatenate(members).tolist()
+        return cls(
+            batches=batches,
+            members=members,
+            rows=tuple(row[vessel] for vessel in range(len(models))),
+            names=names,
+            hulls=Hulls.from_outlines(
+                [batches[batch[vessel]].outline for vessel in sequence], [names[vessel] for vessel in sequence]
+            ),
+        )
+
+    @property
+    def environment(self) -> Environment:
+        """Of all vessels."""
+        return self.batches[0].environment
+
+    @property
+    def waterway(self) -> Waterway:
+        """Of all vessels."""
+        return self.batches[0].waterway
+
+    @property
+    def dt_s(self) -> float:
+        """Length of a step."""
+        return self.batches[0].dt_s
+
+    @property
+    def dt_ns(self) -> int:
+        """Length of a step."""
+        return self.batches[0].dt_ns
+
+    def of(self, number: int) -> Simulation:
+        """What a vessel is and what surrounds it: goes with its `state_of`."""
+        return self.batches[self.rows[number][0]]
+
+    def by_model(self, commands: Sequence[Sequence[float]]) -> list[Array]:
+        """Commands by vessel (C,) as those that `step` takes: an array (N, C) a batch."""
+        return [np.array([commands[vessel] for vessel in each.tolist()], dtype=np.float64) for each in self.members]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FleetState:
+    """The world at time_ns. batches: the states of the fleet's batches, with what their vessels touched.
+
+    environment: one draw for all; in the batches' own it has one row too. close: which hulls may meet.
+    """
+
+    time_ns: int
+    batches: tuple[SimulationState, ...]
+    environment: EnvironmentState
+    close: CloseHulls = NOBODY_CLOSE
+
+    @property
+    def debris(self) -> DebrisState:
+        """What drifts."""
+        return self.batches[0].afloat.debris
+
+
+def initial(fleet: Fleet, north_east_m: Array, yaw_rad: Array, rng: Generator) -> FleetState:
+    """Vessels at rest at (M, 2) places and (M,) headings, in their order; environment drawn once for all."""
+    environment = surroundings_model.initial(fleet.environment, 1, rng)
+    batches = []
+    for simulation, members in zip(fleet.batches, fleet.members, strict=True):
+        vessel = vessel_motion.at_rest(simulation.vessel, north_east_m[members], yaw_rad[members])
+        batches.append(simulations.at_start(simulation, vessel, environment))
+    return FleetState(0, tuple(batches), environment)
+
+
+def step(fleet: Fleet, state: FleetState, commands: Sequence[Array], rng: Generator) -> FleetState:
+    """One dt_s later, under (N, C) commands in [-1, 1] a batch, as `Fleet.by_model` makes them."""
+    lead = fleet.batches[0]
+    environment = state.environment
+    if state.time_ns % lead.drift_ns == 0:
+        environment = surroundings_model.step(fleet.environment, environment, lead.drift_ns * 1e-9, rng)
+    felt = [
+        simulations.feel(simulation, one, environment)
+        for simulation, one in zip(fleet.batches, state.batches, strict=True)
+    ]
+    close, afloat = _touched(fleet, state, environment)
+    batches = []
+    for simulation, one, (held, around), water, command in zip(
+        fleet.batches, state.batches, felt, afloat, commands, strict=True
+    ):
+        vessel = vessel_motion.step(simulation.vessel, one.vessel, command, around, water.wrench_frd)
+        batches.append(
+            SimulationState(
+                one.time_ns + lead.dt_ns, vessel, environment, *held, around.drift_frd_n, around.surface, water
+            )
+        )
+    return FleetState(state.time_ns + lead.dt_ns, tuple(batches), environment, close)
+
+
+def state_of(fleet: Fleet, state: FleetState, number: int) -> SimulationState:
+    """The world as one vessel meets it: arrays of one row, and what it touched itself."""
+    batch, row = fleet.rows[number]
+    together, rows = state.batches[batch], slice(row, row + 1)
+    if len(fleet.members[batch]) == 1:
+        return together
+    vessel, afloat = together.vessel, together.afloat
+    half_change = vessel.half_change
+    contacts, wrench = afloat.contacts, None
+    if len(contacts):
+        own = np.flatnonzero(contacts.vessel == row)
+        contacts = contacts.rows(own, np.zeros(len(own), np.intp)) if len(own) else NO_CONTACTS
+        wrench = None if afloat.wrench_frd is None else afloat.wrench_frd[rows]
+    surface = together.surface
+    return SimulationState(
+        together.time_ns,
+        VesselState(
+            _row(vessel.motion, rows), vessel.rotor_speed[rows], None if half_change is None else half_change[rows]
+        ),
+        together.environment,
+        _own(together.current_ned_mps, rows),
+        _own(together.wind_ned_mps, rows),
+        together.drift_frd_n[rows],
+        HullSurface(surface.point_elevation_m[rows], surface.over_hull[rows]),
+        replace(afloat, contacts=contacts, wrench_frd=wrench),
+    )
+
+
+def kinematics_of(fleet: Fleet, state: FleetState, number: int) -> Kinematics:
+    """True motion of one vessel: arrays of one row."""
+    batch, row = fleet.rows[number]
+    motion = state.batches[batch].vessel.motion
+    return motion if len(fleet.members[batch]) == 1 else _row(motion, slice(row, row + 1))
+
+
+def launch(fleet: Fleet, state: FleetState, body: Launch) -> FleetState:
+    """With one body more in the water, whatever its `at_ns`. Raises ValueError for an impossible length."""
+    lead = fleet.batches[0]
+    water = simulations.water_motion(lead, state.environment, state.time_ns)
+    debris = waterways.launch_body(state.debris, body, water)
+    batches = tuple(replace(one, afloat=replace(one.afloat, debris=debris)) for one in state.batches)
+    return replace(state, batches=batches)
+
+
+def held(fleet: Fleet, state: FleetState, before: FleetState, numbers: Sequence[int]) -> FleetState:
+    """`state` with the vessels of these numbers still as they were `before`."""
+    batches = list(state.batches)
+    for batch in {fleet.rows[number][0] for number in numbers}:
+        rows = [fleet.rows[number][1] for number in numbers if fleet.rows[number][0] == batch]
+        now, then = batches[batch].vessel, before.batches[batch].vessel
+        if len(rows) < len(fleet.members[batch]):
+            then = _mixed(now, then, rows)
+        batches[batch] = replace(batches[batch], vessel=then)
+    return replace(state, batches=tuple(batches))
+
+
+def joined_motion(fleet: Fleet, state: FleetState) -> Kinematics:
+    """Of all vessels, batch by batch, as `Fleet.hulls` has them."""
+    motions = [one.vessel.motion for one in state.batches]
+    if len(motions) == 1:
+        return motions[0]
+    return Kinematics(*(np.concatenate([getattr(each, name) for each in motions]) for name in _MOTION))
+
+
+_MOTION = tuple(field.name for field in fields(Kinematics))
+
+
+def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> tuple[CloseHulls, list[Afloat]]:
+    """What is close, and of each batch what its vessels touch."""
+    lead = fleet.batches[0]
+    times = StepTimes(state.time_ns, lead.dt_ns, lead.drift_ns)
+    motions = [one.vessel.motion for one in state.batches]
+    afloat = waterways.step_together(
+        fleet.waterway,
+        [simulation.outline for simulation in fleet.batches],
+        [one.afloat for one in state.batches],
+        times,
+        motions,
+        simulations.water_motion(lead, environment, state.time_ns),
+    )
+    close = state.close
+    if state.time_ns % lead.drift_ns == 0:
+        close = find_close_hulls(fleet.hulls, np.concatenate([motion.pos_ned_m[:, :2] for motion in motions]))
+    if not len(close):
+        return close, afloat
+    motion = joined_motion(fleet, state)
+    contacts = compute_hull_contacts(fleet.hulls, close, motion, lead.dt_s)
+    if not len(contacts):
+        return close, afloat
+    wrench = wrench_frd(motion, contacts.vessel, contacts.place_ned_m, contacts.force_ned_n)
+    first = 0
+    for batch, members in enumerate(fleet.members):
+        rows = slice(first, first + len(members))
+        own = np.flatnonzero((contacts.vessel >= rows.start) & (contacts.vessel < rows.stop))
+        if len(own):
+            afloat[batch] = _pressed(afloat[batch], contacts.rows(own, contacts.vessel[own] - first), wrench[rows])
+        first = rows.stop
+    return close, afloat
+
+
+def _pressed(afloat: Afloat, contacts: Contacts, wrench: Array) -> Afloat:
+    """With contacts and their wrench beside its own."""
+    if len(afloat.contacts):
+        contacts = joined_contacts([afloat.contacts, contacts])
+    return replace(
+        afloat,
+        contacts=contacts,
+        wrench_frd=wrench if afloat.wrench_frd is None else afloat.wrench_frd + wrench,
+    )
+
+
+def _row(motion: Kinematics, rows: slice) -> Kinematics:
+    return Kinematics(
+        motion.pos_ned_m[rows],
+        motion.vel_ned_mps[rows],
+        motion.acc_ned_mps2[rows],
+        motion.quat_ned_frd[rows],
+        motion.rot_ned_frd[rows],
+        motion.gyro_frd_radps[rows],
+        motion.angular_acc_frd_radps2[rows],
+    )
+
+
+def _own(values: Array, rows: slice) -> Array:
+    """Of what is one row for all, or one a vessel."""
+    return values if len(values) == 1 else values[rows]
+
+
+def _mixed(now: VesselState, then: VesselState, rows: Sequence[int]) -> VesselState:
+    """`now`, with these rows from `then`. What changed their velocities last is that of now: they start anew."""
+
+    def kept(new: Array, old: Array) -> Array:
+        mixed = new.copy()
+        mixed[rows] = old[rows]
+        return mixed
+
+    motion = Kinematics(*(kept(getattr(now.motion, name), getattr(then.motion, name)) for name in _MOTION))
+    return VesselState(motion, kept(now.rotor_speed, then.rotor_speed), now.half_change)

@@ -1,0 +1,157 @@
+"""Contact of hulls with each other: those of vessels, and those of vessels that follow a script.
+
+Capsules in plan press on each other by spring, damper and friction as in `contact`. What one feels the other feels the
+other way round at the same place, so that momentum and its moment stay. A vessel that follows a script is infinitely
+heavy: it goes its way.
+
+Pairs are found now and then by sorting the vessels along the axis on which they lie farther apart; a step costs by the
+pairs that are near.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_core.frames import Array
+from sim_core.kinematics import Kinematics
+from sim_core.world.contact import (
+    NEAR_M,
+    NO_CONTACTS,
+    STIFFNESS_NPM,
+    SWING_RADPS,
+    Contacts,
+    Outline,
+    pressed_n,
+    velocity_at,
+)
+from sim_core.world.plan import Capsules, Numbers, touches
+
+_NO_NUMBERS = np.empty(0, np.intp)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hulls:
+    """H hulls of M vessels, the hulls of a vessel side by side.
+
+    vessel (H,): whose; ends_frd_m (H, 2, 3): of their axes; radius_m (H,). Of each vessel: names, first_hull (M + 1,),
+    mass_kg, reach_m (M,), and order (M,), its place by name: what touches is gone through in this order, so that the
+    order in which vessels are listed makes no difference.
+    """
+
+    names: tuple[str, ...]
+    vessel: Numbers
+    ends_frd_m: Array
+    radius_m: Array
+    first_hull: Numbers
+    mass_kg: Array
+    reach_m: Array
+    order: Numbers
+
+    @classmethod
+    def from_outlines(cls, outlines: Sequence[Outline], names: Sequence[str]) -> Hulls:
+        """One outline a vessel; each has a name of its own."""
+        counts = [len(outline.radius_m) for outline in outlines]
+        order = np.empty(len(names), np.intp)
+        order[sorted(range(len(names)), key=names.__getitem__)] = np.arange(len(names))
+        return cls(
+            names=tuple(names),
+            vessel=np.repeat(np.arange(len(outlines)), counts),
+            ends_frd_m=np.concatenate([outline.ends_frd_m.reshape(-1, 2, 3) for outline in outlines]),
+            radius_m=np.concatenate([outline.radius_m for outline in outlines]),
+            first_hull=np.concatenate([[0], np.cumsum(counts)]),
+            mass_kg=np.array([outline.mass_kg for outline in outlines]),
+            reach_m=np.array([outline.reach_m for outline in outlines]),
+            order=order,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloseHulls:
+    """Hulls that may touch before the next look: their numbers (U,), and pairs (Q,) of places in that list."""
+
+    hull: Numbers
+    first: Numbers
+    second: Numbers
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+NOBODY_CLOSE = CloseHulls(_NO_NUMBERS, _NO_NUMBERS, _NO_NUMBERS)
+
+
+def find_close_hulls(hulls: Hulls, north_east_m: Array) -> CloseHulls:
+    """Which hulls of vessels at (M, 2) may touch before the next look; not of two that both follow a script."""
+    one, other = close_pairs(north_east_m, hulls.reach_m + 0.5 * NEAR_M)
+    if len(one):
+        free = np.isfinite(np.minimum(hulls.mass_kg[one], hulls.mass_kg[other]))
+        one, other = one[free], other[free]
+    if not len(one):
+        return NOBODY_CLOSE
+    turned = hulls.order[one] > hulls.order[other]
+    one, other = np.where(turned, other, one), np.where(turned, one, other)
+    sequence = np.lexsort((hulls.order[other], hulls.order[one]))
+    pairs = [
+        (first, second)
+        for a, b in zip(one[sequence].tolist(), other[sequence].tolist(), strict=True)
+        for first in range(hulls.first_hull[a], hulls.first_hull[a + 1])
+        for second in range(hulls.first_hull[b], hulls.first_hull[b + 1])
+    ]
+    involved, places = np.unique(np.array(pairs), return_inverse=True)
+    first, second = places.reshape(-1, 2).T
+    return CloseHulls(involved, first, second)
+
+
+def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
+    """(P,), (P,) numbers of those of M discs at (M, 2) with radii (M,) that meet."""
+    axis = int(np.argmax(np.ptp(north_east_m, axis=0)))
+    sequence = np.argsort(north_east_m[:, axis], kind="stable")
+    places, reach = north_east_m[sequence], reach_m[sequence]
+    along = places[:, axis]
+    widest = 2.0 * float(reach.max())
+    found: list[tuple[Numbers, Numbers]] = []
+    for apart in range(1, len(along)):
+        low = np.flatnonzero(along[apart:] - along[:-apart] < widest)
+        if not len(low):
+            break
+        high = low + apart
+        between = places[high] - places[low]
+        met = np.vecdot(between, between) < (reach[high] + reach[low]) ** 2
+        if met.any():
+            found.append((sequence[low[met]], sequence[high[met]]))
+    if not found:
+        return _NO_NUMBERS, _NO_NUMBERS
+    one, other = (np.concatenate(column) for column in zip(*found, strict=True))
+    return one, other
+
+
+def compute_hull_contacts(hulls: Hulls, close: CloseHulls, motion: Kinematics, dt_s: float) -> Contacts:
+    """Two for each place where two hulls touch, one on each vessel; `motion` has M vessels."""
+    whose = hulls.vessel[close.hull]
+    ends = hulls.ends_frd_m[close.hull] @ motion.rot_ned_frd[whose].transpose(0, 2, 1)
+    ends += motion.pos_ned_m[whose][:, None]
+    capsules = Capsules(ends[:, 0, :2], ends[:, 1, :2], hulls.radius_m[close.hull], ("",) * len(whose))
+    touch = touches(capsules, capsules, close.first, close.second)
+    if not len(touch.first):
+        return NO_CONTACTS
+    one, other = whose[touch.first], whose[touch.second]
+    down_m = 0.5 * (ends[touch.first, 0, 2] + ends[touch.second, 0, 2])
+    place = np.column_stack([touch.place_ne_m, down_m])
+    velocity = (velocity_at(motion, one, place) - velocity_at(motion, other, place))[:, :2]
+    mass = 1.0 / (1.0 / hulls.mass_kg[one] + 1.0 / hulls.mass_kg[other])
+    stiffness = np.maximum(STIFFNESS_NPM, mass * SWING_RADPS**2)
+    force_ne = pressed_n(touch.normal_ne, touch.depth_m, velocity, mass, dt_s, stiffness)
+    force = np.column_stack([force_ne, np.zeros(len(force_ne))])
+    closing = -np.vecdot(velocity, touch.normal_ne)
+    impulse = np.sqrt(np.vecdot(force_ne, force_ne)) * dt_s
+    return Contacts(
+        np.concatenate([one, other]),
+        tuple(hulls.names[number] for number in np.concatenate([other, one]).tolist()),
+        np.concatenate([place, place]),
+        np.concatenate([force, -force]),
+        np.concatenate([closing, closing]),
+        np.concatenate([impulse, impulse]),
+    )
