@@ -48,7 +48,7 @@ format: $(VENV)/.dev
 types: $(VENV)/.dev
 	$(BIN)/mypy
 
-dialect: $(VENV)/.dev  ## regenerate the codec after an edit of agent/wire/xitl.xml
+dialect: $(VENV)/.dev  ## regenerate the codec after an edit of agent/wire/xitl.xml or fleet.xml
 	$(BIN)/python tools/generate_dialect.py
 
 check-dialect: $(VENV)/.dev

@@ -1,4 +1,4 @@
-"""Generate agent/wire/dialect.py from agent/wire/xitl.xml with mavgen; `--check` says whether it is current.
+"""Generate agent/wire/dialect.py from agent/wire/fleet.xml with mavgen; `--check` says whether it is current.
 
 Three things are changed in mavgen's output, for a slow board's sake. Its checksum is slow without a compiled
 package: `agent.wire.crc` takes its place. Its methods that make and send a message are left out: the link does that,
@@ -41,20 +41,26 @@ def generated(definition: Path) -> str:
     source, marked = IMPORTS.subn("from __future__ import annotations\n\nimport hashlib", source)
     if removed < 2 or marked != 1:
         raise SystemExit("mavgen writes its methods in a new way: adapt tools/generate_dialect.py")
-    messages = mavparse.MAVXML(str(definition), "2.0").message
+    parsed = [mavparse.MAVXML(str(file), "2.0") for file in _with_included(definition)]
+    messages = [message for xml in parsed for message in xml.message]
     shorter = {message.id: message.wire_min_length for message in messages if message.extensions_start is not None}
     return f"{source}\n\nMAVLINK1_PAYLOAD_BYTES = {dict(sorted(shorter.items()))}  # of messages with extensions\n"
+
+
+def _with_included(definition: Path) -> list[Path]:
+    included = re.findall(r"<include>(.*?)</include>", definition.read_text())
+    return [definition, *(definition.parent / name for name in included)]
 
 
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--check", action="store_true", help="write nothing; exit 1 when dialect.py is not current")
     check = arguments.parse_args().check
-    target, source = WIRE / "dialect.py", generated(WIRE / "xitl.xml")
+    target, source = WIRE / "dialect.py", generated(WIRE / "fleet.xml")
     if target.exists() and target.read_text() == source:
         print(f"{target.name} is current")
     elif check:
-        sys.exit(f"{target} does not match xitl.xml: run `make dialect`")
+        sys.exit(f"{target} does not match fleet.xml and xitl.xml: run `make dialect`")
     else:
         target.write_text(source)
         print(f"wrote {target}")

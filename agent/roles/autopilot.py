@@ -173,7 +173,7 @@ class AutopilotRole(Role):
             self._channel.refused,
             0 if self._log is None else self._log.dropped,
             self._stations_missed() - self._missed_before,
-            autopilot.events.lost,
+            autopilot.events.lost + self._hub.traffic.dropped,
         )
 
     def _stations_missed(self) -> int:

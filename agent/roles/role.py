@@ -13,7 +13,8 @@ from agent.wire.codec import Message
 class Traffic(NamedTuple):
     """What has passed between the node's own parts since the run began, what was refused, and what got lost.
 
-    stations_missed: what ground stations did not get, or said in vain. events_lost: dropped before they were sent.
+    stations_missed: what ground stations did not get, or said in vain. events_lost: dropped before they were sent,
+    and vessels heard by AIS beyond what the table holds.
     """
 
     estimates: int = 0

@@ -16,7 +16,7 @@ from agent.wire.framing import CHECKSUM_BYTES, HEADER_BYTES, MAGIC, MAGIC_1, SIG
 
 
 class Message(Protocol):
-    """A message of the dialect. Its fields are attributes named as in xitl.xml.
+    """A message of the dialect. Its fields are attributes named as in xitl.xml and fleet.xml.
 
     `id` is no guide, as STATUSTEXT has a field of that name.
     """

@@ -10,6 +10,7 @@ from agent.fcu.mavlink.files import ServedFiles
 from agent.fcu.mavlink.hub import MavlinkHub
 from agent.fcu.mavlink.plans import FencePlan, MissionPlan
 from agent.fcu.mavlink.telemetry import RATES_HZ, STATION_RATES_HZ, TelemetryStreams
+from agent.fcu.mavlink.traffic import TrafficReports
 from agent.fcu.parameters import SYSTEM_ID, TABLE
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import BarometerMeasurement, GnssMeasurement, ImuMeasurement, MagnetometerMeasurement
@@ -29,9 +30,9 @@ _FIXED = frozenset(row.name for row in TABLE if row.fixed) | {SYSTEM_ID}
 class MavlinkChannel:
     """Serves one station: `handle` what arrives, and send what that and, once a cycle, `poll` return.
 
-    Several stations are served by as many channels on one `hub`. The host is the one that brings the sensors' samples;
-    a ground station (`ground=True`) brings none, is told of changes that it did not make, and what it sets outlives a
-    restart.
+    Several stations are served by as many channels on one `hub`. The host is the one that brings the sensors' samples
+    and what is heard by AIS; a ground station (`ground=True`) brings none, is told of changes that it did not make, and
+    what it sets outlives a restart.
 
     Field values never raise: a sample that cannot be true is counted in `refused`, a request that cannot be met is
     answered by its protocol and a STATUSTEXT. Messages for another system or component are ignored.
@@ -104,11 +105,14 @@ class MavlinkChannel:
             mav.MAVLINK_MSG_ID_TIMESYNC: self._on_timesync,
             mav.MAVLINK_MSG_ID_MANUAL_CONTROL: setpoints.on_manual,
         }
+        if not ground:
+            self._unaddressed[mav.MAVLINK_MSG_ID_AIS_VESSEL] = self._on_vessel
+        self._traffic = TrafficReports(self.hub)
 
     @property
     def refused(self) -> int:
-        """Samples refused for their content since the autopilot was reset."""
-        return sum(self.autopilot.estimator.refused.values())
+        """Samples and vessels refused for their content since the autopilot was reset."""
+        return sum(self.autopilot.estimator.refused.values()) + self.hub.traffic.refused
 
     def handle(self, message: Any, now_ns: int) -> Messages:
         """Handle one message; returns the replies, most often none."""
@@ -146,7 +150,8 @@ class MavlinkChannel:
             bulk += self._ftp.poll(now_ns, most - len(bulk))
             messages.extend(bulk + self._logs.poll(most - len(bulk)))
         changed = self._outbox.parameters
-        if changed and self._ground:
+        if self._ground:
+            messages.extend(self._traffic.poll(now_ns))
             messages.extend(map(self._parameters.value_message, changed))
         changed.clear()
         return messages
@@ -207,6 +212,11 @@ class MavlinkChannel:
         return self.hub.on_barometer(BarometerMeasurement(m.time_usec * 1000, m.pressure, m.temperature))
 
     # -- who is there
+
+    def _on_vessel(self, m: Any, now_ns: int) -> Messages:
+        """AIS_VESSEL, passed on to the ground stations."""
+        self.hub.traffic.add(m, now_ns)
+        return []
 
     def _on_heartbeat(self, m: Any, now_ns: int) -> Messages:
         if m.type == mav.MAV_TYPE_GCS:

@@ -8,6 +8,7 @@ from typing import Callable, Protocol
 
 from agent.fcu.dataflash.stored_logs import StoredLogs
 from agent.fcu.gps_time import GpsTime
+from agent.fcu.mavlink.traffic import TrafficTable
 from agent.fcu.vehicle.autopilot import Autopilot
 from agent.fcu.vehicle_state import (
     ERROR,
@@ -87,7 +88,8 @@ class MavlinkHub:
 
     storage, log: where settings and samples are kept, if anywhere. logs: those that stations may read. task_stats: how
     the agent's tasks did, as of the last second. unix_s: the date that fixes bring; None for the one of runs that have
-    to repeat themselves. reboot_asked: a station asked for a restart, see `reboot`.
+    to repeat themselves. traffic: other vessels, heard by AIS. reboot_asked: a station asked for a restart, see
+    `reboot`.
     """
 
     def __init__(self, autopilot: Autopilot) -> None:
@@ -102,6 +104,7 @@ class MavlinkHub:
         self.gnss: GnssMeasurement | None = None
         self.magnetometer: MagnetometerMeasurement | None = None
         self.barometer: BarometerMeasurement | None = None
+        self.traffic = TrafficTable()
         self.reboot_asked = False
         self._outboxes: list[Outbox] = []
         self._warned_ns: dict[str, int] = {}
@@ -154,6 +157,7 @@ class MavlinkHub:
         self.reboot_asked = False
         self.imu = self.gnss = self.magnetometer = self.barometer = None
         self.actuators = Actuators()
+        self.traffic = TrafficTable()
         self.autopilot.reset()
 
     # -- events

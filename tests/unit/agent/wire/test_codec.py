@@ -24,7 +24,7 @@ from agent.wire.framing import Framer
 def independent(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A codec that mavgen writes here and now, with pymavlink's own checksum."""
     output = tmp_path_factory.mktemp("codec") / "independent.py"
-    definition = Path(__file__).parents[4] / "agent" / "wire" / "xitl.xml"
+    definition = Path(__file__).parents[4] / "agent" / "wire" / "fleet.xml"
     options = mavgen.Opts(str(output), wire_protocol="2.0", language="Python3", validate=False)
     assert mavgen.mavgen(options, [str(definition)])
     spec = importlib.util.spec_from_file_location("independent", output)

@@ -1,0 +1,99 @@
+"""Vessels heard by AIS: a table by MMSI, filled from AIS_VESSEL and passed on to every ground station."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
+
+from agent.mavlink.exchange import Messages
+from agent.wire import dialect as mav
+
+MOST_VESSELS = 100
+TIMEOUT_NS = 600_000_000_000  # as ArduPilot's AIS_TIME_OUT: three reports of a vessel at anchor
+AGAIN_NS = 30_000_000_000  # a station that called late hears of those that say nothing new, as from ArduPilot
+EVERY_NS = 50_000_000  # one vessel at a time
+_MOST_LAT, _MOST_LON = 900_000_000, 1_800_000_000
+
+
+class HeardVessel(NamedTuple):
+    """The last AIS_VESSEL of one, and when it came."""
+
+    message: Any
+    heard_ns: int
+
+
+class TrafficTable:
+    """The newest of each vessel; one that is not heard for TIMEOUT_NS is forgotten.
+
+    Beyond MOST_VESSELS the one that has been silent for longest makes room. refused: messages without an MMSI or a
+    place on Earth. dropped: vessels that made room.
+    """
+
+    def __init__(self) -> None:
+        self.refused = 0
+        self.dropped = 0
+        self._vessels: dict[int, HeardVessel] = {}
+
+    def __len__(self) -> int:
+        return len(self._vessels)
+
+    def __iter__(self) -> Iterator[HeardVessel]:
+        """In the order in which they were heard, the newest last."""
+        return iter(self._vessels.values())
+
+    def add(self, message: Any, now_ns: int) -> None:
+        """One AIS_VESSEL."""
+        if not message.MMSI or abs(message.lat) > _MOST_LAT or abs(message.lon) > _MOST_LON:
+            self.refused += 1
+            return
+        self.forget_silent(now_ns)
+        if self._vessels.pop(message.MMSI, None) is None and len(self._vessels) >= MOST_VESSELS:
+            del self._vessels[next(iter(self._vessels))]
+            self.dropped += 1
+        self._vessels[message.MMSI] = HeardVessel(message, now_ns)
+
+    def forget_silent(self, now_ns: int) -> None:
+        """Leave out those that have not been heard for long."""
+        while self._vessels:
+            oldest = next(iter(self._vessels))
+            if 0 <= now_ns - self._vessels[oldest].heard_ns <= TIMEOUT_NS:
+                return
+            del self._vessels[oldest]
+
+
+class HasTraffic(Protocol):
+    """What keeps the table, a new one after a restart."""
+
+    traffic: TrafficTable
+
+
+class TrafficReports:
+    """AIS_VESSEL for one station: each vessel when there is something new of it, and again after AGAIN_NS."""
+
+    def __init__(self, hub: HasTraffic) -> None:
+        self._hub = hub
+        self._sent: dict[int, tuple[int, int]] = {}  # by MMSI: when it was heard, when that was sent
+        self._spoke_ns: int | None = None
+
+    def poll(self, now_ns: int) -> Messages:
+        """The one that has waited for longest, with the time since it was heard, at most every EVERY_NS."""
+        table = self._hub.traffic
+        if not len(table) or (self._spoke_ns is not None and 0 <= now_ns - self._spoke_ns < EVERY_NS):
+            return []
+        table.forget_silent(now_ns)
+        for message, heard_ns in table:
+            known = self._sent.get(message.MMSI)
+            if known is None or known[0] != heard_ns or not 0 <= now_ns - known[1] < AGAIN_NS:
+                self._sent[message.MMSI] = heard_ns, now_ns
+                self._spoke_ns = now_ns
+                return [_as_of(message, max(now_ns - heard_ns, 0))]
+        if len(self._sent) > 2 * MOST_VESSELS:
+            heard = {vessel.message.MMSI for vessel in table}
+            self._sent = {mmsi: sent for mmsi, sent in self._sent.items() if mmsi in heard}
+        return []
+
+
+def _as_of(message: Any, silent_ns: int) -> Any:
+    values = {name: getattr(message, f"_{name}_raw", getattr(message, name)) for name in message.fieldnames}
+    values["tslc"] = min(message.tslc + silent_ns // 1_000_000_000, 65535)
+    return mav.MAVLink_ais_vessel_message(**values)
