@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,16 +120,18 @@ class Mark:
 class Plot:
     """kind time: x is the log's time, linked with all others of the report. loglog, xy: axes of their own.
 
-    map: x is east, y is north (m), axes of equal scale.
+    map: x is east, y is north (m), axes of equal scale. figure: what `figure` says, and no traces.
     """
 
     key: str
     title: str
     y_label: str
     traces: tuple[Trace, ...]
-    kind: Literal["time", "xy", "loglog", "map"] = "time"
+    kind: Literal["time", "xy", "loglog", "map", "figure"] = "time"
     x_label: str = ""
     marks: tuple[Mark, ...] = ()
+    figure: Mapping[str, Any] | None = None
+    """`data` and `layout` as plotly has them, as JSON knows them; a colour such as "--trace1" is one of the page's."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,6 +106,8 @@ _ENOUGH = 1e-4  # of the height of a plot
 
 
 def plot_payload(plot: Plot, time_line: TimeLine) -> dict[str, Any]:
+    if plot.figure is not None:
+        return {"kind": plot.kind, "figure": plot.figure}
     over_time = plot.kind == "time"
     traces = []
     for trace in plot.traces:

@@ -69,6 +69,12 @@ const trackLegend = (plot, by) => {
     return chip;
   }));
 };
+/** A figure with the page's colours in place of their names, such as "--trace1". */
+const coloured = (value) => {
+  if (typeof value === "string") return value.startsWith("--") ? colour(value.slice(2)) : value;
+  if (Array.isArray(value)) return value.map(coloured);
+  return value && typeof value === "object" ? Object.fromEntries(Object.entries(value).map(([name, each]) => [name, coloured(each)])) : value;
+};
 const draws = {
   time(plot) {
     const traces = plot.data.traces.map((trace, index) => {
@@ -148,6 +154,10 @@ const draws = {
     return [traces, layoutOf(plot, { ...log, title: { text: plot.data.xLabel, standoff: 4 } }, log)];
   },
   loglog: (plot) => draws.xy(plot, "log"),
+  figure(plot) {
+    const { data, layout } = coloured(plot.data.figure), { xaxis, yaxis, ...others } = layout;
+    return [data, layoutOf(plot, { automargin: true, ...xaxis }, { automargin: true, ...yaxis }, { hovermode: "closest", ...others })];
+  },
 };
 const render = (plot) => {
   load(plot);
