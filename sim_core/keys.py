@@ -71,6 +71,10 @@ class Required:
     """Marks a key that a profile has to give, although the class has a neutral default."""
 
 
+class AmongVessels:
+    """Marks a key that says something among several vessels only: by default it is not written out for one alone."""
+
+
 Positive: TypeAlias = Annotated[float, Bounds(above=0)]
 NonNegative: TypeAlias = Annotated[float, Bounds(at_least=0)]
 Share: TypeAlias = Annotated[float, Bounds(at_least=0, at_most=1)]
@@ -147,6 +151,11 @@ def unpacked(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
         kind, *markers = get_args(annotation)
         return kind, tuple(markers)
     return annotation, ()
+
+
+def marks(annotation: Any) -> tuple[type, ...]:
+    """The kinds of the markers of a key."""
+    return tuple(type(marker) for marker in unpacked(annotation)[1])
 
 
 def alternatives(annotation: Any) -> list[tuple[Any, tuple[Any, ...]]]:

@@ -22,8 +22,11 @@ from sim_core.keys import (
     unit_of,
     unpacked,
 )
+from sim_core.world.spec import TrafficSpec
 from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.fleet import SAILED, SeveralSpec
 
+VESSEL = "vessels.NAME"
 PAGE = Path(__file__).parents[1] / "docs/profiles.md"
 MARK = "<!-- Below is generated from the schema: make pages -->"
 _NAMES = {float: "number", int: "whole number", str: "text", bool: "true or false"}
@@ -39,20 +42,31 @@ def page(text: str) -> str:
 
 def _sections() -> Iterator[str]:
     paths: dict[Any, list[str]] = {}
-    for group, path in _groups(Profile, ""):
+    several = ((SeveralSpec, VESSEL), *_groups(TrafficSpec, f"{VESSEL}.traffic"))
+    for group, path in (*_groups(Profile, ""), *several):
         paths.setdefault(group, []).append(path)
     for group, places in paths.items():
         yield f"## {', '.join(f'`{place}`' for place in places if place) or 'Top'}\n"
         yield " ".join((group.__doc__ or "").split()) + "\n"
         yield "| key | type | unit | default | range | meaning |\n|---|---|---|---|---|---|"
-        for field in fields(group):
+        if group is SeveralSpec:
+            yield f"| {', '.join(f'`{key}`' for key in SAILED)} | | | | | as at the top, which has what is not given |"
+            yield f"| `traffic` | group, or null | | null | | {_first_sentence(TrafficSpec)} |"
+        for field in _keys(group):
             yield _row(field, key_annotations(group)[field.name])
         yield ""
 
 
+def _keys(group: Any) -> tuple[Field[Any], ...]:
+    """Those of a profile without what it has as one of several vessels."""
+    return tuple(field for field in fields(group) if (group, field.name) != (Profile, "traffic"))
+
+
 def _groups(group: Any, path: str) -> Iterator[tuple[Any, str]]:
     yield group, path
-    for name, annotation in key_annotations(group).items():
+    for name, annotation in ((field.name, key_annotations(group)[field.name]) for field in _keys(group)):
+        if (group, name) == (Profile, "vessels"):
+            continue
         below = f"{path}.{name}" if path else name
         for found, suffix in _groups_in(annotation):
             yield from _groups(found, below + suffix)
@@ -147,7 +161,7 @@ def _range(annotation: Any) -> str:
 def _bounds(bounds: Bounds) -> str:
     low = [f"{bounds.at_least:g}"] if bounds.at_least is not None else []
     low += [f"above {bounds.above:g}"] if bounds.above is not None else []
-    high = [f"{bounds.at_most:g}"] if bounds.at_most is not None else []
+    high = [f"{bounds.at_most:.10g}"] if bounds.at_most is not None else []
     high += [f"below {bounds.below:g}"] if bounds.below is not None else []
     if low and high:
         return f"{low[0]} to {high[0]}"

@@ -1,4 +1,4 @@
-"""What stands and lies in the river, as data: log boom, dam, bed and banks, shoals, buildings, mesh files."""
+"""What stands and lies in the river and who else goes there, as data: boom, dam, bed and banks, scripted vessels."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from sim_core.keys import (
     Size,
     Specification,
     SpecificationError,
+    ValueProblem,
     Vector,
 )
 
@@ -25,6 +26,25 @@ MaterialName = Literal[
 ]  # fmt: skip
 NEAREST_TREE_M = 4.0
 """From the waterline."""
+AIS_NAME = 20  # characters
+LAST_MMSI = 999_999_999
+FLEET_MMSI, SCRIPTED_MMSI = 200_000_000, 200_001_000
+"""What system ids, and the numbers of scripted vessels, are added to; ITU has given 200 to no country."""
+
+
+def _ais_text(most: int) -> ValueProblem:
+    """A text of so many characters of six-bit ASCII (ITU-R M.1371); small letters are sent as capitals."""
+
+    def problem(value: object) -> str | None:
+        if not isinstance(value, str):
+            return "is not text; put it in quotes"
+        if len(value) > most:
+            return f"is too long for AIS; use at most {most} characters"
+        if not all(" " <= letter <= "_" and letter != "@" for letter in value.upper()):
+            return "has characters that AIS does not have; use letters, digits, blanks and punctuation of ASCII"
+        return None
+
+    return ValueProblem(problem)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,6 +177,58 @@ class MeshFileSpec(Specification):
     scale: Annotated[Positive, "metres to its unit"] = 1.0
     up: Annotated[Literal["y", "z"], "z: its axes are x east, y north, z up; y: x east, y up"] = "z"
     material: MaterialName = "concrete"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AisSpec(Specification):
+    """What a vessel says of itself by AIS, beside place, course and speed."""
+
+    transponder: Annotated[
+        Literal["class-a", "class-b", "none"], "how often it is heard: of class A every 2 to 10 s under way, of B 30 s"
+    ] = "class-a"
+    mmsi: Annotated[
+        Annotated[int, Bounds(at_least=1, at_most=LAST_MMSI)] | None,
+        "null: 200000000 and the system id, of a scripted vessel 200001000 and its number, which are no country's",
+    ] = None
+    callsign: Annotated[str, _ais_text(7), "at most 7 characters"] = ""
+    name: Annotated[str, _ais_text(AIS_NAME), "at most 20 characters; empty: as it is called in the profile"] = ""
+    ship_type: Annotated[
+        int,
+        Bounds(at_least=0, at_most=255),
+        "of ITU-R M.1371: 30 fishing, 37 pleasure craft, 52 tug, 70 cargo, 80 tanker",
+    ] = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrafficSpec(Specification):
+    """A scripted vessel: it keeps to its track whatever happens, without actuators, sensors and autopilot."""
+
+    track_ned_m: Annotated[tuple[Place, ...], Items(1, 1000), "a list of [north, east]; of one that lies still, one"]
+    speed_mps: Annotated[Annotated[float, Bounds(above=0, at_most=30)] | None, "over ground, along the track"] = None
+    heading_deg: Annotated[Direction | None, "of one that lies still; under way it is that of the track"] = None
+    loop: Annotated[bool, "from the last point back to the first, and so on; else it stops at the last"] = False
+    start_s: Annotated[NonNegative, "when it sets out, in simulation time"] = 0.0
+    length_m: Positive
+    beam_m: Positive
+    height_m: Annotated[Positive, "above the water"] = 3.0
+    draft_m: Annotated[Positive, "below the water"] = 1.0
+    ais: AisSpec = AisSpec()
+
+    def check(self) -> None:
+        track = self.track_ned_m
+        if len(track) == 1 and (self.speed_mps is not None or self.loop):
+            key = "loop" if self.loop else "speed_mps"
+            raise SpecificationError((key,), "moves along a track, and this one is a single point; give it another")
+        if len(track) > 1 and self.speed_mps is None:
+            raise SpecificationError((), "needs 'speed_mps', since its track has several points; add it in m/s")
+        if len(track) > 1 and self.heading_deg is not None:
+            raise SpecificationError(("heading_deg",), "is of one that lies still; leave it out, or give one point")
+        for number, (one, following) in enumerate(pairwise([*track, track[0]] if self.loop else track)):
+            if one == following:
+                raise SpecificationError(
+                    ("track_ned_m", (number + 1) % len(track)),
+                    f"= {_numbers(following)} is where the one before it is; leave one out",
+                )
 
 
 def _numbers(values: tuple[float, ...]) -> str:

@@ -33,7 +33,7 @@ from xitl_cli.logs.model.log import Log
 from xitl_cli.mapping.accuracy import apart, perception_sections
 from xitl_cli.mapping.clouds import SeenPoints, clouds, map_points, online, pings, read_autopilot_messages, truth
 from xitl_cli.profile.files.yaml_file import parse_yaml
-from xitl_cli.profile.reader import read_profile
+from xitl_cli.profile.load import unchecked_profile
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.directory import PROFILE
 
@@ -220,7 +220,7 @@ def profile_of(log: Log) -> RunProfile | None:
         return None
     try:
         entry = parse_yaml(data.decode(errors="replace"), PROFILE)
-        return None if entry is None else read_profile(entry, PROFILE).runnable()
+        return None if entry is None else unchecked_profile(entry, PROFILE).runnable()
     except UserError:
         return None
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from xitl_cli.errors import UserError
-from xitl_cli.profile.checks import check
+from xitl_cli.profile.checks import check, check_fleet, check_vessel
 from xitl_cli.profile.files import parameter_files
 from xitl_cli.profile.files.catalogue import SUFFIXES, find_profile
-from xitl_cli.profile.files.compose import compose, override
+from xitl_cli.profile.files.compose import at_speed_of_vessel, compose, override
 from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, Problem, ProfileError
+from xitl_cli.profile.fleet import is_fleet, read_fleet, unfold, unfolded_entry
 from xitl_cli.profile.leftovers import leftovers
 from xitl_cli.profile.reader import read_profile
 from xitl_cli.profile.schema import Profile, RunProfile
@@ -67,35 +68,69 @@ def load_with_origins(name: str, overrides: Iterable[str] = ()) -> LoadedProfile
     overrides = tuple(overrides)
     path = find_profile(name)
     try:
-        entry = _at_speed_of_vessel(_with_absolute_paths(override(compose(path), overrides)))
-        return LoadedProfile(_validated(entry, name), path, entry)
+        entry = _with_absolute_paths(override(compose(path), overrides))
+        profile, entry = checked_profile(entry, name)
+        return LoadedProfile(profile, path, entry)
     except ProfileError as error:
         called = " ".join([shlex.quote(name), *(f"--set {shlex.quote(text)}" for text in overrides)])
         raise ProfileError(error.problems, called) from None
 
 
-def _validated(entry: Entry, name: str) -> Profile:
-    profile = read_profile(entry, name)
-    profile = replace(profile, graph=complete_graph_group(profile))
-    problems = [Problem(entry.nearest(path)[0].origin, sentence) for path, sentence in check(profile)]
+def checked_profile(entry: Entry, name: str) -> tuple[Profile, Entry]:
+    """The profile in a composed entry, which `name` is said of, and the entry with its vessels as the profile has them.
+
+    Raises ProfileError with all problems.
+    """
+    if is_fleet(entry):
+        return _checked_fleet(entry, name)
+    entry = at_speed_of_vessel(entry)
+    profile = _with_graph(read_profile(entry, name))
+    _refuse([Problem(entry.nearest(path)[0].origin, sentence) for path, sentence in check(profile)], name)
+    return profile, entry
+
+
+def unchecked_profile(entry: Entry, name: str) -> Profile:
+    """The same, each value right in itself: of a run elsewhere, whose files need not be here."""
+    if not is_fleet(entry):
+        return read_profile(entry, name)
+    shared, entries = read_fleet(entry, name)
+    return replace(shared, vessels=unfold(entries, name))
+
+
+def _checked_fleet(entry: Entry, name: str) -> tuple[Profile, Entry]:
+    shared, entries = read_fleet(entry, name)
+    vessels = {vessel: _with_graph(one) for vessel, one in unfold(entries, name).items()}
+    profile = replace(shared, vessels=vessels)
+    problems: dict[tuple[Origin, str], list[str]] = {}
+    for one in entries:  # those that a count makes differ in place and number alone
+        for path, sentence in check_vessel(vessels[one.names[0]]):
+            problems.setdefault((one.entry.nearest(path)[0].origin, sentence), []).append(one.key)
+    found = [
+        Problem(origin, sentence if len(keys) > 1 else f"{keys[0]}: {sentence}")
+        for (origin, sentence), keys in problems.items()
+    ]
+    unfolded = unfolded_entry(entry, entries, vessels)
+    found += [Problem(unfolded.nearest(path)[0].origin, sentence) for path, sentence in check_fleet(profile)]
+    _refuse(found, name)
+    return profile, unfolded
+
+
+def _with_graph(profile: Profile) -> Profile:
+    return replace(profile, graph=complete_graph_group(profile))
+
+
+def _refuse(problems: list[Problem], name: str) -> None:
     if problems:
         raise ProfileError(problems, name)
-    return profile
-
-
-def _at_speed_of_vessel(entry: Entry) -> Entry:
-    """A mission that says no speed goes at the vessel's, whichever of the two was composed first."""
-    vessel, mission = entry.child("vehicle"), entry.child("mission")
-    speed = None if vessel is None else vessel.child("cruise_speed_mps")
-    if speed is None or speed.value is None or mission is None or not isinstance(mission.value, dict):
-        return entry
-    assert isinstance(entry.value, dict)
-    faster = Entry({"speed_mps": speed, **mission.value}, mission.origin, mission.replaced)
-    return Entry({**entry.value, "mission": faster}, entry.origin)
 
 
 def _with_absolute_paths(entry: Entry) -> Entry:
     """Relative paths inside a profile are meant from its file: made absolute, so that the profile can be moved."""
+    vessels = entry.child("vessels")
+    if vessels is not None and isinstance(vessels.value, dict):
+        assert isinstance(entry.value, dict)
+        absolute = {name: _with_absolute_paths(vessel) for name, vessel in vessels.value.items()}
+        entry = Entry({**entry.value, "vessels": Entry(absolute, vessels.origin)}, entry.origin)
     entry = _rewritten(entry, ("graph", "reference"), SUFFIXES)
     for path in _ANY_FILE:
         entry = _rewritten(entry, path, ("",))

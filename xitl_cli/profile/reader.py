@@ -38,25 +38,47 @@ def read_profile(entry: Entry, name: str) -> Profile:
 
 def read_group(entry: Entry, group: type[T], name: str) -> T:
     """The same for one group of a profile."""
-    reader = _Reader()
-    found = reader.group(entry, group, ())
-    if reader.unknown or reader.problems:
-        raise ProfileError([*reader.unknown, *reader.problems], name)
-    assert isinstance(found, group)
+    reader = Reader()
+    found = reader.read(entry, group, ())
+    reader.refuse(name)
+    assert found is not None
     return found
 
 
-class _Reader:
-    def __init__(self) -> None:
-        self.unknown: list[Problem] = []
-        self.problems: list[Problem] = []
+class Reader:
+    """Reads groups that may share entries: what is wrong with an entry is said once, for where it was found first."""
 
-    def group(self, entry: Entry, group: Any, path: KeyPath) -> Any:
-        """The group at `path`; None where it has problems."""
+    def __init__(self) -> None:
+        self._unknown: dict[tuple[int, str], Problem] = {}
+        self._problems: dict[tuple[int, str], Problem] = {}
+        self._found = 0
+        self._read: dict[tuple[int, type], tuple[Entry, Any]] = {}
+
+    def read(self, entry: Entry, group: type[T], path: KeyPath) -> T | None:
+        """The group in `entry`, which is at `path` of the profile; None where it has problems."""
+        found = self._group(entry, group, path)
+        assert found is None or isinstance(found, group)
+        return found
+
+    def refuse(self, name: str) -> None:
+        """Raise ProfileError with all problems found in the profile `name`, if there are any."""
+        if self._found:
+            raise ProfileError([*self._unknown.values(), *self._problems.values()], name)
+
+    def _group(self, entry: Entry, group: Any, path: KeyPath) -> Any:
+        shared = self._read.get((id(entry), group))
+        if shared is not None:
+            return shared[1]
+        found = self._new_group(entry, group, path)
+        if found is not None:
+            self._read[id(entry), group] = entry, found
+        return found
+
+    def _new_group(self, entry: Entry, group: Any, path: KeyPath) -> Any:
         known = key_annotations(group)
         if not isinstance(entry.value, dict):
             return self._wrong(entry, path, f"is not a group; indent keys under it: {', '.join(known)}")
-        before, meant = len(self.unknown) + len(self.problems), set()
+        before, meant = self._found, set()
         for key in entry.value:
             if key not in known:
                 meant.add(self._unknown_key(entry.value[key], list(known), (*path, key)))
@@ -67,9 +89,9 @@ class _Reader:
                 values[key] = self._value(below, annotation, (*path, key))
             elif key in required and key not in meant:
                 unit = unit_of(key)
-                needs = f"{dotted(path) or 'the profile'} needs {key!r}; add it{f' in {unit}' if unit else ''}"
-                self.problems.append(Problem(entry.origin, needs))
-        if len(self.unknown) + len(self.problems) > before:
+                needs = f"needs {key!r}; add it{f' in {unit}' if unit else ''}"
+                self._note(self._problems, entry, dotted(path) or "the profile", needs)
+        if self._found > before:
             return None
         try:
             return group(**values)
@@ -85,7 +107,7 @@ class _Reader:
             return entry.plain() if problem is None else self._wrong(entry, path, problem)
         kind, markers = alternatives(annotation)[0]
         if is_dataclass(kind):
-            return self.group(entry, kind, path)
+            return self._group(entry, kind, path)
         if get_origin(kind) is dict:
             if not isinstance(entry.value, dict):
                 return self._wrong(entry, path, "is not a group; indent keys under it")
@@ -105,12 +127,18 @@ class _Reader:
 
     def _wrong(self, entry: Entry, path: KeyPath, problem: str, value: bool = True) -> None:
         key = f"{dotted(path)} = {shown(entry.plain())}" if value else dotted(path)
-        self.problems.append(Problem(entry.origin, f"{key} {problem}"))
+        self._note(self._problems, entry, key, problem)
+
+    def _note(self, found: dict[tuple[int, str], Problem], entry: Entry, key: str, problem: str) -> None:
+        self._found += 1
+        found.setdefault((id(entry), problem), Problem(entry.origin, f"{key} {problem}"))
 
     def _unknown_key(self, entry: Entry, known: list[str], path: KeyPath) -> str | None:
         """Reports it; returns the key that was probably meant."""
         key = str(path[-1])
-        elsewhere = sorted((found for found in _paths(Profile, ()) if found[-1] == key), key=len)
+        # A scripted vessel's are nowhere at the top.
+        places = (found for found in _paths(Profile, ()) if found[-1] == key and found[0] != "traffic")
+        elsewhere = sorted(places, key=len)
         close = difflib.get_close_matches(key, known, n=1, cutoff=0.8 if elsewhere else 0.6)
         if close:
             fix = f"did you mean {close[0]!r}?"
@@ -118,7 +146,7 @@ class _Reader:
             fix = f"did you mean {' or '.join(repr(dotted(place)) for place in elsewhere[:2])}?"
         else:
             fix = f"known keys: {', '.join(known)}"
-        self.unknown.append(Problem(entry.origin, f"{dotted(path)} is not a known key; {fix}"))
+        self._note(self._unknown, entry, dotted(path), f"is not a known key; {fix}")
         return close[0] if close else None
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from sim_core.keys import AmongVessels, key_annotations, marks
 from xitl_cli.profile.files.entry import Entry, KeyPath, dotted
 from xitl_cli.profile.files.yaml_file import parse_yaml, plain_scalar
 from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.fleet import SAILED
 
 if TYPE_CHECKING:
     from xitl_cli.profile.load import LoadedProfile
@@ -40,15 +42,67 @@ _Dumper.add_representer(tuple, _sequence)
 
 
 def resolved_yaml(profile: Profile) -> str:
-    """`profile` with everything it extends, every override and every default written out."""
-    present = _present(asdict(profile))
+    """`profile` with everything it extends, every override and every default written out.
+
+    Of several vessels each is there with what differs from the groups that it shares with the others.
+    """
+    groups = _groups(profile)
+    if profile.vessels is not None:
+        groups["vessels"] = {name: _own(vessel, groups) for name, vessel in profile.vessels.items()}
+    return yaml.dump(groups, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _groups(profile: Profile) -> dict[str, Any]:
+    groups = {key: value for key, value in _plain(replace(profile, vessels=None)).items() if value is not None}
     if profile.faults is not None:
-        present["faults"] = {name: _present(asdict(fault)) for name, fault in profile.faults.items()}
-    return yaml.dump(present, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+        groups["faults"] = {name: _present(fault) for name, fault in groups["faults"].items()}
+    return groups
+
+
+def _plain(value: Any) -> Any:
+    """Mappings, tuples and scalars; without what says something among several vessels and says nothing."""
+    if is_dataclass(value) and not isinstance(value, type):
+        marked, spec = key_annotations(type(value)), fields(value)
+        return {
+            key.name: _plain(own)
+            for key in spec
+            if (own := getattr(value, key.name)) != key.default or AmongVessels not in marks(marked.get(key.name))
+        }
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    return tuple(map(_plain, value)) if isinstance(value, tuple) else value
 
 
 def _present(values: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
+
+
+def _own(vessel: Profile, shared: dict[str, Any]) -> dict[str, Any]:
+    """What an entry of `vessels` has to give to be this one."""
+    groups = _groups(vessel)
+    if vessel.traffic is not None:
+        return {"traffic": groups["traffic"]}
+    own: dict[str, Any] = {}
+    for group in SAILED:
+        value, common = groups.get(group), shared.get(group)
+        if value == common:
+            continue
+        # A whole vessel takes the place of another one.
+        own[group] = value if group == "vehicle" or common is None or value is None else _difference(value, common)
+    if vessel.mission is not None:
+        own.setdefault("mission", {})["start"] = groups["mission"]["start"]
+    if vessel.autopilot is not None:
+        own.setdefault("autopilot", {})["system_id"] = vessel.autopilot.system_id
+    return own
+
+
+def _difference(value: dict[str, Any], common: dict[str, Any]) -> dict[str, Any]:
+    gone: dict[str, Any] = {key: None for key in common if key not in value}
+    return gone | {
+        key: _difference(one, common[key]) if isinstance(one, dict) and isinstance(common.get(key), dict) else one
+        for key, one in value.items()
+        if key not in common or one != common[key]
+    }
 
 
 def values_with_origins(loaded: LoadedProfile) -> Iterator[tuple[str, str, str]]:

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from xitl_cli.profile.checks import agents, faults, graph, link, operation, sensors, world
+from xitl_cli.profile.checks import agents, faults, fleet, graph, link, operation, sensors, world
 from xitl_cli.profile.files.entry import KeyPath
 from xitl_cli.profile.schema import Profile
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Everything in `profile` that does not go together."""
+    """Everything in `profile`, of one vessel, that does not go together."""
+    yield from check_vessel(profile)
+    yield from fleet.check_alone(profile)
+    yield from operation.check_technique(profile, [profile])
+
+
+def check_vessel(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """The same without what several vessels may share out among themselves."""
     for part in (sensors, world, operation, agents, link, faults, graph):
         yield from part.check(profile)
+
+
+def check_fleet(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
+    """Everything in its vessels together, each of which is right in itself."""
+    yield from operation.check_technique(profile, list(profile.sailed.values()))
+    yield from fleet.check(profile)

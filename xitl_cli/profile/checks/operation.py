@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from agent.fcu.parameters import MOTORS, OUTPUTS, RUDDERS
 from sim_core.vessel.spec import VesselSpec
@@ -21,10 +21,9 @@ _ORDERS = ("mode", "arm", "rc_us", "goto_ned_m")
 
 
 def check(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    """Everything about who steers that does not go together."""
+    """Everything about who steers that does not go together, but the technique."""
     if profile.driver is not None:
         yield from _driver(profile, profile.driver)
-    yield from _technique(profile)
 
 
 def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -45,6 +44,25 @@ def _driver(profile: Profile, driver: DriverSpec) -> Iterator[tuple[KeyPath, str
         yield from _script(profile, driver, embedded)
     elif driver.kind == "replay":
         yield from _replay(profile, driver, embedded)
+    elif driver.kind == "follow":
+        yield from _follow(profile, driver, embedded)
+
+
+def _follow(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tuple[KeyPath, str]]:
+    kind: KeyPath = ("driver", "kind")
+    if driver.follow is None:
+        yield kind, "driver.kind = follow has nobody to follow; add driver.follow: {vessel: leader}"
+    if profile.autopilot is None:
+        return
+    if not embedded:
+        yield kind, "driver.kind = follow gives GUIDED targets to an autopilot; use autopilot.kind: embedded"
+    elif profile.autopilot.kind == "px4":
+        yield (
+            kind,
+            "driver.kind = follow steers by ArduPilot's GUIDED, which PX4 does not have; use driver.kind: mission",
+        )
+    elif profile.vehicle is not None and profile.autopilot.kind == "embedded":
+        yield from _steered(profile.vehicle)
 
 
 def _steered(vessel: VesselSpec) -> Iterator[tuple[KeyPath, str]]:
@@ -189,16 +207,26 @@ def _replay(profile: Profile, driver: DriverSpec, embedded: bool) -> Iterator[tu
         )
 
 
-def _technique(profile: Profile) -> Iterator[tuple[KeyPath, str]]:
-    autopilot, path = profile.autopilot, ("technique",)
-    if profile.technique is None or autopilot is None:
+def check_technique(profile: Profile, vessels: Sequence[Profile]) -> Iterator[tuple[KeyPath, str]]:
+    """Whether the technique is that of the vessels: of several the one that comes nearest to the real thing."""
+    path, technique = ("technique",), profile.technique
+    autopilots = [one.autopilot for one in vessels if one.autopilot is not None]
+    if technique is None or not autopilots or len(autopilots) < len(vessels):
         return
-    if profile.technique == "mitl" and autopilot.kind != "none":
+    any_autopilot = any(one.kind != "none" for one in autopilots)
+    on_board = any(one.kind != "none" and one.runs == "board" for one in autopilots)
+    if technique == "mitl" and any_autopilot:
         yield path, "technique = mitl has no autopilot; use autopilot.kind: none, or technique: sitl"
-    if profile.technique == "sitl" and (autopilot.kind == "none" or autopilot.runs == "board"):
-        what = "mitl" if autopilot.kind == "none" else "hitl"
+    if technique == "sitl" and (not any_autopilot or on_board):
+        what = "hitl" if on_board else "mitl"
         yield path, f"technique = sitl runs an autopilot on this machine; use technique: {what}"
-    behind_link = autopilot.kind in ("ardupilot", "px4") or autopilot.runs != "in-process"
-    behind_link = behind_link or (profile.companion is not None and profile.companion.runs != "in-process")
-    if profile.technique == "hitl" and (autopilot.kind == "none" or not behind_link):
+    if technique == "hitl" and not any(map(_behind_link, vessels)):
         yield path, "technique = hitl runs autopilot or companion behind a link; use autopilot.runs: board (or process)"
+
+
+def _behind_link(vessel: Profile) -> bool:
+    autopilot, companion = vessel.autopilot, vessel.companion
+    if autopilot is None or autopilot.kind == "none":
+        return False
+    elsewhere = autopilot.kind in ("ardupilot", "px4") or autopilot.runs != "in-process"
+    return elsewhere or (companion is not None and companion.runs != "in-process")

@@ -1,6 +1,7 @@
 """Composition: `extends:` (later ones win, the file itself wins over all) and `--set` overrides.
 
-Groups merge key by key, but a whole vessel takes the place of the one before: nothing of that one is left.
+Groups merge key by key, but a whole vessel takes the place of the one before: nothing of that one is left. What an
+entry of `vessels` extends lies below that entry.
 """
 
 from __future__ import annotations
@@ -34,36 +35,67 @@ def override(profile: Entry, overrides: Iterable[str]) -> Entry:
 
 
 def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
-    resolved = path.resolve()
     entry = read_yaml(path, shown_path(path))
+    inherits = (*chain, path.resolve())
     assert isinstance(entry.value, dict)
+    vessels = entry.value.get("vessels")
+    if vessels is not None and isinstance(vessels.value, dict):
+        composed = {name: _extended(vessel, path, inherits) for name, vessel in vessels.value.items()}
+        entry = Entry({**entry.value, "vessels": Entry(composed, vessels.origin)}, entry.origin)
+    return _extended(entry, path, inherits)
+
+
+def _extended(entry: Entry, path: Path, chain: tuple[Path, ...]) -> Entry:
+    """`entry` of the file at `path`, laid on what it extends; `chain` are the files that this one stands below."""
+    if not isinstance(entry.value, dict) or "extends" not in entry.value:
+        return entry
     below: Entry | None = None
-    if "extends" in entry.value:
-        extends = entry.value["extends"]
-        for name in _names(extends):
-            base_path = _base(name, path)
-            if base_path.resolve() in (*chain, resolved):
-                turns = [*chain, resolved, base_path.resolve()]
-                loop = " -> ".join(shown_path(turn) for turn in turns[turns.index(base_path.resolve()) :])
-                what = f"extends = {shown(name.value)} goes round in a circle: {loop}; drop one of them"
-                raise _error(name.origin, what)
-            base = _composed(base_path, (*chain, resolved))
-            below = base if below is None else _laid_on(below, base)
+    for name in _names(entry.value["extends"]):
+        base_path = _base(name, path)
+        if base_path.resolve() in chain:
+            turns = [*chain, base_path.resolve()]
+            loop = " -> ".join(shown_path(turn) for turn in turns[turns.index(base_path.resolve()) :])
+            what = f"extends = {shown(name.value)} goes round in a circle: {loop}; drop one of them"
+            raise _error(name.origin, what)
+        base = _composed(base_path, chain)
+        below = base if below is None else laid_on(below, base)
     own = Entry({key: value for key, value in entry.value.items() if key != "extends"}, entry.origin)
     if below is None:
         return own
     assert isinstance(below.value, dict)
     inherited = {key: value for key, value in below.value.items() if key not in OWN_KEYS}
-    return _laid_on(Entry(inherited, below.origin), own)
+    return laid_on(Entry(inherited, below.origin), own)
 
 
-def _laid_on(below: Entry, above: Entry) -> Entry:
+def laid_on(below: Entry, above: Entry) -> Entry:
+    """Two profiles, or two entries of `vessels`, as one: `above` wins."""
     merged = merge(below, above)
-    vessel = above.child("vehicle")
-    if vessel is None or not _is_whole_vessel(vessel):
+    whole: dict[str, Entry] = {}
+    vehicle = above.child("vehicle")
+    if vehicle is not None and _is_whole_vessel(vehicle):
+        assert isinstance(merged.value, dict)
+        whole["vehicle"] = _only_keys_of(vehicle, merged.value["vehicle"])
+    fleet, others = below.child("vessels"), above.child("vessels")
+    if fleet is not None and others is not None and isinstance(fleet.value, dict) and isinstance(others.value, dict):
+        vessels = {
+            name: laid_on(fleet.value[name], other) for name, other in others.value.items() if name in fleet.value
+        }
+        whole["vessels"] = Entry({**fleet.value, **others.value, **vessels}, others.origin)
+    if not whole:
         return merged
     assert isinstance(merged.value, dict)
-    return Entry({**merged.value, "vehicle": _only_keys_of(vessel, merged.value["vehicle"])}, merged.origin)
+    return Entry({**merged.value, **whole}, merged.origin)
+
+
+def at_speed_of_vessel(entry: Entry) -> Entry:
+    """A mission that says no speed goes at the vessel's, whichever of the two was composed first."""
+    vessel, mission = entry.child("vehicle"), entry.child("mission")
+    speed = None if vessel is None else vessel.child("cruise_speed_mps")
+    if speed is None or speed.value is None or mission is None or not isinstance(mission.value, dict):
+        return entry
+    assert isinstance(entry.value, dict)
+    faster = Entry({"speed_mps": speed, **mission.value}, mission.origin, mission.replaced)
+    return Entry({**entry.value, "mission": faster}, entry.origin)
 
 
 def _is_whole_vessel(vessel: Entry) -> bool:

@@ -12,7 +12,9 @@ Profile                        profile.py
 ├── mission, driver, autopilot, companion   agents.py
 ├── clock, recording           profile.py
 ├── faults                     faults.py
-└── graph                      graph.py, derived_graph.py (what follows from the others)
+├── graph                      graph.py, derived_graph.py (what follows from the others)
+├── ais                        sim_core/world/spec.py
+└── vessels                    fleet.py, formation.py; each is read as a Profile: xitl_cli/profile/fleet.py
 """
 
 from xitl_cli.profile.schema.profile import Profile, RunProfile

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from sim_core.keys import Bounds, Direction, Items, NonNegative, Place, Positive, Specification
+from sim_core.keys import AmongVessels, Bounds, Direction, Items, NonNegative, Place, Positive, Specification
 
 Runs = Literal["in-process", "process", "board"]
 Channels = Annotated[tuple[Annotated[int, Bounds(at_least=1, at_most=32)], ...], Items(1)]
@@ -16,6 +16,7 @@ RcPulse = Annotated[int, Bounds(at_least=0, at_most=2200)]
 Timeout = Annotated[float, Bounds(above=0, at_most=600)]
 Silence = Annotated[float, Bounds(at_least=1, at_most=600)]
 LOOPBACK = "127.0.0.1"
+MOST_VESSELS = 250  # by their system ids: those above are ground stations'
 
 
 EXTERNAL, FIND = "external", "find"  # of autopilot.firmware
@@ -92,17 +93,29 @@ class ReplaySpec(Specification):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FollowSpec(Specification):
+    """A place beside another vessel, kept by GUIDED targets from what that one's autopilot says of itself."""
+
+    vessel: Annotated[str, "whom it follows"]
+    offset_frd_m: Annotated[Place, "forward and to starboard of it, along its course; [-10, 0] is 10 m astern"] = (
+        -10.0,
+        0.0,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DriverSpec(Specification):
     """Source of the commands to the vessel or its autopilot."""
 
     kind: Annotated[
-        Literal["mission", "ground-station", "script", "replay", "none"],
-        "ground-station: the vessel's state is frozen until a ground station arms it",
+        Literal["mission", "ground-station", "script", "replay", "follow", "none"],
+        "ground-station: the vessel's state is frozen until a ground station arms it; follow: after another vessel",
     ] = "none"
     stay: Annotated[bool, "with a ground station: go on after its mission has ended"] = False
     script: Annotated[tuple[ScriptStep, ...], "in order of time"] = ()
     file: Annotated[str | None, "of a replay: a DataFlash log (.bin) or a table of pulse widths (.csv)"] = None
     replay: ReplaySpec = ReplaySpec()
+    follow: Annotated[FollowSpec | None, AmongVessels()] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +162,8 @@ class AutopilotSpec(Specification):
     link: Annotated[str | None, "the agent's URL"] = None
     system_id: Annotated[
         int,
-        Bounds(at_least=1, at_most=250),
+        Bounds(at_least=1, at_most=MOST_VESSELS),
+        AmongVessels(),
         "of MAVLink; of several vessels each has its own, the lowest that is free unless given",
     ] = 1
     ground_stations: Annotated[

@@ -27,6 +27,7 @@ _ORDERS = {
     "ground-station": "a person at a ground station gives the orders",
     "script": "plays a timed script",
     "replay": "plays recorded motor outputs",
+    "follow": "keeps a place beside another vessel",
 }
 
 Part = Iterator[tuple[str, Node, tuple[str, ...]]]

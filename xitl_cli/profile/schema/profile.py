@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Literal
 
 from sim_core.environment.spec import EnvironmentSpec
 from sim_core.keys import Bounds, Positive, RateHz, Seed, Specification
 from sim_core.vessel.spec import VesselSpec
+from sim_core.world.spec import AIS_NAME, FLEET_MMSI, SCRIPTED_MMSI, AisSpec, TrafficSpec
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.agents import AutopilotSpec, CompanionSpec, DriverSpec, MissionSpec
 from xitl_cli.profile.schema.derived_graph import complete_graph_group
@@ -65,16 +66,52 @@ class Profile(Specification):
     recording: RecordingSpec | None = None
     faults: Annotated[dict[str, FaultSpec] | None, "by name"] = None
     graph: NodeGraph | None = None
+    ais: AisSpec | None = None
+    vessels: Annotated[
+        dict[str, Profile] | None, "several in one water, by name: [fleets.md](fleets.md), and keys of their own below"
+    ] = None
+    traffic: Annotated[TrafficSpec | None, "of one of `vessels`: it is scripted, and has nothing else"] = None
+
+    @property
+    def sailed(self) -> dict[str, Profile]:
+        """The vessels that are simulated, by name: without `vessels` the one there is, called ""."""
+        if self.vessels is None:
+            return {"": self}
+        return {name: vessel for name, vessel in self.vessels.items() if vessel.traffic is None}
 
     def missing_for_run(self) -> tuple[str, ...]:
         """The groups a run needs and this profile lacks."""
+        if self.vessels is not None:
+            return tuple(dict.fromkeys(group for one in self.sailed.values() for group in one.missing_for_run()))
         needed = ["technique", "site", "vehicle", "environment", "mission", "driver", "autopilot"]
         if self.autopilot is not None and self.autopilot.kind != "none":
             needed.append("sensors")
         return tuple(group for group in needed if getattr(self, group) is None)
 
+    def run_profiles(self) -> tuple[RunProfile, ...]:
+        """Each vessel that is simulated as a profile with every group in place, in their order: at least one.
+
+        Site, world, environment, clock, recording and traffic are the same in all. UserError as of `runnable`.
+        """
+        if self.vessels is None:
+            return (self.runnable(),)
+        scripted = {name: one.traffic for name, one in self.vessels.items() if one.traffic is not None}
+        traffic = {
+            name: replace(one, ais=_complete_ais(one.ais, name, SCRIPTED_MMSI + number))
+            for number, (name, one) in enumerate(scripted.items(), start=1)
+        }
+        return tuple(vessel._run_profile(name, traffic) for name, vessel in self.sailed.items())
+
     def runnable(self) -> RunProfile:
-        """The same profile with every group in place; UserError naming what is missing for a run."""
+        """The same profile with every group in place; UserError naming what is missing for a run.
+
+        Of one vessel: UserError where there are several.
+        """
+        if self.vessels is not None:
+            raise UserError(f"{self.name}: has several vessels ({', '.join(self.sailed)}), and this is for one")
+        return self._run_profile("", {})
+
+    def _run_profile(self, vessel: str, traffic: dict[str, TrafficSpec]) -> RunProfile:
         missing, graph = self.missing_for_run(), complete_graph_group(self)
         if missing or graph is None:
             needs = ", ".join(missing)
@@ -82,7 +119,11 @@ class Profile(Specification):
             if self.role() == "graph only":
                 what = f"describes a graph only; `xitl wdri {self.name}` shows it, a run also needs {needs}"
             raise UserError(f"{self.name}: {what}; `xitl profiles list` marks those that run")
-        given = {field.name: getattr(self, field.name) for field in fields(self)} | {"graph": graph}
+        given = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "vessels"} | {
+            "graph": graph,
+            "vessel": vessel,
+            "traffic": traffic,
+        }
         for group, default in (
             ("world", WorldSpec),
             ("clock", ClockSpec),
@@ -90,7 +131,8 @@ class Profile(Specification):
             ("faults", dict),
         ):
             given[group] = given[group] or default()
-        return RunProfile(**given)
+        called, number = vessel or given["vehicle"].name, FLEET_MMSI + given["autopilot"].system_id
+        return RunProfile(**given | {"ais": _complete_ais(self.ais or AisSpec(), called, number)})
 
     def role(self) -> Literal["runs", "graph only", "part"]:
         """What the profile is good for: a run, its graph, or as a part of other profiles."""
@@ -103,7 +145,11 @@ class Profile(Specification):
 
 @dataclass(frozen=True, slots=True)
 class RunProfile:
-    """A profile that can run. `sensors` is None only where there is no autopilot to feed."""
+    """A profile that can run, or one vessel of it. `sensors` is None only where there is no autopilot to feed.
+
+    vessel: its name, empty where there is one alone. traffic: the scripted vessels in its water, by name. Here `ais`
+    has name and MMSI.
+    """
 
     name: str
     description: str
@@ -121,6 +167,13 @@ class RunProfile:
     recording: RecordingSpec
     faults: dict[str, FaultSpec]
     graph: NodeGraph
+    ais: AisSpec
+    vessel: str = ""
+    traffic: dict[str, TrafficSpec] = field(default_factory=dict)
+
+
+def _complete_ais(ais: AisSpec, name: str, mmsi: int) -> AisSpec:
+    return replace(ais, name=ais.name or name[:AIS_NAME], mmsi=ais.mmsi or mmsi)
 
 
 def ground_stations_of(profile: Profile | RunProfile) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from sim_core.keys import (
+    AmongVessels,
     Bounds,
     Direction,
     NonNegative,
@@ -89,3 +90,6 @@ class WorldSpec(Specification):
     meshes: tuple[MeshFileSpec, ...] = ()
     contact: Annotated[bool, "whether the vessel runs into it; debris always does"] = False
     debris: DebrisSpec = DebrisSpec()
+    encounter_distance_m: Annotated[
+        Positive, AmongVessels(), "two vessels whose hulls come nearer to each other are counted as too close"
+    ] = 10.0

@@ -8,11 +8,15 @@ from numpy.random import SeedSequence
 
 
 class Seeds:
-    """`of(name)` depends on seed and name alone, so that a new sensor leaves the others' noise as it was."""
+    """A stream depends on seed, vessel and name alone: a new sensor, or a new vessel, leaves the others' as they were.
 
-    def __init__(self, seed: int) -> None:
+    vessel: whose streams they are; empty for what belongs to the water, and for one vessel alone.
+    """
+
+    def __init__(self, seed: int, vessel: str = "") -> None:
         self._seed = seed
+        self._before = f"{vessel}/" if vessel else ""
 
     def sequence(self, name: str) -> SeedSequence:
         """The stream called `name`."""
-        return SeedSequence(self._seed, spawn_key=(crc32(name.encode()),))
+        return SeedSequence(self._seed, spawn_key=(crc32(f"{self._before}{name}".encode()),))

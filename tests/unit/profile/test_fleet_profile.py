@@ -1,0 +1,292 @@
+"""`vessels`: what each inherits, what one entry with a count becomes, and what comes back from the resolved text."""
+
+import math
+
+import pytest
+
+from xitl_cli.errors import UserError
+from xitl_cli.profile import Profile, ProfileError, load_profile, load_with_origins, resolved_yaml
+
+WATER = "extends: [bases/base-sitl, sites/santo-antonio, vehicles/asv-full]\n"
+CONVOY = (
+    WATER
+    + """mission: {start: {north_m: 100, east_m: -50, heading_deg: 90}, waypoints_ned_m: [[100, 0], [120, 0]]}
+vessels:
+  leader: {}
+  follower:
+    count: 3
+    formation: {shape: column, spacing_m: 10}
+    driver: {kind: follow, follow: {vessel: leader, offset_frd_m: [-10, 0]}}
+  other: {extends: vehicles/otter, mission: {start: {north_m: 0, east_m: -60}}, autopilot: {system_id: 2}}
+  barge: {traffic: {track_ned_m: [[0, -120], [300, -120]], speed_mps: 2.0, length_m: 60, beam_m: 12}}
+"""
+)
+
+
+@pytest.fixture
+def fleet(tmp_path):
+    def load(text: str, *overrides: str) -> Profile:
+        path = tmp_path / "fleet.yaml"
+        path.write_text(text, encoding="utf-8")
+        return load_profile(str(path), overrides)
+
+    return load
+
+
+def starts(profile: Profile) -> dict[str, tuple[float, float]]:
+    found = {name: vessel.mission.start for name, vessel in profile.sailed.items()}
+    return {name: (start.north_m, start.east_m) for name, start in found.items()}
+
+
+def test_a_vessel_has_what_the_profile_has_unless_it_says_otherwise(fleet):
+    vessels = fleet(CONVOY).vessels
+    assert list(vessels) == ["leader", "follower_1", "follower_2", "follower_3", "other", "barge"]
+    assert vessels["leader"].vehicle.name == vessels["follower_3"].vehicle.name == "asv-full"
+    assert vessels["leader"].mission.waypoints_ned_m == ((100.0, 0.0), (120.0, 0.0))
+    assert vessels["leader"].sensors == load_profile("bases/base-sitl").sensors
+    otter = load_profile("vehicles/otter")
+    assert vessels["other"].vehicle == otter.vehicle
+    assert vessels["other"].mission.speed_mps == otter.vehicle.cruise_speed_mps
+    assert vessels["leader"].mission.speed_mps == load_profile("vehicles/asv-full").vehicle.cruise_speed_mps
+    assert vessels["barge"].vehicle is vessels["barge"].autopilot is vessels["barge"].sensors is None
+
+
+def test_followers_begin_in_their_places_behind_the_leader(fleet):
+    profile = fleet(CONVOY)
+    assert starts(profile) == {
+        "leader": (100, -50),
+        "follower_1": (100, -60),
+        "follower_2": (100, -70),
+        "follower_3": (100, -80),
+        "other": (0, -60),
+    }
+    offsets = [profile.vessels[f"follower_{number}"].driver.follow.offset_frd_m for number in (1, 2, 3)]
+    assert offsets == [(-10, 0), (-20, 0), (-30, 0)]
+    assert all(not profile.vessels[f"follower_{number}"].mission.waypoints_ned_m for number in (1, 2, 3))
+
+
+def test_a_system_id_is_the_lowest_that_is_free_unless_given(fleet):
+    profile = fleet(CONVOY)
+    ids = {name: vessel.autopilot.system_id for name, vessel in profile.sailed.items()}
+    assert ids == {"leader": 1, "follower_1": 3, "follower_2": 4, "follower_3": 5, "other": 2}
+
+
+def test_a_run_has_a_profile_for_each_vessel_and_the_traffic_in_all(fleet):
+    runs = fleet(CONVOY).run_profiles()
+    assert [run.vessel for run in runs] == ["leader", "follower_1", "follower_2", "follower_3", "other"]
+    assert all(run.site == runs[0].site and run.clock == runs[0].clock for run in runs)
+    assert [run.ais.mmsi for run in runs] == [200000001, 200000003, 200000004, 200000005, 200000002]
+    for run in runs:
+        (barge,) = run.traffic.values()
+        assert (barge.ais.name, barge.ais.mmsi, barge.length_m) == ("barge", 200001001, 60.0)
+
+
+def test_one_vessel_without_vessels_is_what_it_was():
+    profile = load_profile("sitl")
+    (run,) = profile.run_profiles()
+    assert run == profile.runnable()
+    assert (run.vessel, run.traffic, run.autopilot.system_id) == ("", {}, 1)
+    of_several = {"system_id:", "vessels:", "ais:", "follow:", "encounter_distance_m:", "traffic:"}
+    assert not of_several & set(resolved_yaml(profile).split())
+
+
+def test_a_fleet_is_none_for_what_takes_one_vessel(fleet):
+    with pytest.raises(UserError, match=r"has several vessels \(leader, follower_1, .*\), and this is for one"):
+        fleet(CONVOY).runnable()
+
+
+def test_the_resolved_text_loads_to_an_equal_fleet(fleet):
+    profile = fleet(CONVOY, "vessels.other.companion.lag=7", "companion.lag=3", "vessels.leader.companion=null")
+    text = resolved_yaml(profile)
+    again = fleet(text)
+    assert again == profile
+    assert resolved_yaml(again) == text
+    assert "formation:" not in text
+
+
+@pytest.mark.parametrize(
+    ("override", "vessel", "found"),
+    [
+        ("vessels.leader.mission.speed_mps=2", "leader", lambda one: one.mission.speed_mps == 2),
+        ("mission.speed_mps=1.5", "leader", lambda one: one.mission.speed_mps == 1.5),
+        ("vessels.follower.count=8", "follower_8", lambda one: one.mission.start.east_m == -130),
+        ("vessels.follower.formation.spacing_m=20", "follower_2", lambda one: one.mission.start.east_m == -80),
+        ("vessels.barge.traffic.speed_mps=1", "barge", lambda one: one.traffic.speed_mps == 1),
+        ("vessels.tug={}", "tug", lambda one: one.driver.kind == "mission"),
+    ],
+)
+def test_overrides_reach_a_vessel_before_it_is_unfolded(fleet, override, vessel, found):
+    apart = "vessels.tug.mission.start.north_m=160" if vessel == "tug" else "clock.seed=1"
+    assert found(fleet(CONVOY, override, apart).vessels[vessel])
+
+
+def test_values_know_where_they_were_written(fleet, tmp_path):
+    fleet(CONVOY)
+    loaded = load_with_origins(str(tmp_path / "fleet.yaml"))
+    line = {text.strip(): number for number, text in enumerate(CONVOY.splitlines(), start=1)}
+    at = line["formation: {shape: column, spacing_m: 10}"]
+    assert loaded.origin("vessels.follower_2.mission.start.north_m").line == at
+    assert loaded.origin("vessels.follower_2.driver.kind").line == at + 1
+    assert loaded.origin("vessels.follower_2.vehicle.mass_kg").source.endswith("asv-full.yaml")
+
+
+@pytest.mark.parametrize(
+    ("shape", "count", "places"),
+    [
+        ("column", 3, [(0, 0), (-10, 0), (-20, 0)]),
+        ("line_abreast", 3, [(0, -10), (0, 0), (0, 10)]),
+        ("line_abreast", 2, [(0, -5), (0, 5)]),
+        ("wedge", 3, [(0, 0), (-math.sqrt(50), -math.sqrt(50)), (-math.sqrt(50), math.sqrt(50))]),
+        ("circle", 4, [(math.sqrt(50), 0), (0, math.sqrt(50)), (-math.sqrt(50), 0), (0, -math.sqrt(50))]),
+        ("circle", 1, [(0, 0)]),
+        ("grid", 4, [(0, -5), (0, 5), (-10, -5), (-10, 5)]),
+        ("grid", 5, [(0, -10), (0, 0), (0, 10), (-10, -10), (-10, 0)]),
+    ],
+)
+@pytest.mark.parametrize("heading_deg", [0, 90])
+def test_formations_lie_in_the_axes_of_the_heading(fleet, shape, count, places, heading_deg):
+    profile = fleet(
+        WATER
+        + f"""vessels:
+  boat:
+    count: {count}
+    formation: {{shape: {shape}, spacing_m: 10}}
+    mission: {{start: {{north_m: -50, east_m: -50, heading_deg: {heading_deg}}}, waypoints_ned_m: [[5, 7]]}}
+"""
+    )
+    for (name, (north_m, east_m)), (ahead_m, right_m) in zip(starts(profile).items(), places, strict=True):
+        moved = (ahead_m, right_m) if heading_deg == 0 else (-right_m, ahead_m)
+        assert (north_m + 50, east_m + 50) == pytest.approx(moved, abs=1e-3)
+        assert profile.vessels[name].mission.waypoints_ned_m[0] == pytest.approx((5 + moved[0], 7 + moved[1]), abs=1e-3)
+
+
+def test_waypoints_can_be_shared(fleet):
+    profile = fleet(
+        WATER
+        + """vessels:
+  boat:
+    {count: 3, formation: {shape: grid, waypoints: shared}, mission: {start: {east_m: -60}, waypoints_ned_m: [[5, 7]]}}
+"""
+    )
+    assert [one.mission.waypoints_ned_m for one in profile.vessels.values()] == [((5.0, 7.0),)] * 3
+
+
+def test_a_spread_is_drawn_from_the_seed_and_keeps_its_distance(fleet):
+    text = (
+        WATER
+        + """vessels:
+  boat: {count: 40, spread: {radius_m: 90, apart_m: 10}, mission: {start: {east_m: -250}, waypoints_ned_m: [[5, 7]]}}
+"""
+    )
+    first, again, other = fleet(text), fleet(text), fleet(text, "clock.seed=2")
+    assert first == again
+    assert starts(first) != starts(other)
+    places = list(starts(first).values())
+    assert all(math.dist(place, (12, -250)) <= 90 + 1e-3 for place in places)
+    assert min(math.dist(one, other) for one in places for other in places if one is not other) >= 10 - 2e-3
+
+
+def test_a_count_of_250_is_loaded(fleet):
+    text = WATER + "vessels: {boat: {count: 250, formation: {shape: grid}, mission: {start: {east_m: -400}}}}\n"
+    profile = fleet(text)
+    assert [one.autopilot.system_id for one in profile.vessels.values()] == list(range(1, 251))
+
+
+def test_a_count_of_one_is_numbered_too(fleet):
+    text = WATER + "vessels: {boat: {count: 1, mission: {start: {east_m: -60}}}}\n"
+    assert list(fleet(text).vessels) == ["boat_1"]
+
+
+def test_a_fleet_is_laid_upon_another(fleet, tmp_path):
+    (tmp_path / "base.yaml").write_text(CONVOY, encoding="utf-8")
+    profile = fleet(
+        "extends: base.yaml\nvessels: {follower: {count: 1}, barge: null, other: {extends: vehicles/heron}}\n"
+    )
+    assert list(profile.vessels) == ["leader", "follower_1", "other"]
+    assert profile.vessels["other"].vehicle == load_profile("vehicles/heron").vehicle
+    assert profile.vessels["other"].autopilot.system_id == 2
+
+
+def problems(fleet, vessels: str, *overrides: str) -> list[str]:
+    with pytest.raises(ProfileError) as caught:
+        fleet(WATER + f"mission: {{start: {{north_m: 0, east_m: -60}}}}\nvessels:\n{vessels}", *overrides)
+    return [str(problem) for problem in caught.value.problems]
+
+
+FOLLOW = "driver: {kind: follow, follow: {vessel: %s}}"
+
+
+@pytest.mark.parametrize(
+    ("vessels", "problem"),
+    [
+        ("  {}", "3: vessels names none; name one, such as `leader: {}`, or leave the key out"),
+        ("  [a, b]", "3: vessels is not a group; write vessels: {leader: {}, other: {}}, each with what it has"),
+        ("  Boat: {}", "4: vessels.Boat is no name of a vessel; use small letters, digits and _, a letter first"),
+        ("  boat: 3", "4: vessels.boat is not a group; write {} for one like the profile's own"),
+        ("  boat: {count: 0}", "4: vessels.boat.count = 0 is too small; use a value of at least 1"),
+        ("  boat: {count: 251}", "4: vessels.boat.count = 251 is too large; use a value of at most 250"),
+        ("  boat: {count: 2}", "4: vessels.boat.count = 2 puts them all in one place; add formation"),
+        ("  boat: {formation: {shape: grid}}", "4: vessels.boat.formation is of several vessels; add count"),
+        (
+            "  boat: {count: 2, formation: {shape: ring}}",
+            "4: vessels.boat.formation.shape = 'ring' is not one of the choices; use column, line_abreast,",
+        ),
+        (
+            "  boat: {count: 2, formation: {shape: grid}, spread: {radius_m: 9}}",
+            "4: vessels.boat.spread and formation are both there; leave out one of them (null)",
+        ),
+        (
+            "  boat: {count: 30, spread: {radius_m: 20, apart_m: 10}}",
+            "4: vessels.boat.spread has no room for 30 vessels 10 m apart within 20 m; use radius_m: 55, or fewer",
+        ),
+        (
+            "  boat: {count: 2, formation: {shape: column, spacing_m: 1}}",
+            "4: vessels.boat_2: its start [-0.8, -60.6] is where boat_1 lies; put them further apart",
+        ),
+        ("  one: {}\n  two: {}", "2: vessels.two: its start [0, -60] is where one lies; put them further apart"),
+        (
+            "  boat_1: {}\n  boat: {count: 2, formation: {shape: column}}",
+            "4: vessels.boat_1 is also what the count of vessels.boat makes; rename one of them",
+        ),
+        (
+            "  one: {autopilot: {system_id: 7}}\n  two: {autopilot: {system_id: 7}, mission: {start: {east_m: -90}}}",
+            "5: vessels.two.autopilot.system_id = 7 is that of one too; give each its own, or leave it out",
+        ),
+        (
+            "  boat: {count: 3, formation: {shape: column}, autopilot: {system_id: 249}}",
+            "4: vessels.boat_3.autopilot.system_id = 251 is beyond 250, the last there is; use fewer",
+        ),
+        (
+            f"  one: {{}}\n  two: {{{FOLLOW % 'three'}}}",
+            "5: vessels.two.driver.follow.vessel = three is none of the vessels; use one",
+        ),
+        (
+            f"  one: {{{FOLLOW % 'two'}}}\n  two: {{{FOLLOW % 'one'}}}",
+            "4: vessels.one.driver.follow.vessel = two goes round in a circle: one -> two -> one; give one of them",
+        ),
+        (
+            f"  one: {{count: 2, formation: {{shape: column}}}}\n  two: {{{FOLLOW % 'one'}}}",
+            "5: vessels.two.driver.follow.vessel = one is none of the vessels; it is one_1 to one_2; use one of them",
+        ),
+        (
+            f"  one: {{{FOLLOW % 'one'}}}",
+            "4: vessels.one.driver.follow.vessel = one goes round in a circle: one -> one",
+        ),
+        (
+            "  one: {driver: {kind: follow}}",
+            "4: vessels.one: driver.kind = follow has nobody to follow; add driver.follow",
+        ),
+        (
+            "  one: {clock: {seed: 3}, vehicle: {mass_kg: 3}}",
+            "4: vessels.one.clock is the same for all vessels; write it beside `vessels`, not inside",
+        ),
+        ("  one: {vessels: {}}", "4: vessels.one.vessels is the same for all vessels; write it beside `vessels`"),
+        (
+            "  one: {extends: mitl}",
+            "4: vessels.one extends what brings site, world, environment, technique, clock and recording, the",
+        ),
+    ],
+)
+def test_what_is_refused(fleet, vessels, problem):
+    found = problems(fleet, vessels)
+    assert problem in found[0]

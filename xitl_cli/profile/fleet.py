@@ -1,0 +1,381 @@
+"""`vessels`: each entry laid on the profile's own groups and read as a profile of its own, and one for many unfolded.
+
+shared groups ── laid under ──> entry ── read, checked ──> Profile ── unfolded by count ──> follower_1, follower_2 …
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+
+from sim_core.world.spec import LAST_MMSI, AisSpec
+from xitl_cli.profile.files.compose import OWN_KEYS, at_speed_of_vessel, laid_on
+from xitl_cli.profile.files.entry import Entry, Problem, ProfileError, dotted, merge
+from xitl_cli.profile.reader import Reader
+from xitl_cli.profile.schema import Profile
+from xitl_cli.profile.schema.agents import MOST_VESSELS, MissionSpec, StartSpec
+from xitl_cli.profile.schema.fleet import SAILED, SeveralSpec
+from xitl_cli.profile.schema.formation import (
+    Offset,
+    ahead_of,
+    formation_offsets,
+    in_forward_starboard,
+    in_north_east,
+    spread_offsets,
+)
+from xitl_cli.profile.schema.profile import ClockSpec
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_SEVERAL = tuple(field.name for field in fields(SeveralSpec))
+_OF_A_VESSEL = (*SAILED, "traffic", *_SEVERAL)
+_OF_ALL = tuple(field.name for field in fields(Profile) if field.name not in (*_OF_A_VESSEL, *OWN_KEYS, "vessels"))
+
+Problems = list[Problem]
+
+
+@dataclass(frozen=True, slots=True)
+class FleetEntry:
+    """An entry of `vessels`: what is written of it, the same laid on the shared groups, and what both say."""
+
+    name: str
+    written: Entry
+    entry: Entry
+    profile: Profile
+    several: SeveralSpec
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the vessels that it makes."""
+        if self.several.count is None:
+            return (self.name,)
+        return tuple(f"{self.name}_{number}" for number in range(1, self.several.count + 1))
+
+    @property
+    def key(self) -> str:
+        """Its path in the profile."""
+        return f"vessels.{self.name}"
+
+    def says(self, *path: str) -> bool:
+        """Whether the entry itself gives a key, or what it extends does."""
+        return self.written.nearest(path)[1] == len(path)
+
+    def gives(self, *path: str) -> bool:
+        """The same, also by what the vessels share."""
+        return self.entry.nearest(path)[1] == len(path)
+
+
+def is_fleet(entry: Entry) -> bool:
+    """Whether a composed profile has `vessels`."""
+    vessels = entry.child("vessels")
+    return vessels is not None and vessels.value is not None
+
+
+def read_fleet(entry: Entry, name: str) -> tuple[Profile, list[FleetEntry]]:
+    """What the vessels share and the entries of `vessels`, each right in itself; `name` is what the profile is called.
+
+    Raises ProfileError with all problems.
+    """
+    assert isinstance(entry.value, dict)
+    shared = Entry({key: value for key, value in entry.value.items() if key != "vessels"}, entry.origin)
+    written = _written(entry.value["vessels"], name)
+    reader = Reader()
+    profile = reader.read(at_speed_of_vessel(shared), Profile, ())
+    found = [_read(reader, vessel, shared, own) for vessel, own in written.items()]
+    reader.refuse(name)
+    assert profile is not None
+    return profile, [one for one in found if one is not None]
+
+
+def _written(vessels: Entry, name: str) -> dict[str, Entry]:
+    """What is written of each vessel: the keys of one, nothing that is the same for all."""
+    if not isinstance(vessels.value, dict):
+        what = "vessels is not a group; write vessels: {leader: {}, other: {}}, each with what it has of its own"
+        raise ProfileError([Problem(vessels.origin, what)], name)
+    problems: Problems = []
+    written: dict[str, Entry] = {}
+    for vessel, own in vessels.value.items():
+        path = dotted(("vessels", vessel))
+        if own.value is None and own.replaced is not None:
+            continue  # null laid upon a vessel takes it away
+        own = Entry({}, own.origin) if own.value is None else own
+        if not _NAME.fullmatch(vessel):
+            what = "is no name of a vessel; use small letters, digits and _, a letter first: its topics begin with it"
+            problems.append(Problem(own.origin, f"{path} {what}"))
+        elif not isinstance(own.value, dict):
+            problems.append(Problem(own.origin, f"{path} is not a group; write {{}} for one like the profile's own"))
+        else:
+            problems += _foreign_keys(own, path)
+            written[vessel] = own
+    if not problems and not written:
+        problems = [Problem(vessels.origin, "vessels names none; name one, such as `leader: {}`, or leave the key out")]
+    if problems:
+        raise ProfileError(problems, name)
+    return written
+
+
+def _foreign_keys(own: Entry, path: str) -> Iterator[Problem]:
+    """Keys that are the same for all, and what a scripted vessel has not."""
+    assert isinstance(own.value, dict)
+    scripted = _is_scripted(own)
+    of_all = {key: value for key, value in own.value.items() if key in (*_OF_ALL, *OWN_KEYS, "vessels")}
+    brought = [key for key, value in of_all.items() if value.origin.line and value.origin.source != own.origin.source]
+    if brought:
+        what = f"{_listed(brought)}, the same for all vessels; extend parts without, such as vehicles/otter"
+        yield Problem(own.origin, f"{path} extends what brings {what}")
+    for key, value in own.value.items():
+        if key in brought:
+            continue
+        if key in of_all:
+            what = "is the same for all vessels; write it beside `vessels`, not inside"
+            yield Problem(value.origin, f"{path}.{key} {what}")
+        elif scripted and key in SAILED:
+            hint = "; its AIS is traffic.ais" if key == "ais" else ""
+            what = (
+                f"does not go with traffic, which is scripted and has no {key} of its own; leave out one of them{hint}"
+            )
+            yield Problem(value.origin, f"{path}.{key} {what}")
+
+
+def _read(reader: Reader, vessel: str, shared: Entry, written: Entry) -> FleetEntry | None:
+    assert isinstance(written.value, dict)
+    assert isinstance(shared.value, dict)
+    path = ("vessels", vessel)
+    own = {key: value for key, value in written.value.items() if key not in _SEVERAL}
+    several = {key: value for key, value in written.value.items() if key in _SEVERAL}
+    below = (
+        {key: value for key, value in shared.value.items() if key in OWN_KEYS}
+        if _is_scripted(written)
+        else shared.value
+    )
+    entry = laid_on(Entry(below, written.origin), Entry(own, written.origin))
+    entry = at_speed_of_vessel(entry)
+    how_many = reader.read(Entry(several, written.origin), SeveralSpec, path)
+    profile = reader.read(entry, Profile, path)
+    if how_many is None or profile is None:
+        return None
+    return FleetEntry(vessel, written, entry, profile, how_many)
+
+
+def _is_scripted(written: Entry) -> bool:
+    traffic = written.child("traffic")
+    return traffic is not None and traffic.value is not None
+
+
+def unfold(entries: list[FleetEntry], name: str) -> dict[str, Profile]:
+    """The vessels that the entries stand for, by name and in their order, each at its place and with its ids.
+
+    Raises ProfileError for names that are there twice, for a vessel that follows none or itself, for places that cannot
+    be found, and for ids that are there twice or too high.
+    """
+    _refuse(_twice(entries), name)
+    by_name = {vessel: one for one in entries for vessel in one.names}
+    _refuse(_followed(entries, by_name), name)
+    placed: dict[str, Profile] = {}
+    for one in entries:
+        _place(one, by_name, placed, name)
+    ordered = {vessel: placed[vessel] for vessel in by_name}
+    return _numbered(entries, ordered, name)
+
+
+def _refuse(problems: Iterator[Problem], name: str) -> None:
+    found = list(problems)
+    if found:
+        raise ProfileError(found, name)
+
+
+def _twice(entries: list[FleetEntry]) -> Iterator[Problem]:
+    seen: dict[str, FleetEntry] = {}
+    for one in entries:
+        for vessel in one.names:
+            other = seen.setdefault(vessel, one)
+            if other is not one:
+                single, many = (one, other) if one.several.count is None else (other, one)
+                what = f"vessels.{single.name} is also what the count of vessels.{many.name} makes; rename one of them"
+                yield Problem(single.written.origin, what)
+                break
+
+
+def _followed(entries: list[FleetEntry], by_name: Mapping[str, FleetEntry]) -> Iterator[Problem]:
+    """Leaders that are not there, are scripted, or follow in their turn the one that follows them."""
+    for one in entries:
+        vessel = _leader(one)
+        if vessel is None:
+            continue
+        origin, _ = one.entry.nearest(("driver", "follow", "vessel"))
+        said = f"{one.key}.driver.follow.vessel = {vessel}"
+        leader = by_name.get(vessel)
+        if leader is None:
+            many = next((other for other in entries if other.name == vessel), None)
+            names = [other for other in by_name if by_name[other] is not one]
+            hint = f"it is {many.names[0]} to {many.names[-1]}; use one of them" if many else f"use {_either(names)}"
+            yield Problem(origin.origin, f"{said} is none of the vessels; {hint}")
+            continue
+        if leader.profile.traffic is not None:
+            what = "is scripted and says nothing that could be followed; follow a vessel with an autopilot"
+            yield Problem(origin.origin, f"{said} {what}")
+            continue
+        turns = [one]
+        while leader is not None and leader not in turns:
+            turns.append(leader)
+            further = _leader(leader)
+            leader = None if further is None else by_name.get(further)
+        if leader is one:
+            way = " -> ".join(turn.name for turn in (*turns, one))
+            yield Problem(origin.origin, f"{said} goes round in a circle: {way}; give one of them a mission")
+
+
+def _leader(one: FleetEntry) -> str | None:
+    driver = one.profile.driver
+    return driver.follow.vessel if driver is not None and driver.kind == "follow" and driver.follow else None
+
+
+def _either(names: list[str]) -> str:
+    few = names if len(names) <= 6 else [*names[:5], f"{len(names) - 5} more"]
+    return _listed(few, "or") if few else "a second vessel"
+
+
+def _listed(words: list[str], between: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {between} {words[-1]}"
+
+
+def _place(one: FleetEntry, by_name: Mapping[str, FleetEntry], placed: dict[str, Profile], name: str) -> None:
+    """Puts the vessels of an entry into `placed`, after those that they follow."""
+    if one.names[0] in placed:
+        return
+    profile, driver = one.profile, one.profile.driver
+    vessel = _leader(one)
+    if vessel is not None and driver is not None and driver.follow is not None:
+        _place(by_name[vessel], by_name, placed, name)
+        mission, start = profile.mission or MissionSpec(), (placed[vessel].mission or MissionSpec()).start
+        if not one.says("mission", "start"):
+            place = ahead_of((start.north_m, start.east_m), start.heading_deg, driver.follow.offset_frd_m)
+            mission = replace(mission, start=StartSpec(_to_mm(place[0]), _to_mm(place[1]), start.heading_deg))
+        profile = replace(profile, mission=replace(mission, waypoints_ned_m=()))
+    if one.several.count is None:
+        placed[one.name] = profile
+        return
+    heading_deg, how = _heading_deg(profile), one.several.formation or one.several.spread
+    for vessel, offset in zip(one.names, _offsets(one, profile, heading_deg, name), strict=True):
+        placed[vessel] = _shifted(profile, offset, heading_deg, how is not None and how.waypoints == "shifted")
+
+
+def _offsets(one: FleetEntry, profile: Profile, heading_deg: float, name: str) -> list[Offset]:
+    """Of each vessel from the entry's place, north and east. Raises ProfileError where there is no room."""
+    count, formation, spread = one.several.count or 1, one.several.formation, one.several.spread
+    if formation is not None:
+        ahead = formation_offsets(formation.shape, count, formation.spacing_m)
+        return [in_north_east(offset, heading_deg) for offset in ahead]
+    if spread is None:
+        return [(0.0, 0.0)]
+    seed = (profile.clock or ClockSpec()).seed
+    offsets = spread_offsets(count, spread.radius_m, spread.apart_m, f"{seed}/{one.name}/spread")
+    if offsets is not None:
+        return offsets
+    what = f"no room for {count} vessels {spread.apart_m:g} m apart within {spread.radius_m:g} m"
+    fix = f"use radius_m: {math.ceil(spread.apart_m * math.sqrt(count))}, or fewer vessels"
+    origin = one.written.nearest(("spread",))[0].origin
+    raise ProfileError([Problem(origin, f"{one.key}.spread has {what}; {fix}")], name)
+
+
+def _heading_deg(profile: Profile) -> float:
+    """At the start; of a scripted vessel that of the first leg of its track."""
+    if profile.traffic is None:
+        return (profile.mission or MissionSpec()).start.heading_deg
+    if len(profile.traffic.track_ned_m) == 1:
+        return profile.traffic.heading_deg or 0.0
+    (north_m, east_m), (to_north_m, to_east_m) = profile.traffic.track_ned_m[:2]
+    return math.degrees(math.atan2(to_east_m - east_m, to_north_m - north_m))
+
+
+def _to_mm(coordinate_m: float) -> float:
+    """As it is written down; not -0."""
+    return round(coordinate_m, 3) + 0.0
+
+
+def _shifted(profile: Profile, offset_ne_m: Offset, heading_deg: float, with_waypoints: bool) -> Profile:
+    """The vessel that lies at an offset from the entry's; waypoints, or its place beside the leader, go with it."""
+
+    def moved(place: Offset) -> Offset:
+        return _to_mm(place[0] + offset_ne_m[0]), _to_mm(place[1] + offset_ne_m[1])
+
+    if profile.traffic is not None:
+        track = tuple(map(moved, profile.traffic.track_ned_m))
+        return replace(profile, traffic=replace(profile.traffic, track_ned_m=track))
+    mission, driver = profile.mission or MissionSpec(), profile.driver
+    start = StartSpec(*moved((mission.start.north_m, mission.start.east_m)), mission.start.heading_deg)
+    mission = replace(mission, start=start)
+    if with_waypoints:
+        mission = replace(mission, waypoints_ned_m=tuple(map(moved, mission.waypoints_ned_m)))
+        if driver is not None and driver.follow is not None:
+            ahead = in_forward_starboard(offset_ne_m, heading_deg)
+            place = driver.follow.offset_frd_m
+            offset_frd_m = _to_mm(place[0] + ahead[0]), _to_mm(place[1] + ahead[1])
+            follow = replace(driver.follow, offset_frd_m=offset_frd_m)
+            driver = replace(driver, follow=follow)
+    return replace(profile, mission=mission, driver=driver)
+
+
+def _numbered(entries: list[FleetEntry], placed: Mapping[str, Profile], name: str) -> dict[str, Profile]:
+    """With system ids and MMSI: given ones count on within an entry, the other ids are the lowest that are free."""
+    given: dict[str, int] = {}
+    mmsi: dict[str, int] = {}
+    for one in entries:
+        profile = one.profile
+        ais = profile.ais if profile.traffic is None else profile.traffic.ais
+        for number, vessel in enumerate(one.names):
+            if profile.autopilot is not None and one.gives("autopilot", "system_id"):
+                given[vessel] = profile.autopilot.system_id + number
+            if ais is not None and ais.mmsi is not None:
+                mmsi[vessel] = ais.mmsi + number
+    free = (number for number in itertools.count(1) if number not in given.values())
+    ids = {vessel: given.get(vessel) or next(free) for vessel, one in placed.items() if one.autopilot is not None}
+    by_name = {vessel: one for one in entries for vessel in one.names}
+    _refuse(_wrong_ids(ids, ("autopilot", "system_id"), MOST_VESSELS, by_name), name)
+    _refuse(_wrong_ids(mmsi, ("ais", "mmsi"), LAST_MMSI, by_name), name)
+    return {vessel: _with_ids(one, ids.get(vessel), mmsi.get(vessel)) for vessel, one in placed.items()}
+
+
+def _wrong_ids(
+    ids: Mapping[str, int], path: tuple[str, str], most: int, by_name: Mapping[str, FleetEntry]
+) -> Iterator[Problem]:
+    """Ids that two vessels have, and those that go beyond the last there is."""
+    seen: dict[int, str] = {}
+    for vessel, number in ids.items():
+        origin = by_name[vessel].entry.nearest(path)[0].origin
+        said = f"vessels.{vessel}.{dotted(path)} = {number}"
+        if number > most:
+            yield Problem(origin, f"{said} is beyond {most}, the last there is; use fewer vessels or lower ids")
+            return
+        other = seen.setdefault(number, vessel)
+        if other != vessel:
+            yield Problem(origin, f"{said} is that of {other} too; give each its own, or leave it out")
+
+
+def _with_ids(profile: Profile, system_id: int | None, mmsi: int | None) -> Profile:
+    if profile.autopilot is not None and system_id is not None:
+        profile = replace(profile, autopilot=replace(profile.autopilot, system_id=system_id))
+    if mmsi is None:
+        return profile
+    if profile.traffic is not None:
+        return replace(profile, traffic=replace(profile.traffic, ais=replace(profile.traffic.ais, mmsi=mmsi)))
+    return replace(profile, ais=replace(profile.ais or AisSpec(), mmsi=mmsi))
+
+
+def unfolded_entry(entry: Entry, entries: list[FleetEntry], vessels: Mapping[str, Profile]) -> Entry:
+    """`entry` with the vessels as they are, for where each value was written; a place that moved is its formation's."""
+    assert isinstance(entry.value, dict)
+    found: dict[str, Entry] = {}
+    for one in entries:
+        for vessel in one.names:
+            assert isinstance(one.entry.value, dict)
+            found[vessel] = one.entry
+            how = one.written.child("formation") or one.written.child("spread")
+            mission = vessels[vessel].mission
+            if how is not None and mission is not None:
+                start = {key.name: Entry(getattr(mission.start, key.name), how.origin) for key in fields(mission.start)}
+                above = Entry({"mission": Entry({"start": Entry(start, how.origin)}, how.origin)}, one.entry.origin)
+                found[vessel] = merge(one.entry, above)
+    return Entry({**entry.value, "vessels": Entry(found, entry.value["vessels"].origin)}, entry.origin)
