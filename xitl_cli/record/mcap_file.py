@@ -13,9 +13,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
-from mcap.writer import CompressionType, Writer
-
 from xitl_cli.errors import UserError
+from xitl_cli.record.mcap_writer import ChunkMessage, ChunkWriter, message_record
 
 FLUSH_INTERVAL_S = 1.0
 CHUNK_BYTES = 1 << 20
@@ -24,12 +23,7 @@ APART_BYTES = 32 << 10
 5 % more room than without, in lockstep, where a second of wall time holds more, 12 %. One topic of them is had from
 67 % and 15 % of the bytes rather than 79 %. With 8 KiB it would be 16 % in real time, for twice as many chunks, which
 is what opening a long recording costs."""
-_COMPRESSION = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
-
 _NO_CHANNEL = 0
-_RECORD_BYTES = 31  # of a message, before its payload
-_Message = tuple[int, int, bytes, int]
-"""Channel, log time, payload, publish time, as Writer.add_message takes them."""
 
 
 class PayloadWriter(Protocol):
@@ -55,7 +49,7 @@ class McapFile:
         self._flushed_s = now_s()
         self._whole_bytes = 0
         self._refused_once = False
-        self._kept: list[_Message] = []
+        self._kept: list[ChunkMessage] = []
         self._kept_bytes: dict[int, int] = {}
         self._filled_bytes = 0
         try:
@@ -64,8 +58,7 @@ class McapFile:
             raise UserError(
                 f"{path}: cannot be made ({error.strerror}); choose another directory with --out"
             ) from error
-        self._writer = Writer(self._file, chunk_size=4 * CHUNK_BYTES, compression=_COMPRESSION[compression])
-        self._writer.start("xitl", "xitl")
+        self._writer = ChunkWriter(self._file, compression)
         self._whole_bytes = self._file.tell()
 
     def ros_channel(self, topic: str, schema_name: str, definition: str) -> PayloadWriter:
@@ -79,11 +72,11 @@ class McapFile:
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file inside the recording."""
-        self._guarded(self._writer.add_attachment, 0, 0, name, media_type, data)
+        self._guarded(self._writer.attach, name, media_type, data)
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Keep named texts inside the recording."""
-        self._guarded(self._writer.add_metadata, name, dict(values))
+        self._guarded(self._writer.metadata, name, values)
 
     def flush_if_due(self) -> None:
         """Write what is kept and hand it to the operating system when a second has gone by."""
@@ -114,8 +107,9 @@ class McapFile:
         def log(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
             if self._refused_once:
                 return
-            self._kept.append((channel, stamp_ns, payload, stamp_ns if sent_ns is None else max(sent_ns, 0)))
-            size = _RECORD_BYTES + len(payload)
+            record = message_record(channel, stamp_ns, payload, stamp_ns if sent_ns is None else max(sent_ns, 0))
+            self._kept.append((channel, stamp_ns, record))
+            size = len(record)
             self._kept_bytes[channel] = self._kept_bytes.get(channel, 0) + size
             self._filled_bytes += size
             if self._filled_bytes >= CHUNK_BYTES:
@@ -125,24 +119,19 @@ class McapFile:
 
     def _write_kept(self, everything: bool) -> None:
         """Write chunks of channels that have enough for one, and one of all others if they fill it, or `everything`."""
-        chunks: dict[int, list[_Message]] = {
+        chunks: dict[int, list[ChunkMessage]] = {
             channel: [] for channel, size in self._kept_bytes.items() if size >= APART_BYTES
         }
-        rest: list[_Message] = []
+        rest: list[ChunkMessage] = []
         for message in self._kept:
             chunks.get(message[0], rest).append(message)
         rest_bytes = {channel: size for channel, size in self._kept_bytes.items() if channel not in chunks}
         if everything or sum(rest_bytes.values()) >= CHUNK_BYTES:
             chunks[_NO_CHANNEL], rest, rest_bytes = rest, [], {}
         self._kept, self._kept_bytes, self._filled_bytes = rest, rest_bytes, sum(rest_bytes.values())
-        for channel in sorted(chunks):
-            self._guarded(self._write_chunk, chunks[channel])
-
-    def _write_chunk(self, messages: list[_Message]) -> None:
-        for message in messages:
-            self._writer.add_message(*message)
-        close_chunk: Callable[[], None] = self._writer.flush
-        close_chunk()
+        for _, messages in sorted(chunks.items()):
+            if messages:
+                self._guarded(self._writer.write_chunk, messages)
 
     def _guarded(self, write: Callable[..., object], *arguments: object) -> None:
         """Write whole records and hand them to the operating system, so that they stay whatever is refused later."""

@@ -85,8 +85,7 @@ def test_a_disk_that_fills_up_is_told_once_and_leaves_whole_chunks(
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    write = file._writer.add_message
-    monkeypatch.setattr(file._writer, "add_message", lambda *message: refuse() if message[1] == 4 else write(*message))
+    monkeypatch.setattr(file._writer, "write_chunk", refuse)
     for stamp in (2, 3, 4):
         log(bytes(100_000), stamp)
     now_s[0] = 2.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,14 @@ SOURCE = "physics"
 WARNING = 4  # MAV_SEVERITY
 
 
+class RangeLook(NamedTuple):
+    """A vessel at one instant. length_m: overall, of its hulls."""
+
+    simulation: Simulation
+    state: SimulationState
+    length_m: float
+
+
 @dataclass(frozen=True, slots=True)
 class RangeLimit:
     """A figure that has to stay at or below `most`; docs/seas.md argues for each.
@@ -28,35 +36,36 @@ class RangeLimit:
 
     key: str
     most: float
-    figure: Callable[[Simulation, SimulationState], float]
+    figure: Callable[[RangeLook], float]
     text: str
 
 
-def froude_number(simulation: Simulation, state: SimulationState) -> float:
+def froude_number(look: RangeLook) -> float:
     """Speed through the water over the root of g times the length."""
-    through = state.vessel.motion.vel_ned_mps[0] - state.current_ned_mps[0]
-    return math.hypot(*through[:2]) / math.sqrt(GRAVITY_MPS2 * simulation.vessel.model.length_m)
+    through = look.state.vessel.motion.vel_ned_mps[0] - look.state.current_ned_mps[0]
+    return math.hypot(*through[:2]) / math.sqrt(GRAVITY_MPS2 * look.length_m)
 
 
-def deck_under_water(simulation: Simulation, state: SimulationState) -> float:
+def deck_under_water(look: RangeLook) -> float:
     """Share of the hulls' strips that are under water with their deck."""
-    motion = state.vessel.motion
-    _, under = simulation.vessel.buoyancy.immersion(motion.pos_ned_m, motion.rot_ned_frd[:, 2], state.surface)
+    motion = look.state.vessel.motion
+    buoyancy = look.simulation.vessel.buoyancy
+    _, under = buoyancy.immersion(motion.pos_ned_m, motion.rot_ned_frd[:, 2], look.state.surface)
     return float(under[0])
 
 
-def surface_slope(simulation: Simulation, state: SimulationState) -> float:
+def surface_slope(look: RangeLook) -> float:
     """Of the water at the hulls: k a of a regular wave."""
-    return math.hypot(*state.surface.gradient_ned[0, :2])
+    return math.hypot(*look.state.surface.gradient_ned[0, :2])
 
 
-def motion_per_step(simulation: Simulation, state: SimulationState) -> float:
+def motion_per_step(look: RangeLook) -> float:
     """Turn in rad, or change of speed in m/s, within one step, whichever is more; a blow is not asked."""
-    if len(state.contacts):
+    if len(look.state.contacts):
         return 0.0
-    motion = state.vessel.motion
+    motion = look.state.vessel.motion
     most = max(np.abs(motion.gyro_frd_radps[0]).max(), np.abs(motion.acc_ned_mps2[0]).max())
-    return float(most) * simulation.dt_s
+    return float(most) * look.simulation.dt_s
 
 
 LIMITS = (
@@ -86,6 +95,7 @@ class ModelRange(RunNode):
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
+        self._length_m = simulation.vessel.model.length_m  # which is made of the hulls anew each time
         self._every = max(round(1.0 / (RATE_HZ * simulation.dt_s)), 1)
         self._looks = 0
         self._most = [0.0] * len(LIMITS)
@@ -98,8 +108,9 @@ class ModelRange(RunNode):
         if step.number % self._every or step.held:
             return
         self._looks += 1
+        look = RangeLook(self._simulation, step.state, self._length_m)
         for number, limit in enumerate(LIMITS):
-            figure = limit.figure(self._simulation, step.state)
+            figure = limit.figure(look)
             self._most[number] = max(self._most[number], figure)
             if figure > limit.most:
                 if not self._outside[number]:
