@@ -1,6 +1,6 @@
 """An MCAP file that keeps what was written when the process is killed.
 
-Written with the `mcap` package and not with foxglove-sdk's writer, which streams a chunk into the file under a
+Written chunk by chunk (`mcap_writer`) and not with foxglove-sdk's writer, which streams a chunk into the file under a
 placeholder length (a killed run then ends in a record that readers refuse) and logs a full disk instead of raising it.
 foxglove-sdk makes the well-known messages.
 """

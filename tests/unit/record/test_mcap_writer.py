@@ -36,7 +36,9 @@ def test_a_file_is_byte_for_byte_that_of_the_package(name: str, theirs: Compress
             assert ours.register_channel("/c", "cdr", 1) == other.register_channel("/c", "cdr", 1)
             ours.attach("profile.yaml", "application/yaml", b"extends: sitl\n")
             other.add_attachment(0, 0, "profile.yaml", "application/yaml", b"extends: sitl\n")
-        ours.write_chunk([(channel, log_ns, message_record(channel, log_ns, *rest)) for channel, log_ns, *rest in chunk])
+        ours.write_chunk(
+            [(channel, log_ns, message_record(channel, log_ns, *rest)) for channel, log_ns, *rest in chunk]
+        )
         for message in chunk:
             other.add_message(*message)
         other.flush()
