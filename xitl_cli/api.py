@@ -94,27 +94,29 @@ def wdri(
     return profile_wdri(loaded, None if reference is None else fspath(reference), vertices)
 
 
-def open_log(path: PathText) -> Log:
+def open_log(path: PathText, vessel: str | None = None) -> Log:
     """A log opened for reading: DataFlash `.bin`, MAVLink `.tlog` or MCAP.
+
+    vessel: of a fleet's recording the one whose topics are to be as of a vessel alone; all are there without it.
 
     `log["ATT"]` is a table, `log["ATT"]["Roll"]` its column as a numpy array, `log["ATT"].to_pandas()` a data frame
     (needs pandas). Close it, or use it in a `with`. Raises LogError for a file that cannot be read.
     """
     from xitl_cli.logs import open_log as open_path
 
-    return open_path(Path(path))
+    return open_path(Path(path), vessel)
 
 
-def analyze(*logs: PathText, sections: str | Iterable[str] = ()) -> Report:
+def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "") -> Report:
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
-    sections: names of analyses (`"scheduler"`), all by default. A log that cannot be read is one of the report's
-    `refusals`. Raises LogError for a section that does not exist.
+    sections: names of analyses (`"scheduler"`), all by default. vessel: of a fleet's recording, its first without a
+    name. A log that cannot be read is one of the report's `refusals`. Raises LogError for a section that does not exist.
     """
     from xitl_cli.logs.report.build import build_report, sections_named
 
     wanted = (sections,) if isinstance(sections, str) else tuple(sections)
-    return build_report([Path(log) for log in logs], sections_named(wanted))
+    return build_report([Path(log) for log in logs], sections_named(wanted), vessel=vessel)
 
 
 def compare(
@@ -126,15 +128,18 @@ def compare(
     of_a: Literal["estimate", "truth"] = "estimate",
     of_b: Literal["estimate", "truth"] = "estimate",
     armed: bool = False,
+    vessel: str = "",
+    vessel_b: str = "",
 ) -> Comparison:
     """Log `b` against log `a`, as `xitl logs compare`: trajectories, motion, channels, events.
 
     align: how b's path is moved onto a's before errors are taken. start: how b is laid on a's time. of_a, of_b: the
-    autopilot's estimate or the simulator's truth. armed: only while both were armed.
+    autopilot's estimate or the simulator's truth. armed: only while both were armed. vessel: of a fleet's recording,
+    else its first; vessel_b: another one of `b`.
     """
     from xitl_cli.logs.compare.comparison import compare as compare_logs
 
-    with open_log(a) as log_a, open_log(b) as log_b:
+    with open_log(a, vessel) as log_a, open_log(b, vessel_b or vessel) as log_b:
         return compare_logs(log_a, log_b, align=align, start=start, of_a=of_a, of_b=of_b, armed=armed)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from xitl_cli.commands.options import Vessel
 from xitl_cli.commands.output import quiet_pipe, refuse, tell_damage
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.errors import LogError
@@ -36,6 +37,7 @@ Raw = Annotated[bool, typer.Option("--raw", help="Values as they are stored: not
 def info(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="DataFlash .bin, .tlog or .mcap.")],
     fields: Annotated[bool, typer.Option("--fields", help="All fields of each message, with their units.")] = False,
+    vessel: Vessel = None,
     as_json: Json = False,
 ) -> None:
     """Show what logs contain: time, vehicle, damage, messages.
@@ -50,7 +52,7 @@ def info(
     with quiet_pipe():
         for path in files:
             try:
-                with open_log(path) as log:
+                with open_log(path, vessel) as log:
                     summary = summarize_log(log, every_field=fields)
             except LogError as error:
                 refusals.append(str(error))
@@ -81,6 +83,7 @@ def dump(
     until_time: Until = None,
     raw: Raw = False,
     limit: Annotated[int | None, typer.Option(min=0, metavar="N", help="At most this many rows.")] = None,
+    vessel: Vessel = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a row.")] = False,
 ) -> None:
     """Print rows of messages in the order of the file, their time in seconds first.
@@ -95,7 +98,7 @@ def dump(
 
     condition = Condition(where) if where.strip() else None
     written = False
-    with open_log(file) as log, quiet_pipe():
+    with open_log(file, vessel) as log, quiet_pipe():
         named = tables_named(log, messages)
         tables = named.tables
         for name in named.rowless:
@@ -127,6 +130,7 @@ def export(
     until_time: Until = None,
     raw: Raw = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
+    vessel: Vessel = None,
     as_json: Json = False,
 ) -> None:
     """Write messages to CSV (a file each), Parquet (a file each) or one MCAP with a ROS 2 topic each.
@@ -138,7 +142,7 @@ def export(
     from xitl_cli.logs.model.query import stamps_between, tables_named
     from xitl_cli.logs.model.text import parse_optional_seconds
 
-    with open_log(file) as log:
+    with open_log(file, vessel) as log:
         named = tables_named(log, messages or list(log.tables))
         if not named.tables:
             raise LogError(f"{file}: has no row of {', '.join(named.rowless)}; `xitl logs info` lists what it has")

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse
+from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.output import open_in_browser, quiet_pipe, refuse, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
 
@@ -36,6 +37,7 @@ def analyze(
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="With a page, print here what is on it as well: all facts.")
     ] = False,
+    vessel: Vessel = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     open_it: Open = False,
 ) -> None:
@@ -55,7 +57,7 @@ def analyze(
     if page is not None:
         html.refuse_other(page)
     with progress("opening") as told:
-        found = build(files, wanted, told)
+        found = build(files, wanted, told, vessel or "")
         if page is not None and found.files:
             told("page")
             html.write(found, page)
@@ -66,6 +68,8 @@ def analyze(
             _show(found, page, verbose)
     if page is not None and open_it and found.files:
         open_in_browser(page)
+    if vessel is None:
+        tell_vessels(*((file.path, file.vessel, file.vessels) for file in found.files))
     for file in found.files:
         for failure in file.failures:
             typer.echo(f"error: {file.name}: {failure.sentence}", err=True)
@@ -89,6 +93,7 @@ def plot(
     ] = None,
     until_time: Annotated[str | None, typer.Option("--until", metavar="TIME", help="Only up to here.")] = None,
     raw: Annotated[bool, typer.Option("--raw", help="Values as they are stored: not scaled.")] = False,
+    vessel: Vessel = None,
     open_it: Open = False,
 ) -> None:
     """Plot signals of logs on one page: a plot for each unit, all on one time line.
@@ -105,7 +110,7 @@ def plot(
         raise UserError(f"--until {until_time} is not after --from {from_time}; swap them")
     path = out or _beside(files[0], "plot")
     html.refuse_other(path)
-    page, refusals = signal_page(files, signals, from_s, until_s, raw=raw)
+    page, refusals = signal_page(files, signals, from_s, until_s, raw=raw, vessel=vessel)
     html.write_page(page, path)
     typer.echo(str(path))
     for card in page.cards:

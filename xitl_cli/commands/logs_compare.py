@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from xitl_cli.commands.output import open_in_browser, quiet_pipe, tell_damage
+from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.output import open_in_browser, quiet_pipe, tell_damage, tell_vessels
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
 
@@ -57,6 +58,10 @@ def compare(
         str | None, typer.Option("--until", metavar="TIME", help="Compare up to this time: 90, 1:30.5 or 1:02:03.")
     ] = None,
     armed: Annotated[bool, typer.Option("--armed", help="Compare only while both were armed.")] = False,
+    vessel: Vessel = None,
+    vessel_b: Annotated[
+        str | None, typer.Option("--vessel-b", metavar="NAME", help="Another one of B, which may be the same file.")
+    ] = None,
     report: Annotated[
         Path | None, typer.Option("--report", metavar="FILE", help="Write the plots and tables as one HTML page.")
     ] = None,
@@ -77,7 +82,9 @@ def compare(
         report = Path("compare.html")
     if report is not None:
         html.refuse_other(report)
-    with open_log(a) as log_a, open_log(b) as log_b:
+    with open_log(a, vessel or "") as log_a, open_log(b, vessel_b or vessel or "") as log_b:
+        if vessel is None:
+            tell_vessels(*((log.path, log.vessel, log.vessels) for log in ([log_a] if a == b else [log_a, log_b])))
         found = compare_logs(
             log_a,
             log_b,

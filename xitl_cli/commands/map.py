@@ -9,7 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from xitl_cli.commands.output import quiet_pipe, tell_damage
+from xitl_cli.commands.options import Vessel
+from xitl_cli.commands.output import quiet_pipe, tell_damage, tell_vessels
 from xitl_cli.commands.terminal import show_rows, terminal
 from xitl_cli.errors import UserError
 from xitl_cli.logs.model.text import printable
@@ -23,6 +24,7 @@ def map_command(
         Path | None, typer.Option("--out", metavar="DIR", help="Where the files go; beside the recording otherwise.")
     ] = None,
     kind: Annotated[str, typer.Option("--format", metavar="ply|pcd", help="Of the map.")] = "ply",
+    vessel: Vessel = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Run the companion's odometry and mapping over a recording: map, trajectories and how good they are.
@@ -37,8 +39,10 @@ def map_command(
         raise UserError(f"--format {kind}: is no format of a map; use ply or pcd")
     if missing := [package for package in ("kiss_icp", "scipy") if find_spec(package) is None]:
         raise UserError(f"a map needs {' and '.join(missing)}, which is not installed; {PERCEPTION.pip_line}")
-    directory = recording.parent if out is None else out
-    with open_log(recording) as log:
+    with open_log(recording, vessel or "") as log:
+        if vessel is None:
+            tell_vessels((log.path, log.vessel, log.vessels))
+        directory = recording.parent / log.vessel if out is None else out
         found = measure(log)
         files = written(found, directory, "ply" if kind == "ply" else "pcd")
         tell_damage(log)

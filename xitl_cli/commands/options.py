@@ -93,3 +93,7 @@ Set = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there already.")]
+Vessel = Annotated[
+    str | None,
+    typer.Option("--vessel", metavar="NAME", help="Of a fleet's recording this vessel, its topics as of one alone."),
+]

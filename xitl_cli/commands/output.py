@@ -65,6 +65,14 @@ def tell_damage(*logs: Log) -> None:
             typer.echo(printable(f"{log.path}: degraded: {'; '.join(damage_sentences(health))}"), err=True)
 
 
+def tell_vessels(*shown: tuple[Path, str, Sequence[str]]) -> None:
+    """A line on stderr for each recording of several vessels: the path, the one that was taken, and all of them."""
+    for path, vessel, vessels in shown:
+        if vessel:
+            there = ", ".join(vessels[:8]) + (f" and {len(vessels) - 8} more" if len(vessels) > 8 else "")
+            typer.echo(printable(f"{path}: is of {there}; this is {vessel}, --vessel NAME takes another"), err=True)
+
+
 def open_in_browser(page: Path) -> None:
     """In the browser of the desktop; a machine without one gets a line instead of a browser in its terminal."""
     import webbrowser

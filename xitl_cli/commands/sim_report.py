@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -23,15 +23,113 @@ def show_result(console: Console, result: Result, verbose: bool = False) -> None
         say(console, text, style)
     said = not_real_time(tuple(summary["verdict"]["shortfalls"]))
     warnings = [("warning", text, "yellow") for text in summary["warnings"] if text != said]
-    results = (*_one_line_each(summary), *perception_rows(summary), *incidents(summary))
-    show_facts(console, [*results, *warnings, _realism(summary)])
-    if verbose:
-        _show_all(console, summary)
+    if "vessels" in summary:
+        show_fleet(console, summary, warnings, verbose)
+    else:
+        results = (*_one_line_each(summary), *perception_rows(summary), *incidents(summary))
+        show_facts(console, [*results, *warnings, _realism(summary)])
+        if verbose:
+            _show_all(console, summary)
     files = (directory.RECORDING, directory.SUMMARY, directory.PROFILE, *_MORE)
-    console.print(
-        f"{result.directory}/: {', '.join(name for name in files if (result.directory / name).exists())}",
-        soft_wrap=True,
+    kept = [name for name in files if (result.directory / name).exists()]
+    if "vessels" in summary:
+        kept.append(f"{plural(len(summary['vessels']), 'folder')} of its vessels")
+    console.print(f"{result.directory}/: {', '.join(kept)}", soft_wrap=True)
+
+
+MOST_ROWS = 16
+"""Vessels in the table of a fleet; of a longer one this many, the worst first, and a count of the others."""
+_FLEET_HEADS = ("vessel", "mode", "waypoints", "cross-track", "speed", "estimate off", "closest")
+
+
+def show_fleet(
+    console: Console, summary: dict[str, Any], warnings: Sequence[tuple[str, str, str]], verbose: bool = False
+) -> None:
+    """A row a vessel, what befell which, and the run; verbose: all of them, and all tables of each as well."""
+    vessels: dict[str, dict[str, Any]] = summary["vessels"]
+    names = list(vessels) if verbose else worst_vessels(vessels, MOST_ROWS)
+    show_rows(
+        console, _FLEET_HEADS, [fleet_row(summary, name) for name in names], (0, 1), _fleet_styles(vessels, names)
     )
+    rest = [name for name in vessels if name not in names]
+    if rest:
+        done = sum(vessels[name]["driver"]["completed"] for name in rest)
+        say(console, f"and {len(rest)} more, of which {done} completed; --verbose shows them, summary.json has them")
+    facts = [(name, f"{what}: {text}") for name, part in vessels.items() for what, text in _of_vessel(part)]
+    told = facts if verbose else facts[:MOST_ROWS]
+    if len(told) < len(facts):
+        told.append(("", f"and {len(facts) - len(told)} more of the kind, in summary.json"))
+    own = [(name, text, "yellow") for name, part in vessels.items() for text in part["warnings"]]
+    show_facts(console, [*told, *own, *warnings, _fleet_timing(summary), _fleet_profile(summary)])
+    for name, part in vessels.items() if verbose else ():
+        console.print()
+        say(console, name, "bold")
+        _show_all(console, part)
+
+
+def worst_vessels(vessels: Mapping[str, dict[str, Any]], count: int) -> list[str]:
+    """All names where they are no more than `count`, else so many: not completed first, then by cross-track error."""
+    if len(vessels) <= count:
+        return list(vessels)
+
+    def badness(name: str) -> tuple[bool, float]:
+        mission = vessels[name]["mission"] or {}
+        return not vessels[name]["driver"]["completed"], mission.get("cross_track_rms_m") or 0.0
+
+    return sorted(vessels, key=badness, reverse=True)[:count]
+
+
+def fleet_row(summary: dict[str, Any], name: str) -> list[str]:
+    """The cells of one vessel: at the end of the run its mode, over the run all else."""
+    part = summary["vessels"][name]
+    mission, track = part["mission"], part["track"]
+    return [
+        name,
+        track["mode"] or "–",
+        "–"
+        if not mission or not mission["waypoints_total"]
+        else f"{mission['waypoints_reached']}/{mission['waypoints_total']}",
+        _number(mission["cross_track_rms_m"] if mission else None, "m"),
+        _number(track["speed_mean_mps"], "m/s"),
+        _number(part["estimation"]["position_rms_m"], "m"),
+        _number(closest_m(summary, name), "m"),
+    ]
+
+
+def closest_m(summary: dict[str, Any], name: str) -> float | None:
+    """How near another vessel came to it, hull to hull; None where nobody measured."""
+    return min(
+        (
+            pair["distance_m"]
+            for pair in summary.get("encounters") or ()
+            if name in pair["vessels"] and pair["distance_m"] is not None
+        ),
+        default=None,
+    )
+
+
+def _fleet_styles(vessels: Mapping[str, dict[str, Any]], names: Sequence[str]) -> list[str]:
+    return ["" if vessels[name]["driver"]["completed"] else "yellow" for name in names]
+
+
+def _of_vessel(part: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """What of a vessel should not go by unnoticed."""
+    yield from perception_rows(part)
+    yield from incidents(part)
+    for link in part["links"]:
+        if link["lost"] or link["dropped"]:
+            yield "links", _links_line([link])
+
+
+def _fleet_timing(summary: dict[str, Any]) -> tuple[str, str]:
+    parts = summary["vessels"].values()
+    every = {key: [*summary[key], *(row for part in parts for row in part[key])] for key in ("tasks", "clocks")}
+    return "timing", _timing({**every, "clocks": []})
+
+
+def _fleet_profile(summary: dict[str, Any]) -> tuple[str, str]:
+    count = plural(len(summary["vessels"]), "vessel")
+    return "profile", f"{summary['profile']} ({summary['technique']}, seed {summary['seed']}), {count}"
 
 
 def verdict_lines(summary: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -220,7 +220,9 @@ def profile_of(log: Log) -> RunProfile | None:
         return None
     try:
         entry = parse_yaml(data.decode(errors="replace"), PROFILE)
-        return None if entry is None else unchecked_profile(entry, PROFILE).runnable()
+        if entry is None:
+            return None
+        return next((one for one in unchecked_profile(entry, PROFILE).run_profiles() if one.vessel == log.vessel), None)
     except UserError:
         return None
 

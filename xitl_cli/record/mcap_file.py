@@ -26,6 +26,10 @@ is what opening a long recording costs."""
 _NO_CHANNEL = 0
 
 
+class RecordingError(UserError):
+    """The recording cannot be written."""
+
+
 class PayloadWriter(Protocol):
     """Writes one payload, received at `stamp_ns` and sent at `sent_ns` (None: the same instant)."""
 
@@ -38,6 +42,8 @@ class McapFile:
     Messages are kept for about a second, until `flush_if_due` writes them, or until they fill a chunk. A channel that
     has APART_BYTES by then gets a chunk of its own: who wants one topic unpacks what it shares a chunk with, and that
     is then little. Chunks of the same second overlap in time; within a channel messages keep their order.
+
+    A topic has one channel, whoever asks for it. Channels of one `kind` share their schema; a topic is its own kind.
 
     The file on disk always ends with a whole chunk, also when the disk refuses a write: that is raised as UserError,
     once, and what comes after it is not kept. Raises UserError too when the file cannot be made.
@@ -52,6 +58,8 @@ class McapFile:
         self._kept: list[ChunkMessage] = []
         self._kept_bytes: dict[int, int] = {}
         self._filled_bytes = 0
+        self._channels: dict[str, PayloadWriter] = {}
+        self._schemas: dict[str, int] = {}
         try:
             self._file = path.open("xb")
         except OSError as error:
@@ -61,14 +69,14 @@ class McapFile:
         self._writer = ChunkWriter(self._file, compression)
         self._whole_bytes = self._file.tell()
 
-    def ros_channel(self, topic: str, schema_name: str, definition: str) -> PayloadWriter:
+    def ros_channel(self, topic: str, schema_name: str, definition: str, kind: str = "") -> PayloadWriter:
         """A writer of ROS 2 CDR payloads."""
-        return self._channel(topic, "cdr", schema_name, "ros2msg", definition.encode())
+        return self._channel(topic, "cdr", schema_name, "ros2msg", definition.encode(), kind)
 
-    def foxglove_channel(self, topic: str, message_type: Any) -> PayloadWriter:
+    def foxglove_channel(self, topic: str, message_type: Any, kind: str = "") -> PayloadWriter:
         """A writer of encoded messages of one type of foxglove.messages."""
         schema = message_type.get_schema()
-        return self._channel(topic, "protobuf", schema.name, schema.encoding, schema.data)
+        return self._channel(topic, "protobuf", schema.name, schema.encoding, schema.data, kind)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file inside the recording."""
@@ -99,10 +107,14 @@ class McapFile:
                 os.truncate(self.path, min(self._whole_bytes, self.path.stat().st_size))
 
     def _channel(
-        self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes
+        self, topic: str, encoding: str, schema_name: str, schema_encoding: str, definition: bytes, kind: str
     ) -> PayloadWriter:
-        schema = self._writer.register_schema(schema_name, schema_encoding, definition)
-        channel = self._writer.register_channel(topic, encoding, schema)
+        if topic in self._channels:
+            return self._channels[topic]
+        kind = kind or topic
+        if kind not in self._schemas:
+            self._schemas[kind] = self._writer.register_schema(schema_name, schema_encoding, definition)
+        channel = self._writer.register_channel(topic, encoding, self._schemas[kind])
 
         def log(payload: bytes, stamp_ns: int, sent_ns: int | None = None) -> None:
             if self._refused_once:
@@ -115,7 +127,7 @@ class McapFile:
             if self._filled_bytes >= CHUNK_BYTES:
                 self._write_kept(everything=False)
 
-        return log
+        return self._channels.setdefault(topic, log)
 
     def _write_kept(self, everything: bool) -> None:
         """Write chunks of channels that have enough for one, and one of all others if they fill it, or `everything`."""
@@ -147,6 +159,6 @@ class McapFile:
     def _refused(self, error: OSError) -> None:
         if not self._refused_once:
             self._refused_once = True
-            raise UserError(
+            raise RecordingError(
                 f"{self.path}: the recording cannot be written ({error.strerror}); free space and run again"
             ) from error

@@ -35,8 +35,8 @@ from xitl_cli.record.topics import (
     MotorCommand,
     Topic,
     body_frame,
-    frame_name,
     topic_name,
+    vessel_name,
 )
 
 if TYPE_CHECKING:
@@ -75,15 +75,16 @@ _RECORDS: dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]] = {
 class TopicWriter:
     """Writes messages to the topics of one vessel in `file`; `links` name those whose raw frames are kept.
 
-    vessel: its name in front of topics and frames, where there is more than one; empty with one.
+    vessel: its name in front of topics and frames, where there is more than one; empty with one. from_start: open the
+    topics that are in a file from the start of a run.
     """
 
-    def __init__(self, file: McapFile, links: Sequence[str] = (), vessel: str = "") -> None:
+    def __init__(self, file: McapFile, links: Sequence[str] = (), vessel: str = "", from_start: bool = True) -> None:
         self._file = file
         self._links = tuple(links)
         self._vessel = vessel
         self._channels: dict[str, Channel] = {}
-        for topic in TOPICS.values():
+        for topic in TOPICS.values() if from_start else ():
             if topic.from_start:
                 for link in self._links if topic.per_link else ("",):
                     self._open(topic, link)
@@ -99,7 +100,11 @@ class TopicWriter:
 
     def frame(self, frame: str) -> str:
         """The name in the file of a frame that belongs to the vessel."""
-        return frame_name(frame, self._vessel)
+        return vessel_name(frame, self._vessel)
+
+    def source(self, source: str) -> str:
+        """The name in the file of one that speaks for the vessel."""
+        return vessel_name(source, self._vessel)
 
     def transform(self, stamp_ns: int, child: str, position: Sequence[float], quat_wxyz: Sequence[float]) -> None:
         """Place and attitude of the frame `child` in the map: ENU, FLU to ENU."""
@@ -117,19 +122,33 @@ class TopicWriter:
         encode: Callable[..., bytes]
         if topic.fields is None:
             encode = _encode_foxglove
-            writer = self._file.foxglove_channel(name, getattr(messages, topic.schema.removeprefix("foxglove.")))
+            message_type = getattr(messages, topic.schema.removeprefix("foxglove."))
+            writer = self._file.foxglove_channel(name, message_type, topic_name(topic, link=link))
         else:
             kind = topic.message_type()
-            encode, writer = kind.encode, self._file.ros_channel(name, topic.schema, kind.definition)
+            encode = kind.encode
+            writer = self._file.ros_channel(name, topic.schema, kind.definition, topic_name(topic, link=link))
         return self._channels.setdefault(topic.name.format(link=link), (encode, writer))
 
 
 class Recorder:
-    """Records a run into one MCAP file. What is not known is NaN among the numbers and -1 among counts and instants."""
+    """Records a run into an MCAP file. What is not known is NaN among the numbers and -1 among counts and instants.
 
-    def __init__(self, path: Path, compression: str, links: Sequence[str] = ("agent",), vessel: str = "") -> None:
-        self._file = McapFile(path, compression)
-        self._topics = TopicWriter(self._file, links, vessel)
+    path: of the file, or the file, where several vessels are recorded: each has a recorder with its name, and the run
+    itself one without any, for what all share and what the host tells of itself. links, vessel, from_start: see
+    TopicWriter.
+    """
+
+    def __init__(
+        self,
+        path: Path | McapFile,
+        compression: str = "",
+        links: Sequence[str] = ("agent",),
+        vessel: str = "",
+        from_start: bool = True,
+    ) -> None:
+        self._file = path if isinstance(path, McapFile) else McapFile(path, compression)
+        self._topics = TopicWriter(self._file, links if from_start else (), vessel, from_start)
         self._sent, self._received = self._topics.link_channels("tx"), self._topics.link_channels("rx")
 
     @cached_property
@@ -212,7 +231,8 @@ class Recorder:
     def log(self, stamp_ns: int, severity: int, source: str, text: str) -> None:
         """A message of a node for people; `severity` is MAV_SEVERITY."""
         level = _LEVELS[min(max(severity, 0), 7)]
-        entry = messages.Log(timestamp=timestamp(stamp_ns), level=level, name=source, message=text)
+        name = self._topics.source(source)
+        entry = messages.Log(timestamp=timestamp(stamp_ns), level=level, name=name, message=text)
         self._topics.write("/log", stamp_ns, entry)
 
     def scene(self, update: messages.SceneUpdate, stamp_ns: int = 0) -> None:

@@ -486,9 +486,9 @@ def topic_name(topic: Topic, vessel: str = "", link: str = "") -> str:
     return f"/{vessel}{name}" if vessel and topic.per_vessel else name
 
 
-def frame_name(frame: str, vessel: str = "") -> str:
-    """The frame of a vessel in the file: `base_link`, or `alpha/base_link` of one of several."""
-    return f"{vessel}/{frame}" if vessel else frame
+def vessel_name(name: str, vessel: str = "") -> str:
+    """A vessel's frame, or one that speaks for it, in the file: `base_link`, or `alpha/base_link` of one of several."""
+    return f"{vessel}/{name}" if vessel else name
 
 
 def body_frame(number: int) -> str:

@@ -1,16 +1,17 @@
-"""From a profile to the nodes of its vessel: each kind is made here, and the order of the list is that of the calls."""
+"""From profiles to the nodes of a run: each kind is made here, and the order of the lists is that of the calls."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.run.core.faults import FaultSchedule
-from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes
+from xitl_cli.run.core.node import ControlNode, RunNode, VesselNodes, WorldNodes
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import AgentConnection, Supervision
 from xitl_cli.run.links.peer import options_from_profile
@@ -26,12 +27,13 @@ from xitl_cli.run.nodes.findings import findings_from_profile
 from xitl_cli.run.nodes.mission_score import MissionNode
 from xitl_cli.run.nodes.model_range import ModelRange
 from xitl_cli.run.nodes.perception import PerceptionInstrument, PerceptionNode
-from xitl_cli.run.nodes.recorders import LinkRecorder, TruthRecorder
-from xitl_cli.run.nodes.river import river_from_profile
+from xitl_cli.run.nodes.recorders import LinkRecorder, PaceRecorder, TruthRecorder
+from xitl_cli.run.nodes.river import CollisionNode, river_from_profile
+from xitl_cli.run.nodes.track import TrackNode
 from xitl_cli.run.sensors.lidar import make_lidar
 from xitl_cli.run.sensors.sonar import make_sonar
-from xitl_cli.run.view import DisplayNode, View
-from xitl_cli.run.world.plant import Plant
+from xitl_cli.run.view import DisplayNode, StatusSource, View
+from xitl_cli.run.world.plant import Plant, PlantView
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import local_frame
 
@@ -40,24 +42,18 @@ Node = TypeVar("Node", bound=RunNode)
 
 @dataclass(frozen=True, slots=True)
 class RunSetup:
-    """What nodes are made from. out: the run's directory. interrupted: whether somebody wants to end the run.
+    """What the nodes of a vessel are made from. plant: as it meets it. out: the directory of what is its own.
 
-    stations: where ground stations meet its autopilot.
+    interrupted: whether somebody wants to end the run. stations: where ground stations meet its autopilot.
     """
 
     profile: RunProfile
     seeds: Seeds
     scenery: Scenery
-    plant: Plant
+    plant: PlantView
     out: Path
-    make_view: Callable[[], View]
     interrupted: Callable[[], bool]
     stations: StationAddresses
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is known at the start."""
-        return [*self.scenery.warnings, *self.stations.warnings]
 
 
 def link_names(profile: RunProfile) -> tuple[str, ...]:
@@ -66,12 +62,12 @@ def link_names(profile: RunProfile) -> tuple[str, ...]:
     return agents if profile.companion is None else (*agents, COMPANION_LINK)
 
 
-def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes:
-    """The nodes of the vessel with this name; `opened` closes them.
+def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
+    """The nodes of a vessel; `opened` closes them.
 
     Raises UserError for firmware, files, meshes and ports that cannot be had.
     """
-    profile, plant, realtime = setup.profile, setup.plant, setup.profile.clock.mode == "realtime"
+    profile, simulation, realtime = setup.profile, setup.plant.simulation, setup.profile.clock.mode == "realtime"
 
     def made(node: Node) -> Node:
         opened.callback(node.close)
@@ -92,9 +88,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
     agents = autopilots if companion is None else [*autopilots, companion.agent]
 
     # What is around it, what looks at it, what scores it.
-    river = river_from_profile(profile, setup.seeds, plant, lambda: control.progress)
-    if river is not None:
-        made(river)
+    collisions = None if simulation.waterway is OPEN_WATER else CollisionNode(simulation)
     perception = _perception(setup, companion)
     if perception is not None:
         made(perception)
@@ -105,7 +99,7 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         autopilot.heard.subscribe(findings.handle_autopilot)
     mission = MissionNode(profile.mission.waypoints_ned_m, control)
 
-    # Injected faults, recorders, display.
+    # Injected faults and recorders.
     faults = links = None
     if autopilot is not None:
         if profile.faults:
@@ -115,30 +109,65 @@ def compose(setup: RunSetup, opened: ExitStack, vessel: str = "") -> VesselNodes
         age = autopilot.actuator_age if realtime else None
         links = LinkRecorder(profile.clock, agents if realtime else autopilots, age)
     in_force = tuple if faults is None else faults.schedule.names_in_force
-    display = DisplayNode(
-        setup.make_view, setup.warnings, profile.clock, plant, control, mission.score, agents, in_force
-    )
-    made(display)
+    status = StatusSource(profile, setup.plant, control, mission.score, agents, in_force)
 
     order: list[RunNode | None] = [
-        display,
-        river,
+        collisions,
         perception,
         findings,
         None if autopilot is None else autopilot.driver,
         faults,
         None if companion is None else companion.intake,
+        None if autopilot is None else autopilot.ticking,
         control,
         bridge,
         companion,
         links,
-        TruthRecorder(profile, control, plant.vessels[0].simulation),
-        ModelRange(plant.vessels[0].simulation),
+        TruthRecorder(profile, control, simulation),
+        ModelRange(simulation),
         mission,
+        TrackNode(control) if profile.vessel else None,
+    ]
+    return VesselNodes(profile.vessel, control, _present(order), status, _is_awaited(profile))
+
+
+def compose_world(
+    setups: Sequence[RunSetup],
+    vessels: Sequence[VesselNodes],
+    plant: Plant,
+    make_view: Callable[[], View],
+    warnings: Sequence[str],
+    opened: ExitStack,
+) -> WorldNodes:
+    """The nodes of what all vessels are in, and of who watches; `opened` closes them.
+
+    warnings: of the profile. Raises UserError for a port that cannot be had.
+    """
+    first, leading = setups[0], vessels[0]
+    profile = first.profile
+    river = river_from_profile(profile, Seeds(profile.clock.seed), plant, lambda: leading.control.progress)
+    if river is not None:
+        opened.callback(river.close)
+    known = [*warnings, *(text for setup in setups for text in setup.stations.warnings)]
+    display = DisplayNode(make_view, known, profile.clock, [vessel.status for vessel in vessels])
+    opened.callback(display.close)
+    ahead: list[RunNode | None] = [display, river]
+    behind: list[RunNode | None] = [
         None if river is None else river.launching,
+        PaceRecorder(profile.clock),
         display.showing,
     ]
-    return VesselNodes(vessel, control, tuple(node for node in order if node is not None))
+    return WorldNodes(_present(ahead), _present(behind))
+
+
+def _is_awaited(profile: RunProfile) -> bool:
+    """Whether a run lasts until this vessel has finished: among others one that only follows, or drifts, has no end."""
+    driver, waypoints = profile.driver.kind, profile.mission.waypoints_ned_m
+    return not profile.vessel or (driver != "follow" and (driver != "none" or len(waypoints) > 0))
+
+
+def _present(nodes: Sequence[RunNode | None]) -> tuple[RunNode, ...]:
+    return tuple(node for node in nodes if node is not None)
 
 
 def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
@@ -166,9 +195,9 @@ def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionN
     profile, sensors = setup.profile, setup.profile.sensors
     instruments: dict[str, PerceptionInstrument] = {}
     if sensors is not None and sensors.lidar is not None:
-        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, setup.plant.vessels[0].simulation)
+        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, setup.plant.simulation)
     if sensors is not None and sensors.sonar is not None:
-        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, setup.plant.vessels[0].simulation)
+        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, setup.plant.simulation)
     if not instruments:
         return None
     send = (lambda messages: None) if companion is None else companion.send

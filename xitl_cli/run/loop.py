@@ -6,10 +6,12 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from xitl_cli.errors import UserError
 from xitl_cli.profile.schema.profile import ClockSpec
+from xitl_cli.record.mcap_file import RecordingError
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.record.topics import MotorCommand, PaceReport
-from xitl_cli.run.core.node import RunStep, SimulationClock, VesselNodes
+from xitl_cli.record.topics import PaceReport
+from xitl_cli.run.core.node import RunNode, RunStep, SimulationClock, VesselNodes, WorldNodes, overriding
 from xitl_cli.run.core.pace import Pace
 from xitl_cli.run.core.reports import Ending
 from xitl_cli.run.links.connection import wait_for_any
@@ -18,11 +20,19 @@ from xitl_cli.run.world.plant import Plant
 WARNING = 4  # MAV_SEVERITY_WARNING
 
 
-class Loop:
-    """Steps `plant` and calls the nodes of each vessel, until one has finished, time is up or `interrupted` says so.
+Group = tuple[int, list[Callable[[RunStep], object]]]
+"""Calls that get the same step: n that of vessel n, counted from 1, and 0 that of the first, for the world's nodes."""
 
-    While a controlling node waits for somebody, the vessel's state is frozen; the duration counts that time too.
-    completed: the controlling nodes did all they were there for.
+
+class Loop:
+    """Steps `plant` and calls the nodes of the world and of each vessel.
+
+    That goes on until every vessel that is awaited has finished, time is up or `interrupted` says so. While a
+    controlling node waits for somebody, its vessel's state is frozen; the duration counts that time too. completed:
+    the controlling nodes of the vessels that are awaited did all they were there for.
+
+    In an exchange the nodes of all vessels up to the controlling ones are called first, then the controlling ones: in
+    lockstep all agents have their tick before the first answer is waited for.
     """
 
     def __init__(
@@ -34,11 +44,16 @@ class Loop:
         clock: SimulationClock,
         recorder: Recorder,
         interrupted: Callable[[], bool],
+        world: WorldNodes | None = None,
     ) -> None:
         self.completed = False
         self._plant = plant
+        self._world = world or WorldNodes()
         self._controls = [vessel.control for vessel in vessels]
+        self._awaited = [vessel.control for vessel in vessels if vessel.awaited]
         self._vessels = vessels
+        self._alone = not vessels[0].name
+        self._names = ["", *(vessel.name for vessel in vessels)]
         self._pace = pace
         self._clock = clock
         self._recorder = recorder
@@ -46,42 +61,72 @@ class Loop:
         self._every_exchange = round(keys.physics_rate_hz / keys.exchange_rate_hz)
         self._last_step = round(keys.duration_s * keys.physics_rate_hz)
         self._slips = 0
-        self._commands: list[MotorCommand] = []
         self._motors: list[tuple[float, ...]] = []
 
     def run(self) -> Ending:
         """Raises UserError when a node is lost or the recording cannot be written; the plant keeps its last state."""
-        sense, exchange, record = (self._calls(method) for method in ("sense", "exchange", "record"))
+        sense, exchange, record = self._groups("sense"), self._exchange_groups(), self._groups("record")
         plant, clock = self._plant, self._clock
-        vessel = plant.vessels[0]
         self._look_at_progress()
         number = 0
         while number < self._last_step:
             number += 1
             self._wait_until(plant.state.time_ns + plant.simulation.dt_ns)
-            plant.advance(self._commanded())
-            state = vessel.state
-            clock.step_ns = state.time_ns
-            step = RunStep(number, state.time_ns, state, vessel.motion(), vessel.held)
-            for call in sense:
-                call(step)
+            plant.advance(self._motors)
+            clock.step_ns = plant.state.time_ns
+            steps = self._steps(number)
+            self._call(sense, steps)
             exchanges = number % self._every_exchange == 0
             if exchanges:
-                for call in exchange:
-                    call(step)
+                self._call(exchange, steps)
                 self._look_at_progress()
                 self._recorder.flush_if_due()
-            for call in record:
-                call(step)
+            self._call(record, steps)
             if exchanges:
-                if any(control.progress.finished for control in self._controls):
+                if self._awaited and all(control.progress.finished for control in self._awaited):
                     return Ending.FINISHED
                 if self._interrupted():
                     return Ending.INTERRUPTED
         return Ending.DURATION
 
+    def _steps(self, number: int) -> list[RunStep]:
+        """The world as each vessel meets it, by the numbers of groups."""
+        plant = self._plant
+        now_ns = plant.state.time_ns
+        steps = [RunStep(number, now_ns, view.state, view.motion(), view.held) for view in plant.vessels]
+        return steps if self._alone else [steps[0], *steps]
+
+    def _call(self, groups: list[Group], steps: list[RunStep]) -> None:
+        """Raises UserError that names the vessel whose node could not go on."""
+        for number, calls in groups:
+            step = steps[number]
+            try:
+                for call in calls:
+                    call(step)
+            except UserError as error:
+                raise named(self._names[number], error) from error
+
+    def _groups(self, method: str) -> list[Group]:
+        world = self._world
+        return self._grouped(method, [world.ahead], [vessel.nodes for vessel in self._vessels], [world.behind])
+
+    def _exchange_groups(self) -> list[Group]:
+        world, vessels = self._world, self._vessels
+        ahead, behind = [vessel.ahead for vessel in vessels], [vessel.behind for vessel in vessels]
+        return self._grouped("exchange", [world.ahead], ahead, behind, [world.behind])
+
+    def _grouped(self, method: str, *parts: Sequence[Sequence[RunNode]]) -> list[Group]:
+        """parts: one list of nodes of the world, or one of each vessel."""
+        if self._alone:
+            return [(0, overriding([node for part in parts for nodes in part for node in nodes], method))]
+        groups: list[Group] = []
+        for part in parts:
+            first = 1 if part is not parts[0] and part is not parts[-1] else 0
+            groups += [(number, overriding(nodes, method)) for number, nodes in enumerate(part, start=first)]
+        return [group for group in groups if group[1]]
+
     def _calls(self, method: str) -> list[Callable[..., Any]]:
-        return [call for vessel in self._vessels for call in vessel.overriding(method)]
+        return [call for vessel in self._vessels for call in overriding(vessel.nodes, method)]
 
     def _wait_until(self, sim_ns: int) -> None:
         pace = self._pace
@@ -98,22 +143,23 @@ class Loop:
         elif len(links) > 1:
             wait_for_any(links, seconds)
             seconds = 0.0
-        for receive in self._calls("receive"):
-            receive(seconds)
-
-    def _commanded(self) -> list[tuple[float, ...]]:
-        """Motor commands (C,) in force, by vessel."""
-        commands = [control.command for control in self._controls]
-        if commands != self._commands:
-            self._commands = commands
-            self._motors = [command.motors for command in commands]
-        return self._motors
+        for vessel in self._vessels:
+            try:
+                for receive in overriding(vessel.nodes, "receive"):
+                    receive(seconds)
+            except UserError as error:
+                raise named(vessel.name, error) from error
 
     def _look_at_progress(self) -> None:
-        progress = [control.progress for control in self._controls]
-        for vessel, one in zip(self._plant.vessels, progress, strict=True):
-            vessel.held = bool(one.waits_for)
-        self.completed = all(one.completed for one in progress)
+        for view, control in zip(self._plant.vessels, self._controls, strict=True):
+            view.held = bool(control.progress.waits_for)
+        self._motors = [control.command.motors for control in self._controls]
+        self.completed = bool(self._awaited) and all(control.progress.completed for control in self._awaited)
+
+
+def named(vessel: str, error: UserError) -> UserError:
+    """The error of one of several vessels, which then says whose it is; one of the recording is nobody's."""
+    return UserError(f"{vessel}: {error}") if vessel and not isinstance(error, RecordingError) else error
 
 
 def _slipped(report: PaceReport) -> str:

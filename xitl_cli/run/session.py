@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -19,18 +19,20 @@ from xitl_cli.errors import UserError
 from xitl_cli.extras import PERCEPTION
 from xitl_cli.profile import Profile, resolved_yaml
 from xitl_cli.profile.schema import RunProfile
+from xitl_cli.record.mcap_file import McapFile
 from xitl_cli.record.recorder import Recorder
-from xitl_cli.run.compose import RunSetup, compose, link_names
+from xitl_cli.run.compose import RunSetup, compose, compose_world, link_names
 from xitl_cli.run.core import directory
-from xitl_cli.run.core.node import RunContext, SimulationClock, VesselNodes
+from xitl_cli.run.core.node import RunContext, RunNode, SimulationClock, VesselNodes, WorldNodes
 from xitl_cli.run.core.pace import Lockstep, Pace, Realtime
 from xitl_cli.run.core.reports import ClockReport, Ending
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.connection import StoppedWaitingError
 from xitl_cli.run.links.stations import StationAddresses
-from xitl_cli.run.loop import Loop
-from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
+from xitl_cli.run.loop import Loop, named
+from xitl_cli.run.summary import RunOutcome, VesselOutcome, fleet_summary, merged, summary_of
 from xitl_cli.run.view import View
+from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_scene
 from xitl_cli.run.world.scenery import Scenery
 from xitl_cli.run.world.world import build_plant
@@ -70,11 +72,11 @@ class Result:
         """The MCAP file with every topic."""
         return self.directory / directory.RECORDING
 
-    def open_log(self) -> Log:
-        """The recording, opened for reading. Close it, or use it in a `with`."""
+    def open_log(self, vessel: str | None = None) -> Log:
+        """The recording, opened for reading; `vessel`: of a fleet. Close it, or use it in a `with`."""
         from xitl_cli.logs import open_log
 
-        return open_log(self.recording)
+        return open_log(self.recording, vessel)
 
 
 def run(
@@ -94,33 +96,31 @@ def run(
     used. What goes wrong later ends the run: recording and summary are kept, `error` in the summary and the exit code
     say so.
     """
-    ready = profile.runnable()
-    check_extras(ready)
+    profiles = profile.run_profiles()
+    lead = profiles[0]
+    for each in profiles:
+        check_extras(each)
     directory.check_writable(out)
-    seeds = Seeds(ready.clock.seed)
-    scenery = Scenery(ready)
+    seeds = Seeds(lead.clock.seed)
+    scenery = Scenery(lead)
     for text in warnings:
         scenery.warn(text)
-    plant = build_plant([ready], seeds, scenery)
+    plant = build_plant(profiles, seeds, scenery)
     interruption = Interruption()
     with ExitStack() as opened:
-        stations = StationAddresses(ready)
-        opened.callback(stations.close)
-        setup = RunSetup(ready, seeds, scenery, plant, out, make_view, interruption, stations)
-        vessels = [compose(setup, opened)]
-        for vessel in vessels:
-            for node in vessel.nodes:
+        nodes = _composed(profiles, plant, scenery, out, make_view, interruption, opened)
+        for name, node in nodes.named():
+            with _of(name):
                 node.prepare()
-        directory.create(out, overwrite)
+        directory.create(out, overwrite, [each.vessel for each in profiles if each.vessel])
         with directory.reserve(out), interruption.noticed():
             directory.write_profile(out, resolved_yaml(profile))
-            recorder = Recorder(out / directory.RECORDING, ready.recording.compression, link_names(ready))
-            pace: Pace = Lockstep() if ready.clock.mode == "lockstep" else Realtime(plant.simulation.dt_s)
-            outcome = replace(_go(profile, setup, vessels, pace, recorder), timed=timed)
-    for vessel in vessels:
-        for node in vessel.nodes:
-            node.save(out)
-    summary = summary_of(ready, outcome, {vessel.name: _sections(vessel, setup, pace) for vessel in vessels})
+            recorders = open_recorders(out / directory.RECORDING, profiles)
+            pace: Pace = Lockstep() if lead.clock.mode == "lockstep" else Realtime(plant.simulation.dt_s)
+            outcome = replace(_go(profile, profiles, scenery, plant, nodes, pace, recorders, interruption), timed=timed)
+    for name, node in nodes.named():
+        node.save(out / name)
+    summary = _summary(profiles, outcome, nodes, pace, [*scenery.warnings, *nodes.warnings])
     directory.write_json(out / directory.SUMMARY, summary)
     if outcome.crash is not None:
         raise outcome.crash
@@ -142,30 +142,97 @@ def check_extras(profile: RunProfile) -> None:
         )
 
 
+@contextmanager
+def _of(vessel: str) -> Iterator[None]:
+    """What goes wrong in here is the matter of this vessel."""
+    try:
+        yield
+    except UserError as error:
+        raise named(vessel, error) from error
+
+
+@dataclass(frozen=True, slots=True)
+class RunNodes:
+    """All nodes of a run. warnings: what is known of them at the start."""
+
+    world: WorldNodes
+    vessels: tuple[VesselNodes, ...]
+    warnings: tuple[str, ...]
+
+    def named(self) -> Iterator[tuple[str, RunNode]]:
+        """Each with its vessel's name, in the order of the calls; those of the world have none."""
+        yield from (("", node) for node in self.world.ahead)
+        yield from ((vessel.name, node) for vessel in self.vessels for node in vessel.nodes)
+        yield from (("", node) for node in self.world.behind)
+
+
+def _composed(
+    profiles: Sequence[RunProfile],
+    plant: Plant,
+    scenery: Scenery,
+    out: Path,
+    make_view: Callable[[], View],
+    interrupted: Callable[[], bool],
+    opened: ExitStack,
+) -> RunNodes:
+    """The nodes of a run; `opened` closes them. Raises UserError, which names the vessel where there are several."""
+    setups, vessels = [], []
+    for profile, view in zip(profiles, plant.vessels, strict=True):
+        with _of(profile.vessel):
+            stations = StationAddresses(profile)
+            opened.callback(stations.close)
+            seeds = Seeds(profile.clock.seed, profile.vessel)
+            own = out / profile.vessel
+            setups.append(RunSetup(profile, seeds, scenery, view, own, interrupted, stations))
+            vessels.append(compose(setups[-1], opened))
+    warnings = tuple(text for setup in setups for text in setup.stations.warnings)
+    world = compose_world(setups, vessels, plant, make_view, [*scenery.warnings, *warnings], opened)
+    return RunNodes(world, tuple(vessels), warnings)
+
+
+def open_recorders(path: Path, profiles: Sequence[RunProfile]) -> tuple[Recorder, dict[str, Recorder]]:
+    """That of the run and one for each vessel by name, into one file; of a vessel alone it is the same."""
+    lead = profiles[0]
+    if not lead.vessel:
+        recorder = Recorder(path, lead.recording.compression, link_names(lead))
+        return recorder, {"": recorder}
+    file = McapFile(path, lead.recording.compression)
+    vessels = {each.vessel: Recorder(file, links=link_names(each), vessel=each.vessel) for each in profiles}
+    return Recorder(file, from_start=False), vessels
+
+
 def _go(
-    profile: Profile, setup: RunSetup, vessels: Sequence[VesselNodes], pace: Pace, recorder: Recorder
+    profile: Profile,
+    profiles: Sequence[RunProfile],
+    scenery: Scenery,
+    plant: Plant,
+    nodes: RunNodes,
+    pace: Pace,
+    recorders: tuple[Recorder, Mapping[str, Recorder]],
+    interrupted: Callable[[], bool],
 ) -> RunOutcome:
     """Begin, loop, end, whatever happens."""
     started = datetime.now(UTC).isoformat(timespec="seconds")
-    clock, plant = SimulationClock(pace), setup.plant
-    loop = Loop(setup.profile.clock, plant, vessels, pace, clock, recorder, setup.interrupted)
+    recorder, of_vessels = recorders
+    clock = SimulationClock(pace)
+    loop = Loop(profiles[0].clock, plant, nodes.vessels, pace, clock, recorder, interrupted, nodes.world)
     ending = Ending.FAILED
     error: str | None = None
     crash: Exception | None = None
     begun_s = time.perf_counter()
     try:
         try:
-            _write_head(recorder, profile, setup, started)
-            for vessel in vessels:
-                for node in vessel.nodes:
-                    node.begin(RunContext(recorder, pace, clock, vessel.name))
+            _write_head(recorder, profile, profiles, scenery, started)
+            for name, node in nodes.named():
+                with _of(name):
+                    node.begin(RunContext(of_vessels.get(name, recorder), pace, clock, name))
             begun_s = time.perf_counter()
             ending = loop.run()
         finally:
             wall_s = time.perf_counter() - begun_s
             try:
-                for vessel in vessels:
-                    for node in vessel.nodes:
+                for name, node in nodes.named():
+                    with _of(name):
                         node.end()
             finally:
                 recorder.close()
@@ -183,32 +250,43 @@ def _go(
         duration_s=plant.state.time_ns * 1e-9,
         wall_s=wall_s,
         completed=loop.completed,
-        held_s=plant.vessels[0].held_s,
+        vessels=tuple(
+            VesselOutcome(vessel.awaited, vessel.control.progress.completed, view.held_s)
+            for vessel, view in zip(nodes.vessels, plant.vessels, strict=True)
+        ),
     )
 
 
-def _sections(vessel: VesselNodes, setup: RunSetup, pace: Pace) -> Sections:
-    """What the host and a vessel's nodes report. Agents' clocks are measured against the host's, which comes last."""
-    rate_hz = setup.profile.clock.physics_rate_hz
-    host = {"tasks": [pace.task(rate_hz)], "pace": pace.report(), "warnings": setup.warnings}
-    sections = merged([host, *(node.report() for node in vessel.nodes)])
-    if sections["clocks"]:
-        slope = pace.slope(rate_hz)
-        physics = ClockReport("PS1", 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)
-        sections["clocks"].append(physics)
-    return sections
+def _summary(
+    profiles: Sequence[RunProfile], outcome: RunOutcome, nodes: RunNodes, pace: Pace, warnings: Sequence[str]
+) -> dict[str, Any]:
+    """Agents' clocks are measured against the host's, which comes last."""
+    rate_hz = profiles[0].clock.physics_rate_hz
+    slope = pace.slope(rate_hz)
+    physics = ClockReport("PS1", 0.0, 0.0, 0.0, slope_s=slope.mean_s, slope_std_s=slope.deviation_s)
+    host = {"tasks": [pace.task(rate_hz)], "pace": pace.report(), "warnings": list(warnings)}
+    of_world = [host, *(node.report() for node in (*nodes.world.ahead, *nodes.world.behind))]
+    of_vessels = [[node.report() for node in vessel.nodes] for vessel in nodes.vessels]
+    if not profiles[0].vessel:
+        sections = merged([*of_world, *of_vessels[0]])
+        sections["clocks"] += [physics] if sections["clocks"] else []
+        return summary_of(profiles[0], outcome, sections)
+    return fleet_summary(profiles, outcome, merged([*of_world, {"clocks": [physics]}]), list(map(merged, of_vessels)))
 
 
-def _write_head(recorder: Recorder, profile: Profile, setup: RunSetup, started: str) -> None:
+def _write_head(
+    recorder: Recorder, profile: Profile, profiles: Sequence[RunProfile], scenery: Scenery, started: str
+) -> None:
     """What a reader needs to understand the rest: the profile, the dialect of the raw frames, the scene."""
-    ready = setup.profile
-    recorder.metadata(
-        "xitl", {"version": __version__, "profile": profile.name, "seed": str(ready.clock.seed), "started_utc": started}
-    )
+    lead = profiles[0]
+    about = {"version": __version__, "profile": profile.name, "seed": str(lead.clock.seed), "started_utc": started}
+    if lead.vessel:
+        about["vessels"] = ", ".join(each.vessel for each in profiles)
+    recorder.metadata("xitl", about)
     recorder.attach(directory.PROFILE, "application/yaml", resolved_yaml(profile).encode())
     recorder.attach("xitl.xml", "application/xml", files("agent.wire").joinpath("xitl.xml").read_bytes())
-    if ready.recording.scene:
-        recorder.scene(make_scene(ready, setup.scenery))
+    if lead.recording.scene:
+        recorder.scene(make_scene(profiles, scenery))
 
 
 def _exit_code(outcome: RunOutcome) -> int:

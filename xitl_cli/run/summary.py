@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -12,17 +12,29 @@ from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import PaceReport, TaskTiming
 from xitl_cli.run.core.reports import Ending, task_section
 from xitl_cli.run.run_graph import graph_section
-from xitl_cli.run.verdict import Verdict, judge, measured_figures, why_text
+from xitl_cli.run.verdict import Verdict, judge, measured_figures, why_text, worst_figures
 
 FORMAT = 1
 Sections = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class RunOutcome:
-    """How a run ended. completed: the controlling node did all it was for. held_s: how long the vessel was held.
+class VesselOutcome:
+    """How it went for one vessel. awaited: the run lasted until it had finished. held_s: how long it was held.
 
-    timed: its duration was asked for, so that reaching it is what was wanted.
+    completed: its controlling node did all it was for.
+    """
+
+    awaited: bool
+    completed: bool
+    held_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """How a run ended. completed: the controlling nodes that are awaited did all they were for.
+
+    timed: its duration was asked for, so that reaching it is what was wanted. vessels: in their order.
     """
 
     ending: Ending
@@ -32,8 +44,13 @@ class RunOutcome:
     duration_s: float
     wall_s: float
     completed: bool
-    held_s: float
+    vessels: tuple[VesselOutcome, ...]
     timed: bool = False
+
+    @property
+    def held_s(self) -> float:
+        """Of the vessel that was held the longest."""
+        return max(vessel.held_s for vessel in self.vessels)
 
 
 def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
@@ -68,7 +85,7 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
     }
     for report in reports:
         for key, value in report.items():
-            known = sections[key]
+            known = sections.get(key)
             if isinstance(known, list):
                 sections[key] = [*known, *value]
             elif isinstance(known, dict):
@@ -78,15 +95,60 @@ def merged(reports: Iterable[Mapping[str, Any]]) -> Sections:
     return sections
 
 
-def summary_of(profile: RunProfile, outcome: RunOutcome, vessels: Mapping[str, Sections]) -> dict[str, Any]:
-    """The content of summary.json; docs/recording.md explains the keys.
+def summary_of(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> dict[str, Any]:
+    """The content of summary.json; docs/recording.md explains the keys. sections: what the nodes report, merged."""
+    vessel = outcome.vessels[0]
+    verdict = _verdict(profile, outcome, vessel, sections)
+    sections = sections | {"warnings": [*sections["warnings"], *verdict.warnings]}
+    return {
+        **_head(profile, outcome, verdict.section(), {"wdri": profile_wdri(profile).wdri}),
+        "driver": _driver(profile, vessel),
+        **_vessel(profile, outcome, vessel, sections),
+    }
 
-    vessels: what the nodes of each report, merged, by its name. The first one's stand at the top, others' in `vessels`.
+
+ONCE = ("pace", "debris")
+"""Sections that a fleet has at the top alone; those of `OF_THE_RUN` it has there too, of the host and the world."""
+OF_THE_RUN = ("tasks", "clocks", "warnings", *ONCE)
+
+
+def fleet_summary(
+    profiles: Sequence[RunProfile], outcome: RunOutcome, world: Sections, vessels: Sequence[Sections]
+) -> dict[str, Any]:
+    """The same of a fleet: what is the run's at the top, what is a vessel's in `vessels` by its name.
+
+    world: what the host and the nodes of the world report, vessels: those of each vessel, merged.
     """
-    (_, first), *others = vessels.items()
-    verdict = _verdict(profile, outcome, first)
-    first = {**first, "warnings": [*first["warnings"], *verdict.warnings]}
-    summary = {
+    parts, verdicts = {}, {}
+    for profile, own, sections in zip(profiles, outcome.vessels, vessels, strict=True):
+        judged = sections | {key: [*world[key], *sections[key]] for key in ("tasks", "clocks")}
+        judged["pace"] = world["pace"]
+        verdict = verdicts[profile.vessel] = _verdict(profile, outcome, own, judged)
+        parts[profile.vessel] = {
+            "technique": profile.technique,
+            "system_id": profile.autopilot.system_id,
+            "verdict": verdict.section(),
+            "wdri": profile_wdri(profile).wdri,
+            "driver": _driver(profile, own),
+            **{key: value for key, value in _vessel(profile, outcome, own, sections).items() if key not in ONCE},
+        }
+    verdict = _fleet_verdict(profiles[0], outcome, verdicts)
+    kinds = dict.fromkeys(profile.driver.kind for profile in profiles)
+    driver = {"kind": ", ".join(kinds), "completed": outcome.completed, "moored_s": outcome.held_s}
+    of_world = {key: value for key, value in world.items() if key in OF_THE_RUN or key not in merged([])}
+    of_world["warnings"] = [*world["warnings"], *verdict.warnings]
+    return {
+        **_head(profiles[0], outcome, verdict.section(), {}),
+        "driver": driver,
+        **{key: _written(value) for key, value in of_world.items()},
+        "vessels": parts,
+    }
+
+
+def _head(
+    profile: RunProfile, outcome: RunOutcome, verdict: Mapping[str, Any], claimed: Mapping[str, Any]
+) -> dict[str, Any]:
+    return {
         "format": FORMAT,
         "xitl": __version__,
         "profile": profile.name,
@@ -96,32 +158,47 @@ def summary_of(profile: RunProfile, outcome: RunOutcome, vessels: Mapping[str, S
         "started_utc": outcome.started_utc,
         "ended": outcome.ending.value,
         "error": outcome.error,
-        "verdict": verdict.section(),
-        "wdri": profile_wdri(profile).wdri,
+        "verdict": verdict,
+        **claimed,
         "duration_s": outcome.duration_s,
         "wall_s": outcome.wall_s,
         "real_time_factor": outcome.duration_s / outcome.wall_s if outcome.wall_s > 0 else None,
-        "driver": {"kind": profile.driver.kind, "completed": outcome.completed, "moored_s": outcome.held_s},
-        **_vessel(profile, outcome, first),
     }
-    if others:
-        summary["vessels"] = {name: _vessel(profile, outcome, sections) for name, sections in others}
-    return summary
 
 
-def _verdict(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> Verdict:
-    """On the run; of several vessels the first one's nodes are judged."""
-    frozen = 0.0 < outcome.duration_s <= outcome.held_s
-    why = why_text(outcome.ending, outcome.error, profile.driver.kind, outcome.completed, sections["mission"], frozen)
+def _driver(profile: RunProfile, vessel: VesselOutcome) -> dict[str, Any]:
+    return {"kind": profile.driver.kind, "completed": vessel.completed, "moored_s": vessel.held_s}
+
+
+def _verdict(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sections: Sections) -> Verdict:
+    """On one vessel's part, with what the host reports among its sections."""
+    frozen = 0.0 < outcome.duration_s <= vessel.held_s
+    ending = Ending.FINISHED if profile.vessel and vessel.completed else outcome.ending
+    error = None if ending is Ending.FINISHED else outcome.error
+    why = why_text(ending, error, profile.driver.kind, vessel.completed, sections["mission"], frozen)
     if profile.clock.mode == "lockstep":
-        return judge(outcome.ending, outcome.completed, outcome.timed, why, None)
+        return judge(ending, vessel.completed, outcome.timed, why, None)
     pace: PaceReport = sections["pace"]
     keys = ("tasks", "links", "clocks", "faults")
     figures = measured_figures(outcome.wall_s, pace, *(sections[key] for key in keys))
-    return judge(outcome.ending, outcome.completed, outcome.timed, why, figures)
+    return judge(ending, vessel.completed, outcome.timed, why, figures)
 
 
-def _vessel(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> dict[str, Any]:
+def _fleet_verdict(profile: RunProfile, outcome: RunOutcome, verdicts: Mapping[str, Verdict]) -> Verdict:
+    """On the run: completed when all that are awaited are, in real time when all were; figures are the worst ones."""
+    awaited = [name for name, vessel in zip(verdicts, outcome.vessels, strict=True) if vessel.awaited]
+    done = [name for name in awaited if verdicts[name].completed]
+    left = [f"{name}: {verdicts[name].why}" for name in awaited if name not in done]
+    why = f"{len(done)} of {len(awaited)} vessels did what they were there for" if awaited else "nothing was to be done"
+    if outcome.ending is not Ending.FINISHED:
+        why = f"{outcome.error if outcome.error else outcome.ending.value}; {why}"
+    told = left if outcome.ending is Ending.FINISHED else []
+    why += "".join(f"; {text}" for text in told[:3]) + (f"; and {len(told) - 3} more" if len(told) > 3 else "")
+    every = [(name, verdict.figures) for name, verdict in verdicts.items() if verdict.figures is not None]
+    return judge(outcome.ending, outcome.completed, outcome.timed, why, worst_figures(every) if every else None)
+
+
+def _vessel(profile: RunProfile, outcome: RunOutcome, vessel: VesselOutcome, sections: Sections) -> dict[str, Any]:
     """The sections of one vessel, with what is computed of several together."""
     written: dict[str, Any] = {}
     for key, value in sections.items():
@@ -129,7 +206,7 @@ def _vessel(profile: RunProfile, outcome: RunOutcome, sections: Sections) -> dic
             written[key] = graph_section(
                 profile,
                 outcome.duration_s,
-                outcome.held_s,
+                vessel.held_s,
                 sections["links"],
                 sections["nodes"],
                 sections["traffic"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from xitl_cli.logs.signals.real_time import (
@@ -88,6 +88,20 @@ def measured_figures(
         stood_s=sum(clock.stood_s for clock in clocks),
         clock_steps=() if spared else tuple((clock.node, clock.steps) for clock in clocks if clock.steps),
         **{key: value for key, value in asdict(pace).items() if key != "slips"},
+    )
+
+
+def worst_figures(vessels: Sequence[tuple[str, RealTimeFigures]]) -> RealTimeFigures:
+    """Of a fleet: those of the vessels by name, where they have figures of their own the worst of them."""
+    _, first = vessels[0]
+    controls = [replace(one.control, name=f"{name}: {one.control.name}") for name, one in vessels if one.control]
+    links = [replace(one.link, name=f"{name}: {one.link.name}") for name, one in vessels if one.link]
+    return replace(
+        first,
+        control=worst(controls),
+        link=worst_link(links),
+        stood_s=max(one.stood_s for _, one in vessels),
+        clock_steps=tuple((f"{clock} of {name}", steps) for name, one in vessels for clock, steps in one.clock_steps),
     )
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
@@ -16,11 +17,12 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from xitl_cli.profile.schema import RunProfile
 from xitl_cli.profile.schema.profile import ClockSpec
 from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunNode, RunStep
 from xitl_cli.run.links.connection import WARNING, AgentConnection, connections_report
 from xitl_cli.run.nodes.mission_score import MissionScore
-from xitl_cli.run.world.plant import Plant
+from xitl_cli.run.world.plant import PlantView
 
 LIVE_INTERVAL_S = 0.2
 PLAIN_INTERVAL_S = 5.0
@@ -29,7 +31,7 @@ BESIDE_WIDTH = 64  # two facts beside each other need so many columns
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
-    """How a run is doing now."""
+    """How a vessel of a run is doing now. vessel: its name where there are several."""
 
     sim_s: float
     duration_s: float
@@ -51,13 +53,17 @@ class RunStatus:
     messages: tuple[str, ...] = field(default=())
     waits_for: str = ""
     faults: tuple[str, ...] = field(default=())
+    vessel: str = ""
 
 
 class View(Protocol):
-    """Shown now and then; `due` is asked on every exchange and must be cheap. What is warned of stays to be read."""
+    """Shown now and then, one status a vessel; `due` is asked on every exchange and must be cheap.
+
+    What is warned of stays to be read.
+    """
 
     def due(self) -> bool: ...
-    def show(self, status: RunStatus) -> None: ...
+    def show(self, *statuses: RunStatus) -> None: ...
     def warn(self, text: str) -> None: ...
     def close(self) -> None: ...
 
@@ -68,7 +74,7 @@ class NoView:
     def due(self) -> bool:
         return False
 
-    def show(self, status: RunStatus) -> None:
+    def show(self, *statuses: RunStatus) -> None:
         pass
 
     def warn(self, text: str) -> None:
@@ -89,8 +95,12 @@ class PlainView:
     def due(self) -> bool:
         return self._now_s() >= self._next_s
 
-    def show(self, status: RunStatus) -> None:
+    def show(self, *statuses: RunStatus) -> None:
         self._next_s = self._now_s() + PLAIN_INTERVAL_S
+        status = statuses[0]
+        if len(statuses) > 1:
+            self._say(f"t {status.sim_s:6.1f} s  {fleet_line(statuses)}")
+            return
         if status.waits_for:
             self._say(f"t {status.sim_s:6.1f} s  waits for {status.waits_for}")
             return
@@ -127,10 +137,11 @@ class LiveView:
     def due(self) -> bool:
         return self._now_s() >= self._next_s
 
-    def show(self, status: RunStatus) -> None:
-        now_s = self._now_s()
+    def show(self, *statuses: RunStatus) -> None:
+        now_s, status = self._now_s(), statuses[0]
         self._next_s = now_s + LIVE_INTERVAL_S
-        self._live.update(self._panel(status, now_s), refresh=True)
+        panel = self._panel(status, now_s) if len(statuses) == 1 else self._fleet_panel(statuses, now_s)
+        self._live.update(panel, refresh=True)
         self._last = (now_s, status)
 
     def warn(self, text: str) -> None:
@@ -148,14 +159,7 @@ class LiveView:
             sim_s = max(status.sim_s - before.sim_s, 1e-9)
             sent_rate = (status.sent - before.sent) / sim_s
             received_rate = (status.received - before.received) / sim_s
-        share = status.waypoints_reached / max(status.waypoints_total, 1)
-        counted = f"{status.waypoints_reached}/{status.waypoints_total}"
-        progress = Table.grid(padding=(0, 1), expand=True)
-        progress.add_column(ratio=1)
-        progress.add_column(justify="right")
-        progress.add_row(
-            ProgressBar(total=1.0, completed=share), Text(f"{counted}  {status.sim_s:.1f} s  {factor:.1f}× real time")
-        )
+        progress = _progress(status.waypoints_reached, status.waypoints_total, status.sim_s, factor)
         trouble = "red" if status.lost or status.missed else "green"
         facts = [
             ("mode", Text(_mode(status), style="bold")),
@@ -181,6 +185,74 @@ class LiveView:
         content = Group(*waiting, progress, state, *lines)
         return Panel(content, title=Text(self._title), title_align="left", border_style="cyan")
 
+    def _fleet_panel(self, statuses: Sequence[RunStatus], now_s: float) -> RenderableType:
+        """A row a vessel, as many as there is room for: those that need a look first."""
+        sim_s = statuses[0].sim_s
+        factor = 0.0
+        if self._last is not None and now_s > self._last[0]:
+            factor = (sim_s - self._last[1].sim_s) / (now_s - self._last[0])
+        reached, total = (sum(getattr(one, f"waypoints_{key}") for one in statuses) for key in ("reached", "total"))
+        shown = worst_first(statuses, max(self._live.console.height - FLEET_FRAME, 3))
+        rows = Table.grid(padding=(0, 2))
+        for number in range(len(FLEET_HEADS)):
+            rows.add_column(justify="right" if number > 1 else "left", no_wrap=True)
+        rows.add_row(*(Text(head, style="dim") for head in FLEET_HEADS))
+        for one in shown:
+            rows.add_row(*(Text(cell) for cell in fleet_cells(one)))
+        left = [Text(f"and {len(statuses) - len(shown)} more", style="dim")] if len(shown) < len(statuses) else []
+        said = [Text(f"{one.vessel}: {one.messages[-1]}", style="dim") for one in shown[:2] if one.messages]
+        content = Group(_progress(reached, total, sim_s, factor), rows, *left, *said)
+        return Panel(content, title=Text(self._title), title_align="left", border_style="cyan")
+
+
+FLEET_FRAME = 8
+"""Lines of a fleet's panel beside its rows."""
+FLEET_HEADS = ("vessel", "mode", "waypoints", "cross-track", "speed", "estimate off")
+
+
+def fleet_cells(status: RunStatus) -> tuple[str, ...]:
+    """A row of a fleet's table."""
+    return (
+        status.vessel,
+        f"waits for {status.waits_for}" if status.waits_for else _mode(status),
+        f"{status.waypoints_reached}/{status.waypoints_total}",
+        _metres(status.cross_track_m),
+        f"{status.speed_mps:.1f} m/s",
+        _metres(status.position_error_m),
+    )
+
+
+def fleet_line(statuses: Sequence[RunStatus]) -> str:
+    """A fleet in a line: how many are in which mode, how far they are, and the one that is farthest off its track."""
+    modes = Counter(f"waits for {one.waits_for}" if one.waits_for else _mode(one) for one in statuses)
+    reached, total = (sum(getattr(one, f"waypoints_{key}") for one in statuses) for key in ("reached", "total"))
+    off = [one for one in statuses if one.cross_track_m is not None]
+    words = [", ".join(f"{count} {mode}" for mode, count in modes.most_common()), f"waypoints {reached}/{total}"]
+    if off:
+        worst = max(off, key=lambda one: abs(one.cross_track_m or 0.0))
+        words.append(f"cross-track up to {_metres(abs(worst.cross_track_m or 0.0))} ({worst.vessel})")
+    words.append(f"lost {sum(one.lost for one in statuses)}  missed {sum(one.missed for one in statuses)}")
+    words += [f"fault {', '.join(one.faults)} ({one.vessel})" for one in statuses if one.faults]
+    return "  ".join(words)
+
+
+def worst_first(statuses: Sequence[RunStatus], count: int) -> list[RunStatus]:
+    """All in their order where they are no more than `count`, else so many: the worst off their track first."""
+    if len(statuses) <= count:
+        return list(statuses)
+    return sorted(statuses, key=lambda one: -abs(one.cross_track_m or 0.0))[:count]
+
+
+def _progress(reached: int, total: int, sim_s: float, factor: float) -> Table:
+    progress = Table.grid(padding=(0, 1), expand=True)
+    progress.add_column(ratio=1)
+    progress.add_column(justify="right")
+    progress.add_row(
+        ProgressBar(total=1.0, completed=reached / max(total, 1)),
+        Text(f"{reached}/{total}  {sim_s:.1f} s  {factor:.1f}× real time"),
+    )
+    return progress
+
 
 def make_view(console: Console, title: str, quiet: bool) -> View:
     """The view that suits where the output goes."""
@@ -201,66 +273,38 @@ def _metres(value: float | None) -> str:
     return "–" if value is None else f"{value:.2f} m"
 
 
-class DisplayNode(RunNode):
-    """Shows in a view, whenever that is due, how the vessel that `control` moves is doing; warnings at the start.
+class StatusSource:
+    """How the vessel that `control` moves is doing.
 
-    agents: whose counts are shown. faults: names of those in force. showing: its part of an exchange, the last of all.
+    agents: whose counts are told. faults: names of those in force.
     """
 
     def __init__(
         self,
-        make_view: Callable[[], View],
-        warnings: Sequence[str],
-        clock: ClockSpec,
-        plant: Plant,
+        profile: RunProfile,
+        plant: PlantView,
         control: ControlNode,
         score: MissionScore,
         agents: Sequence[AgentConnection],
         faults: Callable[[], tuple[str, ...]],
     ) -> None:
-        self.showing = ExchangePart(self._show)
-        self._make_view = make_view
-        self._warnings = warnings
-        self._view: View | None = None
-        self._clock = clock
+        self._vessel = profile.vessel
+        self._clock = profile.clock
         self._plant = plant
         self._control = control
         self._score = score
         self._agents = agents
         self._faults = faults
 
-    def begin(self, context: RunContext) -> None:
-        self._pace = context.pace
-        view = self._view = self._make_view()
-        for text in self._warnings:
-            self._on_view(partial(view.warn, text))
-            context.recorder.log(0, WARNING, "run", text)
-
-    def close(self) -> None:
-        if self._view is not None:
-            self._on_view(self._view.close)
-
-    def _show(self, step: RunStep) -> None:
-        view = self._view
-        if view is not None and view.due():
-            status = self._status(step)
-            self._on_view(lambda: view.show(status))
-
-    def _on_view(self, act: Callable[[], object]) -> None:
-        """A terminal that hung up, or a reader that left, ends what is shown and not the run."""
-        try:
-            act()
-        except OSError:
-            self._view = None
-
-    def _status(self, step: RunStep) -> RunStatus:
-        control, score, state = self._control, self._score, self._plant.vessels[0].state
-        progress, motion = control.progress, step.motion
+    def __call__(self) -> RunStatus:
+        control, score, state, motion = self._control, self._score, self._plant.state, self._plant.motion()
+        progress = control.progress
         north_mps, east_mps, _ = motion.vel_ned_mps[0].tolist()
         rotation = motion.rot_ned_frd[0]
         report = connections_report(self._agents)
-        links, tasks = report["links"], [self._pace.task(self._clock.physics_rate_hz), *report["tasks"]]
+        links = report["links"]
         return RunStatus(
+            vessel=self._vessel,
             sim_s=state.time_ns * 1e-9,
             duration_s=self._clock.duration_s,
             mode=progress.mode,
@@ -277,8 +321,54 @@ class DisplayNode(RunNode):
             sent=sum(link.sent or 0 for link in links if link.name == "sensors"),
             received=sum(link.received or 0 for link in links if link.name == "actuators"),
             lost=sum(link.lost or 0 for link in links),
-            missed=sum(task.missed for task in tasks),
+            missed=sum(task.missed for task in report["tasks"]),
             messages=progress.messages,
             waits_for=progress.waits_for,
             faults=self._faults(),
         )
+
+
+class DisplayNode(RunNode):
+    """Shows in a view, when that is due, how vessels are doing: of each what its source says. At the start warnings.
+
+    showing: its part of an exchange, the last of all.
+    """
+
+    def __init__(
+        self,
+        make_view: Callable[[], View],
+        warnings: Sequence[str],
+        clock: ClockSpec,
+        sources: Sequence[Callable[[], RunStatus]],
+    ) -> None:
+        self.showing = ExchangePart(self._show)
+        self._make_view = make_view
+        self._warnings = warnings
+        self._view: View | None = None
+        self._clock = clock
+        self._sources = sources
+
+    def begin(self, context: RunContext) -> None:
+        self._pace = context.pace
+        view = self._view = self._make_view()
+        for text in self._warnings:
+            self._on_view(partial(view.warn, text))
+            context.recorder.log(0, WARNING, "run", text)
+
+    def close(self) -> None:
+        if self._view is not None:
+            self._on_view(self._view.close)
+
+    def _show(self, step: RunStep) -> None:
+        view = self._view
+        if view is not None and view.due():
+            first, *others = (source() for source in self._sources)
+            late = self._pace.task(self._clock.physics_rate_hz).missed
+            self._on_view(partial(view.show, replace(first, missed=first.missed + late), *others))
+
+    def _on_view(self, act: Callable[[], object]) -> None:
+        """A terminal that hung up, or a reader that left, ends what is shown and not the run."""
+        try:
+            act()
+        except OSError:
+            self._view = None

@@ -17,8 +17,8 @@ from xitl_cli.record.topics import (
     FaultEvent,
     OdometryMessage,
     Topic,
-    frame_name,
     topic_name,
+    vessel_name,
 )
 
 ROOT = Path(__file__).parents[3]
@@ -65,7 +65,7 @@ def test_a_vessels_name_stands_before_what_is_its_own(tmp_path: Path) -> None:
     assert topic_name(TOPICS["/tasks"], "alpha") == "/alpha/tasks"
     assert topic_name(TOPICS["/link/{link}/tx"], "alpha", "standby") == "/alpha/link/standby/tx"
     assert topic_name(TOPICS["/tf"], "alpha") == "/tf"
-    assert (frame_name(VESSEL_FRAME), frame_name(VESSEL_FRAME, "alpha")) == ("base_link", "alpha/base_link")
+    assert (vessel_name(VESSEL_FRAME), vessel_name(VESSEL_FRAME, "alpha")) == ("base_link", "alpha/base_link")
     recorder = Recorder(tmp_path / "run.mcap", "lz4", vessel="alpha")
     recorder.fix(1, 2.0, 3.0, 4.0)
     recorder.write(2, FaultEvent("link-cut", active=True))

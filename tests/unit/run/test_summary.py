@@ -26,7 +26,7 @@ from xitl_cli.run.core.statistics import Histogram
 from xitl_cli.run.nodes.bridge import AutopilotReport
 from xitl_cli.run.nodes.mission_score import MissionScore
 from xitl_cli.run.session import Result
-from xitl_cli.run.summary import RunOutcome, Sections, merged, summary_of
+from xitl_cli.run.summary import RunOutcome, Sections, VesselOutcome, merged, summary_of
 
 
 def histogram(*values_ns: int) -> Histogram:
@@ -45,7 +45,7 @@ def outcome() -> RunOutcome:
         duration_s=200.0,
         wall_s=203.5,
         completed=True,
-        held_s=0.0,
+        vessels=(VesselOutcome(True, True, 0.0),),
     )
 
 
@@ -55,7 +55,7 @@ def sections(**values: Any) -> Sections:
 
 
 def summarised(profile: str, made: Sections) -> dict[str, Any]:
-    return summary_of(load_profile(profile).runnable(), outcome(), {"": made})
+    return summary_of(load_profile(profile).runnable(), outcome(), made)
 
 
 def eventful() -> Sections:

@@ -108,7 +108,7 @@ def test_walls_of_a_catenary_lie_along_its_floats() -> None:
 def test_the_river_is_drawn() -> None:
     """As much as a recording can bear, and the world of before as it was."""
     profiles = load_profile("sitl").runnable(), river_profile()
-    small, large = (len(make_scene(profile, Scenery(profile)).encode()) for profile in profiles)
+    small, large = (len(make_scene([profile], Scenery(profile)).encode()) for profile in profiles)
     assert small < 10_000
     assert 500_000 < large < 4_000_000
 
@@ -217,10 +217,10 @@ def test_a_mesh_too_large_to_be_drawn_is_met_by_rays_and_told_of(
     path = tmp_path / "pier.stl"
     trimesh.creation.box((4.0, 4.0, 6.0)).export(path)
     profile = run_in(meshes=(MeshFileSpec(str(path), (30.0, 0.0, 0.0)),))
-    assert b"pier.stl" in make_scene(profile, Scenery(profile)).encode()
+    assert b"pier.stl" in make_scene([profile], Scenery(profile)).encode()
     monkeypatch.setattr(scene, "MOST_DRAWN", 11)
     scenery = Scenery(profile)
-    assert b"pier.stl" not in make_scene(profile, scenery).encode()
+    assert b"pier.stl" not in make_scene([profile], scenery).encode()
     assert scenery.warnings == ("pier.stl has 12 triangles and is not drawn in the recording; rays do meet it",)
     hits = scenery.caster().cast(np.zeros((1, 3), dtype=np.float32), np.array([[1.0, 0, 0]], dtype=np.float32))
     assert hits.range_m[0] == pytest.approx(28.0)

@@ -143,10 +143,16 @@ def _told(log: Log) -> dict[str, tuple[tuple[str, str, str], ...]]:
         document: Any = yaml.safe_load(text[:MOST_PROFILE])
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError):
         return {}
-    faults = document.get("faults") if isinstance(document, dict) else None
-    if not isinstance(faults, dict):
-        return {}
+    faults = _faults_of(document)
+    for name in (log.vessel,) if log.vessel else ():
+        vessels = document.get("vessels") if isinstance(document, dict) else None
+        faults = faults | _faults_of(vessels.get(name) if isinstance(vessels, dict) else None)
     return {str(name): _wrongs(fault) for name, fault in faults.items() if isinstance(fault, dict)}
+
+
+def _faults_of(document: Any) -> dict[Any, Any]:
+    faults = document.get("faults") if isinstance(document, dict) else None
+    return faults if isinstance(faults, dict) else {}
 
 
 def _wrongs(fault: Mapping[Any, Any]) -> tuple[tuple[str, str, str], ...]:

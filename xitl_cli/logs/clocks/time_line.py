@@ -160,6 +160,14 @@ class AlignedLog(Log):
         return self.inner.rowless
 
     @property
+    def vessels(self) -> tuple[str, ...]:
+        return self.inner.vessels
+
+    @property
+    def vessel(self) -> str:
+        return self.inner.vessel
+
+    @property
     def closed(self) -> bool:
         return self.inner.closed
 

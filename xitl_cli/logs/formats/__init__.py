@@ -40,10 +40,13 @@ _ENDINGS = (".mcap", ".bin", ".tlog")
 _WANTED = "give a DataFlash .bin, a .tlog or an .mcap"
 
 
-def open_log(path: str | PathLike[str]) -> Log:
+def open_log(path: str | PathLike[str], vessel: str | None = None) -> Log:
     """Open the log at `path`, also a damaged one: `health` says what of it is lost.
 
-    Raises LogError when the file is missing, unreadable or no log.
+    vessel: of a recording of several the one whose topics are to be as of a vessel alone; without it all topics are
+    there with the names that they have in the file, and "" is the first vessel. A .bin or .tlog is of one anyhow.
+
+    Raises LogError when the file is missing, unreadable or no log, or has no such vessel.
     """
     path = Path(path)
     head, size = _head(path)
@@ -51,7 +54,11 @@ def open_log(path: str | PathLike[str]) -> Log:
         if head.startswith(_MCAP_MAGIC):
             from xitl_cli.logs.formats.mcap.file import McapLog
 
-            return McapLog(path)
+            log = McapLog(path)
+            if vessel is None or not (vessel or log.vessels):
+                return log
+            log.close()
+            return McapLog(path, vessel or log.vessels[0])
         if head.startswith(_DATAFLASH_START):
             return _dataflash(path)
         other = next((what for magic, what in _OTHERS if head.startswith(magic)), None)

@@ -132,6 +132,16 @@ class Log(ABC):
         """What the format itself says (library, profile, seed …), for `xitl logs info`."""
 
     @property
+    def vessels(self) -> tuple[str, ...]:
+        """Names of the vessels in it, where there are several: topics of each begin with its name."""
+        return ()
+
+    @property
+    def vessel(self) -> str:
+        """The one of them that it was opened for: its topics are then as of a vessel alone, others' are left out."""
+        return ""
+
+    @property
     def closed(self) -> bool:
         """Whether its writer finished it; a format without an end has none that is missing."""
         return True

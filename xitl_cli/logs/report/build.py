@@ -205,16 +205,18 @@ SECTIONS = (OVERVIEW, *catalogue.NAMES)
 Progress = Callable[[str], None]
 
 
-def build_report(paths: Sequence[Path], only: Collection[str] = (), told: Progress = lambda _: None) -> Report:
+def build_report(
+    paths: Sequence[Path], only: Collection[str] = (), told: Progress = lambda _: None, vessel: str = ""
+) -> Report:
     """Of every file that can be opened; the others become refusals.
 
-    only: names of SECTIONS; none means all. told: hears what is being done. Raises LogError for a section that does
-    not exist.
+    vessel: of recordings of several, as of `open_all`. only: names of SECTIONS; none means all. told: hears what is
+    being done. Raises LogError for a section that does not exist.
     """
     wanted = sections_named(only)
     with ExitStack() as opened:
-        logs, refusals = open_all(paths, opened)
-        names = short_names([log.path for log in logs])
+        logs, refusals = open_all(paths, opened, vessel)
+        names = [name + of_vessel(log) for name, log in zip(short_names([log.path for log in logs]), logs, strict=True)]
         laid = [AlignedLog(log, time_line) for log, time_line in zip(logs, time_lines(logs), strict=True)]
         files = [_file(log, name, wanted, told) for log, name in zip(laid, names, strict=True)]
         overview = Overview()
@@ -226,18 +228,33 @@ def build_report(paths: Sequence[Path], only: Collection[str] = (), told: Progre
         return Report(tuple(files), tuple(refusals), overview)
 
 
-def open_all(paths: Sequence[Path], opened: ExitStack) -> tuple[list[Log], list[RefusedFile]]:
-    """In their order; a file that was given twice is opened once."""
+def open_all(paths: Sequence[Path], opened: ExitStack, vessel: str | None = "") -> tuple[list[Log], list[RefusedFile]]:
+    """In their order; a file that was given twice is opened once.
+
+    vessel: the one that is shown of a recording of several. "": that whose folder another of the files is in, as the
+    run made them, else the first; None: all, as they are.
+    """
     from xitl_cli.logs.formats import open_log
 
+    folders = [path.absolute().parent.name for path in paths]
     logs: list[Log] = []
     refusals = []
     for path in dict.fromkeys(paths):
         try:
-            logs.append(opened.enter_context(open_log(path)))
+            log = open_log(path, vessel)
+            nearest = next((folder for folder in folders if folder in log.vessels), log.vessel)
+            if vessel == "" and nearest != log.vessel:
+                log.close()
+                log = open_log(path, nearest)
+            logs.append(opened.enter_context(log))
         except LogError as error:
             refusals.append(RefusedFile(path, str(error)))
     return logs, refusals
+
+
+def of_vessel(log: Log) -> str:
+    """Which vessel of how many is shown, to follow the name of the file; empty where there is one alone."""
+    return f" ({log.vessel}, one of {len(log.vessels)} vessels)" if log.vessel else ""
 
 
 def time_lines(logs: Sequence[Log]) -> list[TimeLine]:
@@ -313,6 +330,8 @@ def _file(log: AlignedLog, name: str, wanted: Collection[str], told: Progress) -
         log.time_line,
         vehicle,
         tuple(failures),
+        log.vessel,
+        log.vessels,
     )
 
 

@@ -46,6 +46,7 @@ def _file(file: FileReport) -> dict[str, Any]:
     return {
         "name": file.name,
         "path": str(file.path),
+        **({"vessel": file.vessel, "vessels": list(file.vessels)} if file.vessel else {}),
         "format": file.format,
         "base": file.base,
         "span_ns": None if file.span_ns is None else list(file.span_ns),

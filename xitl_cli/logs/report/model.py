@@ -19,7 +19,8 @@ from xitl_cli.logs.report.wording import damage_sentences
 class FileReport:
     """name: short, and its own among the files of a report. span_ns: None without a stamped row.
 
-    vehicle: it and its firmware in words, "" where the log does not tell.
+    vehicle: it and its firmware in words, "" where the log does not tell. vessel: the one that was looked at of
+    `vessels`, where the log is of several.
     """
 
     name: str
@@ -33,6 +34,8 @@ class FileReport:
     time_line: TimeLine
     vehicle: str = ""
     failures: tuple[AnalysisFailure, ...] = ()
+    vessel: str = ""
+    vessels: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:

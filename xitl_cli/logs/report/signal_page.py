@@ -138,11 +138,20 @@ _MOST_NAMES = 3
 
 
 def signal_page(
-    paths: Sequence[Path], wanted: Sequence[str], from_s: float | None, until_s: float | None, *, raw: bool = False
+    paths: Sequence[Path],
+    wanted: Sequence[str],
+    from_s: float | None,
+    until_s: float | None,
+    *,
+    raw: bool = False,
+    vessel: str | None = None,
 ) -> tuple[Page, list[RefusedFile]]:
-    """from_s and until_s: on the page's time line. Raises LogError when no file opens, or none has a signal."""
+    """from_s and until_s: on the page's time line. vessel: as of `open_all`.
+
+    Raises LogError when no file opens, or none has a signal.
+    """
     with ExitStack() as opened:
-        logs, refusals = open_all(paths, opened)
+        logs, refusals = open_all(paths, opened, vessel)
         if not logs:
             raise LogError(refusals[-1].sentence)
         names = short_names([log.path for log in logs])

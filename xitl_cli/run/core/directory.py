@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -20,7 +21,9 @@ ULOG = "autopilot.ulg"
 MAP, TRAJECTORY, TRUTH = "map.ply", "trajectory.tum", "truth.tum"  # what a companion found, and what is true
 AUTOPILOT = "autopilot"  # a folder: where an autopilot that the run started works
 RESERVED_BYTES = 256 * 1024
-_FILES = (RECORDING, SUMMARY, PROFILE, DATAFLASH, ULOG, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
+_OF_A_VESSEL = (DATAFLASH, ULOG, MAP, TRAJECTORY, TRUTH, AUTOPILOT)
+_FILES = (RECORDING, SUMMARY, PROFILE, *_OF_A_VESSEL)
+"""Of a fleet each vessel has a folder with what is its own."""
 
 
 def check_writable(path: Path) -> None:
@@ -50,10 +53,11 @@ def _shown(path: Path) -> str:
     return text if len(text) <= 120 else f"{text[:80]}… ({len(text)} characters)"
 
 
-def create(path: Path, overwrite: bool) -> Path:
-    """Make `path` and see that it holds no earlier run, or clear that run away."""
+def create(path: Path, overwrite: bool, vessels: Sequence[str] = ()) -> Path:
+    """Make `path` and see that it holds no earlier run, or clear that run away. vessels: a folder of each is made."""
     check_writable(path)
     present = [name for name in _FILES if _exists(path / name)]
+    present += sorted(name for name in {*vessels, *_vessels_in(path)} if _exists(path / name))
     if present and not overwrite:
         raise UserError(f"{path}: already holds a run ({', '.join(present)}); choose another --out or add --overwrite")
     try:
@@ -63,9 +67,21 @@ def create(path: Path, overwrite: bool) -> Path:
                 shutil.rmtree(path / name)
             else:
                 (path / name).unlink()
+        for name in vessels:
+            (path / name).mkdir()
     except OSError as error:
         raise UserError(f"{_shown(path)}: cannot be made ({error.strerror}); choose another --out") from error
     return path
+
+
+def _vessels_in(path: Path) -> list[str]:
+    """Folders of the vessels of an earlier run: those with nothing else in them than what a vessel leaves."""
+    try:
+        folders = [each for each in path.iterdir() if each.is_dir() and each.name not in _FILES]
+        found = [each.name for each in folders if {one.name for one in each.iterdir()} <= set(_OF_A_VESSEL)]
+    except OSError:
+        return []
+    return found if _exists(path / PROFILE) else []
 
 
 def write_profile(path: Path, text: str) -> None:

@@ -15,7 +15,7 @@ session.py makes them from the profile (compose.py) and calls, for each in the o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -129,15 +129,35 @@ class ControlNode(RunNode):
 class VesselNodes:
     """One vessel's nodes, in the order in which they are called; `control` is one of them.
 
-    The vessel is the row of the world's arrays with the number that these nodes have in the run's list.
+    name: empty where there is one vessel alone. status: of the vessel now, for a view. awaited: a run lasts until it
+    has finished.
     """
 
     name: str
     control: ControlNode
     nodes: tuple[RunNode, ...]
+    status: Callable[[], Any] = lambda: None
+    awaited: bool = True
 
-    def overriding(self, method: str) -> list[Callable[..., Any]]:
-        """`method` of the nodes that do something there: the others cost nothing at the physics rate."""
-        return [
-            getattr(node, method) for node in self.nodes if getattr(type(node), method) is not getattr(RunNode, method)
-        ]
+    @property
+    def ahead(self) -> tuple[RunNode, ...]:
+        """Those up to the one that moves the vessel: in an exchange they are called of all vessels before it waits."""
+        return self.nodes[: self.nodes.index(self.control)]
+
+    @property
+    def behind(self) -> tuple[RunNode, ...]:
+        """It, and those behind it."""
+        return self.nodes[self.nodes.index(self.control) :]
+
+
+@dataclass(frozen=True, slots=True)
+class WorldNodes:
+    """Nodes of what all vessels are in: those that are called before the vessels' and those after."""
+
+    ahead: tuple[RunNode, ...] = ()
+    behind: tuple[RunNode, ...] = ()
+
+
+def overriding(nodes: Iterable[RunNode], method: str) -> list[Callable[..., Any]]:
+    """`method` of the nodes that do something there: the others cost nothing at the physics rate."""
+    return [getattr(node, method) for node in nodes if getattr(type(node), method) is not getattr(RunNode, method)]

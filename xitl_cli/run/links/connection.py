@@ -351,14 +351,13 @@ class AgentConnection:
         """Lockstep: all that was sampled up to now has been sent."""
         self.link.send(dialect.MAVLink_xitl_tick_message(sim_ns // 1000, tick))
 
-    def tick_and_wait(self, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
-        """Lockstep: send the tick until it is answered; what comes meanwhile is taken in.
+    def wait_for_answer(self, sim_ns: int, tick: int, silent_s: float, check: Callable[[], None]) -> None:
+        """Lockstep: wait for the answer to a tick that was sent, and send it again; what comes meanwhile is taken in.
 
         Raises UserError when there is no answer for `silent_s` or the agent is known to be gone, and what `check`
         raises.
         """
         inbox = self.inbox
-        self.send_tick(sim_ns, tick)
         self.receive(0.0)
         started_s = sent_s = time.monotonic()
         while inbox.answered_tick != tick:

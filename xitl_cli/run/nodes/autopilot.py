@@ -13,7 +13,7 @@ from agent.wire.signing import Signing
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import ActuatorAge, MotionEstimate
 from xitl_cli.run.core import directory
-from xitl_cli.run.core.node import ControlNode, RunContext, RunStep
+from xitl_cli.run.core.node import ControlNode, ExchangePart, RunContext, RunStep
 from xitl_cli.run.core.reports import ActuatorReport, Progress
 from xitl_cli.run.core.seeds import Seeds
 from xitl_cli.run.links.agent_view import AgentView
@@ -46,7 +46,8 @@ def autopilot_links(profile: RunProfile) -> tuple[str, ...]:
 class AutopilotNode(ControlNode):
     """Sends samples to its agents and takes in motor commands.
 
-    In lockstep every exchange is a tick and its answer; in real time both sides go on their own. A second agent, if the
+    In lockstep every exchange is a tick (`ticking`, its part of an exchange ahead of the others') and its answer; in
+    real time both sides go on their own. A second agent, if the
     profile has one in standby, gets all that the first one gets. `make_driver` makes the node that commands it
     over its first agent;
     `interrupted` is asked while the answer to a tick is waited for; supervision: see there.
@@ -64,6 +65,7 @@ class AutopilotNode(ControlNode):
         interrupted: Callable[[], bool] = lambda: False,
     ) -> None:
         self.heard = MessageRoute()
+        self.ticking = ExchangePart(self._tick)
         self._profile = profile
         self._options = options or AgentOptions(profile.autopilot.system_id)
         self._supervision = supervision or Supervision(lambda: profile.autopilot.silent_s)
@@ -162,11 +164,15 @@ class AutopilotNode(ControlNode):
             for agent in self._present():
                 agent.send_sensors(messages)
 
-    def exchange(self, step: RunStep) -> None:
+    def _tick(self, step: RunStep) -> None:
         self._exchanges += 1
         if self._lockstep:
+            self.agents[0].send_tick(step.now_ns, self._exchanges)
+
+    def exchange(self, step: RunStep) -> None:
+        if self._lockstep:
             agent = self.agents[0]
-            agent.tick_and_wait(step.now_ns, self._exchanges, self._supervision.silent_s(), self._check_waiting)
+            agent.wait_for_answer(step.now_ns, self._exchanges, self._supervision.silent_s(), self._check_waiting)
             self.command = agent.inbox.command
         else:
             self._take_in(step.now_ns)

@@ -13,28 +13,25 @@ from xitl_cli.run.links.connection import AgentConnection
 from xitl_cli.run.world.world import local_frame
 
 ENVIRONMENT_RATE_HZ = 10.0
+CLOCK_RATE_HZ = 10.0
 TASK_RATE_HZ = 1.0
 LINKS_RATE_HZ = 1.0
 
 
 class TruthRecorder(RunNode):
-    """Records motor commands, the vessel's true state, what surrounds it, and how the physics kept its time."""
+    """Records motor commands, the vessel's true state and what surrounds it."""
 
     def __init__(self, profile: RunProfile, control: ControlNode, simulation: Simulation) -> None:
         self._simulation = simulation
         rate_hz = profile.clock.physics_rate_hz
-        self._realtime = profile.clock.mode == "realtime"
-        self._rate_hz = rate_hz
-        self._now_ns = 0
         self._control = control
         self._names = ", ".join(profile.vehicle.command_names)
         self._frame = local_frame(profile.site)
         self._every_truth = round(rate_hz / profile.recording.truth_rate_hz)
         self._every_environment = round(rate_hz / ENVIRONMENT_RATE_HZ)
-        self._every_task = round(rate_hz / TASK_RATE_HZ)
 
     def begin(self, context: RunContext) -> None:
-        self._recorder, self._pace = context.recorder, context.pace
+        self._recorder = context.recorder
 
     def exchange(self, step: RunStep) -> None:
         self._recorder.actuators(step.now_ns, self._control.command, self._names)
@@ -49,9 +46,27 @@ class TruthRecorder(RunNode):
             recorder.environment(now_ns, state.current_ned_mps[0], state.wind_ned_mps[0], surface_m)
             lat, lon, alt = self._frame.geodetic(motion.pos_ned_m)
             recorder.fix(now_ns, float(lat[0]), float(lon[0]), float(alt[0]))
+
+
+class PaceRecorder(RunNode):
+    """Records how the physics kept its time, and in real time the host's clock."""
+
+    def __init__(self, clock: ClockSpec) -> None:
+        self._rate_hz = clock.physics_rate_hz
+        self._realtime = clock.mode == "realtime"
+        self._every_clock = round(self._rate_hz / CLOCK_RATE_HZ)
+        self._every_task = round(self._rate_hz / TASK_RATE_HZ)
+        self._now_ns = 0
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder, self._pace = context.recorder, context.pace
+
+    def record(self, step: RunStep) -> None:
+        number, now_ns = step.number, step.now_ns
+        if self._realtime and number % self._every_clock == 0:
             point = self._pace.clock(number, now_ns)
             if point is not None:
-                recorder.write(now_ns, point)
+                self._recorder.write(now_ns, point)
         if number % self._every_task == 0:
             self._record_pace(now_ns)
         self._now_ns = now_ns

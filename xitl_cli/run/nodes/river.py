@@ -11,8 +11,7 @@ import numpy as np
 from numpy.random import default_rng
 
 from sim_core import frames
-from sim_core.kinematics import Kinematics
-from sim_core.simulation import SimulationState
+from sim_core.simulation import Simulation
 from sim_core.world.debris import DebrisState, Launch, make_body
 from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
@@ -32,8 +31,40 @@ SOURCE = "world"
 WARNING, INFO = 4, 6  # MAV_SEVERITY
 
 
+class CollisionNode(RunNode):
+    """Records what a vessel hits."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._feels = simulation.waterway.contact
+        self._collisions = Collisions()
+        self._record_every = _record_every(simulation)
+
+    def begin(self, context: RunContext) -> None:
+        self._recorder = context.recorder
+
+    def sense(self, step: RunStep) -> None:
+        recorder, state = self._recorder, step.state
+        if len(state.contacts) and not step.held:
+            for begun in self._collisions.add(state.time_ns, state.contacts):
+                text = f"the hull hit {_article(begun.what)} at {begun.impact_mps:.2f} m/s"
+                recorder.log(state.time_ns, WARNING, SOURCE, text)
+                self._record_contact(recorder, state.time_ns, begun.what, began=True)
+        if step.number % self._record_every == 0:
+            for touching in self._collisions.touching(state.time_ns):
+                self._record_contact(recorder, state.time_ns, touching.what, began=False)
+
+    def report(self) -> dict[str, Any]:
+        """collisions: None where the vessel feels nothing."""
+        return {"collisions": self._collisions.report() if self._feels else None}
+
+    def _record_contact(self, recorder: Recorder, stamp_ns: int, what: str, began: bool) -> None:
+        known = next(each for each in self._collisions.touching(stamp_ns) if each.what == what)
+        speed = known.impact_mps if began else known.closing_mps
+        recorder.perception.contact(stamp_ns, what, known.place_ned_m, known.force_n, speed, began)
+
+
 class RiverNode(RunNode):
-    """Records what is adrift and what the vessel hits, and launches what it is to meet.
+    """Records what is adrift, and launches what the vessel is to meet: of several, the first that sails.
 
     encounters: what is launched when; port: where launches are asked for, None: nowhere. drawn: bodies are drawn in the
     recording. launching: its part of an exchange, behind that of the node which moves the vessel and tells with
@@ -50,12 +81,10 @@ class RiverNode(RunNode):
     ) -> None:
         self.encounters = encounters
         self.launching = ExchangePart(self._launch_due)
-        simulation = plant.simulation
         self._plant = plant
         self._port = port
         self._progress = progress
-        self._collisions = Collisions()
-        self._record_every = max(round(1.0 / (RECORD_RATE_HZ * simulation.dt_s)), 1)
+        self._record_every = _record_every(plant.simulation)
         self._drawn = drawn
         self._told = 0
         self._by: Counter[str] = Counter()
@@ -67,9 +96,9 @@ class RiverNode(RunNode):
             self._recorder.log(0, INFO, SOURCE, f"hears launches at {self._port.address}")
 
     def _launch_due(self, step: RunStep) -> None:
-        plant, motion, target = self._plant, step.motion, self._progress().target
+        plant, target = self._plant, self._progress().target
         if target is not None:
-            north_m, east_m, _ = motion.pos_ned_m[0].tolist()
+            north_m, east_m, _ = plant.vessels[0].motion().pos_ned_m[0].tolist()
             for each in self.encounters.due(step.now_ns, (north_m, east_m), target):
                 self._launch(each)
         if self._port is not None:
@@ -77,7 +106,7 @@ class RiverNode(RunNode):
             room = MOST_BODIES - len(plant.state.debris.bodies)
 
             def ask(one: Launch) -> bool:
-                if len(asked) >= room or not self._possible(one, motion):
+                if len(asked) >= room or not self._possible(one):
                     return False
                 asked.append(one)
                 return True
@@ -87,24 +116,14 @@ class RiverNode(RunNode):
                 self._launch(each)
 
     def sense(self, step: RunStep) -> None:
-        recorder, state = self._recorder, step.state
-        if len(state.contacts) and not step.held:
-            for begun in self._collisions.add(state.time_ns, state.contacts):
-                text = f"the hull hit {_article(begun.what)} at {begun.impact_mps:.2f} m/s"
-                recorder.log(state.time_ns, WARNING, SOURCE, text)
-                self._record_contact(recorder, state.time_ns, begun.what, began=True)
-        if len(state.debris.bodies) > self._told:
-            self._tell(recorder, state)
-        if step.number % self._record_every == 0:
-            for touching in self._collisions.touching(state.time_ns):
-                self._record_contact(recorder, state.time_ns, touching.what, began=False)
-            if state.debris.bodies:
-                _record_bodies(recorder, state)
+        recorder, now_ns, debris = self._recorder, step.now_ns, self._plant.state.debris
+        if len(debris.bodies) > self._told:
+            self._tell(recorder, now_ns, debris)
+        if step.number % self._record_every == 0 and debris.bodies:
+            _record_bodies(recorder, now_ns, debris)
 
     def report(self) -> dict[str, Any]:
-        """collisions: None where the vessel feels nothing."""
         return {
-            "collisions": self._collisions.report() if self._plant.simulation.waterway.contact else None,
             "debris": {
                 "launched": self._told,
                 "by": dict(self._by),
@@ -124,7 +143,7 @@ class RiverNode(RunNode):
         else:
             self._plant.launch(body)
 
-    def _possible(self, one: Launch, motion: Kinematics) -> bool:
+    def _possible(self, one: Launch) -> bool:
         """Whether there is such a body, and water but no vessel where it would be."""
         try:
             body = make_body(one.kind, one.length_m)
@@ -132,13 +151,13 @@ class RiverNode(RunNode):
             return False
         if not self.encounters.afloat(one.north_m, one.east_m):
             return False
-        apart = np.hypot(motion.pos_ned_m[:, 0] - one.north_m, motion.pos_ned_m[:, 1] - one.east_m)
-        return bool(
-            np.all(apart > self._plant.vessels[0].simulation.outline.reach_m + body.half_axis_m + body.radius_m)
+        return all(
+            math.dist(vessel.motion().pos_ned_m[0, :2].tolist(), (one.north_m, one.east_m))
+            > vessel.simulation.outline.reach_m + body.half_axis_m + body.radius_m
+            for vessel in self._plant.vessels
         )
 
-    def _tell(self, recorder: Recorder, state: SimulationState) -> None:
-        debris = state.debris
+    def _tell(self, recorder: Recorder, now_ns: int, debris: DebrisState) -> None:
         for number in range(self._told, len(debris.bodies)):
             body, (north, east, _) = debris.bodies[number], debris.pos_ned_m[number].tolist()
             kind = body.kind.name.lower()
@@ -147,21 +166,19 @@ class RiverNode(RunNode):
             text = (
                 f"{kind} {number} of {body.length_m:.1f} m in the water at {north:.1f} N {east:.1f} E, {heading:.0f}°"
             )
-            recorder.log(state.time_ns, INFO, SOURCE, text)
+            recorder.log(now_ns, INFO, SOURCE, text)
         if self._drawn:
-            recorder.scene(make_debris_scene(debris.bodies, self._told), state.time_ns)
+            recorder.scene(make_debris_scene(debris.bodies, self._told), now_ns)
         self._told = len(debris.bodies)
-
-    def _record_contact(self, recorder: Recorder, stamp_ns: int, what: str, began: bool) -> None:
-        known = next(each for each in self._collisions.touching(stamp_ns) if each.what == what)
-        speed = known.impact_mps if began else known.closing_mps
-        recorder.perception.contact(stamp_ns, what, known.place_ned_m, known.force_n, speed, began)
 
 
 def river_from_profile(
     profile: RunProfile, seeds: Seeds, plant: Plant, progress: Callable[[], Progress]
 ) -> RiverNode | None:
-    """What the profile's `world.debris` asks for, None on open water. Raises UserError when a port cannot be had."""
+    """What the profile's `world.debris` asks for, None on open water. Raises UserError when a port cannot be had.
+
+    profile: of the first vessel, and `progress` what that is up to.
+    """
     simulation = plant.simulation
     waterway = simulation.waterway
     if waterway is OPEN_WATER:
@@ -182,13 +199,16 @@ def river_from_profile(
     return RiverNode(plant, encounters, port, profile.recording.scene, progress)
 
 
-def _record_bodies(recorder: Recorder, state: SimulationState) -> None:
-    debris: DebrisState = state.debris
-    late_s = (state.time_ns - debris.time_ns) * 1e-9
+def _record_every(simulation: Simulation) -> int:
+    return max(round(1.0 / (RECORD_RATE_HZ * simulation.dt_s)), 1)
+
+
+def _record_bodies(recorder: Recorder, now_ns: int, debris: DebrisState) -> None:
+    late_s = (now_ns - debris.time_ns) * 1e-9
     euler = np.zeros((len(debris.bodies), 3))
     euler[:, 2] = debris.yaw_rad + late_s * debris.yaw_rate_radps
     recorder.perception.bodies(
-        state.time_ns,
+        now_ns,
         [body.kind.name.lower() for body in debris.bodies],
         np.array([body.length_m for body in debris.bodies]),
         debris.pos_ned_m + late_s * debris.vel_ned_mps,

@@ -20,7 +20,7 @@ from sim_core.world.river import RiverBed
 from sim_core.world.spec import DamSpec
 from sim_core.world.structures import LogBoom
 from xitl_cli.profile.schema import RunProfile
-from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame
+from xitl_cli.record.topics import MAP_FRAME, VESSEL_FRAME, body_frame, vessel_name
 from xitl_cli.run.world.scenery import Scenery
 
 _ORANGE = messages.Color(r=0.95, g=0.45, b=0.1, a=1.0)
@@ -59,9 +59,11 @@ _BODY_COLOURS = {
 }
 
 
-def make_scene(profile: RunProfile, scenery: Scenery) -> messages.SceneUpdate:
-    """One update with everything that does not move against its frame."""
-    entities = [_mission(profile), _vessel(profile.vehicle), _water(profile)]
+def make_scene(profiles: Sequence[RunProfile], scenery: Scenery) -> messages.SceneUpdate:
+    """One update with everything that does not move against its frame; profiles: of each vessel."""
+    profile = profiles[0]
+    entities = [entity for each in profiles for entity in (_mission(each), _vessel(each.vehicle, each.vessel))]
+    entities.append(_water(profiles))
     if scenery.boom is not None:
         entities.append(_log_boom(scenery.boom))
     if profile.world.dam is not None and profile.world.dam.intakes is None:
@@ -91,10 +93,11 @@ def _mission(profile: RunProfile) -> messages.SceneEntity:
         )
         for x, y, _ in points[1:]
     ]
-    return messages.SceneEntity(frame_id=MAP_FRAME, id="mission", lines=[line], cylinders=circles)
+    name = vessel_name("mission", profile.vessel)
+    return messages.SceneEntity(frame_id=MAP_FRAME, id=name, lines=[line], cylinders=circles)
 
 
-def _vessel(vehicle: VesselSpec) -> messages.SceneEntity:
+def _vessel(vehicle: VesselSpec, name: str) -> messages.SceneEntity:
     cylinders, cubes, triangles = [], [], []
     for hull in vehicle.demi_hulls:
         drawn = _hull(hull)
@@ -109,7 +112,12 @@ def _vessel(vehicle: VesselSpec) -> messages.SceneEntity:
     if len(vehicle.demi_hulls) > 1:
         cubes.append(_deck(vehicle))
     return messages.SceneEntity(
-        frame_id=VESSEL_FRAME, id="vessel", frame_locked=True, cylinders=cylinders, cubes=cubes, triangles=triangles
+        frame_id=vessel_name(VESSEL_FRAME, name),
+        id=vessel_name("vessel", name),
+        frame_locked=True,
+        cylinders=cylinders,
+        cubes=cubes,
+        triangles=triangles,
     )
 
 
@@ -187,8 +195,11 @@ def _deck(vehicle: VesselSpec) -> messages.CubePrimitive:
     )
 
 
-def _water(profile: RunProfile) -> messages.SceneEntity:
-    places = [*profile.mission.waypoints_ned_m, (profile.mission.start.north_m, profile.mission.start.east_m)]
+def _water(profiles: Sequence[RunProfile]) -> messages.SceneEntity:
+    profile = profiles[0]
+    places = []
+    for each in profiles:
+        places += [*each.mission.waypoints_ned_m, (each.mission.start.north_m, each.mission.start.east_m)]
     if profile.world.log_boom is not None:
         boom = profile.world.log_boom
         places += [(point[0], point[1]) for point in boom.anchors_ne_m or boom.points_ned_m or ()]

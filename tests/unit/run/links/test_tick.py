@@ -45,7 +45,7 @@ def well() -> None:
 
 def test_a_tick_that_got_lost_is_sent_again_as_it_was() -> None:
     agent: Any = Agent(after=3)
-    AgentConnection.tick_and_wait(agent, 7, 4, 60.0, well)
+    AgentConnection.wait_for_answer(agent, 7, 4, 60.0, well)
     assert agent.ticks == [(7, 4)] * 3
 
 
@@ -55,6 +55,6 @@ def test_an_autopilot_that_is_gone_ends_the_wait_and_so_does_silence() -> None:
 
     silent: Any = Agent(after=1_000_000)
     with pytest.raises(UserError, match="it ended by itself"):
-        AgentConnection.tick_and_wait(silent, 7, 4, 60.0, gone)
+        AgentConnection.wait_for_answer(silent, 7, 4, 60.0, gone)
     with pytest.raises(UserError, match="silent"):
-        AgentConnection.tick_and_wait(silent, 7, 4, 0.01, well)
+        AgentConnection.wait_for_answer(silent, 7, 4, 0.01, well)

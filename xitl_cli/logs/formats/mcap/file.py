@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
 
 from xitl_cli.logs.formats.mcap import records
 from xitl_cli.logs.formats.mcap.chunks import Chunks, batches
@@ -17,12 +20,13 @@ from xitl_cli.logs.formats.mcap.walk import Walk, between
 from xitl_cli.logs.model.errors import LogError
 from xitl_cli.logs.model.file_bytes import FileReader
 from xitl_cli.logs.model.log import Base, Format, Log, LogHealth
-from xitl_cli.logs.model.table import Table
+from xitl_cli.logs.model.table import Selection, Table
 
 if TYPE_CHECKING:
     from xitl_cli.logs.formats.mcap.rewrite import Rewritten
 
 OUR_RECORD = "xitl"
+LOG_TOPIC = "/log"
 FRAMES = "xitl_msgs/msg/MavlinkFrame"
 _YEAR_2000_NS = 946_684_800 * 1_000_000_000
 _MOST_ATTACHMENT = 1 << 28
@@ -39,13 +43,17 @@ class McapLog(Log):
     tells what there is; going over `tables` does not. Two channels of one topic with different schemas are two tables,
     the second is called "topic#2".
 
-    Raises LogError when the file cannot be read or is no MCAP file.
+    vessel: of a recording of several the one to show, whose topics then have the names of a vessel alone; with none
+    all topics are there as they are.
+
+    Raises LogError when the file cannot be read, is no MCAP file, or has no such vessel.
     """
 
     format: Format = "mcap"
 
-    def __init__(self, path: str | PathLike[str]) -> None:
+    def __init__(self, path: str | PathLike[str], vessel: str = "") -> None:
         self.path = path = Path(path)
+        self._vessel = vessel
         self._source = FileReader(path)
         try:
             if self._source.read(0, len(records.MAGIC)) != records.MAGIC:
@@ -67,7 +75,15 @@ class McapLog(Log):
             index.settle(self._source.size)
         else:
             walk.read_range(len(records.MAGIC), self._source.size)
-        self._tables = Tables(self._topics(), self._frame_topics(), self.frame_tables)
+        if self._vessel and self._vessel not in self.vessels:
+            there = ", ".join(self.vessels)
+            raise LogError(
+                f"{self.path}: has no vessel {self._vessel!r}; "
+                + (f"it is of {there}" if there else "it is of one vessel alone: leave --vessel out")
+            )
+        topics = self._topics()
+        said = {LOG_TOPIC: SaidOfVessel(topics[LOG_TOPIC], self)} if self._vessel and LOG_TOPIC in topics else {}
+        self._tables = Tables(topics, self._frame_topics(), self.frame_tables, said)
         self._frames: dict[str, dict[str, Table]] = {}
         self._frames_left: dict[str, int] = {}
 
@@ -84,7 +100,24 @@ class McapLog(Log):
 
     @property
     def rowless(self) -> Collection[str]:
-        return {channel.topic for channel in self._index.channels.values()} - self._tables.topics.keys()
+        named = (self._shown(channel.topic) for channel in self._index.channels.values())
+        return {name for name in named if name is not None} - self._tables.topics.keys()
+
+    @property
+    def vessels(self) -> tuple[str, ...]:
+        names = self._index.metadata.get(OUR_RECORD, {}).get("vessels", "")
+        return tuple(name.strip() for name in names.split(",") if name.strip())
+
+    @property
+    def vessel(self) -> str:
+        return self._vessel
+
+    def _shown(self, topic: str) -> str | None:
+        """The name of a topic here, None where it is another vessel's."""
+        first, _, rest = topic.removeprefix("/").partition("/")
+        if not self._vessel or first not in self.vessels:
+            return topic
+        return f"/{rest}" if first == self._vessel else None
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -176,17 +209,20 @@ class McapLog(Log):
     def _frame_topics(self) -> frozenset[str]:
         index = self._index
         return frozenset(
-            channel.topic
+            name
             for channel in index.channels.values()
-            if (schema := index.schemas.get(channel.schema_id)) is not None and schema.name == FRAMES
+            if (schema := index.schemas.get(channel.schema_id)) is not None
+            and schema.name == FRAMES
+            and (name := self._shown(channel.topic)) is not None
         )
 
     def _topics(self) -> dict[str, TopicTable]:
         """A table for every topic and schema that has messages."""
         groups: dict[str, list[list[ChannelRecord]]] = {}
         for channel in self._index.channels.values():
-            if self._index.counts.get(channel.id):
-                alike = groups.setdefault(channel.topic, [])
+            name = self._shown(channel.topic)
+            if name is not None and self._index.counts.get(channel.id):
+                alike = groups.setdefault(name, [])
                 same = next((group for group in alike if self._same(group[0], channel)), None)
                 if same is None:
                     alike.append([channel])
@@ -226,18 +262,39 @@ class McapLog(Log):
         return self._chunks.distrust(channels)
 
 
+class SaidOfVessel(Selection):
+    """Of the sentences of a fleet those of one vessel, and those that are nobody's; they are read when asked for."""
+
+    def __init__(self, table: Table, log: Log) -> None:
+        self._table, self._log = table, log
+        self.name, self.instance = table.name, table.instance
+
+    @cached_property
+    def _index(self) -> NDArray[np.intp]:
+        if "name" not in self._table.columns:
+            return np.arange(len(self._table), dtype=np.intp)
+        speakers = [str(name).partition("/")[0] for name in self._table.values("name")]
+        others = set(self._log.vessels) - {self._log.vessel}
+        return np.flatnonzero([speaker not in others for speaker in speakers])
+
+
 class Tables(Mapping[str, Table]):
-    """Tables by topic; also by "topic:MESSAGE", which iterating leaves out."""
+    """Tables by topic; also by "topic:MESSAGE", which iterating leaves out. in_place: of topics shown otherwise."""
 
     def __init__(
-        self, topics: dict[str, TopicTable], framed: frozenset[str], frame_tables: Callable[[str], Mapping[str, Table]]
+        self,
+        topics: dict[str, TopicTable],
+        framed: frozenset[str],
+        frame_tables: Callable[[str], Mapping[str, Table]],
+        in_place: Mapping[str, Table],
     ) -> None:
         self.topics = topics
+        self._in_place = in_place
         self._framed = framed
         self._frame_tables = frame_tables
 
     def __getitem__(self, name: str) -> Table:
-        table = self.topics.get(name)
+        table = self._in_place.get(name, self.topics.get(name))
         if table is not None:
             return table
         topic = name.rpartition(":")[0]
