@@ -111,7 +111,7 @@ def analyze(*logs: PathText, sections: str | Iterable[str] = (), vessel: str = "
     """All analyses of one or several logs of a run, as `xitl logs analyze`: findings with evidence and next step.
 
     sections: names of analyses (`"scheduler"`), all by default. vessel: of a fleet's recording, its first without a
-    name. A log that cannot be read is one of the report's `refusals`. Raises LogError for a section that does not exist.
+    name. A log that cannot be read is one of the report's `refusals`. Raises LogError for a section that there is not.
     """
     from xitl_cli.logs.report.build import build_report, sections_named
 

@@ -88,7 +88,7 @@ def compose(setup: RunSetup, opened: ExitStack) -> VesselNodes:
     agents = autopilots if companion is None else [*autopilots, companion.agent]
 
     # What is around it, what looks at it, what scores it.
-    collisions = None if simulation.waterway is OPEN_WATER else CollisionNode(simulation)
+    collisions = None if simulation.waterway is OPEN_WATER else CollisionNode(simulation, bool(profile.vessel))
     perception = _perception(setup, companion)
     if perception is not None:
         made(perception)

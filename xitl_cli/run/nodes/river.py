@@ -13,7 +13,6 @@ from numpy.random import default_rng
 from sim_core import frames
 from sim_core.simulation import Simulation
 from sim_core.world.debris import DebrisState, Launch, make_body
-from sim_core.world.waterway import OPEN_WATER
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import Recorder
 from xitl_cli.run.core.node import ExchangePart, RunContext, RunNode, RunStep
@@ -24,6 +23,7 @@ from xitl_cli.run.world.collisions import Collisions
 from xitl_cli.run.world.encounters import DebrisEncounters, MissionLegs, draw_encounters
 from xitl_cli.run.world.plant import Plant
 from xitl_cli.run.world.scene import make_debris_scene
+from xitl_cli.run.world.world import has_waterway
 
 RECORD_RATE_HZ = 10.0
 MOST_BODIES = 500
@@ -32,12 +32,12 @@ WARNING, INFO = 4, 6  # MAV_SEVERITY
 
 
 class CollisionNode(RunNode):
-    """Records what a vessel hits."""
+    """Records what a vessel hits. others: it is not alone in the water, and hits their hulls at least."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._feels = simulation.waterway.contact
+    def __init__(self, simulation: Simulation, others: bool) -> None:
+        self._feels = simulation.waterway.contact or others
         self._collisions = Collisions()
-        self._record_every = _record_every(simulation)
+        self._record_every = _record_every(simulation.dt_s)
 
     def begin(self, context: RunContext) -> None:
         self._recorder = context.recorder
@@ -84,7 +84,7 @@ class RiverNode(RunNode):
         self._plant = plant
         self._port = port
         self._progress = progress
-        self._record_every = _record_every(plant.simulation)
+        self._record_every = _record_every(plant.simulation.dt_s)
         self._drawn = drawn
         self._told = 0
         self._by: Counter[str] = Counter()
@@ -179,10 +179,10 @@ def river_from_profile(
 
     profile: of the first vessel, and `progress` what that is up to.
     """
+    if not has_waterway(profile):
+        return None
     simulation = plant.simulation
     waterway = simulation.waterway
-    if waterway is OPEN_WATER:
-        return None
     debris, mission = profile.world.debris, profile.mission
     start = (mission.start.north_m, mission.start.east_m)
     legs = MissionLegs([start, *mission.waypoints_ned_m])
@@ -199,8 +199,8 @@ def river_from_profile(
     return RiverNode(plant, encounters, port, profile.recording.scene, progress)
 
 
-def _record_every(simulation: Simulation) -> int:
-    return max(round(1.0 / (RECORD_RATE_HZ * simulation.dt_s)), 1)
+def _record_every(dt_s: float) -> int:
+    return max(round(1.0 / (RECORD_RATE_HZ * dt_s)), 1)
 
 
 def _record_bodies(recorder: Recorder, now_ns: int, debris: DebrisState) -> None:

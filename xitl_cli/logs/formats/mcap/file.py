@@ -270,7 +270,7 @@ class SaidOfVessel(Selection):
         self.name, self.instance = table.name, table.instance
 
     @cached_property
-    def _index(self) -> NDArray[np.intp]:
+    def _index(self) -> NDArray[np.intp]:  # type: ignore[override]
         if "name" not in self._table.columns:
             return np.arange(len(self._table), dtype=np.intp)
         speakers = [str(name).partition("/")[0] for name in self._table.values("name")]
