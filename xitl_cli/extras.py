@@ -29,4 +29,6 @@ PERCEPTION = Extra("perception", ("embreex", "kiss_icp", "trimesh"), "lidar, son
 PANDAS = Extra("pandas", ("pandas",), "tables of logs as data frames")
 PARQUET = Extra("parquet", ("pyarrow",), "export of logs to Parquet")
 REPORT = Extra("report", ("plotly",), "pages of logs with plots and a map")
-EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT)
+CAMPAIGN = Extra("campaign", ("dask", "distributed", "pyarrow"), "campaigns: many runs, searches, sensitivities")
+SEARCH = Extra("campaign", ("optuna", "SALib", "scipy"), "searches over several axes and sensitivities of campaigns")
+EXTRAS = (PERCEPTION, PANDAS, PARQUET, REPORT, CAMPAIGN)

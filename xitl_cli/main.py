@@ -76,6 +76,7 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     import typer.core
 
     from xitl_cli.commands import doctor, init, sim, validate, wdri
+    from xitl_cli.commands.campaign import CampaignGroup
     from xitl_cli.commands.map import map_command
     from xitl_cli.commands.options import usual_spelling
 
@@ -106,7 +107,8 @@ def _app(arguments: Sequence[str] | None = None) -> typer.Typer:
     app.command("map")(map_command)
     app.command("validate")(validate.validate)
     for name, (text, fill) in _GROUPS.items():
-        group = typer.Typer(help=text, no_args_is_help=name != "agent", rich_markup_mode=markup, cls=WrappedGroup)
+        kind = CampaignGroup if name == "campaign" else WrappedGroup
+        group = typer.Typer(help=text, no_args_is_help=name != "agent", rich_markup_mode=markup, cls=kind)
         if arguments is None or name in arguments:
             fill(group)
         app.add_typer(group, name=name)
@@ -180,6 +182,12 @@ def _world(group: typer.Typer) -> None:
     group.command("launch")(world.launch)
 
 
+def _campaign(group: typer.Typer) -> None:
+    from xitl_cli.commands import campaign
+
+    group.command(campaign.DEFAULT_COMMAND)(campaign.run)
+
+
 def _paper(group: typer.Typer) -> None:
     from xitl_cli.commands import paper
 
@@ -195,6 +203,7 @@ _GROUPS: Mapping[str, tuple[str, Callable[[typer.Typer], None]]] = {
     "firmware": ("Download the firmware of other autopilots.", _firmware),
     "logs": ("Look into the logs of vehicles and runs.", _logs),
     "world": ("Put things into the world of a run.", _world),
+    "campaign": ("Run a plan of many runs: `xitl campaign PLAN.yaml`; compare two.", _campaign),
     "paper": ("Repeat the experiments of the paper.", _paper),
 }
 

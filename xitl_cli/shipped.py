@@ -12,6 +12,11 @@ def profiles_dir() -> Path:
     return _shipped("profiles")
 
 
+def campaigns_dir() -> Path:
+    """The folder of the shipped plans of campaigns."""
+    return _shipped("campaigns")
+
+
 def firmware_params_dir() -> Path:
     """The folder of the shipped parameter files (`*.parm`)."""
     return _shipped("firmware_params")

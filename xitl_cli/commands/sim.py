@@ -29,6 +29,15 @@ def sim(
             "--profile", "-p", metavar="PROFILE", help="The same, as an option.", autocompletion=complete_profile
         ),
     ] = None,
+    parts: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with",
+            metavar="PART",
+            help="Lay a part on the profile: environments/calm, faults/lossy-link, or a path. Repeatable.",
+            autocompletion=complete_profile,
+        ),
+    ] = None,
     overrides: Set = None,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="DIR", help="Run directory (default: runs/<profile>-<time>).")
@@ -72,7 +81,7 @@ def sim(
         raise UserError(f"{profile} and --profile {profile_option}: are two profiles; give one of them")
     options = {"clock.duration_s": duration, "clock.mode": clock, "clock.seed": seed, "autopilot.firmware": firmware}
     given = [f"{key}={value}" for key, value in options.items() if value is not None]
-    found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given])
+    found = load_with_origins(profile or profile_option or DEFAULT_PROFILE, [*(overrides or []), *given], parts or ())
     loaded = found.profile
     console = terminal(stderr=as_json)
     result = run(

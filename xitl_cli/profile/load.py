@@ -11,7 +11,7 @@ from xitl_cli.errors import UserError
 from xitl_cli.profile.checks import check, check_fleet, check_vessel
 from xitl_cli.profile.files import parameter_files
 from xitl_cli.profile.files.catalogue import SUFFIXES, find_profile
-from xitl_cli.profile.files.compose import at_speed_of_vessel, compose, override
+from xitl_cli.profile.files.compose import at_speed_of_vessel, compose, lay_on, override
 from xitl_cli.profile.files.entry import Entry, Key, KeyPath, Origin, Problem, ProfileError
 from xitl_cli.profile.fleet import is_fleet, read_fleet, unfold, unfolded_entry
 from xitl_cli.profile.leftovers import leftovers
@@ -63,17 +63,29 @@ def load_profile(name: str, overrides: Iterable[str] = ()) -> Profile:
     return load_with_origins(name, overrides).profile
 
 
-def load_with_origins(name: str, overrides: Iterable[str] = ()) -> LoadedProfile:
-    """As `load_profile`, keeping where every value was written."""
+def load_with_origins(name: str, overrides: Iterable[str] = (), parts: Iterable[str] = ()) -> LoadedProfile:
+    """As `load_profile`, keeping where every value was written. parts: of profiles, laid on it before `overrides`."""
     overrides = tuple(overrides)
     path = find_profile(name)
     try:
-        entry = _with_absolute_paths(override(compose(path), overrides))
-        profile, entry = checked_profile(entry, name)
-        return LoadedProfile(profile, path, entry)
+        entry = compose(path)
+        for part in parts:
+            entry = lay_on(entry, find_profile(part))
+        return loaded_profile(prepared(override(entry, overrides)), path, name)
     except ProfileError as error:
         called = " ".join([shlex.quote(name), *(f"--set {shlex.quote(text)}" for text in overrides)])
         raise ProfileError(error.problems, called) from None
+
+
+def prepared(entry: Entry) -> Entry:
+    """A composed profile as it is read: paths absolute, without the faults that are null."""
+    return _with_absolute_paths(_without_null_faults(entry))
+
+
+def loaded_profile(entry: Entry, path: Path, name: str) -> LoadedProfile:
+    """The checked profile in a prepared entry. Raises ProfileError with all problems."""
+    profile, entry = checked_profile(entry, name)
+    return LoadedProfile(profile, path, entry)
 
 
 def checked_profile(entry: Entry, name: str) -> tuple[Profile, Entry]:
@@ -122,6 +134,18 @@ def _with_graph(profile: Profile) -> Profile:
 def _refuse(problems: list[Problem], name: str) -> None:
     if problems:
         raise ProfileError(problems, name)
+
+
+def _without_null_faults(entry: Entry) -> Entry:
+    """`faults: {gnss-dropout: null}` takes away a fault of what is extended."""
+    faults = entry.child("faults")
+    if faults is None or not isinstance(faults.value, dict):
+        return entry
+    left = {name: fault for name, fault in faults.value.items() if fault.value is not None}
+    if len(left) == len(faults.value):
+        return entry
+    assert isinstance(entry.value, dict)
+    return Entry({**entry.value, "faults": Entry(left, faults.origin, faults.replaced)}, entry.origin)
 
 
 def _with_absolute_paths(entry: Entry) -> Entry:

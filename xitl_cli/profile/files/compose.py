@@ -34,6 +34,23 @@ def override(profile: Entry, overrides: Iterable[str]) -> Entry:
     return profile
 
 
+def lay_on(profile: Entry, part: Path) -> Entry:
+    """`profile` with the part in the file at `part` laid on it, as if a file extended both."""
+    laid = _composed(part, ())
+    assert isinstance(laid.value, dict)
+    return laid_on(profile, Entry({key: one for key, one in laid.value.items() if key not in OWN_KEYS}, laid.origin))
+
+
+def place(profile: Entry, key: str, value: Entry) -> Entry:
+    """`profile` with a value merged in at a dotted key; a number in it is the index of a list."""
+    keys = [part.strip() for part in key.split(".")]
+    if not all(keys):
+        raise _error(value.origin, f"{shown(key)} is not a key; write for example environment.wind.mean_mps")
+    if keys[0] == "extends":
+        raise _error(value.origin, "extends cannot be set; lay a part on the profile, or extend both in a file")
+    return _placed(profile, keys, 0, value)
+
+
 def _composed(path: Path, chain: tuple[Path, ...]) -> Entry:
     entry = read_yaml(path, shown_path(path))
     inherits = (*chain, path.resolve())

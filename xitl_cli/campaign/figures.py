@@ -1,0 +1,104 @@
+"""Figures of a run: dotted paths into its summary, with units as they are there (docs/recording.md)."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+USUAL = (
+    "duration_s",
+    "mission.waypoints_reached",
+    "mission.cross_track_rms_m",
+    "mission.cross_track_max_m",
+    "estimation.position_rms_m",
+    "estimation.heading_rms_deg",
+    "collisions.count",
+)
+"""What is kept of every summary where a plan says nothing."""
+COMPLETED = "driver.completed"
+"""The verdict where a plan has none."""
+RUN_FIGURES = ("duration_s", "driver", "verdict", "ended", "wall_s", "real_time_factor", "encounters", "debris", "pace")
+_MISSING = object()
+
+
+def figure(summary: Mapping[str, Any], path: str) -> Any:
+    """The value at a dotted path (`links.0.lost`), None where it is null or below something that is.
+
+    Raises KeyError where there is none.
+    """
+    found: Any = summary
+    for key in path.split("."):
+        below: Any = _MISSING
+        if found is None:
+            return None
+        if isinstance(found, Mapping):
+            below = found.get(key, _MISSING)
+        elif isinstance(found, Sequence) and not isinstance(found, str) and key.isdigit():
+            below = found[int(key)] if int(key) < len(found) else _MISSING
+        if below is _MISSING:
+            raise KeyError(path)
+        found = below
+    return found
+
+
+def figures(summary: Mapping[str, Any] | None, paths: Iterable[str]) -> dict[str, Any]:
+    """Those of a summary by path; None where it has none, as after a crash, and for groups."""
+    found = {}
+    for path in paths:
+        try:
+            value = None if summary is None else figure(summary, path)
+        except KeyError:
+            value = None
+        found[path] = value if isinstance(value, (str, int, float, bool, list)) else None
+    return found
+
+
+def null_group(summary: Mapping[str, Any], path: str) -> str | None:
+    """The group on the way to a figure that is null in this summary, as `companion` without a companion."""
+    keys = path.split(".")
+    for depth in range(1, len(keys)):
+        above = ".".join(keys[:depth])
+        try:
+            if figure(summary, above) is None:
+                return above
+        except KeyError:
+            return None
+    return None
+
+
+def absent_figure(summary: Mapping[str, Any], paths: Iterable[str]) -> tuple[str, str] | None:
+    """The first path that this summary does not have, or that is a group, and how to put it right."""
+    for path in paths:
+        try:
+            value = figure(summary, path)
+        except KeyError:
+            known = sorted(_paths(summary, ""))
+            last = path.rpartition(".")[2]
+            close = [one for one in known if one.rpartition(".")[2] == last][:2]
+            close = close or difflib.get_close_matches(path, known, n=1, cutoff=0.5)
+            fix = f"did you mean {' or '.join(close)}?" if close else "docs/recording.md lists them"
+            return path, f"is no figure of a summary; {fix}"
+        if isinstance(value, Mapping):
+            return path, f"is a group of figures; name one: {', '.join(f'{path}.{key}' for key in list(value)[:4])}"
+    return None
+
+
+def _paths(value: Any, above: str) -> Iterator[str]:
+    if isinstance(value, Mapping):
+        for key, below in value.items():
+            yield from _paths(below, f"{above}.{key}" if above else str(key))
+    elif isinstance(value, Sequence) and not isinstance(value, str) and value and isinstance(value[0], Mapping):
+        for number, below in enumerate(value):
+            yield from _paths(below, f"{above}.{number}")
+    else:
+        yield above
+
+
+def usual_figures(vessels: Sequence[str] = ()) -> tuple[str, ...]:
+    """`USUAL`, of a fleet for each of its vessels by name."""
+    if not vessels:
+        return USUAL
+    run = [path for path in USUAL if path.split(".")[0] in RUN_FIGURES]
+    own = [path for path in USUAL if path not in run]
+    return (*run, *(f"vessels.{vessel}.{path}" for vessel in vessels for path in own))

@@ -1,0 +1,352 @@
+"""`xitl campaign`: many runs of a plan."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+import typer.core
+
+from xitl_cli.commands.options import Json
+from xitl_cli.commands.output import quiet_pipe, still_read
+from xitl_cli.commands.terminal import say, show_facts, show_rows, terminal
+from xitl_cli.errors import UserError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from xitl_cli.campaign.engine import Progress
+    from xitl_cli.campaign.plan import Plan
+    from xitl_cli.campaign.results import CampaignFolder, ResultTable
+
+MANY = 10_000
+"""More runs than that are asked about."""
+PASSED, SOME_FAILED, INTERRUPTED = 0, 1, 130
+DEFAULT_COMMAND = "run"
+_SHOWN = 20
+_LINE_EVERY_S = 10.0
+
+
+class CampaignGroup(typer.core.TyperGroup):
+    """`xitl campaign PLAN.yaml` is `xitl campaign run PLAN.yaml`."""
+
+    default_command = DEFAULT_COMMAND
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As of click."""
+        if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
+            args = [DEFAULT_COMMAND, *args]
+        return super().parse_args(ctx, args)
+
+
+def run(
+    plan: Annotated[
+        str,
+        typer.Argument(metavar="PLAN", help="A plan: a YAML file, or the name of a shipped one (docs/campaigns.md)."),
+    ],
+    on: Annotated[
+        str | None,
+        typer.Option("--on", metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786; this machine if left out."),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers", metavar="N", min=1, max=1024, help="Runs at once on this machine (default: a core each)."
+        ),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what an earlier one left; see --out.")] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write a page with plots into the campaign's folder.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help=f"Do not ask when there are more than {MANY} runs.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="DIR", help="Folder (default: runs/<plan>-<time>; with --resume the latest of the plan)."
+        ),
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would run, and run nothing.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Run a plan: many runs of a profile on all cores, or on a Dask cluster.
+
+    Exit code: 0 all runs passed; 1 some did not; 2 something to put right; 130 interrupted, --resume goes on.
+    """
+    from xitl_cli.campaign.plan import find_plan, read_plan
+
+    found = read_plan(find_plan(plan))
+    if on is not None and workers is not None:
+        raise UserError("--workers is of this machine, --on is another's scheduler; give one of them")
+    if dry_run:
+        with quiet_pipe():
+            _show_points(found, as_json)
+        return
+    table, complete = _carried_out(found, on, workers, resume, yes, out, as_json)
+    page = _report(table) if report else None
+    with still_read():
+        if as_json:
+            typer.echo(json.dumps(result_document(table, complete, page), indent=2, allow_nan=False))
+        else:
+            show_table(terminal(), table, page)
+    if not complete:
+        raise typer.Exit(INTERRUPTED)
+    raise typer.Exit(PASSED if all(row["passed"] for row in table.rows) else SOME_FAILED)
+
+
+def _carried_out(
+    plan: Plan, on: str | None, workers: int | None, resume: bool, yes: bool, out: Path | None, as_json: bool
+) -> tuple[ResultTable, bool]:
+    """The table, and whether all runs are there."""
+    from xitl_cli.campaign.cluster import check_installed
+    from xitl_cli.campaign.engine import Campaign, try_first_run
+
+    check_installed()
+    total = _count(plan, yes)
+    folder = _folder(plan, out, resume)
+    console = terminal(stderr=True)
+    if not folder.done:
+        try_first_run(plan)
+    say(console, f"{total} runs of {plan.base.name}, in {folder.path}")
+    interrupted = False
+    with _shown_progress(console) as watch:
+        try:
+            with _workers(plan, on, workers, folder, watch) as (found, name):
+                campaign = Campaign(plan, folder, found, total, watch, name)
+                for _ in campaign.run():
+                    pass
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            folder.close()
+    folder.write_table()
+    if interrupted:
+        left = total - len(folder.done)
+        say(console, f"interrupted with {left} of {total} runs left; --resume --out {folder.path} goes on")
+    return folder.table(), not interrupted
+
+
+@contextmanager
+def _workers(
+    plan: Plan, on: str | None, count: int | None, folder: CampaignFolder, watch: _Watch
+) -> Iterator[tuple[Any, str]]:
+    import uuid
+
+    from xitl_cli.campaign.cluster import local_workers, workers_at
+
+    name = uuid.uuid4().hex[:12]
+    kept = None if plan.spec.recordings == "none" else folder.path
+    opened = local_workers(count, name) if on is None else workers_at(on, name, kept)
+    with opened as workers:
+        watch.where(workers.threads, on, workers.dashboard)
+        yield workers, name
+
+
+def _count(plan: Plan, yes: bool) -> int:
+    """How many runs there are; many of them only after a yes. Raises UserError for none, and without a yes."""
+    most = plan.most_runs()
+    if most > MANY and not yes:
+        _ask(plan, most)
+    total = sum(1 for _ in plan.points())
+    if total == 0:
+        why = "no combination fulfils the constraints" if plan.constraints else "an axis has no values"
+        raise plan.problem("constraints" if plan.constraints else "axes", f"axes: the plan has no runs: {why}")
+    return total
+
+
+def _ask(plan: Plan, most: int) -> None:
+    at_most = "up to " if plan.constraints else ""
+    factors = " × ".join([*(f"{len(axis.values) or axis.count} of {axis.key}" for axis in plan.axes)])
+    what = f"{at_most}{most} runs ({factors}{' × ' if factors else ''}{len(plan.seeds)} seeds)"
+    if not sys.stdin.isatty():
+        raise UserError(f"{plan.path}: has {what}; add --yes if that is meant")
+    if not typer.confirm(f"{plan.path}: has {what}. Run them all?", default=False, err=True):
+        raise UserError(f"{plan.path}: nothing was run; take fewer values, or combine: latin_hypercube with samples")
+
+
+def _folder(plan: Plan, out: Path | None, resume: bool) -> CampaignFolder:
+    from xitl_cli.campaign.results import CAMPAIGN, CampaignFolder
+
+    if not resume:
+        return CampaignFolder.create(out or _default_out(plan), plan)
+    if out is None:
+        before = sorted(Path("runs").glob(f"{plan.name}-*/{CAMPAIGN}"), key=lambda path: path.stat().st_mtime)
+        if not before:
+            raise UserError(
+                f"runs/{plan.name}-…: no campaign of this plan is there; name it with --out, or leave --resume"
+            )
+        out = before[-1].parent
+    return CampaignFolder.resume(out, plan)
+
+
+def _default_out(plan: Plan) -> Path:
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
+    path, number = Path("runs") / f"{plan.name}-{stamp}", 1
+    while path.exists():
+        number += 1
+        path = Path("runs") / f"{plan.name}-{stamp}-{number}"
+    return path
+
+
+class _Watch:
+    """Tells how far a campaign is: one line that changes at a terminal, one now and then elsewhere."""
+
+    def __init__(self, show: Callable[[str], None], every_s: float) -> None:
+        self._show, self._every_s = show, every_s
+        self._place, self._next_s = "", 0.0
+
+    def where(self, threads: int, on: str | None, dashboard: str | None) -> None:
+        at = f"{threads} at once {'here' if on is None else f'on {on}'}"
+        self._place = f"{at}, dashboard {dashboard}" if dashboard else at
+        self._show(self._place)
+
+    def __call__(self, progress: Progress) -> None:
+        if time.monotonic() < self._next_s and progress.done != progress.total:
+            return
+        self._next_s = time.monotonic() + self._every_s
+        self._show(progress_text(progress))
+
+
+def progress_text(progress: Progress) -> str:
+    """One line: how many of how many, rate, estimate of the end, failures so far by status."""
+    words = [f"{progress.done} of {progress.total} runs" if progress.total is not None else f"{progress.done} runs"]
+    if (rate_hz := progress.rate_hz) is not None:
+        words.append(f"{rate_hz:.1f} a second" if rate_hz >= 1 else f"{rate_hz * 60:.1f} a minute")
+    if (left_s := progress.left_s) is not None and progress.done != progress.total:
+        words.append(f"{duration_text(left_s)} left")
+    failed = progress.done - progress.passed
+    words.append(f"{failed} did not pass" if failed else "all passed" if progress.done else "none ended yet")
+    troubles = [f"{count} {status}" for status, count in sorted(progress.statuses.items()) if status != "completed"]
+    return ", ".join(words) + (f" ({', '.join(troubles)})" if troubles else "")
+
+
+def duration_text(seconds: float) -> str:
+    """`2 h 05 min`, `4 min 10 s`, `12 s`."""
+    whole = round(seconds)
+    if whole >= 3600:
+        return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+    return f"{whole // 60} min {whole % 60:02d} s" if whole >= 60 else f"{whole} s"
+
+
+@contextmanager
+def _shown_progress(console: Console) -> Iterator[_Watch]:
+    if not console.is_terminal:
+        yield _Watch(lambda text: say(console, text), _LINE_EVERY_S)
+        return
+    from rich.text import Text
+
+    with console.status("starting workers") as status:
+        yield _Watch(lambda text: status.update(Text(text)), 0.2)
+
+
+def _report(table: ResultTable) -> Path:
+    from importlib import import_module
+
+    page: Path = import_module("xitl_cli.campaign.report").write_report(table)
+    return page
+
+
+def _show_points(plan: Plan, as_json: bool) -> None:
+    """`--dry-run`."""
+    keys = (*plan.axis_keys, "seed")
+    points = plan.points()
+    if as_json:
+        for point in points:
+            row = {**plan.base_values, **point.values, "seed": point.seed, "command": plan.base.command(point)}
+            print(json.dumps({"number": point.number, **row}, default=list))
+        return
+    console, rows, total = terminal(), [], 0
+    for point in points:
+        total += 1
+        if total <= _SHOWN:
+            values = {**plan.base_values, **point.values, "seed": point.seed}
+            rows.append([str(point.number), *(value_text(values.get(key)) for key in keys)])
+        elif total > MANY:
+            total = plan.most_runs()
+            break
+    show_rows(console, ("run", *keys), rows, text=())
+    rest = f"{total - len(rows)} more; " if total > len(rows) else ""
+    verdicts = ", ".join(verdict.text for verdict in plan.verdicts)
+    say(console, f"{rest}{total} runs in all. A run passes when: {verdicts}")
+    first = next(plan.points(), None)
+    if first is not None:
+        say(console, f"the first: {plan.base.command(first)}")
+
+
+def value_text(value: Any) -> str:
+    """A value of an axis or a figure, as tables show it."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return ", ".join(map(value_text, value)) if isinstance(value, (tuple, list)) else str(value)
+
+
+def result_document(table: ResultTable, complete: bool, page: Path | None) -> dict[str, Any]:
+    """What `--json` prints."""
+    from collections import Counter
+
+    from xitl_cli.campaign.statistics import wilson_interval
+
+    verdicts = []
+    for text in (*table.verdicts, "passed"):
+        held = sum(value is True for value in table.column(text))
+        share = wilson_interval(held, len(table))
+        verdicts.append({"verdict": text, "held": held, "runs": len(table), "low": share.low, "high": share.high})
+    return {
+        "campaign": table.about["name"],
+        "directory": str(table.folder),
+        "complete": complete,
+        "runs": len(table),
+        "statuses": dict(Counter(table.column("status"))),
+        "passed": sum(bool(row["passed"]) for row in table.rows),
+        "verdicts": verdicts,
+        "worst": [{key: row[key] for key in ("number", "status", "error", "command")} for row in table.worst()],
+        "report": None if page is None else str(page),
+    }
+
+
+def show_table(console: Console, table: ResultTable, page: Path | None) -> None:
+    """What a campaign comes to: statuses, verdicts with their intervals, the worst runs and how to repeat them."""
+    from collections import Counter
+
+    from xitl_cli.campaign.statistics import wilson_interval
+
+    count = len(table)
+    statuses = Counter(table.column("status"))
+    passed = sum(bool(row["passed"]) for row in table.rows)
+    told = ", ".join(f"{number} {status}" for status, number in statuses.most_common())
+    console.print()
+    say(console, f"{passed} of {count} runs passed ({told})", "green" if passed == count else "red")
+    rows = []
+    for text in (*table.verdicts, *(["all of them"] if len(table.verdicts) > 1 else [])):
+        column = "passed" if text == "all of them" else text
+        held = sum(value is True for value in table.column(column))
+        interval = wilson_interval(held, count)
+        rows.append(
+            [
+                text,
+                f"{held} of {count}",
+                f"{100 * held / max(count, 1):.1f} %",
+                f"{100 * interval.low:.1f} – {100 * interval.high:.1f} %",
+            ]
+        )
+    console.print()
+    show_rows(console, ("verdict", "held", "share", "95 % interval"), rows)
+    worst = table.worst()
+    if worst:
+        console.print()
+        say(console, "worst runs", "bold")
+        for row in worst:
+            why = row["error"] or ", ".join(text for text in table.verdicts if row.get(text) is not True)
+            show_facts(console, [(f"{row['number']}", f"{row['status']}: {why}"), ("", row["command"])])
+    console.print()
+    say(console, f"{table.folder}: results.jsonl, results.parquet" + (f", {page.name}" if page else ""))
