@@ -36,8 +36,12 @@ from sim_core.world.hull_contact import (
     Hulls,
     compute_hull_contacts,
     find_close_hulls,
+    find_close_pairs,
 )
-from sim_core.world.plan import Capsules, Numbers
+from sim_core.world.plan import Capsules, Numbers, Walls
+from sim_core.world.rays import Bodies
+from sim_core.world.seen_hull import SeenHull
+from sim_core.world.traffic import ScriptedVessel, scripted_motion
 from sim_core.world.waterway import OPEN_WATER, Afloat, StepTimes, Waterway
 
 
@@ -47,14 +51,17 @@ class Fleet:
 
     batches: one simulation a model, all of one environment and waterway. members: of each batch, the numbers of its
     vessels in the order of its rows. rows: of each vessel, its batch and its row there. names: of the vessels.
-    hulls: of all vessels, batch by batch.
+    traffic: the scripted ones. hulls: of all vessels, batch by batch, then of the scripted ones. shapes: in the same
+    order, what of them is seen.
     """
 
     batches: tuple[Simulation, ...]
     members: tuple[Numbers, ...]
     rows: tuple[tuple[int, int], ...]
     names: tuple[str, ...]
+    traffic: tuple[ScriptedVessel, ...]
     hulls: Hulls
+    shapes: tuple[SeenHull, ...]
 
     @classmethod
     def from_spec(
@@ -64,6 +71,7 @@ class Fleet:
         dt_s: float,
         waterway: Waterway = OPEN_WATER,
         names: Sequence[str] = (),
+        traffic: Sequence[ScriptedVessel] = (),
     ) -> Fleet:
         """One model a vessel; their numbers stand for names that are not given.
 
@@ -71,10 +79,11 @@ class Fleet:
         `Simulation.from_spec`.
         """
         names = tuple(names) or tuple(str(number) for number in range(len(models)))
+        called = [*names, *(vessel.name for vessel in traffic)]
         if not models:
             raise ValueError("a fleet has no vessels; give at least one model")
-        if len(set(names)) != len(models) or len(names) != len(models):
-            raise ValueError(f"{len(models)} vessels are called {', '.join(names)}; give each a name of its own")
+        if len(names) != len(models) or len(set(called)) != len(called):
+            raise ValueError(f"{len(models)} vessels are called {', '.join(called)}; give each a name of its own")
         if waterway is OPEN_WATER:  # there are others to run into
             waterway = Waterway(Capsules.joined(()))
         kinds: list[VesselSpec] = []
@@ -89,13 +98,20 @@ class Fleet:
         }
         batches = tuple(Simulation.from_spec(kind, environment, dt_s, waterway) for kind in kinds)
         sequence = np.concatenate(members).tolist()
+        seen = [SeenHull.of_model(kind) for kind in kinds]
         return cls(
             batches=batches,
             members=members,
             rows=tuple(row[vessel] for vessel in range(len(models))),
             names=names,
+            traffic=tuple(traffic),
             hulls=Hulls.from_outlines(
-                [batches[batch[vessel]].outline for vessel in sequence], [names[vessel] for vessel in sequence]
+                [*(batches[batch[vessel]].outline for vessel in sequence), *(vessel.outline for vessel in traffic)],
+                [*(names[vessel] for vessel in sequence), *(vessel.name for vessel in traffic)],
+            ),
+            shapes=(
+                *(seen[batch[vessel]] for vessel in sequence),
+                *(SeenHull.of_meshes([vessel.mesh]) for vessel in traffic),
             ),
         )
 
@@ -122,6 +138,11 @@ class Fleet:
     def of(self, number: int) -> Simulation:
         """What a vessel is and what surrounds it: goes with its `state_of`."""
         return self.batches[self.rows[number][0]]
+
+    def place_of(self, number: int) -> int:
+        """Of a vessel among `hulls` and `shapes`."""
+        batch, row = self.rows[number]
+        return sum(len(members) for members in self.members[:batch]) + row
 
     def by_model(self, commands: Sequence[Sequence[float]]) -> list[Array]:
         """Commands by vessel (C,) as those that `step` takes: an array (N, C) a batch."""
@@ -237,14 +258,50 @@ def held(fleet: Fleet, state: FleetState, before: FleetState, numbers: Sequence[
 
 
 def joined_motion(fleet: Fleet, state: FleetState) -> Kinematics:
-    """Of all vessels, batch by batch, as `Fleet.hulls` has them."""
+    """Of all vessels, batch by batch, then of the scripted ones: in the order of `Fleet.hulls`."""
     motions = [one.vessel.motion for one in state.batches]
+    if fleet.traffic:
+        motions.append(scripted_motion(fleet.traffic, state.time_ns * 1e-9))
     if len(motions) == 1:
         return motions[0]
     return Kinematics(*(np.concatenate([getattr(each, name) for each in motions]) for name in _MOTION))
 
 
 _MOTION = tuple(field.name for field in fields(Kinematics))
+
+
+def drifting_bodies(fleet: Fleet, state: FleetState, but: int | None = None) -> Bodies:
+    """What drifts and the hulls of all vessels, scripted ones too, for ray casting, without that of vessel `but`."""
+    motion = joined_motion(fleet, state)
+    others = _others(fleet, but)
+    hulls = Bodies(
+        tuple(fleet.shapes[number].mesh for number in others.tolist()),
+        motion.pos_ned_m[others],
+        motion.vel_ned_mps[others],
+        motion.rot_ned_frd[others],
+    )
+    debris = simulations.drifting_bodies(fleet.batches[0], state.batches[0])
+    return hulls if not debris.meshes else debris.joined(hulls)
+
+
+def hull_walls(fleet: Fleet, state: FleetState, but: int, within_m: float) -> Walls:
+    """The sides of the hulls of all vessels within a range of vessel `but`, without its own, for range sensors."""
+    motion = joined_motion(fleet, state)
+    others = _others(fleet, but)
+    between = motion.pos_ned_m[others, :2] - motion.pos_ned_m[fleet.place_of(but), :2]
+    near = np.vecdot(between, between) < (within_m + fleet.hulls.reach_m[others]) ** 2
+    return Walls.of_parts(
+        [
+            fleet.shapes[number].walls(motion.pos_ned_m[number], motion.rot_ned_frd[number])
+            for number in others[near].tolist()
+        ]
+    )
+
+
+def _others(fleet: Fleet, but: int | None) -> Numbers:
+    """Places in `Fleet.hulls` of all vessels but one."""
+    everybody = np.arange(len(fleet.shapes))
+    return everybody if but is None else np.delete(everybody, fleet.place_of(but))
 
 
 def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> tuple[CloseHulls, list[Afloat]]:
@@ -262,7 +319,8 @@ def _touched(fleet: Fleet, state: FleetState, environment: EnvironmentState) -> 
     )
     close = state.close
     if state.time_ns % lead.drift_ns == 0:
-        close = find_close_hulls(fleet.hulls, np.concatenate([motion.pos_ned_m[:, :2] for motion in motions]))
+        motion = joined_motion(fleet, state)
+        close = find_close_hulls(fleet.hulls, find_close_pairs(fleet.hulls, motion.pos_ned_m[:, :2]), motion)
     if not len(close):
         return close, afloat
     motion = joined_motion(fleet, state)

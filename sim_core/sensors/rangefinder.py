@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,9 +17,12 @@ from sim_core.sensors.measurement import (
     digitiser,
 )
 from sim_core.sensors.spec import ObstacleScannerSpec, RangefinderSpec
-from sim_core.world.plan import Walls
+from sim_core.world.plan import OPEN_WATER, Walls
 
-OPEN_WATER = Walls.joined(())
+_ASIDE = 0.2  # of the beam, that goes out to a side
+
+HullsAround = Callable[[float], Walls]
+"""The sides of what else sails within a range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +44,15 @@ class Rangefinder:
     Through `water` it meets the level bed at bed_down_m (down coordinate) and walls, through `air` the still surface at
     surface_down_m and walls. On a level plane the beam answers from its point nearest to the vertical; walls are met by
     its middle. Limits of the unit are not applied.
+
+    hulls: of others now, within a range of the vessel; None for nobody.
     """
 
     spec: RangefinderSpec
     bed_down_m: float
     surface_down_m: float = 0.0
     walls: Walls = OPEN_WATER
+    hulls: HullsAround | None = None
     _position: Array = field(init=False, repr=False, compare=False)
     _direction: Array = field(init=False, repr=False, compare=False)
     _half_beam: float = field(init=False, repr=False, compare=False)
@@ -59,6 +66,8 @@ class Rangefinder:
         put(self, "_direction", np.array(self.spec.direction_frd) / length)
         put(self, "_half_beam", math.radians(self.spec.beam_deg) / 2)
         put(self, "_output", digitiser(self.spec.resolution_m))
+        if math.hypot(*self.spec.direction_frd[:2]) < _ASIDE * length:  # above or below it nobody sails
+            put(self, "hulls", None)
 
     def initial(self, vessels: int, rng: Generator) -> RangefinderState:
         """Nothing."""
@@ -71,6 +80,10 @@ class Rangefinder:
         origin = truth.pos_ned_m + truth.rot_ned_frd @ self._position
         ray = truth.rot_ned_frd @ self._direction
         distance = np.minimum(self._to_plane_m(origin, ray), self.walls.range_m(origin, ray[:, None])[:, 0])
+        if self.hulls is not None:
+            around = self.hulls(self.spec.max_range_m)
+            if around is not OPEN_WATER:
+                distance = np.minimum(distance, around.range_m(origin, ray[:, None])[:, 0])
         noise = rng.standard_normal((2, len(distance)))
         nothing = np.isinf(distance)
         finite = np.where(nothing, 0.0, distance)
@@ -107,10 +120,14 @@ class ScanState:
 
 @dataclass(frozen=True, slots=True)
 class ObstacleScanner:
-    """The nearest of five rays in each sector of five degrees, with noise; heights, roll and pitch are left out."""
+    """The nearest of five rays in each sector of five degrees, with noise; heights, roll and pitch are left out.
+
+    hulls: of others now, within a range of the vessel; None for nobody.
+    """
 
     spec: ObstacleScannerSpec
     walls: Walls
+    hulls: HullsAround | None = None
     _position: Array = field(init=False, repr=False, compare=False)
     _rays: Array = field(init=False, repr=False, compare=False)
 
@@ -129,6 +146,11 @@ class ObstacleScanner:
         heading = np.arctan2(truth.rot_ned_frd[:, 1, 0], truth.rot_ned_frd[:, 0, 0])
         angle = heading[:, None] + self._rays
         direction = np.stack([np.cos(angle), np.sin(angle)], axis=2)
-        ranges = self.walls.range_in_plan_m(origin[:, :2], direction).reshape(-1, SECTORS, _RAYS).min(axis=2)
+        ranges = self.walls.range_in_plan_m(origin[:, :2], direction)
+        if self.hulls is not None:
+            around = self.hulls(self.spec.max_range_m)
+            if around is not OPEN_WATER:
+                ranges = np.minimum(ranges, around.range_in_plan_m(origin[:, :2], direction))
+        ranges = ranges.reshape(-1, SECTORS, _RAYS).min(axis=2)
         noise = self.spec.noise_m * rng.standard_normal(ranges.shape)
         return state, ScanSample(np.maximum(ranges + noise, 0.0))

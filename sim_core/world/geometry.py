@@ -136,6 +136,23 @@ def revolved(x_m: ArrayLike, radius_m: ArrayLike, material: Material, sides: int
     return Mesh(vertices, np.concatenate(faces).astype(int32), material)
 
 
+def prism(plan_m: ArrayLike, top_m: float, bottom_m: float, material: Material) -> Mesh:
+    """A convex polygon of x and y (P, 2), clockwise seen from above (z down), from top to bottom (z, down)."""
+    plan = np.asarray(plan_m, dtype=float64)
+    count = len(plan)
+    here = np.arange(count)
+    following = (here + 1) % count
+    top, fan = here, np.column_stack([np.zeros(count - 2, int), here[1:-1], here[2:]])
+    faces = [
+        np.column_stack([top, count + following, count + here]),
+        np.column_stack([top, following, count + following]),
+        fan[:, ::-1],
+        count + fan,
+    ]
+    levels = [np.column_stack([plan, np.full(count, level)]) for level in (top_m, bottom_m)]
+    return Mesh(np.concatenate(levels), np.concatenate(faces).astype(int32), material)
+
+
 def moved(mesh: Mesh, offset_m: ArrayLike, rotation: ArrayLike | None = None) -> Mesh:
     """The mesh turned by `rotation` (3, 3), own axes to new ones, then shifted by `offset_m` (3,)."""
     vertices = mesh.vertices_m if rotation is None else mesh.vertices_m @ np.asarray(rotation, dtype=float64).T

@@ -83,26 +83,57 @@ class CloseHulls:
 NOBODY_CLOSE = CloseHulls(_NO_NUMBERS, _NO_NUMBERS, _NO_NUMBERS)
 
 
-def find_close_hulls(hulls: Hulls, north_east_m: Array) -> CloseHulls:
-    """Which hulls of vessels at (M, 2) may touch before the next look; not of two that both follow a script."""
+def find_close_pairs(hulls: Hulls, north_east_m: Array) -> tuple[Numbers, Numbers]:
+    """(P,), (P,) vessels of M at (M, 2) whose hulls may touch before the next look, in the order of their names.
+
+    Not two that both follow a script.
+    """
     one, other = close_pairs(north_east_m, hulls.reach_m + 0.5 * NEAR_M)
     if len(one):
         free = np.isfinite(np.minimum(hulls.mass_kg[one], hulls.mass_kg[other]))
         one, other = one[free], other[free]
     if not len(one):
-        return NOBODY_CLOSE
+        return one, other
     turned = hulls.order[one] > hulls.order[other]
     one, other = np.where(turned, other, one), np.where(turned, one, other)
     sequence = np.lexsort((hulls.order[other], hulls.order[one]))
-    pairs = [
+    return one[sequence], other[sequence]
+
+
+def find_close_hulls(hulls: Hulls, pairs: tuple[Numbers, Numbers], motion: Kinematics) -> CloseHulls:
+    """Those of pairs of vessels that come near with their capsules too; `motion` is of M vessels."""
+    found = [
         (first, second)
-        for a, b in zip(one[sequence].tolist(), other[sequence].tolist(), strict=True)
+        for a, b in zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)
         for first in range(hulls.first_hull[a], hulls.first_hull[a + 1])
         for second in range(hulls.first_hull[b], hulls.first_hull[b + 1])
     ]
-    involved, places = np.unique(np.array(pairs), return_inverse=True)
+    if not found:
+        return NOBODY_CLOSE
+    close = _numbered(np.array(found))
+    capsules, _ = _capsules(hulls, close, motion, 0.5 * NEAR_M)
+    touch = touches(capsules, capsules, close.first, close.second)
+    near = np.zeros((len(close.hull), len(close.hull)), bool)
+    near[touch.first, touch.second] = True
+    kept = near[close.first, close.second]
+    if not kept.any():
+        return NOBODY_CLOSE
+    return close if kept.all() else _numbered(np.array(found)[kept])
+
+
+def _numbered(pairs: Numbers) -> CloseHulls:
+    involved, places = np.unique(pairs, return_inverse=True)
     first, second = places.reshape(-1, 2).T
     return CloseHulls(involved, first, second)
+
+
+def _capsules(hulls: Hulls, close: CloseHulls, motion: Kinematics, wider_m: float = 0.0) -> tuple[Capsules, Array]:
+    """Those that are close, and (U,) how deep their axes' sterns are."""
+    whose = hulls.vessel[close.hull]
+    ends = hulls.ends_frd_m[close.hull] @ motion.rot_ned_frd[whose].transpose(0, 2, 1)
+    ends += motion.pos_ned_m[whose][:, None]
+    radius = hulls.radius_m[close.hull] + wider_m
+    return Capsules(ends[:, 0, :2], ends[:, 1, :2], radius, ("",) * len(whose)), ends[:, 0, 2]
 
 
 def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
@@ -130,16 +161,13 @@ def close_pairs(north_east_m: Array, reach_m: Array) -> tuple[Numbers, Numbers]:
 
 def compute_hull_contacts(hulls: Hulls, close: CloseHulls, motion: Kinematics, dt_s: float) -> Contacts:
     """Two for each place where two hulls touch, one on each vessel; `motion` has M vessels."""
-    whose = hulls.vessel[close.hull]
-    ends = hulls.ends_frd_m[close.hull] @ motion.rot_ned_frd[whose].transpose(0, 2, 1)
-    ends += motion.pos_ned_m[whose][:, None]
-    capsules = Capsules(ends[:, 0, :2], ends[:, 1, :2], hulls.radius_m[close.hull], ("",) * len(whose))
+    capsules, down_m = _capsules(hulls, close, motion)
     touch = touches(capsules, capsules, close.first, close.second)
     if not len(touch.first):
         return NO_CONTACTS
+    whose = hulls.vessel[close.hull]
     one, other = whose[touch.first], whose[touch.second]
-    down_m = 0.5 * (ends[touch.first, 0, 2] + ends[touch.second, 0, 2])
-    place = np.column_stack([touch.place_ne_m, down_m])
+    place = np.column_stack([touch.place_ne_m, 0.5 * (down_m[touch.first] + down_m[touch.second])])
     velocity = (velocity_at(motion, one, place) - velocity_at(motion, other, place))[:, :2]
     mass = 1.0 / (1.0 / hulls.mass_kg[one] + 1.0 / hulls.mass_kg[other])
     stiffness = np.maximum(STIFFNESS_NPM, mass * SWING_RADPS**2)

@@ -116,6 +116,37 @@ def nearest_on_axis(points: Array, start: Array, end: Array) -> tuple[Array, Arr
     return start + share[..., None] * along, share
 
 
+def inset(corners_m: Array, by_m: float) -> Array:
+    """(P, 2) corners of a convex polygon, in turn, whose sides have all been moved inward."""
+    along = np.roll(corners_m, -1, axis=0) - corners_m
+    along = along / np.sqrt(np.vecdot(along, along))[:, None]
+    inward = np.column_stack([-along[:, 1], along[:, 0]])
+    inward *= np.sign(np.vecdot(inward, corners_m.mean(axis=0) - corners_m))[:, None]
+    # Where the lines of two sides meet: n . x = n . p + by, of the side before and of this one.
+    normals = np.stack([np.roll(inward, 1, axis=0), inward], axis=1)
+    offsets = np.vecdot(normals, corners_m[:, None]) + by_m
+    met: Array = np.linalg.solve(normals, offsets[..., None])[..., 0]
+    return met
+
+
+def convex_hull(points_m: Array) -> Array:
+    """(P, 2) corners, in turn, of the least convex polygon about points (K, 2): Andrew's (1979) monotone chain."""
+    ordered = np.unique(points_m, axis=0).tolist()
+
+    def chain(points: list[list[float]]) -> list[list[float]]:
+        kept: list[list[float]] = []
+        for x, y in points:
+            while len(kept) > 1:
+                (x0, y0), (x1, y1) = kept[-2:]
+                if (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0.0:
+                    break
+                kept.pop()
+            kept.append([x, y])
+        return kept[:-1]
+
+    return np.array(chain(ordered) + chain(ordered[::-1]))
+
+
 @dataclass(frozen=True, slots=True)
 class Wall:
     """An upright rectangle over the segment between two points (north, east), between two heights (down)."""
@@ -142,6 +173,18 @@ class Walls:
         end = np.array([wall.to_ne_m for wall in walls], dtype=np.float64).reshape(-1, 2)
         top = np.array([wall.top_down_m for wall in walls], dtype=np.float64)
         return cls(start, end - start, top, np.array([wall.bottom_down_m for wall in walls], dtype=np.float64))
+
+    @classmethod
+    def of_parts(cls, parts: Sequence[Walls]) -> Walls:
+        """All of these; of none, `OPEN_WATER`."""
+        if not parts:
+            return OPEN_WATER
+        return cls(
+            np.concatenate([part.from_ne_m for part in parts]),
+            np.concatenate([part.span_ne_m for part in parts]),
+            np.concatenate([part.top_down_m for part in parts]),
+            np.concatenate([part.bottom_down_m for part in parts]),
+        )
 
     def range_in_plan_m(self, origin_ne_m: Array, direction_ne: Array) -> Array:
         """(N, M) range to the nearest wall in plan, whatever its height, inf where there is none.
@@ -173,6 +216,9 @@ class Walls:
         hit = slanted & (along >= 0.0) & (share >= 0.0) & (share <= 1.0)
         distance: Array = np.where(hit, along, np.inf)
         return distance
+
+
+OPEN_WATER = Walls.joined(())
 
 
 def box_walls(

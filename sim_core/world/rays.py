@@ -32,6 +32,15 @@ class Bodies:
     vel_ned_mps: Array
     rot_ned_body: Array
 
+    def joined(self, other: Bodies) -> Bodies:
+        """These, then the others."""
+        return Bodies(
+            self.meshes + other.meshes,
+            np.concatenate([self.pos_ned_m, other.pos_ned_m]),
+            np.concatenate([self.vel_ned_mps, other.vel_ned_mps]),
+            np.concatenate([self.rot_ned_body, other.rot_ned_body]),
+        )
+
 
 NO_BODIES = Bodies((), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 3, 3)))
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from agent.wire.link import Link
 from agent.wire.signing import Signing
+from sim_core.sensors.rangefinder import HullsAround
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.topics import ActuatorAge, MotionEstimate
 from xitl_cli.run.core import directory
@@ -63,6 +64,7 @@ class AutopilotNode(ControlNode):
         options: AgentOptions | None = None,
         supervision: Supervision | None = None,
         interrupted: Callable[[], bool] = lambda: False,
+        hulls: HullsAround | None = None,
     ) -> None:
         self.heard = MessageRoute()
         self.ticking = ExchangePart(self._tick)
@@ -72,7 +74,7 @@ class AutopilotNode(ControlNode):
         self._interrupted = interrupted
         self._lockstep = profile.clock.mode == "lockstep"
         self._frame = local_frame(profile.site)
-        self._sensing = make_sensing(profile, seeds)
+        self._sensing = make_sensing(profile, seeds, hulls)
         self.agents = [self._connection(name) for name in autopilot_links(profile)]
         first, standby = self.agents[0], profile.autopilot.standby
         self.view = first.inbox.view

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -17,7 +18,7 @@ from sim_core.kinematics import Kinematics
 from sim_core.sensors.lidar import BodyTrack, Lidar, LidarScan, PointFates
 from sim_core.sensors.optics import Atmosphere, WaterSeen
 from sim_core.simulation import Simulation, drifting_bodies
-from sim_core.world.rays import RayCaster
+from sim_core.world.rays import Bodies, RayCaster
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
@@ -28,7 +29,8 @@ from xitl_cli.run.world.scenery import Scenery
 class LidarInstrument:
     """The lidar of the first vessel. `every`: physics steps in a frame; the first frame begins when that many are done.
 
-    A cloud goes out `latency_ns` after the end of its frame.
+    A cloud goes out `latency_ns` after the end of its frame. bodies: what rays meet now that moves, None for what
+    drifts.
     """
 
     def __init__(
@@ -39,7 +41,9 @@ class LidarInstrument:
         every: int,
         latency_ns: int,
         rng: Generator,
+        bodies: Callable[[], Bodies] | None = None,
     ) -> None:
+        self._bodies_now = bodies
         self._lidar = lidar
         self._caster = caster
         self._simulation = simulation
@@ -74,7 +78,8 @@ class LidarInstrument:
         if ends:
             self._stamps_ns, self._places, self._attitudes = [], [], []
             self._keep(sim_ns, motion)
-            self._bodies = drifting_bodies(self._simulation, state)
+            now = self._bodies_now
+            self._bodies = drifting_bodies(self._simulation, state) if now is None else now()
         if self._waiting and self._waiting[0][0] <= sim_ns:
             return self._waiting.popleft()[1]
         return []
@@ -105,8 +110,14 @@ class LidarInstrument:
         self._frames += 1
 
 
-def make_lidar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> LidarInstrument:
-    """The lidar of the profile, which has one."""
+def make_lidar(
+    profile: RunProfile,
+    seeds: Seeds,
+    scenery: Scenery,
+    simulation: Simulation,
+    bodies: Callable[[], Bodies] | None = None,
+) -> LidarInstrument:
+    """The lidar of the profile, which has one; bodies as of LidarInstrument."""
     assert profile.sensors is not None
     assert profile.sensors.lidar is not None
     keys, environment = profile.sensors.lidar, profile.environment
@@ -118,6 +129,7 @@ def make_lidar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: 
         every=round(profile.clock.physics_rate_hz / keys.rate_hz),
         latency_ns=round(keys.latency_s * 1e9),
         rng=default_rng(seeds.sequence("lidar")),
+        bodies=bodies,
     )
 
 

@@ -16,7 +16,7 @@ from sim_core.sensors.gnss import Gnss
 from sim_core.sensors.imu import Imu
 from sim_core.sensors.magnetometer import Magnetometer
 from sim_core.sensors.odometry import Odometry
-from sim_core.sensors.rangefinder import ObstacleScanner, Rangefinder
+from sim_core.sensors.rangefinder import HullsAround, ObstacleScanner, Rangefinder
 from sim_core.sensors.wind_vane import WindVane
 from sim_core.world.structures import upright_walls
 from xitl_cli.profile.schema import RunProfile
@@ -100,20 +100,22 @@ class SensorSuite:
         return counts
 
 
-def make_sensing(profile: RunProfile, seeds: Seeds) -> SensorSuite:
-    """All that the profile's agents are told of the world."""
+def make_sensing(profile: RunProfile, seeds: Seeds, hulls: HullsAround | None = None) -> SensorSuite:
+    """All that the profile's agents are told of the world; hulls: of others in it, None for nobody."""
     assert profile.sensors is not None
-    further = list(_further_channels(profile, seeds, local_frame(profile.site)))
+    further = list(_further_channels(profile, seeds, local_frame(profile.site), hulls))
     return SensorSuite(profile.sensors, profile.site, profile.clock.physics_rate_hz, seeds, profile.faults, further)
 
 
-def _further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> Iterator[Channel]:
+def _further_channels(
+    profile: RunProfile, seeds: Seeds, frame: LocalFrame, hulls: HullsAround | None
+) -> Iterator[Channel]:
     """Sensors that a profile may leave out, and the truth for an autopilot that simulates its own."""
     assert profile.sensors is not None
     sensors, water, physics_hz = profile.sensors, profile.environment.water, profile.clock.physics_rate_hz
     walls = upright_walls(profile.world.log_boom, profile.world.dam, -water.level_m)
     for number, rangefinder in enumerate(sensors.rangefinders):
-        unit = Rangefinder(rangefinder, water.depth_m - water.level_m, -water.level_m, walls)
+        unit = Rangefinder(rangefinder, water.depth_m - water.level_m, -water.level_m, walls, hulls)
         rng = default_rng(seeds.sequence(f"rangefinder {number}"))
         yield SensorChannel(unit, rng, physics_hz, sensor_messages.distance_sensor(number, rangefinder))
     messages = sensors.messages
@@ -122,7 +124,9 @@ def _further_channels(profile: RunProfile, seeds: Seeds, frame: LocalFrame) -> I
         yield SensorChannel(Gnss(fixes, frame), rng, physics_hz, sensor_messages.gps_input(fixes.gps_id))
     if (scan := messages.obstacle_distance) is not None:
         rng = default_rng(seeds.sequence("obstacle distance"))
-        yield SensorChannel(ObstacleScanner(scan, walls), rng, physics_hz, sensor_messages.obstacle_distance(scan))
+        yield SensorChannel(
+            ObstacleScanner(scan, walls, hulls), rng, physics_hz, sensor_messages.obstacle_distance(scan)
+        )
     if (pose := messages.odometry) is not None:
         encode = sensor_messages.odometry(pose.velocity_noise_mps, pose.rate_noise_radps)
         yield SensorChannel(Odometry(pose), default_rng(seeds.sequence("odometry")), physics_hz, encode)

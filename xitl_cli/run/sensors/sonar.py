@@ -23,6 +23,7 @@ from sim_core.sensors.sonar import (
 )
 from sim_core.sensors.spec import SonarSpec
 from sim_core.simulation import Simulation, SimulationState, drifting_bodies, elevation_m
+from sim_core.world.rays import Bodies
 from xitl_cli.profile.schema import RunProfile
 from xitl_cli.record.recorder import PerceptionRecorder
 from xitl_cli.run.core.node import RunStep
@@ -132,8 +133,17 @@ class SonarInstrument:
             self._port.close()
 
 
-def make_sonar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: Simulation) -> SonarInstrument:
-    """The sonar of a profile that has one. Raises UserError when `serve` cannot be had."""
+def make_sonar(
+    profile: RunProfile,
+    seeds: Seeds,
+    scenery: Scenery,
+    simulation: Simulation,
+    bodies: Callable[[], Bodies] | None = None,
+) -> SonarInstrument:
+    """The sonar of a profile that has one; bodies: what rays meet now that moves, None for what drifts.
+
+    Raises UserError when `serve` cannot be had.
+    """
     assert profile.sensors is not None
     assert profile.sensors.sonar is not None
     settings, water = profile.sensors.sonar, profile.environment.water
@@ -141,7 +151,8 @@ def make_sonar(profile: RunProfile, seeds: Seeds, scenery: Scenery, simulation: 
 
     def below_of(state: SimulationState) -> Below:
         surface_down_m = -water.level_m - float(elevation_m(simulation, state)[0])
-        return Below(caster, surface_down_m, drifting_bodies(simulation, state))
+        moving = drifting_bodies(simulation, state) if bodies is None else bodies()
+        return Below(caster, surface_down_m, moving)
 
     port = None if settings.serve is None else Ping360Port(settings.serve)
     return SonarInstrument(settings, below_of, seeds, port)

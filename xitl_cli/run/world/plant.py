@@ -15,6 +15,8 @@ from sim_core.fleet import Fleet, FleetState
 from sim_core.kinematics import Kinematics
 from sim_core.simulation import Simulation, SimulationState, kinematics
 from sim_core.world.debris import Launch
+from sim_core.world.plan import Walls
+from sim_core.world.rays import Bodies
 
 
 class Plant:
@@ -67,7 +69,8 @@ class PlantView:
     """The world as one vessel of a plant meets it; arrays have one row.
 
     number: of the vessel. simulation: what does not change. held: its state is frozen while the world around it goes
-    on; held_steps: steps for which it was.
+    on; held_steps: steps for which it was. hulls: the sides of the others' hulls within a range, None where there is
+    nobody else.
     """
 
     def __init__(self, plant: Plant, number: int) -> None:
@@ -76,6 +79,7 @@ class PlantView:
         self.simulation = simulation.of(number) if isinstance(simulation, Fleet) else simulation
         self.held = False
         self.held_steps = 0
+        self.hulls = self._hulls_within if isinstance(simulation, Fleet) else None
         self._plant = plant
 
     @property
@@ -99,3 +103,17 @@ class PlantView:
             return kinematics(self.simulation, state)
         assert isinstance(simulation, Fleet)
         return fleets.kinematics_of(simulation, state, self.number)
+
+    def bodies(self) -> Bodies:
+        """What rays meet now beside what stands still: what drifts, and the hulls of all others."""
+        simulation, state = self._plant.simulation, self._plant.state
+        if isinstance(state, SimulationState):
+            return simulations.drifting_bodies(self.simulation, state)
+        assert isinstance(simulation, Fleet)
+        return fleets.drifting_bodies(simulation, state, but=self.number)
+
+    def _hulls_within(self, range_m: float) -> Walls:
+        simulation, state = self._plant.simulation, self._plant.state
+        assert isinstance(simulation, Fleet)
+        assert isinstance(state, FleetState)
+        return fleets.hull_walls(simulation, state, self.number, range_m)

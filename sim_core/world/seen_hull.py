@@ -1,0 +1,52 @@
+"""Hulls as others see them: triangles for rays, and upright sides for range sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim_core.frames import Array
+from sim_core.vessel.sections import hull_shape
+from sim_core.vessel.spec import VesselSpec
+from sim_core.world.geometry import PLASTIC, Mesh, merged
+from sim_core.world.plan import Walls, convex_hull
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenHull:
+    """In body axes. mesh: of all hulls of a vessel.
+
+    Its E sides: from_frd_m, span_frd_m (E, 3) of a line halfway between top and bottom, half_height_m (E,) of both.
+    """
+
+    mesh: Mesh
+    from_frd_m: Array
+    span_frd_m: Array
+    half_height_m: Array
+
+    @classmethod
+    def of_model(cls, model: VesselSpec) -> SeenHull:
+        """Of a vessel: its demi-hulls. Raises as `hull_shape`."""
+        shapes = [hull_shape(hull) for hull in model.demi_hulls]
+        return cls.of_meshes([Mesh(shape.vertices_m, shape.faces, PLASTIC) for shape in shapes])
+
+    @classmethod
+    def of_meshes(cls, meshes: list[Mesh]) -> SeenHull:
+        """Sides are those of the least convex outline of each."""
+        corners, following, half = [], [], []
+        for mesh in meshes:
+            plan = convex_hull(mesh.vertices_m[:, :2])
+            top_m, bottom_m = float(mesh.vertices_m[:, 2].min()), float(mesh.vertices_m[:, 2].max())
+            corners.append(np.column_stack([plan, np.full(len(plan), 0.5 * (top_m + bottom_m))]))
+            following.append(np.roll(corners[-1], -1, axis=0))
+            half.append(np.full(len(plan), 0.5 * (bottom_m - top_m)))
+        start = np.concatenate(corners)
+        return cls(merged(meshes), start, np.concatenate(following) - start, np.concatenate(half))
+
+    def walls(self, pos_ned_m: Array, rot_ned_frd: Array) -> Walls:
+        """Its sides where it is now, upright."""
+        start = self.from_frd_m @ rot_ned_frd.T + pos_ned_m
+        span = self.span_frd_m @ rot_ned_frd.T
+        middle_m = start[:, 2] + 0.5 * span[:, 2]
+        return Walls(start[:, :2], span[:, :2], middle_m - self.half_height_m, middle_m + self.half_height_m)
