@@ -1,6 +1,6 @@
 """Scripted vessels: along a track at a speed, in closed form, whatever is in the way.
 
-    vessel = ScriptedVessel.from_size("barge", track, (60.0, 12.0, 2.0), 3.0, 0.0)
+    vessel = ScriptedVessel.from_spec("barge", spec, water_level_m)
     motion = scripted_motion([vessel], time_s)
 
 A track goes straight from place to place and rounds its corners by arcs: of one radius up to a right angle, smaller the
@@ -24,6 +24,7 @@ from sim_core.kinematics import Kinematics
 from sim_core.world.contact import Outline
 from sim_core.world.geometry import STEEL, Mesh, prism
 from sim_core.world.plan import Point, inset
+from sim_core.world.spec import TrafficSpec
 
 BOW_SHARE, BOW_BEAM = 0.15, 0.5
 """The share of its length over which a scripted vessel narrows, to this share of its beam."""
@@ -133,35 +134,27 @@ def _corner(turn_rad: float, turn_radius_m: float, room_m: float) -> tuple[float
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScriptedVessel:
-    """A vessel that keeps to its track.
+    """A vessel that keeps to its track: a pontoon as long, wide, deep and high as it says, with a narrower bow.
 
-    length_m, beam_m, draft_m, height_m (above the water): over all. In its own axes, forward, right and down about its
-    middle at the waterline: mesh, plan_m (P, 2) forward and right of its corners clockwise, and the outline that is
-    run into. down_m: of the still water.
+    In its own axes, forward, right and down about its middle at the waterline: mesh, plan_m (P, 2) forward and right of
+    its corners clockwise, and the outline that is run into. down_m: of the still water.
     """
 
     name: str
     track: Track
-    length_m: float
-    beam_m: float
-    draft_m: float
-    height_m: float
     mesh: Mesh
     plan_m: Array
     outline: Outline
     down_m: float
 
     @classmethod
-    def from_size(
-        cls,
-        name: str,
-        track: Track,
-        size_m: tuple[float, float, float],
-        height_m: float,
-        water_level_m: float,
-    ) -> ScriptedVessel:
-        """size_m: length, beam and draft."""
-        length_m, beam_m, draft_m = size_m
+    def from_spec(cls, name: str, spec: TrafficSpec, water_level_m: float = 0.0) -> ScriptedVessel:
+        """Rounds corners by an arc of its length."""
+        length_m, beam_m = spec.length_m, spec.beam_m
+        if spec.speed_mps is None:
+            track = Track.at_rest(spec.track_ned_m[0], math.radians(spec.heading_deg or 0.0))
+        else:
+            track = Track.through(spec.track_ned_m, spec.speed_mps, length_m, spec.loop, spec.start_s)
         half, side, shoulder = 0.5 * length_m, 0.5 * beam_m, (0.5 - BOW_SHARE) * length_m
         bow = BOW_BEAM * side
         plan_m = np.array(
@@ -179,8 +172,8 @@ class ScriptedVessel:
             spheres_frd_m=none.reshape(0, 3),
             sphere_radius_m=none,
         )
-        mesh = prism(plan_m, -height_m, draft_m, STEEL)
-        return cls(name, track, length_m, beam_m, draft_m, height_m, mesh, plan_m, outline, -water_level_m)
+        mesh = prism(plan_m, -spec.height_m, spec.draft_m, STEEL)
+        return cls(name, track, mesh, plan_m, outline, -water_level_m)
 
 
 def scripted_motion(vessels: Sequence[ScriptedVessel], time_s: float) -> Kinematics:

@@ -184,7 +184,7 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
         options = options_from_profile(profile, setup.out, bridge=bridge.bridge)
         supervision = Supervision(bridge.silent_s, bridge.check, bridge.why_silent)
     autopilot = AutopilotNode(
-        profile, setup.seeds, driver_of, options, supervision, setup.interrupted, setup.plant.vessels[0].hulls
+        profile, setup.seeds, driver_of, options, supervision, setup.interrupted, setup.plant.hulls
     )
     if bridge is not None:
         autopilot.heard.subscribe(bridge.handle)
@@ -194,12 +194,12 @@ def _autopilot(setup: RunSetup, bridge: BridgeNode | None) -> AutopilotNode:
 
 def _perception(setup: RunSetup, companion: CompanionNode | None) -> PerceptionNode | None:
     """Lidar and sonar, heard by the companion if there is one."""
-    profile, sensors, vessel = setup.profile, setup.profile.sensors, setup.plant
+    profile, sensors, plant = setup.profile, setup.profile.sensors, setup.plant
     instruments: dict[str, PerceptionInstrument] = {}
     if sensors is not None and sensors.lidar is not None:
-        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, vessel.simulation, vessel.bodies)
+        instruments["lidar"] = make_lidar(profile, setup.seeds, setup.scenery, plant.simulation, plant.bodies)
     if sensors is not None and sensors.sonar is not None:
-        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, vessel.simulation, vessel.bodies)
+        instruments["sonar"] = make_sonar(profile, setup.seeds, setup.scenery, plant.simulation, plant.bodies)
     if not instruments:
         return None
     send = (lambda messages: None) if companion is None else companion.send

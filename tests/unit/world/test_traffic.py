@@ -20,13 +20,15 @@ from sim_core.world.debris import BodyKind, Launch, volume_below_m3
 from sim_core.world.plan import OPEN_WATER, convex_hull, inset
 from sim_core.world.primitive_rays import PrimitiveCaster
 from sim_core.world.seen_hull import SeenHull
+from sim_core.world.spec import TrafficSpec
 from sim_core.world.traffic import ScriptedVessel, Track, scripted_motion
 
 SPEED_MPS, RADIUS_M = 2.0, 20.0
 
 
-def barge(track: Track, name: str = "barge") -> ScriptedVessel:
-    return ScriptedVessel.from_size(name, track, (60.0, 12.0, 2.0), 3.0, 0.0)
+def barge(*places: tuple[float, float], name: str = "barge", level_m: float = 0.0, **keys: object) -> ScriptedVessel:
+    spec = TrafficSpec(track_ned_m=places, length_m=60.0, beam_m=12.0, draft_m=2.0, height_m=3.0, **keys)
+    return ScriptedVessel.from_spec(name, spec, level_m)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +77,7 @@ def test_a_right_angle_is_rounded_by_an_arc_of_the_radius() -> None:
 
 
 def test_its_hull_is_as_large_as_it_says_and_closed() -> None:
-    vessel = barge(Track.at_rest((10.0, -5.0), math.pi / 2))
+    vessel = barge((10.0, -5.0), heading_deg=90.0)
     assert np.ptp(vessel.mesh.vertices_m, axis=0) == pytest.approx([60.0, 12.0, 5.0])
     plan_m2 = 60.0 * 12.0 - 2 * 0.5 * 9.0 * 3.0
     assert volume_below_m3(vessel.mesh, 0.0) == pytest.approx(2.0 * plan_m2)
@@ -83,8 +85,8 @@ def test_its_hull_is_as_large_as_it_says_and_closed() -> None:
     assert motion.pos_ned_m[0] == pytest.approx([10.0, -5.0, 0.0])
     assert motion.rot_ned_frd[0] @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
     assert not motion.vel_ned_mps.any()
-    level = ScriptedVessel.from_size("ferry", vessel.track, (20.0, 5.0, 1.0), 2.0, 0.4)
-    assert scripted_motion([level], 0.0).pos_ned_m[0, 2] == -0.4
+    high = barge((0.0, 0.0), level_m=0.4)
+    assert scripted_motion([high], 0.0).pos_ned_m[0, 2] == -0.4
 
 
 def test_polygons_are_shrunk_and_wrapped() -> None:
@@ -97,8 +99,8 @@ def test_polygons_are_shrunk_and_wrapped() -> None:
 
 def test_a_vessel_that_is_run_over_takes_the_speed_of_the_barge_and_the_barge_keeps_to_its_track() -> None:
     """Against a wall that moves: it leaves at (1 + e) times the wall's speed, if nothing holds it back."""
-    track = Track.through([(-40.0, 0.0), (300.0, 0.0)], SPEED_MPS, RADIUS_M)
-    fleet = Fleet.from_spec([ASV], Environment(), 0.0025, names=("asv",), traffic=[barge(track)])
+    traffic = [barge((-40.0, 0.0), (300.0, 0.0), speed_mps=SPEED_MPS)]
+    fleet = Fleet.from_spec([ASV], Environment(), 0.0025, names=("asv",), traffic=traffic)
     # Its stern is 0.35 m before the bow.
     state = fleets.initial(fleet, np.array([[-8.5, 0.0]]), np.zeros(1), np.random.default_rng(1))
     commands, fastest, what = fleet.by_model([[0.0, 0.0]]), 0.0, set()
@@ -117,8 +119,8 @@ def test_a_vessel_that_is_run_over_takes_the_speed_of_the_barge_and_the_barge_ke
 
 
 def test_two_scripted_vessels_pass_through_each_other_and_say_nothing() -> None:
-    rest = Track.at_rest((0.0, 0.0), 0.0)
-    fleet = Fleet.from_spec([ASV], Environment(), 0.0025, traffic=[barge(rest, "one"), barge(rest, "other")])
+    traffic = [barge((0.0, 0.0), name=name) for name in ("one", "other")]
+    fleet = Fleet.from_spec([ASV], Environment(), 0.0025, traffic=traffic)
     state = fleets.initial(fleet, np.array([[200.0, 0.0]]), np.zeros(1), np.random.default_rng(1))
     state = fleets.step(fleet, state, fleet.by_model([[0.0, 0.0]]), np.random.default_rng(1))
     assert not len(state.close)
@@ -133,7 +135,7 @@ BOX_VESSEL = replace(
 
 def seen_from_the_origin(heading_rad: float = 0.0) -> tuple[Fleet, fleets.FleetState]:
     """A box-shaped vessel 20 m to the east, its bow east; a barge 50 m ahead, athwart; one far off."""
-    traffic = [barge(Track.at_rest((50.0, 0.0), math.pi / 2)), barge(Track.at_rest((900.0, 0.0), 0.0), "far")]
+    traffic = [barge((50.0, 0.0), heading_deg=90.0), barge((900.0, 0.0), name="far")]
     fleet = Fleet.from_spec([ASV, BOX_VESSEL], Environment(Water()), 0.0025, traffic=traffic)
     headings = np.array([heading_rad, math.pi / 2])
     return fleet, fleets.initial(fleet, np.array([[0.0, 0.0], [0.0, 20.0]]), headings, np.random.default_rng(1))

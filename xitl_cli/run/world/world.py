@@ -22,6 +22,7 @@ from sim_core.world.debris import BodyKind, Launch
 from sim_core.world.mesh_contact import NO_TRIANGLES, Triangles
 from sim_core.world.plan import Capsules, box_capsules
 from sim_core.world.structures import NEAR_SURFACE_M
+from sim_core.world.traffic import ScriptedVessel
 from sim_core.world.waterway import OPEN_WATER, Waterway
 from xitl_cli.errors import UserError
 from xitl_cli.profile.schema import RunProfile
@@ -39,7 +40,7 @@ def build_plant(profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery) 
     Raises UserError when a model refuses a value that the profile's own checks let through.
     """
     drawn = default_rng(seeds.sequence("environment"))
-    if len(profiles) == 1:
+    if len(profiles) == 1 and not profiles[0].traffic:
         return Plant(*build_simulation(profiles[0], seeds, scenery), drawn)
     return Plant(*build_fleet(profiles, seeds, scenery), drawn)
 
@@ -59,12 +60,14 @@ def build_simulation(
 def build_fleet(
     profiles: Sequence[RunProfile], seeds: Seeds, scenery: Scenery | None = None
 ) -> tuple[Fleet, FleetState]:
-    """The same with several. Raises UserError as `build_plant`."""
+    """The same with several, or with scripted ones. Raises UserError as `build_plant`."""
     lead = profiles[0]
-    models, names = [each.vehicle for each in profiles], [getattr(each, "vessel", "") for each in profiles]
+    models, names = [each.vehicle for each in profiles], [each.vessel for each in profiles]
     try:
         water = _water(lead, seeds, scenery)
-        fleet = Fleet.from_spec(models, *water, names)
+        level_m = lead.environment.water.level_m
+        traffic = [ScriptedVessel.from_spec(name, spec, level_m) for name, spec in lead.traffic.items()]
+        fleet = Fleet.from_spec(models, *water, names, traffic)
     except ValueError as error:
         raise UserError(f"{lead.name}: {error}") from error
     return fleet, fleets.initial(fleet, *_starts(profiles), default_rng(seeds.sequence(_AT_START)))
